@@ -1,0 +1,45 @@
+# Every target works in a fresh clone: it makes .venv when there is none and installs LLVM where it is missing.
+.PHONY: demo test check bench validate
+.DELETE_ON_ERROR:
+
+PYTHON ?= python3
+PY := .venv/bin/python
+STAMP := .venv/.installed
+
+demo: $(STAMP)
+	$(PY) examples/demo.py
+
+test: $(STAMP)
+	$(PY) -m pytest -q
+
+check: $(STAMP)
+	.venv/bin/ruff format --check .
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+	.venv/bin/lint-imports --no-cache
+	$(PY) -m pytest -q -m "not slow"
+	$(PY) -m pytest -q --doctest-modules t2d_rt
+
+bench: $(STAMP)
+	$(PY) -m validation.bench
+
+validate: $(STAMP)
+	$(PY) -m validation
+
+# The stamp is older than pyproject.toml when dependencies may have changed.
+$(STAMP): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
+		{ echo "t2d-rt needs Python 3.11 to 3.13, $(PYTHON) is $$($(PYTHON) --version 2>&1); call make PYTHON=python3.12" >&2; exit 2; }
+	test -x $(PY) || $(PYTHON) -m venv .venv
+	$(PY) -m pip install --quiet --disable-pip-version-check -e ".[dev]"
+	@$(PY) -c 'from t2d_rt.backend import require_llvm; require_llvm()' 2>/dev/null || $(MAKE) --no-print-directory install-llvm
+	@touch $@
+
+.PHONY: install-llvm
+install-llvm:
+	@if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq libllvm19; \
+	else \
+		echo "t2d-rt needs LLVM 17 or newer: run 'sudo apt-get install libllvm19' (or set DRJIT_LIBLLVM_PATH), then make again" >&2; \
+		exit 2; \
+	fi

@@ -1,0 +1,73 @@
+"""Ray-traced human micro-Doppler: skeleton motion in, coherent FMCW radar data out.
+
+    import t2d_rt as t2d
+    motion = t2d.load_motion("walk.bvh")
+    result = t2d.simulate(motion, radar=t2d.Radar.preset("table2"), method="mesh", seed=0)
+    result.save("walk.zarr")
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
+    from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
+    from t2d_rt.radar.synthesize import synthesize
+    from t2d_rt.result import Simulation
+    from t2d_rt.signal import load_recording
+    from t2d_rt.pipeline import segments, simulate, skin
+    from t2d_rt.types import Echoes, EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar
+
+# Everything loads when first used: `import t2d_rt` must not wait for a ray tracer.
+_HOMES = {
+    "t2d_rt.errors": ("BackendError", "InputError", "T2DError", "T2DWarning"),
+    "t2d_rt.motion": ("describe", "load_motion", "motion_from_joints", "place", "repeat", "resample", "smooth", "trim"),
+    "t2d_rt.radar.synthesize": ("synthesize",),
+    "t2d_rt.result": ("Simulation",),
+    "t2d_rt.signal": ("load_recording",),
+    "t2d_rt.pipeline": ("segments", "simulate", "skin"),
+    "t2d_rt.types": ("EchoStream", "Echoes", "Ellipsoids", "Material", "Motion", "MovingMesh", "Radar"),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "BackendError",
+    "EchoStream",
+    "Echoes",
+    "Ellipsoids",
+    "InputError",
+    "Material",
+    "Motion",
+    "MovingMesh",
+    "Radar",
+    "Simulation",
+    "T2DError",
+    "T2DWarning",
+    "describe",
+    "load_motion",
+    "load_recording",
+    "motion_from_joints",
+    "place",
+    "repeat",
+    "resample",
+    "segments",
+    "simulate",
+    "skin",
+    "smooth",
+    "synthesize",
+    "trim",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 't2d_rt' has no attribute '{name}'")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

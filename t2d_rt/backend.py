@@ -1,0 +1,157 @@
+"""Where kernels run: Dr.Jit on LLVM (CPU) or CUDA (GPU), chosen when first used and never at import."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from t2d_rt.errors import BackendError, InputError
+
+Device = Literal["auto", "cpu", "gpu"]
+"""Where to compute, as a user says it."""
+
+OLDEST_LLVM = 17
+"""LLVM 15 and 16 abort the process on CPUs with AVX-512 ("Cannot select ... fmaximum"), 14 is refused by Dr.Jit."""
+
+_PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"
+_REMEDY = (
+    "install LLVM (Debian, Ubuntu: apt-get install libllvm19) "
+    f"or set {_PATH_VARIABLE} to a libLLVM of {OLDEST_LLVM} or newer"
+)
+_ROOT = Path("/")
+_LIBRARY_GLOBS = (
+    "usr/lib/*-linux-gnu*/libLLVM*.so*",
+    "usr/lib64/libLLVM*.so*",
+    "usr/lib/libLLVM*.so*",
+    "usr/lib64/llvm*/lib*/libLLVM*.so*",
+    "usr/lib/llvm*/lib/libLLVM*.so*",
+    "usr/lib/wsl/lib/libLLVM*.so*",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backend:
+    """Array types of one Dr.Jit backend, without automatic differentiation."""
+
+    name: Literal["llvm", "cuda"]
+    arrays: Any
+    """The module the types come from, `drjit.llvm` or `drjit.cuda`."""
+    Bool: Any
+    Int32: Any
+    UInt32: Any
+    Float32: Any
+    Float64: Any
+    Complex2f: Any
+    """float32 pairs"""
+    Complex2f64: Any
+
+    @property
+    def mitsuba_variant(self) -> str:
+        """The Mitsuba variant on the same backend; Sionna RT needs the polarised one, so both can share a process."""
+        return f"{self.name}_ad_mono_polarized"
+
+
+def select(device: str = "auto") -> Backend:
+    """The backend for a device: "cpu" (LLVM), "gpu" (CUDA) or "auto" (CUDA where there is one)."""
+    if device not in ("auto", "cpu", "gpu"):
+        raise InputError(f"device must be auto, cpu or gpu, got {device!r}")
+    if device != "cpu" and _has_cuda():
+        return _backend("cuda")
+    if device == "gpu":
+        raise BackendError(
+            "device gpu was asked for, but no CUDA device was found; use device cpu or install its driver"
+        )
+    require_llvm()
+    return _backend("llvm")
+
+
+@functools.cache
+def require_llvm() -> None:
+    """Check, before Dr.Jit loads it, that the LLVM library is there and new enough; the newest one installed is taken.
+
+    A path that the user gave in DRJIT_LIBLLVM_PATH is checked, not replaced.
+    """
+    given = os.environ.get(_PATH_VARIABLE)
+    if given:
+        _check_given(given)
+    elif sys.platform.startswith("linux"):  # elsewhere Dr.Jit's own search is all there is
+        os.environ[_PATH_VARIABLE] = _newest_installed()
+    import drjit as dr
+
+    if not dr.has_backend(dr.JitBackend.LLVM):
+        raise BackendError(f"Dr.Jit found no usable LLVM; {_REMEDY}")
+    version = dr.detail.llvm_version()
+    if version[0] < OLDEST_LLVM:  # Dr.Jit had loaded its LLVM before this check could choose one
+        raise BackendError(f"Dr.Jit runs on LLVM {version[0]}, which is too old; {_REMEDY}")
+
+
+@functools.cache
+def _backend(name: Literal["llvm", "cuda"]) -> Backend:
+    import importlib
+
+    arrays = importlib.import_module(f"drjit.{name}")
+    kinds = ("Bool", "Int32", "UInt32", "Float32", "Float64", "Complex2f", "Complex2f64")
+    return Backend(name=name, arrays=arrays, **{kind: getattr(arrays, kind) for kind in kinds})
+
+
+def _has_cuda() -> bool:
+    import drjit as dr
+
+    return bool(dr.has_backend(dr.JitBackend.CUDA))
+
+
+def _check_given(path: str) -> None:
+    try:
+        version = _llvm_version(path)
+    except OSError as error:
+        raise BackendError(f"{_PATH_VARIABLE} is {path}, which cannot be loaded ({error}); {_REMEDY}") from None
+    if version < OLDEST_LLVM:
+        raise BackendError(f"{_PATH_VARIABLE} is {path}, which is too old ({_named(version)}); {_REMEDY}")
+
+
+def _newest_installed() -> str:
+    """Path of the newest good library; raises where there is none."""
+    seen = []
+    for path in _installed():
+        try:
+            version = _llvm_version(path)
+        except OSError:
+            continue
+        if version >= OLDEST_LLVM:
+            return path
+        seen.append(f"{path} ({_named(version)})")
+    if seen:
+        raise BackendError(f"LLVM is too old: found {', '.join(seen)}; {_REMEDY}")
+    raise BackendError(f"LLVM was not found; {_REMEDY}")
+
+
+def _installed() -> list[str]:
+    """Libraries of this machine, newest first by file name, so that no old one need be loaded to be passed over."""
+    found = {str(path.resolve()) for pattern in _LIBRARY_GLOBS for path in _ROOT.glob(pattern)}
+    # a bare name lets the loader search LD_LIBRARY_PATH and an environment's own folder, as Dr.Jit does
+    return [*sorted(found, key=_version_in_name, reverse=True), "libLLVM.so"]
+
+
+def _version_in_name(path: str) -> tuple[int, ...]:
+    """(19, 1) of libLLVM.so.19.1 or libLLVM-19.1.so."""
+    return tuple(int(number) for number in re.findall(r"\d+", Path(path).name))
+
+
+def _llvm_version(path: str) -> int:
+    """Major version of an LLVM library; 0 for one older than 16, which cannot tell. OSError where it does not load."""
+    library = ctypes.CDLL(path)
+    if not hasattr(library, "LLVMGetVersion"):  # new in LLVM 16
+        return 0
+    major, minor, patch = ctypes.c_uint(), ctypes.c_uint(), ctypes.c_uint()
+    library.LLVMGetVersion(ctypes.byref(major), ctypes.byref(minor), ctypes.byref(patch))
+    return major.value
+
+
+def _named(version: int) -> str:
+    return f"LLVM {version}" if version else "older than LLVM 16"

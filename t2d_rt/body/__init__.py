@@ -1,0 +1,8 @@
+"""Body: a template, skinned by a motion or cut into ellipsoids."""
+
+from __future__ import annotations
+
+from t2d_rt.body.skin import skin
+from t2d_rt.body.template import Template, bodies, regressed_joints, template
+
+__all__ = ["Template", "bodies", "regressed_joints", "skin", "template"]

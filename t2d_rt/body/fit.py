@@ -1,0 +1,153 @@
+"""The template's rest shape stretched to a person: each bone as long as the motion's, girth, head and hands by stature."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.body.rotations import matrices, unit
+from t2d_rt.body.template import Template
+from t2d_rt.errors import InputError
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
+
+SIDES = ("left", "right")
+LIMBS = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
+GIRDLES = (("hips", "hip"), ("shoulders", "shoulder"))
+TORSO, NECK = ("hips", "shoulders"), ("shoulders", "head")
+"""Bones whose length is the motion's; `hips` and `shoulders` are the middles of the pairs."""
+
+FEWEST_STANCE_FRAMES = 3
+ANKLE_HEIGHT_RANGE = (0.75, 1.6)
+"""Ankle height in stance that a foot is fitted to, relative to stature; beyond, the file's floor is not where the feet stand."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fitted:
+    """A template in a person's proportions, still in its rest pose."""
+
+    template: Template
+    vertices: np.ndarray
+    """Rest vertices [m], (V, 3)."""
+    joints: Mapping[str, np.ndarray]
+    """Rest positions [m] of all joints and ends, (3,) each."""
+    scale: float
+    """Stature of the person over the template's."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stance:
+    """When a foot stands still on the ground."""
+
+    frames: np.ndarray
+    """Indices of the frames."""
+    ankle_height_m: float
+
+
+def shoulder_centre(motion: Motion) -> np.ndarray:
+    """Middle of the shoulders as a point fixed to the chest: mean local position (3,) in spine3's frame."""
+    chest = motion.index("spine3")
+    turn = matrices(motion.rotations[:, chest])
+    middle = (motion.joints[:, motion.index("left_shoulder")] + motion.joints[:, motion.index("right_shoulder")]) / 2
+    return np.median(np.einsum("tji,tj->ti", turn, middle - motion.joints[:, chest]), axis=0)
+
+
+def stance(motion: Motion, side: str) -> Stance | None:
+    """The frames in which a foot stands: the slowest seventh, with the sole roughly level and near the ground."""
+    ankle, foot = (motion.joints[:, motion.index(f"{side}_{joint}")] for joint in ("ankle", "foot"))
+    speed = sum(np.linalg.norm(np.gradient(p, 1 / motion.rate_hz, axis=0), axis=1) for p in (ankle, foot))
+    direction = unit(foot - ankle)
+    shank = float(np.median(np.linalg.norm(ankle - motion.joints[:, motion.index(f"{side}_knee")], axis=1)))
+    level = (np.abs(direction[:, 2]) < 0.75) & (ankle[:, 2] < 0.5 * shank) & (ankle[:, 2] < np.quantile(ankle[:, 2], 0.5) + 0.03)
+    if np.count_nonzero(level) < FEWEST_STANCE_FRAMES:
+        return None
+    slow = level & (speed <= max(np.quantile(speed[level], 0.15), 0.05))
+    return Stance(frames=np.flatnonzero(slow), ankle_height_m=float(np.median(ankle[slow, 2])))
+
+
+def fit(template: Template, motion: Motion) -> Fitted:
+    """The template with the median bone lengths of a motion."""
+    rest = dict(template.joints) | {m: _middle(template.joints, m) for m in ("hips", "shoulders")}
+    lengths = _lengths(motion)
+    ratio = {bone: length / float(np.linalg.norm(rest[bone[1]] - rest[bone[0]])) for bone, length in lengths.items()}
+    tall = [TORSO, *((f"{side}_{a}", f"{side}_{b}") for side in SIDES for a, b in LIMBS[:2])]
+    share = np.array([lengths[bone] / ratio[bone] for bone in tall])
+    scale = float(share @ [ratio[bone] for bone in tall] / share.sum())
+    ankle = {side: _ankle_ratio(motion, side, rest, scale) for side in SIDES}
+    joints, shapes = _stretch(rest, ratio, scale, ankle)
+    old, new = (np.array([points[name] for name in CANONICAL_JOINTS]) for points in (rest, joints))
+    offset = template.vertices[:, None] - old
+    moved = np.einsum("vb,bij,vbj->vi", template.weights, shapes, offset, optimize=True) + template.weights @ new
+    floor = np.array([0, 0, moved[:, 2].min()])
+    fitted = {name: point - floor for name, point in joints.items() if name in template.joints}
+    return Fitted(template=template, vertices=moved - floor, joints=fitted, scale=scale)
+
+
+def _middle(points: Mapping[str, np.ndarray], pair: str) -> np.ndarray:
+    return (points[f"left_{pair[:-1]}"] + points[f"right_{pair[:-1]}"]) / 2
+
+
+def _lengths(motion: Motion) -> dict[tuple[str, str], float]:
+    """Median lengths [m] of the bones that the fit follows."""
+    at = {name: motion.joints[:, motion.index(name)] for name in CANONICAL_JOINTS}
+    turn = matrices(motion.rotations[:, motion.index("spine3")])
+    at |= {"hips": _middle(at, "hips"), "shoulders": at["spine3"] + turn @ shoulder_centre(motion)}
+    bones = [TORSO, NECK, *((f"{side}_{a}", f"{side}_{b}") for side in SIDES for a, b in LIMBS)]
+    bones += [(pair, f"{side}_{joint}") for side in SIDES for pair, joint in GIRDLES]
+    lengths = {bone: float(np.median(np.linalg.norm(at[bone[1]] - at[bone[0]], axis=1))) for bone in bones}
+    zero = [f"{a} to {b}" for (a, b), length in lengths.items() if not 1e-3 < length < 10]
+    if zero:
+        raise InputError(
+            f"the motion's bones {', '.join(zero)} are not between 1 mm and 10 m long, so no body fits it; "
+            "check the file's units and how its joints are mapped"
+        )
+    return lengths
+
+
+def _ankle_ratio(motion: Motion, side: str, rest: Mapping[str, np.ndarray], scale: float) -> float:
+    """Height of the ankle over the sole, relative to the template's."""
+    stand = stance(motion, side)
+    ratio = stand.ankle_height_m / rest[f"{side}_ankle"][2] if stand else scale
+    return float(np.clip(ratio, ANKLE_HEIGHT_RANGE[0] * scale, ANKLE_HEIGHT_RANGE[1] * scale))
+
+
+def _stretch(
+    rest: Mapping[str, np.ndarray], ratio: Mapping[tuple[str, str], float], scale: float, ankle: Mapping[str, float]
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Fitted joints, and what each canonical bone does to the surface around its joint, (22, 3, 3)."""
+    torso, neck = ratio[TORSO], ratio[NECK]
+    wide = {pair: np.mean([ratio[pair, f"{side}_{pair[:-1]}"] for side in SIDES]) for pair in ("hips", "shoulders")}
+    trunk = np.diag([scale, scale, torso])
+    shapes = dict.fromkeys(CANONICAL_JOINTS, trunk)
+    shapes["pelvis"] = np.diag([scale, wide["hips"], torso])
+    shapes["spine3"] = np.diag([scale, (scale + wide["shoulders"]) / 2, torso])
+    shapes["head"] = scale * np.eye(3)
+    new = {"hips": torso * rest["hips"]}
+    for name in ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar", "shoulders"):
+        new[name] = new["hips"] + trunk @ (rest[name] - rest["hips"])
+    for name in ("neck", "head"):
+        new[name] = new["shoulders"] + neck * (rest[name] - rest["shoulders"])
+    shapes["neck"] = _along(rest["head"] - rest["neck"], neck, scale)
+    new["head_top"] = new["head"] + scale * (rest["head_top"] - rest["head"])
+    for side in SIDES:
+        for pair, joint in (("hips", f"{side}_hip"), ("shoulders", f"{side}_shoulder")):
+            new[joint] = new[pair] + ratio[pair, joint] * (rest[joint] - rest[pair])
+        shapes[f"{side}_collar"] = np.diag([scale, wide["shoulders"], torso])
+        for a, b in ((f"{side}_{a}", f"{side}_{b}") for a, b in LIMBS):
+            new[b] = new[a] + ratio[a, b] * (rest[b] - rest[a])
+            shapes[a] = _along(rest[b] - rest[a], ratio[a, b], scale)
+        shapes[f"{side}_wrist"] = scale * np.eye(3)
+        new[f"{side}_hand"] = new[f"{side}_wrist"] + scale * (rest[f"{side}_hand"] - rest[f"{side}_wrist"])
+        # Only the instep gives way to the ankle's height; toes are as thick as stature makes them.
+        shapes[f"{side}_ankle"], shapes[f"{side}_foot"] = np.diag([scale, scale, ankle[side]]), scale * np.eye(3)
+        sole = new[f"{side}_ankle"] - ankle[side] * rest[f"{side}_ankle"] * [0, 0, 1]
+        for b in ("foot", "toe"):
+            new[f"{side}_{b}"] = sole + scale * (rest[f"{side}_{b}"] - rest[f"{side}_ankle"] * [1, 1, 0])
+    return new, np.array([shapes[name] for name in CANONICAL_JOINTS])
+
+
+def _along(bone: np.ndarray, length: float, girth: float) -> np.ndarray:
+    """Scaling by `length` along a bone and by `girth` across it."""
+    direction = unit(bone)
+    return girth * np.eye(3) + (length - girth) * np.outer(direction, direction)

@@ -1,0 +1,49 @@
+"""What a body is made of: skin and clothing at millimetre waves."""
+
+from __future__ import annotations
+
+import math
+
+from t2d_rt.constants import VACUUM_PERMITTIVITY
+from t2d_rt.errors import InputError
+from t2d_rt.types import PEC, Material
+
+DRY_SKIN_POLES: tuple[tuple[float, float, float], ...] = ((32.0, 7.234e-12, 0.0), (1100.0, 32.481e-9, 0.2))
+"""(delta eps, tau [s], alpha) of dry skin; the last two of the four terms have no strength (Gabriel 1996, part III)."""
+
+DRY_SKIN_HIGH_FREQUENCY_PERMITTIVITY = 4.0
+DRY_SKIN_IONIC_CONDUCTIVITY_S_PER_M = 0.0002
+
+SCATTERING_COEFFICIENTS: dict[str, float] = {"skin": 0.3, "clothed": 0.6}
+"""S of the body's surfaces: skin is nearly smooth at 4 mm wavelength, cloth is not. Clothing passes the wave within
+3 dB, so the permittivity behind it stays that of skin."""
+
+BODY_MATERIALS: tuple[str, ...] = ("pec", *SCATTERING_COEFFICIENTS)
+"""Names that `resolve_material` knows."""
+
+
+def skin_permittivity(frequency_hz: float) -> complex:
+    """Complex relative permittivity of dry skin, eps' - j eps'' (physics.md, eq. 10); 6.57 - j8.91 at 77 GHz."""
+    if not 0 < frequency_hz < math.inf:
+        raise InputError(f"frequency_hz must be positive and finite, got {frequency_hz}")
+    omega = 2 * math.pi * frequency_hz
+    relaxation = sum(strength / (1 + (1j * omega * tau_s) ** (1 - alpha)) for strength, tau_s, alpha in DRY_SKIN_POLES)
+    ionic = DRY_SKIN_IONIC_CONDUCTIVITY_S_PER_M / (1j * omega * VACUUM_PERMITTIVITY)
+    return DRY_SKIN_HIGH_FREQUENCY_PERMITTIVITY + relaxation + ionic
+
+
+def resolve_material(material: str | Material, frequency_hz: float) -> Material:
+    """The material of a name in `BODY_MATERIALS` at one frequency; a `Material` is taken as it is."""
+    if isinstance(material, Material):
+        return material
+    if material == "pec":
+        return PEC
+    if material not in SCATTERING_COEFFICIENTS:
+        raise InputError(f"unknown body material {material!r}; use one of {', '.join(BODY_MATERIALS)}, or a Material")
+    permittivity = skin_permittivity(frequency_hz)
+    return Material(
+        name=material,
+        relative_permittivity=permittivity.real,
+        conductivity_s_per_m=-permittivity.imag * 2 * math.pi * frequency_hz * VACUUM_PERMITTIVITY,
+        scattering_coefficient=SCATTERING_COEFFICIENTS[material],
+    )

@@ -1,0 +1,98 @@
+"""Linear blend skinning: a motion moves a body's control cage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from t2d_rt.body.fit import Fitted, fit
+from t2d_rt.body.pose import BONES, Posing, posing
+from t2d_rt.body.template import template
+from t2d_rt.types.material import Material
+from t2d_rt.types.mesh import MovingMesh
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
+
+JointTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Positions (K, J, 3) [m] and orientations x, y, z, w (K, J, 4) of a motion's joints at times [s] (K,)."""
+
+FOREARM_RAMP = (0.1, 0.8)
+UPPER_ARM_RAMP = (0.0, 0.7)
+"""Where along the bone the half-twisted part takes over, as fractions of its length."""
+
+
+def skin(
+    motion: Motion, body: str = "adult", *, material: str | Material = "skin", track: JointTrack | None = None
+) -> MovingMesh:
+    """The body's control cage (about 3200 vertices, 6400 faces) moving with a skeleton.
+
+    `track` interpolates the motion in time, C2 for a radar; without it joints and orientations are joined by straight lines.
+    """
+    fitted = fit(template(body), motion)
+    pose = posing(fitted, motion)
+    basis = blend_basis(fitted)
+    track = track or linear_track(motion)
+
+    def vertices(times_s: np.ndarray) -> np.ndarray:
+        return blend(basis, *pose.bones(*track(times_s)))
+
+    return MovingMesh.from_track(
+        vertices, fitted.template.faces, motion.times_s, material, rest=fitted.vertices, crease_deg=180.0, name=body
+    )
+
+
+def blend_basis(body: Fitted) -> np.ndarray:
+    """Weighted rest vertices relative to each bone's joint, homogeneous: (4 * bones, V); posing is one matrix product."""
+    weights = bone_weights(body)
+    joints = np.array([body.joints[name] for name in CANONICAL_JOINTS])
+    joints = np.vstack([joints, [body.joints[_carrier(name)] for name in BONES[len(CANONICAL_JOINTS) :]]])
+    offset = body.vertices[:, None] - joints
+    homogeneous = np.concatenate([offset, np.ones((*offset.shape[:2], 1))], -1) * weights[..., None]
+    return np.ascontiguousarray(homogeneous.reshape(len(homogeneous), -1).T)
+
+
+def bone_weights(body: Fitted) -> np.ndarray:
+    """Weights of `BONES`, (V, 26): the half-twisted parts of arms take theirs from upper arm and forearm."""
+    weights = np.hstack([body.template.weights, np.zeros((len(body.vertices), len(BONES) - len(CANONICAL_JOINTS)))])
+    for bone in BONES[len(CANONICAL_JOINTS) :]:
+        start, end = _carrier(bone), _carrier(bone).replace("elbow", "wrist").replace("shoulder", "elbow")
+        axis = body.joints[end] - body.joints[start]
+        along = (body.vertices - body.joints[start]) @ axis / (axis @ axis)
+        low, high = FOREARM_RAMP if "forearm" in bone else UPPER_ARM_RAMP
+        share = np.clip((along - low) / (high - low), 0, 1)
+        share = share if "forearm" in bone else 1 - share
+        carrier = BONES.index(start)
+        weights[:, BONES.index(bone)] = share * weights[:, carrier]
+        weights[:, carrier] *= 1 - share
+    return weights
+
+
+def _carrier(twist_bone: str) -> str:
+    """Joint that carries a twist bone."""
+    return twist_bone.replace("upper_arm", "shoulder").replace("forearm", "elbow")
+
+
+def blend(basis: np.ndarray, turn: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Posed vertices (K, V, 3) from bone rotations (K, B, 3, 3) and origins (K, B, 3)."""
+    transforms = np.concatenate([turn, origin[..., None]], -1)  # (K, B, 3, 4)
+    rows = transforms.transpose(0, 2, 1, 3).reshape(3 * len(turn), -1)
+    return np.ascontiguousarray((rows @ basis).reshape(len(turn), 3, -1).transpose(0, 2, 1))
+
+
+def linear_track(motion: Motion) -> JointTrack:
+    """Straight lines between frames (orientations: normalised)."""
+    times = motion.times_s
+
+    def track(times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        frame = np.clip(np.searchsorted(times, times_s, side="right") - 1, 0, len(times) - 2)
+        share = (times_s * motion.rate_hz - frame)[:, None, None]
+        q, r = motion.rotations[frame], motion.rotations[frame + 1]
+        r = np.where((q * r).sum(-1, keepdims=True) < 0, -r, r)
+        turn = (1 - share) * q + share * r
+        joints = (1 - share) * motion.joints[frame] + share * motion.joints[frame + 1]
+        return joints, turn / np.linalg.norm(turn, axis=-1, keepdims=True)
+
+    return track
+
+
+__all__ = ["JointTrack", "Posing", "skin"]

@@ -1,0 +1,69 @@
+"""A body template: the rest surface, how it hangs on the canonical joints, and rings of it that show where the joints are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from types import MappingProxyType
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.resources import listing, resource
+from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
+
+Ring = tuple[np.ndarray, np.ndarray]
+"""Vertex indices (R,) and weights (R,) whose weighted mean is a joint."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Template:
+    """A closed control cage in its rest pose: facing +x, left is +y, z up, feet on z = 0, metres."""
+
+    name: str
+    vertices: np.ndarray
+    """Rest vertices [m], (V, 3)."""
+    faces: np.ndarray
+    """Triangles, counter-clockwise from outside, int32 (F, 3)."""
+    weights: np.ndarray
+    """Skinning weights of the 22 canonical joints, at most four per vertex, rows sum to 1, (V, 22)."""
+    joints: Mapping[str, np.ndarray]
+    """Rest positions [m] (3,) of the canonical joints and of all optional ends."""
+    rings: Mapping[str, Ring]
+    """Rings of surface vertices around hips, knees, ankles, shoulders, elbows, wrists and head."""
+
+
+def bodies() -> list[str]:
+    """Names of the shipped bodies."""
+    return [name.removesuffix(".npz") for name in listing("meshes", ".npz")]
+
+
+@lru_cache(maxsize=8)
+def template(name: str = "adult") -> Template:
+    """The shipped body of that name."""
+    if name not in bodies():
+        raise InputError(f"body {name!r} is unknown; choose one of {', '.join(bodies())}")
+    with np.load(resource("meshes", f"{name}.npz"), allow_pickle=False) as data:
+        names = [str(joint) for joint in data["joint_names"]]
+        if names != [*CANONICAL_JOINTS, *OPTIONAL_JOINTS]:
+            raise InputError(f"body {name!r} has joints {names}; expected the 22 canonical joints and the five ends")
+        weights = data["weights"].astype(np.float64)
+        starts, indices, shares = (data[f"ring_{part}"] for part in ("starts", "vertices", "weights"))
+        rings = {
+            str(ring): (indices[i:j].astype(np.intp), shares[i:j].astype(np.float64))
+            for ring, i, j in zip(data["ring_names"], starts, starts[1:], strict=False)
+        }
+        return Template(
+            name=name,
+            vertices=data["vertices"].astype(np.float64),
+            faces=data["faces"].astype(np.int32),
+            weights=weights / weights.sum(1, keepdims=True),
+            joints=MappingProxyType(dict(zip(names, data["joints"].astype(np.float64), strict=True))),
+            rings=MappingProxyType(rings),
+        )
+
+
+def regressed_joints(body: Template, vertices: np.ndarray) -> dict[str, np.ndarray]:
+    """Joints (..., 3) read off posed surface vertices (..., V, 3): the weighted mean of each ring."""
+    return {name: share @ vertices[..., index, :] for name, (index, share) in body.rings.items()}

@@ -1,0 +1,1 @@
+"""Scattering models; each returns `Echoes`."""

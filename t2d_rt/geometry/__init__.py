@@ -1,0 +1,18 @@
+"""Surfaces as arrays: refinement on one fixed curved surface, and points spread over it."""
+
+from t2d_rt.geometry.refine import Refinement, refine
+from t2d_rt.geometry.subdivide import Subdivision, crease_corners, sharp_edges, subdivide
+from t2d_rt.geometry.surface_points import SurfacePoints, hash_uniform, point_spacing, surface_points
+
+__all__ = [
+    "Refinement",
+    "Subdivision",
+    "SurfacePoints",
+    "crease_corners",
+    "hash_uniform",
+    "point_spacing",
+    "refine",
+    "sharp_edges",
+    "subdivide",
+    "surface_points",
+]

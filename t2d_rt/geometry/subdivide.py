@@ -1,0 +1,351 @@
+"""Modified butterfly subdivision as sparse matrices: the fixed curved surface through a mesh's vertices.
+
+Interpolating, so a vertex never moves once it exists, and linear, so one matrix serves every pose. Smooth edges follow
+the butterfly scheme (Dyn, Levin, Gregory 1990) with the stencils of Zorin, Schroeder and Sweldens (1996) at vertices of
+valence other than 6; sharp and boundary edges follow the four-point curve rule. Stencils never reach across a sharp
+edge: the point beyond it is replaced by the reflection u + v - x of the point before it, so flat parts stay flat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+
+Csr = Any
+"""scipy.sparse.csr_matrix; scipy is loaded when first used."""
+
+
+_TERMS = 6
+_FIRST = np.eye(_TERMS)[0]
+_EVEN = 2e-3
+"""Defects of a stencil's quadratic precision below this move a midpoint by under 1 % of its offset from the chord."""
+_MAX_CHANGE = 1.0
+"""Largest sum of |dw|; the butterfly's own weights sum to 1.5 in magnitude."""
+_FAR = 0.25
+"""Largest offset of a midpoint in chord lengths; an arc reaches this where it turns by 106 degrees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topology:
+    """Who touches whom in a triangle mesh. Half-edge 3 f + j runs from faces[f, j] to faces[f, j + 1]."""
+
+    faces: np.ndarray
+    """Vertex ids, int64 (F, 3)."""
+    vertex_count: int
+    edges: np.ndarray
+    """Vertex ids, smaller first, int64 (E, 2)."""
+    face_edges: np.ndarray
+    """Edge of each half-edge, int64 (F, 3)."""
+    twin: np.ndarray
+    """Opposite half-edge, int64 (3 F,); -1 where the edge is sharp."""
+    sharp: np.ndarray
+    """Edges that no stencil crosses: given ones, and those that do not join two faces of like orientation, (E,)."""
+
+    @property
+    def valence(self) -> np.ndarray:
+        """Edges at each vertex, (V,)."""
+        return np.bincount(self.edges.ravel(), minlength=self.vertex_count)
+
+    @property
+    def sharp_valence(self) -> np.ndarray:
+        """Sharp edges at each vertex, (V,)."""
+        return np.bincount(self.edges[self.sharp].ravel(), minlength=self.vertex_count)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subdivision:
+    """One level of uniform subdivision; new vertex V0 + e is the midpoint of edge e."""
+
+    operator: Csr
+    """Child vertices = operator @ vertices, (V1, V0)."""
+    faces: np.ndarray
+    """Children 4 f .. 4 f + 3 of face f: three corners, then the middle, (4 F, 3)."""
+    sharp: np.ndarray
+    """Sharp edges of the child, (S, 2)."""
+    corners: np.ndarray
+    """Corners of its sharp curves, bool (V1,)."""
+
+
+def sharp_edges(vertices: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.ndarray:
+    """Edges (S, 2) whose faces differ in direction by more than `crease_deg`, and those that do not join two faces."""
+    vertices = np.asarray(vertices, dtype=np.float64)
+    mesh = topology(faces, len(vertices))
+    normal = face_normals(vertices, mesh.faces)
+    half = np.flatnonzero(mesh.twin >= 0)
+    across = np.einsum("ij,ij->i", normal[half // 3], normal[mesh.twin[half] // 3])
+    sharp = mesh.sharp.copy()
+    # 1e-9: coplanar faces differ by rounding, and crease_deg = 0 must not make creases of them
+    sharp[mesh.face_edges.ravel()[half[across < np.cos(np.radians(crease_deg)) - 1e-9]]] = True
+    return mesh.edges[sharp]
+
+
+def crease_corners(vertices: np.ndarray, sharp: np.ndarray, crease_deg: float) -> np.ndarray:
+    """Vertices at which a sharp curve ends, branches or turns by more than `crease_deg`, bool (V,)."""
+    vertices = np.asarray(vertices, dtype=np.float64)
+    count = np.bincount(sharp.ravel(), minlength=len(vertices))
+    along = vertices[sharp[:, 1]] - vertices[sharp[:, 0]]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    turn = np.zeros((len(vertices), 3))
+    np.add.at(turn, sharp[:, 0], along)
+    np.add.at(turn, sharp[:, 1], -along)
+    # two unit vectors that leave a vertex at an angle pi - t add up to a length of 2 sin(t / 2)
+    bent = np.linalg.norm(turn, axis=1) > 2 * np.sin(np.radians(min(crease_deg, 180.0)) / 2) + 1e-9
+    return (count > 0) & ((count != 2) | bent)
+
+
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Unit normals (F, 3); zero for a face without area."""
+    a, b, c = (vertices[faces[:, j]] for j in range(3))
+    normal = np.cross(b - a, c - a)
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+
+
+def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = None) -> Topology:
+    """Edges and half-edges of triangles (F, 3); `sharp` (S, 2) names edges that are kept sharp."""
+    faces = np.asarray(faces, dtype=np.int64)
+    if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
+        raise InputError(f"faces must have shape (face, 3) with at least one face, got {faces.shape}")
+    if faces.min() < 0 or faces.max() >= vertex_count:
+        raise InputError(f"faces must name vertices 0..{vertex_count - 1}, got {faces.min()}..{faces.max()}")
+    tail, head = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    keys = np.minimum(tail, head) * vertex_count + np.maximum(tail, head)
+    unique, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    inverse = inverse.ravel()
+    order = np.argsort(inverse, kind="stable")
+    first = np.cumsum(counts) - counts
+    one, two = order[first], order[np.minimum(first + 1, len(order) - 1)]
+    joined = (counts == 2) & (tail[one] == head[two])
+    if sharp is not None and len(sharp):
+        given = np.sort(np.asarray(sharp, dtype=np.int64), axis=1)
+        joined &= ~np.isin(unique, given[:, 0] * vertex_count + given[:, 1])
+    twin = np.full(len(keys), -1)
+    twin[one[joined]], twin[two[joined]] = two[joined], one[joined]
+    return Topology(
+        faces=faces, vertex_count=vertex_count, edges=np.stack([unique // vertex_count, unique % vertex_count], axis=1),
+        face_edges=inverse.reshape(-1, 3), twin=twin, sharp=~joined,
+    )  # fmt: skip
+
+
+def subdivide(
+    faces: np.ndarray,
+    vertex_count: int,
+    sharp: np.ndarray,
+    corners: np.ndarray | None = None,
+    rest: np.ndarray | None = None,
+) -> Subdivision:
+    """Split every face in four on the butterfly surface.
+
+    `sharp` (S, 2) edges, `corners` (V,) bool of their curves, `rest` (V, 3) the pose for which weights are corrected.
+    """
+    from scipy import sparse
+
+    corners = np.zeros(vertex_count, bool) if corners is None else corners
+    mesh = topology(faces, vertex_count, sharp)
+    kept = mesh.edges[mesh.sharp]
+    middle = vertex_count + np.flatnonzero(mesh.sharp)
+    operator = sparse.vstack(
+        [sparse.identity(vertex_count, format="csr"), midpoints(mesh, corners, rest)], format="csr"
+    )
+    return Subdivision(
+        operator=operator,
+        faces=split_in_four(mesh.faces, vertex_count + mesh.face_edges),
+        sharp=np.concatenate([np.stack([kept[:, 0], middle], axis=1), np.stack([middle, kept[:, 1]], axis=1)]),
+        corners=np.concatenate([corners, np.zeros(len(mesh.edges), bool)]),
+    )
+
+
+def split_in_four(faces: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Children (4 F, 3) of faces (F, 3) with edge midpoints (F, 3): corners 0, 1, 2, then the middle."""
+    six = np.concatenate([faces, middle], axis=1)
+    return six[:, [0, 3, 5, 3, 1, 4, 5, 4, 2, 3, 4, 5]].reshape(-1, 3)
+
+
+def midpoints(mesh: Topology, corners: np.ndarray, rest: np.ndarray | None = None) -> Csr:
+    """Edge midpoints on the butterfly surface = matrix (E, V) @ vertices; each row sums to 1.
+
+    With `rest` (V, 3) the weights are corrected for uneven spacing there (`_quadratic_precision`).
+    """
+    from scipy import sparse
+
+    smooth = _first_half_edges(mesh)[~mesh.sharp]
+    special = (mesh.valence != 6) & (mesh.sharp_valence == 0)
+    ends = np.concatenate([smooth, mesh.twin[smooth]])
+    ring = _ring_stencils(mesh, ends[special[mesh.faces.ravel()[ends]]])
+    ringed = np.bincount(mesh.face_edges.ravel()[ring.start], minlength=len(mesh.edges))
+    rows, columns, weights = _eight_point_stencils(mesh, smooth)
+    parts = [
+        _curve_stencils(mesh, corners),
+        # beside a special vertex its ring decides; the eight points stay with weight 0, for the correction to use
+        (rows, columns, np.where(ringed[rows] == 0, weights, 0.0)),
+        # an edge between two special vertices takes the mean of their stencils
+        (ring.rows, ring.columns, ring.weights / ringed[ring.rows]),
+    ]
+    rows, columns, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
+    matrix = sparse.csr_matrix((weights, (rows, columns)), shape=(len(mesh.edges), mesh.vertex_count))
+    if rest is not None:
+        _quadratic_precision(matrix, mesh, rest)
+        _tame(matrix, mesh, rest)
+    matrix.eliminate_zeros()
+    return matrix
+
+
+def _quadratic_precision(matrix: Csr, mesh: Topology, rest: np.ndarray) -> None:
+    """Correct the weights of smooth edges, in place: they reproduce quadratic surfaces where vertices lie unevenly.
+
+    In the tangent frame of an edge, (x, y) from the chord's middle in units of its length, the weights w shall satisfy
+    sum_i w_i (1, x, y, x^2, x y, y^2)_i = (1, 0, 0, 0, 0, 0). The smallest change that does so is added,
+    dw = C^T (C C^T)^-1 (t - C w). On an evenly spaced mesh of valence 6 the butterfly does so already and dw = 0.
+    """
+    normal = np.zeros((len(mesh.edges), 3))
+    np.add.at(normal, mesh.face_edges.ravel(), np.repeat(face_normals(rest, mesh.faces), 3, axis=0))
+    size = np.where(mesh.sharp, 0, np.diff(matrix.indptr))
+    # fewer points than conditions: the stencil beside a corner keeps its plain weights
+    for count in np.unique(size[size > _TERMS]):
+        for rows in _chunks(np.flatnonzero(size == count)):
+            entry = matrix.indptr[rows, None] + np.arange(count)
+            terms = _quadratic_terms(rest, mesh.edges[rows], normal[rows], matrix.indices[entry])
+            defect = _FIRST - (terms @ matrix.data[entry][..., None])[..., 0]
+            uneven = np.abs(defect).max(axis=1) > _EVEN
+            matrix.data[entry[uneven]] += _least_change(terms[uneven], defect[uneven])
+
+
+def _least_change(terms: np.ndarray, defect: np.ndarray) -> np.ndarray:
+    """dw (E, N) for conditions C = `terms` (E, 6, N) that are off by `defect` (E, 6)."""
+    transposed = np.ascontiguousarray(terms.transpose(0, 2, 1))
+    gram = terms @ transposed
+    # 1e-9: keeps stencils whose points lie on one conic solvable
+    gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(_TERMS)
+    change = (transposed @ np.linalg.solve(gram, defect[..., None]))[..., 0]
+    # rows keep summing to 1 to rounding, and a stencil that would swing widely is left as it was
+    change -= change.mean(axis=1, keepdims=True)
+    change[np.abs(change).sum(axis=1) > _MAX_CHANGE] = 0.0
+    return change
+
+
+def _tame(matrix: Csr, mesh: Topology, rest: np.ndarray) -> None:
+    """Take the chord's middle, in place, where a stencil (on slivers) throws the midpoint far off."""
+    a, b = rest[mesh.edges[:, 0]], rest[mesh.edges[:, 1]]
+    offset, length = np.linalg.norm(matrix @ rest - (a + b) / 2, axis=1), np.linalg.norm(b - a, axis=1)
+    rows = np.flatnonzero(offset > _FAR * length)
+    for row in rows:  # rare
+        entry = slice(matrix.indptr[row], matrix.indptr[row + 1])
+        matrix.data[entry] = np.where(np.isin(matrix.indices[entry], mesh.edges[row]), 0.5, 0.0)
+
+
+def _chunks(rows: np.ndarray, length: int = 16_384) -> list[np.ndarray]:
+    """Pieces of at most `length` edges, so that the working memory stays bounded."""
+    return [rows[i : i + length] for i in range(0, len(rows), length)]
+
+
+def _quadratic_terms(rest: np.ndarray, edges: np.ndarray, normal: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    """(1, x, y, x^2, x y, y^2) of vertices (E, N) in the frames of edges (E, 2) with normals (E, 3): (E, 6, N)."""
+    a, b = rest[edges[:, 0]], rest[edges[:, 1]]
+    along = b - a
+    across = np.cross(normal, along)
+    length2 = np.maximum((along**2).sum(axis=1), 1e-300)[:, None]
+    across *= np.sqrt(length2 / np.maximum((across**2).sum(axis=1, keepdims=True), 1e-300))
+    frame = np.stack([along, across], axis=2) / length2[..., None]
+    x, y = np.moveaxis((rest[vertices] - (a + b)[:, None] / 2) @ frame, 2, 0)
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+
+
+Entries = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Rows, columns, weights of a sparse matrix."""
+
+
+def _first_half_edges(mesh: Topology) -> np.ndarray:
+    """One half-edge of each edge, (E,)."""
+    half = np.empty(len(mesh.edges), dtype=np.int64)
+    half[mesh.face_edges.ravel()] = np.arange(mesh.face_edges.size)
+    return half
+
+
+def _next(half: np.ndarray) -> np.ndarray:
+    return np.where(half % 3 == 2, half - 2, half + 1)
+
+
+def _previous(half: np.ndarray) -> np.ndarray:
+    return np.where(half % 3 == 0, half + 2, half - 1)
+
+
+def _curve_stencils(mesh: Topology, corners: np.ndarray) -> Entries:
+    """Four-point rule (-1, 9, 9, -1)/16 along sharp curves, a parabola (3, 6, -1)/8 beside a corner, else the chord."""
+    rows = np.flatnonzero(mesh.sharp)
+    ends = mesh.edges[rows]
+    through = (mesh.sharp_valence == 2) & ~corners
+    neighbours = np.zeros(mesh.vertex_count, dtype=np.int64)
+    np.add.at(neighbours, ends[:, 0], ends[:, 1])
+    np.add.at(neighbours, ends[:, 1], ends[:, 0])
+    a, b = ends.T
+    has_a, has_b = through[a], through[b]
+    # the sum of a curve vertex's two neighbours less one of them is the other
+    before = np.where(has_a, neighbours[a] - b, a)
+    after = np.where(has_b, neighbours[b] - a, b)
+    both, one = has_a & has_b, has_a ^ has_b
+    outer_a = np.where(both, -1 / 16, np.where(one & has_a, -1 / 8, 0.0))
+    outer_b = np.where(both, -1 / 16, np.where(one & has_b, -1 / 8, 0.0))
+    inner_a = np.where(both, 9 / 16, np.where(one, np.where(has_a, 3 / 4, 3 / 8), 1 / 2))
+    inner_b = np.where(both, 9 / 16, np.where(one, np.where(has_b, 3 / 4, 3 / 8), 1 / 2))
+    return (
+        np.tile(rows, 4), np.concatenate([a, b, before, after]), np.concatenate([inner_a, inner_b, outer_a, outer_b])
+    )  # fmt: skip
+
+
+def _eight_point_stencils(mesh: Topology, half: np.ndarray) -> Entries:
+    """Butterfly stencil of smooth edges: ends 1/2, opposite vertices 1/8, wings -1/16 (Dyn, Levin, Gregory 1990)."""
+    tail = mesh.faces.ravel()
+    rows = mesh.face_edges.ravel()[half]
+    twin = mesh.twin[half]
+    ends = [tail[half], tail[twin], tail[_previous(half)], tail[_previous(twin)]]
+    wings = np.concatenate([_next(half), _previous(half), _next(twin), _previous(twin)])
+    rows4 = np.tile(rows, 4)
+    open_ = mesh.twin[wings] >= 0
+    shut = wings[~open_]
+    columns = np.concatenate(
+        [*ends, tail[_previous(mesh.twin[wings[open_]])], tail[shut], tail[_next(shut)], tail[_previous(shut)]]
+    )
+    count, ghosts = len(half), len(shut)
+    weights = np.repeat(
+        [1 / 2, 1 / 8, -1 / 16, 1 / 16], [2 * count, 2 * count, 4 * count - ghosts + 2 * ghosts, ghosts]
+    )
+    return np.concatenate([rows4, rows4[open_], np.tile(rows4[~open_], 3)]), columns, weights
+
+
+@dataclass(frozen=True, slots=True)
+class _Rings:
+    start: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    weights: np.ndarray
+
+
+def _ring_stencils(mesh: Topology, start: np.ndarray) -> _Rings:
+    """Stencils of half-edges that leave a smooth vertex of valence K != 6: 3/4 there, s_j on its ring (Zorin et al.)."""
+    tail = mesh.faces.ravel()
+    valence = mesh.valence[tail[start]]
+    half, whole = start.copy(), np.ones(len(start), bool)
+    columns, weights, picks = [tail[start]], [np.full(len(start), 0.75)], [np.arange(len(start))]
+    for j in range(int(valence.max(initial=0))):
+        pick = np.flatnonzero(valence > j)
+        columns.append(tail[_next(half[pick])])
+        weights.append(_ring_weights(valence[pick], j))
+        picks.append(pick)
+        half[pick] = mesh.twin[_previous(half[pick])]
+        # two fans that meet in one vertex: the walk is round too early
+        whole[pick] &= (half[pick] != start[pick]) | (valence[pick] == j + 1)
+    picked = np.concatenate(picks)
+    keep = whole[picked]
+    rows = mesh.face_edges.ravel()[start[picked]]
+    return _Rings(start[whole], rows[keep], np.concatenate(columns)[keep], np.concatenate(weights)[keep])
+
+
+def _ring_weights(valence: np.ndarray, j: int) -> np.ndarray:
+    """s_j: (5, -1, -1)/12 for K = 3, (3, 0, -1, 0)/8 for 4, else (1/4 + cos(2 pi j/K) + cos(4 pi j/K)/2)/K."""
+    angle = 2 * np.pi * j / valence
+    weights = (0.25 + np.cos(angle) + 0.5 * np.cos(2 * angle)) / valence
+    weights = np.where(valence == 3, (5 if j == 0 else -1) / 12, weights)
+    return np.where(valence == 4, (3, 0, -1, 0)[j % 4] / 8, weights)

@@ -1,0 +1,218 @@
+"""Where and how long a person moves: `place`, `repeat`, `describe`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.interpolate import compose, decompose, trim
+from t2d_rt.motion.read import facing, stature_m
+from t2d_rt.types.motion import Motion
+
+CLOSEST_APPROACH_M = 1.5
+"""Horizontal distance of the nearest joint to the radar that `place` keeps if no distance is given."""
+
+STILL_M = 0.5
+"""Motions whose pelvis ends nearer than this to its start do not travel: they are placed by what the body faces."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionInfo:
+    """What there is to know about a motion at a glance."""
+
+    duration_s: float
+    frames: int
+    rate_hz: float
+    stature_m: float
+    """Estimate from bone lengths, +- 5 %."""
+    travelled_m: float
+    """Horizontal way of the pelvis."""
+    mean_speed_mps: float
+    """The way over the duration."""
+    top_speed_mps: float
+    top_speed_joint: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.duration_s:.2f} s, {self.frames} frames at {self.rate_hz:g} Hz, "
+            f"stature about {self.stature_m:.2f} m, {self.travelled_m:.2f} m at {self.mean_speed_mps:.2f} m/s, "
+            f"top speed {self.top_speed_mps:.2f} m/s ({self.top_speed_joint})"
+        )
+
+
+def describe(motion: Motion) -> MotionInfo:
+    """Duration, stature, way, mean and top speed of a motion."""
+    # The way is taken at 10 Hz, that jitter does not lengthen it.
+    stride = max(1, round(motion.rate_hz / 10.0))
+    coarse = np.concatenate([motion.joints[:-1:stride, 0, :2], motion.joints[-1:, 0, :2]])
+    way = float(np.linalg.norm(np.diff(coarse, axis=0), axis=-1).sum())
+    speeds = np.linalg.norm(np.gradient(motion.joints, 1.0 / motion.rate_hz, axis=0), axis=-1)
+    return MotionInfo(
+        duration_s=motion.duration_s, frames=len(motion.joints), rate_hz=motion.rate_hz,
+        stature_m=stature_m(_points(motion)), travelled_m=way, mean_speed_mps=way / motion.duration_s,
+        top_speed_mps=float(speeds.max()), top_speed_joint=motion.names[int(speeds.max(axis=0).argmax())],
+    )  # fmt: skip
+
+
+def place(
+    motion: Motion,
+    *,
+    distance_m: float | None = None,
+    angle_deg: float = 0.0,
+    radar_position_m: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    boresight: tuple[float, float, float] = (1.0, 0.0, 0.0),
+) -> Motion:
+    """Start the motion in front of the radar: the pelvis on boresight, `distance_m` away horizontally.
+
+    At `angle_deg` 0 it moves towards the radar (main direction of the pelvis; on the spot, it faces the radar);
+    the angle turns that about the vertical, counterclockwise from above. Without a distance, no joint comes nearer than
+    1.5 m horizontally. z is kept.
+    """
+    aim = np.array(boresight[:2], dtype=float)
+    if not (np.isfinite(boresight).all() and np.isfinite(radar_position_m).all() and np.linalg.norm(aim) > 1e-6):
+        raise InputError(f"boresight must be finite and not vertical to place a motion before it, got {boresight}")
+    if distance_m is not None and not 0 < distance_m < 1e6:
+        raise InputError(f"distance_m must be positive, got {distance_m}")
+    if not math.isfinite(angle_deg):
+        raise InputError(f"angle_deg must be finite, got {angle_deg}")
+    aim /= np.linalg.norm(aim)
+    heading = _main_direction(motion)
+    turn = math.atan2(-aim[1], -aim[0]) - math.atan2(heading[1], heading[0]) + math.radians(angle_deg)
+    start = motion.joints[0, 0] * np.array([1.0, 1.0, 0.0])
+    joints, rotations = _turned(motion.joints - start, motion.rotations, np.array(turn))
+    if distance_m is None:
+        distance_m = _closest_start(joints[..., :2] @ aim, joints[..., :2] @ np.array([-aim[1], aim[0]]))
+    there = np.array([*(np.array(radar_position_m[:2]) + distance_m * aim), 0.0])
+    return replace(motion, joints=joints + there, rotations=rotations)
+
+
+def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: float = 0.2) -> Motion:
+    """Go on for `duration_s` by repeating the best cycle of the motion, blended over `blend_s` at each seam.
+
+    Each repetition starts where the last one ended, so a walk goes on walking (straight on, unless a cycle turns
+    by more than 20 degrees). travel=False takes the cycles' mean velocity out: walking on the spot, as on a treadmill.
+    """
+    if not (math.isfinite(duration_s) and duration_s >= 2.0 / motion.rate_hz):
+        raise InputError(f"duration_s must be finite and hold at least 2 frames, got {duration_s}")
+    count = math.floor(duration_s * motion.rate_hz + 1e-9) + 1
+    if count <= len(motion.joints) and travel:
+        return trim(motion, 0.0, (count - 1) / motion.rate_hz)
+    window = max(2, round(blend_s * motion.rate_hz))
+    first, last = _best_cycle(motion, window)
+    turn, step = _cycle_transform(motion, first, last)
+    offsets, local = decompose(motion.joints, motion.rotations, motion.parents)
+    # Copy k shows frames first ... last + window of the original; the last `window` of them fade into copy k + 1.
+    frames = np.arange(count)
+    period = last - first
+    copy = np.maximum((frames - first) // period, 0)
+    now = frames - copy * period
+    fading = (copy > 0) & (now < first + window)
+    weight = np.where(fading, _ease((now - first + 1) / (window + 1)), 1.0)[:, None]
+    before = np.where(fading, now + period, now)
+
+    def chained(index: np.ndarray, copies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _repeat_root(offsets[index, 0], local[index, 0], copies, turn, step)
+
+    new_root, old_root = chained(now, copy), chained(before, copy - fading)
+    offsets = (1 - weight[..., None]) * offsets[before] + weight[..., None] * offsets[now]
+    local = quaternions.blend(local[before], local[now], weight[..., None])
+    offsets[:, 0] = (1 - weight) * old_root[0] + weight * new_root[0]
+    local[:, 0] = quaternions.blend(old_root[1], new_root[1], weight)
+    joints, rotations = compose(offsets, local, motion.parents)
+    if not travel:
+        joints[..., :2] -= (frames / period)[:, None, None] * step[:2]
+    return replace(motion, joints=joints, rotations=quaternions.continuous(rotations))
+
+
+def _points(motion: Motion) -> dict[str, np.ndarray]:
+    return {name: motion.joints[:, i] for i, name in enumerate(motion.names)}
+
+
+def _main_direction(motion: Motion) -> np.ndarray:
+    """Horizontal unit vector (2,): principal axis of the pelvis track from start to end, or the facing at the start."""
+    way = motion.joints[:, 0, :2]
+    net = way[-1] - way[0]
+    if np.linalg.norm(net) < STILL_M:
+        ahead = facing(_points(motion))[: max(1, round(0.5 * motion.rate_hz)), :2].mean(axis=0)
+        return ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+    axis = np.linalg.svd(way - way.mean(axis=0), full_matrices=False)[2][0]
+    return axis if axis @ net >= 0 else -axis
+
+
+def _turned(joints: np.ndarray, rotations: np.ndarray, angle_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    turn = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), angle_rad)
+    return quaternions.rotate(turn, joints), quaternions.multiply(turn, rotations)
+
+
+def _closest_start(along: np.ndarray, aside: np.ndarray) -> float:
+    """Distance of the start at which the nearest joint (any joint, any time) is CLOSEST_APPROACH_M from the radar."""
+    # (d + along)^2 + aside^2 >= r^2 for all joints, from the far side: d >= sqrt(r^2 - aside^2) - along.
+    near = np.abs(aside) < CLOSEST_APPROACH_M
+    return float((np.sqrt(CLOSEST_APPROACH_M**2 - aside[near] ** 2) - along[near]).max())
+
+
+def _best_cycle(motion: Motion, window: int) -> tuple[int, int]:
+    """Frames (first, last) of like pose and velocity, at least 0.5 s apart, with `window` frames left after the last.
+
+    Poses are compared in the body's own frame (pelvis at 0, facing x); 0.1 s weighs velocity against pose.
+    """
+    ahead = facing(_points(motion))
+    heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
+    ground = motion.joints[:, :1] * np.array([1.0, 1.0, 0.0])
+    velocity = np.gradient(motion.joints, 1.0 / motion.rate_hz, axis=0)
+    back = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), -heading)[:, None]
+    pose = quaternions.rotate(back, motion.joints - ground)
+    feature = np.concatenate([pose, 0.1 * quaternions.rotate(back, velocity)], axis=-1).reshape(len(pose), -1)
+    feature /= math.sqrt(len(motion.names))
+    # 60 poses a second tell cycles apart; at most 2000 keep the table of all pairs at 32 MB.
+    stride = max(1, round(motion.rate_hz / 60.0), math.ceil(len(feature) / 2000))
+    picked = np.arange(0, len(feature) - window, stride)
+    squares = (feature[picked] ** 2).sum(axis=1)
+    distance = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * feature[picked] @ feature[picked].T, 0.0))
+    span = (picked[None, :] - picked[:, None]) / motion.rate_hz
+    distance[span < max(0.5, 2.0 * window / motion.rate_hz)] = np.inf
+    # Standing still is easiest to repeat and not what is asked for: the cycle must be about as lively as the whole.
+    effort = np.cumsum(np.linalg.norm(np.diff(pose, axis=0, prepend=pose[:1]), axis=-1).mean(axis=1))
+    lively = (effort[picked][None, :] - effort[picked][:, None]) / np.maximum(span, 1e-9)
+    distance[lively < 0.8 * effort[-1] / motion.duration_s] = np.inf
+    best = distance.min() if distance.size else np.inf
+    if not best < 0.25:
+        raise InputError(
+            "the motion has no two moments of like pose to repeat between (nearest differ by "
+            f"{best:.2f} m RMS per joint); give a longer recording or a shorter duration"
+        )
+    # Of the cycles that are about as good, the longest: more of the person's own variation.
+    good = np.where(distance <= 1.3 * best, span, -1.0)
+    first, last = np.unravel_index(int(good.argmax()), good.shape)
+    return int(picked[first]), int(picked[last])
+
+
+def _cycle_transform(motion: Motion, first: int, last: int) -> tuple[float, np.ndarray]:
+    """Turn [rad] about the vertical and step (3,) that carry frame `first` to frame `last`: p -> R p + step."""
+    ahead = facing(_points(motion))[[first, last], :2]
+    turn = math.atan2(ahead[0, 0] * ahead[1, 1] - ahead[0, 1] * ahead[1, 0], float(ahead[0] @ ahead[1]))
+    if abs(turn) < math.radians(20.0):
+        turn = 0.0  # a walk's pelvis wobbles by a few degrees; it should go straight on, not in a circle
+    start, end = motion.joints[[first, last], 0] * np.array([1.0, 1.0, 0.0])
+    spin = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), np.array(turn))
+    return turn, end - quaternions.rotate(spin, start)
+
+
+def _repeat_root(
+    position: np.ndarray, rotation: np.ndarray, copies: np.ndarray, turn: float, step: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Root (K, 3), (K, 4) after the cycle's transform has been applied `copies` (K,) times."""
+    spins = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), turn * np.arange(int(copies.max()) + 1))
+    shifts = np.concatenate([np.zeros((1, 3)), np.cumsum(quaternions.rotate(spins[:-1], step), axis=0)])
+    spin = spins[copies]
+    return quaternions.rotate(spin, position) + shifts[copies], quaternions.multiply(spin, rotation)
+
+
+def _ease(fraction: np.ndarray) -> np.ndarray:
+    """Smooth step with zero slope and curvature at both ends: 6 x^5 - 15 x^4 + 10 x^3 on 0 ... 1."""
+    x = np.clip(fraction, 0.0, 1.0)
+    return x**3 * (10.0 + x * (6.0 * x - 15.0))

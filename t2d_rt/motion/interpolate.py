@@ -1,0 +1,138 @@
+"""Motion between its frames: C2 in time, because a radar sees the second derivative of every path.
+
+Not the joints' positions are splined but what a skeleton is made of: the rotation of each joint in its parent's frame,
+the offset of each joint in its parent's frame (nearly constant) and the root. So bones keep their length.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.motion import quaternions
+from t2d_rt.types.motion import Motion
+
+JITTER_CUTOFF_HZ = 12.0
+"""Human movement lies below it, but for impacts of a few milliseconds (Winter, Biomechanics, 2.2)."""
+
+JITTER_LIMIT_MPS = 0.1
+"""Jitter from which a file counts as noisy: 0.3 mm RMS per axis at 120 Hz, 0.7 mm at 60 Hz."""
+
+CHI_SQUARE_3_MEDIAN = 0.789
+"""Median over mean of a squared speed with three Gaussian components."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A motion as a smooth function of time; call it with times [s]."""
+
+    motion: Motion
+    curves: Callable[[np.ndarray], np.ndarray]
+
+    def __call__(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (K, J, 3) [m] and orientations (K, J, 4) at any times (K,) within the motion."""
+        times = np.atleast_1d(np.asarray(times_s, dtype=float))
+        end = self.motion.duration_s
+        # Half a nanosecond of rounding is no error: last frames are often asked for as (T - 1) / rate.
+        if times.ndim != 1 or not ((times >= -5e-10) & (times <= end + 5e-10)).all():
+            raise InputError(
+                f"times must be a list within 0 ... {end:.6g} s of the motion; shorten it or repeat() the motion"
+            )
+        values = self.curves(np.clip(times, 0.0, end)).reshape(len(times), len(self.motion.names), 7)
+        return compose(values[..., 4:], quaternions.normalise(values[..., :4]), self.motion.parents)
+
+
+def track(motion: Motion) -> Track:
+    """The motion as a C2 function of time; build it once and evaluate it in blocks."""
+    from scipy.interpolate import CubicSpline
+
+    offsets, rotations = decompose(motion.joints, motion.rotations, motion.parents)
+    values = np.concatenate([quaternions.continuous(rotations), offsets], axis=-1).reshape(len(offsets), -1)
+    # Sign-continuous quaternion components, splined and normalised: C2, as near as RotationSpline (within 2 % on a
+    # 20 fps walk), and all joints at once. A quintic is no better: what errs at 20 fps is aliasing, not the order.
+    return Track(motion, CubicSpline(motion.times_s, values))
+
+
+def sample(motion: Motion, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (K, J, 3) [m] and orientations (K, J, 4) at the times (K,)."""
+    return track(motion)(times_s)
+
+
+def resample(motion: Motion, rate_hz: float) -> Motion:
+    """The same motion at another frame rate; what is left of a last step is cut off."""
+    if not 0 < rate_hz < 1e5:
+        raise InputError(f"rate_hz must lie between 0 and 1e5 Hz, got {rate_hz}")
+    count = math.floor(motion.duration_s * rate_hz + 1e-9) + 1
+    joints, rotations = sample(motion, np.minimum(np.arange(count) / rate_hz, motion.duration_s))
+    return replace(motion, joints=joints, rotations=rotations, rate_hz=float(rate_hz))
+
+
+def trim(motion: Motion, start_s: float = 0.0, stop_s: float | None = None) -> Motion:
+    """The frames from `start_s` to `stop_s` (both included, to the nearest frame); time starts at 0 again."""
+    stop_s = motion.duration_s if stop_s is None else stop_s
+    if not (0 <= start_s < stop_s <= motion.duration_s + 1e-9):
+        raise InputError(f"trim needs 0 <= start < stop <= {motion.duration_s:.6g} s, got {start_s} and {stop_s}")
+    span = slice(round(start_s * motion.rate_hz), round(stop_s * motion.rate_hz) + 1)
+    return replace(motion, joints=motion.joints[span], rotations=motion.rotations[span])
+
+
+def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
+    """Zero-phase Butterworth low-pass (-3 dB at the cut-off, 4th order) of local rotations, offsets and root."""
+    if not 0 < cutoff_hz < 0.5 * motion.rate_hz:
+        raise InputError(
+            f"the cut-off must lie between 0 and half the frame rate, {0.5 * motion.rate_hz:g} Hz, got {cutoff_hz:g} Hz"
+        )
+    offsets, rotations = decompose(motion.joints, motion.rotations, motion.parents)
+    low = low_pass(np.concatenate([quaternions.continuous(rotations), offsets], axis=-1), cutoff_hz, motion.rate_hz)
+    joints, turns = compose(low[..., 4:], quaternions.normalise(low[..., :4]), motion.parents)
+    return replace(motion, joints=joints, rotations=turns)
+
+
+def low_pass(values: np.ndarray, cutoff_hz: float, rate_hz: float) -> np.ndarray:
+    """Forward and backward Butterworth along axis 0, -3 dB at the cut-off; the ends are padded by point reflection."""
+    from scipy.signal import butter, sosfiltfilt
+
+    # Two passes of 2nd order: each is -1.5 dB at the cut-off if its own corner lies 1/0.802 higher (Winter, 2.2.4.4),
+    # warped exactly through the tangent of the bilinear transform.
+    warped = math.tan(math.pi * cutoff_hz / rate_hz) / (math.sqrt(2.0) - 1.0) ** 0.25
+    corner = math.atan(warped) * rate_hz / math.pi
+    sections = butter(2, corner, fs=rate_hz, output="sos")
+    pad = min(len(values) - 1, math.ceil(2.0 * rate_hz / cutoff_hz))
+    return np.asarray(sosfiltfilt(sections, values, axis=0, padtype="odd", padlen=pad))
+
+
+def jitter_mps(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> float:
+    """RMS joint speed of the noise above the cut-off [m/s], from the *median* over joints and frames.
+
+    Noise is there all the time, foot strikes only at times: they raise the mean of a clean run, not the median, and
+    must not be filtered away. 0 where the frame rate cannot hold any.
+    """
+    if motion.rate_hz < 2.5 * cutoff_hz or len(motion.joints) < 4:
+        return 0.0
+    velocity = np.diff(motion.joints, axis=0) * motion.rate_hz
+    rest = velocity - low_pass(velocity, cutoff_hz, motion.rate_hz)
+    return float(np.sqrt(np.median((rest**2).sum(axis=-1)) / CHI_SQUARE_3_MEDIAN))
+
+
+def decompose(joints: np.ndarray, rotations: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets (T, J, 3) and rotations (T, J, 4) in the parents' frames; the root keeps its own."""
+    above = list(parents[1:])
+    back = quaternions.conjugate(rotations[:, above])
+    offsets, local = joints.copy(), rotations.copy()
+    offsets[:, 1:] = quaternions.rotate(back, joints[:, 1:] - joints[:, above])
+    local[:, 1:] = quaternions.multiply(back, rotations[:, 1:])
+    return offsets, local
+
+
+def compose(offsets: np.ndarray, local: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse of `decompose`: forward kinematics."""
+    joints, rotations = offsets.copy(), local.copy()
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            joints[:, joint] = joints[:, parent] + quaternions.rotate(rotations[:, parent], offsets[:, joint])
+            rotations[:, joint] = quaternions.multiply(rotations[:, parent], local[:, joint])
+    return joints, rotations

@@ -1,0 +1,77 @@
+"""Unit quaternions (x, y, z, w) on the last axis; leading axes broadcast. NumPy alone: reading needs no scipy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Product: the rotation `second`, then `first` (as with matrices)."""
+    u, a = first[..., :3], first[..., 3:]
+    v, b = second[..., :3], second[..., 3:]
+    vector = a * v + b * u + np.cross(u, v)
+    return np.concatenate([vector, a * b - np.sum(u * v, axis=-1, keepdims=True)], axis=-1)
+
+
+def conjugate(quaternion: np.ndarray) -> np.ndarray:
+    """Inverse of a unit quaternion."""
+    return quaternion * np.array([-1.0, -1.0, -1.0, 1.0])
+
+
+def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) turned by quaternions (..., 4)."""
+    u, w = quaternion[..., :3], quaternion[..., 3:]
+    twice = 2.0 * np.cross(u, vector)
+    return vector + w * twice + np.cross(u, twice)
+
+
+def about_axis(axis: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
+    """Rotation by an angle (...) about one unit axis (3,): (..., 4)."""
+    half = 0.5 * np.asarray(angle_rad, dtype=float)[..., None]
+    return np.concatenate([np.sin(half) * axis, np.cos(half)], axis=-1)
+
+
+def normalise(quaternion: np.ndarray) -> np.ndarray:
+    """Scaled to unit length."""
+    return quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+
+
+def continuous(quaternion: np.ndarray) -> np.ndarray:
+    """Signs chosen so that neighbours in time (axis 0) are less than half a turn apart."""
+    steps = np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    signs = np.concatenate([np.ones_like(quaternion[:1, ..., :1]), np.cumprod(steps, axis=0)])
+    return quaternion * signs
+
+
+def blend(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Normalised mean of two rotations along the shorter way; `weight` (..., 1) is that of the second."""
+    near = np.where(np.sum(first * second, axis=-1, keepdims=True) < 0, -second, second)
+    return normalise((1.0 - weight) * first + weight * near)
+
+
+def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Smallest rotation that turns the direction `start` (..., 3) into `end` (..., 3)."""
+    start = start / np.linalg.norm(start, axis=-1, keepdims=True)
+    end = end / np.linalg.norm(end, axis=-1, keepdims=True)
+    cosine = np.sum(start * end, axis=-1, keepdims=True)
+    # Opposite directions leave the axis open: any one square to them will do.
+    aside = np.cross(start, np.where(np.abs(start[..., :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+    axis = np.where(cosine > -1.0 + 1e-12, np.cross(start, end), aside)
+    return normalise(np.concatenate([axis, np.maximum(1.0 + cosine, 0.0)], axis=-1))
+
+
+def from_matrix(matrix: np.ndarray) -> np.ndarray:
+    """Quaternions of rotation matrices (..., 3, 3): the row of largest norm of the symmetric 4 x 4 form (Shepperd)."""
+    m = matrix
+    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    rows = [
+        np.stack([1 + xx - yy - zz, xy, xz, wx], axis=-1),
+        np.stack([xy, 1 - xx + yy - zz, yz, wy], axis=-1),
+        np.stack([xz, yz, 1 - xx - yy + zz, wz], axis=-1),
+        np.stack([wx, wy, wz, 1 + xx + yy + zz], axis=-1),
+    ]
+    forms = np.stack(rows, axis=-2)
+    best = np.argmax(np.linalg.norm(forms, axis=-1), axis=-1)
+    return normalise(np.take_along_axis(forms, best[..., None, None], axis=-2)[..., 0, :])

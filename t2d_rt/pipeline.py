@@ -1,0 +1,179 @@
+"""The pipeline on one screen: motion -> body -> (visibility) -> echoes -> ADC cube; `Simulation` goes on from there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from t2d_rt.backend import Backend, Device, select
+from t2d_rt.body import segments as fit_segments
+from t2d_rt.body import skin as skin_body
+from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
+from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
+from t2d_rt.echo.mesh import VisibilityAt, check_outside, joined, mesh_echoes
+from t2d_rt.errors import InputError
+from t2d_rt.motion import place, track
+from t2d_rt.radar import check_speed
+from t2d_rt.radar.synthesize import Progress, synthesize
+from t2d_rt.result import Simulation, versions
+from t2d_rt.trace.materials import itu_material
+from t2d_rt.trace.visibility import Occlusion
+from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar
+
+Method = Literal["mesh", "ellipsoid"]
+Target = Motion | MovingMesh | Ellipsoids
+
+def simulate(
+    target: Target | Sequence[Target],
+    *,
+    radar: Radar | None = None,
+    scene: str = "free_space",
+    method: Method = "mesh",
+    seed: int = 0,
+    body: str = "adult",
+    material: str | Material | None = None,
+    occlusion: bool = True,
+    occlusion_rate_hz: float = 25.0,
+    surface_rate_hz: float = 100.0,
+    sagitta_rad: float | None = None,
+    phase_from: PhaseFrom = "specular",
+    device: Device = "auto",
+    progress: Progress | None = None,
+) -> Simulation:
+    """Radar recording of a motion, a moving mesh, ellipsoids or a list of them.
+
+    Parameters
+    ----------
+    target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar where it has not been.
+    radar: the `table2` preset by default.
+    scene: "free_space" is the only one so far.
+    seed: of the diffuse points; the same seed gives the same cube bit for bit.
+    material: of everything; by default a body's is "skin" and a mesh's its own.
+    occlusion: whether what stands in front hides what is behind; keys at `occlusion_rate_hz`, faded in between.
+    surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines.
+    sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (0.4 for a skinned body, 0.1 for others).
+    phase_from: of the ellipsoid model: its "specular" point, or its "centre" as in the Text2Doppler paper.
+    progress: called with the share done, 0..1.
+    """
+    radar = Radar.preset("table2") if radar is None else radar
+    _check(scene, method, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
+    backend = select(device)
+    targets = [target] if isinstance(target, Target) else list(target)
+    shapes = [_shape(each, method, body, material, radar) for each in targets]
+    times_s = _frames(shapes, surface_rate_hz)
+    for shape in shapes:
+        _check_shape(shape, radar, times_s)
+    hidden = _visibility(shapes, radar, occlusion_rate_hz, backend) if occlusion else [None] * len(shapes)
+    streams: list[EchoStream] = []
+    for shape, visibility in zip(shapes, hidden, strict=True):
+        substance = _material(shape.material if material is None else material, radar)
+        if isinstance(shape, Ellipsoids):
+            streams.append(ellipsoid_echoes(shape, radar, times_s=times_s, material=substance, phase_from=phase_from))
+            continue
+        bar = shape.sagitta_rad if sagitta_rad is None else sagitta_rad
+        streams.append(
+            mesh_echoes(
+                shape, radar, times_s=times_s, material=substance, sagitta_rad=bar, seed=seed, visibility=visibility,
+                backend=backend,
+            )
+        )  # fmt: skip
+    cube = synthesize(joined(streams), radar, device=device, progress=progress)
+    settings: dict[str, Any] = {
+        "method": method, "scene": scene, "seed": seed, "body": body, "occlusion": occlusion,
+        "material": "own" if material is None else material if isinstance(material, str) else material.name,
+        "occlusion_rate_hz": occlusion_rate_hz, "surface_rate_hz": surface_rate_hz,
+        "sagitta_rad": "default" if sagitta_rad is None else sagitta_rad, "phase_from": phase_from, "device": backend.name,
+        "targets": [_describe(each) for each in targets],
+    }  # fmt: skip
+    return Simulation(cube, radar, settings=settings, versions=versions())
+
+
+def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:
+    """The motion's skinned body: `vertices` (T, V, 3) m, `faces` (F, 3), `times_s` (T,)."""
+    return skin_body(motion, body, material=material, track=track(motion))
+
+
+def segments(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> Ellipsoids:
+    """One ellipsoid for each segment of the same body."""
+    return fit_segments(motion, body, material=material, track=track(motion))
+
+
+def _shape(target: Target, method: Method, body: str, material: str | Material | None, radar: Radar) -> MovingMesh | Ellipsoids:
+    if not isinstance(target, Motion):
+        if isinstance(target, MovingMesh) and method == "ellipsoid":
+            raise InputError(f"method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh {target.name}; use method 'mesh'")
+        return target
+    if not target.placed:
+        target = place(target, radar_position_m=radar.position_m, boresight=radar.boresight)
+    make = skin if method == "mesh" else segments
+    return make(target, body, material="skin" if material is None else material)
+
+
+def _frames(shapes: Sequence[MovingMesh | Ellipsoids], rate_hz: float) -> np.ndarray:
+    """Surface frames over the time that all targets share [s]."""
+    start = max(float(s.times_s[0]) for s in shapes)
+    stop = min(float(s.times_s[-1]) for s in shapes)
+    if not stop > start:
+        raise InputError(f"the targets share no time (last start {start:.6g} s, first end {stop:.6g} s); give overlapping times_s")
+    return np.linspace(start, stop, max(4, int(np.ceil((stop - start) * rate_hz)) + 1))
+
+
+def _check_shape(shape: MovingMesh | Ellipsoids, radar: Radar, times_s: np.ndarray) -> None:
+    step = 1e-3
+    times = times_s[np.linspace(0, len(times_s) - 1, min(len(times_s), 400)).astype(int)]
+    times = np.minimum(times, times_s[-1] - step) if times_s[-1] - times_s[0] > step else times_s[:1]
+    if isinstance(shape, MovingMesh):
+        check_outside(shape, radar)
+    points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
+    ranges = [np.linalg.norm(p - radar.tx_position_m, axis=2) for p in points]
+    check_speed(radar, float(np.abs(ranges[1] - ranges[0]).max() / step), what=shape.name)
+
+
+def _visibility(
+    shapes: Sequence[MovingMesh | Ellipsoids], radar: Radar, rate_hz: float, backend: Backend
+) -> list[VisibilityAt | None]:
+    """What the antennas see of each mesh; of the product where there are two places."""
+    meshes = [s for s in shapes if isinstance(s, MovingMesh)]
+    if not meshes:
+        return [None] * len(shapes)
+    places = np.unique(np.stack([radar.tx_position_m, radar.rx_position_m]), axis=0)
+    views = [Occlusion(meshes, place, rate_hz=rate_hz, backend=backend) for place in places]
+
+    def of(index: int) -> VisibilityAt:
+        def visibility(times_s: np.ndarray) -> np.ndarray:
+            return np.prod([view.visibility(times_s)[index] for view in views], axis=0)
+
+        return visibility
+
+    order = {id(mesh): index for index, mesh in enumerate(meshes)}
+    return [of(order[id(s)]) if isinstance(s, MovingMesh) else None for s in shapes]
+
+
+def _material(material: str | Material, radar: Radar) -> Material:
+    """Values at mid-sweep: a body's material, or an ITU one by name."""
+    if isinstance(material, Material) or material in BODY_MATERIALS:
+        return resolve_material(material, radar.mid_frequency_hz)
+    return itu_material(material, radar.mid_frequency_hz)
+
+
+def _check(
+    scene: str, method: str, surface_rate_hz: float, occlusion_rate_hz: float, sagitta_rad: float | None, seed: int
+) -> None:
+    if scene != "free_space":
+        raise InputError(f"unknown scene '{scene}'; free_space is the only one so far")
+    if method not in ("mesh", "ellipsoid"):
+        raise InputError(f"method must be 'mesh' or 'ellipsoid', got '{method}'")
+    if not 10 <= surface_rate_hz <= 10_000:
+        raise InputError(f"surface_rate_hz must lie in 10..10000 Hz, got {surface_rate_hz}; 100 suits walking")
+    if not 1 <= occlusion_rate_hz <= 1_000:
+        raise InputError(f"occlusion_rate_hz must lie in 1..1000 Hz, got {occlusion_rate_hz}; 25 suits walking")
+    if sagitta_rad is not None and not 0.01 <= sagitta_rad <= 2:
+        raise InputError(f"sagitta_rad must lie in 0.01..2 rad, got {sagitta_rad}; 0.4 gives -20 dB, 0.1 gives 0.3 dB of RCS")
+    if not isinstance(seed, int) or seed < 0:
+        raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")
+
+
+def _describe(target: Target) -> str:
+    return target.report if isinstance(target, Motion) else repr(target)

@@ -1,0 +1,184 @@
+"""Figures for a paper: axes with units, dB relative to the peak, a perceptual map, rasterised images, no global state.
+
+Every function returns a `matplotlib.figure.Figure`; `figure.savefig("walk.png")` or `.pdf` writes it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.figure import Figure
+
+COLUMNS = 2000
+"""More columns than any page shows; longer images are averaged (in power) down to it."""
+
+VELOCITY_LABEL = "Radial velocity (m/s), approaching > 0"
+
+
+def plot_spectrogram(
+    velocity_mps: np.ndarray,
+    time_s: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    title: str | None = None,
+    dynamic_range_db: float = 50.0,
+    cmap: str = "viridis",
+) -> Figure:
+    """Micro-Doppler spectrogram; `power_db` (velocity, time)."""
+    figure = _figure(7.0, 3.6)
+    axes = figure.subplots()
+    time_s, power_db = _thin(time_s, power_db)
+    _image(axes, time_s, velocity_mps, power_db, dynamic_range_db, cmap)
+    _label(axes, "Time (s)", VELOCITY_LABEL, title)
+    return figure
+
+
+def plot_range_time(
+    range_m: np.ndarray,
+    time_s: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    title: str | None = None,
+    dynamic_range_db: float = 50.0,
+    cmap: str = "viridis",
+) -> Figure:
+    """Range over time; `power_db` (range, time)."""
+    figure = _figure(7.0, 3.6)
+    axes = figure.subplots()
+    time_s, power_db = _thin(time_s, power_db)
+    _image(axes, time_s, range_m, power_db, dynamic_range_db, cmap)
+    _label(axes, "Time (s)", "Range (m)", title)
+    return figure
+
+
+def plot_range_doppler(
+    range_m: np.ndarray,
+    velocity_mps: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    title: str | None = None,
+    dynamic_range_db: float = 50.0,
+    cmap: str = "viridis",
+) -> Figure:
+    """Range-Doppler map; `power_db` (velocity, range)."""
+    figure = _figure(5.4, 4.2)
+    axes = figure.subplots()
+    _image(axes, range_m, velocity_mps, power_db, dynamic_range_db, cmap)
+    _label(axes, "Range (m)", VELOCITY_LABEL, title)
+    return figure
+
+
+def plot_comparison(
+    velocity_mps: np.ndarray,
+    time_s: np.ndarray,
+    first_db: np.ndarray,
+    second_db: np.ndarray,
+    *,
+    labels: tuple[str, str] = ("ellipsoid", "mesh"),
+    title: str | None = None,
+    dynamic_range_db: float = 50.0,
+    difference_db: float = 20.0,
+    cmap: str = "viridis",
+) -> Figure:
+    """Two spectrograms (velocity, time) of one motion on one colour scale, and second minus first where either is in
+    range."""
+    if first_db.shape != second_db.shape:
+        raise InputError(
+            f"the spectrograms to compare must have one shape, got {first_db.shape} and {second_db.shape}; "
+            "make them with the same radar and STFT settings"
+        )
+    figure = _figure(7.0, 8.0)
+    upper, middle, lower = figure.subplots(3, 1, sharex=True, sharey=True)
+    _, first_db = _thin(time_s, first_db)
+    time_s, second_db = _thin(time_s, second_db)
+    peak = max(_peak(first_db), _peak(second_db))
+    for axes, power_db, label in ((upper, first_db, labels[0]), (middle, second_db, labels[1])):
+        _image(axes, time_s, velocity_mps, power_db, dynamic_range_db, cmap, peak=peak)
+        _label(axes, "", "", label)
+    # Below the floor of the pictures a difference says nothing: clip both to it, leave out where both are below.
+    floor = peak - dynamic_range_db
+    difference = np.maximum(second_db, floor) - np.maximum(first_db, floor)
+    difference = np.ma.masked_where((first_db < floor) & (second_db < floor), difference)
+    mesh = lower.pcolormesh(
+        time_s,
+        velocity_mps,
+        difference,
+        cmap="RdBu_r",
+        vmin=-difference_db,
+        vmax=difference_db,
+        shading="nearest",
+        rasterized=True,
+    )
+    lower.set_facecolor("0.92")
+    _bar(lower, mesh, "Difference (dB)", extend="both")
+    _label(lower, "Time (s)", "", f"{labels[1]} minus {labels[0]}")
+    figure.supylabel(VELOCITY_LABEL, fontsize=9)
+    if title:
+        figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def _figure(width_in: float, height_in: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width_in, height_in), dpi=160, layout="constrained")
+
+
+def _image(
+    axes: Axes,
+    x: np.ndarray,
+    y: np.ndarray,
+    power_db: np.ndarray,
+    dynamic_range_db: float,
+    cmap: str,
+    *,
+    peak: float | None = None,
+) -> None:
+    if power_db.shape != (len(y), len(x)):
+        raise InputError(f"power_db must have shape ({len(y)}, {len(x)}), that of its axes, got {power_db.shape}")
+    if not dynamic_range_db > 0:
+        raise InputError(f"dynamic_range_db must be positive, got {dynamic_range_db}; 50 is usual")
+    relative = np.clip(power_db - (_peak(power_db) if peak is None else peak), -dynamic_range_db, 0)
+    mesh = axes.pcolormesh(
+        x, y, relative, cmap=cmap, vmin=-dynamic_range_db, vmax=0, shading="nearest", rasterized=True
+    )
+    _bar(axes, mesh, "Power rel. to peak (dB)")
+
+
+def _bar(axes: Axes, mesh: QuadMesh, label: str, extend: str = "neither") -> None:
+    bar = axes.figure.colorbar(mesh, ax=axes, pad=0.015, extend=extend)
+    bar.set_label(label, fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+
+
+def _label(axes: Axes, x: str, y: str, title: str | None) -> None:
+    axes.set_xlabel(x, fontsize=9)
+    axes.set_ylabel(y, fontsize=9)
+    axes.tick_params(labelsize=8)
+    if title:
+        axes.set_title(title, fontsize=10)
+
+
+def _peak(power_db: np.ndarray) -> float:
+    finite = power_db[np.isfinite(power_db)]
+    if not finite.size:
+        raise InputError("nothing to plot: no finite level in the map; the record is silent")
+    return float(finite.max())
+
+
+def _thin(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """At most `COLUMNS` columns: powers averaged over equal groups of times."""
+    step = -(-len(time_s) // COLUMNS)
+    if step == 1 or power_db.shape[-1] != len(time_s):
+        return time_s, power_db
+    whole = len(time_s) // step * step
+    power = (10 ** (power_db[:, :whole] / 10)).reshape(len(power_db), -1, step).mean(axis=-1)
+    with np.errstate(divide="ignore"):  # silence is -inf dB and is drawn at the floor
+        return time_s[:whole].reshape(-1, step).mean(axis=-1), 10 * np.log10(power)

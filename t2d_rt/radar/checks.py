@@ -1,0 +1,26 @@
+"""Does the waveform fit the motion?"""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+from t2d_rt.errors import T2DWarning
+from t2d_rt.types.radar import Radar
+
+
+def check_speed(radar: Radar, top_speed_mps: float, *, what: str = "target") -> None:
+    """Warn where the top speed of `what` exceeds the unambiguous one, with the prf_hz that would do."""
+    if abs(top_speed_mps) <= radar.max_speed_mps:
+        return
+    needed = math.ceil(4 * abs(top_speed_mps) / radar.wavelength_m / 10) * 10
+    fits = needed * radar.sweep_time_s <= 1
+    fix = f"raise prf_hz to {needed}" + (
+        "" if fits else f" and shorten the sweep below {1e6 / needed:.3g} us (fewer samples)"
+    )
+    warnings.warn(
+        f"top speed {abs(top_speed_mps):.3g} m/s of {what} exceeds the unambiguous {radar.max_speed_mps:.3g} m/s "
+        f"and will alias; {fix}",
+        T2DWarning,
+        stacklevel=2,
+    )

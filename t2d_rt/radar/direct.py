@@ -1,0 +1,40 @@
+"""The slow twin of `synthesize`: every echo at every ADC sample, in float64 (docs/physics.md, eq. 1)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
+from t2d_rt.types import Echoes, Radar
+
+
+def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray) -> np.ndarray:
+    """ADC samples (len(chirps), sample) complex128 of the chirps with the given indices.
+
+    s(t) = sum A(f) exp(j 2 pi (f_c tau + S tau t - S tau^2/2)), tau and A at the moment of each sample, f = f_c + S t.
+    """
+    frames = len(echoes.times_s)
+    step = 1 / echoes.rate_hz
+    fast_time = radar.sample_times_s
+    starts = radar.chirp_times_s(float(echoes.times_s[-1] - echoes.times_s[0]))[chirps]
+    slopes = np.zeros_like(echoes.amplitude) if echoes.slope is None else echoes.slope
+    tau_slopes = spline_slopes(frames) @ echoes.delay_s
+    a_slopes = central_slopes(echoes.amplitude.astype(np.complex128), first=True, last=True)
+    s_slopes = central_slopes(slopes.astype(np.complex128), first=True, last=True)
+    cube = np.empty((len(chirps), len(fast_time)), np.complex128)
+    for row, start in enumerate(starts):
+        for sample, t in enumerate(fast_time):
+            position = (start + t) / step
+            i = min(int(position), frames - 2)
+            u = position - i
+
+            def at(values: np.ndarray, derivative: np.ndarray, i: int = i, u: float = u) -> np.ndarray:
+                c = hermite(values[i], values[i + 1], derivative[i], derivative[i + 1])
+                return c[0] + u * (c[1] + u * (c[2] + u * c[3]))
+
+            tau = at(echoes.delay_s, tau_slopes)
+            frequency = radar.carrier_hz + radar.slope_hz_per_s * t
+            amplitude = at(echoes.amplitude, a_slopes) + at(slopes, s_slopes) * (frequency - radar.mid_frequency_hz)
+            turns = frequency * tau - 0.5 * radar.slope_hz_per_s * tau**2
+            cube[row, sample] = np.sum(amplitude * np.exp(2j * np.pi * (turns % 1.0)))
+    return cube

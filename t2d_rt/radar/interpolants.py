@@ -1,0 +1,42 @@
+"""Echoes between frames: the one interpolation contract, as matrices (docs/physics.md, eq. 14).
+
+Within the interval from frame i to i+1, with u in 0..1, both delay and amplitude are cubic Hermite polynomials of the values
+and slopes at the two frames. They differ in where the slopes come from: a C2 spline for the delay, central differences for
+the amplitude.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+
+@lru_cache(maxsize=64)
+def spline_slopes(frames: int) -> np.ndarray:
+    """Matrix (T, T) from values at unit-spaced frames to the derivatives there of the not-a-knot C2 cubic spline."""
+    from scipy.interpolate import CubicSpline
+
+    matrix = np.asarray(CubicSpline(np.arange(frames), np.eye(frames))(np.arange(frames), 1))
+    matrix.setflags(write=False)
+    return matrix
+
+
+def central_slopes(values: np.ndarray, *, first: bool, last: bool) -> np.ndarray:
+    """Central differences of values (T, ...) at unit spacing; one-sided at a true `first` or `last` frame of the record.
+
+    At an end that is not the record's, the value there is not meaningful and must not be used.
+    """
+    slopes = np.empty_like(values)
+    slopes[1:-1] = (values[2:] - values[:-2]) * 0.5
+    slopes[0] = values[1] - values[0] if first else 0
+    slopes[-1] = values[-1] - values[-2] if last else 0
+    return slopes
+
+
+def hermite(
+    start: np.ndarray, end: np.ndarray, slope_start: np.ndarray, slope_end: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Coefficients c0..c3 of c0 + c1 u + c2 u^2 + c3 u^3 on the unit interval."""
+    rise = end - start
+    return start, slope_start, 3 * rise - 2 * slope_start - slope_end, slope_start + slope_end - 2 * rise

@@ -1,0 +1,379 @@
+"""Echoes to the ADC cube: the only code that knows chirps.
+
+Around mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physics.md, eq. 1, expanded)
+
+    psi + theta x + eps x^2,   psi = f_m tau - S tau^2/2,  theta = pi B (tau + f_m tau'/S),  eps = 2 pi (T/2)^2 S tau'
+
+theta is the beat with its range-Doppler coupling. Echoes are sorted into buckets of a quarter of a range bin by theta; within a
+bucket exp(j (theta - theta_bucket) x) is a Chebyshev series of four terms, 2 j^m J_m T_m(x) (Jacobi-Anger), so that one sine and
+cosine per echo and chirp serve the whole sweep; a small matrix product per chirp then gives the samples. One kernel does
+the sum: its lanes are (chirp, bucket), its loop runs over the bucket's echoes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import Backend, select
+from t2d_rt.errors import InputError
+from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
+from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
+
+BUCKETS_PER_BIN = 4
+# A spline's end conditions fade by 0.268 per frame: 1e-7 after 12 frames.
+HALO_FRAMES = 12
+# Coefficients of one block: echoes x frames x 21 float32; 2 M echo-frames, half of them lit, are 84 MB.
+BLOCK_ECHO_FRAMES = 2_000_000
+ORDER = 5
+"""Chebyshev orders of the sweep: four from Jacobi-Anger and one that the slope adds."""
+
+Progress = Callable[[float], None]
+
+
+def synthesize(
+    echoes: Echoes | EchoStream,
+    radar: Radar,
+    *,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """ADC cube (chirp, antenna, sample) complex64 [sqrt(W)] of all chirps that lie within the echoes' record.
+
+    Motion within a chirp is included. The direct sum of the same echoes (`direct.direct_sum`) is met within -50 dB NMSE.
+    `progress` is called with the share done, 0..1, after every block.
+    """
+    source = stream(echoes)
+    duration_s = float(source.times_s[-1] - source.times_s[0])
+    starts = radar.chirp_times_s(duration_s)
+    if not len(starts):
+        raise InputError(
+            f"the echoes last {duration_s:.6g} s, shorter than one sweep of {radar.sweep_time_s:.6g} s; give a longer motion"
+        )
+    cube = np.zeros((len(starts), 1, radar.samples), np.complex64)
+    for chirps, samples in synthesize_blocks(source, radar, starts, select(device)):
+        cube[chirps, 0] = samples
+        if progress is not None:
+            progress(chirps.stop / len(starts))
+    return cube
+
+
+def synthesize_blocks(
+    source: EchoStream, radar: Radar, starts_s: np.ndarray, backend: Backend
+) -> Iterator[tuple[slice, np.ndarray]]:
+    """Blocks (chirps, samples (len, sample)) in order; only a few frames of echoes are in memory at a time."""
+    step = float(source.times_s[-1] - source.times_s[0]) / (len(source.times_s) - 1)
+    mid_times = starts_s + radar.mid_time_s
+    sweep = _Sweep.of(radar)
+    for window in _windows(source):
+        first = np.searchsorted(mid_times, window.start * step)
+        last = (
+            np.searchsorted(mid_times, window.stop * step) if window.stop < len(source.times_s) - 1 else len(mid_times)
+        )
+        if first < last:
+            position = mid_times[first:last] / step - window.start
+            yield slice(int(first), int(last)), _block(window, position, step, sweep, backend)
+
+
+@dataclass(frozen=True, slots=True)
+class _Sweep:
+    """The figures of a sweep that the sum needs."""
+
+    mid_hz: float
+    slope: float
+    half_time_s: float
+    x: np.ndarray
+
+    @classmethod
+    def of(cls, radar: Radar) -> _Sweep:
+        half = radar.mid_time_s
+        return cls(radar.mid_frequency_hz, radar.slope_hz_per_s, half, radar.sample_times_s / half - 1)
+
+    @property
+    def theta_per_s(self) -> float:
+        """theta per second of delay."""
+        return 2 * math.pi * self.slope * self.half_time_s
+
+    @property
+    def bucket_s(self) -> float:
+        """Width of a bucket in delay: a bin is 1/B, B = 2 S T_half."""
+        return 1 / (2 * self.slope * self.half_time_s * BUCKETS_PER_BIN)
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """Frames start..stop with what their interpolation needs: values and slopes per frame step."""
+
+    start: int
+    stop: int
+    delay: np.ndarray
+    delay_slope: np.ndarray
+    amplitude: np.ndarray
+    amplitude_slope: np.ndarray
+    sweep: np.ndarray | None
+    sweep_slope: np.ndarray | None
+
+
+def _windows(source: EchoStream) -> Iterator[_Window]:
+    """Cuts the record into blocks of intervals; every frame is asked for once."""
+    total = len(source.times_s)
+    held: EchoArrays | None = None
+    held_start, held_stop, start = 0, 0, 0
+    intervals = 1
+    while start < total - 1:
+        if held is not None:
+            intervals = max(4, BLOCK_ECHO_FRAMES // max(1, held[0].shape[1]))
+        stop = min(start + intervals, total - 1)
+        low, high = max(0, start - HALO_FRAMES), min(total, stop + 1 + HALO_FRAMES)
+        if high > held_stop:
+            fresh = source.frames(held_stop, high)
+            held = fresh if held is None else _joined(held, low - held_start, fresh)
+        elif held is not None:
+            held = _joined(held, low - held_start, None)
+        assert held is not None
+        held_start, held_stop = low, high
+        yield _window(held, low, start, stop, total)
+        start = stop
+
+
+def _joined(old: EchoArrays, drop: int, new: EchoArrays | None) -> EchoArrays:
+    def join(a: np.ndarray, b: np.ndarray | None) -> np.ndarray:
+        return a[drop:] if b is None else np.concatenate([a[drop:], b])
+
+    slope = None if old[2] is None else join(old[2], None if new is None else new[2])
+    return join(old[0], None if new is None else new[0]), join(old[1], None if new is None else new[1]), slope
+
+
+def _window(held: EchoArrays, low: int, start: int, stop: int, total: int) -> _Window:
+    """Frames start..stop of the echoes that are not silent there; half of a body's facets always look away."""
+    delay, amplitude, slope = held
+    keep = slice(start - low, stop - low + 1)
+    near = slice(max(0, keep.start - 1), keep.stop + 1)
+    live = np.flatnonzero(np.any(amplitude[near] != 0, axis=0))
+    inner = slice(keep.start - near.start, keep.start - near.start + stop - start + 1)
+
+    def central(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        part = np.take(values[near], live, axis=1)
+        return part[inner], central_slopes(part, first=start == 0, last=stop == total - 1)[inner]
+
+    delay = np.take(delay, live, axis=1)
+    values, slopes = central(amplitude)
+    sweep, sweep_slope = (None, None) if slope is None else central(slope)
+    return _Window(
+        start=start,
+        stop=stop,
+        delay=delay[keep],
+        delay_slope=spline_slopes(len(delay))[keep] @ delay,
+        amplitude=values,
+        amplitude_slope=slopes,
+        sweep=sweep,
+        sweep_slope=sweep_slope,
+    )
+
+
+def _block(window: _Window, position: np.ndarray, step: float, sweep: _Sweep, backend: Backend) -> np.ndarray:
+    """Samples (chirp, sample) complex64 of chirps at `position` (in frames after window.start)."""
+    if not window.delay.size:
+        return np.zeros((len(position), len(sweep.x)), np.complex64)
+    plan = _plan(window, position, step, sweep)
+    moments = _moments(plan, _coefficients(window, step, sweep, plan.origin_s), position, step, sweep, backend)
+    return moments.reshape(len(position), -1) @ _basis(plan, sweep)
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Which echoes fall into which bucket during which slot, a slot being a part of a frame interval in which no echo moves
+    by more than a bucket."""
+
+    origin_s: float
+    buckets: np.ndarray
+    """Numbers of the occupied buckets (K,), counted from origin_s."""
+    slots_per_interval: int
+    starts: np.ndarray
+    """(slot, K + 1) positions in `members`."""
+    members: np.ndarray
+    """interval * N + echo of each member."""
+
+
+def _plan(window: _Window, position: np.ndarray, step: float, sweep: _Sweep) -> _Plan:
+    from scipy.sparse import coo_array
+
+    # tau + f_m tau'/S: the delay that the beat frequency shows.
+    effective = window.delay + window.delay_slope * (sweep.mid_hz / sweep.slope / step)
+    lit = window.amplitude != 0
+    used = lit[:-1] | lit[1:]
+    used[:-1] |= lit[2:]
+    used[1:] |= lit[:-2]
+    used |= (window.amplitude_slope[:-1] != 0) | (window.amplitude_slope[1:] != 0)
+    interval, echo = np.nonzero(used)
+    before, after = effective[interval, echo], effective[interval + 1, echo]
+    travel = float(np.abs(after - before).max()) / sweep.bucket_s
+    slots = max(1, math.ceil(travel))
+    origin = float(min(before.min(), after.min())) - sweep.bucket_s
+    members = (interval * window.delay.shape[1] + echo).astype(np.int32)
+    rows, columns = [], []
+    for slot in range(slots):
+        share = (slot + 0.5) / slots
+        rows.append(((before + share * (after - before) - origin) / sweep.bucket_s).astype(np.int32))
+        columns.append(interval * slots + slot)
+    bucket = np.concatenate(rows)
+    occupied = np.flatnonzero(np.bincount(bucket))
+    rank = np.zeros(occupied[-1] + 1, np.int64)
+    rank[occupied] = np.arange(len(occupied))
+    row = np.concatenate(columns) * len(occupied) + rank[bucket]
+    # A counting sort: the rows of a CSR matrix are the buckets' members.
+    shape = ((window.stop - window.start) * slots * len(occupied), window.delay.size)
+    table = coo_array((np.ones(len(row), np.int8), (row, np.tile(members, slots))), shape=shape).tocsr()
+    return _Plan(origin, occupied, slots, table.indptr, table.indices)
+
+
+def _coefficients(window: _Window, step: float, sweep: _Sweep, origin_s: float) -> list[np.ndarray]:
+    """Per interval and echo, flattened: 4 of the phase [turns], 1 of theta's start, 8 of the amplitude, 8 of its sweep slope."""
+    turns = sweep.mid_hz * window.delay - 0.5 * sweep.slope * window.delay**2
+    turns_slope = (sweep.mid_hz - sweep.slope * window.delay) * window.delay_slope
+    c0, c1, c2, c3 = hermite(turns[:-1], turns[1:], turns_slope[:-1], turns_slope[1:])
+    theta = (window.delay[:-1] - origin_s) * sweep.theta_per_s
+    parts = [c0 - np.floor(c0), c1, c2, c3, theta]
+    for c in hermite(
+        window.amplitude[:-1], window.amplitude[1:], window.amplitude_slope[:-1], window.amplitude_slope[1:]
+    ):
+        parts += [c.real, c.imag]
+    if window.sweep is not None and window.sweep_slope is not None:
+        half_band = sweep.slope * sweep.half_time_s
+        for c in hermite(window.sweep[:-1], window.sweep[1:], window.sweep_slope[:-1], window.sweep_slope[1:]):
+            parts += [c.real * half_band, c.imag * half_band]
+    return [np.ascontiguousarray(p, dtype=np.float32).ravel() for p in parts]
+
+
+def _moments(
+    plan: _Plan, coefficients: list[np.ndarray], position: np.ndarray, step: float, sweep: _Sweep, backend: Backend
+) -> np.ndarray:
+    """Chebyshev coefficients of every bucket over the sweep, complex64 (chirp, bucket, ORDER)."""
+    import drjit as dr
+
+    Float32, UInt32 = backend.Float32, backend.UInt32
+    buckets = len(plan.buckets)
+    slot = np.floor(position * plan.slots_per_interval).astype(np.int64)
+    slot = np.clip(slot, 0, (len(plan.starts) - 1) // buckets - 1)
+    unroll = int(np.clip(len(position) / max(1, len(np.unique(slot))) / 16, 1, 3))
+    # One lane for `unroll` chirps of one slot and one bucket.
+    bounds = np.flatnonzero(np.diff(slot, prepend=-1, append=slot[-1] + 1))
+    groups = [np.arange(a, b, unroll) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    lane_chirp = np.concatenate(groups)
+    lane_slot = slot[lane_chirp]
+    lane_end = bounds[np.searchsorted(bounds, lane_chirp, side="right")]
+    lanes = len(lane_chirp) * buckets
+
+    # Neighbouring lanes share a bucket, so that a vector of lanes runs the same loop. All that changes from block to block
+    # comes in as arrays: a number in the code would compile a new kernel.
+    bucket = np.repeat(np.arange(buckets), len(lane_chirp))
+    row = np.tile(lane_slot * buckets, buckets) + bucket
+
+    def lanes_of(values: np.ndarray) -> Any:
+        return UInt32(values.astype(np.uint32))
+
+    chirp = lanes_of(np.tile(lane_chirp, buckets))
+    begin, end = lanes_of(plan.starts[row]), lanes_of(plan.starts[row + 1])
+    members = UInt32(plan.members.astype(np.uint32))
+    tables = [Float32(c) for c in coefficients]
+    share = position - np.floor(slot / plan.slots_per_interval)
+    times = Float32(np.append(share, np.zeros(unroll)).astype(np.float32))
+    u = [dr.gather(Float32, times, chirp + k) for k in range(unroll)]
+    centre = Float32(((plan.buckets[bucket] + 0.5) * sweep.bucket_s * sweep.theta_per_s).astype(np.float32))
+    # From phase in turns (and turns per frame step) to theta and eps.
+    per_turn, per_rate, eps_per_rate = (
+        dr.opaque(Float32, value)
+        for value in (
+            sweep.theta_per_s / sweep.mid_hz,
+            sweep.theta_per_s / (sweep.slope * step),
+            2 * math.pi * sweep.half_time_s**2 * sweep.slope / (sweep.mid_hz * step),
+        )
+    )
+
+    def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
+        member = dr.gather(UInt32, members, i)
+        c = [dr.gather(Float32, table, member) for table in tables]
+        new = []
+        for time, acc in zip(u, sums, strict=True):
+            travelled = time * (c[1] + time * (c[2] + time * c[3]))
+            rate = c[1] + time * (2 * c[2] + time * (3 * c[3]))
+            theta = c[4] - centre + travelled * per_turn + rate * per_rate
+            eps = rate * eps_per_rate
+            turns = c[0] + travelled
+            # eps x^2 = eps/2 (T_0 + T_2)
+            sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi) + 0.5 * eps)
+            real, imag = _cubic(c, 5, time), _cubic(c, 6, time)
+            real, imag = real * cos - imag * sin, real * sin + imag * cos
+            j0, j1, j2, j3 = _jacobi_anger(theta)
+            half = 0.5 * eps
+            terms = [
+                (real, imag, j0), (real, imag, j1), (real, imag, j2), (real, imag, j3),
+            ]  # fmt: skip
+            out = []
+            for (re, im, weight), (acc_re, acc_im) in zip(terms, acc[:4], strict=True):
+                out.append((acc_re + re * weight, acc_im + im * weight))
+            # The T_2 part of eps x^2 is j half a; in units of j^2 = -1 that is -j half a.
+            out[2] = (out[2][0] + imag * half, out[2][1] - real * half)
+            if len(c) > 13:
+                sre, sim = _cubic(c, 13, time), _cubic(c, 14, time)
+                sre, sim = sre * cos - sim * sin, sre * sin + sim * cos
+                for weight, (acc_re, acc_im) in zip((j0, j1, j2), acc[4:], strict=True):
+                    out.append((acc_re + sre * weight, acc_im + sim * weight))
+            new.append(out)
+        return i + 1, new
+
+    count = 7 if len(tables) > 13 else 4
+    zeros = [[(dr.zeros(Float32, lanes), dr.zeros(Float32, lanes)) for _ in range(count)] for _ in range(unroll)]
+    _, sums = dr.while_loop(
+        state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
+    )
+    dr.eval(sums)
+    planes = np.empty((count, len(position), buckets), np.complex64)
+    for k, acc in enumerate(sums):
+        valid = lane_chirp + k < lane_end
+        for m, (real, imag) in enumerate(acc):
+            planes[m].real[lane_chirp[valid] + k] = real.numpy().reshape(buckets, -1).T[valid]
+            planes[m].imag[lane_chirp[valid] + k] = imag.numpy().reshape(buckets, -1).T[valid]
+    return _with_slope(planes)
+
+
+def _cubic(c: list[Any], first: int, u: Any) -> Any:
+    return c[first] + u * (c[first + 2] + u * (c[first + 4] + u * c[first + 6]))
+
+
+def _jacobi_anger(theta: Any) -> tuple[Any, Any, Any, Any]:
+    """J_0, 2 J_1, 2 J_2, 2 J_3 of |theta| <= pi/4, each to 1e-6 (Abramowitz & Stegun 9.1.10)."""
+    t = theta * theta
+    return (
+        1 + t * (-1 / 4 + t * (1 / 64 - t * (1 / 2304))),
+        theta * (1 + t * (-1 / 8 + t * (1 / 192))),
+        t * (1 / 4 + t * (-1 / 48 + t * (1 / 1536))),
+        theta * t * (1 / 24 - t * (1 / 384)),
+    )
+
+
+def _with_slope(planes: np.ndarray) -> np.ndarray:
+    """Sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added: (chirp, bucket, ORDER)."""
+    factor = np.array([1, 1j, -1, -1j], np.complex64)
+    out = np.zeros((*planes.shape[1:], ORDER), np.complex64)
+    for m in range(4):
+        out[..., m] = planes[m] * factor[m]
+    if len(planes) > 4:
+        t0, t1, t2 = (planes[4 + m] * factor[m] for m in range(3))
+        out[..., 0] += 0.5 * t1
+        out[..., 1] += t0 + 0.5 * t2
+        out[..., 2] += 0.5 * t1
+        out[..., 3] += 0.5 * t2
+    return out
+
+
+def _basis(plan: _Plan, sweep: _Sweep) -> np.ndarray:
+    """What each Chebyshev coefficient of each bucket adds to the samples, complex64 (bucket * ORDER, sample)."""
+    delay = plan.origin_s + (plan.buckets + 0.5) * sweep.bucket_s
+    carrier = np.exp(1j * np.outer(delay * sweep.theta_per_s, sweep.x))
+    chebyshev = np.cos(np.outer(np.arange(ORDER), np.arccos(np.clip(sweep.x, -1, 1))))
+    return (carrier[:, None, :] * chebyshev[None]).reshape(-1, len(sweep.x)).astype(np.complex64)

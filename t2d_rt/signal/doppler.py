@@ -1,0 +1,224 @@
+"""Slow time to Doppler: STFT, spectrogram, range-Doppler map."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.signal.maps import RangeDoppler, Spectrogram
+from t2d_rt.signal.mti import PAPER_KERNEL
+from t2d_rt.signal.mti import mti as mti_filter
+from t2d_rt.signal.range import check_cube, gate, range_fft, taper
+from t2d_rt.types.radar import Radar
+
+
+def stft(
+    series: np.ndarray,
+    prf_hz: float,
+    *,
+    window: str = "hann",
+    n_window: int = 256,
+    overlap: int = 200,
+    n_fft: int | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Short-time spectra along slow time (axis 0) of `series` (chirp, ...).
+
+    Returns spectra [sqrt(W)], complex (frequency, time, ...), the Doppler frequencies [Hz], ascending, and the centres
+    of the windows [s] from the first chirp. An approaching target has a negative frequency. A tone of amplitude A reads
+    A in its peak bin. `n_window` trades speed resolution lambda PRF/(2 n_window) against time resolution n_window/PRF.
+    """
+    from scipy import fft
+
+    n_fft = _check_window(n_window, overlap, n_fft, len(series))
+    starts = np.arange(0, len(series) - n_window + 1, n_window - overlap)
+    frames = np.lib.stride_tricks.sliding_window_view(series, n_window, axis=0)[starts]  # (time, ..., n_window)
+    weights = taper(window, n_window, periodic=True).astype(series.real.dtype)
+    spectra = fft.fftshift(fft.fft(frames * weights, n_fft, axis=-1, workers=-1), axes=-1)
+    frequency = fft.fftshift(fft.fftfreq(n_fft, 1 / prf_hz))
+    return np.moveaxis(spectra, -1, 0), frequency, (starts + n_window / 2) / prf_hz
+
+
+def spectrogram(
+    adc: Any,
+    radar: Radar,
+    *,
+    range_window: str = "hann",
+    range_gate_m: tuple[float, float] | None = None,
+    mti: str = "none",
+    cutoff_mps: float = 0.1,
+    kernel: Sequence[float] = PAPER_KERNEL,
+    combine: str = "noncoherent",
+    window: str = "hann",
+    n_window: int | None = None,
+    overlap: int | None = None,
+    n_fft: int | None = None,
+) -> Spectrogram:
+    """Micro-Doppler spectrogram of a cube (chirp, antenna, sample).
+
+    Range FFT, MTI (see `mti`; `cutoff_mps` for "highpass", `kernel` for "canceller"), STFT per range bin, and the bins
+    within `range_gate_m` (nearest, farthest; all by default) combined:
+
+    - "noncoherent": powers added and divided by the range window's noise bandwidth, so that a target of power P reads P
+      in its peak cell wherever it stands between bins. Antennas are averaged.
+    - "coherent": complex bins added before the STFT, as Text2Doppler's code does (without a range window:
+      `range_window="boxcar"`). Bins next to each other alternate in sign, so the level is not calibrated; the sum over
+      *all* bins is the chirp's first sample, which a tapered window sets to zero: give a gate.
+
+    The window is 256 chirps with an overlap of 200. Bursts: windows stay inside a burst, by default one window per
+    burst.
+    """
+    check_cube(adc, radar)
+    bins = gate(radar.range_axis_m(), range_gate_m)
+    fast = taper(range_window, radar.samples)
+    _check_combine(combine, bins == slice(0, radar.samples), fast)
+    burst = radar.chirps_per_frame or adc.shape[0]
+    n_window, overlap = _window_defaults(radar, adc.shape[0], n_window, overlap)
+    n_fft = _check_window(n_window, overlap, n_fft, burst)
+    starts = _window_starts(adc.shape[0], burst, n_window, n_window - overlap)
+
+    cells = range_fft(adc, window=range_window, bins=bins)
+    cells = _filter_bursts(cells, burst, mti, radar, cutoff_mps, kernel)
+    antennas = 1 if cells.ndim == 2 else cells.shape[1]
+    if combine == "coherent":
+        cells, bandwidth_bins = cells.sum(axis=-1, keepdims=True), 1.0
+    else:
+        bandwidth_bins = radar.samples * float(fast @ fast)  # noise bandwidth: what a point's bins add up to
+    slow = taper(window, n_window, periodic=True)
+    power = _summed_power(cells.reshape(len(cells), -1), starts, slow, n_fft)
+    return Spectrogram(
+        power=_ascending(power / (bandwidth_bins * antennas)),
+        velocity_mps=radar.speed_axis_mps(n_fft),
+        time_s=radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 / radar.prf_hz,
+    )
+
+
+def range_doppler(
+    adc: Any, radar: Radar, *, range_window: str = "hann", doppler_window: str = "hann", correct_coupling: bool = False
+) -> RangeDoppler:
+    """Range-Doppler map of all chirps of a cube as one coherent interval; a target of power P reads P in its peak cell.
+
+    Powers of the antennas are averaged. `correct_coupling` moves every speed's row by f v / S, so that movers stand at
+    their true range at mid-sweep (without, one approaching at v stands f v / S short). The record must be continuous.
+    """
+    from scipy import fft
+
+    check_cube(adc, radar)
+    chirps = adc.shape[0]
+    if radar.chirps_per_frame is not None and chirps > radar.chirps_per_frame:
+        raise InputError(
+            f"a range-Doppler map needs evenly spaced chirps, got {chirps} in bursts of {radar.chirps_per_frame}; "
+            "give the chirps of one burst"
+        )
+    cube = np.asarray(adc)
+    real = cube.real.dtype
+    slow = taper(doppler_window, chirps, periodic=True).astype(real).reshape(-1, *[1] * (cube.ndim - 1))
+    spectra = fft.fft(cube * slow, axis=0, overwrite_x=True, workers=-1)
+    if correct_coupling:
+        # The Doppler shift of the beat during a chirp, taken back on the samples of each row: no interpolation.
+        doppler_hz = fft.fftfreq(chirps, radar.chirp_interval_s)
+        turn = np.exp(-2j * np.pi * np.outer(doppler_hz, radar.sample_times_s)).astype(cube.dtype)
+        spectra *= turn.reshape(chirps, *[1] * (cube.ndim - 2), -1)
+    spectra = fft.fft(spectra * taper(range_window, radar.samples).astype(real), axis=-1, overwrite_x=True, workers=-1)
+    power = spectra.real**2 + spectra.imag**2
+    if power.ndim == 3:
+        power = power.mean(axis=1)
+    return RangeDoppler(
+        power=_ascending(power), velocity_mps=radar.speed_axis_mps(chirps), range_m=radar.range_axis_m()
+    )
+
+
+def _ascending(power: np.ndarray) -> np.ndarray:
+    """Axis 0 from FFT order to ascending speed; speed is minus the Doppler frequency, hence the flip."""
+    return np.ascontiguousarray(np.fft.fftshift(power, axes=0)[::-1])
+
+
+def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_fft: int) -> np.ndarray:
+    """Sum over cells of |short-time spectrum|^2, (n_fft, time), in FFT order; `cells` is (chirp, cell).
+
+    One window at a time over all cells: the block stays in cache, and the FFT along axis 0 runs on many cells at once.
+    """
+    from scipy import fft
+
+    columns = np.ascontiguousarray(weights.astype(cells.real.dtype)[:, None])
+    power = np.empty((len(starts), n_fft), dtype=cells.real.dtype)
+
+    def run(share: np.ndarray) -> None:
+        for index in share:
+            block = cells[starts[index] : starts[index] + len(weights)] * columns
+            spectra = fft.fft(block, n_fft, axis=0, overwrite_x=True)
+            parts = spectra.view(spectra.real.dtype)
+            np.einsum("fc,fc->f", parts, parts, out=power[index])
+
+    threads = min(os.cpu_count() or 1, len(starts))
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(run, np.array_split(np.arange(len(starts)), threads)))
+    return power.T
+
+
+def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
+    if combine not in ("noncoherent", "coherent"):
+        raise InputError(f"combine must be 'noncoherent' or 'coherent', got '{combine}'")
+    if combine == "coherent" and all_bins and fast[0] < 1e-3 * fast.mean():
+        raise InputError(
+            "the coherent sum over all range bins is the chirp's first sample, which this range window sets to zero; "
+            "give range_gate_m, or range_window='boxcar'"
+        )
+
+
+def _filter_bursts(
+    cells: np.ndarray, burst: int, method: str, radar: Radar, cutoff_mps: float, kernel: Sequence[float]
+) -> np.ndarray:
+    """MTI that does not filter across the dead time between bursts; the mean is that of the whole record."""
+    if method == "highpass" and not 0 < cutoff_mps < radar.max_speed_mps:
+        raise InputError(f"cutoff_mps must lie between 0 and {radar.max_speed_mps:.4g} m/s, got {cutoff_mps}")
+    cutoff_hz = 2 * cutoff_mps / radar.wavelength_m
+    if method in ("none", "mean") or burst >= len(cells):
+        return mti_filter(cells, method, prf_hz=radar.prf_hz, cutoff_hz=cutoff_hz, kernel=kernel)
+    if method == "highpass":
+        raise InputError(
+            f"mti='highpass' needs evenly spaced chirps, got bursts of {burst}; use mti='mean' or a radar with "
+            "continuous chirps"
+        )
+    parts = [mti_filter(cells[start : start + burst], method, kernel=kernel) for start in range(0, len(cells), burst)]
+    return np.concatenate(parts)
+
+
+def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: int | None) -> tuple[int, int]:
+    burst = radar.chirps_per_frame
+    if n_window is None:
+        n_window = 256 if burst is None else min(256, burst)
+    if burst is not None and n_window > burst:
+        raise InputError(
+            f"an STFT window of {n_window} chirps does not fit into a burst of {burst}: the dead time would tear it; "
+            f"set n_window to {burst} or less, or use a radar with continuous chirps such as table2"
+        )
+    if n_window > chirps:
+        raise InputError(
+            f"record of {chirps} chirps is shorter than the STFT window of {n_window}; record longer or set n_window "
+            "lower"
+        )
+    return n_window, n_window * 200 // 256 if overlap is None else overlap
+
+
+def _window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarray:
+    """First chirps of all windows that lie within one burst and within the record."""
+    within = np.arange(0, burst - n_window + 1, hop)
+    starts = (np.arange(0, chirps, burst)[:, None] + within).ravel()
+    return starts[starts + n_window <= chirps]
+
+
+def _check_window(n_window: int, overlap: int, n_fft: int | None, chirps: int) -> int:
+    """The FFT length, after a look at the others."""
+    if not 2 <= n_window <= chirps:
+        raise InputError(f"n_window must lie in 2..{chirps} (the chirps there are), got {n_window}")
+    if not 0 <= overlap < n_window:
+        raise InputError(f"overlap must lie in 0..{n_window - 1} (below n_window), got {overlap}")
+    n_fft = n_window if n_fft is None else n_fft
+    if n_fft < n_window:
+        raise InputError(f"n_fft must be at least n_window ({n_window}), got {n_fft}")
+    return n_fft

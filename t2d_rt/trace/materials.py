@@ -1,0 +1,50 @@
+"""Building materials of ITU-R P.2040, from the table that Sionna RT carries."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from t2d_rt.backend import select
+from t2d_rt.errors import InputError
+from t2d_rt.types import Material
+
+
+def itu_material(name: str, frequency_hz: float) -> Material:
+    """An ITU material at one frequency, smooth; "itu_concrete" is "concrete" (ITU-R P.2040-3, section 2.1.4)."""
+    if not 0 < frequency_hz < math.inf:
+        raise InputError(f"frequency_hz must be positive and finite, got {frequency_hz}")
+    itu = _sionna_table()
+    short = name.removeprefix("itu_").replace("-", "_")
+    table = itu.ITU_MATERIALS_PROPERTIES
+    if short not in table:
+        raise InputError(f"unknown material {name!r}; ITU names are {', '.join(sorted(table))}")
+    try:
+        permittivity, conductivity = itu.itu_material(short, frequency_hz)
+    except ValueError:
+        valid = ", ".join(itu_names(frequency_hz))
+        raise InputError(
+            f"ITU-R P.2040 has no values for {short} at {frequency_hz / 1e9:g} GHz; use one of {valid}, "
+            "or give a Material with its permittivity and conductivity"
+        ) from None
+    return Material(
+        name=f"itu_{short}", relative_permittivity=float(permittivity), conductivity_s_per_m=float(conductivity)
+    )
+
+
+def itu_names(frequency_hz: float) -> list[str]:
+    """Names of the ITU materials whose values are known at a frequency, sorted."""
+    table = _sionna_table().ITU_MATERIALS_PROPERTIES
+    ghz = frequency_hz / 1e9
+    return sorted(name for name, ranges in table.items() if any(low <= ghz <= high for low, high in ranges))
+
+
+def _sionna_table() -> Any:
+    """Sionna's module with the ITU table; Sionna picks a Mitsuba variant on import unless there is one already."""
+    import mitsuba as mi
+
+    if mi.variant() is None:
+        mi.set_variant(select().mitsuba_variant)
+    from sionna.rt.radio_materials import itu
+
+    return itu

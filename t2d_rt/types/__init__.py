@@ -1,0 +1,22 @@
+"""Frozen values that cross stages."""
+
+from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, stream
+from t2d_rt.types.material import PEC, Material
+from t2d_rt.types.mesh import MovingMesh
+from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
+from t2d_rt.types.radar import Radar
+
+__all__ = [
+    "CANONICAL_JOINTS",
+    "CANONICAL_PARENTS",
+    "OPTIONAL_JOINTS",
+    "PEC",
+    "EchoArrays",
+    "EchoStream",
+    "Echoes",
+    "Material",
+    "Motion",
+    "MovingMesh",
+    "Radar",
+    "stream",
+]

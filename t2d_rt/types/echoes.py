@@ -1,0 +1,79 @@
+"""`Echoes`: what every scattering model returns and `radar.synthesize` alone turns into chirps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Echoes:
+    """Returns of N scatterers at T surface frames.
+
+    Between frames the amplitude (and its slope) is a cubic through four frames (Catmull-Rom: the derivative at a frame
+    is the central difference, one-sided at the ends), the delay a C2 cubic spline with not-a-knot ends.
+    """
+
+    times_s: np.ndarray
+    """Frame times [s], uniform, float64 (T,)."""
+    delay_s: np.ndarray
+    """Round-trip delay [s], float64 (T, N)."""
+    amplitude: np.ndarray
+    """Field at mid-sweep [sqrt(W) at the ADC], complex (T, N), without exp(j 2 pi f_c tau); |amplitude|^2 is received power."""
+    slope: np.ndarray | None = None
+    """d amplitude / d frequency [sqrt(W)/Hz], complex (T, N); None where the amplitude is flat over the sweep."""
+
+    def __post_init__(self) -> None:
+        frames = len(self.times_s)
+        if self.delay_s.ndim != 2 or self.delay_s.shape[0] != frames:
+            raise InputError(f"delay_s must have shape ({frames}, scatterer), got {self.delay_s.shape}")
+        if self.amplitude.shape != self.delay_s.shape:
+            raise InputError(f"amplitude must have the delay's shape {self.delay_s.shape}, got {self.amplitude.shape}")
+        if self.slope is not None and self.slope.shape != self.delay_s.shape:
+            raise InputError(f"slope must have the delay's shape {self.delay_s.shape}, got {self.slope.shape}")
+        if frames < 4:
+            raise InputError(f"echoes need at least 4 frames to interpolate, got {frames}; raise the surface rate")
+        steps = np.diff(self.times_s)
+        if not (steps > 0).all() or np.ptp(steps) > 1e-6 * steps.mean():
+            raise InputError("times_s must be uniform and increasing")
+
+    @property
+    def rate_hz(self) -> float:
+        """Surface rate [Hz]."""
+        return (len(self.times_s) - 1) / float(self.times_s[-1] - self.times_s[0])
+
+
+EchoArrays = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+"""`delay_s`, `amplitude`, `slope` of `Echoes`, for some of its frames."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EchoStream:
+    """Echoes made when they are asked for, so that memory does not grow with duration."""
+
+    times_s: np.ndarray
+    """Frame times of the whole record [s], uniform, float64 (T,)."""
+    frames: Callable[[int, int], EchoArrays]
+    """`frames(start, stop)`: the arrays of `Echoes` for frames start..stop-1; the scatterers are the same in every call."""
+
+    def gather(self) -> Echoes:
+        """All frames at once; for short records."""
+        delay_s, amplitude, slope = self.frames(0, len(self.times_s))
+        return Echoes(times_s=self.times_s, delay_s=delay_s, amplitude=amplitude, slope=slope)
+
+
+def stream(echoes: Echoes | EchoStream) -> EchoStream:
+    """`echoes` as a stream."""
+    if isinstance(echoes, EchoStream):
+        return echoes
+    whole = echoes
+
+    def frames(start: int, stop: int) -> EchoArrays:
+        part = slice(start, stop)
+        return whole.delay_s[part], whole.amplitude[part], None if whole.slope is None else whole.slope[part]
+
+    return EchoStream(times_s=whole.times_s, frames=frames)

@@ -1,0 +1,53 @@
+"""`Material`: what a surface is made of, as far as its echo goes."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+
+from t2d_rt.constants import VACUUM_PERMITTIVITY
+from t2d_rt.errors import InputError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Material:
+    """A half-space behind a surface that may be rough."""
+
+    name: str = "custom"
+    relative_permittivity: float = 1.0
+    """Real part of the relative permittivity; math.inf for a perfect conductor."""
+    conductivity_s_per_m: float = 0.0
+    """Conductivity at the carrier, all losses included."""
+    scattering_coefficient: float = 0.0
+    """S of the effective-roughness model (Degli-Esposti 2007): a share S^2 of the reflected power is scattered diffusely."""
+
+    def __post_init__(self) -> None:
+        if not self.relative_permittivity >= 1:
+            raise InputError(
+                f"material {self.name}: relative_permittivity must be 1 or more, got {self.relative_permittivity}"
+            )
+        if not 0 <= self.conductivity_s_per_m < math.inf:
+            raise InputError(
+                f"material {self.name}: conductivity_s_per_m must be 0 or more and finite, got {self.conductivity_s_per_m}"
+            )
+        if not 0 <= self.scattering_coefficient <= 1:
+            raise InputError(
+                f"material {self.name}: scattering_coefficient must lie in 0..1, got {self.scattering_coefficient}"
+            )
+
+    def permittivity(self, frequency_hz: float) -> complex:
+        """Complex relative permittivity eps' - j sigma/(omega eps0), e^{+j omega t} convention."""
+        loss = self.conductivity_s_per_m / (2 * math.pi * frequency_hz * VACUUM_PERMITTIVITY)
+        return complex(self.relative_permittivity, -loss)
+
+    def reflection(self, frequency_hz: float) -> complex:
+        """Fresnel coefficient of the field at normal incidence, (1 - n)/(1 + n); -1 for a perfect conductor."""
+        if math.isinf(self.relative_permittivity):
+            return -1 + 0j
+        n = cmath.sqrt(self.permittivity(frequency_hz))
+        return (1 - n) / (1 + n)
+
+
+PEC = Material(name="pec", relative_permittivity=math.inf)
+"""Perfect conductor, smooth."""

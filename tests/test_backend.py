@@ -1,0 +1,116 @@
+"""The LLVM check: one sentence instead of an abort, and the right library chosen."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from t2d_rt import backend
+from t2d_rt.errors import BackendError, InputError
+
+RUN = """
+import sys
+from t2d_rt.backend import select
+from t2d_rt.errors import BackendError
+try:
+    select("cpu")
+except BackendError as error:
+    print(error)
+    sys.exit(2)
+"""
+
+
+def _select_in_a_process(library: str) -> subprocess.CompletedProcess[str]:
+    env = {**os.environ, "DRJIT_LIBLLVM_PATH": library}
+    return subprocess.run([sys.executable, "-c", RUN], env=env, capture_output=True, text=True, timeout=60, check=False)
+
+
+def _fake_llvm(folder: Path, version: int | None) -> Path:
+    """A shared library that claims an LLVM version; None leaves the version function out, as LLVM 15 does."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler to build a stand-in library with")
+    body = f"void LLVMGetVersion(unsigned *a, unsigned *b, unsigned *c) {{ *a = {version}; *b = 0; *c = 0; }}"
+    source, library = folder / "fake.c", folder / f"libLLVM-{version or 15}.so"
+    source.write_text(body if version is not None else "int nothing;")
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
+    return library
+
+
+def _one_sentence(run: subprocess.CompletedProcess[str]) -> str:
+    assert run.returncode == 2, run.stderr
+    lines = run.stdout.splitlines()
+    assert len(lines) == 1
+    assert "apt-get install libllvm19" in lines[0]
+    return lines[0]
+
+
+def test_missing_library_is_one_sentence(tmp_path: Path) -> None:
+    missing = tmp_path / "libLLVM-99.so"
+    assert f"DRJIT_LIBLLVM_PATH is {missing}, which cannot be loaded" in _one_sentence(
+        _select_in_a_process(str(missing))
+    )
+
+
+@pytest.mark.parametrize(("version", "said"), [(None, "older than LLVM 16"), (16, "LLVM 16")])
+def test_old_library_is_one_sentence(tmp_path: Path, version: int | None, said: str) -> None:
+    library = _fake_llvm(tmp_path, version)
+    assert f"is {library}, which is too old ({said})" in _one_sentence(_select_in_a_process(str(library)))
+
+
+def test_a_library_that_is_no_llvm_is_refused(tmp_path: Path) -> None:
+    text = tmp_path / "libLLVM-19.so"
+    text.write_text("not a library")
+    assert "cannot be loaded" in _one_sentence(_select_in_a_process(str(text)))
+
+
+def test_newest_good_library_is_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for version in (16, 17, 9):
+        _fake_llvm(tmp_path, version)
+    newest = _fake_llvm(tmp_path, 20)
+    monkeypatch.setattr(backend, "_ROOT", tmp_path)
+    monkeypatch.setattr(backend, "_LIBRARY_GLOBS", ("libLLVM*.so*",))
+    assert backend._newest_installed() == str(newest.resolve())
+
+
+def test_only_old_libraries_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    old = _fake_llvm(tmp_path, 16)
+    monkeypatch.setattr(backend, "_installed", lambda: [str(old)])
+    with pytest.raises(BackendError, match=r"LLVM is too old: found .*libLLVM-16.so \(LLVM 16\); install LLVM"):
+        backend._newest_installed()
+
+
+def test_no_library_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backend, "_installed", list)
+    with pytest.raises(BackendError, match="LLVM was not found; install LLVM"):
+        backend._newest_installed()
+
+
+def test_kernel_runs_on_the_cpu() -> None:
+    import drjit as dr
+
+    chosen = backend.select("cpu")
+    assert (chosen.name, chosen.mitsuba_variant) == ("llvm", "llvm_ad_mono_polarized")
+    x = np.linspace(-3, 3, 1001)
+    # sin and maximum make the kernel that LLVM 15 and 16 cannot compile on AVX-512
+    y = dr.maximum(dr.sin(chosen.Float64(x)), 0.2)
+    np.testing.assert_allclose(y.numpy(), np.maximum(np.sin(x), 0.2), rtol=1e-14)  # float64 round-off
+    assert dr.detail.llvm_version()[0] >= backend.OLDEST_LLVM
+
+
+def test_gpu_without_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backend, "_has_cuda", lambda: False)
+    with pytest.raises(BackendError, match="no CUDA device was found; use device cpu"):
+        backend.select("gpu")
+    assert backend.select("auto").name == "llvm"
+
+
+def test_unknown_device() -> None:
+    with pytest.raises(InputError, match="device must be auto, cpu or gpu, got 'tpu'"):
+        backend.select("tpu")

@@ -1,0 +1,306 @@
+"""Subdivision and refinement: closed forms on spheres, cylinders, boxes and plates, and what linearity promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from t2d_rt.errors import InputError
+from t2d_rt.geometry import Refinement, crease_corners, refine, sharp_edges, subdivide
+
+WAVENUMBER = 1613.8
+NO_EDGES = np.zeros((0, 2), int)
+FIVE = [(0.25 + np.cos(2 * np.pi * j / 5) + 0.5 * np.cos(4 * np.pi * j / 5)) / 5 for j in range(5)]
+SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def icosphere(level: int, radius: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    mesh = trimesh.creation.icosphere(subdivisions=level, radius=radius)
+    return np.array(mesh.vertices), np.array(mesh.faces)
+
+
+def uneven_sphere(count: int, jitter: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Hull of a Fibonacci lattice with jitter: valences 4 to 8, uneven spacing."""
+    i = np.arange(count) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * i / count), np.pi * (1 + 5**0.5) * i
+    points = np.stack([np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1)
+    points += np.random.default_rng(0).normal(size=points.shape) * jitter * np.sqrt(4 * np.pi / count)
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    faces = ConvexHull(points).simplices.copy()
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    inward = (np.cross(b - a, c - a) * a).sum(axis=1) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return points * radius, faces
+
+
+def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+def edge_counts(faces: np.ndarray) -> np.ndarray:
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return np.unique(edges, axis=0, return_counts=True)[1]
+
+
+def refined(rest: np.ndarray, faces: np.ndarray, sagitta_rad: float | np.ndarray, **options: object) -> Refinement:
+    return refine(rest, faces, wavenumber=WAVENUMBER, sagitta_rad=sagitta_rad, **{"range_m": 10.0, **options})  # type: ignore[arg-type]
+
+
+# --- subdivision ---------------------------------------------------------------------------------------------------
+
+
+def twice(vertices: np.ndarray, faces: np.ndarray, corrected: bool) -> np.ndarray:
+    sharp, corners = NO_EDGES, np.zeros(len(vertices), bool)
+    for _ in range(2):
+        step = subdivide(faces, len(vertices), sharp, corners, vertices if corrected else None)
+        vertices, faces, sharp, corners = step.operator @ vertices, step.faces, step.sharp, step.corners
+    return vertices
+
+
+def test_regular_butterfly_weights() -> None:
+    grid = np.arange(49).reshape(7, 7)
+    a, b, c, d = (g.ravel() for g in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    step = subdivide(faces, 49, NO_EDGES)
+    edge = (step.operator[:, [24, 25]] == 0.5).sum(axis=1)
+    row = step.operator[[int(np.flatnonzero(np.asarray(edge).ravel() == 2)[0])]]
+    assert sorted(row.data) == [-1 / 16] * 4 + [1 / 8] * 2 + [1 / 2] * 2
+
+
+@pytest.mark.parametrize(
+    ("valence", "weights"), [(3, [5 / 12, -1 / 12, -1 / 12]), (4, [3 / 8, 0, -1 / 8, 0]), (5, FIVE)]
+)
+def test_special_vertex_weights(valence: int, weights: list[float]) -> None:
+    # a fan: the rim is a boundary, so the centre's stencil alone decides
+    ring = np.arange(valence)
+    faces = np.stack([np.zeros_like(ring), 1 + ring, 1 + np.roll(ring, -1)], axis=1)
+    operator = subdivide(faces, 1 + valence, NO_EDGES).operator.toarray()
+    rows = operator[np.isclose(operator[:, 0], 3 / 4)]
+    assert len(rows) == valence
+    row = rows[rows[:, 1].argmax()]
+    assert np.allclose(row[1 : 1 + valence], weights)
+    assert row.sum() == pytest.approx(1)
+
+
+def test_children_are_numbered_by_parent_and_keep_orientation() -> None:
+    vertices, faces = icosphere(1)
+    step = subdivide(faces, len(vertices), NO_EDGES)
+    assert (step.faces.reshape(-1, 4, 3)[:, [0, 1, 2], [0, 1, 2]] == faces).all()
+    fine = step.operator @ vertices
+    normal = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    a, b, c = (fine[step.faces[:, k]] for k in range(3))
+    assert ((np.cross(b - a, c - a) * np.repeat(normal, 4, axis=0)).sum(axis=1) > 0).all()
+
+
+def test_sphere_radius_after_two_levels() -> None:
+    errors = [np.abs(np.linalg.norm(twice(*icosphere(level), corrected=True), axis=1) - 1).max() for level in (2, 3)]
+    assert errors[0] < 1.5e-3
+    assert errors[1] < 1.2e-4
+    plain = np.abs(np.linalg.norm(twice(*icosphere(3), corrected=False), axis=1) - 1).max()
+    assert errors[1] < plain / 5
+
+
+def test_open_curve_is_a_four_point_curve_and_stops_at_corners() -> None:
+    turns = np.linspace(0, 2 * np.pi, 32, endpoint=False)
+    disc = np.concatenate([np.zeros((1, 3)), np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)])
+    fan = np.stack([np.zeros(32, int), 1 + np.arange(32), 1 + np.roll(np.arange(32), -1)], axis=1)
+    rim = sharp_edges(disc, fan, 45.0)
+    step = subdivide(fan, len(disc), rim, crease_corners(disc, rim, 45.0))
+    new = np.linalg.norm((step.operator @ disc)[step.sharp.ravel()], axis=1)
+    assert np.abs(new - 1).max() < 1e-4  # 3/128 h^4 = 3.5e-5 at h = 0.196
+    assert crease_corners(SQUARE, sharp_edges(SQUARE, SQUARE_FACES, 45.0), 45.0).all()
+
+
+def test_creases_of_a_box_and_none_of_a_sphere() -> None:
+    box = trimesh.creation.box((0.3, 0.2, 0.5))
+    assert len(sharp_edges(box.vertices, box.faces, 45.0)) == 12
+    assert len(sharp_edges(box.vertices, box.faces, 0.0)) == 12  # coplanar triangles are no crease
+    assert len(sharp_edges(box.vertices, box.faces, 95.0)) == 0
+    assert len(sharp_edges(*icosphere(2), 45.0)) == 0
+
+
+def test_edge_of_three_faces_is_sharp() -> None:
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1]], dtype=float)
+    faces = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
+    assert [0, 1] in sharp_edges(vertices, faces, 180.0).tolist()
+    fine = subdivide(faces, 5, NO_EDGES).operator @ vertices
+    assert np.abs(fine[:, 1] * fine[:, 2]).max() == 0  # each leaf stays in its plane
+
+
+# --- refinement ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sagitta_rad", [0.4, 0.1])
+def test_refined_sphere_is_a_sphere(sagitta_rad: float) -> None:
+    rest, faces = icosphere(3, 0.15)
+    result = refined(rest, faces, sagitta_rad, displace=False)
+    radius = np.linalg.norm(result.operator @ rest, axis=1)
+    assert np.abs(radius - 0.15).max() < 2e-5
+    assert radius.std() < 3e-6
+    assert (edge_counts(result.faces) == 2).all()
+
+
+def test_facets_meet_the_bar() -> None:
+    rest, faces = icosphere(3, 0.15)
+    fine = refined(rest, faces, 0.4, displace=False)
+    corners = (fine.operator @ rest)[fine.faces]
+    sagitta = 2 * WAVENUMBER * (0.15 - np.linalg.norm(corners.mean(axis=1), axis=1))
+    assert 0.1 < sagitta.mean() < sagitta.max() < 0.45  # the 1/R term leaves it just under 0.4; 10 % for the surface
+    assert len(fine.faces) < 60_000
+
+
+@pytest.mark.parametrize("axes", [(0.15, 0.15, 0.15), (0.08, 0.11, 0.22)])
+@pytest.mark.parametrize("graded", [False, True])
+def test_displaced_facets_lie_on_the_surface_in_the_mean(axes: tuple[float, float, float], graded: bool) -> None:
+    ball, faces = icosphere(4)
+    rest = ball * axes
+    bar = 0.1 * 10 ** (ball[:, 2] + 1) if graded else 0.4
+    true = 4 / 3 * np.pi * np.prod(axes)
+    errors = []
+    for displace in (False, True):
+        result = refined(rest, faces, bar, displace=displace)
+        errors.append(volume(result.operator @ rest, result.faces) / true - 1)
+    assert errors[0] < -5e-4
+    assert abs(errors[1]) < 0.02 * abs(errors[0])
+
+
+def test_displacement_converges_with_the_fourth_power() -> None:
+    def error(level: int) -> float:
+        rest, faces = icosphere(level)
+        result = refined(rest, faces, 1e9)  # nothing is split: displacement alone
+        assert len(result.faces) == len(faces)
+        return abs(volume(result.operator @ rest, faces) / (4 / 3 * np.pi) - 1)
+
+    assert error(3) < error(2) / 10
+
+
+def test_uneven_sphere_stays_smooth() -> None:
+    rest, faces = uneven_sphere(642, 0.15, 0.15)
+    result = refined(rest, faces, 0.2, displace=False)
+    fine = result.operator @ rest
+    assert np.abs(np.linalg.norm(fine, axis=1) - 0.15).max() < 5e-5
+    mesh = trimesh.Trimesh(fine, result.faces, process=False)
+    assert np.degrees(mesh.face_adjacency_angles.max()) < 6.0
+
+
+def test_box_stays_a_box() -> None:
+    box = trimesh.creation.box((0.3, 0.2, 0.5))
+    result = refined(box.vertices, box.faces, 0.1, range_m=1.0)
+    fine = trimesh.Trimesh(result.operator @ box.vertices, result.faces, process=False)
+    assert len(fine.faces) > 10_000
+    assert fine.is_watertight
+    assert fine.volume == pytest.approx(0.03, rel=1e-12)
+    assert fine.area == pytest.approx(box.area, rel=1e-12)
+
+
+@pytest.mark.parametrize(("side", "sagitta_rad"), [(0.1, 0.1), (2.0, 0.4)])
+def test_plate_stays_a_plate_and_is_cut_for_the_near_field(side: float, sagitta_rad: float) -> None:
+    rest = SQUARE * side
+    result = refined(rest, SQUARE_FACES, sagitta_rad, range_m=1.0)
+    fine = result.operator @ rest
+    corners = fine[result.faces]
+    a, b, c = (corners[:, k] for k in range(3))
+    assert (fine[:, 2] == 0).all()
+    assert fine.min() >= 0
+    assert fine.max() <= side
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(side**2, rel=1e-12)
+    length2 = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=2).mean(axis=1)
+    assert (2 * WAVENUMBER * length2 / 6 <= sagitta_rad * (1 + 1e-9)).all()
+
+
+def test_cylinder_keeps_straight_generators_and_flat_caps() -> None:
+    mesh = trimesh.creation.cylinder(radius=0.1, height=0.5, sections=32)
+    result = refined(mesh.vertices, mesh.faces, 0.1, range_m=5.0, displace=False)
+    fine = result.operator @ mesh.vertices
+    side = np.abs(fine[:, 2]) < 0.2499
+    caps = np.linalg.norm(fine[:, :2], axis=1) < 0.09
+    assert np.abs(np.linalg.norm(fine[side, :2], axis=1) - 0.1).max() < 1e-5
+    assert np.abs(np.abs(fine[caps & ~side, 2]) - 0.25).max() < 1e-12
+    assert not (caps & side).any()
+    assert (edge_counts(result.faces) == 2).all()
+    assert len(result.faces) < 20_000  # facets grow long along the generators
+
+
+def test_edges_are_bounded_on_request() -> None:
+    rest, faces = icosphere(1)
+    result = refined(rest, faces, 1e9, max_edge_m=0.1, displace=False)
+    corners = (result.operator @ rest)[result.faces]
+    assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= 0.1 * 1.05
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_any_grading_is_watertight_linear_and_balanced(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rest, faces = icosphere(2, 0.15)
+    bar = 10 ** rng.uniform(-0.7, 2.5, len(rest))
+    result = refined(rest, faces, bar)
+    assert (edge_counts(result.faces) == 2).all()
+    used = np.unique(result.faces)
+    assert len(used) == result.operator.shape[0]
+    assert len(used) - 1.5 * len(result.faces) + len(result.faces) == 2
+    assert np.abs(result.operator.sum(axis=1) - 1).max() < 1e-12
+    assert np.abs(result.linear.sum(axis=1) - 1).max() < 1e-12
+    assert result.linear.data.min() > 0
+    corners = (result.operator @ rest)[result.faces]
+    length = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    assert (length.max(axis=1) < 4 * length.min(axis=1)).all()  # green halves of nearly equilateral faces at worst
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_rigid_motion_commutes(seed: int) -> None:
+    turn = Rotation.random(random_state=seed)
+    shift = np.random.default_rng(seed).uniform(-3, 3, 3)
+    rest, faces = icosphere(2, 0.15)
+    rest = rest * (0.5, 1.0, 1.7)
+    result = refined(rest, faces, 0.5)
+    moved = turn.apply(rest) + shift
+    assert np.abs(result.operator @ moved - (turn.apply(result.operator @ rest) + shift)).max() < 1e-12
+    again = refined(moved, faces, 0.5)
+    assert (again.faces == result.faces).all()
+    assert np.abs(again.operator @ moved - result.operator @ moved).max() < 1e-9
+
+
+def test_all_refinements_sample_one_surface() -> None:
+    rest, faces = icosphere(2, 0.15)
+    rest = rest * (0.5, 1.0, 1.7)
+    coarse, fine = (refined(rest, faces, s, displace=False).operator @ rest for s in (0.8, 0.05))
+    rows = {tuple(row) for row in np.round(fine, 9)}
+    assert all(tuple(row) in rows for row in np.round(coarse, 9))
+
+
+def test_linear_fields_and_base_faces_follow_the_coarse_faces() -> None:
+    rest, faces = icosphere(1, 0.15)
+    result = refined(rest, faces, 1.0)
+    flat = result.linear @ rest
+    normal = np.cross(rest[faces[:, 1]] - rest[faces[:, 0]], rest[faces[:, 2]] - rest[faces[:, 0]])[result.base_face]
+    height = ((flat[result.faces] - rest[faces[result.base_face, 0]][:, None]) * normal[:, None]).sum(axis=2)
+    assert np.abs(height).max() < 1e-15
+    assert (np.diff(result.linear.indptr) <= 3).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sagitta_rad": 0.0}, "sagitta_rad must be positive"),
+        ({"range_m": np.ones(3)}, "range_m must be positive, one number or one per vertex"),
+        ({"max_edge_m": -1.0}, "max_edge_m must be positive"),
+        ({"max_faces": 1000}, "more than .* faces, the limit is 1000; raise sagitta_rad"),
+        ({"rest": SQUARE[:, :2]}, r"finite positions of shape \(vertex, 3\)"),
+        ({"rest": SQUARE * np.nan}, "finite positions"),
+        ({"faces": np.zeros((0, 3), int)}, r"faces must have shape \(face, 3\)"),
+        ({"faces": np.array([[0, 1, 9]])}, "faces must name vertices 0..3, got 0..9"),
+    ],
+)
+def test_bad_input(change: dict[str, object], message: str) -> None:
+    given_ = {"rest": SQUARE, "faces": SQUARE_FACES, "wavenumber": WAVENUMBER, "range_m": 1.0, "sagitta_rad": 0.1}
+    with pytest.raises(InputError, match=message):
+        refine(**{**given_, **change})  # type: ignore[arg-type]

@@ -1,0 +1,61 @@
+"""The floors of the house: the contracts of pyproject.toml hold, and would be noticed if they did not."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+LINT = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports(no_cache=True))"
+
+
+def _lint(root: Path) -> subprocess.CompletedProcess[str]:
+    env = {**os.environ, "PYTHONPATH": str(root)}
+    return subprocess.run(
+        [sys.executable, "-c", LINT], cwd=root, env=env, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    shutil.copytree(ROOT / "t2d_rt", tmp_path / "t2d_rt", ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path
+
+
+def test_contracts_hold() -> None:
+    run = _lint(ROOT)
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+@pytest.mark.parametrize(
+    ("module", "imported"),
+    [
+        ("echo", "t2d_rt.radar"),  # sideways
+        ("types", "t2d_rt.echo"),  # upward
+        ("geometry", "t2d_rt.plots"),
+        ("signal", "mitsuba"),
+        ("echo", "sionna.rt"),
+        ("body", "drjit"),
+    ],
+)
+def test_a_hidden_import_is_noticed(copy: Path, module: str, imported: str) -> None:
+    (copy / "t2d_rt" / module / "intruder.py").write_text(
+        f"def later():\n    import {imported}\n    return {imported}\n"
+    )
+    run = _lint(copy)
+    assert run.returncode != 0
+    assert f"t2d_rt.{module}.intruder -> {imported.removesuffix('.rt')}" in run.stdout
+
+
+def test_a_new_module_needs_a_floor(copy: Path) -> None:
+    (copy / "t2d_rt" / "attic.py").write_text("")
+    run = _lint(copy)
+    assert run.returncode != 0
+    assert "attic" in run.stdout
