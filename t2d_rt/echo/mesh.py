@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.backend import Backend
-from t2d_rt.echo.facets import Leg, diffuse_echoes, facet_echoes
+from t2d_rt.echo.facets import Leg, Patches, diffuse_echoes, lit_patches, patch_delays, patch_echoes
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, point_spacing, refine, surface_points
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
@@ -19,6 +19,8 @@ from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 POINT_SAGITTA_RAD = 0.4
 POINTS_PER_MESH = 8_000
 """At least about this many diffuse points; their number does not change the power."""
+PROBE_EVERY = 4
+"""Frames between looks at which patches face the antennas."""
 VisibilityAt = Callable[[np.ndarray], np.ndarray]
 """Visibility in 0..1 of a mesh's vertices (K, V) at times [s] (K,)."""
 
@@ -80,7 +82,7 @@ def least_range_m(surface: MovingMesh, radar: Radar) -> float:
 class _Model:
     """What stays the same from frame to frame."""
 
-    faces: np.ndarray
+    patches: Patches
     reflection: complex
     points: _Points | None
     fine: Refinement
@@ -106,22 +108,37 @@ class _Model:
         if rough > 0:
             carrier = fine if sagitta_rad == POINT_SAGITTA_RAD else refined(POINT_SAGITTA_RAD)
             points = _Points.spread(surface, carrier, seed, rough * abs(reflection))
-        return cls(fine.faces, reflection * math.sqrt(1 - rough**2), points, fine)
+        return cls(_patches(fine, surface), reflection * math.sqrt(1 - rough**2), points, fine)
 
     def echoes(self, cage: np.ndarray, seen: np.ndarray | None, leg: Leg, backend: Backend) -> EchoArrays:
-        """Arrays of `Echoes` for cage vertices (K, V, 3): facets first, then diffuse points."""
+        """Arrays of `Echoes` for cage vertices (K, V, 3): patches first, then diffuse points."""
         vertices = _carried(self.fine.operator, cage)
+        count, more = len(self.patches.share), 0 if self.points is None else len(self.points.area_m2)
+        delay = np.empty((len(cage), count + more))
+        amplitude = np.zeros(delay.shape, np.complex64)
+        slope = np.zeros(delay.shape, np.complex64)
+        delay[:, :count] = patch_delays(vertices, self.patches, leg, backend).T
+        probes = np.unique(np.linspace(0, len(cage) - 1, max(2, len(cage) // PROBE_EVERY)).astype(int))
+        lit = lit_patches(vertices[:, probes], self.patches, leg, backend)
         fraction = None if seen is None else _carried(self.fine.linear, seen)
-        delay, amplitude, slope = facet_echoes(vertices, self.faces, fraction, leg, self.reflection, backend)
-        if self.points is None:
-            return delay, amplitude, slope
-        more_delay, more_amplitude = self.points.echoes(cage, seen, leg, backend)
-        assert slope is not None
-        return (
-            np.hstack([delay, more_delay]),
-            np.hstack([amplitude, more_amplitude]),
-            np.hstack([slope, np.zeros_like(more_amplitude)]),
-        )
+        coherent = patch_echoes(vertices, self.patches.only(lit), fraction, leg, self.reflection, backend)
+        amplitude[:, lit], slope[:, lit] = (part.T for part in coherent)
+        if self.points is not None:
+            delay[:, count:], amplitude[:, count:] = (part.T for part in self.points.echoes(cage, seen, leg, backend))
+        return delay, amplitude, slope
+
+
+def _patches(fine: Refinement, surface: MovingMesh) -> Patches:
+    """Facets of one cage face, in Morton order of their centroids at rest, four by four."""
+    centroids = (fine.operator @ surface.rest)[fine.faces].mean(axis=1)
+    low = centroids.min(axis=0)
+    cell = ((centroids - low) / max(float(np.ptp(centroids, axis=0).max()), 1e-9) * 4095).astype(np.int64)
+    code = np.zeros(len(cell), np.int64)
+    for bit in range(12):
+        for axis in range(3):
+            code |= (cell[:, axis] >> bit & 1) << (3 * bit + axis)
+    order = np.lexsort((code, fine.base_face))
+    return Patches.of(fine.faces[order], fine.base_face[order])
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,18 +170,17 @@ class _Points:
     ) -> tuple[np.ndarray, np.ndarray]:
         vertices = _carried(self.carrier.operator, cage)
         fraction = None if seen is None else _carried(self.carrier.linear, seen)
-        delay, amplitude, _ = diffuse_echoes(
+        return diffuse_echoes(
             vertices, self.corners, self.barycentric, self.area_m2, self.phase_rad, fraction, leg, self.scattered, backend
         )
-        return delay, amplitude
 
 
 def _carried(operator: object, values: np.ndarray) -> np.ndarray:
-    """Applies a sparse (Vf, V) to values (K, V, ...) of the cage: (K, Vf, ...)."""
+    """Applies a sparse (Vf, V) to values (K, V, ...) of the cage: (Vf, K, ...)."""
     frames = len(values)
     columns = np.ascontiguousarray(np.moveaxis(values, 0, 1)).reshape(values.shape[1], -1)
     out = operator @ columns  # type: ignore[operator]
-    return np.ascontiguousarray(np.moveaxis(out.reshape(-1, frames, *values.shape[2:]), 1, 0))
+    return out.reshape(-1, frames, *values.shape[2:])
 
 
 def check_outside(surface: MovingMesh, radar: Radar) -> None:

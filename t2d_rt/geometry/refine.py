@@ -91,8 +91,9 @@ def refine(
     """Refine a mesh (V, 3), (F, 3) until facets have a phase sagitta of at most `sagitta_rad`.
 
     `wavenumber` k = 2 pi / lambda [rad/m]; `range_m` the least range R and `sagitta_rad` the bar s, each one number or
-    one per vertex (V,). `crease_deg` as in `MovingMesh`. `max_edge_m` bounds edges whatever their phase, where something
-    else varies over the surface. `displace` moves vertices outward so that facets lie on the surface in the mean.
+    one per vertex (V,). `crease_deg` as in `MovingMesh`. `max_edge_m` bounds edges whatever their phase, where
+    something else varies over the surface. `displace` moves vertices outward so that facets lie on the surface in the
+    mean.
     """
     rest, faces = np.asarray(rest, dtype=np.float64), np.asarray(faces)
     scale = _scale(rest, wavenumber, range_m, sagitta_rad, max_edge_m)
@@ -296,7 +297,7 @@ _GREEN: dict[int, tuple[tuple[int, int, int], ...]] = {
     2: ((3, 1, 4), (0, 3, 4), (0, 4, 2)),
     3: ((3, 1, 4), (3, 4, 2), (0, 3, 2)),
 }
-"""Triangles by code: corners 0, 1, 2, midpoints 3 of edge 01, 4 of 12; case 2 has its diagonal from 0, case 3 from 2."""
+"""Triangles by code: corners 0, 1, 2, midpoints 3 of edge 01, 4 of 12. Case 2: diagonal from 0; case 3: from 2."""
 
 
 def _leaves(level: _Level, tree: np.ndarray) -> _Leaves:

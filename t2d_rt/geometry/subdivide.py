@@ -324,7 +324,7 @@ class _Rings:
 
 
 def _ring_stencils(mesh: Topology, start: np.ndarray) -> _Rings:
-    """Stencils of half-edges that leave a smooth vertex of valence K != 6: 3/4 there, s_j on its ring (Zorin et al.)."""
+    """Stencils of half-edges from a smooth vertex of valence K != 6: 3/4 there, s_j on its ring (Zorin et al. 1996)."""
     tail = mesh.faces.ravel()
     valence = mesh.valence[tail[start]]
     half, whole = start.copy(), np.ones(len(start), bool)

@@ -1,9 +1,10 @@
 """A fixed random point set on a surface that does not depend on how the surface is cut into triangles.
 
 For each axis a, space has a grid of square cells of side h across a, and each cell one line along a at a place drawn
-from (seed, axis, i, j). The points are where the lines meet the surface: |n_a| / h^2 of them per unit of area, so a point
-stands for A = h^2 / (|nx| + |ny| + |nz|), and the sum of A is the surface's area in the mean. Another tessellation of
-the same surface meets the same lines: it gives the same points, weights and phases as far as the two surfaces agree.
+from (seed, axis, i, j). The points are where the lines meet the surface: |n_a| / h^2 of them per unit of area, so a
+point stands for A = h^2 / (|nx| + |ny| + |nz|), and the sum of A is the surface's area in the mean. Another
+tessellation of the same surface meets the same lines: it gives the same points, weights and phases as far as the two
+surfaces agree.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def surface_points(rest: np.ndarray, faces: np.ndarray, *, seed: int, spacing_m:
 
 
 def hash_uniform(seed: int, *keys: np.ndarray | int) -> np.ndarray:
-    """Numbers in [0, 1) that depend on seed and keys alone: splitmix64 (Steele, Lea, Flood 2014) chained over the keys."""
+    """Numbers in [0, 1) from seed and keys alone: splitmix64 (Steele, Lea, Flood 2014) chained over the keys."""
     state = _splitmix64(np.asarray(seed % 2**64, dtype=np.uint64))
     for key in keys:
         state = _splitmix64(state ^ np.asarray(key, dtype=np.int64).astype(np.uint64))
@@ -131,5 +132,4 @@ def _side(p: np.ndarray, q: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndar
     swap = (p[:, 0] > q[:, 0]) | ((p[:, 0] == q[:, 0]) & (p[:, 1] > q[:, 1]))
     first, second = np.where(swap[:, None], q, p), np.where(swap[:, None], p, q)
     side = (second[:, 0] - first[:, 0]) * (y - first[:, 1]) - (second[:, 1] - first[:, 1]) * (x - first[:, 0])
-    side = side + 0.0  # -0.0 becomes 0.0, so that the sign bit of a zero is the canonical edge's
     return np.where(swap, -side, side)

@@ -64,7 +64,7 @@ def forward_kinematics(raw: RawSkeleton, offsets: np.ndarray | None = None) -> t
     for joint, (parent, channels) in enumerate(zip(raw.parents, raw.channels, strict=True)):
         values = raw.values[:, column : column + len(channels)]
         column += len(channels)
-        shift = _translation(channels, values, offsets[joint], is_root=parent < 0)
+        shift = _translation(channels, values, offsets[joint])
         turn = _rotation(channels, values)
         if parent < 0:
             positions[:, joint], rotations[:, joint] = shift, turn
@@ -82,16 +82,16 @@ def _rotation(channels: tuple[str, ...], values: np.ndarray) -> np.ndarray:
     return total
 
 
-def _translation(channels: tuple[str, ...], values: np.ndarray, offset: np.ndarray, *, is_root: bool) -> np.ndarray:
+def _translation(channels: tuple[str, ...], values: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """Shift from the parent (T, 3): the offset and, where a joint has them, its position channels."""
     moved = np.tile(offset, (len(values), 1))
     placed = ["xyz".index(channel[0]) for channel in channels if channel.endswith("position")]
     if placed:
         given = values[:, [i for i, channel in enumerate(channels) if channel.endswith("position")]]
         typical = np.median(given, axis=0)
-        # By the format positions add to the offset, but writers of 6-channel joints give the whole offset again.
+        # By the format positions add to the offset, but many writers give the whole offset again.
         repeats_offset = np.linalg.norm(typical - offset[placed]) <= np.linalg.norm(typical)
-        moved[:, placed] = given if repeats_offset and not is_root else given + offset[placed]
+        moved[:, placed] = given if repeats_offset else given + offset[placed]
     return moved
 
 

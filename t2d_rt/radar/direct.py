@@ -8,19 +8,19 @@ from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
 from t2d_rt.types import Echoes, Radar
 
 
-def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray) -> np.ndarray:
-    """ADC samples (len(chirps), sample) complex128 of the chirps with the given indices.
+def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray, *, every: int = 1) -> np.ndarray:
+    """ADC samples (len(chirps), sample) complex128 of the chirps with the given indices; `every` n-th sample of each.
 
     s(t) = sum A(f) exp(j 2 pi (f_c tau + S tau t - S tau^2/2)), tau and A at the moment of each sample, f = f_c + S t.
     """
     frames = len(echoes.times_s)
     step = 1 / echoes.rate_hz
-    fast_time = radar.sample_times_s
+    fast_time = radar.sample_times_s[::every]
     starts = radar.chirp_times_s(float(echoes.times_s[-1] - echoes.times_s[0]))[chirps]
     slopes = np.zeros_like(echoes.amplitude) if echoes.slope is None else echoes.slope
     tau_slopes = spline_slopes(frames) @ echoes.delay_s
-    a_slopes = central_slopes(echoes.amplitude.astype(np.complex128), first=True, last=True)
-    s_slopes = central_slopes(slopes.astype(np.complex128), first=True, last=True)
+    a_slopes = central_slopes(echoes.amplitude.astype(np.complex128))
+    s_slopes = central_slopes(slopes.astype(np.complex128))
     cube = np.empty((len(chirps), len(fast_time)), np.complex128)
     for row, start in enumerate(starts):
         for sample, t in enumerate(fast_time):

@@ -8,6 +8,7 @@ the amplitude.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -22,21 +23,18 @@ def spline_slopes(frames: int) -> np.ndarray:
     return matrix
 
 
-def central_slopes(values: np.ndarray, *, first: bool, last: bool) -> np.ndarray:
-    """Central differences of values (T, ...) at unit spacing; one-sided at a true `first` or `last` frame of the record.
-
-    At an end that is not the record's, the value there is not meaningful and must not be used.
-    """
+def central_slopes(values: np.ndarray) -> np.ndarray:
+    """Central differences of values (T, ...) at unit spacing, one-sided at the ends."""
     slopes = np.empty_like(values)
     slopes[1:-1] = (values[2:] - values[:-2]) * 0.5
-    slopes[0] = values[1] - values[0] if first else 0
-    slopes[-1] = values[-1] - values[-2] if last else 0
+    slopes[0] = values[1] - values[0]
+    slopes[-1] = values[-1] - values[-2]
     return slopes
 
 
 def hermite(
     start: np.ndarray, end: np.ndarray, slope_start: np.ndarray, slope_end: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Coefficients c0..c3 of c0 + c1 u + c2 u^2 + c3 u^3 on the unit interval."""
+    """Coefficients c0..c3 of c0 + c1 u + c2 u^2 + c3 u^3 on the unit interval; NumPy or Dr.Jit arrays."""
     rise = end - start
     return start, slope_start, 3 * rise - 2 * slope_start - slope_end, slope_start + slope_end - 2 * rise

@@ -21,7 +21,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend, select
 from t2d_rt.errors import InputError
-from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
+from t2d_rt.radar.interpolants import hermite, spline_slopes
 from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
 
 BUCKETS_PER_BIN = 4
@@ -31,6 +31,10 @@ HALO_FRAMES = 12
 BLOCK_ECHO_FRAMES = 2_000_000
 ORDER = 5
 """Chebyshev orders of the sweep: four from Jacobi-Anger and one that the slope adds."""
+
+VECTOR = 16
+"""Lanes of the widest CPU vectors."""
+MAX_UNROLL = 4
 
 Progress = Callable[[float], None]
 
@@ -106,73 +110,75 @@ class _Sweep:
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """Frames start..stop with what their interpolation needs: values and slopes per frame step."""
+    """Frames start..stop of the echoes that are not silent there, with what their interpolation needs.
+
+    n = stop - start intervals, L echoes.
+    """
 
     start: int
     stop: int
     delay: np.ndarray
+    """[s], (n + 1, L)."""
     delay_slope: np.ndarray
+    """[s per frame], (n + 1, L)."""
     amplitude: np.ndarray
-    amplitude_slope: np.ndarray
+    """complex64 (n + 3, L): one frame more at either end."""
     sweep: np.ndarray | None
-    sweep_slope: np.ndarray | None
+    """Slope over frequency, likewise."""
 
 
 def _windows(source: EchoStream) -> Iterator[_Window]:
     """Cuts the record into blocks of intervals; every frame is asked for once."""
     total = len(source.times_s)
-    held: EchoArrays | None = None
-    held_start, held_stop, start = 0, 0, 0
-    intervals = 1
+    held: list[tuple[int, EchoArrays]] = []
+    held_stop, start, intervals = 0, 0, 1
     while start < total - 1:
-        if held is not None:
-            intervals = max(4, BLOCK_ECHO_FRAMES // max(1, held[0].shape[1]))
         stop = min(start + intervals, total - 1)
         low, high = max(0, start - HALO_FRAMES), min(total, stop + 1 + HALO_FRAMES)
         if high > held_stop:
-            fresh = source.frames(held_stop, high)
-            held = fresh if held is None else _joined(held, low - held_start, fresh)
-        elif held is not None:
-            held = _joined(held, low - held_start, None)
-        assert held is not None
-        held_start, held_stop = low, high
-        yield _window(held, low, start, stop, total)
+            held.append((held_stop, source.frames(held_stop, high)))
+            held_stop = high
+        held = [part for part in held if part[0] + len(part[1][0]) > low]
+        yield _window(held, low, high, start, stop, total)
+        intervals = max(4, BLOCK_ECHO_FRAMES // max(1, held[0][1][0].shape[1]))
         start = stop
 
 
-def _joined(old: EchoArrays, drop: int, new: EchoArrays | None) -> EchoArrays:
-    def join(a: np.ndarray, b: np.ndarray | None) -> np.ndarray:
-        return a[drop:] if b is None else np.concatenate([a[drop:], b])
+def _window(held: list[tuple[int, EchoArrays]], low: int, high: int, start: int, stop: int, total: int) -> _Window:
+    near = max(0, start - 1), min(total, stop + 2)
+    lit = [part[1] != 0 for part in _rows(held, *near)]
+    live = np.flatnonzero(np.any(np.concatenate(lit), axis=0))
 
-    slope = None if old[2] is None else join(old[2], None if new is None else new[2])
-    return join(old[0], None if new is None else new[0]), join(old[1], None if new is None else new[1]), slope
+    def taken(field: int, first: int, last: int) -> np.ndarray:
+        return np.concatenate([np.take(part[field], live, axis=1) for part in _rows(held, first, last)])  # type: ignore[arg-type]
 
+    def with_ends(field: int) -> np.ndarray:
+        values = taken(field, *near)
+        # Beyond the record the line through its last two frames, which makes the central difference the one-sided one.
+        before = [2 * values[:1] - values[1:2]] if start == 0 else []
+        after = [2 * values[-1:] - values[-2:-1]] if stop == total - 1 else []
+        return np.ascontiguousarray(np.concatenate([*before, values, *after]))
 
-def _window(held: EchoArrays, low: int, start: int, stop: int, total: int) -> _Window:
-    """Frames start..stop of the echoes that are not silent there; half of a body's facets always look away."""
-    delay, amplitude, slope = held
+    delay = taken(0, low, high)
     keep = slice(start - low, stop - low + 1)
-    near = slice(max(0, keep.start - 1), keep.stop + 1)
-    live = np.flatnonzero(np.any(amplitude[near] != 0, axis=0))
-    inner = slice(keep.start - near.start, keep.start - near.start + stop - start + 1)
-
-    def central(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        part = np.take(values[near], live, axis=1)
-        return part[inner], central_slopes(part, first=start == 0, last=stop == total - 1)[inner]
-
-    delay = np.take(delay, live, axis=1)
-    values, slopes = central(amplitude)
-    sweep, sweep_slope = (None, None) if slope is None else central(slope)
     return _Window(
         start=start,
         stop=stop,
         delay=delay[keep],
         delay_slope=spline_slopes(len(delay))[keep] @ delay,
-        amplitude=values,
-        amplitude_slope=slopes,
-        sweep=sweep,
-        sweep_slope=sweep_slope,
+        amplitude=with_ends(1),
+        sweep=None if held[0][1][2] is None else with_ends(2),
     )
+
+
+def _rows(held: list[tuple[int, EchoArrays]], first: int, last: int) -> list[EchoArrays]:
+    """Frames first..last-1 of what is held, as views."""
+    found = []
+    for begin, (delay, amplitude, slope) in held:
+        cut = slice(max(first - begin, 0), max(last - begin, 0))
+        if begin < last and cut.start < len(delay):
+            found.append((delay[cut], amplitude[cut], None if slope is None else slope[cut]))
+    return found
 
 
 def _block(window: _Window, position: np.ndarray, step: float, sweep: _Sweep, backend: Backend) -> np.ndarray:
@@ -180,7 +186,7 @@ def _block(window: _Window, position: np.ndarray, step: float, sweep: _Sweep, ba
     if not window.delay.size:
         return np.zeros((len(position), len(sweep.x)), np.complex64)
     plan = _plan(window, position, step, sweep)
-    moments = _moments(plan, _coefficients(window, step, sweep, plan.origin_s), position, step, sweep, backend)
+    moments = _moments(plan, _coefficients(window, sweep, plan.origin_s, backend), position, step, sweep, backend)
     return moments.reshape(len(position), -1) @ _basis(plan, sweep)
 
 
@@ -205,10 +211,7 @@ def _plan(window: _Window, position: np.ndarray, step: float, sweep: _Sweep) -> 
     # tau + f_m tau'/S: the delay that the beat frequency shows.
     effective = window.delay + window.delay_slope * (sweep.mid_hz / sweep.slope / step)
     lit = window.amplitude != 0
-    used = lit[:-1] | lit[1:]
-    used[:-1] |= lit[2:]
-    used[1:] |= lit[:-2]
-    used |= (window.amplitude_slope[:-1] != 0) | (window.amplitude_slope[1:] != 0)
+    used = lit[:-3] | lit[1:-2] | lit[2:-1] | lit[3:]
     interval, echo = np.nonzero(used)
     before, after = effective[interval, echo], effective[interval + 1, echo]
     travel = float(np.abs(after - before).max()) / sweep.bucket_s
@@ -231,26 +234,43 @@ def _plan(window: _Window, position: np.ndarray, step: float, sweep: _Sweep) -> 
     return _Plan(origin, occupied, slots, table.indptr, table.indices)
 
 
-def _coefficients(window: _Window, step: float, sweep: _Sweep, origin_s: float) -> list[np.ndarray]:
-    """Per interval and echo, flattened: 4 of the phase [turns], 1 of theta's start, 8 of the amplitude, 8 of its sweep slope."""
-    turns = sweep.mid_hz * window.delay - 0.5 * sweep.slope * window.delay**2
-    turns_slope = (sweep.mid_hz - sweep.slope * window.delay) * window.delay_slope
-    c0, c1, c2, c3 = hermite(turns[:-1], turns[1:], turns_slope[:-1], turns_slope[1:])
-    theta = (window.delay[:-1] - origin_s) * sweep.theta_per_s
-    parts = [c0 - np.floor(c0), c1, c2, c3, theta]
-    for c in hermite(
-        window.amplitude[:-1], window.amplitude[1:], window.amplitude_slope[:-1], window.amplitude_slope[1:]
-    ):
-        parts += [c.real, c.imag]
-    if window.sweep is not None and window.sweep_slope is not None:
-        half_band = sweep.slope * sweep.half_time_s
-        for c in hermite(window.sweep[:-1], window.sweep[1:], window.sweep_slope[:-1], window.sweep_slope[1:]):
-            parts += [c.real * half_band, c.imag * half_band]
-    return [np.ascontiguousarray(p, dtype=np.float32).ravel() for p in parts]
+def _coefficients(window: _Window, sweep: _Sweep, origin_s: float, backend: Backend) -> list[Any]:
+    """Float32 arrays over (interval, echo): 4 of the phase [turns], 1 of theta's start, 8 of the amplitude, 8 of its sweep slope."""
+    import drjit as dr
+
+    Float32, Float64, UInt32 = backend.Float32, backend.Float64, backend.UInt32
+    echoes = dr.opaque(UInt32, window.delay.shape[1])
+    lane = dr.arange(UInt32, window.delay[:-1].size)
+    mid, ramp, origin, per_s, half_band = (
+        dr.opaque(Float64, float(x))
+        for x in (sweep.mid_hz, sweep.slope, origin_s, sweep.theta_per_s, sweep.slope * sweep.half_time_s)
+    )
+    delays, slopes = (Float64(np.ascontiguousarray(a).ravel()) for a in (window.delay, window.delay_slope))
+    turns, turns_slope, first = [], [], None
+    for index in (lane, lane + echoes):
+        tau, rate = dr.gather(Float64, delays, index), dr.gather(Float64, slopes, index)
+        first = tau if first is None else first
+        turns.append(mid * tau - 0.5 * ramp * tau * tau)
+        turns_slope.append((mid - ramp * tau) * rate)
+    # float64 up to here: thousands of turns, of which the fraction counts.
+    phase = hermite(*turns, *turns_slope)
+    tables = [Float32(phase[0] - dr.floor(phase[0])), *(Float32(c) for c in phase[1:]), Float32((first - origin) * per_s)]
+    for values, scale in ((window.amplitude, None), (window.sweep, Float32(half_band))):
+        if values is None:
+            continue
+        parts = Float32(values.view(np.float32).ravel())
+        pairs = []
+        for part in range(2):
+            frames = [dr.gather(Float32, parts, 2 * (lane + k * echoes) + part) for k in range(4)]
+            middle = 0.5 * (frames[2] - frames[0]), 0.5 * (frames[3] - frames[1])
+            pairs.append([c if scale is None else c * scale for c in hermite(frames[1], frames[2], *middle)])
+        tables += [pairs[part][order] for order in range(4) for part in range(2)]
+    dr.eval(tables)
+    return tables
 
 
 def _moments(
-    plan: _Plan, coefficients: list[np.ndarray], position: np.ndarray, step: float, sweep: _Sweep, backend: Backend
+    plan: _Plan, tables: list[Any], position: np.ndarray, step: float, sweep: _Sweep, backend: Backend
 ) -> np.ndarray:
     """Chebyshev coefficients of every bucket over the sweep, complex64 (chirp, bucket, ORDER)."""
     import drjit as dr
@@ -259,17 +279,21 @@ def _moments(
     buckets = len(plan.buckets)
     slot = np.floor(position * plan.slots_per_interval).astype(np.int64)
     slot = np.clip(slot, 0, (len(plan.starts) - 1) // buckets - 1)
-    unroll = int(np.clip(len(position) / max(1, len(np.unique(slot))) / 16, 1, 3))
-    # One lane for `unroll` chirps of one slot and one bucket.
     bounds = np.flatnonzero(np.diff(slot, prepend=-1, append=slot[-1] + 1))
-    groups = [np.arange(a, b, unroll) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
-    lane_chirp = np.concatenate(groups)
+    longest = int(np.diff(bounds).max())
+    # A vector of lanes takes `unroll` chirps each of one slot and one bucket, so that all run the same loop over the same
+    # echoes; lanes left over repeat the slot's last chirp.
+    vectors = -(-longest // (VECTOR * MAX_UNROLL))
+    unroll = -(-longest // (VECTOR * vectors))
+    first, last = bounds[:-1, None], bounds[1:, None]
+    lane_chirp = first + np.arange(0, longest, unroll)[: VECTOR * vectors]
+    lane_chirp = np.pad(lane_chirp, ((0, 0), (0, -lane_chirp.shape[1] % VECTOR)), mode="edge")
+    lane_end = np.broadcast_to(last, lane_chirp.shape).ravel()
+    lane_chirp = np.minimum(lane_chirp, last - 1).ravel()
     lane_slot = slot[lane_chirp]
-    lane_end = bounds[np.searchsorted(bounds, lane_chirp, side="right")]
     lanes = len(lane_chirp) * buckets
 
-    # Neighbouring lanes share a bucket, so that a vector of lanes runs the same loop. All that changes from block to block
-    # comes in as arrays: a number in the code would compile a new kernel.
+    # All that changes from block to block comes in as arrays: a number in the code would compile a new kernel.
     bucket = np.repeat(np.arange(buckets), len(lane_chirp))
     row = np.tile(lane_slot * buckets, buckets) + bucket
 
@@ -279,7 +303,6 @@ def _moments(
     chirp = lanes_of(np.tile(lane_chirp, buckets))
     begin, end = lanes_of(plan.starts[row]), lanes_of(plan.starts[row + 1])
     members = UInt32(plan.members.astype(np.uint32))
-    tables = [Float32(c) for c in coefficients]
     share = position - np.floor(slot / plan.slots_per_interval)
     times = Float32(np.append(share, np.zeros(unroll)).astype(np.float32))
     u = [dr.gather(Float32, times, chirp + k) for k in range(unroll)]

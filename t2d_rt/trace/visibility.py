@@ -15,8 +15,7 @@ import numpy as np
 from t2d_rt.backend import Backend
 from t2d_rt.types import MovingMesh
 
-KEYS_PER_SCENE = 32
-CELLS_PER_SIDE = 4  # 4^3 cells hold the chunk
+FACES_PER_SCENE = 250_000
 # Rays start this far off the surface, so that the triangles they start from do not stop them.
 LIFT_M = 2e-3
 
@@ -40,6 +39,7 @@ class Occlusion:
         self._sizes = [len(m.rest) for m in meshes]
         self._chunks: OrderedDict[int, np.ndarray] = OrderedDict()
         self._scene = _Scene(meshes, backend)
+        self._copies = self._scene.copies
         self._neighbours = [_adjacency(m) for m in meshes]
 
     def visibility(self, times_s: np.ndarray) -> list[np.ndarray]:
@@ -55,14 +55,14 @@ class Occlusion:
         return np.split(mixed, np.cumsum(self._sizes)[:-1], axis=1)
 
     def _at_keys(self, keys: np.ndarray) -> np.ndarray:
-        return np.stack([self._chunk(int(key) // KEYS_PER_SCENE)[int(key) % KEYS_PER_SCENE] for key in keys])
+        return np.stack([self._chunk(int(key) // self._copies)[int(key) % self._copies] for key in keys])
 
     def _chunk(self, number: int) -> np.ndarray:
-        """Visibility float32 (KEYS_PER_SCENE, all vertices) of a chunk of keys; the last few chunks are kept."""
+        """Visibility float32 (copies, all vertices) of a chunk of keys; the last two chunks are kept."""
         if number not in self._chunks:
-            first = number * KEYS_PER_SCENE
-            times = self._keys[first : first + KEYS_PER_SCENE]
-            times = np.append(times, np.repeat(times[-1], KEYS_PER_SCENE - len(times)))
+            first = number * self._copies
+            times = self._keys[first : first + self._copies]
+            times = np.append(times, np.repeat(times[-1], self._copies - len(times)))
             self._chunks[number] = self._traced(times)
             while len(self._chunks) > 2:
                 self._chunks.popitem(last=False)
@@ -96,7 +96,7 @@ class Occlusion:
 
 
 class _Scene:
-    """KEYS_PER_SCENE copies of all meshes in one Mitsuba scene."""
+    """Copies of all meshes at several moments in one Mitsuba scene."""
 
     def __init__(self, meshes: Sequence[MovingMesh], backend: Backend) -> None:
         import mitsuba as mi
@@ -106,10 +106,11 @@ class _Scene:
         self._mi: Any = mi
         offsets = np.cumsum([0, *(len(m.rest) for m in meshes)])
         faces = np.concatenate([m.faces + offset for m, offset in zip(meshes, offsets[:-1], strict=True)])
-        copies = np.arange(KEYS_PER_SCENE)[:, None, None] * offsets[-1]
-        mesh = mi.Mesh("body", int(KEYS_PER_SCENE * offsets[-1]), KEYS_PER_SCENE * len(faces))
+        self.copies = int(np.clip(FACES_PER_SCENE // len(faces), 1, 64))
+        shifts = np.arange(self.copies)[:, None, None] * offsets[-1]
+        mesh = mi.Mesh("body", int(self.copies * offsets[-1]), self.copies * len(faces))
         values = mi.traverse(mesh)
-        values["faces"] = mi.UInt32((faces[None] + copies).ravel().astype(np.uint32))
+        values["faces"] = mi.UInt32((faces[None] + shifts).ravel().astype(np.uint32))
         values.update()
         self._scene = mi.load_dict({"type": "scene", "body": mesh})
         self._params = mi.traverse(self._scene)
@@ -119,8 +120,7 @@ class _Scene:
         """Whether the way from origins to the coordinate origin is free of the meshes at vertices, both (K, V, 3): bool (K, V)."""
         mi = self._mi
         reach = 2.2 * float(np.abs(vertices).max())
-        cell = np.arange(KEYS_PER_SCENE)
-        corner = np.stack([cell % CELLS_PER_SIDE, cell // CELLS_PER_SIDE % CELLS_PER_SIDE, cell // CELLS_PER_SIDE**2], axis=1)
+        corner = np.stack(np.unravel_index(np.arange(self.copies), (4, 4, 4)), axis=1)
         shift = (corner * reach)[:, None, :]
         self._params[self._key] = mi.Float((vertices + shift).ravel().astype(np.float32))
         self._params.update()

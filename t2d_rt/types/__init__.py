@@ -1,6 +1,7 @@
 """Frozen values that cross stages."""
 
 from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, stream
+from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import PEC, Material
 from t2d_rt.types.mesh import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
@@ -14,6 +15,7 @@ __all__ = [
     "EchoArrays",
     "EchoStream",
     "Echoes",
+    "Ellipsoids",
     "Material",
     "Motion",
     "MovingMesh",

@@ -1,0 +1,125 @@
+"""The same body as a few ellipsoids, one per segment, moving rigidly with the bones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.body.fit import SIDES, Fitted, fit
+from t2d_rt.body.pose import BONES, posing
+from t2d_rt.body.rotations import unit
+from t2d_rt.body.skin import JointTrack, linear_track
+from t2d_rt.body.template import template
+from t2d_rt.types.ellipsoids import Ellipsoids
+from t2d_rt.types.material import Material
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A part of the body that one bone carries."""
+
+    bone: str
+    joints: tuple[str, ...]
+    """Joints whose share of the surface it takes."""
+    ends: tuple[str, str]
+    """Its long axis in the rest pose."""
+
+
+TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
+TRUNK_CUTS = ("spine1", "spine2")
+"""Heights that part pelvis, abdomen and chest."""
+
+RAGGED = 0.02
+"""Share of a segment's points left out at either end of the bone: its faces do not end in a plane."""
+
+
+def _segments() -> dict[str, Segment]:
+    parts = {
+        "head": Segment("head", ("head",), ("head", "head_top")),
+        "neck": Segment("neck", ("neck",), ("neck", "head")),
+        "pelvis": Segment("pelvis", TRUNK, ("pelvis", "neck")),
+        "abdomen": Segment("spine1", TRUNK, ("pelvis", "neck")),
+        "chest": Segment("spine3", TRUNK, ("pelvis", "neck")),
+    }
+    for s in SIDES:
+        parts |= {
+            f"{s}_upper_arm": Segment(f"{s}_shoulder", (f"{s}_shoulder",), (f"{s}_shoulder", f"{s}_elbow")),
+            f"{s}_forearm": Segment(f"{s}_elbow", (f"{s}_elbow",), (f"{s}_elbow", f"{s}_wrist")),
+            f"{s}_hand": Segment(f"{s}_wrist", (f"{s}_wrist",), (f"{s}_wrist", f"{s}_hand")),
+            f"{s}_thigh": Segment(f"{s}_hip", (f"{s}_hip",), (f"{s}_hip", f"{s}_knee")),
+            f"{s}_shank": Segment(f"{s}_knee", (f"{s}_knee",), (f"{s}_knee", f"{s}_ankle")),
+            f"{s}_foot": Segment(f"{s}_ankle", (f"{s}_ankle", f"{s}_foot"), (f"{s}_ankle", f"{s}_toe")),
+        }
+    return parts
+
+
+SEGMENTS: Mapping[str, Segment] = _segments()
+"""The 17 segments."""
+
+
+def segments(
+    motion: Motion, body: str = "adult", *, material: str | Material = "skin", track: JointTrack | None = None
+) -> Ellipsoids:
+    """Ellipsoids fitted to the surface that `skin` moves, moving rigidly with its bones; arguments as in `skin`."""
+    fitted = fit(template(body), motion)
+    pose = posing(fitted, motion)
+    semi_axes, centres, axes = fit_ellipsoids(fitted)
+    bones = [BONES.index(part.bone) for part in SEGMENTS.values()]
+    offsets = centres - np.array([fitted.joints[part.bone] for part in SEGMENTS.values()])
+    track = track or linear_track(motion)
+
+    def places(times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        turn, origin = (moved[:, bones] for moved in pose.bones(*track(times_s)))
+        return (turn @ offsets[..., None])[..., 0] + origin, turn @ axes
+
+    return Ellipsoids.from_track(places, semi_axes, motion.times_s, material, names=tuple(SEGMENTS))
+
+
+def fit_ellipsoids(body: Fitted) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Semi-axes (N, 3) m, rest centres (N, 3) m and rest axes (N, 3, 3) of the segments.
+
+    A segment's faces are those that its joints move most; the trunk is cut at two heights. Along the bone the ellipsoid
+    is as long as they are; across, half way (geometric mean) between as thick as they are and as thick as gives the
+    segment's volume.
+    """
+    columns = [[CANONICAL_JOINTS.index(joint) for joint in part.joints] for part in SEGMENTS.values()]
+    share = np.stack([body.template.weights[:, group].sum(1) for group in columns], axis=1)
+    faces = body.template.faces
+    owner = share[faces].sum(1).argmax(1)
+    trunk = [i for i, part in enumerate(SEGMENTS.values()) if part.joints == TRUNK]
+    storey = np.searchsorted([body.joints[joint][2] for joint in TRUNK_CUTS], body.vertices[faces].mean(1)[:, 2])
+    owner = np.where(np.isin(owner, trunk), np.array(trunk)[storey], owner)
+    fits = [
+        _ellipsoid(body.vertices[faces[owner == i]], *_axes(body, part)) for i, part in enumerate(SEGMENTS.values())
+    ]
+    semi_axes, centres, axes = (np.array(column) for column in zip(*fits, strict=True))
+    return semi_axes, centres, axes
+
+
+def _axes(body: Fitted, part: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit axes of a segment at rest: first as far forward as may be (a foot's: sideways), third along the bone."""
+    long = body.joints[part.ends[1]] - body.joints[part.ends[0]]
+    is_foot = part.bone.endswith("ankle")
+    long = unit(long * [1, 1, 0] if is_foot else long)
+    ahead = np.array([0.0, 1, 0] if is_foot else [1.0, 0, 0])
+    first = unit(ahead - (ahead @ long) * long)
+    return first, np.cross(long, first), long
+
+
+def _ellipsoid(
+    corners: np.ndarray, first: np.ndarray, second: np.ndarray, third: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Semi-axes, centre and axes for the faces (F, 3, 3) of a segment."""
+    axes = np.stack([first, second, third], -1)
+    own = corners @ axes
+    low, high = own.min((0, 1)), own.max((0, 1))
+    low[2], high[2] = np.quantile(own[..., 2], (RAGGED, 1 - RAGGED))
+    half = (high - low) / 2
+    # Volume by the flux of x e_x: the first axis is the one to which no cut through joints or armpits faces.
+    area = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0]) / 2
+    volume = abs(float(((own.mean(1) - (low + high) / 2)[:, 0] * area[:, 0]).sum()))
+    filling = volume / (4 / 3 * np.pi * half.prod())
+    return half * [filling**0.25, filling**0.25, 1], axes @ ((low + high) / 2), axes

@@ -1,0 +1,129 @@
+"""`Ellipsoids`: rigid ellipsoids in time, the form in which the ellipsoid echo model sees a body."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.types.material import Material
+
+PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Centres [m] (K, N, 3) and unit axes (K, N, 3, 3), in columns, at times [s] (K,)."""
+
+
+class Ellipsoids:
+    """N ellipsoids of semi-axes (N, 3) m, the third along the bone, between the first and last of times_s (T,) s.
+
+    `centres` (T, N, 3) m follow a C2 cubic spline between the times; `axes` (T, N, 3, 3) hold the unit axes in columns;
+    (N, 3, 3) if they never turn; none if they are those of space.
+    """
+
+    def __init__(
+        self,
+        semi_axes_m: np.ndarray,
+        centres: np.ndarray,
+        times_s: np.ndarray,
+        axes: np.ndarray | None = None,
+        material: str | Material = "skin",
+        *,
+        names: Sequence[str] | None = None,
+    ) -> None:
+        semi_axes_m, times_s = np.array(semi_axes_m, dtype=np.float64), np.array(times_s, dtype=np.float64)
+        centres = np.array(centres, dtype=np.float64)
+        self._fill(semi_axes_m, times_s, material, names)
+        frames, count = len(times_s), len(semi_axes_m)
+        if centres.shape != (frames, count, 3) or not np.isfinite(centres).all():
+            raise InputError(f"centres must have shape ({frames}, {count}, 3) and be finite, got shape {centres.shape}")
+        axes = np.tile(np.eye(3), (count, 1, 1)) if axes is None else np.array(axes, dtype=np.float64)
+        if axes.shape not in ((count, 3, 3), (frames, count, 3, 3)):
+            raise InputError(f"axes must have shape ({frames}, {count}, 3, 3) or ({count}, 3, 3), got {axes.shape}")
+        if not np.allclose(np.swapaxes(axes, -1, -2) @ axes, np.eye(3), atol=1e-6) or (np.linalg.det(axes) < 0).any():
+            raise InputError(
+                "axes must hold three right-handed orthogonal unit vectors in columns; normalise them first"
+            )
+        self._track = _interpolated(times_s, centres, axes)
+
+    @classmethod
+    def from_track(
+        cls,
+        track: PoseTrack,
+        semi_axes_m: np.ndarray,
+        times_s: np.ndarray,
+        material: str | Material = "skin",
+        *,
+        names: Sequence[str] | None = None,
+    ) -> Ellipsoids:
+        """Ellipsoids whose places are computed when asked for, between the first and last of `times_s`."""
+        ellipsoids = cls.__new__(cls)
+        ellipsoids._fill(np.array(semi_axes_m, dtype=np.float64), np.array(times_s, dtype=np.float64), material, names)
+        ellipsoids._track = track
+        return ellipsoids
+
+    def _fill(
+        self, semi_axes_m: np.ndarray, times_s: np.ndarray, material: str | Material, names: Sequence[str] | None
+    ) -> None:
+        if times_s.ndim != 1 or len(times_s) < 2 or not np.isfinite(times_s).all() or not (np.diff(times_s) > 0).all():
+            raise InputError(
+                f"times_s must be at least 2 finite, increasing times, got shape {times_s.shape}; "
+                "a still target stands twice"
+            )
+        if semi_axes_m.ndim != 2 or semi_axes_m.shape[1] != 3 or len(semi_axes_m) == 0:
+            raise InputError(f"semi_axes_m must have shape (ellipsoid, 3), got {semi_axes_m.shape}")
+        if not (np.isfinite(semi_axes_m).all() and (semi_axes_m > 0).all()):
+            raise InputError(f"semi_axes_m must be positive and finite, got {semi_axes_m.min():.4g} m as the least")
+        names = tuple(f"ellipsoid{i}" for i in range(len(semi_axes_m))) if names is None else tuple(names)
+        if len(names) != len(semi_axes_m):
+            raise InputError(f"{len(semi_axes_m)} ellipsoids need as many names, got {len(names)}")
+        self.semi_axes_m = semi_axes_m
+        self.times_s = times_s
+        self.material = material
+        self.names = names
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last frame [s]."""
+        return float(self.times_s[-1] - self.times_s[0])
+
+    def at(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Centres [m] (K, N, 3) and unit axes in columns (K, N, 3, 3), float64, at any times within the own ones."""
+        times_s = np.atleast_1d(np.asarray(times_s, dtype=np.float64))
+        slack = 1e-9 * max(1.0, abs(self.times_s[-1]))
+        if times_s.size and (times_s.min() < self.times_s[0] - slack or times_s.max() > self.times_s[-1] + slack):
+            raise InputError(
+                f"the ellipsoids are known from {self.times_s[0]:.6g} s to {self.times_s[-1]:.6g} s, asked for "
+                f"{times_s.min():.6g} s to {times_s.max():.6g} s; give a longer motion or a shorter duration"
+            )
+        return self._track(np.clip(times_s, self.times_s[0], self.times_s[-1]))
+
+    def __repr__(self) -> str:
+        material = self.material if isinstance(self.material, str) else self.material.name
+        return f"Ellipsoids({len(self.names)}: {', '.join(self.names[:3])} ..., {self.duration_s:.3g} s, {material})"
+
+
+def _interpolated(times_s: np.ndarray, centres: np.ndarray, axes: np.ndarray) -> PoseTrack:
+    """Splines of the centres and of the axes' quaternions (normalised); what stands still is left alone."""
+    count = centres.shape[1]
+    place = _curve(times_s, centres)
+    if axes.ndim == 3:
+        return lambda t: (place(t), np.broadcast_to(axes, (len(t), count, 3, 3)).copy())
+    from scipy.spatial.transform import Rotation
+
+    quaternions = Rotation.from_matrix(axes.reshape(-1, 3, 3)).as_quat().reshape(*axes.shape[:2], 4)
+    flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0), axis=0)
+    quaternions[1:] *= flips[..., None]
+    turn = _curve(times_s, quaternions)
+    return lambda t: (place(t), Rotation.from_quat(turn(t).reshape(-1, 4)).as_matrix().reshape(len(t), count, 3, 3))
+
+
+def _curve(times_s: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """C2 cubic spline; a straight line or parabola where there are only 2 or 3 frames."""
+    if (values == values[:1]).all():
+        return lambda t: np.repeat(values[:1], len(t), axis=0)
+    from scipy.interpolate import CubicSpline, make_interp_spline
+
+    spline = (
+        CubicSpline(times_s, values) if len(times_s) > 3 else make_interp_spline(times_s, values, k=len(times_s) - 1)
+    )
+    return lambda t: np.asarray(spline(t))

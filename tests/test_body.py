@@ -1,0 +1,347 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from t2d_rt.body import bodies, regressed_joints, skin, template
+from t2d_rt.body.fit import fit, stance
+from t2d_rt.body.rotations import between, matrices, quaternion, swing
+from t2d_rt.body.skin import blend_basis, bone_weights
+from t2d_rt.errors import InputError
+from t2d_rt.motion import load_motion, track
+from t2d_rt.resources import resource
+from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
+
+WALK, RUN, STYLISED = "12_01_walk.bvh", "iclone_002_03_run_jog.bvh.gz", "131_01_walk_300frames.bvh"
+
+
+def still(*, seed: int | None = None, ends: bool = True, frames: int = 5) -> Motion:
+    """A motion that holds the template's own rest pose, its file's zero pose turned at random."""
+    rest = template().joints
+    names = CANONICAL_JOINTS + (tuple(OPTIONAL_JOINTS) if ends else ())
+    parents = CANONICAL_PARENTS + tuple(names.index(OPTIONAL_JOINTS[n]) for n in names[22:])
+    joints = np.tile([rest[name] for name in names], (frames, 1, 1))
+    turn = Rotation.identity(len(names)) if seed is None else Rotation.random(len(names), rng=seed)
+    quaternions = np.tile(turn.as_quat(), (frames, 1, 1))
+    return Motion(joints=joints, rotations=quaternions, rate_hz=30.0, names=names, parents=parents)
+
+
+def moved(motion: Motion, turn: Rotation, shift: np.ndarray, scale: float = 1.0) -> Motion:
+    flat = motion.rotations.reshape(-1, 4)
+    return replace(
+        motion,
+        joints=turn.apply(scale * motion.joints.reshape(-1, 3)).reshape(motion.joints.shape) + shift,
+        rotations=(turn * Rotation.from_quat(flat)).as_quat().reshape(motion.rotations.shape),
+    )
+
+
+def with_bone(motion: Motion, joint: str, factor: float) -> Motion:
+    """The motion with the bone above a joint made longer, everything below shifted."""
+    joints = motion.joints.copy()
+    index, below = motion.index(joint), [motion.index(joint)]
+    for i, parent in enumerate(motion.parents):
+        if parent in below:
+            below.append(i)
+    joints[:, below] += (factor - 1) * (joints[:, index] - joints[:, motion.parents[index]])[:, None]
+    return replace(motion, joints=joints)
+
+
+@pytest.fixture(scope="module")
+def walk() -> Motion:
+    return load_motion(resource("motions", WALK))
+
+
+def test_the_template_is_one_closed_well_shaped_surface():
+    body = template()
+    import trimesh
+
+    cage = trimesh.Trimesh(body.vertices, body.faces, process=False)
+    assert cage.is_watertight
+    assert cage.euler_number == 2
+    assert cage.is_winding_consistent
+    assert cage.volume == pytest.approx(0.0725, rel=0.02)
+    assert np.ptp(body.vertices[:, 2]) == pytest.approx(1.837, abs=0.01)
+    assert body.vertices[:, 2].min() == pytest.approx(0, abs=2e-3)
+    assert 4000 < len(body.faces) < 7000
+    assert np.degrees(cage.face_angles).min() > 35
+    assert np.isin(np.bincount(body.faces.ravel()), (4, 5, 6, 7, 8)).all()
+
+
+def test_the_templates_weights_are_a_partition_with_four_influences():
+    weights = template().weights
+    np.testing.assert_allclose(weights.sum(1), 1, atol=1e-12)
+    assert (weights >= 0).all()
+    assert np.count_nonzero(weights, axis=1).max() <= 4
+
+
+def test_rings_go_around_their_joints_and_give_them_at_rest():
+    body = template()
+    assert set(body.rings) == {"head"} | {
+        f"{s}_{j}" for s in ("left", "right") for j in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
+    }
+    for name, (index, share) in body.rings.items():
+        around = body.vertices[index] - body.joints[name]
+        assert len(index) >= 7
+        assert share.max() < 0.3
+        # Around: seen along the ring's axis no gap wider than 120 degrees.
+        plane = np.linalg.svd(around - around.mean(0))[2][:2]
+        angles = np.sort(np.arctan2(*(around @ plane.T).T))
+        assert np.diff([*angles, angles[0] + 2 * np.pi]).max() < np.radians(120), name
+    for name, joint in regressed_joints(body, body.vertices).items():
+        np.testing.assert_allclose(joint, body.joints[name], atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", [None, 1, 2])
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_motion_that_holds_the_rest_pose_gives_the_rest_surface_whatever_the_files_zero_pose(seed, ends):
+    surface = skin(still(seed=seed, ends=ends))
+    np.testing.assert_allclose(surface.vertices[2], template().vertices, atol=1e-6)
+    np.testing.assert_allclose(surface.rest, template().vertices, atol=2e-3)
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    angle=st.floats(-3, 3),
+    x=st.floats(-5, 5),
+    y=st.floats(-5, 5),
+    scale=st.floats(0.3, 1.5),
+)
+def test_turning_shifting_and_scaling_the_motion_does_the_same_to_the_surface(angle, x, y, scale):
+    turn, shift = Rotation.from_euler("z", angle), np.array([x, y, 0.0])
+    motion = still(seed=3)
+    expected = turn.apply(scale * skin(motion).vertices[0]) + shift
+    np.testing.assert_allclose(skin(moved(motion, turn, shift, scale)).vertices[0], expected, atol=1e-9)
+
+
+def test_a_turn_in_any_direction_after_calibration_carries_the_surface_rigidly():
+    motion = still(seed=4, frames=9)
+    surface = skin(motion)
+    turn, shift = Rotation.from_euler("xyz", [0.7, -1.1, 2.0]), np.array([1.0, 2.0, 3.0])
+    tilted = moved(motion, turn, shift)
+    tumbling = skin(motion, track=lambda t: (tilted.joints[: len(t)], tilted.rotations[: len(t)]))
+    np.testing.assert_allclose(tumbling.vertices[0], turn.apply(surface.vertices[0]) + shift, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "name", [WALK, RUN, STYLISED, "14_14_jumping_jacks.bvh", "momask_22j_120frames.bvh", "bvhtoolbox_walk01.bvh"]
+)
+def test_the_surface_sits_on_the_motions_joints(name):
+    motion = load_motion(resource("motions", name))
+    joints = regressed_joints(template(), skin(motion, track=track(motion)).vertices)
+    errors = np.stack([np.linalg.norm(p - motion.joints[:, motion.index(n)], axis=1) for n, p in joints.items()])
+    assert errors.mean() < 0.006
+    assert errors.max() < 0.025
+
+
+def test_a_longer_forearm_is_longer_but_not_thicker():
+    body, plain = template(), fit(template(), still())
+    longer = fit(body, with_bone(with_bone(still(), "left_wrist", 1.3), "right_wrist", 1.3))
+    axis = body.joints["left_wrist"] - body.joints["left_elbow"]
+    length = np.linalg.norm(axis)
+
+    def girth(joints, vertices):
+        offset = vertices - (joints["left_wrist"] + joints["left_elbow"]) / 2
+        along = offset @ axis / length
+        middle = (np.abs(along) < 0.03) & (np.linalg.norm(offset, axis=1) < 0.1)
+        return np.linalg.norm(offset[middle] - along[middle, None] * axis / length, axis=1).mean()
+
+    stretched = np.linalg.norm(longer.joints["left_wrist"] - longer.joints["left_elbow"])
+    assert stretched == pytest.approx(1.3 * length, rel=1e-9)
+    assert longer.scale == pytest.approx(1, rel=1e-9)
+    assert girth(longer.joints, longer.vertices) == pytest.approx(girth(plain.joints, plain.vertices), rel=0.06)
+    hand = template().weights[:, CANONICAL_JOINTS.index("left_wrist")] > 0.999
+    np.testing.assert_allclose(np.ptp(longer.vertices[hand], axis=0), np.ptp(plain.vertices[hand], axis=0), rtol=1e-6)
+
+
+def test_longer_legs_raise_stature_and_the_head_follows():
+    motion = still()
+    for joint in ("left_knee", "right_knee", "left_ankle", "right_ankle"):
+        motion = with_bone(motion, joint, 1.2)
+    fitted = fit(template(), motion)
+    assert 1.05 < fitted.scale < 1.2
+    head = template().joints["head_top"] - template().joints["head"]
+    np.testing.assert_allclose(fitted.joints["head_top"] - fitted.joints["head"], fitted.scale * head, atol=1e-9)
+
+
+def test_feet_stand_level_on_the_ground_while_the_file_says_otherwise(walk):
+    """The posed soles of the stance foot are level although 12_01's ankle-to-toe line is flatter than the body's."""
+    surface = skin(walk, track=track(walk))
+    lowest = surface.vertices[..., 2].min(1)
+    assert np.abs(np.median(lowest)) < 0.015
+    assert lowest.min() > -0.04
+
+
+def test_soles_are_level_in_stance(walk):
+    """Fits a plane to each sole; taken along the file's ankle-to-toe line it would be pitched by 10 degrees."""
+    body, vertices = template(), skin(walk, track=track(walk)).vertices
+    for side in ("left", "right"):
+        ankle = CANONICAL_JOINTS.index(f"{side}_ankle")
+        sole = vertices[:, (body.weights[:, ankle] > 0.5) & (body.vertices[:, 2] < 0.015)]
+        frames = stance(walk, side).frames
+        normal = np.linalg.svd(sole[frames] - sole[frames].mean(1, keepdims=True))[2][:, 2]
+        tilt = np.degrees(np.arccos(np.abs(normal[:, 2])))
+        assert len(frames) > 20
+        assert np.median(tilt) < 5
+
+
+def test_a_hand_points_where_the_files_hand_does():
+    motion, rest = still(seed=6), template().joints
+    turn = Rotation.from_rotvec([0, 0, np.radians(40)])
+    wrist, hand = motion.index("left_wrist"), motion.index("left_hand")
+    joints = motion.joints.copy()
+    joints[:, hand] = joints[:, wrist] + turn.apply(rest["left_hand"] - rest["left_wrist"])
+    fingers = template().weights[:, wrist] > 0.999
+    middle = skin(replace(motion, joints=joints)).vertices[0, fingers].mean(0)
+    expected = joints[0, wrist] + turn.apply(template().vertices[fingers].mean(0) - rest["left_wrist"])
+    # The file tells the direction only: a small twist is left open.
+    np.testing.assert_allclose(middle, expected, atol=0.01)
+
+
+@pytest.mark.parametrize("joints", [("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")])
+def test_knees_and_elbows_bend_the_right_way(walk, joints):
+    """Where the limb bends, kneecap and point of the elbow are on the outer side."""
+    body, vertices = template(), skin(walk, track=track(walk)).vertices
+    above, here, below = (walk.joints[:, walk.index(f"left_{joint}")] for joint in joints)
+    bend = here - (above + below) / 2
+    bent = np.linalg.norm(bend, axis=1) > 0.1 * np.linalg.norm(above - below, axis=1)
+    ring = body.rings[f"left_{joints[1]}"][0]
+    first, middle, last = (body.joints[f"left_{joint}"] for joint in joints)
+    tip = ring[np.argmax((body.vertices[ring] - middle) @ (middle - (first + last) / 2))]
+    towards = vertices[:, tip] - here
+    cosine = (towards * bend).sum(1)[bent] / np.linalg.norm(bend[bent], axis=1) / np.linalg.norm(towards[bent], axis=1)
+    assert np.count_nonzero(bent) > 20
+    assert cosine.min() > 0.5  # one vertex of a ring of 14, elbows nearly straight
+
+
+def test_the_head_looks_where_the_walk_goes(walk):
+    surface = skin(walk, track=track(walk))
+    nose = np.argmax(template().vertices[:, 0] * (template().vertices[:, 2] > 1.6))
+    gaze = surface.vertices[:, nose] - walk.joints[:, walk.index("head")]
+    course = walk.joints[-1, 0] - walk.joints[0, 0]
+    cosine = (gaze[:, :2] @ course[:2]) / np.linalg.norm(gaze[:, :2], axis=1) / np.linalg.norm(course[:2])
+    assert cosine.min() > 0.8
+
+
+def test_the_posed_surface_keeps_its_volume(walk):
+    surface = skin(walk, track=track(walk))
+
+    def volume(vertices):
+        a, b, c = (vertices[..., surface.faces[:, i], :] for i in range(3))
+        return (a * np.cross(b, c)).sum((-1, -2)) / 6
+
+    ratio = volume(surface.vertices) / volume(surface.rest)
+    assert 0.95 < ratio.min() <= ratio.max() < 1.05
+
+
+def test_a_twisted_wrist_does_not_wring_the_forearm():
+    """The forearm takes up half the twist: at 120 degrees it keeps 80 % of its girth (plain blending: half)."""
+    motion = still(frames=40)
+    rest = template().joints
+    axis = rest["left_wrist"] - rest["left_elbow"]
+    axis /= np.linalg.norm(axis)
+    twisted = motion.rotations.copy()
+    wrist = motion.index("left_wrist")
+    twisted[0, wrist] = (Rotation.from_rotvec(np.radians(120) * axis) * Rotation.from_quat(twisted[0, wrist])).as_quat()
+    surface = skin(motion, track=lambda t: (motion.joints[:1], twisted[:1]))
+    offset = template().vertices - rest["left_elbow"]
+    along = offset @ axis
+    length = np.linalg.norm(rest["left_wrist"] - rest["left_elbow"])
+    forearm = (
+        (along > 0.3 * length) & (along < length) & (np.linalg.norm(offset, axis=1) < 0.28) & (offset[:, 1] > -0.02)
+    )
+
+    def radius(vertices):
+        offset = vertices[forearm] - rest["left_elbow"]
+        across = offset - (offset @ axis)[:, None] * axis
+        return np.linalg.norm(across - across.mean(0), axis=1)
+
+    posed = surface.at(np.zeros(1))[0]
+    for low in np.arange(0.3, 1.0, 0.1):
+        part = (along[forearm] >= low * length) & (along[forearm] < (low + 0.1) * length)
+        assert radius(posed)[part].mean() > 0.8 * radius(template().vertices)[part].mean()
+
+
+def test_skinning_by_blocks_is_the_plain_sum_over_bones(walk):
+    """A float64 twin: sum over bones of weight (R (v - r) + o)."""
+    from t2d_rt.body.pose import BONES, posing
+
+    fitted = fit(template(), walk)
+    pose = posing(fitted, walk)
+    turn, origin = pose.bones(walk.joints[:70], walk.rotations[:70])
+    weights = bone_weights(fitted)
+    np.testing.assert_allclose(weights.sum(1), 1, atol=1e-12)
+    expected = np.zeros((70, len(fitted.vertices), 3))
+    carrier = [b.replace("upper_arm", "shoulder").replace("forearm", "elbow") for b in BONES]
+    for i, name in enumerate(carrier):
+        offset = fitted.vertices - fitted.joints[name]
+        expected += weights[:, i, None] * (np.einsum("kij,vj->kvi", turn[:, i], offset) + origin[:, i, None])
+    np.testing.assert_allclose(skin(walk).vertices[:70], expected, atol=1e-9)
+    assert blend_basis(fitted).shape == (4 * len(BONES), len(fitted.vertices))
+
+
+def test_the_surface_is_smooth_in_time(walk):
+    """Second differences shrink fourfold when the step is halved: no kink between or at frames."""
+    surface = skin(walk, track=track(walk))
+    start, step = 1.0, 1 / walk.rate_hz / 8
+
+    def bend(step):
+        t = start + step * np.arange(round(0.2 / step))
+        return np.abs(np.diff(surface.at(t), 2, axis=0)).max()
+
+    assert bend(step) / bend(step / 2) == pytest.approx(4, rel=0.1)
+
+
+def test_a_motion_without_track_is_joined_by_straight_lines(walk):
+    surface = skin(walk)
+    ends = surface.at(np.array([1.0, 1.0 + 1 / walk.rate_hz]))
+    middle = surface.at(np.array([1.0 + 0.5 / walk.rate_hz]))
+    np.testing.assert_allclose(middle[0], ends.mean(0), atol=1e-4)
+
+
+def test_lying_and_hand_standing_bodies_are_posed_too():
+    for turn in (Rotation.from_euler("x", 90, degrees=True), Rotation.from_euler("y", 180, degrees=True)):
+        motion = moved(still(seed=5), turn, np.array([0, 0, 1.0]))
+        surface = skin(motion)
+        joints = regressed_joints(template(), surface.vertices)
+        errors = [np.linalg.norm(p - motion.joints[:, motion.index(n)], axis=1).max() for n, p in joints.items()]
+        assert max(errors) < 0.025
+        assert np.isfinite(surface.vertices).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_rotation_helpers_agree_with_scipy(seed):
+    one, other = Rotation.random(2, rng=seed)
+    np.testing.assert_allclose(matrices(one.as_quat()), one.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(matrices(quaternion(one.as_matrix())), one.as_matrix(), atol=1e-12)
+    a, b = one.apply([1, 0, 0]), other.apply([1, 0, 0])
+    np.testing.assert_allclose(swing(a, b) @ a, b, atol=1e-9)
+    part = Rotation.from_rotvec(0.3 * (one.inv() * other).as_rotvec())
+    np.testing.assert_allclose(between(one.as_matrix(), other.as_matrix(), 0.3), (one * part).as_matrix(), atol=1e-9)
+
+
+def test_an_unknown_body_lists_the_known_ones():
+    assert bodies() == ["adult"]
+    with pytest.raises(InputError, match="body 'giant' is unknown; choose one of adult"):
+        skin(still(), "giant")
+    with pytest.raises(InputError, match=r"body '\.\./adult' is unknown"):
+        template("../adult")
+
+
+def test_a_motion_with_zero_bones_is_refused():
+    motion = still()
+    joints = motion.joints.copy()
+    joints[:, motion.index("left_knee")] = joints[:, motion.index("left_hip")]
+    with pytest.raises(InputError, match="left_hip to left_knee are not between 1 mm and 10 m"):
+        skin(replace(motion, joints=joints))
+
+
+@pytest.mark.parametrize("name", ["../pyproject.toml", "/etc/hostname", "", ".", "missing.npz", "a\0b"])
+def test_resources_do_not_lead_out_of_their_folder(name):
+    with pytest.raises(InputError, match=r"is not one of the shipped meshes; choose one of .*adult\.npz"):
+        resource("meshes", name)
