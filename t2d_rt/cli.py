@@ -239,7 +239,6 @@ def _add_model(parser: ArgumentParser, skip: set[str]) -> None:
     from t2d_rt.pipeline import simulate
     from t2d_rt.signal import spectrogram
     from t2d_rt.types import Radar
-    from t2d_rt.types.radar import preset_path
 
     parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help="replace what is there")
     parser.add_argument("--distance_m", type=float | None, help="of the start from the radar; closest approach 1.5 m by default")
@@ -251,7 +250,6 @@ def _add_model(parser: ArgumentParser, skip: set[str]) -> None:
     parser.add_function_arguments(simulate, skip={"target", "radar", "progress", *skip}, fail_untyped=False)
     parser.add_function_arguments(load_motion, "motion", skip={"path"}, fail_untyped=False)
     parser.add_function_arguments(spectrogram, "signal", skip={"adc", "radar"}, fail_untyped=False)
-    assert preset_path is not None
 
 
 def _resolved(arguments: list[str]) -> list[str]:

@@ -36,7 +36,7 @@ def simulate(
     material: str | Material | None = None,
     occlusion: bool = True,
     occlusion_rate_hz: float = 25.0,
-    surface_rate_hz: float = 100.0,
+    surface_rate_hz: float = 150.0,
     sagitta_rad: float | None = None,
     phase_from: PhaseFrom = "specular",
     device: Device = "auto",
@@ -53,7 +53,7 @@ def simulate(
     material: of everything; by default a body's is "skin" and a mesh's its own.
     occlusion: whether what stands in front hides what is behind; keys at `occlusion_rate_hz`, faded in between.
     surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines.
-    sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (0.4 for a skinned body, 0.1 for others).
+    sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (0.25 for a skinned body, 0.1 for others).
     phase_from: of the ellipsoid model: its "specular" point, or its "centre" as in the Text2Doppler paper.
     progress: called with the share done, 0..1.
     """
@@ -166,11 +166,11 @@ def _check(
     if method not in ("mesh", "ellipsoid"):
         raise InputError(f"method must be 'mesh' or 'ellipsoid', got '{method}'")
     if not 10 <= surface_rate_hz <= 10_000:
-        raise InputError(f"surface_rate_hz must lie in 10..10000 Hz, got {surface_rate_hz}; 100 suits walking")
+        raise InputError(f"surface_rate_hz must lie in 10..10000 Hz, got {surface_rate_hz}; 150 suits walking")
     if not 1 <= occlusion_rate_hz <= 1_000:
         raise InputError(f"occlusion_rate_hz must lie in 1..1000 Hz, got {occlusion_rate_hz}; 25 suits walking")
     if sagitta_rad is not None and not 0.01 <= sagitta_rad <= 2:
-        raise InputError(f"sagitta_rad must lie in 0.01..2 rad, got {sagitta_rad}; 0.4 gives -20 dB, 0.1 gives 0.3 dB of RCS")
+        raise InputError(f"sagitta_rad must lie in 0.01..2 rad, got {sagitta_rad}; 0.25 gives -22 dB, 0.1 gives 0.3 dB of RCS")
     if not isinstance(seed, int) or seed < 0:
         raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")
 

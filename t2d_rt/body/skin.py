@@ -20,6 +20,9 @@ FOREARM_RAMP = (0.1, 0.8)
 UPPER_ARM_RAMP = (0.0, 0.7)
 """Where along the bone the half-twisted part takes over, as fractions of its length."""
 
+SAGITTA_RAD = 0.25
+"""Phase sagitta of a body's facets: a field NMSE of -22 dB over a walk, at a surface rate of 150 Hz (validation/)."""
+
 FRAMES_AT_ONCE = 32
 """The product of that many frames fits the cache."""
 
@@ -40,7 +43,14 @@ def skin(
         return blend(basis, *pose.bones(*track(times_s)))
 
     return MovingMesh.from_track(
-        vertices, fitted.template.faces, motion.times_s, material, rest=fitted.vertices, crease_deg=180.0, name=body
+        vertices,
+        fitted.template.faces,
+        motion.times_s,
+        material,
+        rest=fitted.vertices,
+        crease_deg=180.0,
+        sagitta_rad=SAGITTA_RAD,
+        name=body,
     )
 
 

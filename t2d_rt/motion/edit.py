@@ -87,7 +87,7 @@ def place(
     if distance_m is None:
         distance_m = _closest_start(joints[..., :2] @ aim, joints[..., :2] @ np.array([-aim[1], aim[0]]))
     there = np.array([*(np.array(radar_position_m[:2]) + distance_m * aim), 0.0])
-    return replace(motion, joints=joints + there, rotations=rotations)
+    return replace(motion, joints=joints + there, rotations=rotations, placed=True)
 
 
 def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: float = 0.2) -> Motion:

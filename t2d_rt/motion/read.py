@@ -201,7 +201,9 @@ def _assemble(
     parents = tuple(names.index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
     joints = np.stack([points[name] for name in names], axis=1) - np.array([0.0, 0.0, floor_m])
     rotations = quaternions.continuous(np.stack([turns[name] for name in names], axis=1))
-    return Motion(joints=joints, rotations=rotations, rate_hz=rate_hz, names=names, parents=parents, report=report)
+    return Motion(
+        joints=joints, rotations=rotations, rate_hz=rate_hz, names=names, parents=parents, placed=False, report=report
+    )
 
 
 def _smoothed(motion: Motion, smooth_hz: float | str | None) -> tuple[Motion, str]:

@@ -23,8 +23,8 @@ class MovingMesh:
 
     Between the given times the vertices follow a C2 cubic spline. Triangles are samples of a curved surface: edges bent by
     less than `crease_deg` are smooth, sharper ones (a box's) stay edges; 0 takes every triangle as flat as it is.
-    Echo models refine them to a phase sagitta of `sagitta_rad`: 0.1 gives 0.3 dB of RCS for canonical targets, 0.4 a field NMSE
-    of -20 dB for a body (docs/physics.md, eq. 5).
+    Echo models refine them to a phase sagitta of `sagitta_rad`: 0.1 gives 0.3 dB of RCS for canonical targets, 0.25 a field
+    NMSE of -22 dB for a body (docs/physics.md, eq. 5).
     """
 
     def __init__(
