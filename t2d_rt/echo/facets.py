@@ -11,7 +11,9 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.echo.patches import Patches
 from t2d_rt.echo.phase_integral import SERIES_TERMS, Ops, divided_differences
+
 Vector = tuple[Any, ...]
 """x, y, z on every lane."""
 
@@ -29,68 +31,20 @@ class Leg:
     link_amplitude: float
     """sqrt(W) m: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
 
-
-PATCH = 4
-"""Facets of one patch."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Patches:
-    """Neighbouring facets that return as one echo: their phases relative to the patch's own delay change slowly."""
-
-    corners: np.ndarray
-    """Vertices of each patch's facets, uint32 (G, PATCH, 3); a place that is not filled repeats one vertex."""
-    share: np.ndarray
-    """Weight of each facet's centroid in the patch's reference point, float64 (G, PATCH); 0 where not filled, sum 1."""
-
-    @classmethod
-    def of(cls, faces: np.ndarray, group: np.ndarray) -> Patches:
-        """Facets (F, 3) in an order in which neighbours are neighbours, cut into patches; a patch never spans two groups (F,)."""
-        starts = np.flatnonzero(np.diff(group, prepend=group[0] - 1))
-        sizes = np.diff(np.append(starts, len(group)))
-        within = np.arange(len(group)) - np.repeat(starts, sizes)
-        counts = -(-sizes // PATCH)
-        patch = np.repeat(np.cumsum(counts) - counts, sizes) + within // PATCH
-        corners = np.empty((int(counts.sum()), PATCH, 3), np.uint32)
-        filled = np.zeros((len(corners), PATCH))
-        first = np.flatnonzero(within % PATCH == 0)
-        corners[:] = faces[first, 0][:, None, None]
-        corners[patch, within % PATCH] = faces
-        filled[patch, within % PATCH] = 1
-        return cls(corners=corners, share=filled / filled.sum(axis=1, keepdims=True))
-
-    def only(self, chosen: np.ndarray) -> Patches:
-        """Some of the patches."""
-        return Patches(corners=self.corners[chosen], share=self.share[chosen])
+    @property
+    def places(self) -> list[np.ndarray]:
+        """Transmitter and receiver, or one place where both stand in it."""
+        same = np.array_equal(self.transmitter_m, self.receiver_m)
+        return [self.transmitter_m] if same else [self.transmitter_m, self.receiver_m]
 
 
-def patch_delays(vertices: np.ndarray, patches: Patches, leg: Leg, backend: Backend) -> np.ndarray:
-    """Round-trip delay of every patch's reference point [s], float64 (G, T), for vertices (V, T, 3) m."""
-    at = _Gather(vertices, len(patches.share), backend)
-    centre = _reference([at.triangle(patches.corners[:, m]) for m in range(PATCH)], patches, at)
-    to_tx, to_rx = _sights(centre, leg, at)
-    (delay,) = at.collect((to_tx.range + to_rx.range) * (1 / SPEED_OF_LIGHT))
-    return delay
-
-
-def lit_patches(vertices: np.ndarray, patches: Patches, leg: Leg, backend: Backend) -> np.ndarray:
-    """Indices of patches that may be lit by the transmitter and seen by the receiver at or between the frames of vertices."""
-    at = _Gather(vertices, len(patches.share), backend)
-    cosines = []
-    for m in range(PATCH):
-        corners = at.triangle(patches.corners[:, m])
-        centroid, normal, area = _shape(corners, at)
-        to_tx, to_rx = _sights(centroid, leg, at)
-        cosines.append(at.dr.minimum(_dot(normal, to_tx.towards), _dot(normal, to_rx.towards)) / area)
-    values = np.stack(at.collect(*cosines))  # (PATCH, G, T)
-    # What it changes from frame to frame it may change in between as well.
-    margin = np.abs(np.diff(values, axis=2)).max(axis=2, initial=0)
-    return np.flatnonzero((values.max(axis=2) + margin > 0).any(axis=0))
+THIRDS = [1 / 3, 1 / 3, 1 / 3]
 
 
 def patch_echoes(
     vertices: np.ndarray,
     patches: Patches,
+    centres: np.ndarray,
     visibility: np.ndarray | None,
     leg: Leg,
     reflection: complex,
@@ -98,40 +52,54 @@ def patch_echoes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coherent amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, complex64 (G, T) each, their delay's carrier taken out.
 
-    vertices (V, T, 3) m float64, visibility of the vertices (V, T) in 0..1 or None where nothing hides them; reflection is
-    Gamma of the surface times the share that stays coherent.
+    vertices (V, 3, T) m float64, centres (G, 3, T) whose delay is the patch's, visibility of the vertices (V, T) in 0..1 or
+    None where nothing hides them; reflection is Gamma of the surface times the share that stays coherent.
     """
-    at = _Gather(vertices, len(patches.share), backend)
+    at = _Gather(vertices, len(centres), backend)
+    dr, Float32, UInt32 = at.dr, backend.Float32, backend.UInt32
     wavenumber = at.constant(2 * math.pi * leg.frequency_hz / SPEED_OF_LIGHT)
-    triangles = [at.triangle(patches.corners[:, m]) for m in range(PATCH)]
-    to_tx, to_rx = _sights(_reference(triangles, patches, at), leg, at)
-    total = [0.0, 0.0, 0.0, 0.0]
-    for m, corners in enumerate(triangles):
-        centroid, normal, doubled_area = _shape(corners, at)
-        from_tx, from_rx = _sights(centroid, leg, at)
-        cos_tx = _dot(normal, from_tx.towards) / doubled_area
-        cos_rx = cos_tx if from_rx is from_tx else _dot(normal, from_rx.towards) / doubled_area
-        phases = []
-        for corner in corners:
-            extra = to_tx.extra_path(corner)
-            extra = extra + (extra if to_rx is to_tx else to_rx.extra_path(corner))
-            phases.append(backend.Float32(wavenumber * extra))
-        parts = divided_differences(*phases, ops=_ops(at.dr), terms=SERIES_TERMS[4])
-        # 2 A F is the phase integral; the obliquity is half the sum of the cosines (eq. 3).
-        weight = doubled_area * 0.5 * (cos_tx + cos_rx) / (from_tx.range * from_rx.range)
-        weight = backend.Float32(at.dr.select((cos_tx > 0) & (cos_rx > 0), weight, 0))
-        if visibility is not None:
-            weight *= at.corner_mean(visibility, patches.corners[:, m])
-        for k, value in enumerate((*parts[0], *parts[1])):
-            total[k] = total[k] + value * weight
+    centre = at.lane_points(centres)
+    antennas = _antennas(centre, leg, at)
+    columns = at.columns(patches.corners)
+    starts = UInt32(patches.starts.astype(np.uint32))
+    field = None if visibility is None else at.field(visibility)
+
+    def add(facet: Any, total: list[Any]) -> tuple[Any, list[Any]]:
+        index = at.vertices(columns, facet)
+        # float64 up to here: relative to its patch, a corner is a small vector.
+        corners = [tuple(map(Float32, _minus(corner, centre))) for corner in at.points(index)]
+        normal, doubled_area = _normal(corners, at)
+        sights = [_minus(antenna, _combined(corners, THIRDS)) for antenna in antennas]
+        ranges = [_norm(sight) for sight in sights]
+        cosines = [_dot(normal, sight) / (doubled_area * distance) for sight, distance in zip(sights, ranges, strict=True)]
+        paths = [sum(_extra_path(corner, antenna) for antenna in antennas) for corner in corners]
+        # Half the sum of the cosines is the obliquity, 2 A F the phase integral (eq. 3). One antenna stands for both.
+        obliquity, both = (cosines[0] + cosines[-1]) / 2, 2 / len(antennas)
+        lit = (cosines[0] > 0) & (cosines[-1] > 0)
+        weight = dr.select(lit, doubled_area * obliquity / (ranges[0] * ranges[-1]), 0)
+        if field is not None:
+            weight *= at.corner_mean(field, index)
+        phases = [Float32(wavenumber) * both * path for path in paths]
+        parts = divided_differences(*phases, ops=_ops(dr), terms=SERIES_TERMS[4])
+        return facet + 1, [t + value * weight for t, value in zip(total, (*parts[0], *parts[1]), strict=True)]
+
+    lanes = dr.width(at.item)
+    end = dr.gather(UInt32, starts, at.item + 1)
+    _, total = dr.while_loop(
+        state=(dr.gather(UInt32, starts, at.item), [dr.zeros(Float32, lanes) for _ in range(4)]),
+        cond=lambda facet, total: facet < end,
+        body=add,
+        labels=("facet", "total"),
+        mode="symbolic",
+    )
     wavelength = SPEED_OF_LIGHT / leg.frequency_hz
-    scale = backend.Float32(at.constant(leg.link_amplitude * math.sqrt(4 * math.pi) / wavelength))
+    scale = Float32(at.constant(leg.link_amplitude * math.sqrt(4 * math.pi) / wavelength))
     # IF = tx conj(rx): the conjugate of the usual -j/lambda Gamma ... e^{-jkR}.
     turn = -1j * complex(reflection).conjugate()
-    real, imag = (at.dr.opaque(backend.Float32, float(x)) for x in (turn.real, turn.imag))
-    amplitude = _complex_times(real * scale, imag * scale, total[0], total[1])
-    per_hz = at.dr.opaque(backend.Float32, 1 / leg.frequency_hz)
-    slope = _complex_times(real * scale * per_hz, imag * scale * per_hz, total[2], total[3])
+    real, imag = (scale * dr.opaque(Float32, float(x)) for x in (turn.real, turn.imag))
+    per_hz = dr.opaque(Float32, 1 / leg.frequency_hz)
+    amplitude = _complex_times(real, imag, total[0], total[1])
+    slope = _complex_times(real * per_hz, imag * per_hz, total[2], total[3])
     planes = at.collect(*amplitude, *slope)
     return _joined(*planes[:2]), _joined(*planes[2:])
 
@@ -149,29 +117,29 @@ def diffuse_echoes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Echoes of Q Lambertian points of fixed random phase: sigma_q = 4 S^2 |Gamma|^2 A_q cos_i cos_s; delay and amplitude (Q, T).
 
-    Point q lies at barycentric (Q, 3) of the triangle faces (Q, 3) of vertices (V, T, 3); `scattered` is S |Gamma|.
+    Point q lies at barycentric (Q, 3) of the triangle faces (Q, 3) of vertices (V, 3, T); `scattered` is S |Gamma|.
     """
     at = _Gather(vertices, len(faces), backend)
-    corners = at.triangle(faces)
-    weights = [at.per_item(barycentric[:, i]) for i in range(3)]
-    point = _combined(corners, weights)
-    _, normal, doubled_area = _shape(corners, at)
-    to_tx, to_rx = _sights(point, leg, at)
-    cos_tx = at.dr.maximum(_dot(normal, to_tx.towards) / doubled_area, 0)
-    cos_rx = cos_tx if to_rx is to_tx else at.dr.maximum(_dot(normal, to_rx.towards) / doubled_area, 0)
+    index = at.vertices(at.columns(faces), at.item)
+    corners = at.points(index)
+    point = _combined(corners, [at.per_item(barycentric[:, i]) for i in range(3)])
+    normal, doubled_area = _normal(corners, at)
+    sights = [_minus(at.place(antenna), point) for antenna in leg.places]
+    ranges = [_norm(sight) for sight in sights]
+    cosines = [at.dr.maximum(_dot(normal, s) / (doubled_area * d), 0) for s, d in zip(sights, ranges, strict=True)]
     root = at.per_item(leg.link_amplitude * 2 * scattered * np.sqrt(area_m2))
-    weight = backend.Float32(root * at.dr.sqrt(cos_tx * cos_rx) / (to_tx.range * to_rx.range))
+    weight = backend.Float32(root * at.dr.sqrt(cosines[0] * cosines[-1]) / (ranges[0] * ranges[-1]))
     if visibility is not None:
-        weight *= at.corner_mean(visibility, faces)
+        weight *= at.corner_mean(at.field(visibility), index)
     sin, cos = at.dr.sincos(backend.Float32(at.per_item(phase_rad)))
-    delay, real, imag = at.collect((to_tx.range + to_rx.range) * (1 / SPEED_OF_LIGHT), cos * weight, sin * weight)
+    delay, real, imag = at.collect((ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT), cos * weight, sin * weight)
     return delay, _joined(real, imag)
 
 
 class _Gather:
     """Lanes over (item, frame): reads vertices of every item's triangles, writes arrays (items, T).
 
-    Frames run fastest, as in the vertices (V, T, 3): neighbouring lanes read neighbouring numbers.
+    Frames run fastest, as in the vertices (V, 3, T): neighbouring lanes read neighbouring numbers.
     """
 
     def __init__(self, vertices: np.ndarray, items: int, backend: Backend) -> None:
@@ -179,7 +147,7 @@ class _Gather:
 
         self.dr = drjit
         self.backend = backend
-        self.frames = vertices.shape[1]
+        self.frames = vertices.shape[2]
         self.shape = (items, self.frames)
         self.numbers = backend.Float64(np.ascontiguousarray(vertices).ravel())
         UInt32 = backend.UInt32
@@ -189,17 +157,25 @@ class _Gather:
         self.item = lane // self.stride
         self.frame = lane - self.item * self.stride
 
-    def _indices(self, corners: np.ndarray) -> list[Any]:
-        UInt32 = self.backend.UInt32
-        columns = (UInt32(np.ascontiguousarray(corners[:, i], dtype=np.uint32)) for i in range(3))
-        return [self.dr.gather(UInt32, column, self.item) * self.stride + self.frame for column in columns]
+    def columns(self, corners: np.ndarray) -> list[Any]:
+        """The three columns of vertex numbers (N, 3)."""
+        return [self.backend.UInt32(np.ascontiguousarray(corners[:, i], dtype=np.uint32)) for i in range(3)]
 
-    def triangle(self, corners: np.ndarray) -> list[Vector]:
-        """The three corners of every lane's triangle; corners (items, 3)."""
-        Float64 = self.backend.Float64
-        return [
-            tuple(self.dr.gather(Float64, self.numbers, 3 * index + axis) for axis in range(3)) for index in self._indices(corners)
-        ]
+    def vertices(self, columns: list[Any], triangle: Any) -> list[Any]:
+        """Numbers of the corners of every lane's triangle."""
+        return [self.dr.gather(self.backend.UInt32, column, triangle) for column in columns]
+
+    def points(self, vertices: list[Any]) -> list[Vector]:
+        """Positions of numbered vertices in the lane's frame."""
+        return [self._read(self.numbers, vertex) for vertex in vertices]
+
+    def lane_points(self, points: np.ndarray) -> Vector:
+        """Points (items, 3, T), one on every lane."""
+        return self._read(self.backend.Float64(np.ascontiguousarray(points).ravel()), self.item)
+
+    def _read(self, numbers: Any, row: Any) -> Vector:
+        places = ((3 * row + axis) * self.stride + self.frame for axis in range(3))
+        return tuple(self.dr.gather(self.backend.Float64, numbers, place) for place in places)
 
     def constant(self, value: float) -> Any:
         """A number that is data to the kernel, not code."""
@@ -214,12 +190,14 @@ class _Gather:
         Float64 = self.backend.Float64
         return self.dr.gather(Float64, Float64(np.ascontiguousarray(values, dtype=np.float64)), self.item)
 
-    def corner_mean(self, values: np.ndarray, corners: np.ndarray) -> Any:
-        """Mean over a triangle's corners of a vertex field (V, T)."""
-        Float32 = self.backend.Float32
-        field = Float32(np.ascontiguousarray(values, dtype=np.float32).ravel())
-        parts = [self.dr.gather(Float32, field, index) for index in self._indices(corners)]
-        return (parts[0] + parts[1] + parts[2]) * (1 / 3)
+    def field(self, values: np.ndarray) -> Any:
+        """A vertex field (V, T)."""
+        return self.backend.Float32(np.ascontiguousarray(values, dtype=np.float32).ravel())
+
+    def corner_mean(self, field: Any, vertices: list[Any]) -> Any:
+        """Mean of a vertex field over a triangle's corners."""
+        places = (vertex * self.stride + self.frame for vertex in vertices)
+        return sum(self.dr.gather(self.backend.Float32, field, place) for place in places) * (1 / 3)
 
     def collect(self, *values: Any) -> list[np.ndarray]:
         """Evaluates in one kernel and hands NumPy arrays (items, T) back."""
@@ -227,42 +205,20 @@ class _Gather:
         return [value.numpy().reshape(self.shape) for value in values]
 
 
-def _reference(triangles: list[list[Vector]], patches: Patches, at: _Gather) -> Vector:
-    """Reference point of every patch: the mean of its facets' centroids."""
-    parts = [
-        _scaled(_combined(corners, [1 / 3, 1 / 3, 1 / 3]), at.per_item(patches.share[:, m])) for m, corners in enumerate(triangles)
-    ]
-    return _combined(parts, [1.0] * len(parts))
-
-
-def _shape(corners: list[Vector], at: _Gather) -> tuple[Vector, Vector, Any]:
-    """Centroid, normal of twice the triangle's area, and that length, kept from zero."""
+def _normal(corners: list[Vector], at: _Gather) -> tuple[Vector, Any]:
+    """Normal of twice the triangle's area, and that length, kept from zero."""
     normal = _cross(_minus(corners[1], corners[0]), _minus(corners[2], corners[0]))
-    return _combined(corners, [1 / 3, 1 / 3, 1 / 3]), normal, at.dr.maximum(_norm(normal), 1e-30)
+    return normal, at.dr.maximum(_norm(normal), 1e-30)
 
 
-def _sights(point: Vector, leg: Leg, at: _Gather) -> tuple[_Sight, _Sight]:
-    """Lines to transmitter and receiver; one and the same object where they stand in one place."""
-    to_tx = _Sight(point, at.place(leg.transmitter_m))
-    if np.array_equal(leg.transmitter_m, leg.receiver_m):
-        return to_tx, to_tx
-    return to_tx, _Sight(point, at.place(leg.receiver_m))
+def _antennas(centre: Vector, leg: Leg, at: _Gather) -> list[Vector]:
+    """The antennas' places relative to points, float32."""
+    return [tuple(map(at.backend.Float32, _minus(at.place(place), centre))) for place in leg.places]
 
 
-class _Sight:
-    """The straight line from points to an antenna."""
-
-    def __init__(self, point: Vector, antenna: Vector) -> None:
-        self.point = point
-        self.offset = _minus(antenna, point)
-        self.range = _norm(self.offset)
-        self.towards = _scaled(self.offset, 1 / self.range)
-
-    def extra_path(self, other: Vector) -> Any:
-        """Range of `other` minus that of the point [m], without cancellation: d.(d - 2 o)/(R' + R), d from point to other."""
-        d = _minus(other, self.point)
-        to_antenna = _minus(self.offset, d)
-        return _dot(d, _minus(d, _scaled(self.offset, 2))) / (_norm(to_antenna) + self.range)
+def _extra_path(d: Vector, antenna: Vector) -> Any:
+    """Distance of `antenna` from d minus that from the origin [m], without cancellation: d.(d - 2 o)/(R' + R)."""
+    return _dot(d, _minus(d, _scaled(antenna, 2))) / (_norm(_minus(antenna, d)) + _norm(antenna))
 
 
 def _ops(dr: Any) -> Ops:

@@ -4,23 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from t2d_rt.backend import Backend
-from t2d_rt.echo.facets import Leg, Patches, diffuse_echoes, lit_patches, patch_delays, patch_echoes
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.echo.facets import Leg, diffuse_echoes, patch_echoes
+from t2d_rt.echo.patches import Patches, centres, normals, patches, tilts
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, point_spacing, refine, surface_points
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
-# the curved surface by a tenth of this phase.
-POINT_SAGITTA_RAD = 0.4
-POINTS_PER_MESH = 8_000
+# the curved surface by a tenth of this phase or so, always the same.
+POINT_SAGITTA_RAD = 1.0
+POINTS_PER_MESH = 4_000
 """At least about this many diffuse points; their number does not change the power."""
 PROBE_EVERY = 4
-"""Frames between looks at which patches face the antennas."""
+"""Frames between looks at which faces face the antennas."""
+BEND_RAD = 0.2
+"""By how much more than at rest facets may be tilted against the face they lie in, where a joint bends."""
+FRAMES_AT_ONCE = 24
+"""The cage's positions at that many moments fit the cache."""
+Sagitta = float | np.ndarray
+"""One phase sagitta [rad], or one for each vertex (V,)."""
 VisibilityAt = Callable[[np.ndarray], np.ndarray]
 """Visibility in 0..1 of a mesh's vertices (K, V) at times [s] (K,)."""
 
@@ -31,7 +40,7 @@ def mesh_echoes(
     *,
     times_s: np.ndarray,
     material: Material,
-    sagitta_rad: float,
+    sagitta_rad: Sagitta,
     seed: int,
     visibility: VisibilityAt | None,
     backend: Backend,
@@ -40,7 +49,7 @@ def mesh_echoes(
 
     `sagitta_rad` sets the facets' size (physics.md, eq. 5); `visibility` says what is hidden, None nothing but back faces.
     """
-    model = _Model.of(surface, radar, material, sagitta_rad, seed, least_range_m(surface, radar))
+    model = _Model.of(surface, radar, times_s, material, sagitta_rad, seed)
     leg = Leg(
         transmitter_m=radar.tx_position_m,
         receiver_m=radar.rx_position_m,
@@ -82,63 +91,84 @@ def least_range_m(surface: MovingMesh, radar: Radar) -> float:
 class _Model:
     """What stays the same from frame to frame."""
 
+    cage_faces: np.ndarray
+    tilt_rad: np.ndarray
+    """Largest angle between a cage face and its facets, (cage faces,)."""
+    fine: Refinement
     patches: Patches
+    centre: Any
+    """Sparse: the patches' reference points from the cage's vertices."""
     reflection: complex
     points: _Points | None
-    fine: Refinement
 
     @classmethod
     def of(
-        cls, surface: MovingMesh, radar: Radar, material: Material, sagitta_rad: float, seed: int, range_m: float
+        cls, surface: MovingMesh, radar: Radar, times_s: np.ndarray, material: Material, sagitta_rad: Sagitta, seed: int
     ) -> _Model:
-        def refined(sagitta: float) -> Refinement:
+        range_m = least_range_m(surface, radar)
+
+        def refined(bar: Sagitta) -> Refinement:
             return refine(
                 surface.rest,
                 surface.faces,
                 wavenumber=2 * math.pi / radar.wavelength_m,
                 range_m=range_m,
-                sagitta_rad=sagitta,
+                sagitta_rad=bar,
                 crease_deg=surface.crease_deg,
             )
 
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
         fine = refined(sagitta_rad)
+        parts = patches(surface, fine, radar, times_s)
         points = None
         if rough > 0:
-            carrier = fine if sagitta_rad == POINT_SAGITTA_RAD else refined(POINT_SAGITTA_RAD)
-            points = _Points.spread(surface, carrier, seed, rough * abs(reflection))
-        return cls(_patches(fine, surface), reflection * math.sqrt(1 - rough**2), points, fine)
+            points = _Points.spread(surface, refined(POINT_SAGITTA_RAD), seed, rough * abs(reflection))
+        return cls(
+            cage_faces=surface.faces,
+            tilt_rad=tilts(surface, fine),
+            fine=fine,
+            patches=parts,
+            centre=centres(parts, fine),
+            reflection=reflection * math.sqrt(1 - rough**2),
+            points=points,
+        )
 
     def echoes(self, cage: np.ndarray, seen: np.ndarray | None, leg: Leg, backend: Backend) -> EchoArrays:
         """Arrays of `Echoes` for cage vertices (K, V, 3): patches first, then diffuse points."""
-        vertices = _carried(self.fine.operator, cage)
-        count, more = len(self.patches.share), 0 if self.points is None else len(self.points.area_m2)
+        count, more = len(self.patches), 0 if self.points is None else len(self.points.area_m2)
         delay = np.empty((len(cage), count + more))
         amplitude = np.zeros(delay.shape, np.complex64)
         slope = np.zeros(delay.shape, np.complex64)
-        delay[:, :count] = patch_delays(vertices, self.patches, leg, backend).T
-        probes = np.unique(np.linspace(0, len(cage) - 1, max(2, len(cage) // PROBE_EVERY)).astype(int))
-        lit = lit_patches(vertices[:, probes], self.patches, leg, backend)
-        fraction = None if seen is None else _carried(self.fine.linear, seen)
-        coherent = patch_echoes(vertices, self.patches.only(lit), fraction, leg, self.reflection, backend)
+        centre = _carried(self.centre, cage)
+        paths = [np.linalg.norm(centre - antenna[:, None], axis=1) for antenna in (leg.transmitter_m, leg.receiver_m)]
+        delay[:, :count] = ((paths[0] + paths[1]) / SPEED_OF_LIGHT).T
+        lit = np.flatnonzero(self.patches.any_of(self._lit(cage, leg)))
+        parts = self.patches.only(lit)
+        used = np.zeros(self.fine.operator.shape[0], bool)
+        used[parts.corners] = True
+        parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
+        fraction = None if seen is None else _carried(self.fine.linear[used], seen)
+        vertices = _carried(self.fine.operator[used], cage)
+        coherent = patch_echoes(vertices, parts, centre[lit], fraction, leg, self.reflection, backend)
         amplitude[:, lit], slope[:, lit] = (part.T for part in coherent)
         if self.points is not None:
             delay[:, count:], amplitude[:, count:] = (part.T for part in self.points.echoes(cage, seen, leg, backend))
         return delay, amplitude, slope
 
-
-def _patches(fine: Refinement, surface: MovingMesh) -> Patches:
-    """Facets of one cage face, in Morton order of their centroids at rest, four by four."""
-    centroids = (fine.operator @ surface.rest)[fine.faces].mean(axis=1)
-    low = centroids.min(axis=0)
-    cell = ((centroids - low) / max(float(np.ptp(centroids, axis=0).max()), 1e-9) * 4095).astype(np.int64)
-    code = np.zeros(len(cell), np.int64)
-    for bit in range(12):
-        for axis in range(3):
-            code |= (cell[:, axis] >> bit & 1) << (3 * bit + axis)
-    order = np.lexsort((code, fine.base_face))
-    return Patches.of(fine.faces[order], fine.base_face[order])
+    def _lit(self, cage: np.ndarray, leg: Leg) -> np.ndarray:
+        """Cage faces that may hold facets lit by the transmitter and seen by the receiver at or between the frames."""
+        probes = np.unique(np.linspace(0, len(cage) - 1, max(2, len(cage) // PROBE_EVERY)).astype(int))
+        normal = normals(cage[probes], self.cage_faces)
+        middle = cage[probes][:, self.cage_faces].mean(axis=2)
+        angle = np.zeros(normal.shape[:2])
+        for antenna in (leg.transmitter_m, leg.receiver_m):
+            sight = antenna - middle
+            cosine = np.sum(normal * sight, axis=2) / np.linalg.norm(sight, axis=2)
+            angle = np.maximum(angle, np.arccos(np.clip(cosine, -1, 1)))
+        # What turns from probe to probe may turn as much again in between.
+        margin = self.tilt_rad + BEND_RAD + np.abs(np.diff(angle, axis=0)).max(axis=0, initial=0)
+        return angle.min(axis=0) < math.pi / 2 + margin
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,12 +205,14 @@ class _Points:
         )
 
 
-def _carried(operator: object, values: np.ndarray) -> np.ndarray:
-    """Applies a sparse (Vf, V) to values (K, V, ...) of the cage: (Vf, K, ...)."""
-    frames = len(values)
-    columns = np.ascontiguousarray(np.moveaxis(values, 0, 1)).reshape(values.shape[1], -1)
-    out = operator @ columns  # type: ignore[operator]
-    return out.reshape(-1, frames, *values.shape[2:])
+def _carried(operator: Any, values: np.ndarray) -> np.ndarray:
+    """Applies a sparse (Vf, V) to values (K, V, ...) of the cage: (Vf, ..., K)."""
+    out = np.empty((operator.shape[0], *values.shape[2:], len(values)), values.dtype)
+    for start in range(0, len(values), FRAMES_AT_ONCE):
+        part = np.moveaxis(values[start : start + FRAMES_AT_ONCE], 0, -1)
+        product = operator @ np.ascontiguousarray(part).reshape(len(part), -1)
+        out[..., start : start + FRAMES_AT_ONCE] = product.reshape(-1, *part.shape[1:])
+    return out
 
 
 def check_outside(surface: MovingMesh, radar: Radar) -> None:

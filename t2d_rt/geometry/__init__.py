@@ -1,6 +1,6 @@
 """Surfaces as arrays: refinement on one fixed curved surface, and points spread over it."""
 
-from t2d_rt.geometry.refine import Refinement, refine
+from t2d_rt.geometry.refine import Refinement, curvature, refine
 from t2d_rt.geometry.subdivide import Subdivision, crease_corners, sharp_edges, subdivide
 from t2d_rt.geometry.surface_points import SurfacePoints, hash_uniform, point_spacing, surface_points
 
@@ -9,6 +9,7 @@ __all__ = [
     "Subdivision",
     "SurfacePoints",
     "crease_corners",
+    "curvature",
     "hash_uniform",
     "point_spacing",
     "refine",

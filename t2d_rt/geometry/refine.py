@@ -113,6 +113,16 @@ def refine(
     )  # fmt: skip
 
 
+def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> np.ndarray:
+    """Mean over its edges of each vertex's normal curvature, without sign [1/m], (V,); measured as `refine` does."""
+    sharp = sharp_edges(rest, faces, crease_deg)
+    mesh = topology(faces, len(rest), sharp)
+    ends = rest[mesh.edges]
+    offset = midpoints(mesh, crease_corners(rest, sharp, crease_deg), rest) @ rest - ends.mean(axis=1)
+    bend = 8 * np.linalg.norm(offset, axis=1) / ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
+    return np.bincount(mesh.edges.ravel(), weights=np.repeat(bend, 2), minlength=len(rest)) / mesh.valence
+
+
 def _scale(rest: np.ndarray, wavenumber: float, range_m: object, sagitta_rad: object, max_edge_m: float) -> np.ndarray:
     """Columns 2 k / (6 s) and 1/R per vertex, (V, 2)."""
     if rest.ndim != 2 or rest.shape[1] != 3 or not np.isfinite(rest).all():

@@ -58,30 +58,22 @@ class Occlusion:
         return np.stack([self._chunk(int(key) // self._copies)[int(key) % self._copies] for key in keys])
 
     def _chunk(self, number: int) -> np.ndarray:
-        """Visibility float32 (copies, all vertices) of a chunk of keys; the last two chunks are kept."""
+        """Visibility float32 (copies or fewer, all vertices) of a chunk of keys; the last two chunks are kept."""
         if number not in self._chunks:
             first = number * self._copies
-            times = self._keys[first : first + self._copies]
-            times = np.append(times, np.repeat(times[-1], self._copies - len(times)))
-            self._chunks[number] = self._traced(times)
+            self._chunks[number] = self.traced(self._keys[first : first + self._copies])
             while len(self._chunks) > 2:
                 self._chunks.popitem(last=False)
         self._chunks.move_to_end(number)
         return self._chunks[number]
 
-    def _traced(self, times_s: np.ndarray) -> np.ndarray:
-        origins, normals = [], []
-        for mesh in self._meshes:
-            vertices = mesh.at(times_s)
-            origins.append(vertices)
-            normals.append(_vertex_normals(vertices, mesh.faces))
-        vertices, normal = np.concatenate(origins, axis=1), np.concatenate(normals, axis=1)
-        offset = self._viewpoint - vertices
-        distance = np.linalg.norm(offset, axis=2, keepdims=True)
-        towards = offset / distance
-        front = np.sum(normal * towards, axis=2) > 0
-        clear = self._scene.clear(vertices - self._viewpoint, vertices + LIFT_M * (towards + normal) - self._viewpoint)
-        seen = (clear & front).astype(np.float32)
+    def traced(self, times_s: np.ndarray) -> np.ndarray:
+        """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
+        places = [mesh.at(times_s) for mesh in self._meshes]
+        vertices = np.concatenate(places, axis=1)
+        normal = np.concatenate([_vertex_normals(v, m.faces) for v, m in zip(places, self._meshes, strict=True)], axis=1)
+        front = np.sum(normal * (self._viewpoint - vertices), axis=2) > 0
+        seen = (self.clear(vertices, vertices, normal) & front).astype(np.float32)
         parts = []
         for part, lit, neighbours in zip(self._split(seen), self._split(front), self._neighbours, strict=True):
             # A vertex just beyond the horizon takes over from its neighbours this side of it: the horizon itself is the
@@ -90,6 +82,15 @@ class Occlusion:
             beyond = (neighbours @ part.T).T / np.maximum(count, 1)
             parts.append(np.where(lit, part, beyond))
         return np.concatenate(parts, axis=1).astype(np.float32)
+
+    def clear(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Whether nothing at vertices (K, V, 3) stands between points (K, Q, 3) on it, of given normals, and here: (K, Q)."""
+        offset = self._viewpoint - points
+        towards = offset / np.linalg.norm(offset, axis=2, keepdims=True)
+        origins = points + LIFT_M * (towards + normals) - self._viewpoint
+        missing = self._copies - len(vertices)
+        vertices, origins = (np.concatenate([a, np.repeat(a[-1:], missing, axis=0)]) for a in (vertices, origins))
+        return self._scene.clear(vertices - self._viewpoint, origins)[: self._copies - missing]
 
     def _split(self, values: np.ndarray) -> list[np.ndarray]:
         return np.split(values, np.cumsum(self._sizes)[:-1], axis=1)

@@ -23,8 +23,8 @@ class MovingMesh:
 
     Between the given times the vertices follow a C2 cubic spline. Triangles are samples of a curved surface: edges bent by
     less than `crease_deg` are smooth, sharper ones (a box's) stay edges; 0 takes every triangle as flat as it is.
-    Echo models refine them to a phase sagitta of `sagitta_rad`: 0.1 gives 0.3 dB of RCS for canonical targets, 0.25 a field
-    NMSE of -22 dB for a body (docs/physics.md, eq. 5).
+    Echo models refine them to a phase sagitta of `sagitta_rad`, one number or one per vertex: 0.1 gives 0.3 dB of RCS for
+    canonical targets, 0.25 a field NMSE of -22 dB for a body (docs/physics.md, eq. 5).
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class MovingMesh:
         material: str | Material = "skin",
         *,
         crease_deg: float = 45.0,
-        sagitta_rad: float = 0.1,
+        sagitta_rad: float | np.ndarray = 0.1,
         name: str = "mesh",
     ) -> None:
         vertices = np.array(vertices, dtype=np.float64)
@@ -58,7 +58,7 @@ class MovingMesh:
         *,
         rest: np.ndarray | None = None,
         crease_deg: float = 45.0,
-        sagitta_rad: float = 0.1,
+        sagitta_rad: float | np.ndarray = 0.1,
         name: str = "mesh",
     ) -> MovingMesh:
         """A mesh whose vertices are computed when asked for: `track(times_s)` gives (K, V, 3) between the first and last of `times_s`.
@@ -80,7 +80,7 @@ class MovingMesh:
         times_s: np.ndarray,
         material: str | Material,
         crease_deg: float,
-        sagitta_rad: float,
+        sagitta_rad: float | np.ndarray,
         name: str,
     ) -> None:
         faces = np.asarray(faces)
@@ -90,7 +90,7 @@ class MovingMesh:
         self.times_s = times_s
         self.material = material
         self.crease_deg = float(crease_deg)
-        self.sagitta_rad = float(sagitta_rad)
+        self.sagitta_rad = sagitta_rad
         self.name = name
 
     @property

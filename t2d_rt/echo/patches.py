@@ -1,0 +1,130 @@
+"""Patches: neighbouring facets that return as one echo, as large as their motion and the sweep allow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.geometry import Refinement
+from t2d_rt.types import MovingMesh, Radar
+
+TURNS_PER_STEP = 0.5
+"""Greatest change, from one surface frame to the next, of the phase between two facets of a patch [turns]."""
+SWEEP_TURNS = 0.5
+"""Greatest change over the sweep of the phase between two facets of a patch [turns]."""
+MOST_FACETS = 256
+PROBES = 40
+"""Moments at which motion is looked at."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Patches:
+    """Facets in patches: a facet's phase relative to its patch's own delay changes slowly, in time and over the sweep."""
+
+    corners: np.ndarray
+    """Vertices of the facets, patch by patch, integers (F, 3)."""
+    base_face: np.ndarray
+    """Face of the unrefined mesh that each facet lies in, integers (F,)."""
+    starts: np.ndarray
+    """First facet of each patch and the end, integers (G + 1,)."""
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    def only(self, chosen: np.ndarray) -> Patches:
+        """Some of the patches, by their indices."""
+        sizes = np.diff(self.starts)[chosen]
+        starts = np.concatenate([[0], np.cumsum(sizes)])
+        facet = np.arange(starts[-1]) + np.repeat(self.starts[chosen] - starts[:-1], sizes)
+        return Patches(corners=self.corners[facet], base_face=self.base_face[facet], starts=starts)
+
+    def any_of(self, base: np.ndarray) -> np.ndarray:
+        """Whether any facet of each patch lies in a face for which `base` (unrefined faces,) is true, (G,)."""
+        return np.logical_or.reduceat(base[self.base_face], self.starts[:-1])
+
+
+def patches(surface: MovingMesh, fine: Refinement, radar: Radar, times_s: np.ndarray) -> Patches:
+    """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough."""
+    rest = (fine.operator @ surface.rest)[fine.faces].mean(axis=1)
+    order = np.argsort(_morton(rest), kind="stable")
+    rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
+    speeds = fine.linear @ _path_speeds(surface, radar, times_s)
+    # In units of what is allowed: no column may spread by more than 1 over a patch.
+    turns = speeds[fine.faces[order]].mean(axis=1) / (radar.wavelength_m * rate_hz * TURNS_PER_STEP)
+    sweep = rest[order] * (2 * radar.bandwidth_hz / SPEED_OF_LIGHT / SWEEP_TURNS)
+    columns = np.hstack([turns, sweep]).astype(np.float32)
+    return Patches(corners=fine.faces[order], base_face=fine.base_face[order], starts=_cut(columns))
+
+
+def centres(parts: Patches, fine: Refinement) -> object:
+    """Sparse (G, V): the patches' reference points, the mean of their facets' centroids, from the unrefined vertices."""
+    from scipy.sparse import csr_array
+
+    sizes = np.diff(parts.starts)
+    share = np.repeat(1 / (3.0 * sizes), 3 * sizes)
+    mean = csr_array((share, parts.corners.ravel(), 3 * parts.starts), shape=(len(parts), fine.operator.shape[0]))
+    return mean @ fine.operator
+
+
+def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:
+    """Largest angle at rest between each unrefined face and a facet that lies in it [rad], (unrefined faces,)."""
+    normal = normals(surface.rest[None], surface.faces)[0]
+    facet = normals((fine.operator @ surface.rest)[None], fine.faces)[0]
+    angle = np.arccos(np.clip(np.sum(facet * normal[fine.base_face], axis=1), -1, 1))
+    largest = np.zeros(len(normal))
+    np.maximum.at(largest, fine.base_face, angle)
+    return largest
+
+
+def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Unit normals (K, F, 3) of the faces of vertices (K, V, 3)."""
+    a, b, c = (vertices[:, faces[:, i]] for i in range(3))
+    across = np.cross(b - a, c - a)
+    return across / np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-30)
+
+
+def _path_speeds(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
+    """Rate of change of the unrefined vertices' path from transmitter to receiver at a few moments [m/s], (V, PROBES)."""
+    step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
+    times = np.linspace(times_s[0], times_s[-1] - step, PROBES)
+    before, after = (
+        sum(np.linalg.norm(surface.at(t) - antenna, axis=2) for antenna in (radar.tx_position_m, radar.rx_position_m))
+        for t in (times, times + step)
+    )
+    return ((after - before) / step).T  # type: ignore[operator]
+
+
+def _morton(points: np.ndarray) -> np.ndarray:
+    """Position of points (N, 3) along a Z-shaped space-filling curve, int64 (N,)."""
+    low = points.min(axis=0)
+    cell = ((points - low) / max(float(np.ptp(points, axis=0).max()), 1e-9) * 4095).astype(np.int64)
+    code = np.zeros(len(cell), np.int64)
+    for bit in range(12):
+        for axis in range(3):
+            code |= (cell[:, axis] >> bit & 1) << (3 * bit + axis)
+    return code
+
+
+def _cut(columns: np.ndarray) -> np.ndarray:
+    """Starts (G + 1,) of ranges of rows over which no column (N, C) spreads by more than 1, of MOST_FACETS rows at most."""
+    whole = np.arange(0, len(columns), MOST_FACETS)
+    starts, stops = whole, np.minimum(whole + MOST_FACETS, len(columns))
+    done = [np.array([len(columns)])]
+    while len(starts):
+        single = stops - starts < 2
+        bounds = np.stack([starts, stops - (stops == len(columns))], axis=1).ravel()
+        last = columns[-1]
+        high, low = (f.reduceat(columns, bounds, axis=0)[::2] for f in (np.maximum, np.minimum))
+        ends = stops == len(columns)
+        high[ends], low[ends] = np.maximum(high[ends], last), np.minimum(low[ends], last)
+        small = single | ((high - low).max(axis=1) <= 1)
+        done.append(starts[small])
+        starts, stops = starts[~small], stops[~small]
+        middle = (starts + stops) // 2
+        starts, stops = np.concatenate([starts, middle]), np.concatenate([middle, stops])
+        order = np.argsort(starts)
+        starts, stops = starts[order], stops[order]
+    return np.sort(np.concatenate(done))

@@ -1,0 +1,190 @@
+"""Guards of `Echoes`, `EchoStream` and `MovingMesh`, and what a mesh is between its frames."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.types import PEC, Echoes, EchoStream, Material, MovingMesh, stream
+
+TIMES_S = np.arange(5) / 100
+BOX = trimesh.creation.box((0.2, 0.3, 0.4))
+CORNERS, FACES = np.array(BOX.vertices), np.array(BOX.faces)
+
+
+def echoes(**change: object) -> Echoes:
+    fields = {"times_s": TIMES_S, "delay_s": np.full((5, 2), 1e-8), "amplitude": np.ones((5, 2), np.complex64)}
+    return Echoes(**{**fields, **change})  # type: ignore[arg-type]
+
+
+# --- Echoes ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"delay_s": np.zeros((4, 2))}, r"delay_s must have shape \(5, scatterer\), got \(4, 2\)"),
+        ({"delay_s": np.zeros(5)}, r"delay_s must have shape \(5, scatterer\), got \(5,\)"),
+        ({"amplitude": np.zeros((5, 3))}, r"amplitude must have the delay's shape \(5, 2\), got \(5, 3\)"),
+        ({"slope": np.zeros((2, 5))}, r"slope must have the delay's shape \(5, 2\), got \(2, 5\)"),
+        ({"times_s": np.array([0, 1, 2, 3, 5.0])}, "times_s must be uniform and increasing"),
+        ({"times_s": TIMES_S[::-1]}, "times_s must be uniform and increasing"),
+        ({"times_s": np.zeros(5)}, "times_s must be uniform and increasing"),
+        ({"times_s": np.array([0, 1, 2, 3, math.nan])}, "times_s must be uniform and increasing"),
+        (
+            {"times_s": TIMES_S[:3], "delay_s": np.zeros((3, 2)), "amplitude": np.zeros((3, 2))},
+            "echoes need at least 4 frames to interpolate, got 3; raise the surface rate",
+        ),
+    ],
+)
+def test_echoes_that_do_not_fit_are_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        echoes(**change)
+
+
+def test_echoes_are_frozen_and_know_their_rate() -> None:
+    made = echoes()
+    assert made.rate_hz == pytest.approx(100)
+    with pytest.raises(AttributeError):
+        made.slope = None  # type: ignore[misc]
+
+
+def test_a_stream_hands_out_the_same_frames() -> None:
+    for slope in (None, np.full((5, 2), 2j)):
+        made = echoes(delay_s=np.arange(10.0).reshape(5, 2), slope=slope)
+        source = stream(made)
+        assert stream(source) is source
+        delay, amplitude, slopes = source.frames(1, 3)
+        assert np.array_equal(delay, made.delay_s[1:3])
+        assert amplitude.shape == (2, 2)
+        assert slopes is None if slope is None else np.array_equal(slopes, slope[1:3])
+        gathered = source.gather()
+        assert np.array_equal(gathered.delay_s, made.delay_s)
+        assert (gathered.slope is None) == (slope is None)
+
+
+def test_a_stream_of_too_few_frames_cannot_be_gathered() -> None:
+    short = EchoStream(times_s=TIMES_S[:2], frames=lambda a, b: (np.zeros((2, 1)), np.zeros((2, 1)), None))
+    with pytest.raises(InputError, match="at least 4 frames"):
+        short.gather()
+
+
+# --- MovingMesh -----------------------------------------------------------------------------------------------------
+
+
+def moved(vertices: np.ndarray = CORNERS, faces: np.ndarray = FACES, times_s: object = (0, 1), **options: object) -> MovingMesh:
+    return MovingMesh(np.stack([vertices, vertices]), faces, times_s, PEC, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("faces", "message"),
+    [
+        (np.zeros((0, 3), int), r"faces of mesh must have shape \(face, 3\) with at least one face, got \(0, 3\)"),
+        (FACES[:, :2], r"faces of mesh must have shape \(face, 3\) with at least one face, got \(12, 2\)"),
+        (FACES.ravel(), r"faces of mesh must have shape \(face, 3\) with at least one face, got \(36,\)"),
+        (FACES.astype(float), "faces of mesh must be integers, got float64"),
+        (FACES + 1, r"faces of mesh must name vertices 0\.\.7, got 1\.\.8"),
+        (FACES - 1, r"faces of mesh must name vertices 0\.\.7, got -1\.\.6"),
+        (FACES[(FACES != 5).all(axis=1)], "1 of 8 vertices of mesh belong to no face; remove them"),
+    ],
+)
+def test_faces_that_do_not_fit_are_refused(faces: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        moved(faces=faces)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_vertices_must_be_finite(value: float) -> None:
+    broken = CORNERS.copy()
+    broken[3, 1] = value
+    with pytest.raises(InputError, match="vertices of crate must be finite, got 2 NaN or infinite values"):
+        moved(broken, name="crate")
+
+
+@pytest.mark.parametrize("shape", [(8, 3), (2, 8, 2), (3, 8, 3)])
+def test_vertices_must_fit_the_times(shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match=r"vertices must have shape \(2, vertex, 3\), got"):
+        MovingMesh(np.zeros(shape), FACES, np.array([0.0, 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("times_s", "message"),
+    [
+        ([0.0], r"times_s must hold at least 2 times, got shape \(1,\); a still target stands twice"),
+        ([[0.0, 1.0]], r"times_s must hold at least 2 times, got shape \(1, 2\)"),
+        ([1.0, 0.0], "times_s must be finite and increasing"),
+        ([1.0, 1.0], "times_s must be finite and increasing"),
+        ([0.0, math.inf], "times_s must be finite and increasing"),
+        ([0.0, math.nan], "times_s must be finite and increasing"),
+    ],
+)
+def test_times_that_do_not_fit_are_refused(times_s: list[float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        moved(times_s=times_s)
+    with pytest.raises(InputError, match=message):
+        MovingMesh.from_track(lambda t: np.repeat(CORNERS[None], len(t), axis=0), FACES, times_s)  # type: ignore[arg-type]
+
+
+def test_an_open_mesh_is_taken_with_a_warning() -> None:
+    with pytest.warns(T2DWarning, match=r"crate is not watertight \(4 of 17 edges do not join two faces\)"):
+        open_mesh = moved(faces=FACES[:10], name="crate")
+    assert open_mesh.faces.shape == (10, 3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        moved()
+
+
+def test_times_outside_the_record_are_refused() -> None:
+    mesh = moved(name="crate")
+    for asked in (-0.01, 1.01):
+        with pytest.raises(InputError, match=r"crate is known from 0 s to 1 s, asked for .*; give a longer motion"):
+            mesh.at(np.array([0.5, asked]))
+    assert mesh.at(np.array([])).shape == (0, 8, 3)
+    assert mesh.at(np.array([1 + 1e-12])).shape == (1, 8, 3)
+
+
+def test_between_the_frames_a_mesh_moves_on_a_cubic_spline() -> None:
+    times_s = np.array([0, 0.1, 0.25, 0.3, 0.6])
+    path = np.stack([times_s**3, 1 - times_s, 2 * times_s**2], axis=1)
+    mesh = MovingMesh(CORNERS + path[:, None], FACES, times_s)
+    asked = np.linspace(0, 0.6, 13)
+    expected = CORNERS + np.stack([asked**3, 1 - asked, 2 * asked**2], axis=1)[:, None]
+    np.testing.assert_allclose(mesh.at(asked), expected, atol=1e-12)
+    np.testing.assert_allclose(mesh.vertices[2], CORNERS + path[2], atol=1e-12)
+    assert mesh.duration_s == pytest.approx(0.6)
+    # Two and three frames: a line and a parabola.
+    for n in (2, 3):
+        few = MovingMesh(CORNERS + (times_s[:n, None] ** (n - 1) * [1.0, 0, 0])[:, None], FACES, times_s[:n])
+        assert few.at(np.array([0.05]))[0, 0, 0] == pytest.approx(CORNERS[0, 0] + 0.05 ** (n - 1))
+
+
+def test_a_mesh_hands_out_a_trimesh_and_says_what_it_is() -> None:
+    mesh = moved(name="crate")
+    solid = mesh.trimesh(0.5)
+    assert solid.is_watertight
+    assert solid.volume == pytest.approx(0.2 * 0.3 * 0.4)
+    assert repr(mesh) == "MovingMesh(crate: 8 vertices, 12 faces, 1 s, pec)"
+
+
+# --- Material -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"relative_permittivity": 0.5}, "material wax: relative_permittivity must be 1 or more, got 0.5"),
+        ({"relative_permittivity": math.nan}, "material wax: relative_permittivity must be 1 or more, got nan"),
+        ({"conductivity_s_per_m": -1.0}, "material wax: conductivity_s_per_m must be 0 or more and finite, got -1"),
+        ({"conductivity_s_per_m": math.inf}, "material wax: conductivity_s_per_m must be 0 or more and finite, got inf"),
+        ({"scattering_coefficient": 1.1}, r"material wax: scattering_coefficient must lie in 0\.\.1, got 1\.1"),
+        ({"scattering_coefficient": math.nan}, r"material wax: scattering_coefficient must lie in 0\.\.1, got nan"),
+    ],
+)
+def test_materials_that_cannot_be_are_refused(fields: dict[str, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Material(name="wax", **fields)  # type: ignore[arg-type]
