@@ -23,8 +23,8 @@ def backend() -> Backend:
 def field_in_cube() -> ReadField:
     """`field_in_cube(cube, radar, range_m, rx_range_m)`: (chirp,) complex sqrt(sigma) [m] of what stands there.
 
-    The carrier of a point with that path is taken out (physics.md, eq. 1), a Hann window over the sweep keeps other ranges
-    out, and the radar equation (eq. 2) scales: a point of 1 m^2 reads 1, whatever the radar.
+    The carrier of a point with that path is taken out (physics.md, eq. 1), a Hann window over the sweep keeps other
+    ranges out, and the radar equation (eq. 2) scales: a point of 1 m^2 reads 1, whatever the radar.
     """
 
     def read(cube: np.ndarray, radar: Radar, range_m: float, rx_range_m: float | None = None) -> np.ndarray:

@@ -18,7 +18,7 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.ellipsoid import ellipsoid_echoes, specular_points
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.radar.synthesize import synthesize
-from t2d_rt.types import PEC, Echoes, Ellipsoids, EchoStream, Material, MovingMesh, Radar
+from t2d_rt.types import PEC, Echoes, EchoStream, Ellipsoids, Material, MovingMesh, Radar
 
 TABLE2 = Radar.preset("table2")
 RADAR = np.array([0.0, 0.0, 1.0])
@@ -34,7 +34,8 @@ def db(ratio: float | np.ndarray) -> np.ndarray:
 
 
 def limb_axes(aspect_deg: float) -> np.ndarray:
-    """Axes in columns, the long one at an angle from the line of sight (x), in a plane that is neither level nor upright."""
+    """Axes in columns, the long one at an angle from the line of sight (x), in a plane that is neither level
+    nor upright."""
     cos, sin = math.cos(math.radians(aspect_deg)), math.sin(math.radians(aspect_deg))
     long, first = np.array([cos, 0.8 * sin, 0.6 * sin]), np.array([-sin, 0.8 * cos, 0.6 * cos])
     return np.stack([first, np.cross(long, first), long], axis=1)
@@ -56,7 +57,9 @@ def searched_point(
     return point(found.x)
 
 
-def optics(point: np.ndarray, centre: np.ndarray, axes: np.ndarray, semi_axes: np.ndarray, seen_from: np.ndarray) -> float:
+def optics(
+    point: np.ndarray, centre: np.ndarray, axes: np.ndarray, semi_axes: np.ndarray, seen_from: np.ndarray
+) -> float:
     """sigma = pi R1 R2/((1 + R1/R)(1 + R2/R)) (eq. 8), the curvatures from gradient and Hessian of sum (x/a)^2 = 1."""
     quadric = axes @ np.diag(1 / semi_axes**2) @ axes.T
     gradient = quadric @ (point - centre)
@@ -90,7 +93,14 @@ def spheroid_mesh(poses: list[np.ndarray], centre: np.ndarray, radar: Radar, bac
     )
     times_s = np.arange(4.0 * len(poses))
     return mesh_echoes(
-        mesh, radar, times_s=times_s, material=PEC, sagitta_rad=mesh.sagitta_rad, seed=0, visibility=None, backend=backend
+        mesh,
+        radar,
+        times_s=times_s,
+        material=PEC,
+        sagitta_rad=mesh.sagitta_rad,
+        seed=0,
+        visibility=None,
+        backend=backend,
     )
 
 
@@ -196,15 +206,13 @@ def test_specular_point_lies_on_the_surface_and_reflects(
     axes = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
     sizes, centre = np.array(semi_axes), np.array([max(semi_axes) + gap, 0.2, 0.1])
     tx, rx = np.array([0, apart / 2, 0]), np.array([0, -apart / 2, 0])
-    point, normal = (
-        x[0, 0] for x in specular_points(centre[None, None], axes[None, None], sizes[None], tx, rx)
-    )
+    point, normal = (x[0, 0] for x in specular_points(centre[None, None], axes[None, None], sizes[None], tx, rx))
     inside = axes.T @ (point - centre) / sizes
     assert inside @ inside == pytest.approx(1, abs=1e-12)
     outward = axes @ (inside / sizes)
     assert normal == pytest.approx(outward / np.linalg.norm(outward), abs=1e-9)
     bisector = sum((antenna - point) / np.linalg.norm(antenna - point) for antenna in (tx, rx))
-    # The angle between normal and bisector is the path's slope along the surface: 1e-6 leaves the path right to 1e-12.
+    # The angle between normal and bisector is the path's slope on the surface: 1e-6 leaves the path right to 1e-12.
     assert normal == pytest.approx(bisector / np.linalg.norm(bisector), abs=1e-6)
 
 
@@ -226,8 +234,6 @@ def test_rotating_scene_and_radar_together_and_swapping_antennas() -> None:
 def test_material_scales_and_turns_the_field() -> None:
     glass = Material(relative_permittivity=6.31, conductivity_s_per_m=3.0)
     ball = Ellipsoids(LIMB[None], np.full((2, 1, 3), 2.0), [0, 1])
-    made = [
-        ellipsoid_echoes(ball, TABLE2, times_s=STILL_S, material=m).gather().amplitude[0, 0] for m in (glass, PEC)
-    ]
+    made = [ellipsoid_echoes(ball, TABLE2, times_s=STILL_S, material=m).gather().amplitude[0, 0] for m in (glass, PEC)]
     gamma = glass.reflection(TABLE2.mid_frequency_hz)
     assert made[0] / made[1] == pytest.approx(-gamma.conjugate(), rel=1e-5)  # IF = tx conj(rx)

@@ -21,7 +21,7 @@ BAR = {np.float32: 1e-5, np.float64: 1e-12}
 
 
 def cases(dtype: type) -> np.ndarray:
-    """Phases (case, 3): all pairs of differences of either sign from every base, so two or three may be equal or nearly so."""
+    """Phases (case, 3): all pairs of differences of either sign from every base, equal and nearly equal ones among them."""
     rows = [(b, b + x, b + sign * y) for b, x, y, sign in product(BASES, DIFFERENCES, DIFFERENCES, (1, -1))]
     near = [(b, b + x, b + x + y) for b, x, y in product(BASES, DIFFERENCES, DIFFERENCES)]
     return np.array(rows + near).astype(dtype)

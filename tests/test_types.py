@@ -77,7 +77,9 @@ def test_a_stream_of_too_few_frames_cannot_be_gathered() -> None:
 # --- MovingMesh -----------------------------------------------------------------------------------------------------
 
 
-def moved(vertices: np.ndarray = CORNERS, faces: np.ndarray = FACES, times_s: object = (0, 1), **options: object) -> MovingMesh:
+def moved(
+    vertices: np.ndarray = CORNERS, faces: np.ndarray = FACES, times_s: object = (0, 1), **options: object
+) -> MovingMesh:
     return MovingMesh(np.stack([vertices, vertices]), faces, times_s, PEC, **options)  # type: ignore[arg-type]
 
 
@@ -180,7 +182,10 @@ def test_a_mesh_hands_out_a_trimesh_and_says_what_it_is() -> None:
         ({"relative_permittivity": 0.5}, "material wax: relative_permittivity must be 1 or more, got 0.5"),
         ({"relative_permittivity": math.nan}, "material wax: relative_permittivity must be 1 or more, got nan"),
         ({"conductivity_s_per_m": -1.0}, "material wax: conductivity_s_per_m must be 0 or more and finite, got -1"),
-        ({"conductivity_s_per_m": math.inf}, "material wax: conductivity_s_per_m must be 0 or more and finite, got inf"),
+        (
+            {"conductivity_s_per_m": math.inf},
+            "material wax: conductivity_s_per_m must be 0 or more and finite, got inf",
+        ),
         ({"scattering_coefficient": 1.1}, r"material wax: scattering_coefficient must lie in 0\.\.1, got 1\.1"),
         ({"scattering_coefficient": math.nan}, r"material wax: scattering_coefficient must lie in 0\.\.1, got nan"),
     ],

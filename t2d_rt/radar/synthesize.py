@@ -27,14 +27,15 @@ from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
 BUCKETS_PER_BIN = 4
 # A spline's end conditions fade by 0.268 per frame: 1e-7 after 12 frames.
 HALO_FRAMES = 12
-# Coefficients of one block: echoes x frames x 21 float32; 2 M echo-frames, half of them lit, are 84 MB.
-BLOCK_ECHO_FRAMES = 2_000_000
+# Coefficients of one block: echoes x frames x 21 float32, at most 67 MB. Shorter blocks also span fewer buckets.
+BLOCK_ECHO_FRAMES = 800_000
 ORDER = 5
 """Chebyshev orders of the sweep: four from Jacobi-Anger and one that the slope adds."""
 
 VECTOR = 16
 """Lanes of the widest CPU vectors."""
-MAX_UNROLL = 4
+MAX_UNROLL = 8
+"""Chirps that a lane holds in registers."""
 
 Progress = Callable[[float], None]
 
@@ -187,7 +188,7 @@ def _block(window: _Window, position: np.ndarray, step: float, sweep: _Sweep, ba
         return np.zeros((len(position), len(sweep.x)), np.complex64)
     plan = _plan(window, position, step, sweep)
     moments = _moments(plan, _coefficients(window, sweep, plan.origin_s, backend), position, step, sweep, backend)
-    return moments.reshape(len(position), -1) @ _basis(plan, sweep)
+    return moments.reshape(-1, len(position)).T @ _basis(plan, sweep)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +236,10 @@ def _plan(window: _Window, position: np.ndarray, step: float, sweep: _Sweep) -> 
 
 
 def _coefficients(window: _Window, sweep: _Sweep, origin_s: float, backend: Backend) -> list[Any]:
-    """Float32 arrays over (interval, echo): 4 of the phase [turns], 1 of theta's start, 8 of the amplitude, 8 of its sweep slope."""
+    """Flat float32 tables of four numbers per (interval, echo), read together: cubics in the frame step u of
+
+    phase [turns]; amplitude, real and imaginary part; its slope over half the sweep likewise, or none; last theta at u = 0.
+    """
     import drjit as dr
 
     Float32, Float64, UInt32 = backend.Float32, backend.Float64, backend.UInt32
@@ -254,17 +258,17 @@ def _coefficients(window: _Window, sweep: _Sweep, origin_s: float, backend: Back
         turns_slope.append((mid - ramp * tau) * rate)
     # float64 up to here: thousands of turns, of which the fraction counts.
     phase = hermite(*turns, *turns_slope)
-    tables = [Float32(phase[0] - dr.floor(phase[0])), *(Float32(c) for c in phase[1:]), Float32((first - origin) * per_s)]
+    cubics = [(phase[0] - dr.floor(phase[0]), *phase[1:])]
     for values, scale in ((window.amplitude, None), (window.sweep, Float32(half_band))):
         if values is None:
             continue
         parts = Float32(values.view(np.float32).ravel())
-        pairs = []
         for part in range(2):
             frames = [dr.gather(Float32, parts, 2 * (lane + k * echoes) + part) for k in range(4)]
             middle = 0.5 * (frames[2] - frames[0]), 0.5 * (frames[3] - frames[1])
-            pairs.append([c if scale is None else c * scale for c in hermite(frames[1], frames[2], *middle)])
-        tables += [pairs[part][order] for order in range(4) for part in range(2)]
+            cubics.append([c if scale is None else c * scale for c in hermite(frames[1], frames[2], *middle)])
+    tables = [dr.ravel(backend.arrays.Array4f(*map(Float32, cubic))) for cubic in cubics]
+    tables.append(Float32((first - origin) * per_s))
     dr.eval(tables)
     return tables
 
@@ -272,41 +276,32 @@ def _coefficients(window: _Window, sweep: _Sweep, origin_s: float, backend: Back
 def _moments(
     plan: _Plan, tables: list[Any], position: np.ndarray, step: float, sweep: _Sweep, backend: Backend
 ) -> np.ndarray:
-    """Chebyshev coefficients of every bucket over the sweep, complex64 (chirp, bucket, ORDER)."""
+    """Chebyshev coefficients of every bucket over the sweep, complex64 (ORDER, bucket, chirp)."""
     import drjit as dr
 
-    Float32, UInt32 = backend.Float32, backend.UInt32
+    Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
     buckets = len(plan.buckets)
     slot = np.floor(position * plan.slots_per_interval).astype(np.int64)
     slot = np.clip(slot, 0, (len(plan.starts) - 1) // buckets - 1)
-    bounds = np.flatnonzero(np.diff(slot, prepend=-1, append=slot[-1] + 1))
-    longest = int(np.diff(bounds).max())
-    # A vector of lanes takes `unroll` chirps each of one slot and one bucket, so that all run the same loop over the same
-    # echoes; lanes left over repeat the slot's last chirp.
-    vectors = -(-longest // (VECTOR * MAX_UNROLL))
-    unroll = -(-longest // (VECTOR * vectors))
-    first, last = bounds[:-1, None], bounds[1:, None]
-    lane_chirp = first + np.arange(0, longest, unroll)[: VECTOR * vectors]
-    lane_chirp = np.pad(lane_chirp, ((0, 0), (0, -lane_chirp.shape[1] % VECTOR)), mode="edge")
-    lane_end = np.broadcast_to(last, lane_chirp.shape).ravel()
-    lane_chirp = np.minimum(lane_chirp, last - 1).ravel()
-    lane_slot = slot[lane_chirp]
-    lanes = len(lane_chirp) * buckets
+    lanes = _Lanes.of(slot)
 
     # All that changes from block to block comes in as arrays: a number in the code would compile a new kernel.
-    bucket = np.repeat(np.arange(buckets), len(lane_chirp))
-    row = np.tile(lane_slot * buckets, buckets) + bucket
-
     def lanes_of(values: np.ndarray) -> Any:
-        return UInt32(values.astype(np.uint32))
+        return UInt32(values.astype(np.uint32).ravel())
 
-    chirp = lanes_of(np.tile(lane_chirp, buckets))
-    begin, end = lanes_of(plan.starts[row]), lanes_of(plan.starts[row + 1])
+    # (bucket, group of chirps, share of the echoes)
+    row = np.arange(buckets)[:, None] + slot[lanes.chirp] * buckets
+    share = np.arange(lanes.shares)
+    begin = lanes_of(plan.starts[row][..., None] + share)
+    end = lanes_of(np.repeat(plan.starts[row + 1], lanes.shares))
+    chirp = lanes_of(np.broadcast_to(lanes.chirp[:, None], (buckets, len(lanes.chirp), lanes.shares)))
+    stride = dr.opaque(UInt32, lanes.shares)
     members = UInt32(plan.members.astype(np.uint32))
-    share = position - np.floor(slot / plan.slots_per_interval)
-    times = Float32(np.append(share, np.zeros(unroll)).astype(np.float32))
-    u = [dr.gather(Float32, times, chirp + k) for k in range(unroll)]
-    centre = Float32(((plan.buckets[bucket] + 0.5) * sweep.bucket_s * sweep.theta_per_s).astype(np.float32))
+    times = position - np.floor(slot / plan.slots_per_interval)
+    times = Float32(np.append(times, np.zeros(lanes.unroll)).astype(np.float32))
+    u = [dr.gather(Float32, times, chirp + k) for k in range(lanes.unroll)]
+    centres = (plan.buckets + 0.5) * sweep.bucket_s * sweep.theta_per_s
+    centre = Float32(np.repeat(centres, len(lanes.chirp) * lanes.shares).astype(np.float32))
     # From phase in turns (and turns per frame step) to theta and eps.
     per_turn, per_rate, eps_per_rate = (
         dr.opaque(Float32, value)
@@ -319,53 +314,72 @@ def _moments(
 
     def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
         member = dr.gather(UInt32, members, i)
-        c = [dr.gather(Float32, table, member) for table in tables]
+        phase, *fields = (dr.gather(Packet, table, member) for table in tables[:-1])
+        theta_start = dr.gather(Float32, tables[-1], member) - centre
         new = []
         for time, acc in zip(u, sums, strict=True):
-            travelled = time * (c[1] + time * (c[2] + time * c[3]))
-            rate = c[1] + time * (2 * c[2] + time * (3 * c[3]))
-            theta = c[4] - centre + travelled * per_turn + rate * per_rate
-            eps = rate * eps_per_rate
-            turns = c[0] + travelled
+            travelled = time * (phase[1] + time * (phase[2] + time * phase[3]))
+            rate = phase[1] + time * (2 * phase[2] + time * (3 * phase[3]))
+            theta = theta_start + travelled * per_turn + rate * per_rate
+            half_eps = 0.5 * eps_per_rate * rate
+            turns = phase[0] + travelled
             # eps x^2 = eps/2 (T_0 + T_2)
-            sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi) + 0.5 * eps)
-            real, imag = _cubic(c, 5, time), _cubic(c, 6, time)
-            real, imag = real * cos - imag * sin, real * sin + imag * cos
-            j0, j1, j2, j3 = _jacobi_anger(theta)
-            half = 0.5 * eps
-            terms = [
-                (real, imag, j0), (real, imag, j1), (real, imag, j2), (real, imag, j3),
-            ]  # fmt: skip
-            out = []
-            for (re, im, weight), (acc_re, acc_im) in zip(terms, acc[:4], strict=True):
-                out.append((acc_re + re * weight, acc_im + im * weight))
-            # The T_2 part of eps x^2 is j half a; in units of j^2 = -1 that is -j half a.
-            out[2] = (out[2][0] + imag * half, out[2][1] - real * half)
-            if len(c) > 13:
-                sre, sim = _cubic(c, 13, time), _cubic(c, 14, time)
-                sre, sim = sre * cos - sim * sin, sre * sin + sim * cos
-                for weight, (acc_re, acc_im) in zip((j0, j1, j2), acc[4:], strict=True):
-                    out.append((acc_re + sre * weight, acc_im + sim * weight))
+            sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi) + half_eps)
+            weights = _jacobi_anger(theta)
+            real, imag = _turned(fields[0], fields[1], time, sin, cos)
+            out = [(re + real * w, im + imag * w) for (re, im), w in zip(acc, weights, strict=False)]
+            # The T_2 part of eps x^2 is j eps/2 a; in units of j^2 = -1 that is -j eps/2 a.
+            out[2] = (out[2][0] + imag * half_eps, out[2][1] - real * half_eps)
+            if len(fields) > 2:
+                real, imag = _turned(fields[2], fields[3], time, sin, cos)
+                out += [(re + real * w, im + imag * w) for (re, im), w in zip(acc[4:], weights, strict=False)]
             new.append(out)
-        return i + 1, new
+        return i + stride, new
 
-    count = 7 if len(tables) > 13 else 4
-    zeros = [[(dr.zeros(Float32, lanes), dr.zeros(Float32, lanes)) for _ in range(count)] for _ in range(unroll)]
+    count = 7 if len(tables) > 4 else 4
+    zeros = [[(dr.zeros(Float32, dr.width(begin)),) * 2 for _ in range(count)] for _ in range(lanes.unroll)]
     _, sums = dr.while_loop(
         state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
     )
     dr.eval(sums)
-    planes = np.empty((count, len(position), buckets), np.complex64)
+    planes = np.empty((count, buckets, len(position)), np.complex64)
     for k, acc in enumerate(sums):
-        valid = lane_chirp + k < lane_end
-        for m, (real, imag) in enumerate(acc):
-            planes[m].real[lane_chirp[valid] + k] = real.numpy().reshape(buckets, -1).T[valid]
-            planes[m].imag[lane_chirp[valid] + k] = imag.numpy().reshape(buckets, -1).T[valid]
+        valid = lanes.chirp + k < lanes.end
+        for m, parts in enumerate(acc):
+            real, imag = (part.numpy().reshape(buckets, len(lanes.chirp), lanes.shares).sum(axis=2) for part in parts)
+            planes[m][:, lanes.chirp[valid] + k] = (real + 1j * imag)[:, valid]
     return _with_slope(planes)
 
 
-def _cubic(c: list[Any], first: int, u: Any) -> Any:
-    return c[first] + u * (c[first + 2] + u * (c[first + 4] + u * c[first + 6]))
+@dataclass(frozen=True, slots=True)
+class _Lanes:
+    """How the chirps of a block, slot by slot, are dealt to lanes: a lane takes `unroll` chirps of one slot, so that it reads an
+    echo once for all of them, and one of `shares` of a bucket's echoes."""
+
+    chirp: np.ndarray
+    """First chirp of each group."""
+    end: np.ndarray
+    """End of the group's slot."""
+    unroll: int
+    shares: int
+
+    @classmethod
+    def of(cls, slot: np.ndarray) -> _Lanes:
+        """Groups for the slot of each chirp, ascending (chirp,)."""
+        bounds = np.flatnonzero(np.diff(slot, prepend=-1, append=slot[-1] + 1))
+        longest = int(np.diff(bounds).max())
+        groups = -(-longest // MAX_UNROLL)
+        unroll = -(-longest // groups)
+        counts = -(-np.diff(bounds) // unroll)
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        shares = VECTOR // min(VECTOR, 1 << (groups - 1).bit_length())
+        return cls(np.repeat(bounds[:-1], counts) + within * unroll, np.repeat(bounds[1:], counts), unroll, shares)
+
+
+def _turned(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]:
+    """A complex cubic at u, times exp(j phase)."""
+    re, im = (c[0] + u * (c[1] + u * (c[2] + u * c[3])) for c in (real, imag))
+    return re * cos - im * sin, re * sin + im * cos
 
 
 def _jacobi_anger(theta: Any) -> tuple[Any, Any, Any, Any]:
@@ -380,23 +394,23 @@ def _jacobi_anger(theta: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _with_slope(planes: np.ndarray) -> np.ndarray:
-    """Sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added: (chirp, bucket, ORDER)."""
+    """Sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added: (ORDER, bucket, chirp)."""
     factor = np.array([1, 1j, -1, -1j], np.complex64)
-    out = np.zeros((*planes.shape[1:], ORDER), np.complex64)
+    out = np.zeros((ORDER, *planes.shape[1:]), np.complex64)
     for m in range(4):
-        out[..., m] = planes[m] * factor[m]
+        out[m] = planes[m] * factor[m]
     if len(planes) > 4:
         t0, t1, t2 = (planes[4 + m] * factor[m] for m in range(3))
-        out[..., 0] += 0.5 * t1
-        out[..., 1] += t0 + 0.5 * t2
-        out[..., 2] += 0.5 * t1
-        out[..., 3] += 0.5 * t2
+        out[0] += 0.5 * t1
+        out[1] += t0 + 0.5 * t2
+        out[2] += 0.5 * t1
+        out[3] += 0.5 * t2
     return out
 
 
 def _basis(plan: _Plan, sweep: _Sweep) -> np.ndarray:
-    """What each Chebyshev coefficient of each bucket adds to the samples, complex64 (bucket * ORDER, sample)."""
+    """What each Chebyshev coefficient of each bucket adds to the samples, complex64 (ORDER * bucket, sample)."""
     delay = plan.origin_s + (plan.buckets + 0.5) * sweep.bucket_s
     carrier = np.exp(1j * np.outer(delay * sweep.theta_per_s, sweep.x))
     chebyshev = np.cos(np.outer(np.arange(ORDER), np.arccos(np.clip(sweep.x, -1, 1))))
-    return (carrier[:, None, :] * chebyshev[None]).reshape(-1, len(sweep.x)).astype(np.complex64)
+    return (chebyshev[:, None, :] * carrier).reshape(-1, len(sweep.x)).astype(np.complex64)
