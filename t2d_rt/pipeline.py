@@ -128,7 +128,7 @@ def _check_shape(shape: MovingMesh | Ellipsoids, radar: Radar, times_s: np.ndarr
         check_outside(shape, radar)
     points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
     ranges = [np.linalg.norm(p - radar.tx_position_m, axis=2) for p in points]
-    check_speed(radar, float(np.abs(ranges[1] - ranges[0]).max() / step), what=shape.name)
+    check_speed(radar, float(np.abs(ranges[1] - ranges[0]).max() / step), what=getattr(shape, "name", "the body"))
 
 
 def _visibility(

@@ -74,7 +74,8 @@ def echoes_of(
     centre: np.ndarray, axes: np.ndarray, radar: Radar = TABLE2, *, semi_axes: np.ndarray = LIMB, **options: str
 ) -> Echoes:
     ellipsoids = Ellipsoids(semi_axes[None], np.tile(centre, (2, 1, 1)), [0, 1], axes[None])
-    return ellipsoid_echoes(ellipsoids, radar, times_s=STILL_S, material=PEC, **options).gather()  # type: ignore[arg-type]
+    stream = ellipsoid_echoes(ellipsoids, radar, times_s=STILL_S, material=PEC, **options)  # type: ignore[arg-type]
+    return stream.gather()
 
 
 def standing(stream: EchoStream, k: int) -> Echoes:

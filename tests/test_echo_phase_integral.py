@@ -21,7 +21,7 @@ BAR = {np.float32: 1e-5, np.float64: 1e-12}
 
 
 def cases(dtype: type) -> np.ndarray:
-    """Phases (case, 3): all pairs of differences of either sign from every base, equal and nearly equal ones among them."""
+    """Phases (case, 3): all pairs of differences of either sign from every base, (nearly) equal ones among them."""
     rows = [(b, b + x, b + sign * y) for b, x, y, sign in product(BASES, DIFFERENCES, DIFFERENCES, (1, -1))]
     near = [(b, b + x, b + x + y) for b, x, y in product(BASES, DIFFERENCES, DIFFERENCES)]
     return np.array(rows + near).astype(dtype)
@@ -30,8 +30,9 @@ def cases(dtype: type) -> np.ndarray:
 def exact(phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """F and dF (case,) of phases (case, 3), taken as exact numbers, by the plain formulas with 180 digits.
 
-    Equal phases are set 1e-50 apart: an error of 1e-50, while the formula loses 100 digits. With P_i the product of the two
-    differences j (p_i - p_k):  F = sum e^{j p_i}/P_i,  and s F(s p) = sum e^{j s p_i}/(s P_i) gives dF = sum (j p_i - 1) e^{j p_i}/P_i.
+    Equal phases are set 1e-50 apart: an error of 1e-50, while the formula loses 100 digits. With P_i the product of the
+    two differences j (p_i - p_k):  F = sum e^{j p_i}/P_i,  and from s F(s p) = sum e^{j s p_i}/(s P_i)
+    dF = sum (j p_i - 1) e^{j p_i}/P_i.
     """
     values = np.empty((2, len(phases)), complex)
     with mpmath.workdps(180):

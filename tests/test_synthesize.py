@@ -1,4 +1,4 @@
-"""Synthesis of the ADC cube: the float64 twin, closed forms of sign, range and speed, streaming, and the whole sweep."""
+"""Synthesis of the ADC cube: the float64 twin, closed forms of sign, range and speed, streaming, the whole sweep."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def random_echoes(radar: Radar, *, frames: int = 40, count: int = 60, sloped: bo
     # A tenth of the amplitude at either end of the sweep: 2 cm facets at 4 GHz.
     slope = amplitude * (rng.normal(size=count) + 1j * rng.normal(size=count)) * 0.2 / radar.bandwidth_hz
     return Echoes(
-        times_s=t[:, 0], delay_s=2 * np.maximum(range_m, 0.3) / SPEED_OF_LIGHT, amplitude=amplitude.astype(np.complex64),
-        slope=slope.astype(np.complex64) if sloped else None,
+        times_s=t[:, 0], delay_s=2 * np.maximum(range_m, 0.3) / SPEED_OF_LIGHT,
+        amplitude=amplitude.astype(np.complex64), slope=slope.astype(np.complex64) if sloped else None,
     )  # fmt: skip
 
 
@@ -61,7 +61,7 @@ def test_cube_is_the_direct_sum(preset: str) -> None:
     echoes = random_echoes(radar)
     cube = synthesize(echoes, radar)
     chirps = np.linspace(0, len(cube) - 1, 10).astype(int)
-    # Motion inside the chirp: the twin takes every sample's own moment. Every 7th sample, so that all phases of x occur.
+    # Motion inside the chirp: the twin takes every sample's own moment. Every 7th sample, all over the sweep.
     assert nmse_db(cube[chirps, 0, ::7], direct_sum(echoes, radar, chirps, every=7)) < -50
 
 
@@ -243,7 +243,7 @@ def test_a_still_target_has_no_doppler() -> None:
 
 
 def facet_field(vertices: np.ndarray, faces: np.ndarray, radar: Radar, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Physical optics (eq. 3) at each frequency in float64, (f,); the antennas, in one place, keep mid-sweep's lambda."""
+    """Physical optics (eq. 3) at each frequency in float64, (f,); the antennas keep mid-sweep's lambda, tx = rx."""
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     offset = radar.tx_position_m - corners.mean(axis=1)
@@ -276,8 +276,8 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
     vertices = np.array(body.vertices) + np.array([2.5, 0.1, 1.0])
     mesh = MovingMesh(np.stack([vertices, vertices]), body.faces, [0, 1], PEC)
     stream = mesh_echoes(
-        mesh, radar, times_s=np.arange(4) / radar.prf_hz, material=PEC, sagitta_rad=mesh.sagitta_rad, seed=0, visibility=None,
-        backend=backend,
+        mesh, radar, times_s=np.arange(4) / radar.prf_hz, material=PEC, sagitta_rad=mesh.sagitta_rad, seed=0,
+        visibility=None, backend=backend,
     )  # fmt: skip
     cube = synthesize(stream, radar)[0, 0, ::5]
     times = radar.sample_times_s[::5]

@@ -27,8 +27,10 @@ from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
 BUCKETS_PER_BIN = 4
 # A spline's end conditions fade by 0.268 per frame: 1e-7 after 12 frames.
 HALO_FRAMES = 12
-# Coefficients of one block: echoes x frames x 21 float32, at most 67 MB. Shorter blocks also span fewer buckets.
+# Coefficients of one block: echoes x frames x 21 float32, at most 67 MB.
 BLOCK_ECHO_FRAMES = 800_000
+# Over a longer block a walking body spans many buckets.
+BLOCK_FRAMES = 64
 ORDER = 5
 """Chebyshev orders of the sweep: four from Jacobi-Anger and one that the slope adds."""
 
@@ -141,7 +143,7 @@ def _windows(source: EchoStream) -> Iterator[_Window]:
             held_stop = high
         held = [part for part in held if part[0] + len(part[1][0]) > low]
         yield _window(held, low, high, start, stop, total)
-        intervals = max(4, BLOCK_ECHO_FRAMES // max(1, held[0][1][0].shape[1]))
+        intervals = int(np.clip(BLOCK_ECHO_FRAMES // max(1, held[0][1][0].shape[1]), 4, BLOCK_FRAMES))
         start = stop
 
 
@@ -289,19 +291,20 @@ def _moments(
     def lanes_of(values: np.ndarray) -> Any:
         return UInt32(values.astype(np.uint32).ravel())
 
-    # (bucket, group of chirps, share of the echoes)
+    # (bucket, group of chirps) where there are echoes, and shares of them
     row = np.arange(buckets)[:, None] + slot[lanes.chirp] * buckets
-    share = np.arange(lanes.shares)
-    begin = lanes_of(plan.starts[row][..., None] + share)
+    bucket, group = np.nonzero(plan.starts[row + 1] > plan.starts[row])
+    row, chirps = row[bucket, group], lanes.chirp[group]
+    begin = lanes_of(plan.starts[row][:, None] + np.arange(lanes.shares))
     end = lanes_of(np.repeat(plan.starts[row + 1], lanes.shares))
-    chirp = lanes_of(np.broadcast_to(lanes.chirp[:, None], (buckets, len(lanes.chirp), lanes.shares)))
+    chirp = lanes_of(np.repeat(chirps, lanes.shares))
     stride = dr.opaque(UInt32, lanes.shares)
     members = UInt32(plan.members.astype(np.uint32))
     times = position - np.floor(slot / plan.slots_per_interval)
     times = Float32(np.append(times, np.zeros(lanes.unroll)).astype(np.float32))
     u = [dr.gather(Float32, times, chirp + k) for k in range(lanes.unroll)]
-    centres = (plan.buckets + 0.5) * sweep.bucket_s * sweep.theta_per_s
-    centre = Float32(np.repeat(centres, len(lanes.chirp) * lanes.shares).astype(np.float32))
+    centres = (plan.buckets[bucket] + 0.5) * sweep.bucket_s * sweep.theta_per_s
+    centre = Float32(np.repeat(centres, lanes.shares).astype(np.float32))
     # From phase in turns (and turns per frame step) to theta and eps.
     per_turn, per_rate, eps_per_rate = (
         dr.opaque(Float32, value)
@@ -342,12 +345,14 @@ def _moments(
         state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
     )
     dr.eval(sums)
-    planes = np.empty((count, buckets, len(position)), np.complex64)
+    planes = np.zeros((count, buckets * len(position)), np.complex64)
     for k, acc in enumerate(sums):
-        valid = lanes.chirp + k < lanes.end
-        for m, parts in enumerate(acc):
-            real, imag = (part.numpy().reshape(buckets, len(lanes.chirp), lanes.shares).sum(axis=2) for part in parts)
-            planes[m][:, lanes.chirp[valid] + k] = (real + 1j * imag)[:, valid]
+        valid = chirps + k < lanes.end[group]
+        place = (bucket * len(position) + chirps + k)[valid]
+        for plane, parts in zip(planes, acc, strict=True):
+            real, imag = (part.numpy().reshape(-1, lanes.shares).sum(axis=1) for part in parts)
+            plane[place] = (real + 1j * imag)[valid]
+    planes = planes.reshape(count, buckets, -1)
     return _with_slope(planes)
 
 
