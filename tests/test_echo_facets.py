@@ -356,7 +356,7 @@ def test_lambertian_sphere_and_its_realisation_at_two_face_counts(backend: Backe
     fine = np.array([speckle(50, seed, backend) for seed in range(3)])
     expected = 8 / 3 * math.pi * 0.1**2
     assert abs(db((np.abs(coarse) ** 2).mean() / expected)) < 0.5
-    assert abs(db(np.linalg.norm(fine) ** 2 / np.linalg.norm(coarse[:3]) ** 2)) < 0.1
+    assert abs(db(np.linalg.norm(fine) ** 2 / np.linalg.norm(coarse[:3]) ** 2)) < 0.5
     assert correlation(coarse[:3], fine).real > 0.95
     # Seeds are independent of one another: |correlation| of 50 looks is about 1/sqrt(50) = 0.14.
     assert abs(correlation(coarse[0], coarse[1])) < 0.5

@@ -44,18 +44,34 @@ def specular_points(
     """Points of shortest path tx - ellipsoid - rx and outward normals there, each (K, N, 3), in world axes.
 
     centres (K, N, 3), axes (K, N, 3, 3) with the ellipsoid's unit axes as columns, semi_axes_m (N, 3). There the normal n
-    bisects the directions to the antennas, and the point with normal n is D^2 n/|D n|, D the semi-axes; the iteration between
-    the two contracts by about a/(a + R), a the local radius.
+    bisects the directions to the antennas, and the point with normal n is D^2 n/|D n|, D the semi-axes. Newton's method on
+    the surface: its Hessian is positive definite wherever both antennas see the point, however flat the ellipsoid is (to
+    take the bisector as the next normal would diverge where the radius of curvature exceeds the range).
     """
     square = semi_axes_m**2
     tx, rx = (np.einsum("knji,knj->kni", axes, antenna - centres) for antenna in (tx_m, rx_m))
-    normal = _unit(_unit(tx) + _unit(rx))
-    for _ in range(200):
-        point = square * normal / np.linalg.norm(semi_axes_m * normal, axis=-1, keepdims=True)
-        following = _unit(_unit(tx - point) + _unit(rx - point))
-        done = np.abs(following - normal).max() < 1e-13
-        normal = following
-        if done:
+    normal = _unit(_unit(tx) / semi_axes_m + _unit(rx) / semi_axes_m)
+    for _ in range(100):
+        plane = np.linalg.norm(semi_axes_m * normal, axis=-1)
+        point = square * normal / plane[..., None]
+        tangents = _tangents(normal)
+        bend = np.zeros((*normal.shape[:2], 2, 2))
+        towards = np.zeros_like(normal)
+        for antenna in (tx, rx):
+            offset = antenna - point
+            distance = np.linalg.norm(offset, axis=-1)
+            towards += offset / distance[..., None]
+            along = np.einsum("knti,kni->knt", tangents, offset / distance[..., None])
+            bend += (np.eye(2) - along[..., :, None] * along[..., None, :]) / distance[..., None, None]
+        curvature = np.einsum("knti,ni,knsi->knts", tangents, 1 / square, tangents) * plane[..., None, None]
+        facing = np.maximum(np.einsum("kni,kni->kn", normal, towards), 0.1)
+        hessian = bend + facing[..., None, None] * curvature
+        descent = np.linalg.solve(hessian, np.einsum("knti,kni->knt", tangents, towards)[..., None])
+        step = np.einsum("knts,kns->knt", curvature, descent[..., 0])
+        # The normal turns by at most half a radian at once.
+        step /= np.maximum(1, 2 * np.linalg.norm(step, axis=-1, keepdims=True))
+        normal = _unit(normal + np.einsum("knt,knti->kni", step, tangents))
+        if np.abs(step).max() < 1e-13:
             break
     point = square * normal / np.linalg.norm(semi_axes_m * normal, axis=-1, keepdims=True)
     return centres + np.einsum("knij,knj->kni", axes, point), np.einsum("knij,knj->kni", axes, normal)

@@ -144,14 +144,15 @@ class _Model:
         paths = [np.linalg.norm(centre - antenna[:, None], axis=1) for antenna in (leg.transmitter_m, leg.receiver_m)]
         delay[:, :count] = ((paths[0] + paths[1]) / SPEED_OF_LIGHT).T
         lit = np.flatnonzero(self.patches.any_of(self._lit(cage, leg)))
-        parts = self.patches.only(lit)
-        used = np.zeros(self.fine.operator.shape[0], bool)
-        used[parts.corners] = True
-        parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
-        fraction = None if seen is None else _carried(self.fine.linear[used], seen)
-        vertices = _carried(self.fine.operator[used], cage)
-        coherent = patch_echoes(vertices, parts, centre[lit], fraction, leg, self.reflection, backend)
-        amplitude[:, lit], slope[:, lit] = (part.T for part in coherent)
+        if len(lit):
+            parts = self.patches.only(lit)
+            used = np.zeros(self.fine.operator.shape[0], bool)
+            used[parts.corners] = True
+            parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
+            fraction = None if seen is None else _carried(self.fine.linear[used], seen)
+            vertices = _carried(self.fine.operator[used], cage)
+            coherent = patch_echoes(vertices, parts, centre[lit], fraction, leg, self.reflection, backend)
+            amplitude[:, lit], slope[:, lit] = (part.T for part in coherent)
         if self.points is not None:
             delay[:, count:], amplitude[:, count:] = (part.T for part in self.points.echoes(cage, seen, leg, backend))
         return delay, amplitude, slope

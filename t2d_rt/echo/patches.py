@@ -13,7 +13,7 @@ from t2d_rt.types import MovingMesh, Radar
 
 TURNS_PER_STEP = 0.5
 """Greatest change, from one surface frame to the next, of the phase between two facets of a patch [turns]."""
-SWEEP_TURNS = 0.5
+SWEEP_TURNS = 0.25
 """Greatest change over the sweep of the phase between two facets of a patch [turns]."""
 MOST_FACETS = 256
 PROBES = 40
