@@ -1,0 +1,1 @@
+"""Slow checks of the physics against what was worked out independently: `python -m validation`, results in report/."""

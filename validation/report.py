@@ -1,0 +1,128 @@
+"""What a section of the validation found, and its way into results.json and report.md."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FOLDER = Path(__file__).parent / "report"
+RESULTS = FOLDER / "results.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """A figure beside the bar it has to meet."""
+
+    what: str
+    measured: float
+    limit: float
+    unit: str
+    at_least: bool = False
+    """Whether the bar is a lower one."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the figure meets the bar; NaN does not."""
+        return self.measured >= self.limit if self.at_least else self.measured <= self.limit
+
+    @property
+    def bar(self) -> str:
+        """The bar in words."""
+        return f"{'>=' if self.at_least else '<='} {self.limit:g} {self.unit}".strip()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Section:
+    """One section of the report."""
+
+    title: str
+    checks: list[Check]
+    note: str = ""
+    """How it was measured."""
+    table: list[dict[str, Any]] = field(default_factory=list)
+    """Rows of what was measured beyond the bars, all of the same columns."""
+    charts: list[str] = field(default_factory=list)
+    """Files in the report's folder."""
+
+
+def save_chart(figure: Figure, name: str) -> str:
+    """Writes a figure to the report's folder and gives the file's name."""
+    figure.savefig(FOLDER / name, dpi=80, metadata={"Software": None})
+    return name
+
+
+def new_figure(**options: Any) -> tuple[Any, Any]:
+    """A small figure that needs no display, and its axes."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(layout="constrained", **{"figsize": (6.5, 4), **options})
+
+
+def record(name: str, section: Section) -> None:
+    """Puts a section into results.json in place of what it held of it, and writes report.md anew."""
+    results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    checks = [{**asdict(c), "measured": _short(c.measured), "passed": bool(c.passed)} for c in section.checks]
+    table = [{key: _short(value) for key, value in row.items()} for row in section.table]
+    results[name] = {**asdict(section), "checks": checks, "table": table}
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+
+
+def write_report(order: Iterable[str], path: Path = FOLDER / "report.md") -> None:
+    """report.md from results.json, sections in the given order."""
+    results = json.loads(RESULTS.read_text(encoding="utf-8"))
+    parts = ["# Validation", "", "Written by `make validate`; figures in results.json.", ""]
+    for name in order:
+        if name in results:
+            parts += _section(results[name])
+    path.write_text("\n".join(parts), encoding="utf-8")
+
+
+def summary(section: Section) -> str:
+    """The section's figures as lines for the terminal."""
+    lines = [f"{'ok  ' if c.passed else 'FAIL'} {c.what}: {c.measured:.4g} {c.unit} (bar {c.bar})" for c in section.checks]
+    return "\n".join(lines)
+
+
+def _section(result: Mapping[str, Any]) -> list[str]:
+    checks = [
+        {
+            "bar": c["what"],
+            "asked": Check(**{k: c[k] for k in ("what", "measured", "limit", "unit", "at_least")}).bar,
+            "measured": f"{c['measured']} {c['unit']}".strip(),
+            "": "pass" if c["passed"] else "**FAIL**",
+        }
+        for c in result["checks"]
+    ]
+    parts = [f"## {result['title']}", "", *_table(checks), ""]
+    if result["note"]:
+        parts += [result["note"], ""]
+    if result["table"]:
+        parts += [*_table(result["table"]), ""]
+    for chart in result["charts"]:
+        parts += [f"![{chart.removesuffix('.png').replace('_', ' ')}]({chart})", ""]
+    return parts
+
+
+def _table(rows: list[dict[str, Any]]) -> list[str]:
+    if not rows:
+        return []
+    head = list(rows[0])
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return lines + ["| " + " | ".join(str(row[key]) for key in head) + " |" for row in rows]
+
+
+def _short(value: Any) -> Any:
+    """Numbers to four significant figures."""
+    if isinstance(value, str | bool | int):
+        return value
+    return float(f"{float(value):.4g}")
