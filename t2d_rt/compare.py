@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,10 @@ from t2d_rt.signal import range_fft
 
 ENVELOPE_LEVEL_DB = -35.0
 """The envelope is where a column of the spectrogram falls this far below the record's own ridge."""
+TORSO_LEVEL_DB = -20.0
+"""The torso's speed is the centre of the power above this level in a column: without the limbs, without any background."""
+TARGET_LEVEL_DB = -40.0
+"""Range bins this far below the strongest hold no target; R^4 would make much of what is in them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,23 +24,36 @@ class Figures:
     """What one recording shows."""
 
     mean_rcs_dbsm: float
-    """Mean over chirps of the radar cross-section, all range bins added."""
+    """Mean over chirps of the radar cross-section, all range bins with a target added."""
     torso_speed_mps: float
-    """Median speed of the spectrogram's ridge, positive = approaching."""
+    """Median over time of the centre of the spectrogram's ridge, positive = approaching."""
     limb_speed_mps: float
-    """95th percentile of the envelope's speed in the direction of the ridge."""
+    """95th percentile over time of the envelope's greatest speed, approaching or receding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
     """Figures of two recordings and how their spectrograms agree."""
 
+    labels: tuple[str, str] = ("ellipsoid", "mesh")
     first: Figures
     second: Figures
     envelope_correlation: float
-    """Pearson correlation of the two envelopes over time, both directions."""
+    """Pearson correlation over time of the two envelopes, upper and lower each about its own mean; NaN if one is constant."""
     mean_difference_db: float
-    """Mean of |second - first| over the cells within 40 dB of either's peak."""
+    """Mean of |second - first| over the cells within 40 dB of either's peak; 6 dB for two speckle patterns of one mean."""
+
+    def __str__(self) -> str:
+        rows = (
+            ("mean RCS [dBsm]", "mean_rcs_dbsm"),
+            ("torso speed [m/s]", "torso_speed_mps"),
+            ("limb speed [m/s]", "limb_speed_mps"),
+        )
+        lines = [f"{'':24}{self.labels[0]:>12}{self.labels[1]:>12}"]
+        lines += [f"{label:24}{getattr(self.first, name):12.2f}{getattr(self.second, name):12.2f}" for label, name in rows]
+        lines.append(f"{'envelope correlation':24}{self.envelope_correlation:12.3f}")
+        lines.append(f"{'mean |difference| [dB]':24}{self.mean_difference_db:12.2f}")
+        return "\n".join(lines)
 
 
 def compare(first: Simulation, second: Simulation) -> Comparison:
@@ -46,14 +64,14 @@ def compare(first: Simulation, second: Simulation) -> Comparison:
             f"spectrograms must have the same axes, got {one.shape} and {two.shape}; use one radar and one motion for both"
         )
     speeds = one.velocity_mps.values
-    envelopes = [np.concatenate(envelope(image.values, speeds)) for image in (one, two)]
+    envelopes = [np.stack(envelope(image.values, speeds)) for image in (one, two)]
     near_peak = (one.values > one.values.max() - 40) | (two.values > two.values.max() - 40)
     floor = max(one.values.max(), two.values.max()) - 60  # silence is not infinitely different
     difference = np.abs(np.maximum(two.values, floor) - np.maximum(one.values, floor))
     return Comparison(
         first=figures(first),
         second=figures(second),
-        envelope_correlation=float(np.corrcoef(*envelopes)[0, 1]),
+        envelope_correlation=_correlation(*envelopes),
         mean_difference_db=float(difference[near_peak].mean()),
     )
 
@@ -62,33 +80,50 @@ def figures(result: Simulation) -> Figures:
     """Figures of one recording."""
     image = result.spectrogram
     speeds = image.velocity_mps.values
-    torso = float(np.median(ridge(image.values, speeds)))
     upper, lower = envelope(image.values, speeds)
-    limb = float(np.percentile(upper, 95) if torso >= 0 else np.percentile(lower, 5))
-    return Figures(mean_rcs_dbsm=10 * np.log10(mean_rcs_m2(result)), torso_speed_mps=torso, limb_speed_mps=limb)
+    return Figures(
+        mean_rcs_dbsm=10 * math.log10(mean_rcs_m2(result)),
+        torso_speed_mps=float(np.median(ridge(image.values, speeds))),
+        limb_speed_mps=float(np.percentile(np.maximum(np.abs(upper), np.abs(lower)), 95)),
+    )
 
 
 def mean_rcs_m2(result: Simulation) -> float:
-    """Mean radar cross-section over the record [m^2], read back from the ADC cube by the radar equation in every range bin."""
+    """Mean radar cross-section over the record [m^2], read back from the ADC cube by the radar equation in every range bin.
+
+    Of antennas apart, the range is half the path.
+    """
     radar = result.radar
     bins = np.arange(1, radar.samples)  # the first bin holds range 0, where the radar equation has no inverse
     profile = range_fft(result.cube, window="hann")[..., bins]
     power = np.mean(profile.real**2 + profile.imag**2, axis=(0, 1), dtype=np.float64)
+    power[power < power.max() * 10 ** (TARGET_LEVEL_DB / 10)] = 0
+    if not power.any():
+        raise InputError("the recording is silent, so it has no radar cross-section; check where target and radar are")
     # A Hann window spreads a target's power over 1.5 bins' worth, to be divided out.
     return float(np.sum(power * radar.range_axis_m()[bins] ** 4)) / (1.5 * radar.link_amplitude**2)
 
 
 def ridge(power_db: np.ndarray, speeds_mps: np.ndarray) -> np.ndarray:
-    """Speed of the strongest cell at each time [m/s], (time,)."""
-    return speeds_mps[np.argmax(power_db, axis=0)]
+    """Mean speed at each time [m/s], (time,), weighted with power, of the cells within TORSO_LEVEL_DB of the strongest.
+
+    The strongest cell itself jumps from speckle to speckle, in steps of a Doppler bin.
+    """
+    relative = power_db - power_db.max(axis=0)
+    weight = np.where(relative > TORSO_LEVEL_DB, 10 ** (relative / 10), 0.0)
+    return speeds_mps @ weight / weight.sum(axis=0)
 
 
 def envelope(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Greatest and least speed at each time whose power lies within ENVELOPE_LEVEL_DB of the median ridge [m/s], (time,) each."""
+    """Greatest and least speed at each time whose power lies within ENVELOPE_LEVEL_DB of the median peak [m/s], (time,) each."""
     level = np.median(power_db.max(axis=0)) + ENVELOPE_LEVEL_DB
-    above = power_db > level
-    # A column without any cell above the level, a lull, has its envelope at its ridge.
-    peak = np.argmax(power_db, axis=0)
-    upper = np.where(above.any(axis=0), len(speeds_mps) - 1 - np.argmax(above[::-1], axis=0), peak)
-    lower = np.where(above.any(axis=0), np.argmax(above, axis=0), peak)
-    return speeds_mps[upper], speeds_mps[lower]
+    # A lull, a column without any cell above the level, has its envelope at its strongest cell.
+    above = (power_db > level) | (power_db == power_db.max(axis=0))
+    return speeds_mps[len(speeds_mps) - 1 - np.argmax(above[::-1], axis=0)], speeds_mps[np.argmax(above, axis=0)]
+
+
+def _correlation(one: np.ndarray, two: np.ndarray) -> float:
+    """Pearson correlation of (row, time) with each row about its own mean: rows of different means would look alike."""
+    one, two = (values - values.mean(axis=1, keepdims=True) for values in (one, two))
+    norm = math.sqrt(float(np.sum(one**2) * np.sum(two**2)))
+    return float(np.sum(one * two)) / norm if norm > 0 else math.nan

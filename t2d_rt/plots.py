@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 COLUMNS = 2000
 """More columns than any page shows; longer images are averaged (in power) down to it."""
 
+MARGIN = 0.15
+"""Of the occupied span of speeds, left free above and below it."""
+
 VELOCITY_LABEL = "Radial velocity (m/s), approaching > 0"
 
 
@@ -36,6 +39,7 @@ def plot_spectrogram(
     axes = figure.subplots()
     time_s, power_db = _thin(time_s, power_db)
     _image(axes, time_s, velocity_mps, power_db, dynamic_range_db, cmap)
+    axes.set_ylim(occupied_speeds(velocity_mps, power_db, dynamic_range_db))
     _label(axes, "Time (s)", VELOCITY_LABEL, title)
     return figure
 
@@ -117,12 +121,25 @@ def plot_comparison(
         rasterized=True,
     )
     lower.set_facecolor("0.92")
+    both = np.maximum(first_db, second_db)
+    lower.set_ylim(occupied_speeds(velocity_mps, both, dynamic_range_db))
     _bar(lower, mesh, "Difference (dB)", extend="both")
     _label(lower, "Time (s)", "", f"{labels[1]} minus {labels[0]}")
     figure.supylabel(VELOCITY_LABEL, fontsize=9)
     if title:
         figure.suptitle(title, fontsize=11)
     return figure
+
+
+def occupied_speeds(velocity_mps: np.ndarray, power_db: np.ndarray, dynamic_range_db: float) -> tuple[float, float]:
+    """Least and greatest speed to draw: where anything rises above the floor, and zero, with a margin, within the axis.
+
+    A radar may see three times the speed that a person has; what is left out is empty.
+    """
+    held = velocity_mps[power_db.max(axis=1) > _peak(power_db) - dynamic_range_db]
+    least, greatest = min(float(held.min()), 0.0), max(float(held.max()), 0.0)
+    margin = max(MARGIN * (greatest - least), 10 * float(velocity_mps[1] - velocity_mps[0]))
+    return max(least - margin, float(velocity_mps[0])), min(greatest + margin, float(velocity_mps[-1]))
 
 
 def _figure(width_in: float, height_in: float) -> Figure:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import platform
 import shutil
+import tempfile
+import zlib
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -21,6 +24,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMAT = 1
+"""Of the folders that `save` writes; `load` refuses others."""
+
+AXIS_UNITS = {"m": "m", "s": "s", "mps": "m/s"}
+"""Units of an axis by the end of its name."""
 
 
 def versions() -> dict[str, str]:
@@ -57,6 +64,10 @@ class Simulation:
         self.settings = dict(settings or {})
         self.versions = dict(versions or {})
         self.processing = dict(processing or {})
+        options = [*inspect.signature(spectrogram).parameters][2:]
+        unknown = [name for name in self.processing if name not in options]
+        if unknown:
+            raise InputError(f"unknown spectrogram option {unknown[0]!r}; choose from {', '.join(options)}")
         self._spectrogram: xr.DataArray | None = None
 
     @property
@@ -73,62 +84,44 @@ class Simulation:
     @property
     def adc(self) -> xr.DataArray:
         """ADC samples [sqrt(W)], complex64 (chirp, antenna, sample)."""
-        import xarray as xr
-
-        return xr.DataArray(
-            self.cube,
-            dims=("chirp", "antenna", "sample"),
-            coords={
-                "chirp_time_s": ("chirp", self.radar.chirp_starts_s(len(self.cube))),
-                "sample_time_s": ("sample", self.radar.sample_times_s),
-            },
-            name="adc",
-            attrs={**self.attributes, "units": "sqrt(W)"},
-        )
+        times = {
+            "chirp_time_s": ("chirp", self.radar.chirp_starts_s(len(self.cube))),
+            "sample_time_s": ("sample", self.radar.sample_times_s),
+        }
+        return self._labelled("adc", self.cube, ("chirp", "antenna", "sample"), times, "sqrt(W)")
 
     @property
     def range_profile(self) -> xr.DataArray:
         """Range FFT of every chirp [sqrt(W)], complex (chirp, antenna, range_m)."""
-        import xarray as xr
-
         profile = range_profile(self.cube, self.radar, window=self.processing.get("range_window", "hann"))
-        return xr.DataArray(
-            profile.profile,
-            dims=("chirp", "antenna", "range_m"),
-            coords={"range_m": profile.range_m, "chirp_time_s": ("chirp", profile.time_s)},
-            name="range_profile",
-            attrs={**self.attributes, "units": "sqrt(W)"},
-        )
+        axes = {"range_m": profile.range_m, "chirp_time_s": ("chirp", profile.time_s)}
+        return self._labelled("range_profile", profile.profile, ("chirp", "antenna", "range_m"), axes, "sqrt(W)")
 
     @property
     def spectrogram(self) -> xr.DataArray:
         """Micro-Doppler spectrogram, power [dB re 1 W] (velocity_mps, time_s), positive speed = approaching."""
         if self._spectrogram is None:
-            import xarray as xr
-
             result = spectrogram(self.cube, self.radar, **self.processing)
-            self._spectrogram = xr.DataArray(
-                _decibel(result.power),
-                dims=("velocity_mps", "time_s"),
-                coords={"velocity_mps": result.velocity_mps, "time_s": result.time_s},
-                name="spectrogram",
-                attrs={**self.attributes, "units": "dB re 1 W"},
-            )
+            axes = {"velocity_mps": result.velocity_mps, "time_s": result.time_s}
+            self._spectrogram = self._labelled("spectrogram", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
         return self._spectrogram
 
     @property
     def range_doppler(self) -> xr.DataArray:
         """Range-Doppler map of the whole record, power [dB re 1 W] (velocity_mps, range_m)."""
+        result = range_doppler(self.cube, self.radar)
+        axes = {"velocity_mps": result.velocity_mps, "range_m": result.range_m}
+        return self._labelled("range_doppler", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
+
+    def _labelled(
+        self, name: str, values: np.ndarray, dims: tuple[str, ...], axes: Mapping[str, Any], units: str
+    ) -> xr.DataArray:
         import xarray as xr
 
-        result = range_doppler(self.cube, self.radar)
-        return xr.DataArray(
-            _decibel(result.power),
-            dims=("velocity_mps", "range_m"),
-            coords={"velocity_mps": result.velocity_mps, "range_m": result.range_m},
-            name="range_doppler",
-            attrs={**self.attributes, "units": "dB re 1 W"},
-        )
+        array = xr.DataArray(values, dims=dims, coords=axes, name=name, attrs={**self.attributes, "units": units})
+        for axis in axes:
+            array[axis].attrs["units"] = AXIS_UNITS[axis.rpartition("_")[2]]
+        return array
 
     def processed(self, **changes: Any) -> Simulation:
         """The same recording with other options of `signal.spectrogram`."""
@@ -148,25 +141,30 @@ class Simulation:
         return plot_spectrogram(image.velocity_mps.values, image.time_s.values, image.values, title=title)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write adc and spectrogram with all attributes to a zarr folder; nothing is left behind when it fails."""
+        """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were."""
         import xarray as xr
 
-        target = Path(path)
+        target = Path(path).resolve()
         check_free(target, overwrite=overwrite)
-        partial = target.with_name(f".{target.name}.partial")
-        data = xr.Dataset({"adc": self.adc, "spectrogram": self.spectrogram}, attrs=self.attributes)
-        for variable in data.variables.values():
-            if variable.attrs:
-                variable.attrs = {"units": variable.attrs.get("units", "")}
+        data = xr.Dataset({"adc": self.adc, "spectrogram": self.spectrogram})
+        for variable in data.data_vars.values():
+            variable.attrs = {"units": variable.attrs["units"]}  # the rest is the same for all
+        data.attrs = {**self.attributes, "checksum": _checksum(self.cube)}
+        # Written beside its place, so that moving it there is one step of the file system.
+        beside = [target.with_name(f".{target.name}.{state}") for state in ("partial", "replaced")]
+        partial, replaced = beside
         try:
             data.to_zarr(partial, mode="w", consolidated=False)
             if target.exists():
-                shutil.rmtree(target)
+                target.rename(replaced)
             partial.rename(target)
         except OSError as error:
             raise InputError(f"cannot write {target}: {error.strerror or error}; free space or choose a writable place") from error
         finally:
-            shutil.rmtree(partial, ignore_errors=True)
+            if replaced.exists() and not target.exists():
+                replaced.rename(target)
+            for folder in beside:
+                shutil.rmtree(folder, ignore_errors=True)
 
     @classmethod
     def load(cls, path: str | Path) -> Simulation:
@@ -178,30 +176,47 @@ class Simulation:
             raise InputError(f"{source} is not a result folder; give a .zarr folder that `simulate` wrote")
         try:
             with xr.open_zarr(source, consolidated=False) as data:
+                if data.attrs["format"] != str(FORMAT):
+                    raise InputError(f"{source} has format {data.attrs['format']}, expected {FORMAT}; simulate it again")
                 attributes = {name: json.loads(data.attrs[name]) for name in ("settings", "processing", "versions")}
                 radar = Radar(**json.loads(data.attrs["radar"]))
-                return cls(data["adc"].values, radar, **attributes)
+                result = cls(data["adc"].values, radar, **attributes)
+                # zarr reads a missing piece as zeros
+                if data.attrs["checksum"] != _checksum(result.cube):
+                    raise InputError(f"the ADC samples in {source} are damaged; simulate it again")
+                return result
         except InputError:
             raise
-        except (KeyError, ValueError, OSError) as error:
-            raise InputError(f"{source} does not hold a t2d-rt result ({error}); simulate it again") from error
+        except Exception as error:  # xarray, zarr and its codecs raise what they like
+            reason = f"no {error}" if isinstance(error, KeyError) else error
+            raise InputError(f"{source} does not hold a t2d-rt result ({reason}); simulate it again") from error
 
 
 def check_free(target: Path, *, overwrite: bool) -> None:
-    """Refuses a place that is taken or cannot be written, before any work is done."""
-    if target.exists() and not overwrite:
-        raise InputError(f"{target} exists already; choose another name or pass --overwrite (overwrite=True)")
+    """Refuses a place for a result that is taken or cannot be written, before any work is done."""
     if target.is_file():
         raise InputError(f"{target} is a file and a result is a folder; choose another name")
-    parent = target.parent
-    if not parent.is_dir():
-        raise InputError(f"folder {parent} does not exist; create it first")
-    probe = parent / f".{target.name}.probe"
+    check_place(target, overwrite=overwrite)
+    if target.is_dir() and not (target / "zarr.json").is_file():
+        raise InputError(f"{target} is a folder but not a result, so it is not replaced; choose another name")
+
+
+def check_place(path: Path, *, overwrite: bool) -> None:
+    """Refuses what exists, unless `overwrite`, and folders that are not there or cannot be written to."""
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists already; choose another name or pass --overwrite (overwrite=True)")
+    folder = path.parent
+    if not folder.is_dir():
+        raise InputError(f"folder {folder} does not exist; create it first")
     try:
-        probe.touch()
-        probe.unlink()
+        with tempfile.TemporaryFile(dir=folder):
+            pass
     except OSError as error:
-        raise InputError(f"folder {parent} is not writable ({error.strerror}); choose another place") from error
+        raise InputError(f"folder {folder} is not writable ({error.strerror}); choose another place") from error
+
+
+def _checksum(cube: np.ndarray) -> str:
+    return f"{zlib.crc32(np.ascontiguousarray(cube)):08x}"
 
 
 def _decibel(power: np.ndarray) -> np.ndarray:

@@ -43,31 +43,29 @@ THIRDS = [1 / 3, 1 / 3, 1 / 3]
 
 def patch_echoes(
     vertices: np.ndarray,
+    origin: np.ndarray,
     patches: Patches,
     centres: np.ndarray,
-    visibility: np.ndarray | None,
     leg: Leg,
     reflection: complex,
     backend: Backend,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coherent amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, complex64 (G, T) each, their delay's carrier taken out.
 
-    vertices (V, 3, T) m float64, centres (G, 3, T) whose delay is the patch's, visibility of the vertices (V, T) in 0..1 or
-    None where nothing hides them; reflection is Gamma of the surface times the share that stays coherent.
+    vertices (V, T, 4) float32: place [m] relative to origin (T, 3), and visibility in 0..1; centres (G, T, 3) m, whose delay
+    is the patch's; reflection is Gamma of the surface times the share that stays coherent.
     """
     at = _Gather(vertices, len(centres), backend)
     dr, Float32, UInt32 = at.dr, backend.Float32, backend.UInt32
-    wavenumber = at.constant(2 * math.pi * leg.frequency_hz / SPEED_OF_LIGHT)
-    centre = at.lane_points(centres)
-    antennas = _antennas(centre, leg, at)
+    wavenumber = Float32(at.constant(2 * math.pi * leg.frequency_hz / SPEED_OF_LIGHT))
+    centre = at.lane_points(centres - origin)
+    antennas = [_minus(at.frame_point(place - origin), centre) for place in leg.places]
     columns = at.columns(patches.corners)
     starts = UInt32(patches.starts.astype(np.uint32))
-    field = None if visibility is None else at.field(visibility)
 
     def add(facet: Any, total: list[Any]) -> tuple[Any, list[Any]]:
-        index = at.vertices(columns, facet)
-        # float64 up to here: relative to its patch, a corner is a small vector.
-        corners = [tuple(map(Float32, _minus(corner, centre))) for corner in at.points(index)]
+        packets = at.packets(at.vertices(columns, facet))
+        corners = [_minus(packet[:3], centre) for packet in packets]
         normal, doubled_area = _normal(corners, at)
         sights = [_minus(antenna, _combined(corners, THIRDS)) for antenna in antennas]
         ranges = [_norm(sight) for sight in sights]
@@ -77,9 +75,8 @@ def patch_echoes(
         obliquity, both = (cosines[0] + cosines[-1]) / 2, 2 / len(antennas)
         lit = (cosines[0] > 0) & (cosines[-1] > 0)
         weight = dr.select(lit, doubled_area * obliquity / (ranges[0] * ranges[-1]), 0)
-        if field is not None:
-            weight *= at.corner_mean(field, index)
-        phases = [Float32(wavenumber) * both * path for path in paths]
+        weight *= sum(dr.clip(packet[3], 0, 1) for packet in packets) * (1 / 3)
+        phases = [wavenumber * both * path for path in paths]
         parts = divided_differences(*phases, ops=_ops(dr), terms=SERIES_TERMS[4])
         return facet + 1, [t + value * weight for t, value in zip(total, (*parts[0], *parts[1]), strict=True)]
 
@@ -117,7 +114,8 @@ def diffuse_echoes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Echoes of Q Lambertian points of fixed random phase: sigma_q = 4 S^2 |Gamma|^2 A_q cos_i cos_s; delay and amplitude (Q, T).
 
-    Point q lies at barycentric (Q, 3) of the triangle faces (Q, 3) of vertices (V, 3, T); `scattered` is S |Gamma|.
+    Point q lies at barycentric (Q, 3) of the triangle faces (Q, 3) of vertices (V, T, 3) m float64; visibility (V, T, 1) or
+    None; `scattered` is S |Gamma|.
     """
     at = _Gather(vertices, len(faces), backend)
     index = at.vertices(at.columns(faces), at.item)
@@ -139,7 +137,7 @@ def diffuse_echoes(
 class _Gather:
     """Lanes over (item, frame): reads vertices of every item's triangles, writes arrays (items, T).
 
-    Frames run fastest, as in the vertices (V, 3, T): neighbouring lanes read neighbouring numbers.
+    Frames run fastest, as in the vertices (V, T, ...): neighbouring lanes read neighbouring numbers.
     """
 
     def __init__(self, vertices: np.ndarray, items: int, backend: Backend) -> None:
@@ -147,9 +145,10 @@ class _Gather:
 
         self.dr = drjit
         self.backend = backend
-        self.frames = vertices.shape[2]
+        self.frames = vertices.shape[1]
         self.shape = (items, self.frames)
-        self.numbers = backend.Float64(np.ascontiguousarray(vertices).ravel())
+        self.real = backend.Float32 if vertices.dtype == np.float32 else backend.Float64
+        self.numbers = self.real(np.ascontiguousarray(vertices).ravel())
         UInt32 = backend.UInt32
         lane = drjit.arange(UInt32, items * self.frames)
         # Opaque: a number in the code would compile a kernel for every mesh.
@@ -165,17 +164,26 @@ class _Gather:
         """Numbers of the corners of every lane's triangle."""
         return [self.dr.gather(self.backend.UInt32, column, triangle) for column in columns]
 
+    def packets(self, vertices: list[Any]) -> list[Vector]:
+        """Four numbers of each numbered vertex in the lane's frame, read together."""
+        Packet = self.backend.arrays.Array4f
+        return [tuple(self.dr.gather(Packet, self.numbers, vertex * self.stride + self.frame)) for vertex in vertices]
+
     def points(self, vertices: list[Any]) -> list[Vector]:
         """Positions of numbered vertices in the lane's frame."""
         return [self._read(self.numbers, vertex) for vertex in vertices]
 
     def lane_points(self, points: np.ndarray) -> Vector:
-        """Points (items, 3, T), one on every lane."""
-        return self._read(self.backend.Float64(np.ascontiguousarray(points).ravel()), self.item)
+        """Points (items, T, 3), one on every lane."""
+        return self._read(self.real(np.ascontiguousarray(points).ravel()), self.item)
+
+    def frame_point(self, point: np.ndarray) -> Vector:
+        """A moving point (T, 3)."""
+        return self._read(self.real(np.ascontiguousarray(point).ravel()), 0)
 
     def _read(self, numbers: Any, row: Any) -> Vector:
-        places = ((3 * row + axis) * self.stride + self.frame for axis in range(3))
-        return tuple(self.dr.gather(self.backend.Float64, numbers, place) for place in places)
+        place = 3 * (row * self.stride + self.frame)
+        return tuple(self.dr.gather(self.real, numbers, place + axis) for axis in range(3))
 
     def constant(self, value: float) -> Any:
         """A number that is data to the kernel, not code."""
@@ -209,11 +217,6 @@ def _normal(corners: list[Vector], at: _Gather) -> tuple[Vector, Any]:
     """Normal of twice the triangle's area, and that length, kept from zero."""
     normal = _cross(_minus(corners[1], corners[0]), _minus(corners[2], corners[0]))
     return normal, at.dr.maximum(_norm(normal), 1e-30)
-
-
-def _antennas(centre: Vector, leg: Leg, at: _Gather) -> list[Vector]:
-    """The antennas' places relative to points, float32."""
-    return [tuple(map(at.backend.Float32, _minus(at.place(place), centre))) for place in leg.places]
 
 
 def _extra_path(d: Vector, antenna: Vector) -> Any:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.facets import Leg, diffuse_echoes, patch_echoes
-from t2d_rt.echo.patches import Patches, centres, normals, patches, tilts
+from t2d_rt.echo.patches import Csr, Patches, centres, normals, patches, tilts
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, point_spacing, refine, surface_points
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
@@ -22,7 +21,7 @@ from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 POINT_SAGITTA_RAD = 1.0
 POINTS_PER_MESH = 4_000
 """At least about this many diffuse points; their number does not change the power."""
-PROBE_EVERY = 4
+PROBE_EVERY = 6
 """Frames between looks at which faces face the antennas."""
 BEND_RAD = 0.2
 """By how much more than at rest facets may be tilted against the face they lie in, where a joint bends."""
@@ -94,9 +93,10 @@ class _Model:
     cage_faces: np.ndarray
     tilt_rad: np.ndarray
     """Largest angle between a cage face and its facets, (cage faces,)."""
-    fine: Refinement
+    operator: Csr
+    """Sparse, float32: the facets' vertices from the cage's."""
     patches: Patches
-    centre: Any
+    centre: Csr
     """Sparse: the patches' reference points from the cage's vertices."""
     reflection: complex
     points: _Points | None
@@ -127,7 +127,7 @@ class _Model:
         return cls(
             cage_faces=surface.faces,
             tilt_rad=tilts(surface, fine),
-            fine=fine,
+            operator=fine.operator.astype(np.float32),
             patches=parts,
             centre=centres(parts, fine),
             reflection=reflection * math.sqrt(1 - rough**2),
@@ -141,17 +141,22 @@ class _Model:
         amplitude = np.zeros(delay.shape, np.complex64)
         slope = np.zeros(delay.shape, np.complex64)
         centre = _carried(self.centre, cage)
-        paths = [np.linalg.norm(centre - antenna[:, None], axis=1) for antenna in (leg.transmitter_m, leg.receiver_m)]
-        delay[:, :count] = ((paths[0] + paths[1]) / SPEED_OF_LIGHT).T
+        ranges = [np.sqrt(np.einsum("gti,gti->tg", sight, sight)) for sight in (centre - place for place in leg.places)]
+        delay[:, :count] = (ranges[0] + ranges[-1]) / SPEED_OF_LIGHT
         lit = np.flatnonzero(self.patches.any_of(self._lit(cage, leg)))
         if len(lit):
             parts = self.patches.only(lit)
-            used = np.zeros(self.fine.operator.shape[0], bool)
+            used = np.zeros(self.operator.shape[0], bool)
             used[parts.corners] = True
             parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
-            fraction = None if seen is None else _carried(self.fine.linear[used], seen)
-            vertices = _carried(self.fine.operator[used], cage)
-            coherent = patch_echoes(vertices, parts, centre[lit], fraction, leg, self.reflection, backend)
+            # Positions within the body need no more than float32: 1e-7 of its size.
+            origin = cage.mean(axis=1)
+            local = np.ones((*cage.shape[:2], 4), np.float32)
+            local[..., :3] = cage - origin[:, None]
+            if seen is not None:
+                local[..., 3] = seen
+            vertices = _carried(self.operator[used], local)
+            coherent = patch_echoes(vertices, origin, parts, centre[lit], leg, self.reflection, backend)
             amplitude[:, lit], slope[:, lit] = (part.T for part in coherent)
         if self.points is not None:
             delay[:, count:], amplitude[:, count:] = (part.T for part in self.points.echoes(cage, seen, leg, backend))
@@ -163,7 +168,7 @@ class _Model:
         normal = normals(cage[probes], self.cage_faces)
         middle = cage[probes][:, self.cage_faces].mean(axis=2)
         angle = np.zeros(normal.shape[:2])
-        for antenna in (leg.transmitter_m, leg.receiver_m):
+        for antenna in leg.places:
             sight = antenna - middle
             cosine = np.sum(normal * sight, axis=2) / np.linalg.norm(sight, axis=2)
             angle = np.maximum(angle, np.arccos(np.clip(cosine, -1, 1)))
@@ -200,19 +205,19 @@ class _Points:
         self, cage: np.ndarray, seen: np.ndarray | None, leg: Leg, backend: Backend
     ) -> tuple[np.ndarray, np.ndarray]:
         vertices = _carried(self.carrier.operator, cage)
-        fraction = None if seen is None else _carried(self.carrier.linear, seen)
+        fraction = None if seen is None else _carried(self.carrier.linear, seen[..., None])
         return diffuse_echoes(
             vertices, self.corners, self.barycentric, self.area_m2, self.phase_rad, fraction, leg, self.scattered, backend
         )
 
 
-def _carried(operator: Any, values: np.ndarray) -> np.ndarray:
-    """Applies a sparse (Vf, V) to values (K, V, ...) of the cage: (Vf, ..., K)."""
-    out = np.empty((operator.shape[0], *values.shape[2:], len(values)), values.dtype)
+def _carried(operator: Csr, values: np.ndarray) -> np.ndarray:
+    """Applies a sparse (Vf, V) to values (K, V, C) of the cage: (Vf, K, C)."""
+    out = np.empty((operator.shape[0], len(values), values.shape[2]), values.dtype)
     for start in range(0, len(values), FRAMES_AT_ONCE):
-        part = np.moveaxis(values[start : start + FRAMES_AT_ONCE], 0, -1)
+        part = values[start : start + FRAMES_AT_ONCE].transpose(1, 0, 2)
         product = operator @ np.ascontiguousarray(part).reshape(len(part), -1)
-        out[..., start : start + FRAMES_AT_ONCE] = product.reshape(-1, *part.shape[1:])
+        out[:, start : start + FRAMES_AT_ONCE] = product.reshape(len(out), *part.shape[1:])
     return out
 
 

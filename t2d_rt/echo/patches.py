@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry import Refinement
 from t2d_rt.types import MovingMesh, Radar
 
+Csr = Any
+"""A scipy.sparse matrix."""
 TURNS_PER_STEP = 0.5
 """Greatest change, from one surface frame to the next, of the phase between two facets of a patch [turns]."""
 SWEEP_TURNS = 0.25
@@ -59,14 +62,17 @@ def patches(surface: MovingMesh, fine: Refinement, radar: Radar, times_s: np.nda
     return Patches(corners=fine.faces[order], base_face=fine.base_face[order], starts=_cut(columns))
 
 
-def centres(parts: Patches, fine: Refinement) -> object:
-    """Sparse (G, V): the patches' reference points, the mean of their facets' centroids, from the unrefined vertices."""
+def centres(parts: Patches, fine: Refinement) -> Csr:
+    """Sparse (G, V): the patches' reference points from the unrefined vertices.
+
+    The mean of the facets' centroids, carried linearly: a little below the curved surface, but moving with it.
+    """
     from scipy.sparse import csr_array
 
     sizes = np.diff(parts.starts)
     share = np.repeat(1 / (3.0 * sizes), 3 * sizes)
-    mean = csr_array((share, parts.corners.ravel(), 3 * parts.starts), shape=(len(parts), fine.operator.shape[0]))
-    return mean @ fine.operator
+    mean = csr_array((share, parts.corners.ravel(), 3 * parts.starts), shape=(len(parts), fine.linear.shape[0]))
+    return mean @ fine.linear
 
 
 def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:

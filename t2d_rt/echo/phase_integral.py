@@ -64,8 +64,8 @@ def divided_differences(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> t
     width = high - low
     first = _slope(exp_mid, exp_low, below, ops, terms)  # exp[low, mid]
     last = _slope(exp_mid, exp_high, above, ops, terms)  # exp[mid, high]
-    safe = ops.where(width > 1, width, width * 0 + 1)
-    quotient = (last[1] - first[1]) / safe, (first[0] - last[0]) / safe  # divided by j width
+    inverse = 1 / ops.where(width > 1, width, width * 0 + 1)
+    quotient = (last[1] - first[1]) * inverse, (first[0] - last[0]) * inverse  # divided by j width
     series = _times(exp_mid, _series(below, above, terms))
     real = ops.where(width > 1, quotient[0], series[0])
     imag = ops.where(width > 1, quotient[1], series[1])
@@ -84,8 +84,8 @@ def _times(a: Parts, b: Parts) -> Parts:
 def _slope(exp_mid: Parts, exp_end: Parts, d: Any, ops: Ops, terms: int) -> Parts:
     """First divided difference (exp_end - exp_mid)/(j d), d the phase of the end minus that of the middle."""
     small = abs(d) < 1
-    safe = ops.where(small, d * 0 + 1, d)
-    quotient = (exp_end[1] - exp_mid[1]) / safe, (exp_mid[0] - exp_end[0]) / safe
+    inverse = 1 / ops.where(small, d * 0 + 1, d)
+    quotient = (exp_end[1] - exp_mid[1]) * inverse, (exp_mid[0] - exp_end[0]) * inverse
     # (exp(jd) - 1)/(jd) = sum (jd)^n/(n+1)!: even powers are real, odd ones imaginary.
     square = d * d
     real, imag = 0 * d, 0 * d
