@@ -64,8 +64,8 @@ PLAIN_TYPES = {
     "<class 'int'>": "a whole number",
     "<class 'bool'>": "true or false",
     "<class 'str'>": "a text",
-    "<class 'tuple'>": "numbers such as [1, 2, 3], as many as the default has",
-    "<class 'collections.abc.Sequence'>": "numbers such as [1, -2, 1]",
+    "<class 'tuple'>": "a list such as [1, 2.5]",
+    "<class 'collections.abc.Sequence'>": "a list such as [1, -2, 1]",
     "<class 'NoneType'>": "null",
 }
 """What the parser says, in words of its users."""
@@ -346,20 +346,26 @@ def _resolved(arguments: Sequence[str]) -> list[str]:
         word = waiting.pop(0)
         option = re.fullmatch(r"(-o|--[A-Za-z][\w.-]*)(?:=(.*))?", word, flags=re.DOTALL)
         if option is None:
-            (rest if re.match("-.", word) else files).append(word)
+            if re.match("-.", word) and word != "-h":
+                raise InputError(f"unknown option {word}; t2d-rt COMMAND --help lists all")
+            (rest if word == "-h" else files).append(word)
             continue
         name = "--output" if option[1] == "-o" else "--" + option[1][2:].replace("-", "_")
         value = option[2]
         if value is None and name not in FLAGS and waiting and not re.match(r"--[A-Za-z]|-[oh]$", waiting[0]):
             value = waiting.pop(0)
-        if name == "--config" and value is not None:
+        if value is None:
+            if name not in FLAGS:
+                raise InputError(f"option {name} needs a value; t2d-rt COMMAND --help lists all")
+            rest.append(name)
+        elif name == "--config":
             configs.append(f"--config={_config_text(value)}")
-        elif name == "--radar" and value is not None:
+        elif name == "--radar":
             radars.append(f"--config={_yaml({'radar': _radar_fields(value)})}")
-        elif name == "--file" and value is not None:
+        elif name == "--file":
             files.append(value)
         else:
-            rest.append(name if value is None else f"{name}={value}")
+            rest.append(f"{name}={value}")
     if len(files) > 1:
         raise InputError(f"expected one file, got {len(files)} ({', '.join(files)}); run once for each")
     return [*configs, *radars, *(f"--file={name}" for name in files), *rest]
@@ -399,27 +405,28 @@ def _yaml(values: dict[str, Any]) -> str:
 
 def _one_sentence(message: str, command: str) -> str:
     """What the parser found wrong, in plain words."""
+    help_command = f"t2d-rt {command} --help"
     wrong = re.match(r'Parser key "(.+?)":', message)
     given = re.search(r"(?:Got|Given) value: (.*)", message, flags=re.DOTALL)
-    help_command = f"t2d-rt {command} --help"
     if wrong and given:
-        kinds = dict.fromkeys(re.findall(r"Expected an? (.+?)(?:\. Got value|\n|$)", message))
-        expected = " or ".join(PLAIN_TYPES.get(kind, _choices(kind)) for kind in kinds)
-        return f"option {wrong[1]} must be {expected}, got '{' '.join(given[1].split())}'; see {help_command}"
+        kinds = re.findall(r"Expected an? (.+?)(?:\. Got value|\n|$)", message)
+        expected = dict.fromkeys(word for kind in kinds for word in _plain_type(kind))
+        return f"option {wrong[1]} must be {' or '.join(expected)}, got '{' '.join(given[1].split())}'; see {help_command}"
     if "are required: file" in message:
         return f"no file given; name one, as in the examples of {help_command}"
     unknown = re.search(r"unrecognized arguments: (\S+)|Option '(.+)' is not accepted", message)
     if unknown:
         name = (unknown[1] or unknown[2]).partition("=")[0]
         return f"unknown option {name}; {help_command} lists all"
-    lone = re.search(r"argument (\S+): expected one argument", message)
-    if lone:
-        return f"option {lone[1].split('/')[-1]} needs a value; see {help_command}"
     return f"{' '.join(message.split())}; see {help_command}"
 
 
-def _choices(literal: str) -> str:
-    return " or ".join(re.findall(r"'([^']*)'", literal)) or literal
+def _plain_type(kind: str) -> list[str]:
+    """The parser's word for a type in words of its users: one, or the values there are."""
+    if kind.startswith("typing.Literal"):
+        return re.findall(r"'([^']*)'", kind)
+    count = re.match(r"tuple with (\d+) elements", kind)
+    return [f"a list of {count[1]} numbers" if count else PLAIN_TYPES.get(kind, kind)]
 
 
 # --- output ---

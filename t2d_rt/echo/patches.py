@@ -1,4 +1,4 @@
-"""Patches: neighbouring facets that return as one echo, as large as their motion and the sweep allow."""
+"""Patches: neighbouring facets that return as one echo, as large as motion and sweep allow (docs/physics.md, eq. 15)."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 """Echoes to the ADC cube: the only code that knows chirps.
 
-Around mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physics.md, eq. 1, expanded)
+Around mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physics.md, eq. 16)
 
-    psi + theta x + eps x^2,   psi = f_m tau - S tau^2/2,  theta = pi B (tau + f_m tau'/S),  eps = 2 pi (T/2)^2 S tau'
+    psi + theta x + eps x^2,   psi = 2 pi (f_m tau - S tau^2/2),  theta = pi B (tau + f_m tau'/S),  eps = 2 pi (T/2)^2 S tau'
 
 theta is the beat with its range-Doppler coupling. Echoes are sorted into buckets of a quarter of a range bin by theta; within a
 bucket exp(j (theta - theta_bucket) x) is a Chebyshev series of four terms, 2 j^m J_m T_m(x) (Jacobi-Anger), so that one sine and
 cosine per echo and chirp serve the whole sweep; a small matrix product per chirp then gives the samples. One kernel does
-the sum: its lanes are (chirp, bucket), its loop runs over the bucket's echoes.
+the sum: its lanes are (bucket, a few chirps), its loop runs over the bucket's echoes.
 """
 
 from __future__ import annotations
