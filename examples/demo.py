@@ -1,7 +1,7 @@
 """Recorded motion to micro-Doppler spectrograms, by the ellipsoid model and by the ray-traced body: `make demo`.
 
-    python examples/demo.py                       # the CMU walk
-    python examples/demo.py --motion iclone_002_03_run_jog.bvh.gz --output out
+python examples/demo.py                       # the CMU walk
+python examples/demo.py --motion iclone_002_03_run_jog.bvh.gz --output out
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ def demo(motion_name: str, output: Path, duration_s: float | None = None) -> lis
         result.plot(title=f"{stem}, {method}").savefig(pictures[-1])
     one, two = (results[method].spectrogram for method in ("ellipsoid", "mesh"))
     pictures.append(output / f"{stem}_compare.png")
-    plot_comparison(one.velocity_mps.values, one.time_s.values, one.values, two.values, title=stem).savefig(pictures[-1])
+    plot_comparison(one.velocity_mps.values, one.time_s.values, one.values, two.values, title=stem).savefig(
+        pictures[-1]
+    )
     return pictures
 
 

@@ -1,9 +1,9 @@
 """Ray-traced human micro-Doppler: skeleton motion in, coherent FMCW radar data out.
 
-    import t2d_rt as t2d
-    motion = t2d.load_motion("walk.bvh")
-    result = t2d.simulate(motion, radar=t2d.Radar.preset("table2"), method="mesh", seed=0)
-    result.save("walk.zarr")
+import t2d_rt as t2d
+motion = t2d.load_motion("walk.bvh")
+result = t2d.simulate(motion, radar=t2d.Radar.preset("table2"), method="mesh", seed=0)
+result.save("walk.zarr")
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
     from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
+    from t2d_rt.pipeline import segments, simulate, skin
     from t2d_rt.radar.synthesize import synthesize
     from t2d_rt.result import Simulation
     from t2d_rt.signal import load_recording
-    from t2d_rt.pipeline import segments, simulate, skin
     from t2d_rt.types import Echoes, EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar
 
 # Everything loads when first used: `import t2d_rt` must not wait for a ray tracer.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -13,7 +14,7 @@ from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.echo.mesh import VisibilityAt, check_outside, joined, mesh_echoes
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import place, track
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
@@ -24,6 +25,7 @@ from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, R
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids
+
 
 def simulate(
     target: Target | Sequence[Target],
@@ -49,12 +51,16 @@ def simulate(
     target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar where it has not been.
     radar: the `table2` preset by default.
     scene: "free_space" is the only one so far.
+    method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
+    body: the template to skin.
     material: of everything; by default a body's is "skin" and a mesh's its own.
     occlusion: whether what stands in front hides what is behind; keys at `occlusion_rate_hz`, faded in between.
+    occlusion_rate_hz: how often visibility is traced; 25 suits walking.
     surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines.
     sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (0.25 for a skinned body, 0.1 for others).
     phase_from: of the ellipsoid model: its "specular" point, or its "centre" as in the Text2Doppler paper.
+    device: "auto" takes a CUDA device where there is one.
     progress: called with the share done, 0..1.
     """
     radar = Radar.preset("table2") if radar is None else radar
@@ -100,10 +106,14 @@ def segments(motion: Motion, body: str = "adult", *, material: str | Material = 
     return fit_segments(motion, body, material=material, track=track(motion))
 
 
-def _shape(target: Target, method: Method, body: str, material: str | Material | None, radar: Radar) -> MovingMesh | Ellipsoids:
+def _shape(
+    target: Target, method: Method, body: str, material: str | Material | None, radar: Radar
+) -> MovingMesh | Ellipsoids:
     if not isinstance(target, Motion):
         if isinstance(target, MovingMesh) and method == "ellipsoid":
-            raise InputError(f"method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh {target.name}; use method 'mesh'")
+            raise InputError(
+                f"method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh {target.name}; use method 'mesh'"
+            )
         return target
     if not target.placed:
         target = place(target, radar_position_m=radar.position_m, boresight=radar.boresight)
@@ -116,7 +126,9 @@ def _frames(shapes: Sequence[MovingMesh | Ellipsoids], rate_hz: float) -> np.nda
     start = max(float(s.times_s[0]) for s in shapes)
     stop = min(float(s.times_s[-1]) for s in shapes)
     if not stop > start:
-        raise InputError(f"the targets share no time (last start {start:.6g} s, first end {stop:.6g} s); give overlapping times_s")
+        raise InputError(
+            f"the targets share no time (last start {start:.6g} s, first end {stop:.6g} s); give overlapping times_s"
+        )
     return np.linspace(start, stop, max(4, int(np.ceil((stop - start) * rate_hz)) + 1))
 
 
@@ -126,9 +138,34 @@ def _check_shape(shape: MovingMesh | Ellipsoids, radar: Radar, times_s: np.ndarr
     times = np.minimum(times, times_s[-1] - step) if times_s[-1] - times_s[0] > step else times_s[:1]
     if isinstance(shape, MovingMesh):
         check_outside(shape, radar)
+    else:
+        _check_outside_ellipsoids(shape, radar, times)
     points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
     ranges = [np.linalg.norm(p - radar.tx_position_m, axis=2) for p in points]
-    check_speed(radar, float(np.abs(ranges[1] - ranges[0]).max() / step), what=getattr(shape, "name", "the body"))
+    name = getattr(shape, "name", "the body")
+    check_speed(radar, float(np.abs(ranges[1] - ranges[0]).max() / step), what=name)
+    farthest_m = float(ranges[0].max())
+    if farthest_m > radar.max_range_m:
+        warnings.warn(
+            f"{name} is up to {farthest_m:.3g} m away, beyond the unambiguous {radar.max_range_m:.3g} m, and folds to a wrong "
+            "range; place it nearer (distance_m) or take a radar with less bandwidth or more samples",
+            T2DWarning,
+            stacklevel=3,
+        )
+
+
+def _check_outside_ellipsoids(shape: Ellipsoids, radar: Radar, times_s: np.ndarray) -> None:
+    centres, axes = shape.at(times_s)
+    for antenna in (radar.tx_position_m, radar.rx_position_m):
+        local = np.einsum("knji,knj->kni", axes, antenna - centres) / shape.semi_axes_m
+        inside = np.sum(local**2, axis=2) < 1
+        if inside.any():
+            frame, index = np.argwhere(inside)[0]
+            where = ", ".join(f"{x:.3g}" for x in antenna)
+            raise InputError(
+                f"the radar at ({where}) m is inside {shape.names[index]} at {times_s[frame]:.3g} s; place the target farther "
+                "away (distance_m) or move the radar"
+            )
 
 
 def _visibility(
@@ -170,7 +207,9 @@ def _check(
     if not 1 <= occlusion_rate_hz <= 1_000:
         raise InputError(f"occlusion_rate_hz must lie in 1..1000 Hz, got {occlusion_rate_hz}; 25 suits walking")
     if sagitta_rad is not None and not 0.01 <= sagitta_rad <= 2:
-        raise InputError(f"sagitta_rad must lie in 0.01..2 rad, got {sagitta_rad}; 0.25 gives -22 dB, 0.1 gives 0.3 dB of RCS")
+        raise InputError(
+            f"sagitta_rad must lie in 0.01..2 rad, got {sagitta_rad}; 0.25 gives -22 dB, 0.1 gives 0.3 dB of RCS"
+        )
     if not isinstance(seed, int) or seed < 0:
         raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")
 

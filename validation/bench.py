@@ -49,11 +49,16 @@ def main() -> None:
     print(f"\n{'10 s walk':24}{'seconds':>9}{'bar':>6}{'yardsticks':>12}{'peak GB':>9}")
     shares = {}
     for (method, preset), bar in BARS_S.items():
-        out = subprocess.run([sys.executable, "-m", "validation.bench", method, preset], capture_output=True, text=True, check=True)
+        out = subprocess.run(
+            [sys.executable, "-m", "validation.bench", method, preset], capture_output=True, text=True, check=True
+        )
         found = json.loads(out.stdout.splitlines()[-1])
         shares[f"{method}, {preset}"] = found["shares"]
         ratio = found["seconds"] / found["yardstick_s"]
-        print(f"{method + ', ' + preset:24}{found['seconds']:9.2f}{bar:6.0f}{ratio:12.2f}{found['peak_gb']:9.2f}", flush=True)
+        print(
+            f"{method + ', ' + preset:24}{found['seconds']:9.2f}{bar:6.0f}{ratio:12.2f}{found['peak_gb']:9.2f}",
+            flush=True,
+        )
     print(f"\na yardstick is 1e8 complex exponentials in NumPy, float64; peak memory has a bar of {MEMORY_BAR_GB} GB")
     for case, parts in shares.items():
         if parts:
@@ -62,7 +67,7 @@ def main() -> None:
 
 def case(method: str, preset: str) -> dict[str, Any]:
     """Seconds of the best of three runs beside the yardstick's, peak memory, and the share of each stage."""
-    motion = t2d.place(t2d.motion.repeat(t2d.load_motion(shipped("motions", "12_01_walk.bvh")), DURATION_S))
+    motion = t2d.place(t2d.repeat(t2d.load_motion(shipped("motions", "12_01_walk.bvh")), DURATION_S))
     radar = t2d.Radar.preset(preset)
 
     def run() -> None:
@@ -72,7 +77,12 @@ def case(method: str, preset: str) -> dict[str, Any]:
     yardstick = _timed(_yardstick)
     seconds = min(_timed(run) for _ in range(3))
     peak_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
-    return {"seconds": seconds, "yardstick_s": yardstick, "peak_gb": peak_gb, "shares": _shares(run) if method == "mesh" else {}}
+    return {
+        "seconds": seconds,
+        "yardstick_s": yardstick,
+        "peak_gb": peak_gb,
+        "shares": _shares(run) if method == "mesh" else {},
+    }
 
 
 def _yardstick() -> None:

@@ -94,7 +94,9 @@ def _diffuse(
     range_m = np.linalg.norm(offset, axis=1)
     cosine = np.maximum(-np.sum(normal * offset, axis=1) / range_m, 0)
     field = 2 * np.sqrt(points.area_m2) * cosine * seen * radar.link_amplitude / range_m**2
-    return complex(np.sum(field * np.exp(1j * (points.phase_rad + _phase(2 * range_m / SPEED_OF_LIGHT, frequency, radar)))))
+    return complex(
+        np.sum(field * np.exp(1j * (points.phase_rad + _phase(2 * range_m / SPEED_OF_LIGHT, frequency, radar))))
+    )
 
 
 def _phase(delay_s: np.ndarray, frequency: float, radar: Radar) -> np.ndarray:

@@ -100,7 +100,9 @@ def _specular(
     body_tangents = np.einsum("knti,knij->kntj", tangents, axes)
     body_normal = np.einsum("knij,kni->knj", axes, normal)
     plane = np.linalg.norm(semi_axes_m * body_normal, axis=-1)
-    curvature = np.einsum("knti,ni,knsi->knts", body_tangents, 1 / semi_axes_m**2, body_tangents) * plane[..., None, None]
+    curvature = (
+        np.einsum("knti,ni,knsi->knts", body_tangents, 1 / semi_axes_m**2, body_tangents) * plane[..., None, None]
+    )
     hessian += cosine[..., None, None] * curvature
     field = math.sqrt(math.pi) * cosine / np.sqrt(np.linalg.det(hessian)) / (ranges[0] * ranges[1])
     return ranges[0] + ranges[1], field

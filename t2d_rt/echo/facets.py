@@ -69,7 +69,9 @@ def patch_echoes(
         normal, doubled_area = _normal(corners, at)
         sights = [_minus(antenna, _combined(corners, THIRDS)) for antenna in antennas]
         ranges = [_norm(sight) for sight in sights]
-        cosines = [_dot(normal, sight) / (doubled_area * distance) for sight, distance in zip(sights, ranges, strict=True)]
+        cosines = [
+            _dot(normal, sight) / (doubled_area * distance) for sight, distance in zip(sights, ranges, strict=True)
+        ]
         paths = [sum(_extra_path(corner, antenna) for antenna in antennas) for corner in corners]
         # Half the sum of the cosines is the obliquity, 2 A F the phase integral (eq. 3). One antenna stands for both.
         obliquity, both = (cosines[0] + cosines[-1]) / 2, 2 / len(antennas)

@@ -197,7 +197,10 @@ class _Points:
         points = surface_points(rest, carrier.faces, seed=seed, spacing_m=point_spacing(area, POINTS_PER_MESH))
         used, corners = np.unique(carrier.faces[points.face], return_inverse=True)
         held = Refinement(
-            operator=carrier.operator[used], faces=carrier.faces, base_face=carrier.base_face, linear=carrier.linear[used]
+            operator=carrier.operator[used],
+            faces=carrier.faces,
+            base_face=carrier.base_face,
+            linear=carrier.linear[used],
         )
         return cls(held, corners.reshape(-1, 3), points.barycentric, points.area_m2, points.phase_rad, scattered)
 
@@ -207,7 +210,15 @@ class _Points:
         vertices = _carried(self.carrier.operator, cage)
         fraction = None if seen is None else _carried(self.carrier.linear, seen[..., None])
         return diffuse_echoes(
-            vertices, self.corners, self.barycentric, self.area_m2, self.phase_rad, fraction, leg, self.scattered, backend
+            vertices,
+            self.corners,
+            self.barycentric,
+            self.area_m2,
+            self.phase_rad,
+            fraction,
+            leg,
+            self.scattered,
+            backend,
         )
 
 

@@ -8,7 +8,6 @@ the amplitude.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 

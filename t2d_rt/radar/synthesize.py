@@ -252,15 +252,17 @@ def _coefficients(window: _Window, sweep: _Sweep, origin_s: float, backend: Back
         for x in (sweep.mid_hz, sweep.slope, origin_s, sweep.theta_per_s, sweep.slope * sweep.half_time_s)
     )
     delays, slopes = (Float64(np.ascontiguousarray(a).ravel()) for a in (window.delay, window.delay_slope))
-    turns, turns_slope, first = [], [], None
+    turns: list[Any] = []
+    turns_slope: list[Any] = []
+    first = None
     for index in (lane, lane + echoes):
         tau, rate = dr.gather(Float64, delays, index), dr.gather(Float64, slopes, index)
         first = tau if first is None else first
         turns.append(mid * tau - 0.5 * ramp * tau * tau)
         turns_slope.append((mid - ramp * tau) * rate)
     # float64 up to here: thousands of turns, of which the fraction counts.
-    phase = hermite(*turns, *turns_slope)
-    cubics = [(phase[0] - dr.floor(phase[0]), *phase[1:])]
+    phase: Any = hermite(*turns, *turns_slope)
+    cubics: list[Any] = [(phase[0] - dr.floor(phase[0]), *phase[1:])]
     for values, scale in ((window.amplitude, None), (window.sweep, Float32(half_band))):
         if values is None:
             continue
@@ -352,8 +354,7 @@ def _moments(
         for plane, parts in zip(planes, acc, strict=True):
             real, imag = (part.numpy().reshape(-1, lanes.shares).sum(axis=1) for part in parts)
             plane[place] = (real + 1j * imag)[valid]
-    planes = planes.reshape(count, buckets, -1)
-    return _with_slope(planes)
+    return _with_slope(planes.reshape(count, buckets, -1))
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,7 +71,9 @@ class Occlusion:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
         places = [mesh.at(times_s) for mesh in self._meshes]
         vertices = np.concatenate(places, axis=1)
-        normal = np.concatenate([_vertex_normals(v, m.faces) for v, m in zip(places, self._meshes, strict=True)], axis=1)
+        normal = np.concatenate(
+            [_vertex_normals(v, m.faces) for v, m in zip(places, self._meshes, strict=True)], axis=1
+        )
         front = np.sum(normal * (self._viewpoint - vertices), axis=2) > 0
         seen = (self.clear(vertices, vertices, normal) & front).astype(np.float32)
         parts = []

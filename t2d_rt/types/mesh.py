@@ -44,7 +44,9 @@ class MovingMesh:
         if vertices.ndim != 3 or vertices.shape[2] != 3 or len(vertices) != len(times_s):
             raise InputError(f"vertices must have shape ({len(times_s)}, vertex, 3), got {vertices.shape}")
         if not np.isfinite(vertices).all():
-            raise InputError(f"vertices of {name} must be finite, got {np.count_nonzero(~np.isfinite(vertices))} NaN or infinite values")
+            raise InputError(
+                f"vertices of {name} must be finite, got {np.count_nonzero(~np.isfinite(vertices))} NaN or infinite values"
+            )
         self._track: Track = _spline(times_s, vertices)
         self._fill(vertices[0], faces, times_s, material, crease_deg, sagitta_rad, name)
 
@@ -61,7 +63,7 @@ class MovingMesh:
         sagitta_rad: float | np.ndarray = 0.1,
         name: str = "mesh",
     ) -> MovingMesh:
-        """A mesh whose vertices are computed when asked for: `track(times_s)` gives (K, V, 3) between the first and last of `times_s`.
+        """A mesh whose vertices are computed when asked for: `track` gives (K, V, 3) at times (K,) within `times_s`.
 
         `rest` (V, 3) is the pose in which curvature is measured and diffuse points are spread; the first frame by default.
         """
@@ -162,8 +164,6 @@ def _spline(times_s: np.ndarray, vertices: np.ndarray) -> Track:
         return lambda t: np.repeat(vertices[:1], len(t), axis=0)
     from scipy.interpolate import CubicSpline, make_interp_spline
 
-    if len(times_s) < 4:
-        spline = make_interp_spline(times_s, vertices, k=len(times_s) - 1)
-    else:
-        spline = CubicSpline(times_s, vertices)
+    few = len(times_s) < 4
+    spline = make_interp_spline(times_s, vertices, k=len(times_s) - 1) if few else CubicSpline(times_s, vertices)
     return lambda t: np.asarray(spline(t))
