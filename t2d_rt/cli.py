@@ -235,6 +235,8 @@ def _recorded(motion: Motion, options: Namespace, radar: Radar, method: str) -> 
     _check_processing(processing, radar, motion.duration_s)
     with _progress(method) as progress:
         result = simulate(motion, radar=radar, method=method, progress=progress, **{name: options[name] for name in names})  # type: ignore[arg-type]
+    source = {name: options[name] for name in ("file", "distance_m", "angle_deg", "start_s", "stop_s")}
+    result.settings["motion"] = {**source, **options.motion.as_dict()}
     return result.processed(**processing)
 
 

@@ -58,7 +58,7 @@ def simulate(
     occlusion: whether what stands in front hides what is behind; keys at `occlusion_rate_hz`, faded in between.
     occlusion_rate_hz: how often visibility is traced; 25 suits walking.
     surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines.
-    sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (0.25 for a skinned body, 0.1 for others).
+    sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (a body's 0.3 at a radius of 0.1 m, 0.07 for others).
     phase_from: of the ellipsoid model: its "specular" point, or its "centre" as in the Text2Doppler paper.
     device: "auto" takes a CUDA device where there is one.
     progress: called with the share done, 0..1.
@@ -208,7 +208,7 @@ def _check(
         raise InputError(f"occlusion_rate_hz must lie in 1..1000 Hz, got {occlusion_rate_hz}; 25 suits walking")
     if sagitta_rad is not None and not 0.01 <= sagitta_rad <= 2:
         raise InputError(
-            f"sagitta_rad must lie in 0.01..2 rad, got {sagitta_rad}; 0.25 gives -22 dB, 0.1 gives 0.3 dB of RCS"
+            f"sagitta_rad must lie in 0.01..2 rad, got {sagitta_rad}; 0.25 gives -22 dB, 0.07 gives 0.3 dB of RCS"
         )
     if not isinstance(seed, int) or seed < 0:
         raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")

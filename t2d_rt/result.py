@@ -7,6 +7,7 @@ import json
 import platform
 import shutil
 import tempfile
+import warnings
 import zlib
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
@@ -154,7 +155,10 @@ class Simulation:
         beside = [target.with_name(f".{target.name}.{state}") for state in ("partial", "replaced")]
         partial, replaced = beside
         try:
-            data.to_zarr(partial, mode="w", consolidated=False)
+            with warnings.catch_warnings():
+                # Without consolidated metadata a plain xarray.open_zarr warns, with it the writer does; both can do either.
+                warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part")
+                data.to_zarr(partial, mode="w", consolidated=True)
             if target.exists():
                 target.rename(replaced)
             partial.rename(target)
@@ -175,7 +179,7 @@ class Simulation:
         if not source.is_dir():
             raise InputError(f"{source} is not a result folder; give a .zarr folder that `simulate` wrote")
         try:
-            with xr.open_zarr(source, consolidated=False) as data:
+            with xr.open_zarr(source) as data:
                 if data.attrs["format"] != str(FORMAT):
                     raise InputError(f"{source} has format {data.attrs['format']}, expected {FORMAT}; simulate it again")
                 attributes = {name: json.loads(data.attrs[name]) for name in ("settings", "processing", "versions")}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from functools import cache
+from collections.abc import Callable
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -12,8 +13,7 @@ from scipy.spatial import ConvexHull
 
 import t2d_rt as t2d
 from t2d_rt.backend import select
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.geometry import refine
+from t2d_rt.echo import mesh
 from t2d_rt.types import Material, MovingMesh, Radar
 from validation.report import Check, Section, new_figure, save_chart
 
@@ -91,13 +91,11 @@ def _fields(radar: Radar, faces: int) -> np.ndarray:
     sphere = turning_sphere(faces)
     backend = select("auto")
     out = np.empty((SEEDS, ASPECTS), np.complex128)
-    # Only the points depend on the seed: the refinements (two, by their bars) are made once.
-    once = cache(lambda bar, more: refine(sphere.rest, sphere.faces, sagitta_rad=bar, **dict(more)))
+    # Only the points depend on the seed.
+    unchanged = {name: _once(getattr(mesh, name)) for name in ("refine", "patches", "tilts")}
     for seed in range(SEEDS):
-        with patch(
-            "t2d_rt.echo.mesh.refine", lambda rest, faces, *, sagitta_rad, **more: once(sagitta_rad, tuple(more.items()))
-        ):
-            echoes = mesh_echoes(
+        with patch.multiple(mesh, **unchanged):
+            echoes = mesh.mesh_echoes(
                 sphere, radar, times_s=sphere.times_s, material=ROUGH, sagitta_rad=SAGITTA_RAD, seed=seed,
                 visibility=None, backend=backend,
             )  # fmt: skip
@@ -105,6 +103,19 @@ def _fields(radar: Radar, faces: int) -> np.ndarray:
         turns = radar.mid_frequency_hz * delay
         out[seed] = np.sum(amplitude * np.exp(2j * math.pi * (turns % 1)), axis=1)
     return out * RANGE_M**2 / radar.link_amplitude
+
+
+def _once(function: Callable) -> Callable:
+    """The function, worked out once for each `sagitta_rad` (or once for all)."""
+    known: dict[float | None, Any] = {}
+
+    def remembered(*args: Any, **options: Any) -> Any:
+        key = options.get("sagitta_rad")
+        if key not in known:
+            known[key] = function(*args, **options)
+        return known[key]
+
+    return remembered
 
 
 def _from_cube(radar: Radar, fields: np.ndarray) -> float:

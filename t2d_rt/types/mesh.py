@@ -23,7 +23,7 @@ class MovingMesh:
 
     Between the given times the vertices follow a C2 cubic spline. Triangles are samples of a curved surface: edges bent by
     less than `crease_deg` are smooth, sharper ones (a box's) stay edges; 0 takes every triangle as flat as it is.
-    Echo models refine them to a phase sagitta of `sagitta_rad`, one number or one per vertex: 0.1 gives 0.3 dB of RCS for
+    Echo models refine them to a phase sagitta of `sagitta_rad`, one number or one per vertex: 0.07 gives 0.3 dB of RCS for
     canonical targets, 0.25 a field NMSE of -22 dB for a body (docs/physics.md, eq. 5).
     """
 
@@ -35,7 +35,7 @@ class MovingMesh:
         material: str | Material = "skin",
         *,
         crease_deg: float = 45.0,
-        sagitta_rad: float | np.ndarray = 0.1,
+        sagitta_rad: float | np.ndarray = 0.07,
         name: str = "mesh",
     ) -> None:
         vertices = np.array(vertices, dtype=np.float64)
@@ -60,7 +60,7 @@ class MovingMesh:
         *,
         rest: np.ndarray | None = None,
         crease_deg: float = 45.0,
-        sagitta_rad: float | np.ndarray = 0.1,
+        sagitta_rad: float | np.ndarray = 0.07,
         name: str = "mesh",
     ) -> MovingMesh:
         """A mesh whose vertices are computed when asked for: `track` gives (K, V, 3) at times (K,) within `times_s`.
