@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -197,7 +198,7 @@ def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.Monkey
     assert run("simulate", "walk.bvh", *QUICK).err == ""
     monkeypatch.setattr(pipeline, "synthesize", slow)
     clock = iter([0.0, 30.0])
-    monkeypatch.setattr(cli.time, "monotonic", lambda: next(clock))  # thirty seconds until the first block is done
+    monkeypatch.setattr(cli, "time", SimpleNamespace(monotonic=lambda: next(clock)))  # thirty seconds until the first block is done
     shown = run("simulate", "walk.bvh", *QUICK, "-o", "slow.zarr").err
     assert "ellipsoid" in shown
     assert "%" in shown

@@ -5,7 +5,7 @@ Around mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physics.md
     psi + theta x + eps x^2,   psi = 2 pi (f_m tau - S tau^2/2),  theta = pi B (tau + f_m tau'/S),  eps = 2 pi (T/2)^2 S tau'
 
 theta is the beat with its range-Doppler coupling. Echoes are sorted into buckets of a quarter of a range bin by theta; within a
-bucket exp(j (theta - theta_bucket) x) is a Chebyshev series of four terms, 2 j^m J_m T_m(x) (Jacobi-Anger), so that one sine and
+bucket exp(j (theta - theta_bucket) x) is a Chebyshev series of five terms, 2 j^m J_m T_m(x) (Jacobi-Anger), so that one sine and
 cosine per echo and chirp serve the whole sweep; a small matrix product per chirp then gives the samples. One kernel does
 the sum: its lanes are (bucket, a few chirps), its loop runs over the bucket's echoes.
 """
@@ -31,8 +31,10 @@ HALO_FRAMES = 12
 BLOCK_ECHO_FRAMES = 800_000
 # Over a longer block a walking body spans many buckets.
 BLOCK_FRAMES = 64
-ORDER = 5
-"""Chebyshev orders of the sweep: four from Jacobi-Anger and one that the slope adds."""
+TERMS = 5
+"""Chebyshev orders of the sweep."""
+SLOPE_TERMS = 3
+"""Those of the amplitude's slope, itself a small part."""
 
 VECTOR = 16
 """Lanes of the widest CPU vectors."""
@@ -280,7 +282,7 @@ def _coefficients(window: _Window, sweep: _Sweep, origin_s: float, backend: Back
 def _moments(
     plan: _Plan, tables: list[Any], position: np.ndarray, step: float, sweep: _Sweep, backend: Backend
 ) -> np.ndarray:
-    """Chebyshev coefficients of every bucket over the sweep, complex64 (ORDER, bucket, chirp)."""
+    """Chebyshev coefficients of every bucket over the sweep, complex64 (TERMS, bucket, chirp)."""
     import drjit as dr
 
     Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
@@ -328,20 +330,21 @@ def _moments(
             theta = theta_start + travelled * per_turn + rate * per_rate
             half_eps = 0.5 * eps_per_rate * rate
             turns = phase[0] + travelled
-            # eps x^2 = eps/2 (T_0 + T_2)
+            # eps x^2 = h (T_0 + T_2), h = eps/2
             sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi) + half_eps)
             weights = _jacobi_anger(theta)
             real, imag = _turned(fields[0], fields[1], time, sin, cos)
-            out = [(re + real * w, im + imag * w) for (re, im), w in zip(acc, weights, strict=False)]
-            # The T_2 part of eps x^2 is j eps/2 a; in units of j^2 = -1 that is -j eps/2 a.
-            out[2] = (out[2][0] + imag * half_eps, out[2][1] - real * half_eps)
+            out = []
+            for (re, im), w, bend in zip(acc, weights, _bend(weights), strict=False):
+                bend = half_eps * bend
+                out.append((re + real * w + imag * bend, im + imag * w - real * bend))
             if len(fields) > 2:
                 real, imag = _turned(fields[2], fields[3], time, sin, cos)
-                out += [(re + real * w, im + imag * w) for (re, im), w in zip(acc[4:], weights, strict=False)]
+                out += [(re + real * w, im + imag * w) for (re, im), w in zip(acc[TERMS:], weights, strict=False)]
             new.append(out)
         return i + stride, new
 
-    count = 7 if len(tables) > 4 else 4
+    count = TERMS + SLOPE_TERMS if len(tables) > 4 else TERMS
     zeros = [[(dr.zeros(Float32, dr.width(begin)),) * 2 for _ in range(count)] for _ in range(lanes.unroll)]
     _, sums = dr.while_loop(
         state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
@@ -388,25 +391,29 @@ def _turned(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]
     return re * cos - im * sin, re * sin + im * cos
 
 
-def _jacobi_anger(theta: Any) -> tuple[Any, Any, Any, Any]:
-    """J_0, 2 J_1, 2 J_2, 2 J_3 of |theta| <= pi/4, each to 1e-6 (Abramowitz & Stegun 9.1.10)."""
+def _jacobi_anger(theta: Any) -> tuple[Any, ...]:
+    """J_0, 2 J_1, 2 J_2, 2 J_3, 2 J_4 of |theta| <= pi/4, each to 1e-6 (Abramowitz & Stegun 9.1.10)."""
     t = theta * theta
     return (
         1 + t * (-1 / 4 + t * (1 / 64 - t * (1 / 2304))),
         theta * (1 + t * (-1 / 8 + t * (1 / 192))),
         t * (1 / 4 + t * (-1 / 48 + t * (1 / 1536))),
         theta * t * (1 / 24 - t * (1 / 384)),
+        t * t * (1 / 192 - t * (1 / 3840)),
     )
 
 
+def _bend(w: tuple[Any, ...]) -> tuple[Any, ...]:
+    """What exp(j h T_2), to first order in h, takes from each weight: w_m - j h b_m; from T_2 T_m = (T_{m+2} + T_{|m-2|})/2."""
+    return 0.5 * w[2], 0.5 * (w[3] - w[1]), w[0] + 0.5 * w[4], 0.5 * w[1], 0.5 * w[2]
+
+
 def _with_slope(planes: np.ndarray) -> np.ndarray:
-    """Sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added: (ORDER, bucket, chirp)."""
-    factor = np.array([1, 1j, -1, -1j], np.complex64)
-    out = np.zeros((ORDER, *planes.shape[1:]), np.complex64)
-    for m in range(4):
-        out[m] = planes[m] * factor[m]
-    if len(planes) > 4:
-        t0, t1, t2 = (planes[4 + m] * factor[m] for m in range(3))
+    """Sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added: (TERMS, bucket, chirp)."""
+    factor = np.array([1, 1j, -1, -1j, 1], np.complex64)[:, None, None]
+    out = planes[:TERMS] * factor
+    if len(planes) > TERMS:
+        t0, t1, t2 = planes[TERMS:] * factor[:SLOPE_TERMS]
         out[0] += 0.5 * t1
         out[1] += t0 + 0.5 * t2
         out[2] += 0.5 * t1
@@ -415,8 +422,8 @@ def _with_slope(planes: np.ndarray) -> np.ndarray:
 
 
 def _basis(plan: _Plan, sweep: _Sweep) -> np.ndarray:
-    """What each Chebyshev coefficient of each bucket adds to the samples, complex64 (ORDER * bucket, sample)."""
+    """What each Chebyshev coefficient of each bucket adds to the samples, complex64 (TERMS * bucket, sample)."""
     delay = plan.origin_s + (plan.buckets + 0.5) * sweep.bucket_s
     carrier = np.exp(1j * np.outer(delay * sweep.theta_per_s, sweep.x))
-    chebyshev = np.cos(np.outer(np.arange(ORDER), np.arccos(np.clip(sweep.x, -1, 1))))
+    chebyshev = np.cos(np.outer(np.arange(TERMS), np.arccos(np.clip(sweep.x, -1, 1))))
     return (chebyshev[:, None, :] * carrier).reshape(-1, len(sweep.x)).astype(np.complex64)
