@@ -8,6 +8,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -193,12 +194,13 @@ def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.Monkey
     def slow(*arguments: Any, progress: Callable[[float], None], **options: Any) -> np.ndarray:
         for share in (0.25, 0.5, 1.0):
             progress(share)
+            time.sleep(0.12)  # tqdm draws ten times a second
         return synthesize(*arguments, **options)
 
     assert run("simulate", "walk.bvh", *QUICK).err == ""
     monkeypatch.setattr(pipeline, "synthesize", slow)
     clock = iter([0.0, 30.0])
-    monkeypatch.setattr(cli, "time", SimpleNamespace(monotonic=lambda: next(clock)))  # thirty seconds until the first block is done
+    monkeypatch.setattr(cli, "time", SimpleNamespace(monotonic=lambda: next(clock)))  # 30 s to the first block
     shown = run("simulate", "walk.bvh", *QUICK, "-o", "slow.zarr").err
     assert "ellipsoid" in shown
     assert "%" in shown

@@ -5,7 +5,7 @@ Around mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physics.md
     psi + theta x + eps x^2,   psi = 2 pi (f_m tau - S tau^2/2),  theta = pi B (tau + f_m tau'/S),  eps = 2 pi (T/2)^2 S tau'
 
 theta is the beat with its range-Doppler coupling. Echoes are sorted into buckets of a quarter of a range bin by theta; within a
-bucket exp(j (theta - theta_bucket) x) is a Chebyshev series of five terms, 2 j^m J_m T_m(x) (Jacobi-Anger), so that one sine and
+bucket exp(j (theta - theta_bucket) x) is a Chebyshev series of six terms, 2 j^m J_m T_m(x) (Jacobi-Anger), so that one sine and
 cosine per echo and chirp serve the whole sweep; a small matrix product per chirp then gives the samples. One kernel does
 the sum: its lanes are (bucket, a few chirps), its loop runs over the bucket's echoes.
 """
@@ -31,9 +31,9 @@ HALO_FRAMES = 12
 BLOCK_ECHO_FRAMES = 800_000
 # Over a longer block a walking body spans many buckets.
 BLOCK_FRAMES = 64
-TERMS = 5
+TERMS = 6
 """Chebyshev orders of the sweep."""
-SLOPE_TERMS = 3
+SLOPE_TERMS = 4
 """Those of the amplitude's slope, itself a small part."""
 
 VECTOR = 16
@@ -392,32 +392,34 @@ def _turned(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]
 
 
 def _jacobi_anger(theta: Any) -> tuple[Any, ...]:
-    """J_0, 2 J_1, 2 J_2, 2 J_3, 2 J_4 of |theta| <= pi/4, each to 1e-6 (Abramowitz & Stegun 9.1.10)."""
+    """J_0, 2 J_1 ... 2 J_5 of |theta| <= pi/4, each to 3e-6 (Abramowitz & Stegun 9.1.10)."""
     t = theta * theta
     return (
         1 + t * (-1 / 4 + t * (1 / 64 - t * (1 / 2304))),
-        theta * (1 + t * (-1 / 8 + t * (1 / 192))),
+        theta * (1 + t * (-1 / 8 + t * (1 / 192 - t * (1 / 9216)))),
         t * (1 / 4 + t * (-1 / 48 + t * (1 / 1536))),
-        theta * t * (1 / 24 - t * (1 / 384)),
+        theta * t * (1 / 24 + t * (-1 / 384 + t * (1 / 15360))),
         t * t * (1 / 192 - t * (1 / 3840)),
+        theta * t * t * (1 / 1920 - t * (1 / 46080)),
     )
 
 
 def _bend(w: tuple[Any, ...]) -> tuple[Any, ...]:
     """What exp(j h T_2), to first order in h, takes from each weight: w_m - j h b_m; from T_2 T_m = (T_{m+2} + T_{|m-2|})/2."""
-    return 0.5 * w[2], 0.5 * (w[3] - w[1]), w[0] + 0.5 * w[4], 0.5 * w[1], 0.5 * w[2]
+    return 0.5 * w[2], 0.5 * (w[3] - w[1]), w[0] + 0.5 * w[4], 0.5 * (w[1] + w[5]), 0.5 * w[2], 0.5 * w[3]
 
 
 def _with_slope(planes: np.ndarray) -> np.ndarray:
     """Sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added: (TERMS, bucket, chirp)."""
-    factor = np.array([1, 1j, -1, -1j, 1], np.complex64)[:, None, None]
+    factor = np.array([1, 1j, -1, -1j, 1, 1j], np.complex64)[:, None, None]
     out = planes[:TERMS] * factor
     if len(planes) > TERMS:
-        t0, t1, t2 = planes[TERMS:] * factor[:SLOPE_TERMS]
+        t0, t1, t2, t3 = planes[TERMS:] * factor[:SLOPE_TERMS]
         out[0] += 0.5 * t1
         out[1] += t0 + 0.5 * t2
-        out[2] += 0.5 * t1
+        out[2] += 0.5 * (t1 + t3)
         out[3] += 0.5 * t2
+        out[4] += 0.5 * t3
     return out
 
 

@@ -1,0 +1,164 @@
+"""The figures of `compare`: closed forms first, then a recorded walk."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import t2d_rt as t2d
+from t2d_rt.compare import compare, envelope, figures, mean_rcs_m2, ridge
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.errors import InputError
+from t2d_rt.plots import occupied_speeds, plot_comparison
+from t2d_rt.types import Radar
+
+WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
+RADAR = Radar.preset("table2-uniform", prf_hz=10240)
+CHIRPS = 4000
+
+
+def point(speed_mps: np.ndarray | float, rcs_m2: float, range_m: float = 4.0, radar: Radar = RADAR) -> np.ndarray:
+    """ADC cube of a point by the radar equation; `speed_mps` towards the radar, one for all chirps or one for each."""
+    way = np.cumsum(np.broadcast_to(speed_mps, CHIRPS)) / radar.prf_hz
+    ranges = range_m - way[:, None]
+    turns = 2 * ranges / SPEED_OF_LIGHT * (radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s)
+    return (np.sqrt(radar.received_power_w(rcs_m2, ranges)) * np.exp(2j * np.pi * (turns % 1)))[:, None]
+
+
+def recording(*cubes: np.ndarray, radar: Radar = RADAR) -> t2d.Simulation:
+    return t2d.Simulation(np.sum(cubes, axis=0).astype(np.complex64), radar)
+
+
+def swing(amplitude_mps: float) -> np.ndarray:
+    return amplitude_mps * np.abs(np.sin(2 * np.pi * np.arange(CHIRPS) / CHIRPS))
+
+
+@pytest.mark.parametrize("range_m", [1.5, 4.0, 15.0])
+@pytest.mark.parametrize("rcs_dbsm", [-20.0, 0.0])
+def test_rcs_of_a_point(rcs_dbsm: float, range_m: float) -> None:
+    result = recording(point(0.5, 10 ** (rcs_dbsm / 10), range_m))
+    # 0.1 dB: the mean of R^4 over the three bins of a Hann window's lobe at 1.5 m
+    assert 10 * math.log10(mean_rcs_m2(result)) == pytest.approx(rcs_dbsm, abs=0.1)
+
+
+def test_background_far_away_has_no_part_in_the_rcs() -> None:
+    rng = np.random.default_rng(0)
+    cube = point(0.5, 1.0, 2.0)
+    noise = rng.normal(size=(2, *cube.shape)) * np.abs(cube).mean() * 10 ** (-30 / 20)  # -54 dB per range bin
+    # R^4 would lift it to 10 dB above the target
+    assert 10 * math.log10(mean_rcs_m2(recording(cube, noise[0] + 1j * noise[1]))) == pytest.approx(0, abs=0.3)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_torso_and_limb_speed(direction: int) -> None:
+    torso, limb = point(direction * 0.9, 0.1), point(direction * swing(3.5), 0.003)
+    found = figures(recording(torso, limb))
+    assert found.torso_speed_mps == pytest.approx(direction * 0.9, abs=0.02)
+    # 0.15 m/s: half a Hann window's lobe, which the envelope includes
+    assert found.limb_speed_mps == pytest.approx(3.5, abs=0.2)
+
+
+def test_limb_speed_does_not_depend_on_the_sign_of_a_still_torso() -> None:
+    speeds = [figures(recording(point(v, 0.1), point(swing(-2.0), 0.003))).limb_speed_mps for v in (-0.01, 0.01)]
+    assert speeds == pytest.approx([2.0, 2.0], abs=0.2)
+
+
+def test_ridge_follows_the_centre_of_power() -> None:
+    speeds = np.arange(-4.0, 4.5, 0.5)
+    power = np.full((17, 3), -60.0)
+    power[9:11, 0] = 0  # 0.5 and 1 m/s
+    power[9, 1], power[10, 1] = 0, -3.0103
+    power[10, 2], power[16, 2] = 0, -25  # a limb below the level
+    assert ridge(power, speeds) == pytest.approx([0.75, (0.5 + 0.5) / 1.5, 1.0], abs=1e-4)
+
+
+def test_envelope_of_known_columns() -> None:
+    speeds = np.arange(-4.0, 5.0)
+    power = np.full((9, 4), -60.0)
+    power[5] = 0.0
+    power[[2, 7], 1] = -34.0
+    power[[1, 8], 1] = -36.0  # below the level
+    power[5, 3], power[6, 3] = -50, -40  # a lull
+    upper, lower = envelope(power, speeds)
+    assert upper.tolist() == [1, 3, 1, 2]
+    assert lower.tolist() == [1, -2, 1, 2]
+
+
+def test_a_recording_against_itself() -> None:
+    result = recording(point(0.9, 0.1), point(swing(3.5), 0.003))
+    found = compare(result, result)
+    assert found.first == found.second
+    assert found.envelope_correlation == pytest.approx(1.0)
+    assert found.mean_difference_db == 0
+    louder = compare(result, t2d.Simulation(2 * result.cube, RADAR))
+    assert louder.mean_difference_db == pytest.approx(6.02, abs=0.01)
+    assert louder.second.mean_rcs_dbsm - louder.first.mean_rcs_dbsm == pytest.approx(6.02, abs=0.01)
+    assert "torso speed [m/s]" in str(found)
+
+
+def test_two_speckle_patterns_differ_by_six_decibels() -> None:
+    rng = np.random.default_rng(1)
+    one, two = (recording(*rng.normal(size=(2, 2000, 1, 64)) * [[[[1.0]]], [[[1j]]]], radar=SHORT) for _ in range(2))
+    gated = [result.processed(range_gate_m=(3.0, 3.01)) for result in (one, two)]
+    # E|10 log10(x/y)| of two exponential variables is (10/ln 10) 2 ln 2
+    assert compare(*gated).mean_difference_db == pytest.approx(20 * math.log10(2), abs=0.3)
+
+
+SHORT = RADAR.replace(samples=64, sample_rate_hz=64 * 300e6 / (2 * 3.0 * 20 * 46.397e12) * 46.397e12)
+
+
+def test_envelopes_must_move_together_to_correlate() -> None:
+    torso = point(0.9, 0.1)
+    early = np.where(np.arange(CHIRPS) < CHIRPS // 2, swing(3.5), 0)
+    one, two = recording(torso, point(early, 0.003)), recording(torso, point(swing(3.5) - early, 0.003))
+    assert compare(one, two).envelope_correlation < 0
+    still = recording(point(0.9, 0.1))
+    assert math.isnan(compare(still, still).envelope_correlation)
+
+
+def test_refusals() -> None:
+    result = recording(point(0.9, 0.1))
+    with pytest.raises(InputError, match="spectrograms must have the same axes"):
+        compare(result, t2d.Simulation(result.cube[:2000], RADAR))
+    with pytest.raises(InputError, match="spectrograms must have the same axes"):
+        compare(result, t2d.Simulation(result.cube, RADAR.replace(prf_hz=9000)))
+    with pytest.raises(InputError, match="the recording is silent"):
+        figures(t2d.Simulation(np.zeros_like(result.cube), RADAR))
+
+
+def test_picture() -> None:
+    one, two = recording(point(0.9, 0.1)).spectrogram, recording(point(0.9, 0.2)).spectrogram
+    figure = plot_comparison(one.velocity_mps.values, one.time_s.values, one.values, two.values, title="a point")
+    upper, middle, lower, *bars = figure.axes
+    assert [axes.get_title() for axes in (upper, middle, lower)] == ["ellipsoid", "mesh", "mesh minus ellipsoid"]
+    assert lower.get_xlabel() == "Time (s)"
+    assert [bar.get_ylabel() for bar in bars] == ["Power rel. to peak (dB)"] * 2 + ["Difference (dB)"]
+    low, high = upper.get_ylim()
+    assert (low, high) == middle.get_ylim() == lower.get_ylim()
+    assert low < 0 < 0.9 < high < 3
+
+
+def test_drawn_speeds_hold_all_that_is_seen() -> None:
+    speeds = np.linspace(-10, 10, 201)
+    power = np.full((201, 5), -80.0)
+    power[[70, 110], 2] = 0, -49  # -3 and 1 m/s
+    assert occupied_speeds(speeds, power, 50.0) == pytest.approx((-4.0, 2.0))
+    power[0] = -10  # folded over: the whole axis on that side
+    assert occupied_speeds(speeds, power, 50.0)[0] == -10
+
+
+def test_recorded_walk() -> None:
+    motion = t2d.trim(t2d.place(t2d.load_motion(WALK)), 2.2, 3.5)  # two steps
+    ellipsoid, mesh = (t2d.simulate(motion, method=method, sagitta_rad=0.5) for method in ("ellipsoid", "mesh"))
+    pelvis = np.linalg.norm(motion.joints[[0, -1], 0] - [0, 0, 1], axis=1)
+    truth = (pelvis[0] - pelvis[1]) / motion.duration_s
+    found = compare(ellipsoid, mesh)
+    for seen in (found.first, found.second):
+        assert seen.torso_speed_mps == pytest.approx(truth, abs=0.1)
+        assert 3 < seen.limb_speed_mps < 4
+        assert -12 < seen.mean_rcs_dbsm < 0  # skin
+    assert found.envelope_correlation > 0.8
+    assert found.mean_difference_db < 10

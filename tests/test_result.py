@@ -1,0 +1,228 @@
+"""`Simulation`: labelled axes, attributes, the way to disk and back, and what is refused."""
+
+from __future__ import annotations
+
+import errno
+import json
+import shutil
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from t2d_rt.errors import InputError
+from t2d_rt.result import Simulation, versions
+from t2d_rt.types import Radar
+
+RADAR = Radar.preset("ci4r")
+
+
+def mover(radar: Radar, speed_mps: float, range_m: float = 5.0, chirps: int = 600) -> np.ndarray:
+    """ADC cube of a 1 m^2 point by the radar equation, approaching at `speed_mps`."""
+    ranges = range_m - speed_mps * radar.chirp_starts_s(chirps)[:, None]
+    turns = 2 * ranges / 299792458.0 * (radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s)
+    amplitude = np.sqrt(radar.received_power_w(1.0, ranges))
+    return (amplitude * np.exp(2j * np.pi * (turns % 1))).astype(np.complex64)[:, None]
+
+
+@pytest.fixture
+def result() -> Simulation:
+    settings = {"method": "mesh", "seed": 3}
+    return Simulation(mover(RADAR, 1.0), RADAR, settings=settings, versions=versions(), processing={"mti": "mean"})
+
+
+def test_axes_are_labelled(result: Simulation) -> None:
+    adc, profile, image, doppler = result.adc, result.range_profile, result.spectrogram, result.range_doppler
+    assert adc.dtype == np.complex64
+    assert adc.sizes == {"chirp": 600, "antenna": 1, "sample": 256}
+    assert np.allclose(np.diff(adc.chirp_time_s), 1 / RADAR.prf_hz)
+    assert np.allclose(np.diff(adc.sample_time_s), 1 / RADAR.sample_rate_hz)
+    assert profile.dims == ("chirp", "antenna", "range_m")
+    assert float(np.abs(profile[0, 0]).idxmax()) == pytest.approx(5.0, abs=RADAR.range_resolution_m)
+    assert image.dims == ("velocity_mps", "time_s")
+    assert np.allclose(image.idxmax("velocity_mps"), 1.0, atol=RADAR.speed_resolution_mps(256 / RADAR.prf_hz))
+    peak = doppler.argmax(("velocity_mps", "range_m"))
+    assert float(doppler.velocity_mps[peak["velocity_mps"]]) == pytest.approx(1.0, abs=0.02)
+    assert float(doppler.range_m[peak["range_m"]]) == pytest.approx(4.9, abs=RADAR.range_resolution_m)
+    assert [array.attrs["units"] for array in (adc, profile, image)] == ["sqrt(W)", "sqrt(W)", "dB re 1 W"]
+    assert [image[axis].attrs["units"] for axis in image.dims] == ["m/s", "s"]
+
+
+def test_attributes_hold_the_configuration(result: Simulation) -> None:
+    for array in (result.adc, result.range_profile, result.spectrogram, result.range_doppler):
+        assert Radar(**json.loads(array.attrs["radar"])) == RADAR
+        assert json.loads(array.attrs["settings"]) == {"method": "mesh", "seed": 3}
+        assert json.loads(array.attrs["processing"]) == {"mti": "mean"}
+        assert json.loads(array.attrs["versions"]).keys() >= {"python", "numpy", "drjit", "mitsuba", "sionna-rt"}
+
+
+def test_processed_changes_the_picture_only(result: Simulation) -> None:
+    other = result.processed(n_window=128, overlap=64)
+    assert other.cube is result.cube
+    assert other.processing == {"mti": "mean", "n_window": 128, "overlap": 64}
+    assert other.spectrogram.sizes["velocity_mps"] == 128
+
+
+def test_round_trip_is_bit_identical(result: Simulation, tmp_path: Path) -> None:
+    result.save(tmp_path / "a.zarr")
+    back = Simulation.load(tmp_path / "a.zarr")
+    assert back.cube.dtype == np.complex64
+    assert back.cube.tobytes() == result.cube.tobytes()
+    assert back.radar == result.radar
+    assert (back.settings, back.versions, back.processing) == (result.settings, result.versions, result.processing)
+    assert back.spectrogram.identical(result.spectrogram)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
+
+
+def test_plain_xarray_opens_it(result: Simulation, tmp_path: Path) -> None:
+    result.save(tmp_path / "a.zarr")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with xr.open_zarr(tmp_path / "a.zarr") as data:
+            assert data.adc.identical(result.adc.assign_attrs({}).drop_attrs(deep=False).assign_attrs(units="sqrt(W)"))
+            assert np.array_equal(data.spectrogram, result.spectrogram)
+            assert json.loads(data.attrs["settings"])["seed"] == 3
+
+
+def test_plots(result: Simulation, tmp_path: Path) -> None:
+    figure = result.plot(title="a mover")
+    axes, bar = figure.axes
+    assert axes.get_title() == "a mover"
+    assert axes.get_xlabel() == "Time (s)"
+    assert "m/s" in axes.get_ylabel()
+    assert "dB" in bar.get_ylabel()
+    # Only where something moves: the mover with a margin, and zero.
+    low, high = axes.get_ylim()
+    assert -1.0 < low < 0
+    assert 1.0 < high < 2.5
+    figure.savefig(tmp_path / "a.png")
+
+
+# --- what is refused ------------------------------------------------------------------------------------------------
+
+
+def test_refuses_what_is_no_cube(result: Simulation) -> None:
+    with pytest.raises(InputError, match=r"must have shape \(chirp, antenna, 256\), got \(4, 256\)"):
+        Simulation(result.cube[:4, 0], RADAR)
+    with pytest.raises(InputError, match=r"got \(600, 1, 128\)"):
+        Simulation(result.cube[:, :, :128], RADAR)
+    with pytest.raises(InputError, match="unknown spectrogram option 'windw'; choose from range_window"):
+        result.processed(windw="hann")
+
+
+def test_existing_result(result: Simulation, tmp_path: Path) -> None:
+    path = tmp_path / "a.zarr"
+    result.save(path)
+    with pytest.raises(InputError, match="exists already; choose another name or pass --overwrite"):
+        result.save(path)
+    Simulation(result.cube[:300], RADAR).save(path, overwrite=True)
+    assert len(Simulation.load(path).cube) == 300
+    (tmp_path / "link.zarr").symlink_to(path)
+    result.save(tmp_path / "link.zarr", overwrite=True)
+    assert len(Simulation.load(path).cube) == 600
+    assert (tmp_path / "link.zarr").is_symlink()
+
+
+def test_a_folder_of_something_else_is_never_replaced(result: Simulation, tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "me.jpg").touch()
+    with pytest.raises(InputError, match="is a folder but not a result, so it is not replaced"):
+        result.save(tmp_path / "photos", overwrite=True)
+    assert (tmp_path / "photos" / "me.jpg").exists()
+
+
+@pytest.mark.parametrize("stage", ["write", "move away", "move there"])
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
+def test_a_failed_overwrite_keeps_the_old(
+    result: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str, error: BaseException
+) -> None:
+    path = tmp_path / "a.zarr"
+    result.save(path)
+    rename = Path.rename
+
+    def failing_write(_: xr.Dataset, folder: Path, **__: Any) -> None:
+        folder.mkdir()
+        (folder / "zarr.json").write_text("{")
+        raise error
+
+    def failing_rename(source: Path, target: Path) -> Path:
+        if source.name == "a.zarr" if stage == "move away" else source.name.endswith(".partial"):
+            raise error
+        return rename(source, target)
+
+    with monkeypatch.context() as patch:
+        if stage == "write":
+            patch.setattr(xr.Dataset, "to_zarr", failing_write)
+        else:
+            patch.setattr(Path, "rename", failing_rename)
+        expected = InputError if isinstance(error, OSError) else KeyboardInterrupt
+        with pytest.raises(expected, match="No space left on device; free space" if isinstance(error, OSError) else None):
+            Simulation(result.cube[:300], RADAR).save(path, overwrite=True)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
+    assert len(Simulation.load(path).cube) == 600
+
+
+def test_places(result: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="gone does not exist; create it first"):
+        result.save(tmp_path / "gone" / "a.zarr")
+    (tmp_path / "file.zarr").touch()
+    with pytest.raises(InputError, match="is a file and a result is a folder"):
+        result.save(tmp_path / "file.zarr", overwrite=True)
+
+    def no_file(*_: Any, **__: Any) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", no_file)  # permissions do not bind root
+    with pytest.raises(InputError, match="is not writable"):
+        result.save(tmp_path / "a.zarr")
+
+
+def spoil(path: Path, how: str) -> None:
+    top = path / "zarr.json"
+    if how == "not a result":
+        shutil.rmtree(path)
+        path.mkdir()
+    elif how == "lost samples":
+        next(p for p in (path / "adc" / "c").rglob("*") if p.is_file()).unlink()
+    elif how == "cut samples":
+        piece = next(p for p in (path / "adc" / "c").rglob("*") if p.is_file())
+        piece.write_bytes(piece.read_bytes()[:100])
+    elif how == "lost cube":
+        shutil.rmtree(path / "adc")
+    elif how == "cut metadata":
+        top.write_text(top.read_text()[:300])
+    elif how == "newer":
+        top.write_text(top.read_text().replace('"format": "1"', '"format": "2"'))
+    elif how == "wrong radar":
+        top.write_text(top.read_text().replace('\\"prf_hz\\":3200.0', '\\"prf_hz\\":-1.0'))
+    elif how == "no radar":
+        top.write_text(top.read_text().replace('"radar"', '"rader"'))
+
+
+@pytest.mark.parametrize(
+    ("how", "sentence"),
+    [
+        ("not a result", "does not hold a t2d-rt result"),
+        ("lost samples", "ADC samples in .* are damaged"),
+        ("cut samples", "does not hold a t2d-rt result"),
+        ("lost cube", "does not hold a t2d-rt result"),
+        ("cut metadata", "does not hold a t2d-rt result"),
+        ("newer", "has format 2, expected 1"),
+        ("wrong radar", "prf_hz: got -1.0"),
+        ("no radar", r"does not hold a t2d-rt result \(no 'radar'\)"),
+    ],
+)
+def test_broken_results_are_refused(result: Simulation, tmp_path: Path, how: str, sentence: str) -> None:
+    path = tmp_path / "a.zarr"
+    result.save(path)
+    spoil(path, how)
+    with pytest.raises(InputError, match=sentence):
+        Simulation.load(path)
+
+
+def test_what_is_no_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is not a result folder"):
+        Simulation.load(tmp_path / "gone.zarr")
