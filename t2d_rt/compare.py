@@ -13,7 +13,7 @@ from t2d_rt.signal import range_fft
 
 ENVELOPE_LEVEL_DB = -35.0
 """The envelope is where a column of the spectrogram falls this far below the record's own ridge."""
-TORSO_LEVEL_DB = -20.0
+TORSO_LEVEL_DB = -10.0
 """The torso's speed is the centre of the power above this level in a column: without the limbs, without any background."""
 TARGET_LEVEL_DB = -40.0
 """Range bins this far below the strongest hold no target; R^4 would make much of what is in them."""
@@ -50,7 +50,9 @@ class Comparison:
             ("limb speed [m/s]", "limb_speed_mps"),
         )
         lines = [f"{'':24}{self.labels[0]:>12}{self.labels[1]:>12}"]
-        lines += [f"{label:24}{getattr(self.first, name):12.2f}{getattr(self.second, name):12.2f}" for label, name in rows]
+        lines += [
+            f"{label:24}{getattr(self.first, name):12.2f}{getattr(self.second, name):12.2f}" for label, name in rows
+        ]
         lines.append(f"{'envelope correlation':24}{self.envelope_correlation:12.3f}")
         lines.append(f"{'mean |difference| [dB]':24}{self.mean_difference_db:12.2f}")
         return "\n".join(lines)
@@ -97,7 +99,7 @@ def mean_rcs_m2(result: Simulation) -> float:
     bins = np.arange(1, radar.samples)  # the first bin holds range 0, where the radar equation has no inverse
     profile = range_fft(result.cube, window="hann")[..., bins]
     power = np.mean(profile.real**2 + profile.imag**2, axis=(0, 1), dtype=np.float64)
-    power[power < power.max() * 10 ** (TARGET_LEVEL_DB / 10)] = 0
+    power = np.where(power > power.max() * 10 ** (TARGET_LEVEL_DB / 10), power, 0.0)
     if not power.any():
         raise InputError("the recording is silent, so it has no radar cross-section; check where target and radar are")
     # A Hann window spreads a target's power over 1.5 bins' worth, to be divided out.
@@ -124,6 +126,7 @@ def envelope(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[np.ndarray, 
 
 def _correlation(one: np.ndarray, two: np.ndarray) -> float:
     """Pearson correlation of (row, time) with each row about its own mean: rows of different means would look alike."""
+    if not (np.ptp(one, axis=1).any() and np.ptp(two, axis=1).any()):
+        return math.nan
     one, two = (values - values.mean(axis=1, keepdims=True) for values in (one, two))
-    norm = math.sqrt(float(np.sum(one**2) * np.sum(two**2)))
-    return float(np.sum(one * two)) / norm if norm > 0 else math.nan
+    return float(np.sum(one * two) / np.sqrt(np.sum(one**2) * np.sum(two**2)))

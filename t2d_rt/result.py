@@ -163,7 +163,9 @@ class Simulation:
                 target.rename(replaced)
             partial.rename(target)
         except OSError as error:
-            raise InputError(f"cannot write {target}: {error.strerror or error}; free space or choose a writable place") from error
+            raise InputError(
+                f"cannot write {target}: {error.strerror or error}; free space or choose a writable place"
+            ) from error
         finally:
             if replaced.exists() and not target.exists():
                 replaced.rename(target)
@@ -181,7 +183,9 @@ class Simulation:
         try:
             with xr.open_zarr(source) as data:
                 if data.attrs["format"] != str(FORMAT):
-                    raise InputError(f"{source} has format {data.attrs['format']}, expected {FORMAT}; simulate it again")
+                    raise InputError(
+                        f"{source} has format {data.attrs['format']}, expected {FORMAT}; simulate it again"
+                    )
                 attributes = {name: json.loads(data.attrs[name]) for name in ("settings", "processing", "versions")}
                 radar = Radar(**json.loads(data.attrs["radar"]))
                 result = cls(data["adc"].values, radar, **attributes)
@@ -220,7 +224,7 @@ def check_place(path: Path, *, overwrite: bool) -> None:
 
 
 def _checksum(cube: np.ndarray) -> str:
-    return f"{zlib.crc32(np.ascontiguousarray(cube)):08x}"
+    return f"{zlib.crc32(np.ascontiguousarray(cube).view(np.uint8).data):08x}"
 
 
 def _decibel(power: np.ndarray) -> np.ndarray:

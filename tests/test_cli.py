@@ -103,7 +103,7 @@ def test_simulate_writes_result_and_picture(run: Command, method: str) -> None:
     assert result.processing["mti"] == "mean"
     expected = result.radar.chirp_times_s(0.3)
     assert len(result.cube) == len(expected)
-    assert not [name for name in os.listdir() if name.startswith(".")]
+    assert not [*Path.cwd().glob(".*")]
 
 
 def test_config_round_trip(run: Command) -> None:
@@ -297,7 +297,10 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--radar.prf-hz 0", "radar key prf_hz: got 0.0, should be greater"),
         ("--radar.prf-hz nan", "option radar.prf_hz must be a number, got 'nan'"),
         ("--radar.samples 2.5", "option radar.samples must be a whole number, got '2.5'"),
-        ("--radar.prf-hz 40000", "sampling window of 37.3886 us (256 samples at 6.847e+06 Hz) is longer than the chirp"),
+        (
+            "--radar.prf-hz 40000",
+            "sampling window of 37.3886 us (256 samples at 6.847e+06 Hz) is longer than the chirp",
+        ),
         ("--radar.position-m [1,2]", "option radar.position_m must be a list of 3 numbers, got '[1, 2]'"),
         ("--radar.boresight [0,0,0]", "boresight must be a direction"),
         ("--distance-m 0.05", "the radar at (0, 0, 1) m is inside adult at 0 s; place the target farther away"),
@@ -387,7 +390,9 @@ def test_folder_that_cannot_be_written(refused: Callable[..., str], monkeypatch:
 
 def test_existing_result_is_kept_unless_overwritten(run: Command, refused: Callable[..., str]) -> None:
     assert run("simulate", "walk.bvh", *QUICK, "--seed", "1").code == 0
-    assert "walk.zarr exists already; choose another name or pass --overwrite" in refused("simulate", "walk.bvh", *QUICK)
+    assert "walk.zarr exists already; choose another name or pass --overwrite" in refused(
+        "simulate", "walk.bvh", *QUICK
+    )
     Path("walk.zarr").rename("other.zarr")
     assert "walk.png exists already" in refused("simulate", "walk.bvh", *QUICK)
     Path("other.zarr").rename("walk.zarr")
@@ -416,7 +421,9 @@ def test_full_disk_leaves_the_old_result(run: Command, refused: Callable[..., st
 # --- things that stop a run -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("where", ["t2d_rt.pipeline.synthesize", "t2d_rt.result.Simulation.plot", "xarray.Dataset.to_zarr"])
+@pytest.mark.parametrize(
+    "where", ["t2d_rt.pipeline.synthesize", "t2d_rt.result.Simulation.plot", "xarray.Dataset.to_zarr"]
+)
 def test_ctrl_c_leaves_nothing(run: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     def interrupted(*arguments: Any, **_: Any) -> None:
         if where.endswith("to_zarr"):
@@ -442,7 +449,7 @@ def test_a_real_ctrl_c(tmp_path: Path) -> None:
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
     assert err == "t2d-rt: stopped; nothing was written\n"
-    assert os.listdir(tmp_path) == []
+    assert [*tmp_path.iterdir()] == []
 
 
 def test_missing_llvm(refused: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

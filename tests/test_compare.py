@@ -71,7 +71,7 @@ def test_ridge_follows_the_centre_of_power() -> None:
     power = np.full((17, 3), -60.0)
     power[9:11, 0] = 0  # 0.5 and 1 m/s
     power[9, 1], power[10, 1] = 0, -3.0103
-    power[10, 2], power[16, 2] = 0, -25  # a limb below the level
+    power[10, 2], power[16, 2] = 0, -12  # a limb below the level
     assert ridge(power, speeds) == pytest.approx([0.75, (0.5 + 0.5) / 1.5, 1.0], abs=1e-4)
 
 
@@ -101,13 +101,10 @@ def test_a_recording_against_itself() -> None:
 
 def test_two_speckle_patterns_differ_by_six_decibels() -> None:
     rng = np.random.default_rng(1)
-    one, two = (recording(*rng.normal(size=(2, 2000, 1, 64)) * [[[[1.0]]], [[[1j]]]], radar=SHORT) for _ in range(2))
-    gated = [result.processed(range_gate_m=(3.0, 3.01)) for result in (one, two)]
+    parts = rng.normal(size=(2, 2, 2000, 1, RADAR.samples))
+    one, two = (recording(real + 1j * imaginary).processed(range_gate_m=(4.9, 5.0)) for real, imaginary in parts)
     # E|10 log10(x/y)| of two exponential variables is (10/ln 10) 2 ln 2
-    assert compare(*gated).mean_difference_db == pytest.approx(20 * math.log10(2), abs=0.3)
-
-
-SHORT = RADAR.replace(samples=64, sample_rate_hz=64 * 300e6 / (2 * 3.0 * 20 * 46.397e12) * 46.397e12)
+    assert compare(one, two).mean_difference_db == pytest.approx(20 * math.log10(2), abs=0.3)
 
 
 def test_envelopes_must_move_together_to_correlate() -> None:
@@ -115,7 +112,7 @@ def test_envelopes_must_move_together_to_correlate() -> None:
     early = np.where(np.arange(CHIRPS) < CHIRPS // 2, swing(3.5), 0)
     one, two = recording(torso, point(early, 0.003)), recording(torso, point(swing(3.5) - early, 0.003))
     assert compare(one, two).envelope_correlation < 0
-    still = recording(point(0.9, 0.1))
+    still = recording(point(0.0, 0.1))
     assert math.isnan(compare(still, still).envelope_correlation)
 
 

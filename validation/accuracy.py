@@ -35,20 +35,28 @@ def run() -> Section:
     radar = Radar.preset("table2")
     stretches = [_stretch(radar, *stretch) for stretch in STRETCHES]
     checks = [
-        Check(what=f"{s.name}, {s.start_s:g} to {s.start_s + STRETCH_S:g} s", measured=nmse_db(s.simulated, s.reference), limit=-20, unit="dB")
+        Check(
+            what=f"{s.name}, {s.start_s:g} to {s.start_s + STRETCH_S:g} s",
+            measured=nmse_db(s.simulated, s.reference),
+            limit=-20,
+            unit="dB",
+        )
         for s in stretches
     ]
     walk = [s for s in stretches if s.name == "walk"]
     pooled = nmse_db(np.concatenate([s.simulated for s in walk]), np.concatenate([s.reference for s in walk]))
     checks.append(Check(what="walk, all stretches", measured=pooled, limit=-20, unit="dB"))
-    checks.append(Check(what="the reference itself, against one still finer", measured=_convergence(radar), limit=-30, unit="dB"))
+    checks.append(
+        Check(what="the reference itself, against one still finer", measured=_convergence(radar), limit=-30, unit="dB")
+    )
     return Section(
         title="Mesh at default settings against the converged reference",
         checks=checks,
-        note=f"Field NMSE of ADC samples, `table2`, free space, skin with its diffuse part, self-occlusion: {CHIRPS} random chirps of each stretch at "
-        f"{len(SAMPLES)} places of the sweep. The reference (validation/reference.py) sums facets of {SAGITTA_RAD} rad at each sample's own moment and "
-        f"frequency, in float64, and traces what is hidden through the fine mesh at each chirp; the finer one has {FINER_SAGITTA_RAD} rad "
-        f"({FINER_CHIRPS} chirps).",
+        note=f"Field NMSE of ADC samples, `table2`, free space, skin with its diffuse part, self-occlusion: {CHIRPS} "
+        f"random chirps of each stretch at {len(SAMPLES)} places of the sweep. The reference "
+        f"(validation/reference.py) sums facets of {SAGITTA_RAD} rad at each sample's own moment and frequency, "
+        "in float64, and traces what is hidden through the fine mesh at each chirp; the finer one has "
+        f"{FINER_SAGITTA_RAD} rad ({FINER_CHIRPS} chirps).",
         table=[_row(s) for s in stretches],
         charts=[_chart(stretches)],
     )
@@ -78,15 +86,23 @@ def _convergence(radar: Radar) -> float:
 
 def _row(stretch: Stretch) -> dict[str, object]:
     places = {
-        f"sample {sample}, dB": nmse_db(stretch.simulated[:, i], stretch.reference[:, i]) for i, sample in enumerate(SAMPLES)
+        f"sample {sample}, dB": nmse_db(stretch.simulated[:, i], stretch.reference[:, i])
+        for i, sample in enumerate(SAMPLES)
     }
     each = [nmse_db(a, b) for a, b in zip(stretch.simulated, stretch.reference, strict=True)]
-    return {"stretch": f"{stretch.name} {stretch.start_s:g} s", **places, "median chirp, dB": np.median(each), "worst chirp, dB": max(each)}
+    return {
+        "stretch": f"{stretch.name} {stretch.start_s:g} s",
+        **places,
+        "median chirp, dB": np.median(each),
+        "worst chirp, dB": max(each),
+    }
 
 
 def _chart(stretches: list[Stretch]) -> str:
     figure, axis = new_figure()
-    mean = {s.name: np.mean([np.mean(np.abs(t.reference) ** 2) for t in stretches if t.name == s.name]) for s in stretches}
+    mean = {
+        s.name: np.mean([np.mean(np.abs(t.reference) ** 2) for t in stretches if t.name == s.name]) for s in stretches
+    }
     for s in stretches:
         error = 10 * np.log10(np.mean(np.abs(s.simulated - s.reference) ** 2, axis=1) / mean[s.name])
         axis.plot(s.times_s, error, "o" if s.name == "walk" else "x", label=f"{s.name} {s.start_s:g} s")

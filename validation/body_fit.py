@@ -26,18 +26,26 @@ def run() -> Section:
     checks = []
     for name, each in errors.items():
         stacked = np.stack(list(each.values()))
-        checks.append(Check(what=f"{name}, mean over joints and frames", measured=1e3 * stacked.mean(), limit=15, unit="mm"))
+        checks.append(
+            Check(what=f"{name}, mean over joints and frames", measured=1e3 * stacked.mean(), limit=15, unit="mm")
+        )
         checks.append(Check(what=f"{name}, greatest", measured=1e3 * stacked.max(), limit=40, unit="mm"))
     joints = list(next(iter(errors.values())))
     rows = [
-        {"joint": joint, **{f"{name} mean/max mm": f"{1e3 * e[joint].mean():.1f} / {1e3 * e[joint].max():.1f}" for name, e in errors.items()}}
+        {
+            "joint": joint,
+            **{
+                f"{name} mean/max mm": f"{1e3 * e[joint].mean():.1f} / {1e3 * e[joint].max():.1f}"
+                for name, e in errors.items()
+            },
+        }
         for joint in joints
     ]
     return Section(
         title="Body fit",
         checks=checks,
-        note="Distance of hips, knees, ankles, shoulders, elbows, wrists and head, as regressed from rings of surface vertices, from the recorded joints, "
-        "over all frames.",
+        note="Distance of hips, knees, ankles, shoulders, elbows, wrists and head, as regressed from rings of surface "
+        "vertices, from the recorded joints, over all frames.",
         table=rows,
         charts=[_chart(errors)],
     )
@@ -54,7 +62,9 @@ def _chart(errors: dict[str, dict[str, np.ndarray]]) -> str:
     figure, axis = new_figure(figsize=(7.5, 4))
     joints = list(next(iter(errors.values())))
     for i, (name, each) in enumerate(errors.items()):
-        axis.bar(np.arange(len(joints)) + 0.2 * (i - 1.5), [1e3 * each[j].mean() for j in joints], width=0.2, label=name)
+        axis.bar(
+            np.arange(len(joints)) + 0.2 * (i - 1.5), [1e3 * each[j].mean() for j in joints], width=0.2, label=name
+        )
     axis.set_xticks(range(len(joints)), [j.replace("_", " ") for j in joints], rotation=60, ha="right", fontsize=8)
     axis.set(ylabel="mean distance [mm]", title="regressed against recorded joints")
     axis.legend(fontsize=8)

@@ -45,10 +45,11 @@ def run() -> Section:
     return Section(
         title="Lambertian sphere",
         checks=checks,
-        note=f"Radius {RADIUS_M} m at {RANGE_M:g} m, S = 1, |Gamma| = 1; {SEEDS} seeds, each seen from {ASPECTS} sides (the sphere "
-        "turns by 22.5 degrees). Fields are the sums of the echoes at mid-sweep (what `synthesize` would put there); a few seeds "
-        "are read back from the ADC cube of `simulate` besides. RCS is referred to the centre's range; that the lit side is nearer than "
-        f"the centre adds {_db(near_field()):.2f} dB, which is part of what is expected.",
+        note=f"Radius {RADIUS_M} m at {RANGE_M:g} m, S = 1, |Gamma| = 1; {SEEDS} seeds, each seen from {ASPECTS} sides "
+        "(the sphere turns by 22.5 degrees). Fields are the sums of the echoes at mid-sweep (what `synthesize` "
+        "would put there); a few seeds are read back from the ADC cube of `simulate` besides. RCS is referred to "
+        f"the centre's range; that the lit side is nearer than the centre adds {_db(near_field()):.2f} dB, which "
+        "is part of what is expected.",
         table=_spread(fields, expected),
         charts=[_chart(fields, expected)],
     )
@@ -123,7 +124,9 @@ def _from_cube(radar: Radar, fields: np.ndarray) -> float:
     slow = radar.replace(prf_hz=1 / STEP_S)
     sphere, worst = turning_sphere(FACES[0]), 0.0
     for seed in range(CUBE_SEEDS):
-        cube = t2d.simulate(sphere, radar=slow, surface_rate_hz=1 / STEP_S, occlusion=False, seed=seed).cube[:ASPECTS, 0]
+        cube = t2d.simulate(sphere, radar=slow, surface_rate_hz=1 / STEP_S, occlusion=False, seed=seed).cube[
+            :ASPECTS, 0
+        ]
         middle = cube[:, radar.samples // 2 - 1 : radar.samples // 2 + 1]
         power = np.sum(np.abs(middle) ** 2) / 2 * RANGE_M**4 / radar.link_amplitude**2
         worst = max(worst, abs(_db(power / np.sum(np.abs(fields[seed]) ** 2))))
@@ -145,7 +148,13 @@ def _spread(fields: dict[int, np.ndarray], expected: float) -> list[dict]:
 def _chart(fields: dict[int, np.ndarray], expected: float) -> str:
     figure, axis = new_figure()
     for faces, field in fields.items():
-        axis.hist(np.abs(field).ravel() ** 2 / expected, bins=np.linspace(0, 5, 41), density=True, histtype="step", label=f"{faces} faces")
+        axis.hist(
+            np.abs(field).ravel() ** 2 / expected,
+            bins=np.linspace(0, 5, 41),
+            density=True,
+            histtype="step",
+            label=f"{faces} faces",
+        )
     x = np.linspace(0, 5, 101)
     axis.plot(x, np.exp(-x), "k:", label="exponential (speckle)")
     axis.set(xlabel="RCS / ((8/3) pi a^2)", ylabel="density", title="Lambertian sphere")

@@ -23,24 +23,40 @@ def run() -> Section:
     radar = Radar.preset("table2")
     surface_rates, occlusion_rates, unhidden = _surface_rates(radar), *_occlusion_rates(radar)
     checks = [
-        Check(what="surface rate at its default, 150 Hz", measured=surface_rates[DEFAULT_SURFACE_HZ], limit=-20, unit="dB"),
-        Check(what="occlusion rate at its default, 25 Hz", measured=occlusion_rates[DEFAULT_OCCLUSION_HZ], limit=-20, unit="dB"),
+        Check(
+            what="surface rate at its default, 150 Hz", measured=surface_rates[DEFAULT_SURFACE_HZ], limit=-20, unit="dB"
+        ),
+        Check(
+            what="occlusion rate at its default, 25 Hz",
+            measured=occlusion_rates[DEFAULT_OCCLUSION_HZ],
+            limit=-20,
+            unit="dB",
+        ),
     ]
-    rows = [{"what": "surface rate, nothing hidden", "rate Hz": rate, "field NMSE dB": e} for rate, e in surface_rates.items()]
-    rows += [{"what": f"occlusion rate, walking at {ACROSS_DEG:g} deg", "rate Hz": rate, "field NMSE dB": e} for rate, e in occlusion_rates.items()]
+    rows = [
+        {"what": "surface rate, nothing hidden", "rate Hz": rate, "field NMSE dB": e}
+        for rate, e in surface_rates.items()
+    ]
+    rows += [
+        {"what": f"occlusion rate, walking at {ACROSS_DEG:g} deg", "rate Hz": rate, "field NMSE dB": e}
+        for rate, e in occlusion_rates.items()
+    ]
     rows.append({"what": "the same without occlusion", "rate Hz": "", "field NMSE dB": unhidden})
     return Section(
         title="Surface rate and occlusion rate",
         checks=checks,
-        note="Against the reference on the same facets, so that only the treatment of time (and the patches that follow from it) differs. Surface "
-        f"rate: walk, default facets. Occlusion: walking at {ACROSS_DEG:g} deg to the sight, facets of {OCCLUDED_SAGITTA_RAD} rad, surface rate "
-        f"{SURFACE_RATES_HZ[-1]:g} Hz; the reference traces through the fine mesh at each chirp, `simulate` through the control cage at its keys.",
+        note="Against the reference on the same facets, so that only the treatment of time (and the patches that "
+        f"follow from it) differs. Surface rate: walk, default facets. Occlusion: walking at {ACROSS_DEG:g} deg "
+        f"to the sight, facets of {OCCLUDED_SAGITTA_RAD} rad, surface rate {SURFACE_RATES_HZ[-1]:g} Hz; the "
+        "reference traces through the fine mesh at each chirp, `simulate` through the control cage at its keys.",
         table=rows,
         charts=[_chart(surface_rates, occlusion_rates)],
     )
 
 
-def _errors(surface: MovingMesh, radar: Radar, sagitta_rad: object, settings: list[dict], occlusion: bool) -> list[float]:
+def _errors(
+    surface: MovingMesh, radar: Radar, sagitta_rad: object, settings: list[dict], occlusion: bool
+) -> list[float]:
     """NMSE [dB] of `simulate` with each of the settings."""
     chirps = random_chirps(surface, radar, CHIRPS)
     material = resolve_material("skin", radar.mid_frequency_hz)

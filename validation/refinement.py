@@ -31,7 +31,9 @@ def run() -> Section:
     )
     rows = []
     for sagitta in SAGITTAS_RAD:
-        cube = t2d.simulate(surface, radar=radar, sagitta_rad=sagitta, surface_rate_hz=SURFACE_RATE_HZ, occlusion=False).cube[:, 0]
+        cube = t2d.simulate(
+            surface, radar=radar, sagitta_rad=sagitta, surface_rate_hz=SURFACE_RATE_HZ, occlusion=False
+        ).cube[:, 0]
         faces, edge = mean_edge(surface, radar, sagitta)
         error = nmse_db(cube[np.ix_(chirps, SAMPLES)], reference)
         rows.append({"sagitta rad": sagitta, "faces": faces, "mean edge mm": 1e3 * edge, "field NMSE dB": error})
@@ -48,9 +50,10 @@ def run() -> Section:
     return Section(
         title="Refinement",
         checks=checks,
-        note=f"Walking body, skin with its diffuse part, nothing hidden but back faces, surface rate {SURFACE_RATE_HZ:g} Hz so that interpolation in "
-        f"time does not cover the error; reference: facets of {REFERENCE_RAD} rad, whose own error flatters the finest row: the fit leaves it out. The bar on "
-        "the sagitta is one number for the whole body here; the mean edge is weighted by area.",
+        note="Walking body, skin with its diffuse part, nothing hidden but back faces, surface rate "
+        f"{SURFACE_RATE_HZ:g} Hz so that interpolation in time does not cover the error; reference: facets of "
+        f"{REFERENCE_RAD} rad, whose own error flatters the finest row: the fit leaves it out. The bar on the "
+        "sagitta is one number for the whole body here; the mean edge is weighted by area.",
         table=rows,
         charts=[_chart(edges, errors, order)],
     )

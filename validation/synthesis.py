@@ -27,16 +27,23 @@ def run() -> Section:
     checks += [_body_check(preset) for preset in WIDEBAND_PRESETS]
     wide = {preset: _wideband(preset) for preset in WIDEBAND_PRESETS}
     checks += [
-        Check(what=f"{preset}: walking body against a sum at each sample's own frequency", measured=nmse_db(*pair), limit=-30, unit="dB")
+        Check(
+            what=f"{preset}: walking body against a sum at each sample's own frequency",
+            measured=nmse_db(*pair),
+            limit=-30,
+            unit="dB",
+        )
         for preset, pair in wide.items()
     ]
     return Section(
         title="ADC cube against direct float64 sums",
         checks=checks,
-        note="First the echoes of one model summed twice, by `synthesize` and echo by echo at every sample's own moment: 60 random echoes at up "
-        "to 5 m/s that swing, change and go dark, and a walking body's own echoes (skin, default settings). Then the walking body "
-        f"(skin, facets of {WIDEBAND_SAGITTA_RAD} rad, nothing hidden but back faces) by `simulate` at the default surface rate against the sum of the "
-        "same facets and points, each integral anew at each sample's frequency and moment: what patches, slopes and interpolation in time cost.",
+        note="First the echoes of one model summed twice, by `synthesize` and echo by echo at every sample's own "
+        "moment: 60 random echoes at up to 5 m/s that swing, change and go dark, and a walking body's own echoes "
+        f"(skin, default settings). Then the walking body (skin, facets of {WIDEBAND_SAGITTA_RAD} rad, nothing "
+        "hidden but back faces) by `simulate` at the default surface rate against the sum of the same facets and "
+        "points, each integral anew at each sample's frequency and moment: what patches, slopes and "
+        "interpolation in time cost.",
         charts=[_chart(wide)],
     )
 
@@ -45,7 +52,9 @@ def random_echoes(radar: Radar, *, count: int = 60, frames: int = 40) -> Echoes:
     """Echoes at 3..4 m, up to 5 m/s either way, swinging, some dark for a while; a tenth of the amplitude as slope."""
     rng = np.random.default_rng(0)
     t = np.arange(frames)[:, None] / 100
-    range_m = 3 + rng.random(count) + rng.uniform(-5, 5, count) * t + 0.1 * np.sin(4 * np.pi * t + 6 * rng.random(count))
+    range_m = (
+        3 + rng.random(count) + rng.uniform(-5, 5, count) * t + 0.1 * np.sin(4 * np.pi * t + 6 * rng.random(count))
+    )
     turning = np.cumsum(rng.normal(size=(frames, count)) * 0.3, axis=0)
     amplitude = (rng.normal(size=count) + 1j * rng.normal(size=count)) * np.exp(1j * turning)
     amplitude[10:20, ::3] = 0
@@ -65,7 +74,9 @@ def _against_direct(echoes: Echoes, radar: Radar, every: int) -> float:
 def _random_check(preset: str) -> Check:
     radar = Radar.preset(preset)
     found = _against_direct(random_echoes(radar), radar, every=1)
-    return Check(what=f"{preset}: random fast echoes, same echoes summed directly", measured=found, limit=-50, unit="dB")
+    return Check(
+        what=f"{preset}: random fast echoes, same echoes summed directly", measured=found, limit=-50, unit="dB"
+    )
 
 
 def _body_check(preset: str) -> Check:
@@ -90,7 +101,9 @@ def _wideband(preset: str) -> tuple[np.ndarray, np.ndarray]:
     """Samples of `simulate` and of the reference, (chirps, samples)."""
     radar = Radar.preset(preset)
     surface = walking(1.0, 1.5)
-    cube = t2d.simulate(surface, radar=radar, sagitta_rad=WIDEBAND_SAGITTA_RAD, surface_rate_hz=SURFACE_RATE_HZ, occlusion=False).cube[:, 0]
+    cube = t2d.simulate(
+        surface, radar=radar, sagitta_rad=WIDEBAND_SAGITTA_RAD, surface_rate_hz=SURFACE_RATE_HZ, occlusion=False
+    ).cube[:, 0]
     chirps = np.sort(np.random.default_rng(0).choice(len(cube), CHIRPS, replace=False))
     samples = np.linspace(0, radar.samples - 1, 9).astype(int)
     reference = reference_samples(

@@ -1,0 +1,289 @@
+"""The command line: t2d-rt simulate | compare | info."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from t2d_rt.cli.options import compare_parser, info_parser, one_sentence, resolved, simulate_parser
+from t2d_rt.errors import InputError, T2DError, T2DWarning
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from jsonargparse import ArgumentParser, Namespace
+    from matplotlib.figure import Figure
+
+    from t2d_rt.pipeline import Method
+    from t2d_rt.result import Simulation
+    from t2d_rt.types import Motion, Radar
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; 0 when it is done, 2 with one sentence when the input cannot be used, 130 on Ctrl-C."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", T2DWarning)
+        warnings.showwarning = _show_warning
+        try:
+            return _run(arguments)
+        except T2DError as error:
+            return _failed(str(error))
+        except MemoryError as error:
+            return _failed(
+                f"not enough memory ({error}); cut the motion with --start-s and --stop-s, or lower --radar.prf-hz"
+            )
+        except BrokenPipeError:  # the reader of our output has gone: nothing more to say, not even at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 141
+        except OSError as error:
+            return _failed(f"{error.filename or 'system'}: {error.strerror or error}; check the path")
+        except KeyboardInterrupt:
+            print("t2d-rt: stopped; nothing was written", file=sys.stderr)
+            return 130
+
+
+def _failed(sentence: str) -> int:
+    print(f"t2d-rt: {' '.join(sentence.split())}", file=sys.stderr)
+    return 2
+
+
+def _run(arguments: list[str]) -> int:
+    if not arguments:
+        print(_overview(), file=sys.stderr)
+        return 2
+    if arguments[0] in ("-h", "--help", "--version"):
+        from t2d_rt.result import versions
+
+        print(versions()["t2d-rt"] if arguments[0] == "--version" else _overview())
+        return 0
+    from jsonargparse import ArgumentError
+
+    parser, action = _command(arguments[0])
+    try:
+        options = parser.parse_args(resolved(arguments[1:]))
+    except ArgumentError as error:
+        raise InputError(one_sentence(str(error), arguments[0])) from None
+    action(options)
+    sys.stdout.flush()
+    return 0
+
+
+def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], None]]:
+    commands: dict[str, tuple[Callable[[], ArgumentParser], Callable[[Namespace], None]]] = {
+        "simulate": (simulate_parser, _simulate),
+        "compare": (compare_parser, _compare),
+        "info": (info_parser, _info),
+    }
+    if name not in commands:
+        raise InputError(f"unknown command '{name}'; choose one of {', '.join(commands)} (t2d-rt --help)")
+    make, action = commands[name]
+    return make(), action
+
+
+def _overview() -> str:
+    return (
+        "t2d-rt: ray-traced human micro-Doppler; skeleton motion in, coherent FMCW radar data out\n\n"
+        "  t2d-rt simulate FILE   radar recording and spectrogram of a motion file\n"
+        "  t2d-rt compare FILE    ellipsoid model against mesh, with figures\n"
+        "  t2d-rt info FILE       what a motion, result or radar file holds\n\n"
+        "t2d-rt COMMAND --help shows options and examples."
+    )
+
+
+# --- commands ---
+
+
+def _simulate(options: Namespace) -> None:
+    from t2d_rt.result import check_free
+
+    source = Path(options.file)
+    target = Path(options.output or f"{_stem(source)}.zarr")
+    if target.suffix != ".zarr":
+        raise InputError(f"a result is a folder that ends in .zarr, got '{target}'; the picture is written beside it")
+    picture = target.with_suffix(".png")
+    check_free(target, overwrite=options.overwrite)
+    _check_picture(picture, overwrite=options.overwrite)
+    radar = _radar(options)
+    motion = _motion(options, source, radar)
+    result = _recorded(motion, options, radar, options.method)
+    with _picture(result.plot(title=f"{source.name}, {options.method}"), picture):
+        result.save(target, overwrite=options.overwrite)
+    print(f"wrote {target} and {picture}")
+
+
+def _compare(options: Namespace) -> None:
+    from t2d_rt.compare import compare
+    from t2d_rt.plots import plot_comparison
+
+    source = Path(options.file)
+    picture = Path(options.output or f"{_stem(source)}_compare.png")
+    _check_picture(picture, overwrite=options.overwrite)
+    radar = _radar(options)
+    motion = _motion(options, source, radar)
+    ellipsoid = _recorded(motion, options, radar, "ellipsoid")
+    mesh = _recorded(motion, options, radar, "mesh")
+    found = compare(ellipsoid, mesh)
+    image, other = ellipsoid.spectrogram, mesh.spectrogram
+    figure = plot_comparison(
+        image.velocity_mps.values, image.time_s.values, image.values, other.values, title=source.name
+    )
+    with _picture(figure, picture):
+        print(found)
+    print(f"wrote {picture}")
+
+
+def _info(options: Namespace) -> None:
+    source = Path(options.file)
+    if not source.exists():
+        raise InputError(f"{source} does not exist; check the path")
+    if source.is_dir():
+        from t2d_rt.result import Simulation
+
+        print(_recording_info(Simulation.load(source)))
+    elif source.suffix.lower() in (".yaml", ".yml"):
+        from t2d_rt.types import Radar
+
+        print(_radar_info(Radar.from_yaml(source)))
+    else:
+        from t2d_rt.motion import describe, load_motion
+
+        motion = load_motion(source)
+        print(motion.report)
+        print(describe(motion))
+
+
+def _radar(options: Namespace) -> Radar:
+    from t2d_rt.types import Radar
+
+    return Radar(**options.radar.as_dict())
+
+
+def _motion(options: Namespace, source: Path, radar: Radar) -> Motion:
+    from t2d_rt.motion import load_motion, place, trim
+
+    motion = load_motion(source, **options.motion.as_dict())
+    print(motion.report)
+    if options.start_s or options.stop_s is not None:
+        motion = trim(motion, options.start_s, options.stop_s)
+    return place(
+        motion,
+        distance_m=options.distance_m,
+        angle_deg=options.angle_deg,
+        radar_position_m=radar.position_m,
+        boresight=radar.boresight,
+    )
+
+
+def _recorded(motion: Motion, options: Namespace, radar: Radar, method: Method) -> Simulation:
+    from t2d_rt.pipeline import simulate
+
+    names = (
+        "scene", "seed", "body", "material", "occlusion", "occlusion_rate_hz", "surface_rate_hz", "sagitta_rad",
+        "phase_from", "device",
+    )  # fmt: skip
+    processing = options.signal.as_dict()
+    _check_processing(processing, radar, motion.duration_s)
+    with _progress(method) as progress:
+        result = simulate(motion, radar=radar, method=method, progress=progress, **{n: options[n] for n in names})
+    source = {name: options[name] for name in ("file", "distance_m", "angle_deg", "start_s", "stop_s")}
+    result.settings["motion"] = {**source, **options.motion.as_dict()}
+    return result.processed(**processing)
+
+
+def _check_processing(processing: dict[str, Any], radar: Radar, duration_s: float) -> None:
+    """Tries the options of the spectrogram on a short silence, so that a wrong one does not show after a long run."""
+    import numpy as np
+
+    from t2d_rt.signal import spectrogram
+
+    enough = max(256, processing["n_window"] or 0, radar.chirps_per_frame or 0)
+    chirps = min(enough, len(radar.chirp_times_s(duration_s)))
+    spectrogram(np.zeros((chirps, 1, radar.samples), np.complex64), radar, **processing)
+
+
+# --- output ---
+
+
+def _stem(source: Path) -> str:
+    return re.sub(r"\.bvh(\.gz)?$", "", source.name, flags=re.IGNORECASE)
+
+
+def _check_picture(picture: Path, *, overwrite: bool) -> None:
+    from t2d_rt.result import check_place
+
+    if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InputError(f"a picture ends in .png, .pdf or .svg, got '{picture}'; choose another name")
+    if picture.is_dir():
+        raise InputError(f"{picture} is a folder; choose another name for the picture")
+    check_place(picture, overwrite=overwrite)
+
+
+@contextmanager
+def _picture(figure: Figure, picture: Path) -> Iterator[None]:
+    """Draws the figure beside its place and moves it there once what is done meanwhile has succeeded."""
+    partial = picture.with_name(f".{picture.stem}.partial{picture.suffix}")
+    try:
+        figure.savefig(partial)
+        yield
+        partial.replace(picture)
+    except OSError as error:
+        raise InputError(f"cannot write {picture} ({error.strerror}); free space or choose a writable place") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def _progress(label: str) -> Iterator[Callable[[float], None]]:
+    """A bar that shows itself only where a run takes over two seconds."""
+    from tqdm import tqdm
+
+    started = time.monotonic()
+    bar: tqdm | None = None
+
+    def advance(share: float) -> None:
+        nonlocal bar
+        if bar is None:  # not before: the time that it says is left must not count the preparation
+            bar = tqdm(
+                total=1.0, initial=share, desc=label, delay=max(1e-3, 2.0 - (time.monotonic() - started)), leave=False,
+                bar_format="{desc} {percentage:3.0f}% |{bar}| {remaining}", file=sys.stderr,
+            )  # fmt: skip
+        bar.update(share - bar.n)
+
+    try:
+        yield advance
+    finally:
+        if bar is not None:
+            bar.close()
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"t2d-rt: warning: {message}", file=sys.stderr)
+
+
+def _radar_info(radar: Radar) -> str:
+    rows = [
+        ("mid-sweep frequency", f"{radar.mid_frequency_hz / 1e9:.4f} GHz"),
+        ("bandwidth", f"{radar.bandwidth_hz / 1e9:.4f} GHz"),
+        ("range bin", f"{radar.range_resolution_m * 100:.2f} cm"),
+        ("farthest range", f"{radar.max_range_m:.2f} m"),
+        ("unambiguous speed", f"+-{radar.max_speed_mps:.2f} m/s"),
+        ("chirp rate", f"{radar.prf_hz:.6g} Hz"),
+    ]
+    return "\n".join(f"{name:22}{value}" for name, value in rows)
+
+
+def _recording_info(result: Simulation) -> str:
+    rows = [
+        ("adc", " x ".join(str(n) for n in result.cube.shape) + " (chirp, antenna, sample)"),
+        *((name, str(value)) for name, value in result.settings.items()),
+        ("versions", ", ".join(f"{name} {value}" for name, value in result.versions.items())),
+    ]
+    return _radar_info(result.radar) + "\n" + "\n".join(f"{name:22}{value}" for name, value in rows)

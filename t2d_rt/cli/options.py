@@ -1,0 +1,252 @@
+"""Options of the commands, from the signatures of what they call; config files, radars by name; the parser's complaints."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_type_hints
+
+from t2d_rt.errors import InputError
+
+if TYPE_CHECKING:
+    from jsonargparse import ArgumentParser
+
+EXAMPLES = {
+    "simulate": """examples:
+  t2d-rt simulate walk.bvh -o walk.zarr                      # mesh, table2; writes walk.zarr and walk.png
+  t2d-rt simulate walk.bvh --method ellipsoid --radar ci4r
+  t2d-rt simulate walk.bvh --radar.prf-hz 12800 --distance-m 4 --seed 3
+  t2d-rt simulate walk.bvh --radar my_radar.yaml --signal.mti highpass --overwrite
+  t2d-rt simulate walk.bvh --print_config > walk.yaml        # every option with its value
+  t2d-rt simulate --config walk.yaml""",
+    "compare": """examples:
+  t2d-rt compare walk.bvh                                    # writes walk_compare.png, prints the figures
+  t2d-rt compare walk.bvh --radar text2doppler-code --angle-deg 45 -o oblique.png""",
+    "info": """examples:
+  t2d-rt info walk.bvh                                       # what the reader found in a motion file
+  t2d-rt info walk.zarr                                      # what a result holds
+  t2d-rt info my_radar.yaml                                  # what a radar resolves""",
+}
+
+
+SIGNAL_HELP = {
+    "range_window": "window over the samples of a chirp",
+    "range_gate_m": "nearest and farthest range to use, [1, 5]; all by default",
+    "mti": "none, mean, highpass or canceller",
+    "cutoff_mps": "of mti highpass",
+    "kernel": "taps of mti canceller",
+    "combine": "range bins: noncoherent (powers) or coherent (fields)",
+    "window": "window over the chirps of a column",
+    "n_window": "chirps of a column; 256 by default",
+    "overlap": "chirps that columns share; 200 of 256 by default",
+    "n_fft": "bins of a column; n_window by default",
+}
+"""Help of the options of `signal.spectrogram`."""
+
+FLAGS = ("--overwrite", "--help", "--print_config")
+"""Options that need no value."""
+
+PLAIN_TYPES = {
+    "<class 'float'>": "a number",
+    "<class 'int'>": "a whole number",
+    "<class 'bool'>": "true or false",
+    "<class 'str'>": "a text",
+    "<class 'tuple'>": "a list such as [1, 2.5]",
+    "<class 'collections.abc.Sequence'>": "a list such as [1, -2, 1]",
+    "<class 'NoneType'>": "null",
+}
+"""What the parser says, in words of its users."""
+
+
+def simulate_parser() -> ArgumentParser:
+    """Options of `t2d-rt simulate`."""
+    parser = _parser("simulate", "Radar recording and micro-Doppler spectrogram of a motion file.")
+    _add_run(parser, output="result folder (.zarr), the picture beside it; FILE's name by default")
+    _add_model(parser)
+    return parser
+
+
+def compare_parser() -> ArgumentParser:
+    """Options of `t2d-rt compare`."""
+    parser = _parser("compare", "Ellipsoid model against mesh: both spectrograms, their difference, and figures.")
+    _add_run(parser, output="picture (.png, .pdf, .svg); FILE's name with _compare.png by default")
+    _add_model(parser, skip={"method"})
+    return parser
+
+
+def info_parser() -> ArgumentParser:
+    """Options of `t2d-rt info`."""
+    return _parser("info", "What a motion file (.bvh), a result (.zarr) or a radar (.yaml) holds.", config=False)
+
+
+def _parser(command: str, description: str, *, config: bool = True) -> ArgumentParser:
+    from argparse import RawDescriptionHelpFormatter
+
+    from jsonargparse import ArgumentParser, DefaultHelpFormatter
+
+    class Formatter(DefaultHelpFormatter, RawDescriptionHelpFormatter):
+        pass
+
+    parser = ArgumentParser(
+        prog=f"t2d-rt {command}",
+        usage=f"t2d-rt {command} FILE [options]",
+        description=description,
+        epilog=EXAMPLES[command],
+        formatter_class=Formatter,
+        exit_on_error=False,
+        default_env=False,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--file", type=str, required=True, help="the file, if it is not given without --file")
+    if config:
+        parser.add_argument("--config", action="config", help="YAML file of options; those given beside it override it")
+    return parser
+
+
+def _add_run(parser: ArgumentParser, *, output: str) -> None:
+    parser.add_argument("-o", "--output", type=str | None, help=output)
+    parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help="replace what is there")
+    parser.add_argument(
+        "--distance_m", type=float | None, help="of the start; by default the closest approach is 1.5 m"
+    )
+    parser.add_argument("--angle_deg", type=float, default=0.0, help="of the walk against the line to the radar")
+    parser.add_argument("--start_s", type=float, default=0.0, help="first moment of the motion to use")
+    parser.add_argument("--stop_s", type=float | None, help="last moment of the motion to use")
+
+
+def _add_model(parser: ArgumentParser, skip: Collection[str] = ()) -> None:
+    from t2d_rt.motion import load_motion
+    from t2d_rt.pipeline import simulate
+    from t2d_rt.signal import spectrogram
+    from t2d_rt.types import Radar
+    from t2d_rt.types.radar import preset_names
+
+    model = parser.add_argument_group("model")
+    model.add_argument(
+        "--material", type=str | None, help="of the body: skin, clothed, pec or an ITU name; skin by default"
+    )
+    _add_parameters(model, simulate, skip={"radar", "material", "progress", *skip})
+    radar = parser.add_argument_group(
+        "radar",
+        f"--radar NAME takes a preset ({', '.join(preset_names())}), --radar FILE.yaml your own; fields override:",
+    )
+    default = Radar.preset("table2")
+    for name, hint in get_type_hints(Radar).items():
+        if name in Radar.model_fields:
+            radar.add_argument(f"--radar.{name}", type=hint, default=getattr(default, name))
+    _add_parameters(
+        parser.add_argument_group("reading the file, where it is not understood by itself"), load_motion, "motion."
+    )
+    _add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
+
+
+def _add_parameters(group: Any, function: Callable[..., Any], prefix: str = "", skip: Collection[str] = ()) -> None:
+    """An option for every parameter that has a default; its help is its line in the docstring, "name: help"."""
+    told = dict(re.findall(r"^ *(\w+): (.*)$", function.__doc__ or "", flags=re.MULTILINE))
+    hints = get_type_hints(function)
+    for name, parameter in inspect.signature(function).parameters.items():
+        if name not in skip and parameter.default is not parameter.empty:
+            help_text = told.get(name, SIGNAL_HELP.get(name))
+            group.add_argument(f"--{prefix}{name}", type=hints[name], default=parameter.default, help=help_text)
+
+
+def resolved(arguments: Sequence[str]) -> list[str]:
+    """Arguments as the parser wants them: --name_with_underscores=value, a bare word as --file, config files and radars first.
+
+    A value may begin with a dash (--motion.up -z). Config files and --radar become texts for --config, in this order, so
+    that a radar's fields can be overridden and a preset's name will do, in a config file too.
+    """
+    files: list[str] = []
+    configs: list[str] = []
+    radars: list[str] = []
+    rest: list[str] = []
+    waiting = list(arguments)
+    while waiting:
+        word = waiting.pop(0)
+        option = re.fullmatch(r"(-o|--[A-Za-z][\w.-]*)(?:=(.*))?", word, flags=re.DOTALL)
+        if option is None:
+            if re.match("-.", word) and word != "-h":
+                raise InputError(f"unknown option {word}; t2d-rt COMMAND --help lists all")
+            (rest if word == "-h" else files).append(word)
+            continue
+        name = "--output" if option[1] == "-o" else "--" + option[1][2:].replace("-", "_")
+        value = option[2]
+        if value is None and name not in FLAGS and waiting and not re.match(r"--[A-Za-z]|-[oh]$", waiting[0]):
+            value = waiting.pop(0)
+        if value is None:
+            if name not in FLAGS:
+                raise InputError(f"option {name} needs a value; t2d-rt COMMAND --help lists all")
+            rest.append(name)
+        elif name == "--config":
+            configs.append(f"--config={_config_text(value)}")
+        elif name == "--radar":
+            radars.append(f"--config={_yaml({'radar': _radar_fields(value)})}")
+        elif name == "--file":
+            files.append(value)
+        else:
+            rest.append(f"{name}={value}")
+    if len(files) > 1:
+        raise InputError(f"expected one file, got {len(files)} ({', '.join(files)}); run once for each")
+    return [*configs, *radars, *(f"--file={name}" for name in files), *rest]
+
+
+def _config_text(path: str) -> str:
+    import yaml
+
+    try:
+        values = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read config file {path}: {error.strerror}; check the path") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise InputError(f"config file {path} is not valid YAML ({' '.join(str(error).split())}); correct it") from None
+    if not isinstance(values, dict) or not all(isinstance(key, str) for key in values):
+        raise InputError(f"config file {path} must hold options and values such as 'seed: 3'; --print_config shows all")
+    if isinstance(values.get("radar"), str):
+        values["radar"] = _radar_fields(values["radar"])
+    for section in ("radar", "motion", "signal"):
+        if section in values and not isinstance(values[section], dict):
+            raise InputError(f"'{section}' in config file {path} must hold options and values, got {values[section]!r}")
+    return _yaml(values)
+
+
+def _radar_fields(name: str) -> dict[str, Any]:
+    from t2d_rt.types import Radar
+
+    own = Path(name).suffix.lower() in (".yaml", ".yml")
+    return (Radar.from_yaml(name) if own else Radar.preset(name)).model_dump(mode="json")
+
+
+def _yaml(values: dict[str, Any]) -> str:
+    import yaml
+
+    return str(yaml.safe_dump(values, sort_keys=False))
+
+
+def one_sentence(message: str, command: str) -> str:
+    """What the parser found wrong, in plain words."""
+    help_command = f"t2d-rt {command} --help"
+    wrong = re.match(r'Parser key "(.+?)":', message)
+    given = re.search(r"(?:Got|Given) value: (.*)", message, flags=re.DOTALL)
+    if wrong and given:
+        kinds = re.findall(r"Expected an? (.+?)(?:\. Got value|\n|$)", message)
+        expected = dict.fromkeys(word for kind in kinds for word in _plain_type(kind))
+        return (
+            f"option {wrong[1]} must be {' or '.join(expected)}, got '{' '.join(given[1].split())}'; see {help_command}"
+        )
+    if "are required: file" in message:
+        return f"no file given; name one, as in the examples of {help_command}"
+    unknown = re.search(r"unrecognized arguments: (\S+)|Option '(.+)' is not accepted", message)
+    if unknown:
+        name = (unknown[1] or unknown[2]).partition("=")[0]
+        return f"unknown option {name}; {help_command} lists all"
+    return f"{' '.join(message.split())}; see {help_command}"
+
+
+def _plain_type(kind: str) -> list[str]:
+    """The parser's word for a type in words of its users: one, or the values there are."""
+    if kind.startswith("typing.Literal"):
+        return re.findall(r"'([^']*)'", kind)
+    count = re.match(r"tuple with (\d+) elements", kind)
+    return [f"a list of {count[1]} numbers" if count else PLAIN_TYPES.get(kind, kind)]

@@ -1,0 +1,221 @@
+"""`simulate` as a whole: reproducible, additive, placed once, silent where nothing moves, and clear about what it refuses."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+import t2d_rt as t2d
+from t2d_rt.backend import Backend
+from t2d_rt.echo.mesh import mesh_echoes
+from t2d_rt.errors import BackendError, InputError, T2DWarning
+from t2d_rt.types import PEC, Ellipsoids, Material, Motion, MovingMesh, Radar
+
+WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
+RADAR = Radar.preset("ci4r", prf_hz=8000)
+COARSE: dict[str, Any] = {"radar": RADAR, "sagitta_rad": 1.0}
+TIMES_S = np.array([0.0, 0.1, 0.2])
+ROUGH = Material(name="rough", relative_permittivity=math.inf, scattering_coefficient=0.5)
+
+
+@pytest.fixture(scope="module")
+def walk() -> Motion:
+    """0.3 s of a step, not placed yet."""
+    return t2d.trim(t2d.load_motion(WALK), 2.3, 2.6)
+
+
+@pytest.fixture(scope="module")
+def recorded(walk: Motion) -> t2d.Simulation:
+    return t2d.simulate(walk, **COARSE)
+
+
+def ball(x_m: float, *, y_m: float = 0.0, speed_mps: float = 0.0, material: str | Material = "pec") -> MovingMesh:
+    shape = trimesh.creation.icosphere(subdivisions=2, radius=0.1)
+    centre = np.array([x_m, y_m, 1.0]) - speed_mps * TIMES_S[:, None, None] * [1.0, 0, 0]
+    return MovingMesh(shape.vertices + centre, shape.faces, TIMES_S, material, name="ball")
+
+
+def nmse_db(got: np.ndarray, expected: np.ndarray) -> float:
+    return float(10 * np.log10(np.sum(np.abs(got - expected) ** 2) / np.sum(np.abs(expected) ** 2)))
+
+
+# --- what comes out -------------------------------------------------------------------------------------------------
+
+
+def test_recording_holds_its_configuration(recorded: t2d.Simulation, walk: Motion) -> None:
+    assert recorded.cube.dtype == np.complex64
+    assert recorded.cube.shape == (len(RADAR.chirp_times_s(walk.duration_s)), 1, RADAR.samples)
+    assert np.isfinite(recorded.cube).all()
+    assert recorded.radar == RADAR
+    assert recorded.settings["sagitta_rad"] == 1.0
+    assert recorded.settings["targets"] == [walk.report]
+    assert recorded.versions["drjit"] == "1.5.0"
+
+
+def test_same_seed_same_bits_another_seed_another_speckle(recorded: t2d.Simulation, walk: Motion) -> None:
+    assert t2d.simulate(walk, **COARSE).cube.tobytes() == recorded.cube.tobytes()
+    other = t2d.simulate(walk, **COARSE, seed=1)
+    # The coherent part is the same, and at S = 0.3 the larger one.
+    assert -30 < nmse_db(other.cube, recorded.cube) < 0
+
+
+def test_another_seed_changes_only_the_diffuse_points(backend: Backend) -> None:
+    def echoes(seed: int, material: Material) -> tuple[np.ndarray, np.ndarray]:
+        stream = mesh_echoes(
+            ball(2.0), RADAR, times_s=TIMES_S, material=material, sagitta_rad=0.5, seed=seed, visibility=None,
+            backend=backend,
+        )  # fmt: skip
+        return stream.frames(0, len(TIMES_S))[:2]
+
+    smooth = echoes(0, PEC)
+    assert all(np.array_equal(*pair) for pair in zip(smooth, echoes(1, PEC), strict=True))
+    coherent = smooth[0].shape[1]
+    (delay, amplitude), (other_delay, other_amplitude) = echoes(0, ROUGH), echoes(1, ROUGH)
+    assert np.array_equal(delay[:, :coherent], other_delay[:, :coherent])
+    assert np.array_equal(amplitude[:, :coherent], other_amplitude[:, :coherent])
+    assert not np.array_equal(delay[:, coherent:], other_delay[:, coherent:])
+    assert not np.array_equal(amplitude[:, coherent:], other_amplitude[:, coherent:])
+
+
+def test_smooth_targets_have_no_seed() -> None:
+    cubes = [t2d.simulate(ball(2.0, speed_mps=1.0), radar=RADAR, seed=seed).cube for seed in (0, 1)]
+    assert cubes[0].tobytes() == cubes[1].tobytes()
+
+
+def test_targets_add_up() -> None:
+    near, far = ball(2.0, speed_mps=1.0), ball(3.0, y_m=0.5, speed_mps=-2.0)
+    egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([2.5, -0.5, 1.0], (3, 1, 1)), TIMES_S)
+    targets = [near, far, egg]
+    alone = sum(t2d.simulate(target, radar=RADAR, occlusion=False).cube for target in targets)
+    together = t2d.simulate(targets, radar=RADAR, occlusion=False)
+    assert nmse_db(together.cube, alone) < -60  # each is within -60 dB of the exact sum
+    assert len(together.settings["targets"]) == 3
+
+
+def test_what_stands_in_front_hides_what_is_behind() -> None:
+    front, behind = ball(2.0), ball(4.0)
+    seen = t2d.simulate([front, behind], radar=RADAR)
+    profile = np.abs(seen.range_profile[0, 0])
+
+    def peak(range_m: float) -> float:
+        return float(profile.sel(range_m=slice(range_m - 0.3, range_m + 0.3)).max())
+
+    beside = t2d.simulate([front, ball(4.0, y_m=1.0)], radar=RADAR)
+    hidden_db = 20 * np.log10(peak(3.9) / float(np.abs(beside.range_profile[0, 0]).sel(range_m=slice(3.7, 4.3)).max()))
+    assert hidden_db < -30
+    assert peak(1.9) > 0
+
+
+def test_a_placed_motion_stays_where_it_is(walk: Motion) -> None:
+    def range_m(motion: Motion) -> float:
+        result = t2d.simulate(motion, radar=RADAR, method="ellipsoid")
+        return float(np.abs(result.range_profile[0, 0]).idxmax())
+
+    placed = t2d.place(walk, distance_m=4.0, angle_deg=30)
+    assert range_m(placed) == pytest.approx(3.9, abs=0.25)  # the chest is before the pelvis
+    assert range_m(replace(walk, joints=walk.joints + [6.0, 0, 0] - walk.joints[0, 0] * [1, 1, 0], placed=True)) > 5.6
+    first = t2d.simulate(walk, radar=RADAR, method="ellipsoid")
+    again = t2d.simulate(t2d.place(walk), radar=RADAR, method="ellipsoid")
+    assert first.cube.tobytes() == again.cube.tobytes()
+
+
+@pytest.mark.parametrize("method", ["mesh", "ellipsoid"])
+def test_static_body_stays_at_zero_doppler(walk: Motion, method: Any) -> None:
+    still = replace(
+        t2d.place(walk),
+        joints=np.repeat(t2d.place(walk).joints[:1], 12, axis=0),
+        rotations=np.repeat(t2d.place(walk).rotations[:1], 12, axis=0),
+        rate_hz=30.0,
+    )
+    cube = t2d.simulate(still, method=method, **COARSE).cube[:, 0].astype(complex)
+    window = np.blackman(len(cube))[:, None]
+    power = np.sum(np.abs(np.fft.fft(cube * window, axis=0)) ** 2, axis=1)
+    outside = power[3:-2].sum()  # beyond the main lobe of the window
+    assert 10 * np.log10(outside / power.sum()) < -80
+
+
+def test_skin_and_segments_of_the_face() -> None:
+    motion = t2d.trim(t2d.load_motion(WALK), 0, 0.2)
+    body, parts = t2d.skin(motion), t2d.segments(motion)
+    assert isinstance(body, MovingMesh)
+    assert isinstance(parts, Ellipsoids)
+    assert body.duration_s == parts.duration_s == pytest.approx(motion.duration_s)
+    assert body.trimesh(0.1).is_watertight
+
+
+# --- what is said ---------------------------------------------------------------------------------------------------
+
+
+def test_warns_of_speeds_and_ranges_that_fold() -> None:
+    slow = RADAR.replace(prf_hz=1000)
+    with pytest.warns(
+        T2DWarning, match=r"top speed 2 m/s of ball exceeds the unambiguous 0.966 m/s .* raise prf_hz to 2070"
+    ):
+        t2d.simulate(ball(3.0, speed_mps=2.0), radar=slow)
+    with pytest.warns(T2DWarning, match=r"ball is up to 60.1 m away, beyond the unambiguous 49.8 m"):
+        t2d.simulate(ball(60.0), radar=RADAR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        t2d.simulate(ball(3.0, speed_mps=2.0), radar=RADAR)
+
+
+def test_progress_reaches_one() -> None:
+    shares: list[float] = []
+    t2d.simulate(ball(2.0), radar=RADAR, progress=shares.append)
+    assert shares[-1] == 1
+    assert shares == sorted(shares)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"scene": "moon"}, "unknown scene 'moon'; free_space is the only one"),
+        ({"method": "magic"}, "method must be 'mesh' or 'ellipsoid', got 'magic'"),
+        ({"method": "ellipsoid"}, "method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh ball"),
+        ({"seed": -1}, "seed must be an integer of 0 or more, got -1"),
+        ({"seed": 0.5}, "seed must be an integer of 0 or more, got 0.5"),
+        ({"surface_rate_hz": 5}, "surface_rate_hz must lie in 10..10000 Hz, got 5"),
+        ({"surface_rate_hz": math.nan}, "surface_rate_hz must lie in"),
+        ({"occlusion_rate_hz": 0}, "occlusion_rate_hz must lie in 1..1000 Hz, got 0"),
+        ({"sagitta_rad": 0.0}, r"sagitta_rad must lie in 0.01..2 rad, got 0.0"),
+        ({"material": "cheese"}, "unknown material 'cheese'"),
+        ({"device": "tpu"}, "device must be auto, cpu or gpu, got 'tpu'"),
+    ],
+)
+def test_options_that_cannot_be_used(options: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        t2d.simulate(ball(2.0), **{"radar": RADAR, **options})
+
+
+def test_radar_inside_a_target() -> None:
+    with pytest.raises(
+        InputError, match=r"radar at \(0, 0, 1\) m is inside ball at 0 s; place the target farther away"
+    ):
+        t2d.simulate(ball(0.0), radar=RADAR)
+    with pytest.raises(InputError, match=r"is inside ball at 0\.0583 s"):
+        t2d.simulate(ball(0.15, speed_mps=1.0), radar=RADAR)
+    with pytest.raises(InputError, match=r"radar at \(2, 0, 1\) m is inside ball"):
+        t2d.simulate(ball(2.0), radar=RADAR.replace(rx_offset_m=(2.0, 0, 0)))
+    egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([0.05, 0, 1.15], (3, 1, 1)), TIMES_S, names=["egg"])
+    with pytest.raises(InputError, match=r"radar at \(0, 0, 1\) m is inside egg at 0 s"):
+        t2d.simulate(egg, radar=RADAR)
+
+
+def test_targets_that_share_no_time() -> None:
+    late = ball(2.0)
+    late.times_s = late.times_s + 5
+    with pytest.raises(InputError, match="the targets share no time"):
+        t2d.simulate([ball(2.0), late], radar=RADAR)
+
+
+def test_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("t2d_rt.backend._has_cuda", lambda: False)
+    with pytest.raises(BackendError, match="no CUDA device was found; use device cpu"):
+        t2d.simulate(ball(2.0), radar=RADAR, device="gpu")
