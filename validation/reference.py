@@ -27,7 +27,7 @@ def reference_samples(
     *,
     material: Material,
     seed: int = 0,
-    sagitta_rad: float = 0.08,
+    sagitta_rad: float | np.ndarray = 0.08,
     occlusion: bool = True,
 ) -> np.ndarray:
     """ADC samples [sqrt(W)] complex128 (len(chirps), len(samples)) of a co-located radar."""
@@ -44,8 +44,8 @@ def reference_samples(
         still, moving = fine.operator @ cage, fine.operator @ velocity
         facets = np.flatnonzero(_cosines(still, fine.faces, radar) > -0.02)
         vertex_seen = None if view is None else view.vertices(still)
-        at, at_velocity = points.place(cage), points.place(velocity)
-        point_seen = 1.0 if view is None else view.points(at[0], at[1])
+        at, at_velocity, normal = points.place(cage), points.place(velocity), points.normals(cage)
+        point_seen = 1.0 if view is None else view.points(at, normal)
         for column, sample in enumerate(samples):
             t = sample / radar.sample_rate_hz
             frequency = radar.carrier_hz + radar.slope_hz_per_s * t
@@ -54,8 +54,8 @@ def reference_samples(
                 vertices, fine.faces[facets], vertex_seen, gamma, frequency, radar
             )
             if rough > 0:
-                here = at[0] + t * at_velocity[0]
-                out[row, column] += rough * abs(gamma) * _diffuse(here, at[1], points, point_seen, frequency, radar)
+                here = at + t * at_velocity
+                out[row, column] += rough * abs(gamma) * _diffuse(here, normal, points, point_seen, frequency, radar)
     return out
 
 
@@ -104,7 +104,7 @@ def _phase(delay_s: np.ndarray, frequency: float, radar: Radar) -> np.ndarray:
     return 2 * math.pi * ((frequency * delay_s - 0.5 * radar.slope_hz_per_s * delay_s**2) % 1.0)
 
 
-def _refined(surface: MovingMesh, radar: Radar, sagitta_rad: float) -> Refinement:
+def _refined(surface: MovingMesh, radar: Radar, sagitta_rad: float | np.ndarray) -> Refinement:
     return refine(
         surface.rest,
         surface.faces,
@@ -134,11 +134,15 @@ class _Points:
         self.area_m2, self.phase_rad = spread.area_m2, spread.phase_rad
         self.operator = carrier.operator
 
-    def place(self, cage: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and unit normals (Q, 3)."""
+    def place(self, cage: np.ndarray) -> np.ndarray:
+        """Positions (Q, 3), linear in the cage's."""
+        return np.einsum("qi,qij->qj", self.weights, (self.operator @ cage)[self.faces])
+
+    def normals(self, cage: np.ndarray) -> np.ndarray:
+        """Unit normals (Q, 3)."""
         corners = (self.operator @ cage)[self.faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        return np.einsum("qi,qij->qj", self.weights, corners), normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
 def _points(surface: MovingMesh, radar: Radar, seed: int) -> _Points:
