@@ -28,7 +28,7 @@ def main(names: list[str]) -> int:
         write_report(SECTIONS)
         print(f"\n{section.title} ({time.perf_counter() - start:.0f} s)\n{summary(section)}", flush=True)
         failed += sum(not check.passed for check in section.checks)
-    print(f"\n{'all bars are met' if not failed else f'{failed} bars are missed'}: validation/report/report.md")
+    print(f"\n{'all bars are met' if not failed else f'bars missed: {failed}'}: validation/report/report.md")
     return int(failed > 0)
 
 

@@ -55,7 +55,7 @@ def run() -> Section:
 
 
 def _errors(
-    surface: MovingMesh, radar: Radar, sagitta_rad: object, settings: list[dict], occlusion: bool
+    surface: MovingMesh, radar: Radar, sagitta_rad: float | np.ndarray, settings: list[dict], occlusion: bool
 ) -> list[float]:
     """NMSE [dB] of `simulate` with each of the settings."""
     chirps = random_chirps(surface, radar, CHIRPS)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +27,7 @@ PROBE_EVERY = 6
 """Frames between looks at which faces face the antennas."""
 BEND_RAD = 0.2
 """By how much more than at rest facets may be tilted against the face they lie in, where a joint bends."""
-FRAMES_AT_ONCE = 24
+FRAMES_AT_ONCE = 20
 """The cage's positions at that many moments fit the cache."""
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
@@ -225,10 +227,14 @@ class _Points:
 def _carried(operator: Csr, values: np.ndarray) -> np.ndarray:
     """Applies a sparse (Vf, V) to values (K, V, C) of the cage: (Vf, K, C)."""
     out = np.empty((operator.shape[0], len(values), values.shape[2]), values.dtype)
-    for start in range(0, len(values), FRAMES_AT_ONCE):
+
+    def carry(start: int) -> None:
         part = values[start : start + FRAMES_AT_ONCE].transpose(1, 0, 2)
         product = operator @ np.ascontiguousarray(part).reshape(len(part), -1)
         out[:, start : start + FRAMES_AT_ONCE] = product.reshape(len(out), *part.shape[1:])
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # a sparse product leaves Python's lock alone
+        list(pool.map(carry, range(0, len(values), FRAMES_AT_ONCE)))
     return out
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +28,8 @@ from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
 BUCKETS_PER_BIN = 4
 # A spline's end conditions fade by 0.268 per frame: 1e-7 after 12 frames.
 HALO_FRAMES = 12
-# Coefficients of one block: echoes x frames x 21 float32, at most 67 MB.
-BLOCK_ECHO_FRAMES = 800_000
+# Coefficients of one block: echoes x frames x 21 float32, at most 134 MB.
+BLOCK_ECHO_FRAMES = 1_600_000
 # Over a longer block a walking body spans many buckets.
 BLOCK_FRAMES = 64
 TERMS = 6
@@ -56,6 +57,8 @@ def synthesize(
     Motion within a chirp is included. The direct sum of the same echoes (`direct.direct_sum`) is met within -50 dB NMSE.
     `progress` is called with the share done, 0..1, after every block.
     """
+    from threadpoolctl import threadpool_limits
+
     source = stream(echoes)
     duration_s = float(source.times_s[-1] - source.times_s[0])
     starts = radar.chirp_times_s(duration_s)
@@ -64,10 +67,12 @@ def synthesize(
             f"the echoes last {duration_s:.6g} s, shorter than one sweep of {radar.sweep_time_s:.6g} s; give a longer motion"
         )
     cube = np.zeros((len(starts), 1, radar.samples), np.complex64)
-    for chirps, samples in synthesize_blocks(source, radar, starts, select(device)):
-        cube[chirps, 0] = samples
-        if progress is not None:
-            progress(chirps.stop / len(starts))
+    # Threads of BLAS that wait for its next product would take the kernels' cores.
+    with threadpool_limits(1, user_api="blas"):
+        for chirps, samples in synthesize_blocks(source, radar, starts, select(device)):
+            cube[chirps, 0] = samples
+            if progress is not None:
+                progress(chirps.stop / len(starts))
     return cube
 
 
@@ -133,20 +138,26 @@ class _Window:
 
 
 def _windows(source: EchoStream) -> Iterator[_Window]:
-    """Cuts the record into blocks of intervals; every frame is asked for once."""
+    """Cuts the record into blocks of intervals; every frame is asked for once, the next ones while a block is worked on."""
     total = len(source.times_s)
     held: list[tuple[int, EchoArrays]] = []
-    held_stop, start, intervals = 0, 0, 1
-    while start < total - 1:
-        stop = min(start + intervals, total - 1)
-        low, high = max(0, start - HALO_FRAMES), min(total, stop + 1 + HALO_FRAMES)
-        if high > held_stop:
-            held.append((held_stop, source.frames(held_stop, high)))
-            held_stop = high
-        held = [part for part in held if part[0] + len(part[1][0]) > low]
-        yield _window(held, low, high, start, stop, total)
-        intervals = int(np.clip(BLOCK_ECHO_FRAMES // max(1, held[0][1][0].shape[1]), 4, BLOCK_FRAMES))
-        start = stop
+    start, intervals, asked = 0, 1, min(total, 2 + HALO_FRAMES)
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(source.frames, 0, asked)
+        come = 0
+        while start < total - 1:
+            stop = min(start + intervals, total - 1)
+            low, high = max(0, start - HALO_FRAMES), min(total, stop + 1 + HALO_FRAMES)
+            if high > come:
+                held.append((come, coming.result()))
+                come = asked
+                intervals = int(np.clip(BLOCK_ECHO_FRAMES // max(1, held[0][1][0].shape[1]), 4, BLOCK_FRAMES))
+                asked = min(total, stop + intervals + 1 + HALO_FRAMES)
+                if asked > come:
+                    coming = pool.submit(source.frames, come, asked)
+            held = [part for part in held if part[0] + len(part[1][0]) > low]
+            yield _window(held, low, high, start, stop, total)
+            start = stop
 
 
 def _window(held: list[tuple[int, EchoArrays]], low: int, high: int, start: int, stop: int, total: int) -> _Window:
