@@ -179,8 +179,9 @@ def test_bistatic_point_of_shortest_path_and_both_models(backend: Backend) -> No
         lit = mesh.amplitude[0] != 0
         turns = radar.mid_frequency_hz * mesh.delay_s[0, lit] % 1
         got = np.sum(mesh.amplitude[0, lit].astype(complex) * np.exp(2j * np.pi * turns))
-        # Facets know nothing of specular points: sigma = 4 pi cos^2(beta/2)/det H within 0.3 dB, phase within 0.15 rad.
-        assert abs(db(abs(got / expected) ** 2)) < 0.3
+        # Facets know nothing of specular points: sigma = 4 pi cos^2(beta/2)/det H, phase within 0.15 rad.
+        # 0.5 dB: near the tip, of 3 cm radius, the shadow boundary's share of physical optics is 1/(k a), 0.2 dB.
+        assert abs(db(abs(got / expected) ** 2)) < 0.5
         assert abs(np.angle(got / expected)) < 0.15
 
 
