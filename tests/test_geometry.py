@@ -9,11 +9,11 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
 from t2d_rt.errors import InputError
-from t2d_rt.geometry import Refinement, crease_corners, refine, sharp_edges, subdivide
+from t2d_rt.geometry import Refinement, crease_corners, curvature, refine, sharp_edges, subdivide
 
 WAVENUMBER = 1613.8
 NO_EDGES = np.zeros((0, 2), int)
@@ -318,3 +318,65 @@ def test_bad_input(change: dict[str, object], message: str) -> None:
     given_ = {"rest": SQUARE, "faces": SQUARE_FACES, "wavenumber": WAVENUMBER, "range_m": 1.0, "sagitta_rad": 0.1}
     with pytest.raises(InputError, match=message):
         refine(**{**given_, **change})  # type: ignore[arg-type]
+
+
+# --- curvature ------------------------------------------------------------------------------------------------------
+
+
+def tube(around: int, steps: int, aspect: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """An open cylinder about z of steps rings; `aspect` is the height of a cell over its width."""
+    angle = np.arange(around) * 2 * np.pi / around
+    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
+    height = aspect * 2 * radius * np.sin(np.pi / around)
+    vertices = (ring + np.arange(steps)[:, None, None] * [0, 0, height]).reshape(-1, 3)
+    low = np.add.outer(np.arange(steps - 1) * around, np.arange(around)).ravel()
+    right = np.add.outer(np.arange(steps - 1) * around, (np.arange(around) + 1) % around).ravel()
+    up = [np.stack([low, right, right + around], axis=1), np.stack([low, right + around, low + around], axis=1)]
+    return vertices, np.concatenate(up)
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.3, 5.0])
+def test_curvature_of_a_sphere(radius: float) -> None:
+    vertices, faces = icosphere(3, radius)
+    assert curvature(vertices, faces) * radius == pytest.approx(1, abs=0.02)
+    uneven = curvature(*uneven_sphere(1000, 0.2, radius))
+    assert np.median(uneven) * radius == pytest.approx(1, abs=0.02)
+    assert np.abs(uneven * radius - 1).max() < 0.2
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 2.0])
+def test_curvature_of_a_cylinder_is_the_mean_over_its_directions(aspect: float) -> None:
+    # Euler: cos^2/a. Of six edges two run along the axis, two around it, two at tan = aspect.
+    vertices, faces = tube(64, 9, aspect, 0.1)
+    inner = curvature(vertices, faces).reshape(9, 64)[3:-3]
+    assert inner * 0.1 == pytest.approx((1 + 1 / (1 + aspect**2)) / 3, abs=0.01)
+
+
+def test_a_plane_and_the_faces_of_a_box_have_no_curvature() -> None:
+    rng = np.random.default_rng(0)
+    grid = np.stack(np.meshgrid(np.linspace(0, 1, 13), np.linspace(0, 1, 13)), axis=-1).reshape(-1, 2)
+    within = ((grid > 0) & (grid < 1)).all(axis=1)
+    grid += within[:, None] * rng.uniform(-0.02, 0.02, grid.shape)
+    plane = np.column_stack([grid, np.zeros(len(grid))])
+    inner = ((grid > 0.3) & (grid < 0.7)).all(axis=1)
+    turn = Rotation.from_euler("xyz", [30, 40, 50], degrees=True)
+    assert curvature(turn.apply(plane), Delaunay(grid).simplices)[inner] == pytest.approx(0, abs=1e-4)  # 1/m
+
+    box = trimesh.creation.box((1, 2, 3))
+    assert not curvature(np.array(box.vertices), np.array(box.faces)).any()
+    finer = box.subdivide().subdivide()
+    assert curvature(np.array(finer.vertices), np.array(finer.faces)) == pytest.approx(0, abs=1e-5)
+    # Without creases the edges are round.
+    assert curvature(np.array(box.vertices), np.array(box.faces), 180.0).min() > 0.1
+
+
+def test_curvature_does_not_depend_on_place_and_scales_with_size() -> None:
+    vertices, faces = uneven_sphere(300, 0.2, 1.0)
+    stretched = vertices * [1, 2, 3]
+    turn = Rotation.from_euler("xyz", [30, 40, 50], degrees=True)
+    reference = curvature(stretched, faces)
+    assert curvature(turn.apply(stretched) + [4, 5, 6], faces) == pytest.approx(reference, rel=1e-6)
+    assert curvature(0.01 * stretched, faces) == pytest.approx(100 * reference, rel=1e-6)
+    # Of this ellipsoid's ends the long one is bent most: 3/1 and 3/4 about its two directions, against 1/4 and 1/9.
+    ends = [int(np.argmax(stretched[:, axis])) for axis in (2, 0)]
+    assert reference[ends[0]] > 5 * reference[ends[1]]

@@ -28,8 +28,8 @@ from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
 BUCKETS_PER_BIN = 4
 # A spline's end conditions fade by 0.268 per frame: 1e-7 after 12 frames.
 HALO_FRAMES = 12
-# Coefficients of one block: echoes x frames x 21 float32, at most 134 MB.
-BLOCK_ECHO_FRAMES = 1_600_000
+# Coefficients of one block: echoes x frames x 21 float32, at most 84 MB.
+BLOCK_ECHO_FRAMES = 1_000_000
 # Over a longer block a walking body spans many buckets.
 BLOCK_FRAMES = 64
 TERMS = 6
