@@ -1,0 +1,307 @@
+"""What hides what: straight lines past spheres, fades between key frames, and the invariants of both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+import t2d_rt as t2d
+from t2d_rt.backend import Backend
+from t2d_rt.body.template import template
+from t2d_rt.errors import T2DWarning
+from t2d_rt.resources import resource
+from t2d_rt.trace.visibility import Occlusion
+from t2d_rt.types import MovingMesh
+from t2d_rt.types.motion import CANONICAL_JOINTS
+
+HERE = np.array([0.0, 0.0, 1.0])
+LONG_S = (0.0, 1.0)
+# Rays start 2 mm towards the viewpoint and 2 mm along the normal: a shadow's edge may lie that far off.
+EDGE_M = 0.005
+
+
+def sphere(radius_m: float, centre_m: Sequence[float], level: int = 3) -> MovingMesh:
+    return moving_sphere(radius_m, [centre_m, centre_m], LONG_S, level)
+
+
+def moving_sphere(
+    radius_m: float, centres_m: Sequence[Sequence[float]], times_s: Sequence[float], level: int = 3
+) -> MovingMesh:
+    shape = trimesh.creation.icosphere(subdivisions=level, radius=radius_m)
+    # Turned at random: no vertex lies in a plane of symmetry of the scene.
+    vertices = Rotation.random(rng=np.random.default_rng(7)).apply(shape.vertices)
+    return MovingMesh(vertices + np.array(centres_m)[:, None], shape.faces, np.array(times_s), "pec")
+
+
+def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
+    return Occlusion(meshes, at, rate_hz=rate_hz, backend=backend)
+
+
+def facing(mesh: MovingMesh, time_s: float = 0.0) -> np.ndarray:
+    """Which vertices lie this side of the horizon, by the area-weighted normals of their faces, (V,)."""
+    place = mesh.at(np.array([time_s]))[0]
+    corners = place[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = np.zeros_like(place)
+    np.add.at(normal, mesh.faces.ravel(), np.repeat(across, 3, axis=0))
+    return np.sum(normal * (HERE - place), axis=1) > 0
+
+
+def depth_in_shadow(points: np.ndarray, centre: np.ndarray, radius_m: float) -> np.ndarray:
+    """How deep the way from points (N, 3) behind a ball to the viewpoint cuts into it [m]; negative where it passes by."""
+    way = points - HERE
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    offset = centre - HERE
+    return radius_m - np.linalg.norm(offset - (way @ offset)[:, None] * way, axis=1)
+
+
+# --- one moment: straight lines -------------------------------------------------------------------------------------
+
+
+def test_a_convex_body_hides_nothing_of_its_lit_side(backend: Backend) -> None:
+    ball = sphere(0.3, [3, 0.2, 1.1])
+    (seen,) = occlusion([ball], backend).visibility(np.array([0.0]))
+    assert seen.shape == (1, len(ball.rest))
+    assert seen.dtype == np.float32
+    lit = facing(ball)
+    assert 0.3 < lit.mean() < 0.5
+    assert (seen[0, lit] == 1).all()
+    # Just beyond the horizon a vertex takes over its lit neighbours' value; behind those, nothing is seen.
+    edges = ball.trimesh().edges_unique
+    beyond = np.zeros(len(lit), bool)
+    for a, b in np.concatenate([edges, edges[:, ::-1]]):
+        beyond[a] |= lit[b] and not lit[a]
+    assert beyond.sum() > 20
+    assert (seen[0, beyond] == 1).all()
+    assert (seen[0, ~lit & ~beyond] == 0).all()
+
+
+def test_a_sphere_behind_another_is_hidden_and_beside_it_is_seen(backend: Backend) -> None:
+    front, behind, beside = sphere(0.5, [2, 0, 1]), sphere(0.2, [4, 0, 1]), sphere(0.2, [4, 1.5, 1])
+    first, second, third = occlusion([front, behind, beside], backend).visibility(np.array([0.0]))
+    assert (first[0, facing(front)] == 1).all()
+    assert not second.any()
+    assert (third[0, facing(beside)] == 1).all()
+    # The one behind hides nothing of what is before it, and alone is seen.
+    (alone,) = occlusion([behind], backend).visibility(np.array([0.0]))
+    assert (alone[0, facing(behind)] == 1).all()
+
+
+@pytest.mark.parametrize("towards", ["y", "z"])
+def test_half_behind_is_half_seen(towards: str, backend: Backend) -> None:
+    # The small sphere's centre lies on the ray that grazes the big one: half of what would be seen is in its shadow.
+    angle = math.asin(0.5 / 2)
+    centre = 4 * np.array([math.cos(angle), math.sin(angle), 0])
+    centre = (centre if towards == "y" else centre[[0, 2, 1]]) + HERE
+    front, half = sphere(0.5, [2, 0, 1], level=5), sphere(0.2, list(centre), level=4)
+    _, seen = occlusion([front, half], backend).visibility(np.array([0.0]))
+    lit = facing(half)
+    depth = depth_in_shadow(half.rest, front.rest.mean(axis=0), 0.5)
+    sure = lit & (np.abs(depth) > EDGE_M)
+    assert sure.sum() > 0.9 * lit.sum()
+    assert np.array_equal(seen[0, sure] == 1, depth[sure] < 0)
+    assert seen[0, lit].mean() == pytest.approx(0.5, abs=0.03)
+
+
+def test_beyond_the_horizon_in_the_shadows_edge_the_neighbours_mean_counts(backend: Backend) -> None:
+    front, half = sphere(0.5, [2, 0, 1], level=4), sphere(0.2, [3.87, 0.97, 1], level=4)
+    _, seen = occlusion([front, half], backend).visibility(np.array([0.0]))
+    lit = facing(half)
+    neighbours: list[list[int]] = [[] for _ in lit]
+    for a, b in half.trimesh().edges_unique:
+        neighbours[a].append(b)
+        neighbours[b].append(a)
+    values = []
+    for vertex in np.flatnonzero(~lit):
+        near = [n for n in neighbours[vertex] if lit[n]]
+        values.append(seen[0, near].mean() if near else 0.0)
+    assert seen[0, ~lit] == pytest.approx(values, abs=1e-6)
+    assert len(np.unique(np.round(values, 3))) > 2
+
+
+def test_an_open_plate_is_seen_from_its_front_only(backend: Backend) -> None:
+    corners = np.array([[3, -0.5, 0.5], [3, 0.5, 0.5], [3, 0.5, 1.5], [3, -0.5, 1.5]])
+    front = np.array([[0, 2, 1], [0, 3, 2]])  # counter-clockwise seen from the radar
+    seen = []
+    for faces in (front, front[:, ::-1]):
+        with pytest.warns(T2DWarning, match="not watertight"):
+            plate = MovingMesh(np.stack([corners, corners]), faces, np.array(LONG_S))
+        behind = sphere(0.2, [4, 0, 1])
+        parts = occlusion([plate, behind], backend).visibility(np.array([0.0]))
+        seen.append(parts[0])
+        assert not parts[1].any()  # either way it stands in front
+    assert (seen[0] == 1).all()
+    assert (seen[1] == 0).all()
+
+
+@pytest.mark.parametrize("range_m", [0.5, 30.0, 300.0])
+def test_near_and_far_alike(range_m: float, backend: Backend) -> None:
+    front, behind = sphere(0.1, [range_m, 0, 1]), sphere(0.05, [range_m + 0.3, 0, 1])
+    beside = sphere(0.05, [range_m + 0.3, 0.3, 1])
+    first, second, third = occlusion([front, behind, beside], backend).visibility(np.array([0.0]))
+    assert (first[0, facing(front)] == 1).all()
+    assert not second.any()
+    assert (third[0, facing(beside)] == 1).all()
+
+
+def test_scene_and_viewpoint_moved_together(backend: Backend) -> None:
+    turn = Rotation.from_euler("zyx", [40, 20, -70], degrees=True)
+    shift = np.array([5.0, -3.0, 2.0])
+    front, half = sphere(0.5, [2, 0, 1], level=4), sphere(0.2, [3.87, 0.97, 1], level=4)
+    moved = [
+        MovingMesh(turn.apply(m.rest)[None].repeat(2, axis=0) + shift, m.faces, np.array(LONG_S), "pec")
+        for m in (front, half)
+    ]
+    here = occlusion([front, half], backend).visibility(np.array([0.0]))
+    there = occlusion(moved, backend, at=turn.apply(HERE) + shift).visibility(np.array([0.0]))
+    for one, two in zip(here, there, strict=True):
+        assert np.array_equal(one, two)
+    # The check of this test: the same meshes from elsewhere are seen otherwise.
+    elsewhere = occlusion(moved, backend).visibility(np.array([0.0]))
+    assert not np.array_equal(here[1], elsewhere[1])
+
+
+# --- in time --------------------------------------------------------------------------------------------------------
+
+RATE_HZ = 10.0
+
+
+@pytest.fixture(scope="module")
+def passing() -> list[MovingMesh]:
+    """A sphere passes in front of another within a second."""
+    return [moving_sphere(0.3, [[2, -0.8, 1], [2, 0.8, 1]], LONG_S), sphere(0.3, [4, 0, 1])]
+
+
+def test_it_fades_by_a_smooth_step_between_keys(passing: list[MovingMesh], backend: Backend) -> None:
+    view = occlusion(passing, backend, RATE_HZ)
+    keys_s = np.linspace(0, 1, 11)
+    fine = 40  # times between two keys
+    times_s = np.linspace(0, 1, 10 * fine + 1)
+    values = view.visibility(times_s)[1]
+    assert values.min() >= 0
+    assert values.max() <= 1
+    at_keys = view.visibility(keys_s)[1]
+    assert np.array_equal(at_keys, view.traced(keys_s)[:, -values.shape[1] :])
+    np.testing.assert_allclose(values[::fine], at_keys, atol=1e-6)
+    assert (np.ptp(at_keys, axis=0) == 1).sum() > 100  # it does come and go
+    step = np.diff(values, axis=0).reshape(10, fine, -1)
+    change = np.diff(at_keys, axis=0)[:, None]
+    # Monotone from key to key, and never steeper than a smooth step of that height: 3/2 of its mean slope.
+    assert (step * np.sign(change) >= -1e-6).all()
+    assert (np.abs(step) <= 1.5 / fine * np.abs(change) + 1e-6).all()
+    # Flat at the keys: u^2 (3 - 2 u) starts with 3 u^2.
+    np.testing.assert_allclose(step[:, 0], (3 - 2 / fine) / fine**2 * change[:, 0], atol=1e-6)
+    middle = values[fine // 2 :: fine]
+    np.testing.assert_allclose(middle, (at_keys[:-1] + at_keys[1:]) / 2, atol=1e-6)
+
+
+def test_keys_are_what_straight_lines_say(passing: list[MovingMesh], backend: Backend) -> None:
+    times_s = np.linspace(0, 1, 11)
+    hidden = occlusion(passing, backend, RATE_HZ).visibility(times_s)[1] == 0
+    lit = facing(passing[1])
+    for time_s, dark in zip(times_s, hidden, strict=True):
+        centre = passing[0].at(np.array([time_s]))[0].mean(axis=0)
+        depth = depth_in_shadow(passing[1].rest, centre, 0.3)
+        # A polyhedron's outline lies up to 1.5 % within its sphere's.
+        sure = lit & ((depth < -EDGE_M) | (depth > 2 * EDGE_M))
+        assert np.array_equal(dark[sure], depth[sure] > 0)
+
+
+def test_times_may_be_asked_for_in_any_portions(passing: list[MovingMesh], backend: Backend) -> None:
+    times_s = np.random.default_rng(0).uniform(0, 1, 50)
+    whole = occlusion(passing, backend, RATE_HZ).visibility(times_s)
+    other = occlusion(passing, backend, RATE_HZ)
+    for size in (1, 7):
+        parts = [other.visibility(times_s[start : start + size]) for start in range(0, 50, size)]
+        for mesh, values in enumerate(whole):
+            assert np.array_equal(np.concatenate([p[mesh] for p in parts]), values)
+
+
+def test_more_keys_than_one_scene_holds(backend: Backend, monkeypatch: pytest.MonkeyPatch) -> None:
+    meshes = [moving_sphere(0.3, [[2, -0.8, 1], [2, 0.8, 1]], LONG_S, level=2), sphere(0.3, [4, 0, 1], level=2)]
+    times_s = np.linspace(0, 1, 201)
+    view = occlusion(meshes, backend, 200.0)
+    many = view.visibility(times_s)  # more than 64 moments, four scenes
+    assert len(many[0]) > 3 * 64
+    monkeypatch.setattr("t2d_rt.trace.visibility.FACES_PER_SCENE", 1)  # one moment in a scene
+    alone = occlusion(meshes, backend, 200.0)
+    some = np.arange(0, 201, 8)
+    for whole, one in zip(many, alone.visibility(times_s[some]), strict=True):
+        np.testing.assert_allclose(whole[some], one, atol=1e-6)
+    # Asked for backwards, when the first moments are no longer kept.
+    for whole, again in zip(many, view.visibility(times_s[some[::-1]]), strict=True):
+        np.testing.assert_allclose(whole[some[::-1]], again, atol=1e-6)
+
+
+def test_meshes_of_different_length_share_their_common_time(backend: Backend) -> None:
+    mover = moving_sphere(0.5, [[2, 0, 1], [2, 4, 1]], (0.5, 2.5))
+    target = moving_sphere(0.2, [[4, 0, 1], [4, 0, 1]], (0.0, 1.5))
+    early, late = occlusion([mover, target], backend).visibility(np.array([0.5, 1.5]))[1]
+    assert not early.any()
+    assert (late[facing(target)] == 1).all()
+
+
+# --- a body ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def walker() -> MovingMesh:
+    """One stride of the CMU walk across the line of sight, 4 m away."""
+    motion = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")), distance_m=4.0, angle_deg=90)
+    return t2d.skin(t2d.trim(motion, 1.0, 2.2))
+
+
+def blocked(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Whether a triangle lies between points (N, 3) and the viewpoint: every pair, after Moeller and Trumbore 1997."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    result = np.zeros(len(points), bool)
+    for i, origin in enumerate(points):
+        way = HERE - origin
+        across = np.cross(way, c - a)
+        determinant = np.sum((b - a) * across, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            offset = origin - a
+            u = np.sum(offset * across, axis=1) / determinant
+            turned = np.cross(offset, b - a)
+            v = turned @ way / determinant
+            t = np.sum((c - a) * turned, axis=1) / determinant
+            result[i] = np.any((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1))
+    return result
+
+
+def test_body_casts_its_shadow_as_straight_lines_say(walker: MovingMesh, backend: Backend) -> None:
+    seen = occlusion([walker], backend).traced(np.array([0.4]))[0]
+    mesh = walker.trimesh(0.4)
+    offset = HERE - mesh.vertices
+    cosine = np.sum(mesh.vertex_normals * offset, axis=1) / np.linalg.norm(offset, axis=1)
+    sure = np.flatnonzero(cosine > 0.2)[::4]  # a grazing ray depends on where it starts
+    assert len(sure) > 200
+    sight = offset[sure] / np.linalg.norm(offset[sure], axis=1)[:, None]
+    start = mesh.vertices[sure] + 2e-3 * (mesh.vertex_normals[sure] + sight)
+    dark = blocked(start, mesh.vertices, mesh.faces)
+    assert dark.mean() > 0.05
+    assert np.mean((seen[sure] == 0) == dark) > 0.995
+
+
+def test_the_far_leg_and_arm_pass_behind_the_body(walker: MovingMesh, backend: Backend) -> None:
+    times_s = np.linspace(0, 1.2, 25)
+    (seen,) = occlusion([walker], backend, 20.0).visibility(times_s)
+    lit = np.array([facing(walker, time) for time in times_s])
+
+    def shares(joint: str) -> np.ndarray:
+        """Seen share of a limb's lit side over time, (time,)."""
+        limb = template("adult").weights[:, CANONICAL_JOINTS.index(joint)] > 0.9
+        return np.array([s[limb][f[limb]].mean() for s, f in zip(seen, lit, strict=True)])
+
+    # It walks at 90 degrees with its right side towards the radar.
+    assert shares("left_knee").min() < 0.2
+    assert shares("left_knee").max() == 1
+    assert shares("left_elbow").min() == 0
+    assert shares("left_elbow").max() > 0.9
+    assert shares("right_knee").min() > 0.9
+    assert shares("right_elbow").min() > 0.9
