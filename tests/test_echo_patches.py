@@ -59,7 +59,7 @@ def spreads(values: np.ndarray, parts: Patches) -> np.ndarray:
     return np.array([np.ptp(values[a:b], axis=0) for a, b in zip(parts.starts, parts.starts[1:], strict=False)])
 
 
-def path_speeds(mesh: MovingMesh, fine: Refinement, parts: Patches, radar: Radar, count: int = 101) -> np.ndarray:
+def path_speeds(mesh: MovingMesh, fine: Refinement, parts: Patches, radar: Radar, count: int = 61) -> np.ndarray:
     """How fast the path over each facet's centroid grows, by central differences at moments of this test's own, (F, count)."""
     step = 1e-5
     times_s = np.linspace(step, mesh.times_s[-1] - step, count)
@@ -75,7 +75,7 @@ def path_speeds(mesh: MovingMesh, fine: Refinement, parts: Patches, radar: Radar
 
 
 @pytest.mark.parametrize("radar", [TABLE2, BISTATIC, NARROW], ids=["table2", "bistatic", "narrow"])
-@pytest.mark.parametrize("spin", [0.0, 6.0, 60.0])
+@pytest.mark.parametrize("spin", [0.0, 6.0, 20.0])
 def test_every_facet_in_one_patch_and_no_patch_too_large(spin: float, radar: Radar) -> None:
     mesh = spinning_ball(spin, (-1.0, 0.5, 0.0))
     fine = refined(mesh)
@@ -87,7 +87,7 @@ def test_every_facet_in_one_patch_and_no_patch_too_large(spin: float, radar: Rad
     assert len(sizes) == len(parts)
     assert sizes.min() >= 1
     assert sizes.max() <= MOST_FACETS
-    # Half a turn of phase from frame to frame; 5 %, because motion was looked at elsewhere: at other moments, on the cage.
+    # Half a turn of phase from frame to frame; 5 % for moments between the 40 that were looked at.
     rates = spreads(path_speeds(mesh, fine, parts, radar), parts) / (radar.wavelength_m * RATE_HZ)
     assert rates.max() < 0.5 * 1.05
     # A quarter of a turn over the sweep along x, y and z, there and back.
@@ -142,7 +142,7 @@ def test_any_soup_of_facets(count: int, spin: float, size_m: float, seed: int) -
 
 def test_faster_motion_and_wider_sweep_make_finer_patches() -> None:
     by_speed = []
-    for spin in (0.0, 30.0, 120.0):
+    for spin in (0.0, 5.0, 30.0):
         mesh = spinning_ball(spin)
         by_speed.append(len(patches(mesh, refined(mesh), NARROW, TIMES_S)))
     assert by_speed[0] * 1.5 < by_speed[1]
