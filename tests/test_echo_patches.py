@@ -112,7 +112,9 @@ def test_any_soup_of_facets(count: int, spin: float, size_m: float, seed: int) -
     # Every edge has one face only, which a mesh from outside would be warned of: here one is made by hand.
     mesh = spinning_ball(spin)
     mesh.rest, mesh.faces = rest, faces.astype(np.int32)
-    mesh._track = lambda t: rest @ Rotation.from_euler("z", spin * t[:, None]).as_matrix().transpose(0, 2, 1) + [5, 0, 1]
+    mesh._track = lambda t: (
+        rest @ Rotation.from_euler("z", spin * t[:, None]).as_matrix().transpose(0, 2, 1) + [5, 0, 1]
+    )
     fine = as_it_is(mesh)
     parts = patches(mesh, fine, TABLE2, TIMES_S)
     assert np.array_equal(facet_rows(parts.corners, parts.base_face), facet_rows(faces, np.arange(count)))
