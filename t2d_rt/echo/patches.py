@@ -18,7 +18,7 @@ TURNS_PER_STEP = 0.5
 SWEEP_TURNS = 0.25
 """Greatest change over the sweep of the phase between two facets of a patch [turns]."""
 MOST_FACETS = 256
-PROBES = 40
+PROBES_PER_SECOND, FEWEST_PROBES, MOST_PROBES = 10, 40, 100
 """Moments at which motion is looked at."""
 
 
@@ -92,9 +92,10 @@ def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _path_speeds(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
-    """Rate of change of the unrefined vertices' path from transmitter to receiver at a few moments [m/s], (V, PROBES)."""
+    """Rate of change of the unrefined vertices' path from transmitter to receiver at a few moments [m/s], (V, moments)."""
     step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
-    times = np.linspace(times_s[0], times_s[-1] - step, PROBES)
+    probes = int(np.clip(PROBES_PER_SECOND * (times_s[-1] - times_s[0]), FEWEST_PROBES, MOST_PROBES))
+    times = np.linspace(times_s[0], times_s[-1] - step, probes)
     before, after = (
         sum(np.linalg.norm(surface.at(t) - antenna, axis=2) for antenna in (radar.tx_position_m, radar.rx_position_m))
         for t in (times, times + step)
@@ -115,21 +116,17 @@ def _morton(points: np.ndarray) -> np.ndarray:
 
 def _cut(columns: np.ndarray) -> np.ndarray:
     """Starts (G + 1,) of ranges of rows over which no column (N, C) spreads by more than 1, of MOST_FACETS rows at most."""
-    whole = np.arange(0, len(columns), MOST_FACETS)
-    starts, stops = whole, np.minimum(whole + MOST_FACETS, len(columns))
-    done = [np.array([len(columns)])]
+    count = len(columns)
+    columns = np.concatenate([columns, columns[-1:]])  # reduceat wants the end of a range to be a row
+    starts = np.arange(0, count, MOST_FACETS)
+    stops = np.append(starts[1:], count)
+    done = [np.array([count])]
     while len(starts):
-        single = stops - starts < 2
-        bounds = np.stack([starts, stops - (stops == len(columns))], axis=1).ravel()
-        last = columns[-1]
-        high, low = (f.reduceat(columns, bounds, axis=0)[::2] for f in (np.maximum, np.minimum))
-        ends = stops == len(columns)
-        high[ends], low[ends] = np.maximum(high[ends], last), np.minimum(low[ends], last)
-        small = single | ((high - low).max(axis=1) <= 1)
+        ranges = np.stack([starts, stops], axis=1).ravel()
+        spread = (np.maximum.reduceat(columns, ranges)[::2] - np.minimum.reduceat(columns, ranges)[::2]).max(axis=1)
+        small = (spread <= 1) | (stops - starts == 1)
         done.append(starts[small])
         starts, stops = starts[~small], stops[~small]
         middle = (starts + stops) // 2
-        starts, stops = np.concatenate([starts, middle]), np.concatenate([middle, stops])
-        order = np.argsort(starts)
-        starts, stops = starts[order], stops[order]
+        starts, stops = (np.stack(pair, axis=1).ravel() for pair in ((starts, middle), (middle, stops)))
     return np.sort(np.concatenate(done))
