@@ -142,7 +142,7 @@ def _check_shape(shape: MovingMesh | Ellipsoids, radar: Radar, times_s: np.ndarr
         _check_outside_ellipsoids(shape, radar, times)
     points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
     ranges = [np.linalg.norm(p - radar.tx_position_m, axis=2) for p in points]
-    name = getattr(shape, "name", "the body")
+    name = shape.name
     check_speed(radar, float(np.abs(ranges[1] - ranges[0]).max() / step), what=name)
     farthest_m = float(ranges[0].max())
     if farthest_m > radar.max_range_m:

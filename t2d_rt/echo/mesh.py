@@ -20,7 +20,7 @@ from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
 # the curved surface by a tenth of this phase or so, always the same.
-POINT_SAGITTA_RAD = 1.0
+POINT_SAGITTA_RAD = 0.7
 POINTS_PER_MESH = 4_000
 """At least about this many diffuse points; their number does not change the power."""
 PROBE_EVERY = 6

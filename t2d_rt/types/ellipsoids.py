@@ -8,6 +8,7 @@ import numpy as np
 
 from t2d_rt.errors import InputError
 from t2d_rt.types.material import Material
+from t2d_rt.types.times import check_times, within
 
 PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Centres [m] (K, N, 3) and unit axes (K, N, 3, 3), in columns, at times [s] (K,)."""
@@ -61,14 +62,12 @@ class Ellipsoids:
         ellipsoids._track = track
         return ellipsoids
 
+    name = "the body of ellipsoids"
+
     def _fill(
         self, semi_axes_m: np.ndarray, times_s: np.ndarray, material: str | Material, names: Sequence[str] | None
     ) -> None:
-        if times_s.ndim != 1 or len(times_s) < 2 or not np.isfinite(times_s).all() or not (np.diff(times_s) > 0).all():
-            raise InputError(
-                f"times_s must be at least 2 finite, increasing times, got shape {times_s.shape}; "
-                "a still target stands twice"
-            )
+        check_times(times_s)
         if semi_axes_m.ndim != 2 or semi_axes_m.shape[1] != 3 or len(semi_axes_m) == 0:
             raise InputError(f"semi_axes_m must have shape (ellipsoid, 3), got {semi_axes_m.shape}")
         if not (np.isfinite(semi_axes_m).all() and (semi_axes_m > 0).all()):
@@ -88,14 +87,7 @@ class Ellipsoids:
 
     def at(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Centres [m] (K, N, 3) and unit axes in columns (K, N, 3, 3), float64, at any times within the own ones."""
-        times_s = np.atleast_1d(np.asarray(times_s, dtype=np.float64))
-        slack = 1e-9 * max(1.0, abs(self.times_s[-1]))
-        if times_s.size and (times_s.min() < self.times_s[0] - slack or times_s.max() > self.times_s[-1] + slack):
-            raise InputError(
-                f"the ellipsoids are known from {self.times_s[0]:.6g} s to {self.times_s[-1]:.6g} s, asked for "
-                f"{times_s.min():.6g} s to {times_s.max():.6g} s; give a longer motion or a shorter duration"
-            )
-        return self._track(np.clip(times_s, self.times_s[0], self.times_s[-1]))
+        return self._track(within(times_s, self.times_s, self.name))
 
     def __repr__(self) -> str:
         material = self.material if isinstance(self.material, str) else self.material.name

@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.types.material import Material
+from t2d_rt.types.times import check_times, within
 
 if TYPE_CHECKING:
     import trimesh
@@ -40,7 +41,7 @@ class MovingMesh:
     ) -> None:
         vertices = np.array(vertices, dtype=np.float64)
         times_s = np.array(times_s, dtype=np.float64)
-        _check_times(times_s)
+        check_times(times_s)
         if vertices.ndim != 3 or vertices.shape[2] != 3 or len(vertices) != len(times_s):
             raise InputError(f"vertices must have shape ({len(times_s)}, vertex, 3), got {vertices.shape}")
         if not np.isfinite(vertices).all():
@@ -69,7 +70,7 @@ class MovingMesh:
         """
         mesh = cls.__new__(cls)
         times_s = np.array(times_s, dtype=np.float64)
-        _check_times(times_s)
+        check_times(times_s)
         mesh._track = track
         rest = track(times_s[:1])[0] if rest is None else np.asarray(rest, float)
         mesh._fill(rest, faces, times_s, material, crease_deg, sagitta_rad, name)
@@ -107,14 +108,7 @@ class MovingMesh:
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
         """Vertices at any times within the mesh's own [m], float64 (K, V, 3)."""
-        times_s = np.atleast_1d(np.asarray(times_s, dtype=np.float64))
-        slack = 1e-9 * max(1.0, abs(self.times_s[-1]))
-        if times_s.size and (times_s.min() < self.times_s[0] - slack or times_s.max() > self.times_s[-1] + slack):
-            raise InputError(
-                f"{self.name} is known from {self.times_s[0]:.6g} s to {self.times_s[-1]:.6g} s, asked for "
-                f"{times_s.min():.6g} s to {times_s.max():.6g} s; give a longer motion or a shorter duration"
-            )
-        return self._track(np.clip(times_s, self.times_s[0], self.times_s[-1]))
+        return self._track(within(times_s, self.times_s, self.name))
 
     def trimesh(self, time_s: float = 0.0) -> trimesh.Trimesh:
         """The mesh at one moment as a `trimesh.Trimesh`, to inspect, render and export."""
@@ -125,13 +119,6 @@ class MovingMesh:
     def __repr__(self) -> str:
         material = self.material if isinstance(self.material, str) else self.material.name
         return f"MovingMesh({self.name}: {len(self.rest)} vertices, {len(self.faces)} faces, {self.duration_s:.3g} s, {material})"
-
-
-def _check_times(times_s: np.ndarray) -> None:
-    if times_s.ndim != 1 or len(times_s) < 2:
-        raise InputError(f"times_s must hold at least 2 times, got shape {times_s.shape}; a still target stands twice")
-    if not np.isfinite(times_s).all() or not (np.diff(times_s) > 0).all():
-        raise InputError("times_s must be finite and increasing")
 
 
 def _check_faces(faces: np.ndarray, vertex_count: int, name: str) -> None:
