@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,10 +17,10 @@ Csr = Any
 TURNS_PER_STEP = 0.5
 """Greatest change, from one surface frame to the next, of the phase between two facets of a patch [turns]."""
 SWEEP_TURNS = 0.25
-"""Greatest change over the sweep of the phase between two facets of a patch [turns]."""
+"""Greatest change over the sweep of the phase between two facets of a patch [turns], along each axis."""
 MOST_FACETS = 256
-PROBES_PER_SECOND, FEWEST_PROBES, MOST_PROBES = 10, 40, 100
-"""Moments at which motion is looked at."""
+PROBE_RATE_HZ, PROBES = 12.5, 40
+"""How often motion is looked at, and how many moments together (and at least)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,16 +50,19 @@ class Patches:
 
 
 def patches(surface: MovingMesh, fine: Refinement, radar: Radar, times_s: np.ndarray) -> Patches:
-    """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough."""
+    """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough at all times."""
     rest = (fine.operator @ surface.rest)[fine.faces].mean(axis=1)
     order = np.argsort(_morton(rest), kind="stable")
-    rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
-    speeds = fine.linear @ _path_speeds(surface, radar, times_s)
+    corners = fine.faces[order]
     # In units of what is allowed: no column may spread by more than 1 over a patch.
-    turns = speeds[fine.faces[order]].mean(axis=1) / (radar.wavelength_m * rate_hz * TURNS_PER_STEP)
     sweep = rest[order] * (2 * radar.bandwidth_hz / SPEED_OF_LIGHT / SWEEP_TURNS)
-    columns = np.hstack([turns, sweep]).astype(np.float32)
-    return Patches(corners=fine.faces[order], base_face=fine.base_face[order], starts=_cut(columns))
+    starts = _cut(sweep, np.append(np.arange(0, len(corners), MOST_FACETS), len(corners)))
+    rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
+    allowed_mps = radar.wavelength_m * rate_hz * TURNS_PER_STEP
+    centroid = _mean_rows(corners, np.arange(len(corners) + 1), fine.linear).astype(np.float32)
+    for speeds in _path_speeds(surface, radar, times_s):
+        starts = _cut(centroid @ (speeds / allowed_mps), starts)
+    return Patches(corners=corners, base_face=fine.base_face[order], starts=starts)
 
 
 def centres(parts: Patches, fine: Refinement) -> Csr:
@@ -66,12 +70,16 @@ def centres(parts: Patches, fine: Refinement) -> Csr:
 
     The mean of the facets' centroids, carried linearly: a little below the curved surface, but moving with it.
     """
+    return _mean_rows(parts.corners, parts.starts, fine.linear)
+
+
+def _mean_rows(corners: np.ndarray, starts: np.ndarray, linear: Csr) -> Csr:
+    """Sparse (G, V): rows of `linear`, averaged over the corners (F, 3) of facets starts[g]..starts[g + 1] - 1."""
     from scipy.sparse import csr_array
 
-    sizes = np.diff(parts.starts)
+    sizes = np.diff(starts)
     share = np.repeat(1 / (3.0 * sizes), 3 * sizes)
-    mean = csr_array((share, parts.corners.ravel(), 3 * parts.starts), shape=(len(parts), fine.linear.shape[0]))
-    return mean @ fine.linear
+    return csr_array((share, corners.ravel(), 3 * starts), shape=(len(sizes), linear.shape[0])) @ linear
 
 
 def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:
@@ -91,16 +99,19 @@ def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return across / np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-30)
 
 
-def _path_speeds(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
-    """Rate of change of the unrefined vertices' path from transmitter to receiver at a few moments [m/s], (V, moments)."""
+def _path_speeds(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> Iterator[np.ndarray]:
+    """Rate of change [m/s] of the unrefined vertices' path from transmitter to receiver, float32 (V, up to PROBES)."""
     step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
-    probes = int(np.clip(PROBES_PER_SECOND * (times_s[-1] - times_s[0]), FEWEST_PROBES, MOST_PROBES))
-    times = np.linspace(times_s[0], times_s[-1] - step, probes)
-    before, after = (
-        sum(np.linalg.norm(surface.at(t) - antenna, axis=2) for antenna in (radar.tx_position_m, radar.rx_position_m))
-        for t in (times, times + step)
-    )
-    return ((after - before) / step).T  # type: ignore[operator]
+    count = max(PROBES, int(PROBE_RATE_HZ * (times_s[-1] - times_s[0])))
+    moments = np.linspace(times_s[0], times_s[-1] - step, count)
+    places = (radar.tx_position_m, radar.rx_position_m)
+    for first in range(0, count, PROBES):
+        times = moments[first : first + PROBES]
+        before, after = (
+            np.sum([np.linalg.norm(surface.at(t) - place, axis=2) for place in places], axis=0)
+            for t in (times, times + step)
+        )
+        yield ((after - before) / step).T.astype(np.float32)
 
 
 def _morton(points: np.ndarray) -> np.ndarray:
@@ -114,13 +125,11 @@ def _morton(points: np.ndarray) -> np.ndarray:
     return code
 
 
-def _cut(columns: np.ndarray) -> np.ndarray:
-    """Starts (G + 1,) of ranges of rows over which no column (N, C) spreads by more than 1, of MOST_FACETS rows at most."""
-    count = len(columns)
+def _cut(columns: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Halves ranges of rows, given and returned as starts and end (G + 1,), until no column (N, C) spreads by over 1."""
     columns = np.concatenate([columns, columns[-1:]])  # reduceat wants the end of a range to be a row
-    starts = np.arange(0, count, MOST_FACETS)
-    stops = np.append(starts[1:], count)
-    done = [np.array([count])]
+    done = [starts[-1:]]
+    starts, stops = starts[:-1], starts[1:]
     while len(starts):
         ranges = np.stack([starts, stops], axis=1).ravel()
         spread = (np.maximum.reduceat(columns, ranges)[::2] - np.minimum.reduceat(columns, ranges)[::2]).max(axis=1)

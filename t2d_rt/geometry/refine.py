@@ -119,7 +119,7 @@ def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> 
     mesh = topology(faces, len(rest), sharp)
     ends = rest[mesh.edges]
     offset = midpoints(mesh, crease_corners(rest, sharp, crease_deg), rest) @ rest - ends.mean(axis=1)
-    bend = 8 * np.linalg.norm(offset, axis=1) / ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
+    bend = 8 * _depth(mesh, offset, rest) / ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
     return np.bincount(mesh.edges.ravel(), weights=np.repeat(bend, 2), minlength=len(rest)) / mesh.valence
 
 
@@ -177,13 +177,7 @@ def _mark(
     middle = midpoints(mesh, corners, points)
     a, b = points[mesh.edges[:, 0]], points[mesh.edges[:, 1]]
     offset = middle @ points - (a + b) / 2
-    # along the faces' normals only: a midpoint that drifts within the surface is no curvature
-    normal = face_normals(points, mesh.faces)
-    depth = np.zeros(len(mesh.edges))
-    for j in range(3):
-        np.maximum.at(
-            depth, mesh.face_edges[:, j], np.abs(np.einsum("ij,ij->i", offset[mesh.face_edges[:, j]], normal))
-        )
+    depth = _depth(mesh, offset, points)
     length2 = ((b - a) ** 2).sum(axis=1)
     bar = scale[mesh.edges].mean(axis=1)
     sagitta = bar[:, 0] * (8 * depth + length2 * bar[:, 1])
@@ -192,6 +186,16 @@ def _mark(
     far = _edges_of(mesh, wanted) & (length2 > 4 * max_edge_m**2)
     red = (wanted & ((facet > 4) | far[mesh.face_edges].any(axis=1))) | split[mesh.face_edges].all(axis=1)
     return _Level(mesh, corners, ids, crease, parent, base, points, scale, middle, split, red)
+
+
+def _depth(mesh: Topology, offset: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Depth (E,) of offsets (E, 3) along the normals of the faces beside each edge: drift within the surface is no curvature."""
+    normal = face_normals(points, mesh.faces)
+    depth = np.zeros(len(mesh.edges))
+    for j in range(3):
+        along = np.abs(np.einsum("ij,ij->i", offset[mesh.face_edges[:, j]], normal))
+        np.maximum.at(depth, mesh.face_edges[:, j], along)
+    return depth
 
 
 def _edges_of(mesh: Topology, chosen: np.ndarray) -> np.ndarray:
