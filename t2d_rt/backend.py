@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import os
@@ -42,14 +43,9 @@ class Backend:
     name: Literal["llvm", "cuda"]
     arrays: Any
     """The module the types come from, `drjit.llvm` or `drjit.cuda`."""
-    Bool: Any
-    Int32: Any
     UInt32: Any
     Float32: Any
     Float64: Any
-    Complex2f: Any
-    """float32 pairs"""
-    Complex2f64: Any
 
     @property
     def mitsuba_variant(self) -> str:
@@ -96,11 +92,14 @@ def _backend(name: Literal["llvm", "cuda"]) -> Backend:
     import importlib
 
     arrays = importlib.import_module(f"drjit.{name}")
-    kinds = ("Bool", "Int32", "UInt32", "Float32", "Float64", "Complex2f", "Complex2f64")
+    kinds = ("UInt32", "Float32", "Float64")
     return Backend(name=name, arrays=arrays, **{kind: getattr(arrays, kind) for kind in kinds})
 
 
 def _has_cuda() -> bool:
+    if sys.platform.startswith("linux") and _PATH_VARIABLE not in os.environ:
+        with contextlib.suppress(BackendError):  # a machine with CUDA needs no LLVM
+            os.environ[_PATH_VARIABLE] = _newest_installed()  # Dr.Jit takes its choice when it is imported
     import drjit as dr
 
     return bool(dr.has_backend(dr.JitBackend.CUDA))

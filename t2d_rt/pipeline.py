@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import asdict
+from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
@@ -49,13 +51,15 @@ def simulate(
     Parameters
     ----------
     target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar where it has not been.
+        The record is the time that all targets share; its own clock starts at 0.
     radar: the `table2` preset by default.
     scene: "free_space" is the only one so far.
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.
     material: of everything; by default a body's is "skin" and a mesh's its own.
-    occlusion: whether what stands in front hides what is behind; keys at `occlusion_rate_hz`, faded in between.
+    occlusion: whether what stands in front hides what is behind: traced at the meshes' own vertices at `occlusion_rate_hz`, faded
+        in between. A wall needs vertices where a shadow may end; gaps under 4 mm are not seen.
     occlusion_rate_hz: how often visibility is traced; 25 suits walking.
     surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines.
     sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (a body's 0.3 at a radius of 0.1 m, 0.07 for others).
@@ -64,33 +68,33 @@ def simulate(
     progress: called with the share done, 0..1.
     """
     radar = Radar.preset("table2") if radar is None else radar
-    _check(scene, method, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
+    targets = [target] if isinstance(target, Target) else target
+    _check(targets, radar, scene, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
     backend = select(device)
-    targets = [target] if isinstance(target, Target) else list(target)
     shapes = [_shape(each, method, body, material, radar) for each in targets]
     times_s = _frames(shapes, surface_rate_hz)
+    substances = [_material(shape.material if material is None else material, radar) for shape in shapes]
     for shape in shapes:
         _check_shape(shape, radar, times_s)
     hidden = _visibility(shapes, radar, occlusion_rate_hz, backend) if occlusion else [None] * len(shapes)
     streams: list[EchoStream] = []
-    for shape, visibility in zip(shapes, hidden, strict=True):
-        substance = _material(shape.material if material is None else material, radar)
+    for shape, substance, visibility in zip(shapes, substances, hidden, strict=True):
         if isinstance(shape, Ellipsoids):
             streams.append(ellipsoid_echoes(shape, radar, times_s=times_s, material=substance, phase_from=phase_from))
             continue
         bar = shape.sagitta_rad if sagitta_rad is None else sagitta_rad
         streams.append(
             mesh_echoes(
-                shape, radar, times_s=times_s, material=substance, sagitta_rad=bar, seed=seed, visibility=visibility,
+                shape, radar, times_s=times_s, material=substance, sagitta_rad=bar, seed=int(seed), visibility=visibility,
                 backend=backend,
             )
         )  # fmt: skip
     cube = synthesize(joined(streams), radar, device=device, progress=progress)
     settings: dict[str, Any] = {
-        "method": method, "scene": scene, "seed": seed, "body": body, "occlusion": occlusion,
-        "material": "own" if material is None else material if isinstance(material, str) else material.name,
-        "occlusion_rate_hz": occlusion_rate_hz, "surface_rate_hz": surface_rate_hz,
-        "sagitta_rad": "default" if sagitta_rad is None else sagitta_rad, "phase_from": phase_from, "device": backend.name,
+        "method": method, "scene": scene, "seed": int(seed), "body": body, "occlusion": occlusion,
+        "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
+        "occlusion_rate_hz": float(occlusion_rate_hz), "surface_rate_hz": float(surface_rate_hz),
+        "sagitta_rad": "default" if sagitta_rad is None else float(sagitta_rad), "phase_from": phase_from, "device": backend.name,
         "targets": [_describe(each) for each in targets],
     }  # fmt: skip
     return Simulation(cube, radar, settings=settings, versions=versions())
@@ -133,15 +137,15 @@ def _frames(shapes: Sequence[MovingMesh | Ellipsoids], rate_hz: float) -> np.nda
 
 
 def _check_shape(shape: MovingMesh | Ellipsoids, radar: Radar, times_s: np.ndarray) -> None:
-    step = 1e-3
-    times = times_s[np.linspace(0, len(times_s) - 1, min(len(times_s), 400)).astype(int)]
-    times = np.minimum(times, times_s[-1] - step) if times_s[-1] - times_s[0] > step else times_s[:1]
+    step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
+    times = np.linspace(times_s[0], times_s[-1] - step, min(len(times_s), 200))
     if isinstance(shape, MovingMesh):
-        check_outside(shape, radar)
+        check_outside(shape, radar, times_s)
     else:
         _check_outside_ellipsoids(shape, radar, times)
     points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
-    ranges = [np.linalg.norm(p - radar.tx_position_m, axis=2) for p in points]
+    places = (radar.tx_position_m, radar.rx_position_m)
+    ranges = [np.mean([np.linalg.norm(p - place, axis=2) for place in places], axis=0) for p in points]
     name = shape.name
     check_speed(radar, float(np.abs(ranges[1] - ranges[0]).max() / step), what=name)
     farthest_m = float(ranges[0].max())
@@ -158,7 +162,7 @@ def _check_outside_ellipsoids(shape: Ellipsoids, radar: Radar, times_s: np.ndarr
     centres, axes = shape.at(times_s)
     for antenna in (radar.tx_position_m, radar.rx_position_m):
         local = np.einsum("knji,knj->kni", axes, antenna - centres) / shape.semi_axes_m
-        inside = np.sum(local**2, axis=2) < 1
+        inside = np.sum(local**2, axis=2) < 1 + 1e-6
         if inside.any():
             frame, index = np.argwhere(inside)[0]
             where = ", ".join(f"{x:.3g}" for x in antenna)
@@ -192,12 +196,28 @@ def _material(material: str | Material, radar: Radar) -> Material:
     """Values at mid-sweep: a body's material, or an ITU one by name."""
     if isinstance(material, Material) or material in BODY_MATERIALS:
         return resolve_material(material, radar.mid_frequency_hz)
-    return itu_material(material, radar.mid_frequency_hz)
+    if not isinstance(material, str):
+        raise InputError(f"material must be a name or a Material, got {material!r}")
+    try:
+        return itu_material(material, radar.mid_frequency_hz)
+    except InputError as error:
+        raise InputError(f"{error}; or one of {', '.join(BODY_MATERIALS)}") from None
 
 
 def _check(
-    scene: str, method: str, surface_rate_hz: float, occlusion_rate_hz: float, sagitta_rad: float | None, seed: int
-) -> None:
+    targets: Any, radar: Any, scene: str, method: str, phase_from: str, surface_rate_hz: float, occlusion_rate_hz: float,
+    sagitta_rad: float | None, seed: int,
+) -> None:  # fmt: skip
+    if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, Target) for each in targets):
+        raise InputError(
+            f"target must be a Motion, a MovingMesh, Ellipsoids or a list of them, got {targets!r:.60}; load_motion reads a file"
+        )
+    if not isinstance(radar, Radar):
+        raise InputError(f"radar must be a Radar, got {radar!r:.60}; Radar.preset(name) makes one of a preset's name")
+    numbers = {"surface_rate_hz": surface_rate_hz, "occlusion_rate_hz": occlusion_rate_hz, "sagitta_rad": sagitta_rad}
+    for name, value in numbers.items():
+        if not isinstance(value, (Real, type(None))):
+            raise InputError(f"{name} must be a number, got {value!r}")
     if scene != "free_space":
         raise InputError(f"unknown scene '{scene}'; free_space is the only one so far")
     if method not in ("mesh", "ellipsoid"):
@@ -210,7 +230,9 @@ def _check(
         raise InputError(
             f"sagitta_rad must lie in 0.01..2 rad, got {sagitta_rad}; 0.25 gives -22 dB, 0.07 gives 0.3 dB of RCS"
         )
-    if not isinstance(seed, int) or seed < 0:
+    if phase_from not in ("specular", "centre"):
+        raise InputError(f"phase_from must be 'specular' or 'centre', got {phase_from!r}")
+    if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")
 
 

@@ -219,3 +219,38 @@ def test_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("t2d_rt.backend._has_cuda", lambda: False)
     with pytest.raises(BackendError, match="no CUDA device was found; use device cpu"):
         t2d.simulate(ball(2.0), radar=RADAR, device="gpu")
+
+
+@pytest.mark.parametrize(
+    ("target", "options", "sentence"),
+    [
+        (None, {}, "target must be a Motion"),
+        ([], {}, "target must be a Motion"),
+        ("walk.bvh", {}, "load_motion reads a file"),
+        (ball(2.0), {"radar": "table2"}, "radar must be a Radar, got 'table2'"),
+        (ball(2.0), {"surface_rate_hz": "150"}, "surface_rate_hz must be a number, got '150'"),
+        (ball(2.0), {"material": 3}, "material must be a name or a Material, got 3"),
+        (ball(2.0), {"material": "skinn"}, "or one of pec, skin, clothed"),
+        (ball(2.0), {"phase_from": "foo"}, "phase_from must be 'specular' or 'centre'"),
+    ],
+)
+def test_wrong_kinds_are_named(target: Any, options: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        t2d.simulate(target, **{"radar": RADAR, **options})
+
+
+def test_an_ellipsoid_between_the_antennas_is_refused() -> None:
+    egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([3.0, 0, 1.0], (3, 1, 1)), TIMES_S)
+    with pytest.raises(InputError, match="on the line between the antennas"):
+        t2d.simulate(egg, radar=RADAR.replace(rx_offset_m=(6.0, 0, 0)), method="ellipsoid")
+
+
+def test_a_facet_that_turns_too_fast_is_reported() -> None:
+    times_s = np.linspace(0, 0.2, 41)
+    turn, y, z = 20 * times_s, np.array([-0.2, 0.2, 0.2, -0.2]), np.array([-0.2, -0.2, 0.2, 0.2])
+    vertices = np.stack([np.outer(np.sin(turn), y), np.outer(np.cos(turn), y), np.tile(z, (41, 1))], axis=2)
+    faces = np.array([[0, 2, 1], [0, 3, 2]])
+    with pytest.warns(T2DWarning, match="not watertight"):
+        plate = MovingMesh(vertices + [40, 0, 1], faces, times_s, "pec", crease_deg=0, sagitta_rad=2)
+    with pytest.warns(T2DWarning, match="turns too fast for its facets"):
+        t2d.simulate(plate, radar=RADAR, occlusion=False, surface_rate_hz=50)

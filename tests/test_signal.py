@@ -386,7 +386,7 @@ def test_guards() -> None:
         with pytest.raises(InputError, match=r"cutoff_mps must lie between 0 and 9.857 m/s"):
             spectrogram(cube, TABLE2, mti="highpass", cutoff_mps=cutoff)
     with pytest.raises(InputError, match="record of 100 chirps is shorter than the STFT window of 256"):
-        spectrogram(cube[:100], TABLE2)
+        spectrogram(cube[:100], TABLE2, n_window=256)
     with pytest.raises(InputError, match=r"overlap must lie in 0..255"):
         spectrogram(cube, TABLE2, n_window=256, overlap=256)
     with pytest.raises(InputError, match=r"n_window must lie in 2..300"):

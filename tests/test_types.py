@@ -35,7 +35,8 @@ def echoes(**change: object) -> Echoes:
         ({"times_s": np.array([0, 1, 2, 3, 5.0])}, "times_s must be uniform and increasing"),
         ({"times_s": TIMES_S[::-1]}, "times_s must be uniform and increasing"),
         ({"times_s": np.zeros(5)}, "times_s must be uniform and increasing"),
-        ({"times_s": np.array([0, 1, 2, 3, math.nan])}, "times_s must be uniform and increasing"),
+        ({"times_s": np.array([0, 1, 2, 3, math.nan])}, "times_s of echoes must be finite"),
+        ({"delay_s": np.full((5, 2), math.inf)}, "delay_s of echoes must be finite"),
         (
             {"times_s": TIMES_S[:3], "delay_s": np.zeros((3, 2)), "amplitude": np.zeros((3, 2))},
             "echoes need at least 4 frames to interpolate, got 3; raise the surface rate",
@@ -193,3 +194,20 @@ def test_a_mesh_hands_out_a_trimesh_and_says_what_it_is() -> None:
 def test_materials_that_cannot_be_are_refused(fields: dict[str, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Material(name="wax", **fields)  # type: ignore[arg-type]
+
+
+def test_faces_must_look_outward() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    vertices = np.stack([ball.vertices, ball.vertices])
+    with pytest.raises(InputError, match=r"ball is inside out: .* give faces\[:, ::-1\]"):
+        MovingMesh(vertices, ball.faces[:, ::-1], [0, 1], name="ball")
+    mixed = np.array(ball.faces)
+    mixed[::2] = mixed[::2, ::-1]
+    with pytest.warns(T2DWarning, match="do not all turn the same way"):
+        MovingMesh(vertices, mixed, [0, 1])
+
+
+def test_echoes_are_cast_to_what_synthesis_reads() -> None:
+    made = Echoes(times_s=np.arange(4) / 100, delay_s=np.full((4, 1), 2e-8), amplitude=np.ones((4, 1)))
+    assert made.delay_s.dtype == np.float64
+    assert made.amplitude.dtype == np.complex64

@@ -22,8 +22,8 @@ UPPER_ARM_RAMP = (0.0, 0.7)
 """Where along the bone the half-twisted part takes over, as fractions of its length."""
 
 SAGITTA_RAD, SAGITTA_RADIUS_M = 0.3, 0.1
-"""Phase sagitta of a body's facets where its radius is 0.1 m. Facets of area A on a surface of curvature kappa err by
-A^4 kappa^2 each; a given number of them errs least with A ~ kappa^-1/2, a sagitta ~ kappa^1/2. Field NMSE over a walk, at a
+"""Phase sagitta of a body's facets where its radius is 0.1 m. Facets of area A on a surface of curvature kappa err in
+field by A^2 kappa each; a given number of them errs least with A ~ kappa^-1/2, a sagitta ~ kappa^1/2. Field NMSE over a walk, at a
 surface rate of 150 Hz: -21 dB (validation/)."""
 
 FRAMES_AT_ONCE = 32

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.errors import InputError
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
 
 PhaseFrom = Literal["specular", "centre"]
@@ -31,11 +32,21 @@ def ellipsoid_echoes(
 
     def frames(start: int, stop: int) -> EchoArrays:
         centres, axes = ellipsoids.at(times_s[start:stop])
+        _check_between(centres, radar)
         path, field = model(centres, axes, ellipsoids.semi_axes_m, radar.tx_position_m, radar.rx_position_m)
         amplitude = (radar.link_amplitude * reflection * field).astype(np.complex64)
         return path / SPEED_OF_LIGHT, amplitude, None
 
     return EchoStream(times_s=times_s, frames=frames)
+
+
+def _check_between(centres: np.ndarray, radar: Radar) -> None:
+    """Refuses a target on the straight line between the antennas: forward scattering has no specular point."""
+    legs = sum(_unit(antenna - centres) for antenna in (radar.tx_position_m, radar.rx_position_m))
+    if np.linalg.norm(legs, axis=-1).min() < 1e-6:
+        raise InputError(
+            "an ellipsoid stands on the line between the antennas, where nothing is reflected; move an antenna or the target"
+        )
 
 
 def specular_points(

@@ -46,7 +46,7 @@ def mesh_echoes(
     visibility: VisibilityAt | None,
     backend: Backend,
 ) -> EchoStream:
-    """Echoes of `surface` at surface frames `times_s`, delay of each facet's centroid and of each diffuse point.
+    """Echoes of `surface` at surface frames `times_s`: one of each patch of facets and of each diffuse point.
 
     `sagitta_rad` sets the facets' size (physics.md, eq. 5); `visibility` says what is hidden, None nothing but back faces.
     """
@@ -79,11 +79,10 @@ def joined(streams: list[EchoStream]) -> EchoStream:
     return EchoStream(times_s=streams[0].times_s, frames=frames)
 
 
-def least_range_m(surface: MovingMesh, radar: Radar) -> float:
-    """Least distance of the mesh's vertices from an antenna over the record [m]; the radar must stand outside the mesh."""
-    span = surface.times_s[-1] - surface.times_s[0]
-    times = np.linspace(surface.times_s[0], surface.times_s[-1], int(np.clip(20 * span, 2, 200)))
-    vertices = surface.at(times)
+def least_range_m(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> float:
+    """Least distance of the mesh's vertices from an antenna over the record [m]."""
+    span = times_s[-1] - times_s[0]
+    vertices = surface.at(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))))
     ranges = [np.linalg.norm(vertices - antenna, axis=2) for antenna in (radar.tx_position_m, radar.rx_position_m)]
     return float(np.min(ranges))
 
@@ -107,7 +106,7 @@ class _Model:
     def of(
         cls, surface: MovingMesh, radar: Radar, times_s: np.ndarray, material: Material, sagitta_rad: Sagitta, seed: int
     ) -> _Model:
-        range_m = least_range_m(surface, radar)
+        range_m = least_range_m(surface, radar, times_s)
 
         def refined(bar: Sagitta) -> Refinement:
             return refine(
@@ -238,17 +237,19 @@ def _carried(operator: Csr, values: np.ndarray) -> np.ndarray:
     return out
 
 
-def check_outside(surface: MovingMesh, radar: Radar) -> None:
-    """Refuses a radar inside a closed mesh at any of a few moments of the record."""
+def check_outside(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> None:
+    """Refuses a radar inside a closed mesh, or touching a mesh, at any of a few moments of the record."""
+    times = np.linspace(times_s[0], times_s[-1], 25)
+    vertices = surface.at(times)
     for antenna in (radar.tx_position_m, radar.rx_position_m):
-        times = np.linspace(surface.times_s[0], surface.times_s[-1], 25)
-        vertices = surface.at(times)
         inside = np.abs(_winding(vertices, surface.faces, antenna)) > 0.5
-        if inside.any():
+        touches = np.linalg.norm(vertices - antenna, axis=2).min(axis=1) < 1e-3
+        if inside.any() or touches.any():
             where = ", ".join(f"{x:.3g}" for x in antenna)
+            moment = times[np.argmax(inside if inside.any() else touches)]
             raise InputError(
-                f"the radar at ({where}) m is inside {surface.name} at {times[np.argmax(inside)]:.3g} s; place the target "
-                "farther away (distance_m) or move the radar"
+                f"the radar at ({where}) m {'is inside' if inside.any() else 'touches'} {surface.name} at {moment:.3g} s; place "
+                "the target farther away (distance_m) or move the radar"
             )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import Refinement
 from t2d_rt.types import MovingMesh, Radar
 
@@ -60,8 +62,20 @@ def patches(surface: MovingMesh, fine: Refinement, radar: Radar, times_s: np.nda
     rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
     allowed_mps = radar.wavelength_m * rate_hz * TURNS_PER_STEP
     centroid = _mean_rows(corners, np.arange(len(corners) + 1), fine.linear).astype(np.float32)
+    widest = 0.0
     for speeds in _path_speeds(surface, radar, times_s):
-        starts = _cut(centroid @ (speeds / allowed_mps), starts)
+        turns = speeds / allowed_mps
+        starts = _cut(centroid @ turns, starts)
+        alone = corners[starts[:-1][np.diff(starts) == 1]]
+        if len(alone):
+            widest = max(widest, float(np.ptp((fine.linear @ turns)[alone], axis=1).max()))
+    if widest > 4:
+        warnings.warn(
+            f"{surface.name} turns too fast for its facets: phases across one change by {widest * TURNS_PER_STEP:.2g} turns "
+            f"between frames; raise surface_rate_hz to {rate_hz * widest:.0f}, or give a finer mesh",
+            T2DWarning,
+            stacklevel=5,
+        )
     return Patches(corners=corners, base_face=fine.base_face[order], starts=starts)
 
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import Backend, select
+from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.radar.interpolants import hermite, spline_slopes
 from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
@@ -32,6 +33,8 @@ HALO_FRAMES = 12
 BLOCK_ECHO_FRAMES = 1_000_000
 # Over a longer block a walking body spans many buckets.
 BLOCK_FRAMES = 64
+MOST_SLOTS = 1000
+"""Buckets that an echo may cross in a frame interval."""
 TERMS = 6
 """Chebyshev orders of the sweep."""
 SLOPE_TERMS = 4
@@ -62,10 +65,6 @@ def synthesize(
     source = stream(echoes)
     duration_s = float(source.times_s[-1] - source.times_s[0])
     starts = radar.chirp_times_s(duration_s)
-    if not len(starts):
-        raise InputError(
-            f"the echoes last {duration_s:.6g} s, shorter than one sweep of {radar.sweep_time_s:.6g} s; give a longer motion"
-        )
     cube = np.zeros((len(starts), 1, radar.samples), np.complex64)
     # Threads of BLAS that wait for its next product would take the kernels' cores.
     with threadpool_limits(1, user_api="blas"):
@@ -231,6 +230,11 @@ def _plan(window: _Window, position: np.ndarray, step: float, sweep: _Sweep) -> 
     interval, echo = np.nonzero(used)
     before, after = effective[interval, echo], effective[interval + 1, echo]
     travel = float(np.abs(after - before).max()) / sweep.bucket_s
+    if travel > MOST_SLOTS:
+        raise InputError(
+            f"echoes move by {travel * sweep.bucket_s * SPEED_OF_LIGHT / 2:.3g} m of range from one frame to the next, at most "
+            f"{MOST_SLOTS * sweep.bucket_s * SPEED_OF_LIGHT / 2:.3g} m can be followed; give delay_s in seconds, or more frames"
+        )
     slots = max(1, math.ceil(travel))
     origin = float(min(before.min(), after.min())) - sweep.bucket_s
     members = (interval * window.delay.shape[1] + echo).astype(np.int32)

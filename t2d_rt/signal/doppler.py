@@ -191,7 +191,7 @@ def _filter_bursts(
 def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: int | None) -> tuple[int, int]:
     burst = radar.chirps_per_frame
     if n_window is None:
-        n_window = 256 if burst is None else min(256, burst)
+        n_window = min(256, chirps if burst is None else burst)
     if burst is not None and n_window > burst:
         raise InputError(
             f"an STFT window of {n_window} chirps does not fit into a burst of {burst}: the dead time would tear it; "

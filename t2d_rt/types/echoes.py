@@ -23,11 +23,22 @@ class Echoes:
     delay_s: np.ndarray
     """Round-trip delay [s], float64 (T, N)."""
     amplitude: np.ndarray
-    """Field at mid-sweep [sqrt(W) at the ADC], complex (T, N), without exp(j 2 pi f_c tau); |amplitude|^2 is received power."""
+    """Field at mid-sweep [sqrt(W) at the ADC], complex64 (T, N), without exp(j 2 pi f_c tau); |amplitude|^2 is received power."""
     slope: np.ndarray | None = None
-    """d amplitude / d frequency [sqrt(W)/Hz], complex (T, N); None where the amplitude is flat over the sweep."""
+    """d amplitude / d frequency [sqrt(W)/Hz], complex64 (T, N); None where the amplitude is flat over the sweep."""
 
     def __post_init__(self) -> None:
+        for name, dtype in (
+            ("times_s", float),
+            ("delay_s", float),
+            ("amplitude", np.complex64),
+            ("slope", np.complex64),
+        ):
+            if (value := getattr(self, name)) is not None:
+                value = np.asarray(value, dtype)
+                if not np.isfinite(value).all():
+                    raise InputError(f"{name} of echoes must be finite, got NaN or infinite values")
+                object.__setattr__(self, name, value)
         frames = len(self.times_s)
         if self.delay_s.ndim != 2 or self.delay_s.shape[0] != frames:
             raise InputError(f"delay_s must have shape ({frames}, scatterer), got {self.delay_s.shape}")

@@ -88,6 +88,7 @@ class MovingMesh:
     ) -> None:
         faces = np.asarray(faces)
         _check_faces(faces, len(rest), name)
+        _check_side(rest[faces], name)
         self.rest = rest
         self.faces = faces.astype(np.int32)
         self.times_s = times_s
@@ -110,11 +111,15 @@ class MovingMesh:
         """Vertices at any times within the mesh's own [m], float64 (K, V, 3)."""
         return self._track(within(times_s, self.times_s, self.name))
 
-    def trimesh(self, time_s: float = 0.0) -> trimesh.Trimesh:
-        """The mesh at one moment as a `trimesh.Trimesh`, to inspect, render and export."""
+    def trimesh(self, time_s: float | None = None) -> trimesh.Trimesh:
+        """The mesh at one moment, by default its first, as a `trimesh.Trimesh`, to inspect, render and export."""
         import trimesh
 
-        return trimesh.Trimesh(vertices=self.at(np.array([time_s]))[0], faces=self.faces, process=False)
+        return trimesh.Trimesh(
+            vertices=self.at(np.array([self.times_s[0] if time_s is None else time_s]))[0],
+            faces=self.faces,
+            process=False,
+        )
 
     def __repr__(self) -> str:
         material = self.material if isinstance(self.material, str) else self.material.name
@@ -139,10 +144,28 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str) -> None:
     if not (counts == 2).all():
         warnings.warn(
             f"{name} is not watertight ({np.count_nonzero(counts != 2)} of {len(counts)} edges do not join two faces): "
-            "it reflects only from its front side",
+            "it reflects only from its front side (if its triangles do not share vertices, merge them: trimesh merge_vertices)",
             T2DWarning,
             stacklevel=4,
         )
+    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    if len(np.unique(directed[:, 0] * vertex_count + directed[:, 1])) < len(directed):
+        warnings.warn(
+            f"triangles of {name} do not all turn the same way, so that some show their back: orient them (trimesh: fix_normals)",
+            T2DWarning,
+            stacklevel=4,
+        )
+
+
+def _check_side(corners: np.ndarray, name: str) -> None:
+    """Refuses a closed mesh (F, 3, 3) whose faces look inward."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    closed = np.allclose(np.cross(b - a, c - a).sum(axis=0), 0, atol=1e-9 * np.abs(corners).max() ** 2)
+    volume = (
+        float(np.einsum("fi,fi->", a - corners.mean(axis=(0, 1)), np.cross(b, c) - np.cross(a, c) - np.cross(b, a))) / 6
+    )
+    if closed and volume < -1e-9 * np.abs(corners).max() ** 3:
+        raise InputError(f"{name} is inside out: its triangles run clockwise seen from outside; give faces[:, ::-1]")
 
 
 def _spline(times_s: np.ndarray, vertices: np.ndarray) -> Track:
