@@ -166,6 +166,12 @@ def test_a_record_shorter_than_a_chirp_is_refused() -> None:
 # --- sign, range, speed ---------------------------------------------------------------------------------------------
 
 
+def test_echoes_that_leap_are_refused() -> None:
+    leaping = Echoes(times_s=np.arange(4) / 100, delay_s=np.arange(4.0)[:, None], amplitude=np.ones((4, 1)))
+    with pytest.raises(InputError, match="from one frame to the next.*give delay_s in seconds"):
+        synthesize(leaping, TABLE2)
+
+
 def approaching(speed_mps: float, duration_s: float, radar: Radar) -> tuple[Echoes, np.ndarray]:
     times_s = np.arange(round(100 * duration_s) + 1) / 100
     range_m = 4.0 - speed_mps * times_s
