@@ -62,9 +62,13 @@ def run() -> Section:
 def mean_edge(surface: MovingMesh, radar: Radar, sagitta_rad: float) -> tuple[int, float]:
     """Facets and their mean edge at rest [m], each weighted by its facet's area."""
     fine = refine(
-        surface.rest, surface.faces, wavenumber=2 * math.pi / radar.wavelength_m, range_m=least_range_m(surface, radar),
-        sagitta_rad=sagitta_rad, crease_deg=surface.crease_deg,
-    )  # fmt: skip
+        surface.rest,
+        surface.faces,
+        wavenumber=2 * math.pi / radar.wavelength_m,
+        range_m=least_range_m(surface, radar, surface.times_s),
+        sagitta_rad=sagitta_rad,
+        crease_deg=surface.crease_deg,
+    )
     corners = (fine.operator @ surface.rest)[fine.faces]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
