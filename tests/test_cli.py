@@ -443,6 +443,8 @@ def test_a_real_ctrl_c(tmp_path: Path) -> None:
         [sys.executable, "-m", "t2d_rt.cli", "simulate", str(WALK)],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONPATH": str(WALK.parents[2])},
+        # What a shell starts in the background ignores SIGINT, and so would its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     assert process.stdout is not None
     assert "flavour" in process.stdout.readline()  # it has read the file and goes on to the body
