@@ -1,0 +1,288 @@
+"""Echoes into Chebyshev coefficients over the sweep, at any moments (docs/physics.md, eq. 16).
+
+One kernel does the sum: its lanes are (collector, a few moments), its loop runs over the collector's echoes. A collector is
+whatever gathers echoes of nearly the same theta: a bucket of fixed delay, or a group with a moving one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.radar.interpolants import hermite
+from t2d_rt.radar.sweep import Sweep
+from t2d_rt.radar.windows import Window
+
+TERMS = 6
+"""Chebyshev orders of the sweep."""
+SLOPE_TERMS = 4
+"""Those of the amplitude's slope, itself a small part."""
+
+MOST_SHARES, ENOUGH_LANES = 16, 1 << 14
+"""A collector's echoes go to several lanes where there are fewer lanes than that."""
+MAX_UNROLL = 8
+"""Moments that a lane holds in registers."""
+
+
+@dataclass(frozen=True, slots=True)
+class Members:
+    """Which echoes each collector gathers during each slot, a slot being a part of a frame interval."""
+
+    collectors: int
+    slots_per_interval: int
+    starts: np.ndarray
+    """(slot * collectors + 1,): row r's echoes are members[starts[r]:starts[r + 1]], r = slot * collectors + collector."""
+    members: np.ndarray
+    """interval * L + echo of each."""
+
+    @classmethod
+    def of(
+        cls, slot: np.ndarray, collector: np.ndarray, member: np.ndarray, *, shape: tuple[int, int], per: int, size: int
+    ) -> Members:
+        """From triples; `shape` is (slots, collectors), `per` the slots of an interval, every member below `size`."""
+        from scipy.sparse import coo_array
+
+        # A counting sort: the rows of a CSR matrix are the collectors' members.
+        row = slot * shape[1] + collector
+        table = coo_array((np.ones(len(row), np.int8), (row, member)), shape=(shape[0] * shape[1], size)).tocsr()
+        return cls(shape[1], per, table.indptr, table.indices)
+
+    def slot(self, position: np.ndarray) -> np.ndarray:
+        """Slot of moments [frames after the window's start, of which one interval lies before], ascending."""
+        last = (len(self.starts) - 1) // self.collectors - 1
+        return np.clip(np.floor((position + 1) * self.slots_per_interval).astype(np.int64), 0, last)
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """Moving delays that echoes are taken relative to."""
+
+    of: np.ndarray
+    """Reference of each echo, (L,)."""
+    delay: np.ndarray
+    """[s], (n + 3, K)."""
+    delay_slope: np.ndarray
+    """[s per frame], (n + 3, K)."""
+
+
+def phases(
+    delay: np.ndarray,
+    delay_slope: np.ndarray,
+    sweep: Sweep,
+    references: References | None,
+    origin_s: float,
+    backend: Backend,
+) -> tuple[Any, Any]:
+    """Flat float32 tables for every (interval, echo) of delays [s] (n + 3, L) and their slopes [s per frame]: the phase [turns] as
+    cubics in the frame step u, four numbers each, and theta at u = 0.
+
+    Both are relative to the echo's reference; where there is none, phase comes without whole turns and theta is that of the delay
+    after `origin_s`.
+    """
+    import drjit as dr
+
+    Float32, Float64, UInt32 = backend.Float32, backend.Float64, backend.UInt32
+    echoes = dr.opaque(UInt32, delay.shape[1])
+    lane = dr.arange(UInt32, delay[:-1].size)
+    mid, ramp, origin, per_s = (
+        dr.opaque(Float64, float(x)) for x in (sweep.mid_hz, sweep.slope, origin_s, sweep.theta_per_s)
+    )
+
+    def turns(delays: np.ndarray, slopes: np.ndarray, indices: list[Any]) -> tuple[list[Any], Any]:
+        """Phase at both frames and its slopes there, and the delay at the first."""
+        flat = [Float64(np.ascontiguousarray(a).ravel()) for a in (delays, slopes)]
+        taus, rates = ([dr.gather(Float64, values, index) for index in indices] for values in flat)
+        phase = [mid * tau - 0.5 * ramp * tau * tau for tau in taus]
+        return phase + [(mid - ramp * tau) * rate for tau, rate in zip(taus, rates, strict=True)], taus[0]
+
+    # float64: thousands of turns, of which the fraction counts.
+    ends, first = turns(delay, delay_slope, [lane, lane + echoes])
+    if references is None:
+        cubic: Any = hermite(*ends)
+        cubic = (cubic[0] - dr.floor(cubic[0]), *cubic[1:])
+        first -= origin
+    else:
+        interval = lane // echoes
+        count = dr.opaque(UInt32, references.delay.shape[1])
+        place = dr.gather(UInt32, UInt32(references.of.astype(np.uint32)), lane - interval * echoes) + interval * count
+        others, other = turns(references.delay, references.delay_slope, [place, place + count])
+        cubic = hermite(*(end - other for end, other in zip(ends, others, strict=True)))
+        first -= other
+    tables = dr.ravel(backend.arrays.Array4f(*map(Float32, cubic))), Float32(first * per_s)
+    dr.eval(tables)
+    return tables
+
+
+def amplitudes(window: Window, sweep: Sweep, backend: Backend) -> list[Any]:
+    """Flat float32 tables of cubics for every (interval, echo): the amplitude's real and imaginary part, and those of its slope
+    over half the sweep where there is one."""
+    import drjit as dr
+
+    Float32, UInt32 = backend.Float32, backend.UInt32
+    echoes = dr.opaque(UInt32, window.delay.shape[1])
+    lane = dr.arange(UInt32, window.delay[:-1].size)
+    half_band = dr.opaque(Float32, sweep.slope * sweep.half_time_s)
+    tables = []
+    for values, scale in ((window.amplitude, None), (window.sweep, half_band)):
+        if values is None:
+            continue
+        parts = Float32(values.view(np.float32).ravel())
+        for part in range(2):
+            frames = [dr.gather(Float32, parts, 2 * (lane + k * echoes) + part) for k in range(4)]
+            middle = 0.5 * (frames[2] - frames[0]), 0.5 * (frames[3] - frames[1])
+            cubic = [c if scale is None else c * scale for c in hermite(frames[1], frames[2], *middle)]
+            tables.append(dr.ravel(backend.arrays.Array4f(*cubic)))
+    dr.eval(tables)
+    return tables
+
+
+def moments(
+    members: Members,
+    phase: tuple[Any, Any],
+    fields: list[Any],
+    centres: np.ndarray,
+    position: np.ndarray,
+    step_s: float,
+    sweep: Sweep,
+    backend: Backend,
+) -> np.ndarray:
+    """Chebyshev coefficients of every collector over the sweep, complex64 (TERMS, collector, moment).
+
+    `phase` and `fields` are the tables of `phases` and `amplitudes`; `centres` the collectors' theta, relative to what that of the
+    echoes is relative to; `position` the moments [frames after the window's start], ascending; `step_s` the frame interval.
+    """
+    import drjit as dr
+
+    Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
+    collectors = members.collectors
+    slot = members.slot(position)
+    deal = _Deal.of(slot)
+
+    # All that changes from window to window comes in as arrays: a number in the code would compile a new kernel.
+    def lanes_of(values: np.ndarray) -> Any:
+        return UInt32(values.astype(np.uint32).ravel())
+
+    # (collector, group of moments) where there are echoes, and shares of them where these are few for all the lanes of a device.
+    row = np.arange(collectors)[:, None] + slot[deal.moment] * collectors
+    size = members.starts[row + 1] - members.starts[row]
+    collector, group = np.nonzero(size)
+    # Lanes of one vector loop until the last of them is done: those with as much to do go together.
+    order = np.argsort(size[collector, group], kind="stable")
+    collector, group = collector[order], group[order]
+    row, moment = row[collector, group], deal.moment[group]
+    shares = MOST_SHARES
+    while shares > 1 and len(row) * shares > ENOUGH_LANES:
+        shares //= 2
+    begin = lanes_of(members.starts[row][:, None] + np.arange(shares))
+    end = lanes_of(np.repeat(members.starts[row + 1], shares))
+    moment_of_lane = lanes_of(np.repeat(moment, shares))
+    stride = dr.opaque(UInt32, shares)
+    table = UInt32(members.members.astype(np.uint32))
+    times = position + 1 - np.floor(slot / members.slots_per_interval)
+    times = Float32(np.append(times, np.zeros(deal.unroll)).astype(np.float32))
+    u = [dr.gather(Float32, times, moment_of_lane + k) for k in range(deal.unroll)]
+    centre = Float32(np.repeat(centres[collector], shares).astype(np.float32))
+    per_turn, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
+
+    def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
+        member = dr.gather(UInt32, table, i)
+        cubic, *parts = (dr.gather(Packet, values, member) for values in (phase[0], *fields))
+        theta_start = dr.gather(Float32, phase[1], member) - centre
+        new = []
+        for time, acc in zip(u, sums, strict=True):
+            travelled = time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
+            rate = cubic[1] + time * (2 * cubic[2] + time * (3 * cubic[3]))
+            theta = theta_start + travelled * per_turn + rate * per_rate
+            half_eps = 0.5 * eps_per_rate * rate
+            turns = cubic[0] + travelled
+            # eps x^2 = h (T_0 + T_2), h = eps/2
+            sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi) + half_eps)
+            weights = _jacobi_anger(theta)
+            real, imag = _turned(parts[0], parts[1], time, sin, cos)
+            out = []
+            for (re, im), w, bend in zip(acc, weights, _bend(weights), strict=False):
+                bend = half_eps * bend
+                out.append((re + real * w + imag * bend, im + imag * w - real * bend))
+            if len(parts) > 2:
+                real, imag = _turned(parts[2], parts[3], time, sin, cos)
+                out += [(re + real * w, im + imag * w) for (re, im), w in zip(acc[TERMS:], weights, strict=False)]
+            new.append(out)
+        return i + stride, new
+
+    count = TERMS + SLOPE_TERMS if len(fields) > 2 else TERMS
+    zeros = [[(dr.zeros(Float32, dr.width(begin)),) * 2 for _ in range(count)] for _ in range(deal.unroll)]
+    _, sums = dr.while_loop(
+        state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
+    )
+    dr.eval(sums)
+    planes = np.zeros((count, collectors * len(position)), np.complex64)
+    for k, acc in enumerate(sums):
+        valid = moment + k < deal.end[group]
+        place = (collector * len(position) + moment + k)[valid]
+        for plane, pair in zip(planes, acc, strict=True):
+            real, imag = (part.numpy().reshape(-1, shares).sum(axis=1) for part in pair)
+            plane[place] = (real + 1j * imag)[valid]
+    return _with_slope(planes.reshape(count, collectors, -1))
+
+
+@dataclass(frozen=True, slots=True)
+class _Deal:
+    """How moments, slot by slot, are dealt to lanes: a lane takes `unroll` moments of one slot, and reads an echo once for all."""
+
+    moment: np.ndarray
+    """First moment of each group."""
+    end: np.ndarray
+    """End of the group's slot."""
+    unroll: int
+
+    @classmethod
+    def of(cls, slot: np.ndarray) -> _Deal:
+        """Groups for the slot of each moment, ascending (moment,)."""
+        bounds = np.flatnonzero(np.diff(slot, prepend=-1, append=slot[-1] + 1))
+        longest = int(np.diff(bounds).max())
+        unroll = -(-longest // -(-longest // MAX_UNROLL))
+        counts = -(-np.diff(bounds) // unroll)
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        return cls(np.repeat(bounds[:-1], counts) + within * unroll, np.repeat(bounds[1:], counts), unroll)
+
+
+def _turned(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]:
+    """A complex cubic at u, times exp(j phase)."""
+    re, im = (c[0] + u * (c[1] + u * (c[2] + u * c[3])) for c in (real, imag))
+    return re * cos - im * sin, re * sin + im * cos
+
+
+def _jacobi_anger(theta: Any) -> tuple[Any, ...]:
+    """J_0, 2 J_1 ... 2 J_5 of |theta| <= pi/4, each to 3e-6 (Abramowitz & Stegun 9.1.10)."""
+    t = theta * theta
+    return (
+        1 + t * (-1 / 4 + t * (1 / 64 - t * (1 / 2304))),
+        theta * (1 + t * (-1 / 8 + t * (1 / 192 - t * (1 / 9216)))),
+        t * (1 / 4 + t * (-1 / 48 + t * (1 / 1536))),
+        theta * t * (1 / 24 + t * (-1 / 384 + t * (1 / 15360))),
+        t * t * (1 / 192 - t * (1 / 3840)),
+        theta * t * t * (1 / 1920 - t * (1 / 46080)),
+    )
+
+
+def _bend(w: tuple[Any, ...]) -> tuple[Any, ...]:
+    """What exp(j h T_2), to first order in h, takes from each weight: w_m - j h b_m; from T_2 T_m = (T_{m+2} + T_{|m-2|})/2."""
+    return 0.5 * w[2], 0.5 * (w[3] - w[1]), w[0] + 0.5 * w[4], 0.5 * (w[1] + w[5]), 0.5 * w[2], 0.5 * w[3]
+
+
+def _with_slope(planes: np.ndarray) -> np.ndarray:
+    """Sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added: (TERMS, bucket, chirp)."""
+    factor = np.array([1, 1j, -1, -1j, 1, 1j], np.complex64)[:, None, None]
+    out = planes[:TERMS] * factor
+    if len(planes) > TERMS:
+        t0, t1, t2, t3 = planes[TERMS:] * factor[:SLOPE_TERMS]
+        out[0] += 0.5 * t1
+        out[1] += t0 + 0.5 * t2
+        out[2] += 0.5 * (t1 + t3)
+        out[3] += 0.5 * t2
+        out[4] += 0.5 * t3
+    return out

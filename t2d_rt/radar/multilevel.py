@@ -1,0 +1,404 @@
+"""Groups of echoes merged level by level, each level at twice the rate of the one before (docs/physics.md, eq. 17).
+
+A group returns its members' sum as a factor beside its own delay, the mean of theirs, at a few nodes of the sweep. The factor
+turns slowly, so it is sampled at a rate far below the chirps'; a larger group turns faster and is sampled faster. What a group may
+hold follows from how fast its members' phases part and how far their delays lie apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.radar.interpolants import hermite
+from t2d_rt.radar.moments import TERMS, Members, References, amplitudes, moments, phases
+from t2d_rt.radar.sweep import Sweep, chebyshev, interpolation, nodes, nodes_for
+from t2d_rt.radar.windows import Window
+
+FIRST_RATES = ((-50.0, 4), (-60.0, 8))
+"""Samples of the smallest groups' factors per frame interval, by tolerance [dB]: the amplitudes' interpolants have kinks at the
+frames, which leave -54 and -62 dB. Beyond these tolerances echoes are not merged."""
+FIRST_BINS = 0.4
+"""Range bins that the smallest groups' echoes span at most."""
+MOST_BINS = 3.0
+"""The same of the largest groups."""
+BUCKET_BINS = 3.0
+"""Width of a bucket of groups."""
+PROBE_EVERY = 4
+"""Frames between looks at how echoes part."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Groups of one level, of echoes or of the groups of the level below."""
+
+    rate: int
+    """Samples per frame interval."""
+    nodes: int
+    """Nodes of the sweep."""
+    bins: float
+    """Range bins that a group's echoes span at most."""
+    group: np.ndarray
+    """Group of each echo, or of each group below."""
+    delay: np.ndarray
+    """Mean of the members' [s], (n + 3, K)."""
+    delay_slope: np.ndarray
+    """[s per frame], likewise."""
+
+    def __len__(self) -> int:
+        return self.delay.shape[1]
+
+
+def levels(window: Window, sweep: Sweep, rate: float, tolerance: float) -> list[Level]:
+    """Levels worth having for moments that come `rate` times per frame interval, none where summing echo by echo is less work."""
+    rates = [first for limit_db, first in FIRST_RATES if tolerance >= 10 ** (limit_db / 20) * (1 - 1e-9)]
+    if not rates:
+        return []
+    turns, bins = _features(window, sweep)
+    allowed = _turns_per_step(tolerance)
+    found: list[Level] = []
+    samples, width = rates[0], FIRST_BINS
+    low = high = np.concatenate([turns, bins], axis=1)
+    here, delay, slope = len(low), window.delay, window.delay_slope
+    work, spent = [here * rate * WORK_ECHO], 0.0
+    while not found or 2 * samples <= rate:
+        points = nodes_for(0.8 * math.pi * width, tolerance)
+        spent += here * samples * (WORK_NODE * points if found else WORK_ECHO)
+        if spent >= min(work):
+            break
+        limits = np.repeat(np.array([allowed * samples, width], np.float32), [turns.shape[1], bins.shape[1]])
+        group = _grouped(low / limits, high / limits)
+        mean = _mean(group)
+        delay, slope = delay @ mean, slope @ mean
+        found.append(Level(samples, points, width, group, delay, slope))
+        low, high = _hulls(group, low, high)
+        here = len(low)
+        work.append(spent + here * rate * WORK_NODE * bucket_nodes(width, tolerance))
+        samples, width = 2 * samples, min(2 * width, MOST_BINS)
+    return found[: int(np.argmin(work))]
+
+
+# Measured costs of one echo and one node in a sum, relative to one another.
+WORK_ECHO, WORK_NODE = 1.0, 0.25
+
+
+def bucket_nodes(width: float, tolerance: float) -> int:
+    """Nodes of a bucket that holds groups of `width` bins."""
+    return nodes_for(math.pi * (BUCKET_BINS / 2 + 0.8 * width), tolerance)
+
+
+def _turns_per_step(tolerance: float) -> float:
+    """Greatest difference of the phase steps within a group [turns per sample].
+
+    A cubic at the midpoint of four samples misses a phasor of step w by (3/128) w^4, of w uniform in -pi p..pi p by (pi p)^4/3
+    of that in the mean square; half of the samples are midpoints, and up to six levels add up.
+    """
+    return (tolerance * (128 / 3) * 3 / math.sqrt(6 / 2)) ** 0.25 / math.pi
+
+
+def _features(window: Window, sweep: Sweep) -> tuple[np.ndarray, np.ndarray]:
+    """What tells echoes apart, at a few moments of the window: phase rates [turns per frame] and delays that the beat shows [bins],
+    float32 (L, probes)."""
+    last = len(window.delay) - 1
+    moments = np.unique(np.linspace(0, last, 2 + last // PROBE_EVERY).astype(int))
+    rates = window.delay_slope[moments].T
+    few = moments[:: len(moments) // 2]
+    shown = window.delay[few].T + window.delay_slope[few].T * (sweep.coupling_s / window.step_s)
+    # Relative to the first echo: float32 would round absolute delays.
+    turns, bins = (rates - rates[:1]) * sweep.mid_hz, (shown - shown[:1]) / sweep.bin_s
+    return turns.astype(np.float32), bins.astype(np.float32)
+
+
+def _grouped(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Groups items, (N,) numbers 0, 1, ..., by halving along the widest feature until none spans more than 1 in a group.
+
+    low, high (N, C): what each item spans itself.
+    """
+    order = np.arange(len(low))
+    starts = np.array([0])
+    group = np.empty(len(low), np.int64)
+    count = 0
+    while len(order):
+        bottom, top = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+        sizes = np.diff(np.append(starts, len(order)))
+        widest = np.argmax(top - bottom, axis=1)
+        part = np.arange(len(starts))
+        small = ((top - bottom)[part, widest] <= 1) | (sizes == 1)
+        part = np.repeat(part, sizes)
+        number = np.cumsum(small) - 1 + count
+        done = small[part]
+        group[order[done]] = number[part[done]]
+        count += int(small.sum())
+        low, high, order, part = low[~done], high[~done], order[~done], part[~done]
+        middle = (top + bottom)[np.arange(len(starts)), widest]
+        row = np.arange(len(order))
+        upper = low[row, widest[part]] + high[row, widest[part]] > middle[part]
+        key = 2 * part + upper
+        by_key = np.argsort(key, kind="stable")
+        low, high, order, key = low[by_key], high[by_key], order[by_key], key[by_key]
+        starts = np.flatnonzero(np.diff(key, prepend=-1))
+    return group
+
+
+def _mean(group: np.ndarray) -> Any:
+    """Sparse (N, K): values of items times this are the means of their groups."""
+    from scipy.sparse import csr_array
+
+    share = 1 / np.bincount(group)
+    return csr_array((share[group], group, np.arange(len(group) + 1)), shape=(len(group), len(share)))
+
+
+def _hulls(group: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What each group spans."""
+    order = np.argsort(group, kind="stable")
+    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+    return np.minimum.reduceat(low[order], starts), np.maximum.reduceat(high[order], starts)
+
+
+@dataclass(frozen=True, slots=True)
+class Factors:
+    """Factors of a level's groups, sampled."""
+
+    values: Any
+    """Flat float32 (group, sample, node, 2) on the device."""
+    groups: int
+    samples: int
+    first: int
+    """Place of the first sample, counted from the window's start."""
+
+
+def factors(window: Window, tree: list[Level], sweep: Sweep, backend: Backend) -> Factors:
+    """Factors of the groups of the tree's last level."""
+    out = _smallest(window, tree[0], sweep, backend)
+    for below, level in pairwise(tree):
+        out = _merged(out, below, level, sweep, window.step_s, backend)
+    return out
+
+
+def _smallest(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Factors:
+    intervals, count = window.delay.shape[0] - 1, window.delay.shape[1]
+    interval, echo = window.lit
+    members = Members.of(
+        interval,
+        level.group[echo],
+        interval * count + echo,
+        shape=(intervals, len(level)),
+        per=1,
+        size=intervals * count,
+    )
+    references = References(level.group, level.delay, level.delay_slope)
+    phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
+    # Every level's cubics take a sample before and two after: half an interval before the window and one after it.
+    sample = np.arange(-(level.rate // 2), (window.stop - window.start + 1) * level.rate)
+    planes = moments(
+        members,
+        phase,
+        amplitudes(window, sweep, backend),
+        np.zeros(len(level)),
+        sample / level.rate,
+        window.step_s,
+        sweep,
+        backend,
+    )
+    at_nodes = np.einsum("mkf,mq->kfq", planes, chebyshev(TERMS, nodes(level.nodes)).astype(np.float32), optimize=True)
+    values = backend.Float32(np.ascontiguousarray(at_nodes).view(np.float32).ravel())
+    return Factors(values, len(level), len(sample), int(sample[0]))
+
+
+def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: float, backend: Backend) -> Factors:
+    """The next level's factors, at twice the rate."""
+    import drjit as dr
+
+    Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
+    delta = Float32(_relative(below, level, sweep).ravel())
+    children = UInt32(np.argsort(level.group, kind="stable").astype(np.uint32))
+    bounds = UInt32(np.append(0, np.cumsum(np.bincount(level.group))).astype(np.uint32))
+    steps = inner.samples - 3
+    place = inner.first + 1 + np.arange(steps)
+    interval = UInt32((place // below.rate + 1).astype(np.uint32))
+    moment = Float32((place % below.rate / below.rate).astype(np.float32))
+    lane = dr.arange(UInt32, len(level) * steps)
+    width = dr.opaque(UInt32, steps)
+    group = lane // width
+    index = lane - group * width
+    row = dr.gather(UInt32, interval, index) * dr.opaque(UInt32, len(below))
+    start = dr.gather(Float32, moment, index)
+    u = start, start + dr.opaque(Float32, 0.5 / below.rate)
+    samples = dr.opaque(UInt32, inner.samples)
+    per_turn, per_rate, _ = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
+    spread = _spread(below.nodes, level.nodes)
+    x = [float(v) for v in nodes(level.nodes)[::2]]
+
+    def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
+        child = dr.gather(UInt32, children, i)
+        cubic = dr.gather(Packet, delta, row + child)
+        frames = [_read(inner.values, child * samples + index + k, below.nodes, Packet, dr) for k in range(4)]
+        middle = [(9 * (b + c) - (a + d)) * (1 / 16) for a, b, c, d in zip(*frames, strict=True)]
+        out = []
+        for time, values in zip(u, (frames[1], middle), strict=True):
+            turns = cubic[0] + time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
+            rate = cubic[1] + time * (2 * cubic[2] + time * (3 * cubic[3]))
+            sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi))
+            out += _rotated(spread(_turned(values, sin, cos)), turns * per_turn + rate * per_rate, x, dr)
+        return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
+
+    zeros = [dr.zeros(Float32, dr.width(lane)) for _ in range(4 * level.nodes)]
+    end = dr.gather(UInt32, bounds, group + 1)
+    _, sums = dr.while_loop(
+        state=(dr.gather(UInt32, bounds, group), zeros),
+        cond=lambda i, sums: i < end,
+        body=add,
+        labels=("i", "sums"),
+        mode="symbolic",
+    )
+    out = dr.empty(Float32, dr.width(lane) * len(sums))
+    for k in range(level.nodes):
+        dr.scatter(out, Packet(*sums[4 * k : 4 * k + 4]), lane * level.nodes + k)
+    dr.eval(out)
+    return Factors(out, len(level), 2 * steps, 2 * (inner.first + 1))
+
+
+def at_moments(
+    inner: Factors,
+    level: Level,
+    members: Members,
+    phase: tuple[Any, Any],
+    centres: np.ndarray,
+    position: np.ndarray,
+    step_s: float,
+    count: int,
+    sweep: Sweep,
+    backend: Backend,
+) -> np.ndarray:
+    """Fields of buckets at `count` nodes of the sweep, complex64 (moment, bucket, node), from groups' factors.
+
+    `members` says which groups stand in which bucket when, `phase` holds the tables of `phases` for the groups, `centres` the
+    buckets' theta, `position` the moments [frames after the window's start], ascending.
+    """
+    import drjit as dr
+
+    Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
+    buckets = members.collectors
+    slot = members.slot(position)
+    row = slot[:, None] * buckets + np.arange(buckets)
+    moment, bucket = np.nonzero(members.starts[row + 1] > members.starts[row])
+    row = row[moment, bucket]
+    place = position * level.rate - inner.first
+    sample = np.clip(np.floor(place).astype(np.int64), 1, inner.samples - 3)
+    p = place - sample
+    # The cubic through the samples at -1, 0, 1, 2.
+    weights = np.stack(
+        [-p * (p - 1) * (p - 2) / 6, (p + 1) * (p - 1) * (p - 2) / 2, -(p + 1) * p * (p - 2) / 2, (p + 1) * p * (p - 1) / 6], axis=1
+    )  # fmt: skip
+
+    def per_lane(values: np.ndarray, kind: Any = UInt32) -> Any:
+        return kind(np.ascontiguousarray(values, np.uint32 if kind is UInt32 else np.float32))
+
+    def per_moment(values: np.ndarray, kind: Any) -> Any:
+        return dr.gather(kind, per_lane(values, kind), lane_moment)
+
+    lane_moment = per_lane(moment)
+    begin, end = per_lane(members.starts[row]), per_lane(members.starts[row + 1])
+    interval = slot // members.slots_per_interval
+    first = per_moment(interval * len(level), UInt32)
+    u = per_moment(position + 1 - interval, Float32)
+    index = per_moment(sample - 1, UInt32)
+    weight = dr.gather(Packet, Float32(weights.astype(np.float32).ravel()), lane_moment)
+    centre = per_lane(centres[bucket], Float32)
+    table = per_lane(members.members)
+    samples = dr.opaque(UInt32, inner.samples)
+    per_turn, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
+    spread = _spread(level.nodes, count)
+    x = [float(v) for v in nodes(count)[::2]]
+
+    def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
+        member = dr.gather(UInt32, table, i)
+        cubic = dr.gather(Packet, phase[0], member)
+        theta = dr.gather(Float32, phase[1], member) - centre
+        frames = [
+            _read(inner.values, (member - first) * samples + index + k, level.nodes, Packet, dr) for k in range(4)
+        ]
+        values = [sum(w * v for w, v in zip(weight, parts, strict=True)) for parts in zip(*frames, strict=True)]
+        travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
+        rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
+        turns = cubic[0] + travelled
+        sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi))
+        theta = theta + travelled * per_turn + rate * per_rate
+        out = _rotated(spread(_turned(values, sin, cos)), theta, x, dr, bend=rate * eps_per_rate)
+        return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
+
+    zeros = [dr.zeros(Float32, dr.width(begin)) for _ in range(2 * count)]
+    _, sums = dr.while_loop(
+        state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
+    )
+    out = dr.zeros(Float32, len(position) * buckets * 2 * count)
+    target = per_lane(moment * buckets + bucket)
+    for k in range(count // 2):
+        dr.scatter(out, Packet(*sums[4 * k : 4 * k + 4]), target * (count // 2) + k)
+    return np.asarray(out.numpy()).view(np.complex64).reshape(len(position), buckets, count)
+
+
+def _relative(below: Level, level: Level, sweep: Sweep) -> np.ndarray:
+    """Phase of each group against its parent's [turns], cubics in the frame step, float32 (n + 2, K, 4)."""
+    above, above_slope = level.delay[:, level.group], level.delay_slope[:, level.group]
+    turns = (sweep.mid_hz - 0.5 * sweep.slope * (below.delay + above)) * (below.delay - above)
+    rate = (sweep.mid_hz - sweep.slope * below.delay) * below.delay_slope - (
+        sweep.mid_hz - sweep.slope * above
+    ) * above_slope
+    return np.stack(hermite(turns[:-1], turns[1:], rate[:-1], rate[1:]), axis=-1).astype(np.float32)
+
+
+def _read(values: Any, sample: Any, count: int, packet: Any, dr: Any) -> list[Any]:
+    """Real and imaginary parts at `count` nodes of a sample of a factor."""
+    base = sample * (count // 2)
+    return [part for k in range(count // 2) for part in dr.gather(packet, values, base + k)]
+
+
+def _turned(values: list[Any], sin: Any, cos: Any) -> list[Any]:
+    """Complex numbers, as real and imaginary parts in turn, times exp(j phase)."""
+    out = []
+    for real, imag in zip(values[::2], values[1::2], strict=True):
+        out += [real * cos - imag * sin, real * sin + imag * cos]
+    return out
+
+
+def _spread(inner: int, outer: int) -> Callable[[list[Any]], list[Any]]:
+    """From values at `inner` nodes of the sweep to those at `outer` nodes of the polynomial through them."""
+    if inner == outer:
+        return lambda values: values
+    # Nodes come in pairs +-x: even and odd parts apart halve the work.
+    matrix = interpolation(inner, nodes(outer))[::2]
+    even, odd = ((matrix[:, ::2] + sign * matrix[:, 1::2]) / 2 for sign in (1, -1))
+
+    def spread(values: list[Any]) -> list[Any]:
+        out = []
+        pairs = [values[k : k + 4] for k in range(0, len(values), 4)]
+        for row_even, row_odd in zip(even, odd, strict=True):
+            sums = [
+                sum(float(w) * (pair[part] + sign * pair[part + 2]) for w, pair in zip(row, pairs, strict=True))
+                for part in (0, 1)
+                for row, sign in ((row_even, 1), (row_odd, -1))
+            ]
+            out += [sums[0] + sums[1], sums[2] + sums[3], sums[0] - sums[1], sums[2] - sums[3]]
+        return out
+
+    return spread
+
+
+def _rotated(values: list[Any], theta: Any, x: list[float], dr: Any, bend: Any = None) -> list[Any]:
+    """Values at pairs of nodes +-x, times exp(j (theta x + bend x^2)); bend to first order."""
+    out = []
+    for k, place in enumerate(x):
+        a, b, c, d = values[4 * k : 4 * k + 4]
+        if bend is not None:
+            e = bend * (place * place)
+            a, b, c, d = a - e * b, b + e * a, c - e * d, d + e * c
+        sin, cos = dr.sincos(theta * place)
+        out += [a * cos - b * sin, a * sin + b * cos, c * cos + d * sin, d * cos - c * sin]
+    return out
