@@ -16,6 +16,7 @@ from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.echo.mesh import VisibilityAt, check_outside, joined, mesh_echoes
+from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import place, track
 from t2d_rt.radar import check_speed
@@ -40,7 +41,7 @@ def simulate(
     material: str | Material | None = None,
     occlusion: bool = True,
     occlusion_rate_hz: float = 25.0,
-    surface_rate_hz: float = 150.0,
+    surface_rate_hz: float | None = None,
     sagitta_rad: float | None = None,
     phase_from: PhaseFrom = "specular",
     device: Device = "auto",
@@ -61,7 +62,7 @@ def simulate(
     occlusion: whether what stands in front hides what is behind: traced at the meshes' own vertices at `occlusion_rate_hz`, faded
         in between. A wall needs vertices where a shadow may end; gaps under 4 mm are not seen.
     occlusion_rate_hz: how often visibility is traced; 25 suits walking.
-    surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines.
+    surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines. By default what the motion asks for.
     sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (a body's 0.3 at a radius of 0.1 m, 0.07 for others).
     phase_from: of the ellipsoid model: its "specular" point, or its "centre" as in the Text2Doppler paper.
     device: "auto" takes a CUDA device where there is one.
@@ -72,7 +73,7 @@ def simulate(
     _check(targets, radar, scene, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
     backend = select(device)
     shapes = [_shape(each, method, body, material, radar) for each in targets]
-    times_s = _frames(shapes, surface_rate_hz)
+    times_s = _frames(shapes, radar, surface_rate_hz)
     substances = [_material(shape.material if material is None else material, radar) for shape in shapes]
     for shape in shapes:
         _check_shape(shape, radar, times_s)
@@ -93,7 +94,7 @@ def simulate(
     settings: dict[str, Any] = {
         "method": method, "scene": scene, "seed": int(seed), "body": body, "occlusion": occlusion,
         "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
-        "occlusion_rate_hz": float(occlusion_rate_hz), "surface_rate_hz": float(surface_rate_hz),
+        "occlusion_rate_hz": float(occlusion_rate_hz), "surface_rate_hz": (len(times_s) - 1) / float(times_s[-1] - times_s[0]),
         "sagitta_rad": "default" if sagitta_rad is None else float(sagitta_rad), "phase_from": phase_from, "device": backend.name,
         "targets": [_describe(each) for each in targets],
     }  # fmt: skip
@@ -125,7 +126,7 @@ def _shape(
     return make(target, body, material="skin" if material is None else material)
 
 
-def _frames(shapes: Sequence[MovingMesh | Ellipsoids], rate_hz: float) -> np.ndarray:
+def _frames(shapes: Sequence[MovingMesh | Ellipsoids], radar: Radar, rate_hz: float | None) -> np.ndarray:
     """Surface frames over the time that all targets share [s]."""
     start = max(float(s.times_s[0]) for s in shapes)
     stop = min(float(s.times_s[-1]) for s in shapes)
@@ -133,6 +134,8 @@ def _frames(shapes: Sequence[MovingMesh | Ellipsoids], rate_hz: float) -> np.nda
         raise InputError(
             f"the targets share no time (last start {start:.6g} s, first end {stop:.6g} s); give overlapping times_s"
         )
+    if rate_hz is None:
+        rate_hz = max(needed_rate_hz(shape, radar, start, stop) for shape in shapes)
     return np.linspace(start, stop, max(4, int(np.ceil((stop - start) * rate_hz)) + 1))
 
 
@@ -205,7 +208,7 @@ def _material(material: str | Material, radar: Radar) -> Material:
 
 
 def _check(
-    targets: Any, radar: Any, scene: str, method: str, phase_from: str, surface_rate_hz: float, occlusion_rate_hz: float,
+    targets: Any, radar: Any, scene: str, method: str, phase_from: str, surface_rate_hz: float | None, occlusion_rate_hz: float,
     sagitta_rad: float | None, seed: int,
 ) -> None:  # fmt: skip
     if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, Target) for each in targets):
@@ -222,8 +225,10 @@ def _check(
         raise InputError(f"unknown scene '{scene}'; free_space is the only one so far")
     if method not in ("mesh", "ellipsoid"):
         raise InputError(f"method must be 'mesh' or 'ellipsoid', got '{method}'")
-    if not 10 <= surface_rate_hz <= 10_000:
-        raise InputError(f"surface_rate_hz must lie in 10..10000 Hz, got {surface_rate_hz}; 150 suits walking")
+    if surface_rate_hz is not None and not 10 <= surface_rate_hz <= 10_000:
+        raise InputError(
+            f"surface_rate_hz must lie in 10..10000 Hz, got {surface_rate_hz}; leave it out to let the motion decide"
+        )
     if not 1 <= occlusion_rate_hz <= 1_000:
         raise InputError(f"occlusion_rate_hz must lie in 1..1000 Hz, got {occlusion_rate_hz}; 25 suits walking")
     if sagitta_rad is not None and not 0.01 <= sagitta_rad <= 2:

@@ -19,8 +19,8 @@ from t2d_rt.types.motion import Motion
 JITTER_CUTOFF_HZ = 12.0
 """Human movement lies below it, but for impacts of a few milliseconds (Winter, Biomechanics, 2.2)."""
 
-JITTER_LIMIT_MPS = 0.1
-"""Jitter from which a file counts as noisy: 0.3 mm RMS per axis at 120 Hz, 0.7 mm at 60 Hz."""
+JITTER_LIMIT_MPS = 0.03
+"""Jitter from which a file counts as noisy: at 20 Hz a way of 0.2 mm, a third of a radian of phase at 77 GHz."""
 
 CHI_SQUARE_3_MEDIAN = 0.789
 """Median over mean of a squared speed with three Gaussian components."""
