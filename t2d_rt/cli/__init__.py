@@ -204,6 +204,7 @@ def _check_processing(processing: dict[str, Any], radar: Radar, duration_s: floa
 
     from t2d_rt.signal import spectrogram
 
+    radar = radar.separated
     enough = max(256, processing["n_window"] or 0, radar.loops_per_frame or 0)
     chirps = min(enough, len(radar.chirp_times_s(duration_s)))
     spectrogram(np.zeros((chirps, 1, radar.samples), np.complex64), radar, **processing)

@@ -13,6 +13,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.signal.maps import RangeDoppler, Spectrogram
 from t2d_rt.signal.mti import PAPER_KERNEL
 from t2d_rt.signal.mti import mti as mti_filter
+from t2d_rt.signal.multiplex import separated
 from t2d_rt.signal.range import check_cube, gate, range_fft, taper
 from t2d_rt.types.radar import Radar
 
@@ -69,17 +70,19 @@ def spectrogram(
       `range_window="boxcar"`). Bins next to each other alternate in sign, so the level is not calibrated; the sum over
       *all* bins is the chirp's first sample, which a tapered window sets to zero: give a gate.
 
-    The window is 256 chirps with an overlap of 200. Bursts: windows stay inside a burst, by default one window per
+    The window is 256 chirps with an overlap of 200, with "tdm" and "ddm" counted in loops of the transmitters, which
+    are taken apart first. Bursts: windows stay inside a burst, by default one window per
     burst.
     """
     check_cube(adc, radar)
+    adc, radar = separated(adc, radar)
     bins = gate(radar.range_axis_m(), range_gate_m)
     fast = taper(range_window, radar.samples)
     _check_combine(combine, bins == slice(0, radar.samples), fast)
     burst = radar.loops_per_frame or adc.shape[0]
     n_window, overlap = _window_defaults(radar, adc.shape[0], n_window, overlap)
     n_fft = _check_window(n_window, overlap, n_fft, burst)
-    starts = _window_starts(adc.shape[0], burst, n_window, n_window - overlap)
+    starts = window_starts(adc.shape[0], burst, n_window, n_window - overlap)
 
     cells = range_fft(adc, window=range_window, bins=bins)
     cells = _filter_bursts(cells, burst, mti, radar, cutoff_mps, kernel)
@@ -108,6 +111,7 @@ def range_doppler(
     from scipy import fft
 
     check_cube(adc, radar)
+    adc, radar = separated(adc, radar)
     chirps = adc.shape[0]
     check_one_burst(chirps, radar)
     cube = np.asarray(adc)
@@ -208,7 +212,7 @@ def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: i
     return n_window, n_window * 200 // 256 if overlap is None else overlap
 
 
-def _window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarray:
+def window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarray:
     """First chirps of all windows that lie within one burst and within the record."""
     within = np.arange(0, burst - n_window + 1, hop)
     starts = (np.arange(0, chirps, burst)[:, None] + within).ravel()
