@@ -121,6 +121,24 @@ def test_one_antenna_has_no_angles() -> None:
 # --- maps ---
 
 
+def test_speeds_of_a_tdm_cube_count_loops() -> None:
+    wall, mover = (5.0, 30.0, 10.0, 0.0), (5.0, 30.0, 10.0, 6.0)
+    cube = echoes(TDM, 192, [wall, mover])
+    for image in (
+        spectrogram(cube, TDM, n_window=64, overlap=32, mti="mean"),
+        spectrogram(cube, TDM, n_window=64, overlap=32, mti="highpass", cutoff_mps=1.0),
+    ):
+        assert image.velocity_mps[image.power.argmax(axis=0)] == pytest.approx(6.0, abs=0.15)
+        assert image.time_s == pytest.approx((np.arange(5) * 32 + 32) * TDM.loop_interval_s)
+    doppler = range_doppler(echoes(TDM, 64, [mover]), TDM)
+    row = np.unravel_index(doppler.power.argmax(), doppler.power.shape)[0]
+    assert doppler.velocity_mps[row] == pytest.approx(6.0, abs=0.15)
+    # Beyond the limit of PRF / 3 a target folds.
+    folded = range_doppler(echoes(TDM, 64, [(5.0, 30.0, 10.0, 10.0)]), TDM)
+    row = np.unravel_index(folded.power.argmax(), folded.power.shape)[0]
+    assert folded.velocity_mps[row] == pytest.approx(10.0 - 2 * TDM.max_speed_mps, abs=0.15)
+
+
 @pytest.mark.parametrize("speed", [0.0, 1.5])
 @pytest.mark.parametrize("azimuth", [0.0, 30.0, -50.0])
 def test_range_angle_reads_the_power(azimuth: float, speed: float) -> None:
