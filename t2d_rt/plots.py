@@ -79,6 +79,53 @@ def plot_range_doppler(
     return figure
 
 
+def plot_range_angle(
+    range_m: np.ndarray,
+    azimuth_rad: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    title: str | None = None,
+    dynamic_range_db: float = 40.0,
+    cmap: str = "viridis",
+) -> Figure:
+    """Range-azimuth map with left on the left; `power_db` (range, azimuth)."""
+    figure = _figure(5.4, 4.2)
+    axes = figure.subplots()
+    _image(axes, np.degrees(azimuth_rad), range_m, power_db, dynamic_range_db, cmap)
+    axes.invert_xaxis()
+    _label(axes, "Azimuth (deg), left > 0", "Range (m)", title)
+    return figure
+
+
+def plot_point_cloud(
+    xyz_m: np.ndarray, speed_mps: np.ndarray, *, title: str | None = None, cmap: str = "coolwarm"
+) -> Figure:
+    """Points in the radar's frame from above and from the side, coloured by speed; `xyz_m` (point, 3)."""
+    if xyz_m.shape != (len(speed_mps), 3):
+        raise InputError(f"xyz_m must have shape ({len(speed_mps)}, 3), one row for each speed, got {xyz_m.shape}")
+    if not len(xyz_m):
+        raise InputError(
+            "nothing to plot: the point cloud is empty; lower the threshold or look at the range-Doppler map"
+        )
+    figure = _figure(7.0, 3.6)
+    above, side = figure.subplots(1, 2)
+    limit = max(float(np.abs(speed_mps).max()), 1e-3)
+    x, y, z = xyz_m.T
+    for axes, across, up in ((above, y, x), (side, x, z)):
+        drawn = axes.scatter(across, up, c=speed_mps, s=8, cmap=cmap, vmin=-limit, vmax=limit, rasterized=True)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.grid(alpha=0.3)
+    above.invert_xaxis()
+    _label(above, "Left (m)", "Forward (m)", "From above")
+    _label(side, "Forward (m)", "Up (m)", "From the side")
+    bar = figure.colorbar(drawn, ax=(above, side), pad=0.015)
+    bar.set_label(VELOCITY_LABEL, fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    if title:
+        figure.suptitle(title, fontsize=11)
+    return figure
+
+
 def plot_comparison(
     velocity_mps: np.ndarray,
     time_s: np.ndarray,

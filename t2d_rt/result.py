@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-FORMAT = 1
+FORMAT = 2
 """Of the folders that `save` writes; `load` refuses others."""
 
 AXIS_UNITS = {"m": "m", "s": "s", "mps": "m/s"}

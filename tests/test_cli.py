@@ -132,6 +132,8 @@ def test_radar_by_name_by_file_and_in_a_config_file(run: Command) -> None:
     assert radar("--radar", "mine.yaml") == {**ci4r, "samples": 128}
     # fields override the preset wherever they stand, and a preset the config file
     assert radar("--radar.prf_hz", "4000", "--radar", "ci4r") == {**ci4r, "prf_hz": 4000}
+    pattern = {"kind": "cosine", "exponent": 2}
+    assert radar("--radar", "ci4r", "--radar.tx_pattern", str(pattern)) == {**ci4r, "tx_pattern": pattern}
     assert radar("--radar", "ci4r", "--config", "field.yaml") == ci4r
     # a preset with bursts leaves nothing behind in one without
     dump("burst.yaml", {"radar": "table2-burst"})
@@ -290,7 +292,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--material brick", "has no values for brick at 77.8"),
         ("--body foo", "body 'foo' is unknown; choose one of adult"),
         ("--device tpu", "option device must be auto or cpu or gpu"),
-        ("--radar foo", "unknown radar preset 'foo'; choose one of ci4r"),
+        ("--radar foo", "unknown radar preset 'foo'; choose one of array-3x4"),
         ("--radar gone.yaml", "cannot read radar file gone.yaml: No such file"),
         ("--radar.carrier-hz -1", "radar key carrier_hz: got -1.0, should be greater"),
         ("--radar.slope-hz-per-s 0", "radar key slope_hz_per_s: got 0.0, should be greater"),

@@ -165,7 +165,7 @@ def test_centre_form_is_what_remains_far_away() -> None:
 
 
 def test_bistatic_point_of_shortest_path_and_both_models(backend: Backend) -> None:
-    radar = TABLE2.replace(tx_offset_m=(0.0, 1.0, 0.2), rx_offset_m=(0.1, -1.2, -0.3))
+    radar = TABLE2.replace(tx_offsets_m=(0.0, 1.0, 0.2), rx_offsets_m=(0.1, -1.2, -0.3))
     tx, rx, centre = radar.tx_position_m, radar.rx_position_m, np.array([2.5, 0.3, 1.1])
     poses = [limb_axes(a) for a in (10, 55, 90)]
     facets = spheroid_mesh(poses, centre, radar, backend)
@@ -187,7 +187,7 @@ def test_bistatic_point_of_shortest_path_and_both_models(backend: Backend) -> No
 
 def test_bistatic_sphere_is_the_willis_formula() -> None:
     # Far apart from its size, a sphere's bistatic RCS is pi a^2 at every angle that is not forward.
-    radar = TABLE2.replace(tx_offset_m=(0.0, 300.0, 0.0), rx_offset_m=(0.0, -300.0, 0.0))
+    radar = TABLE2.replace(tx_offsets_m=(0.0, 300.0, 0.0), rx_offsets_m=(0.0, -300.0, 0.0))
     ball = np.array([0.1, 0.1, 0.1])
     echoes = echoes_of(np.array([400.0, 0, 1]), np.eye(3), radar, semi_axes=ball)
     np.testing.assert_allclose(np.abs(echoes.amplitude) ** 2, radar.received_power_w(math.pi * 0.01, 500.0), rtol=2e-3)
@@ -219,12 +219,12 @@ def test_specular_point_lies_on_the_surface_and_reflects(
 
 
 def test_rotating_scene_and_radar_together_and_swapping_antennas() -> None:
-    radar = TABLE2.replace(tx_offset_m=(0.0, 0.4, 0.1), rx_offset_m=(0.2, -0.5, 0.0))
+    radar = TABLE2.replace(tx_offsets_m=(0.0, 0.4, 0.1), rx_offsets_m=(0.2, -0.5, 0.0))
     centre, axes = np.array([2.0, 0.5, 0.3]), limb_axes(30)
     reference = echoes_of(centre + RADAR, axes, radar)
     turn = Rotation.from_euler("z", 70, degrees=True)
     turned = radar.replace(boresight=tuple(turn.apply([1.0, 0, 0])))
-    swapped = radar.replace(tx_offset_m=radar.rx_offset_m, rx_offset_m=radar.tx_offset_m)
+    swapped = radar.replace(tx_offsets_m=radar.rx_offsets_m, rx_offsets_m=radar.tx_offsets_m)
     for other in (
         echoes_of(turn.apply(centre) + RADAR, turn.as_matrix() @ axes, turned),
         echoes_of(centre + RADAR, axes, swapped),

@@ -22,7 +22,7 @@ from t2d_rt.types import PEC, Echoes, EchoStream, Material, MovingMesh, Radar
 
 TABLE2 = Radar.preset("table2")
 FRAMES_S = np.arange(4) / TABLE2.prf_hz
-BISTATIC = {"tx_offset_m": (0.0, 0.4, 0.1), "rx_offset_m": (0.2, -0.5, 0.0)}
+BISTATIC = {"tx_offsets_m": (0.0, 0.4, 0.1), "rx_offsets_m": (0.2, -0.5, 0.0)}
 SKIN = Material(name="rough skin", relative_permittivity=6.565, conductivity_s_per_m=38.2, scattering_coefficient=0.6)
 LAMBERT = Material(name="Lambertian conductor", relative_permittivity=math.inf, scattering_coefficient=1.0)
 
@@ -274,7 +274,7 @@ def test_the_back_of_a_plate_is_dark(backend: Backend) -> None:
     vertices, faces = plate(0.1, [2, 0, 1])
     assert as_they_are(vertices, faces[:, ::-1], backend) == 0
     # Lit by the transmitter, but the receiver stands behind: dark as well.
-    behind = TABLE2.replace(rx_offset_m=(5.0, 0.5, 0.0))
+    behind = TABLE2.replace(rx_offsets_m=(5.0, 0.5, 0.0))
     assert as_they_are(vertices, faces, backend, behind) == 0
 
 
@@ -305,7 +305,7 @@ def _clothed_ball(radar: Radar, backend: Backend, *, turn: Rotation, order: np.n
 def test_reciprocity_rotation_and_order_leave_the_field(backend: Backend) -> None:
     radar = TABLE2.replace(**BISTATIC)
     reference = field(_clothed_ball(radar, backend, turn=Rotation.identity()), radar)[0]
-    exchanged = TABLE2.replace(tx_offset_m=BISTATIC["rx_offset_m"], rx_offset_m=BISTATIC["tx_offset_m"])
+    exchanged = TABLE2.replace(tx_offsets_m=BISTATIC["rx_offsets_m"], rx_offsets_m=BISTATIC["tx_offsets_m"])
     # Everything turned about the radar's place by 40 degrees: boresight and the antennas' offsets turn with it.
     turn = Rotation.from_euler("z", 40, degrees=True)
     turned = radar.replace(boresight=tuple(turn.apply([1.0, 0, 0])))
@@ -445,7 +445,7 @@ def test_radar_inside_a_target_is_refused() -> None:
         check_outside(arriving, TABLE2, times_s)
     check_outside(arriving, TABLE2.replace(position_m=(0.0, 0.0, 3.0)), times_s)
     with pytest.raises(InputError, match=r"the radar at \(1\.9, 0, 1\) m is inside ball at 0 s"):
-        check_outside(arriving, TABLE2.replace(position_m=(0.0, 0.0, 3.0), rx_offset_m=(1.9, 0.0, -2.0)), times_s)
+        check_outside(arriving, TABLE2.replace(position_m=(0.0, 0.0, 3.0), rx_offsets_m=(1.9, 0.0, -2.0)), times_s)
     check_outside(still(vertices + np.array([0.51, 0, 1]), faces), TABLE2, np.array([0.0, 1.0]))
     with pytest.raises(InputError, match="touches mesh at 0 s"):
         check_outside(still(vertices - vertices[0] + np.array([0, 0, 1]), faces), TABLE2, np.array([0.0, 1.0]))

@@ -20,7 +20,7 @@ from t2d_rt.types import MovingMesh, Radar
 
 TABLE2 = Radar.preset("table2")
 NARROW = TABLE2.replace(slope_hz_per_s=1e9)  # 60 kHz of sweep: range has no part in the cuts
-BISTATIC = TABLE2.replace(tx_offset_m=(0.0, 0.4, 0.1), rx_offset_m=(0.2, -0.5, 0.0))
+BISTATIC = TABLE2.replace(tx_offsets_m=(0.0, 0.4, 0.1), rx_offsets_m=(0.2, -0.5, 0.0))
 RATE_HZ = 150.0
 TIMES_S = np.arange(76) / RATE_HZ
 

@@ -202,7 +202,7 @@ def test_radar_inside_a_target() -> None:
     with pytest.raises(InputError, match=r"is inside ball at 0\.0583 s"):
         t2d.simulate(ball(0.15, speed_mps=1.0), radar=RADAR)
     with pytest.raises(InputError, match=r"radar at \(2, 0, 1\) m is inside ball"):
-        t2d.simulate(ball(2.0), radar=RADAR.replace(rx_offset_m=(2.0, 0, 0)))
+        t2d.simulate(ball(2.0), radar=RADAR.replace(rx_offsets_m=(2.0, 0, 0)))
     egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([0.05, 0, 1.15], (3, 1, 1)), TIMES_S, names=["egg"])
     with pytest.raises(InputError, match=r"radar at \(0, 0, 1\) m is inside egg at 0 s"):
         t2d.simulate(egg, radar=RADAR)
@@ -242,7 +242,7 @@ def test_wrong_kinds_are_named(target: Any, options: dict[str, Any], sentence: s
 def test_an_ellipsoid_between_the_antennas_is_refused() -> None:
     egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([3.0, 0, 1.0], (3, 1, 1)), TIMES_S)
     with pytest.raises(InputError, match="on the line between the antennas"):
-        t2d.simulate(egg, radar=RADAR.replace(rx_offset_m=(6.0, 0, 0)), method="ellipsoid")
+        t2d.simulate(egg, radar=RADAR.replace(rx_offsets_m=(6.0, 0, 0)), method="ellipsoid")
 
 
 def test_a_facet_that_turns_too_fast_is_reported() -> None:

@@ -40,6 +40,11 @@ def test_table2_figures() -> None:
         ("text2doppler-code", 128_000, 12.14, 9.593, 4e9),
         ("ci4r", 32_000, 3.09, 49.8, 0.77e9),
         ("openradar", 54_348, 5.16, 6.246, 3.072e9),
+        ("array-3x4", 83_333, 8.031, 24.98, 1.536e9),
+        ("automotive-79", 199_998, 6.325, 19.19, 4e9),
+        ("imaging-12x16", 41_666, 4.022, 14.99, 1.28e9),
+        ("indoor-60", 66_666, 8.079, 11.99, 3.2e9),
+        ("ism-24", 25_000, 7.767, 153.5, 0.25e9),
     ],
 )
 def test_presets(name: str, chirps_in_10_s: int, max_speed: float, max_range: float, bandwidth: float) -> None:
@@ -54,7 +59,7 @@ def test_presets(name: str, chirps_in_10_s: int, max_speed: float, max_range: fl
 
 
 def test_every_preset_is_tested_here() -> None:
-    assert len(preset_names()) == 7
+    assert len(preset_names()) == 12
     assert Radar.preset("TABLE2_Uniform") == Radar.preset("table2-uniform")
 
 
@@ -106,7 +111,7 @@ def test_axes() -> None:
 
 
 def test_pose() -> None:
-    radar = TABLE2.replace(tx_offset_m=(0.01, 0.02, 0.03), rx_offset_m=(0, -0.02, 0))
+    radar = TABLE2.replace(tx_offsets_m=(0.01, 0.02, 0.03), rx_offsets_m=(0, -0.02, 0))
     assert np.allclose(radar.tx_position_m, (0.01, 0.02, 1.03))
     assert np.allclose(radar.rx_position_m, (0, -0.02, 1))
     turned = radar.replace(boresight=(0, 2, 0))  # looks along y: left is -x
@@ -117,6 +122,10 @@ def test_pose() -> None:
         assert np.linalg.det(axes) == pytest.approx(1)
         assert np.allclose(axes[0], np.array(boresight) / np.linalg.norm(boresight))
     assert np.array_equal(TABLE2.tx_position_m, TABLE2.rx_position_m)
+    pair = TABLE2.replace(tx_offsets_m=((0, 1, 0), (0, 2, 3)), rx_offsets_m=[(0, 0, 0), (0, -1, 0), (0, -2, 0)])
+    assert np.allclose(pair.tx_positions_m, [(0, 1, 1), (0, 2, 4)])
+    assert np.allclose(pair.tx_position_m, (0, 1.5, 2.5))
+    assert np.allclose(pair.rx_position_m, (0, -1, 1))
 
 
 @pytest.mark.parametrize(
@@ -152,6 +161,16 @@ def test_pose() -> None:
         ({"position_m": 3}, "position_m must be three numbers"),
         ({"position_m": (0, 0, math.inf)}, "position_m: got inf"),
         ({"tx_power_dbm": math.nan}, "tx_power_dbm: got nan"),
+        ({"tx_offsets_m": ((0, 1),)}, "tx_offsets_m must be three numbers x, y, z, or a list of such, got"),
+        ({"rx_offsets_m": ()}, "rx_offsets_m: got .*at least 1 item"),
+        ({"multiplexing": "fdm"}, "multiplexing: got 'fdm', should be 'simultaneous', 'tdm' or 'ddm'"),
+        (
+            {"multiplexing": "tdm", "tx_offsets_m": ((0, 0, 0),) * 3, "chirps_per_frame": 128, "frame_interval_s": 0.1},
+            "bursts of 128 chirps do not give 3 transmitters equal turns; set chirps_per_frame to a multiple of 3",
+        ),
+        ({"tx_pattern": {"kind": "horn"}}, "tx_pattern: got {'kind': 'horn'}, tag 'horn' found using 'kind'"),
+        ({"tx_pattern": {"kind": "cosine"}}, "needs either exponent or half_power_beamwidth_deg, got None and None"),
+        ({"rx_pattern": {"kind": "cosine", "exponent": -1}}, "antenna pattern key exponent: got -1"),
         ({"carier_hz": 1e9}, "unknown radar key 'carier_hz'; did you mean carrier_hz"),
         ({"zzz": 1}, "unknown radar key 'zzz'; valid keys are carrier_hz"),
         ({"carrier_hz": 0, "samples": 0}, "1 more field is wrong"),
@@ -168,9 +187,7 @@ def test_guards(change: dict[str, object], message: str) -> None:
 
 
 def test_other_guards() -> None:
-    with pytest.raises(
-        InputError, match="unknown radar preset 'tabel2'; choose one of ci4r, openradar, table2, table2-burst"
-    ):
+    with pytest.raises(InputError, match="unknown radar preset 'tabel2'; choose one of array-3x4, automotive-79, ci4r"):
         Radar.preset("tabel2")
     with pytest.raises(InputError, match=r"unknown radar preset '../table2'"):
         preset_path("../table2")

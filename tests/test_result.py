@@ -197,7 +197,7 @@ def spoil(path: Path, how: str) -> None:
     elif how == "cut metadata":
         top.write_text(top.read_text()[:300])
     elif how == "newer":
-        top.write_text(top.read_text().replace('"format": "1"', '"format": "2"'))
+        top.write_text(top.read_text().replace('"format": "2"', '"format": "3"'))
     elif how == "wrong radar":
         top.write_text(top.read_text().replace('\\"prf_hz\\":3200.0', '\\"prf_hz\\":-1.0'))
     elif how == "no radar":
@@ -212,7 +212,7 @@ def spoil(path: Path, how: str) -> None:
         ("cut samples", "does not hold a t2d-rt result"),
         ("lost cube", "ADC samples in .* are damaged"),
         ("cut metadata", "does not hold a t2d-rt result"),
-        ("newer", "has format 2, expected 1"),
+        ("newer", "has format 3, expected 2"),
         ("wrong radar", "prf_hz: got -1.0"),
         ("no radar", r"does not hold a t2d-rt result \(no 'radar'\)"),
     ],

@@ -204,7 +204,8 @@ def _check_processing(processing: dict[str, Any], radar: Radar, duration_s: floa
 
     from t2d_rt.signal import spectrogram
 
-    enough = max(256, processing["n_window"] or 0, radar.chirps_per_frame or 0)
+    radar = radar.separated
+    enough = max(256, processing["n_window"] or 0, radar.loops_per_frame or 0)
     chirps = min(enough, len(radar.chirp_times_s(duration_s)))
     spectrogram(np.zeros((chirps, 1, radar.samples), np.complex64), radar, **processing)
 
@@ -276,6 +277,7 @@ def _radar_info(radar: Radar) -> str:
         ("farthest range", f"{radar.max_range_m:.2f} m"),
         ("unambiguous speed", f"+-{radar.max_speed_mps:.2f} m/s"),
         ("chirp rate", f"{radar.prf_hz:.6g} Hz"),
+        ("antennas", f"{len(radar.tx_offsets_m)} x {len(radar.rx_offsets_m)} (tx x rx), {radar.multiplexing}"),
     ]
     return "\n".join(f"{name:22}{value}" for name, value in rows)
 

@@ -132,10 +132,12 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = ()) -> None:
         "radar",
         f"--radar NAME takes a preset ({', '.join(preset_names())}), --radar FILE.yaml your own; fields override:",
     )
-    default = Radar.preset("table2")
+    default = Radar.preset("table2").model_dump()
     for name, hint in get_type_hints(Radar).items():
         if name in Radar.model_fields:
-            radar.add_argument(f"--radar.{name}", type=hint, default=getattr(default, name))
+            # A pattern is several fields, which the radar itself checks.
+            kind = dict[str, Any] if isinstance(default[name], dict) else hint
+            radar.add_argument(f"--radar.{name}", type=kind, default=default[name])
     _add_parameters(
         parser.add_argument_group("reading the file, where it is not understood by itself"), load_motion, "motion."
     )

@@ -13,7 +13,7 @@ def check_speed(radar: Radar, top_speed_mps: float, *, what: str = "target") -> 
     """Warn where the top speed of `what` exceeds the unambiguous one, with the prf_hz that would do."""
     if abs(top_speed_mps) <= radar.max_speed_mps:
         return
-    needed = math.ceil(4 * abs(top_speed_mps) / radar.wavelength_m / 10) * 10
+    needed = math.ceil(radar.prf_hz * abs(top_speed_mps) / radar.max_speed_mps / 10) * 10
     fits = needed * radar.sweep_time_s <= 1
     fix = f"raise prf_hz to {needed}" + (
         "" if fits else f" and shorten the sweep below {1e6 / needed:.3g} us (fewer samples)"

@@ -5,23 +5,38 @@ Cubes are (chirp, antenna, sample), or (chirp, sample) for one antenna. Levels a
 P reads P in its peak cell.
 """
 
+from t2d_rt.signal.angle import array_spectrum, range_angle, steering_vectors, unit_vectors
+from t2d_rt.signal.cfar import cfar, cfar_factor
 from t2d_rt.signal.doppler import range_doppler, spectrogram, stft
-from t2d_rt.signal.maps import RangeDoppler, RangeProfile, Spectrogram
+from t2d_rt.signal.maps import ArraySpectrum, PointCloud, RangeAngle, RangeDoppler, RangeProfile, Spectrogram
 from t2d_rt.signal.mti import mti
+from t2d_rt.signal.multiplex import separate_ddm
+from t2d_rt.signal.points import point_cloud
 from t2d_rt.signal.range import gate, range_fft, range_profile, taper
 from t2d_rt.signal.recording import load_recording
 
 __all__ = [
+    "ArraySpectrum",
+    "PointCloud",
+    "RangeAngle",
     "RangeDoppler",
     "RangeProfile",
     "Spectrogram",
+    "array_spectrum",
+    "cfar",
+    "cfar_factor",
     "gate",
     "load_recording",
     "mti",
+    "point_cloud",
+    "range_angle",
     "range_doppler",
     "range_fft",
     "range_profile",
+    "separate_ddm",
     "spectrogram",
+    "steering_vectors",
     "stft",
     "taper",
+    "unit_vectors",
 ]

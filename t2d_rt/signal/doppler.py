@@ -13,6 +13,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.signal.maps import RangeDoppler, Spectrogram
 from t2d_rt.signal.mti import PAPER_KERNEL
 from t2d_rt.signal.mti import mti as mti_filter
+from t2d_rt.signal.multiplex import separated
 from t2d_rt.signal.range import check_cube, gate, range_fft, taper
 from t2d_rt.types.radar import Radar
 
@@ -69,17 +70,19 @@ def spectrogram(
       `range_window="boxcar"`). Bins next to each other alternate in sign, so the level is not calibrated; the sum over
       *all* bins is the chirp's first sample, which a tapered window sets to zero: give a gate.
 
-    The window is 256 chirps with an overlap of 200. Bursts: windows stay inside a burst, by default one window per
+    The window is 256 chirps with an overlap of 200, with "tdm" and "ddm" counted in loops of the transmitters, which
+    are taken apart first. Bursts: windows stay inside a burst, by default one window per
     burst.
     """
     check_cube(adc, radar)
+    adc, radar = separated(adc, radar)
     bins = gate(radar.range_axis_m(), range_gate_m)
     fast = taper(range_window, radar.samples)
     _check_combine(combine, bins == slice(0, radar.samples), fast)
-    burst = radar.chirps_per_frame or adc.shape[0]
+    burst = radar.loops_per_frame or adc.shape[0]
     n_window, overlap = _window_defaults(radar, adc.shape[0], n_window, overlap)
     n_fft = _check_window(n_window, overlap, n_fft, burst)
-    starts = _window_starts(adc.shape[0], burst, n_window, n_window - overlap)
+    starts = window_starts(adc.shape[0], burst, n_window, n_window - overlap)
 
     cells = range_fft(adc, window=range_window, bins=bins)
     cells = _filter_bursts(cells, burst, mti, radar, cutoff_mps, kernel)
@@ -91,9 +94,9 @@ def spectrogram(
     slow = taper(window, n_window, periodic=True)
     power = _summed_power(cells.reshape(len(cells), -1), starts, slow, n_fft)
     return Spectrogram(
-        power=_ascending(power / (bandwidth_bins * antennas)),
+        power=ascending(power / (bandwidth_bins * antennas)),
         velocity_mps=radar.speed_axis_mps(n_fft),
-        time_s=radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 / radar.prf_hz,
+        time_s=radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 * radar.loop_interval_s,
     )
 
 
@@ -108,31 +111,35 @@ def range_doppler(
     from scipy import fft
 
     check_cube(adc, radar)
+    adc, radar = separated(adc, radar)
     chirps = adc.shape[0]
-    if radar.chirps_per_frame is not None and chirps > radar.chirps_per_frame:
-        raise InputError(
-            f"a range-Doppler map needs evenly spaced chirps, got {chirps} in bursts of {radar.chirps_per_frame}; "
-            "give the chirps of one burst"
-        )
+    check_one_burst(chirps, radar)
     cube = np.asarray(adc)
     real = cube.real.dtype
     slow = taper(doppler_window, chirps, periodic=True).astype(real).reshape(-1, *[1] * (cube.ndim - 1))
     spectra = fft.fft(cube * slow, axis=0, overwrite_x=True, workers=-1)
     if correct_coupling:
         # The Doppler shift of the beat during a chirp, taken back on the samples of each row: no interpolation.
-        doppler_hz = fft.fftfreq(chirps, radar.chirp_interval_s)
+        doppler_hz = fft.fftfreq(chirps, radar.loop_interval_s)
         turn = np.exp(-2j * np.pi * np.outer(doppler_hz, radar.sample_times_s)).astype(cube.dtype)
         spectra *= turn.reshape(chirps, *[1] * (cube.ndim - 2), -1)
     spectra = fft.fft(spectra * taper(range_window, radar.samples).astype(real), axis=-1, overwrite_x=True, workers=-1)
     power = spectra.real**2 + spectra.imag**2
     if power.ndim == 3:
         power = power.mean(axis=1)
-    return RangeDoppler(
-        power=_ascending(power), velocity_mps=radar.speed_axis_mps(chirps), range_m=radar.range_axis_m()
-    )
+    return RangeDoppler(power=ascending(power), velocity_mps=radar.speed_axis_mps(chirps), range_m=radar.range_axis_m())
 
 
-def _ascending(power: np.ndarray) -> np.ndarray:
+def check_one_burst(chirps: int, radar: Radar) -> None:
+    """Refuses chirps with dead time among them."""
+    if radar.loops_per_frame is not None and chirps > radar.loops_per_frame:
+        raise InputError(
+            f"a range-Doppler map needs evenly spaced chirps, got {chirps} in bursts of {radar.loops_per_frame}; "
+            "give the chirps of one burst"
+        )
+
+
+def ascending(power: np.ndarray) -> np.ndarray:
     """Axis 0 from FFT order to ascending speed; speed is minus the Doppler frequency, hence the flip."""
     return np.ascontiguousarray(np.fft.fftshift(power, axes=0)[::-1])
 
@@ -178,7 +185,7 @@ def _filter_bursts(
         raise InputError(f"cutoff_mps must lie between 0 and {radar.max_speed_mps:.4g} m/s, got {cutoff_mps}")
     cutoff_hz = 2 * cutoff_mps / radar.wavelength_m
     if method in ("none", "mean") or burst >= len(cells):
-        return mti_filter(cells, method, prf_hz=radar.prf_hz, cutoff_hz=cutoff_hz, kernel=kernel)
+        return mti_filter(cells, method, prf_hz=1 / radar.loop_interval_s, cutoff_hz=cutoff_hz, kernel=kernel)
     if method == "highpass":
         raise InputError(
             f"mti='highpass' needs evenly spaced chirps, got bursts of {burst}; use mti='mean' or a radar with "
@@ -189,7 +196,7 @@ def _filter_bursts(
 
 
 def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: int | None) -> tuple[int, int]:
-    burst = radar.chirps_per_frame
+    burst = radar.loops_per_frame
     if n_window is None:
         n_window = min(256, chirps if burst is None else burst)
     if burst is not None and n_window > burst:
@@ -205,7 +212,7 @@ def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: i
     return n_window, n_window * 200 // 256 if overlap is None else overlap
 
 
-def _window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarray:
+def window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarray:
     """First chirps of all windows that lie within one burst and within the record."""
     within = np.arange(0, burst - n_window + 1, hop)
     starts = (np.arange(0, chirps, burst)[:, None] + within).ravel()

@@ -38,3 +38,55 @@ class RangeDoppler:
     velocity_mps: np.ndarray
     """Ascending, positive = approaching, (velocity,)."""
     range_m: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArraySpectrum:
+    """Range-Doppler spectra of all virtual antennas over one coherent interval."""
+
+    spectrum: np.ndarray
+    """[sqrt(W)], complex (velocity, antenna, range)."""
+    velocity_mps: np.ndarray
+    """Ascending, positive = approaching, (velocity,)."""
+    range_m: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeAngle:
+    """Range-azimuth map of one coherent interval."""
+
+    power: np.ndarray
+    """[W], (range, azimuth)."""
+    range_m: np.ndarray
+    azimuth_rad: np.ndarray
+    """Positive to the left, (azimuth,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointCloud:
+    """Detected points, each field (point,), frame after frame."""
+
+    time_s: np.ndarray
+    """Centre of the frame."""
+    range_m: np.ndarray
+    azimuth_rad: np.ndarray
+    """Positive to the left."""
+    elevation_rad: np.ndarray
+    """Positive upwards."""
+    speed_mps: np.ndarray
+    """Positive = approaching."""
+    snr_db: np.ndarray
+    """Power of the peak cell, mean over the antennas, against the noise level around it."""
+
+    @property
+    def xyz_m(self) -> np.ndarray:
+        """Positions from the radar's in its frame, x boresight, y left, z up, (point, 3)."""
+        level = self.range_m * np.cos(self.elevation_rad)
+        return np.stack(
+            [
+                level * np.cos(self.azimuth_rad),
+                level * np.sin(self.azimuth_rad),
+                self.range_m * np.sin(self.elevation_rad),
+            ],
+            axis=-1,
+        )

@@ -1,4 +1,4 @@
-"""`Radar`: waveform, timing, link budget and pose of one FMCW radar with one transmitter and one receiver.
+"""`Radar`: waveform, timing, link budget, antennas and pose of one FMCW radar.
 
 IF = transmitted x conj(received): a point at delay tau gives A exp(j 2 pi (f_c tau + S tau t - S tau^2/2)), t from the
 first ADC sample. The beat frequency is positive; an approaching target has a negative Doppler frequency and a positive
@@ -7,36 +7,22 @@ speed.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
+from t2d_rt.types.antennas import Isotropic, Pattern, polarization_product
+from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 
 
-def _not_bool(value: Any) -> Any:
-    # YAML reads `yes` and `on` as true, which pydantic would take for 1.
-    if isinstance(value, bool):
-        raise ValueError("a number is expected")
-    return value
-
-
-# The limits catch a unit given wrongly (77 for 77 GHz, 46.4 for MHz/us) and keep every derived figure finite.
-Number = Annotated[float, BeforeValidator(_not_bool), Field(allow_inf_nan=False)]
-Decibel = Annotated[Number, Field(ge=-200, le=200)]
-Coordinate = Annotated[Number, Field(ge=-1e6, le=1e6)]
-Vector = tuple[Coordinate, Coordinate, Coordinate]
-Count = Annotated[int, BeforeValidator(_not_bool)]
-
-
-class Radar(BaseModel):
+class Radar(Fields):
     """One FMCW radar; frozen, every field checked, also after `replace`.
 
     >>> radar = Radar.preset("table2")
@@ -44,7 +30,7 @@ class Radar(BaseModel):
     (0.0864, 9.86)
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    if_missing: ClassVar[str] = "give it, or start from a preset such as table2"
 
     carrier_hz: Annotated[Number, Field(ge=1e6, le=1e13)]
     """Frequency at the first ADC sample [Hz]."""
@@ -55,9 +41,9 @@ class Radar(BaseModel):
     samples: Annotated[Count, Field(ge=2, le=1_000_000)]
     """ADC samples per chirp."""
     prf_hz: Annotated[Number, Field(ge=1e-3, le=1e8)]
-    """Chirps per second [Hz]; with bursts the rate inside a burst."""
+    """Chirps per second [Hz], of all transmitters together; with bursts the rate inside a burst."""
     chirps_per_frame: Annotated[Count, Field(ge=1, le=1_000_000)] | None = None
-    """Chirps of one burst; None for continuous chirps."""
+    """Chirps of one burst, of all transmitters together; None for continuous chirps."""
     frame_interval_s: Annotated[Number, Field(gt=0, le=1e6)] | None = None
     """Start of one burst to the start of the next [s]; None for continuous chirps."""
     tx_power_dbm: Decibel = 12.0
@@ -69,26 +55,24 @@ class Radar(BaseModel):
     """Where the radar stands, world coordinates, z up [m]."""
     boresight: Vector = (1.0, 0.0, 0.0)
     """Direction the radar looks in, any length."""
-    tx_offset_m: Vector = (0.0, 0.0, 0.0)
-    """Transmitter from `position_m` in the radar's frame [m]: x boresight, y left, z up."""
-    rx_offset_m: Vector = (0.0, 0.0, 0.0)
-    """Receiver, likewise."""
+    tx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
+    """The M transmitters from `position_m` in the radar's frame [m]: x boresight, y left, z up; one x, y, z will do."""
+    rx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
+    """The N receivers, likewise."""
+    multiplexing: Literal["simultaneous", "tdm", "ddm"] = "simultaneous"
+    """How transmitters share the chirps; virtual antenna a = tx * N + rx is one pair.
 
-    def __init__(self, **values: Any) -> None:
-        try:
-            super().__init__(**values)
-        except ValidationError as error:
-            raise InputError(_sentence(error, type(self))) from None
-
-    @classmethod
-    def model_validate(cls, obj: Any, **options: Any) -> Self:
-        """A radar from a mapping of field names and values; an InputError where it is wrong."""
-        if isinstance(obj, Mapping) and not all(isinstance(key, str) for key in obj):
-            raise InputError(f"a radar must be a mapping of field names and values, got keys {list(obj)[:5]}")
-        try:
-            return super().model_validate(obj, **options)
-        except ValidationError as error:
-            raise InputError(_sentence(error, cls)) from None
+    "simultaneous": every pair on each chirp, an ideal device. "tdm": transmitter m sends chirps m, m + M, ...; a row of
+    the cube is a loop of M chirps. "ddm": all at once, the phase of transmitter m advanced by 2 pi m k / M on chirp k;
+    a row is a chirp, its antennas are the receivers, and `signal.separate_ddm` takes the transmitters apart.
+    """
+    tx_pattern: Pattern = Isotropic()
+    """Gain over direction, relative to the peak `tx_gain_dbi`."""
+    rx_pattern: Pattern = Isotropic()
+    """Likewise, relative to `rx_gain_dbi`."""
+    tx_polarization_deg: Annotated[Number, Field(ge=-360, le=360)] = 0.0
+    """Linear polarisation [deg]: 0 vertical (the radar's z), 90 horizontal (its y)."""
+    rx_polarization_deg: Annotated[Number, Field(ge=-360, le=360)] = 0.0
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
@@ -110,6 +94,11 @@ class Radar(BaseModel):
                 raise InputError(
                     f"burst of {self.chirps_per_frame} chirps lasts {burst * 1e3:.6g} ms, longer than its frame of "
                     f"{self.frame_interval_s * 1e3:.6g} ms; raise frame_interval_s or prf_hz, or take fewer chirps"
+                )
+            if self.chirps_per_frame % self._turns:
+                raise InputError(
+                    f"bursts of {self.chirps_per_frame} chirps do not give {self._turns} transmitters equal turns; set "
+                    f"chirps_per_frame to a multiple of {self._turns}"
                 )
         if math.hypot(*self.boresight) < 1e-9:
             raise InputError(f"boresight must be a direction, got {self.boresight}; (1, 0, 0) looks along x")
@@ -151,6 +140,26 @@ class Radar(BaseModel):
     def chirp_interval_s(self) -> float:
         """Start of one chirp to the start of the next [s]."""
         return 1 / self.prf_hz
+
+    @property
+    def loop_chirps(self) -> int:
+        """Chirps in one row of the cube: M with "tdm", else 1."""
+        return len(self.tx_offsets_m) if self.multiplexing == "tdm" else 1
+
+    @property
+    def loop_interval_s(self) -> float:
+        """Start of one row of the cube to the start of the next [s]: the interval of Doppler sampling."""
+        return self.loop_chirps / self.prf_hz
+
+    @property
+    def loops_per_frame(self) -> int | None:
+        """Rows of the cube in one burst; None for continuous chirps."""
+        return None if self.chirps_per_frame is None else self.chirps_per_frame // self.loop_chirps
+
+    @property
+    def _turns(self) -> int:
+        """Transmitters that share the chirps, in time or in Doppler."""
+        return 1 if self.multiplexing == "simultaneous" else len(self.tx_offsets_m)
 
     @property
     def sweep_time_s(self) -> float:
@@ -196,8 +205,8 @@ class Radar(BaseModel):
 
     @property
     def max_speed_mps(self) -> float:
-        """Unambiguous speed lambda PRF / 4 [m/s], either way."""
-        return self.wavelength_m * self.prf_hz / 4
+        """Unambiguous speed lambda PRF / 4 [m/s], either way; 1/M of that where M transmitters share the chirps."""
+        return self.wavelength_m * self.prf_hz / (4 * self._turns)
 
     def speed_resolution_mps(self, duration_s: float) -> float:
         """Speed bin lambda/(2 T) of a coherent interval of T = `duration_s` [m/s]."""
@@ -218,39 +227,39 @@ class Radar(BaseModel):
         return np.arange(n_fft) * (self.max_range_m / n_fft) + coupling
 
     def speed_axis_mps(self, n_fft: int) -> np.ndarray:
-        """Speed of each Doppler bin [m/s], (n_fft,), ascending, positive = approaching: v = -lambda f_D / 2."""
-        doppler_hz = np.fft.fftshift(np.fft.fftfreq(n_fft, self.chirp_interval_s))
+        """Speed of each Doppler bin [m/s], (n_fft,), ascending, positive = approaching: v = -lambda f_D / 2.
+
+        Of the cube's rows: of a "ddm" cube before it is separated, +-lambda PRF / 4.
+        """
+        doppler_hz = np.fft.fftshift(np.fft.fftfreq(n_fft, self.loop_interval_s))
         return -self.wavelength_m / 2 * doppler_hz[::-1]
 
     # --- timing ---
 
     def chirp_starts_s(self, chirps: int) -> np.ndarray:
-        """First ADC samples of the first `chirps` chirps [s], (chirps,)."""
+        """First ADC samples of the first `chirps` rows of the cube [s], (chirps,): with "tdm", of loops."""
         chirp = np.arange(chirps)
-        if self.chirps_per_frame is None or self.frame_interval_s is None:
-            return chirp / self.prf_hz
-        frame, within = np.divmod(chirp, self.chirps_per_frame)
-        return frame * self.frame_interval_s + within / self.prf_hz
+        if self.loops_per_frame is None or self.frame_interval_s is None:
+            return chirp * self.loop_chirps / self.prf_hz
+        frame, within = np.divmod(chirp, self.loops_per_frame)
+        return frame * self.frame_interval_s + within * self.loop_chirps / self.prf_hz
 
     def chirp_times_s(self, duration_s: float) -> np.ndarray:
-        """First ADC samples of all chirps whose samples lie within `duration_s` [s], (chirps,); of bursts, the whole
-        ones."""
+        """First ADC samples of all rows of the cube whose samples lie within `duration_s` [s], (chirps,); whole loops
+        of the transmitters, and of bursts the whole ones."""
         if not 0 < duration_s < math.inf:
             raise InputError(f"duration_s must be positive and finite, got {duration_s}")
         window = (self.samples - 1) / self.sample_rate_hz
         if self.chirps_per_frame is None or self.frame_interval_s is None:
-            group, period = 1, self.chirp_interval_s
+            name, group, period = "chirp" if self._turns == 1 else "loop", self._turns, self._turns / self.prf_hz
         else:
-            group, period = self.chirps_per_frame, self.frame_interval_s
+            name, group, period = "burst", self.chirps_per_frame, self.frame_interval_s
         last = window + (group - 1) * self.chirp_interval_s  # last sample of a group, from its start
         # The slack keeps a chirp that ends with the record on paper but not in the last digit.
         groups = math.floor((duration_s - last) / period + 1e-9) + 1
         if groups < 1:
-            raise InputError(
-                f"duration of {duration_s:.6g} s holds no whole {'chirp' if group == 1 else 'burst'}; "
-                f"it must be at least {last:.6g} s"
-            )
-        return self.chirp_starts_s(groups * group)
+            raise InputError(f"duration of {duration_s:.6g} s holds no whole {name}; it must be at least {last:.6g} s")
+        return self.chirp_starts_s(groups * group // self.loop_chirps)
 
     # --- link budget ---
 
@@ -287,14 +296,83 @@ class Radar(BaseModel):
         return np.stack([forward, left, np.cross(forward, left)])
 
     @property
+    def tx_positions_m(self) -> np.ndarray:
+        """Transmitters in the world [m], (M, 3)."""
+        return np.array(self.position_m) + np.array(self.tx_offsets_m) @ self.axes
+
+    @property
+    def rx_positions_m(self) -> np.ndarray:
+        """Receivers in the world [m], (N, 3)."""
+        return np.array(self.position_m) + np.array(self.rx_offsets_m) @ self.axes
+
+    @property
     def tx_position_m(self) -> np.ndarray:
-        """Transmitter in the world [m], (3,)."""
-        return np.array(self.position_m) + np.array(self.tx_offset_m) @ self.axes
+        """Centre of the transmitters in the world [m], (3,)."""
+        return self.tx_positions_m.mean(axis=0)
 
     @property
     def rx_position_m(self) -> np.ndarray:
-        """Receiver in the world [m], (3,)."""
-        return np.array(self.position_m) + np.array(self.rx_offset_m) @ self.axes
+        """Centre of the receivers in the world [m], (3,)."""
+        return self.rx_positions_m.mean(axis=0)
+
+    # --- antennas ---
+
+    @property
+    def antennas(self) -> int:
+        """Length of the cube's antenna axis: M N, with "ddm" N."""
+        receivers = len(self.rx_offsets_m)
+        return receivers if self.multiplexing == "ddm" else len(self.tx_offsets_m) * receivers
+
+    @property
+    def antenna_delays_s(self) -> np.ndarray:
+        """Start of each antenna's chirp after the start of its row of the cube [s], (antennas,): m / PRF with "tdm"."""
+        if self.multiplexing != "tdm":
+            return np.zeros(self.antennas)
+        return np.repeat(np.arange(len(self.tx_offsets_m)) / self.prf_hz, len(self.rx_offsets_m))
+
+    def tx_phase(self, chirps: np.ndarray) -> np.ndarray:
+        """Factor of each transmitter's echoes at IF in the chirps of the given numbers, complex (chirp, M).
+
+        exp(-j 2 pi m k / M) with "ddm", minus because IF conjugates the received wave; else 1.
+        """
+        transmitters = len(self.tx_offsets_m)
+        # By remainders: whole turns do not cost digits however long the record.
+        step = np.outer(chirps, np.arange(transmitters)) % transmitters * (self.multiplexing == "ddm")
+        return np.exp(-2j * np.pi / transmitters * step)
+
+    @property
+    def virtual_offsets_m(self) -> np.ndarray:
+        """Virtual antennas from `position_m` in the radar's frame [m], (M N, 3): midpoints of transmitter and receiver.
+
+        Where both would stand at its virtual antenna, a pair has the same far-field phase.
+        """
+        pairs = np.array(self.tx_offsets_m)[:, None] + np.array(self.rx_offsets_m)
+        return pairs.reshape(-1, 3) / 2
+
+    @property
+    def virtual_positions_m(self) -> np.ndarray:
+        """Virtual antennas in the world [m], (M N, 3)."""
+        return np.array(self.position_m) + self.virtual_offsets_m @ self.axes
+
+    @property
+    def separated(self) -> Radar:
+        """The radar that a cube from `signal.separate_ddm` belongs to: every pair on each chirp, at PRF / M."""
+        if self.multiplexing != "ddm":
+            return self
+        turns = self._turns
+        chirps = None if self.chirps_per_frame is None else self.chirps_per_frame // turns
+        return self.replace(multiplexing="simultaneous", prf_hz=self.prf_hz / turns, chirps_per_frame=chirps)
+
+    def antenna_factor(self, departure: np.ndarray, arrival: np.ndarray) -> np.ndarray:
+        """Amplitude by patterns and polarisation, real (...), 1 for the defaults: sqrt(G_t G_r / peaks) p (eq. 17).
+
+        `departure` and `arrival` are unit vectors (..., 3) in the world from transmitter and receiver to the target.
+        """
+        departure, arrival = (np.asarray(direction) @ self.axes.T for direction in (departure, arrival))
+        polarization = polarization_product(
+            departure, arrival, math.radians(self.tx_polarization_deg), math.radians(self.rx_polarization_deg)
+        )
+        return np.sqrt(self.tx_pattern.gain(departure) * self.rx_pattern.gain(arrival)) * polarization
 
 
 def preset_names() -> list[str]:
@@ -335,27 +413,3 @@ def _read_yaml(path: Path) -> dict[str, Any]:
             f"{path} must hold field names and values such as 'prf_hz: 10240', got {type(values).__name__}"
         )
     return dict(values)
-
-
-def _sentence(error: ValidationError, model: type[BaseModel]) -> str:
-    """One sentence for the first thing that pydantic found wrong."""
-    first, *others = error.errors(include_url=False)
-    cause = first.get("ctx", {}).get("error")
-    if isinstance(cause, InputError):
-        return str(cause)
-    key = str(first["loc"][0]) if first["loc"] else ""
-    more = f" ({len(others)} more {'fields are' if len(others) > 1 else 'field is'} wrong)" if others else ""
-    given = repr(first["input"])
-    given = given if len(given) <= 60 else given[:57] + "..."
-    if not key:
-        return f"a radar must be a mapping of field names and values, got {given}"
-    if first["type"] == "extra_forbidden":
-        close = difflib.get_close_matches(key, model.model_fields, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"valid keys are {', '.join(model.model_fields)}"
-        return f"unknown radar key '{key}'; {hint}{more}"
-    if first["type"] == "missing" and len(first["loc"]) == 1:
-        return f"radar key {key} is missing; give it, or start from a preset such as table2{more}"
-    if first["type"] in ("missing", "too_long", "tuple_type"):
-        return f"radar key {key} must be three numbers x, y, z, got {given}{more}"
-    expected = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    return f"radar key {key}: got {given}, {expected}; correct it, in SI units{more}"

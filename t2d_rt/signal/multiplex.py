@@ -1,0 +1,61 @@
+"""From the antennas that a cube holds to the virtual ones: transmitters told apart (docs/physics.md, eq. 18)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.signal.range import check_cube
+from t2d_rt.types.radar import Radar
+
+
+def separate_ddm(adc: Any, radar: Radar) -> np.ndarray:
+    """Virtual antennas of a "ddm" cube: (chirp, N, sample) to (chirp / M, M N, sample), the cube of `radar.separated`.
+
+    Each transmitter's part of the Doppler spectrum is moved to zero, its band of PRF / M kept, and every M-th chirp
+    of that returned: what an ideal radar with a PRF of PRF / M would have recorded. Echoes faster than
+    `radar.max_speed_mps` fall into another transmitter's band; of slower ones, what a record's ends spread over the
+    Doppler axis does too, at -40 dB and only at the edges of the bands once a window is applied. Bursts are separated one
+    by one.
+    """
+    from scipy import fft
+
+    check_antennas(adc, radar)
+    transmitters = len(radar.tx_offsets_m)
+    if radar.multiplexing != "ddm":
+        raise InputError(f"only a cube with multiplexing='ddm' is separated, this radar's is '{radar.multiplexing}'")
+    chirps = adc.shape[0]
+    burst = chirps if radar.loops_per_frame is None else min(radar.loops_per_frame, chirps)
+    if burst % transmitters or chirps % burst:
+        whole = chirps // burst * burst if chirps % burst else chirps // transmitters * transmitters
+        raise InputError(
+            f"the Doppler bands of {transmitters} transmitters need whole loops of {transmitters} chirps and whole bursts, "
+            f"got {chirps} chirps; give the first {whole}"
+        )
+    loops = burst // transmitters
+    cube = np.asarray(adc).reshape(-1, burst, *adc.shape[1:])
+    spectra = fft.fft(cube, axis=1, workers=-1) / transmitters
+    band = np.rint(np.fft.fftfreq(loops, 1 / loops)).astype(int)
+    parts = [
+        fft.ifft(spectra[:, (band - transmitter * loops) % burst], axis=1, overwrite_x=True, workers=-1)
+        for transmitter in range(transmitters)
+    ]
+    return np.concatenate(parts, axis=2).reshape(chirps // transmitters, -1, radar.samples)
+
+
+def separated(adc: Any, radar: Radar) -> tuple[Any, Radar]:
+    """Cube and radar with their transmitters apart: what "ddm" needs, and all others have."""
+    return (separate_ddm(adc, radar), radar.separated) if radar.multiplexing == "ddm" else (adc, radar)
+
+
+def check_antennas(adc: Any, radar: Radar) -> None:
+    """Refuses a cube that does not hold every antenna of the radar."""
+    check_cube(adc, radar)
+    antennas = 1 if adc.ndim == 2 else adc.shape[1]
+    if adc.ndim != 3 or antennas != radar.antennas:
+        raise InputError(
+            f"adc has {antennas} antennas, the radar {radar.antennas} ({len(radar.tx_offsets_m)} transmitters, "
+            f"{len(radar.rx_offsets_m)} receivers, {radar.multiplexing}); use the radar that recorded it"
+        )

@@ -1,0 +1,145 @@
+"""Antenna patterns and polarisation (docs/physics.md, eq. 17).
+
+Directions are unit vectors (..., 3) in the radar's frame, from the antenna outward: x boresight, y left, z up. Azimuth
+is positive to the left, elevation positive upwards.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from t2d_rt.errors import InputError
+from t2d_rt.types.fields import Decibel, Fields, Number
+
+
+class Isotropic(Fields):
+    """The same gain in all directions, behind too."""
+
+    noun: ClassVar[str] = "antenna pattern"
+
+    kind: Literal["isotropic"] = "isotropic"
+
+    def gain(self, directions: np.ndarray) -> np.ndarray:
+        """Gain relative to its peak, a power ratio (...)."""
+        return np.ones(directions.shape[:-1])
+
+
+class CosinePower(Fields):
+    """Gain cos^n of the angle off boresight, nothing behind; either n or the beamwidth is given.
+
+    >>> round(CosinePower(half_power_beamwidth_deg=90).power, 6)
+    2.0
+    """
+
+    noun: ClassVar[str] = "antenna pattern"
+
+    kind: Literal["cosine"] = "cosine"
+    exponent: Annotated[Number, Field(ge=0, le=1e5)] | None = None
+    """n of the power gain; 2 is a cosine of the field."""
+    half_power_beamwidth_deg: Annotated[Number, Field(gt=0, lt=180)] | None = None
+    """Full width between the directions of half the peak gain [deg]."""
+
+    @model_validator(mode="after")
+    def _check_one_given(self) -> Self:
+        if (self.exponent is None) == (self.half_power_beamwidth_deg is None):
+            raise InputError(
+                f"a cosine pattern needs either exponent or half_power_beamwidth_deg, got {self.exponent} and "
+                f"{self.half_power_beamwidth_deg}; give one of them"
+            )
+        return self
+
+    @property
+    def power(self) -> float:
+        """n, also where the beamwidth was given: cos^n(beamwidth / 2) = 1/2."""
+        if self.half_power_beamwidth_deg is None:
+            return float(self.exponent or 0.0)
+        return math.log(0.5) / math.log(math.cos(math.radians(self.half_power_beamwidth_deg) / 2))
+
+    def gain(self, directions: np.ndarray) -> np.ndarray:
+        """Gain relative to its peak, a power ratio (...)."""
+        cosine = directions[..., 0]
+        return np.where(cosine > 0, np.clip(cosine, 0, 1) ** self.power, 0.0)
+
+
+class Tabulated(Fields):
+    """A measured or computed gain over azimuth and elevation, between its points bilinear in dB."""
+
+    noun: ClassVar[str] = "antenna pattern"
+
+    kind: Literal["table"] = "table"
+    azimuth_deg: Annotated[tuple[Annotated[Number, Field(ge=-180, le=180)], ...], Field(min_length=2)]
+    """Ascending, positive to the left [deg]."""
+    elevation_deg: Annotated[tuple[Annotated[Number, Field(ge=-90, le=90)], ...], Field(min_length=2)]
+    """Ascending, positive upwards [deg]."""
+    gain_db: tuple[tuple[Decibel, ...], ...]
+    """Gain relative to its peak, 0 or less [dB]: a row for each azimuth, a column for each elevation."""
+
+    @model_validator(mode="after")
+    def _check_table(self) -> Self:
+        for name, axis in (("azimuth_deg", self.azimuth_deg), ("elevation_deg", self.elevation_deg)):
+            if not (np.diff(axis) > 0).all():
+                raise InputError(f"{name} of a tabulated pattern must ascend, got {axis!s:.60}; sort table and axis")
+        rows, columns = len(self.azimuth_deg), len(self.elevation_deg)
+        if len(self.gain_db) != rows or any(len(row) != columns for row in self.gain_db):
+            raise InputError(
+                f"gain_db must have {rows} rows (azimuth) of {columns} numbers (elevation), got {len(self.gain_db)} rows "
+                f"of {sorted({len(row) for row in self.gain_db})}; transpose it if it is the other way round"
+            )
+        peak = max(max(row) for row in self.gain_db)
+        if peak > 1e-9:
+            raise InputError(
+                f"gain_db is relative to the peak and so 0 or less, got {peak:.6g}; subtract the peak and give it as "
+                "tx_gain_dbi or rx_gain_dbi"
+            )
+        return self
+
+    def gain(self, directions: np.ndarray) -> np.ndarray:
+        """Gain relative to its peak, a power ratio (...)."""
+        azimuth = np.degrees(np.arctan2(directions[..., 1], directions[..., 0]))
+        elevation = np.degrees(np.arcsin(np.clip(directions[..., 2], -1, 1)))
+        column, across = _cell("azimuth", azimuth, self.azimuth_deg)
+        row, up = _cell("elevation", elevation, self.elevation_deg)
+        table = np.asarray(self.gain_db)
+        lower = (1 - up) * table[column, row] + up * table[column, row + 1]
+        upper = (1 - up) * table[column + 1, row] + up * table[column + 1, row + 1]
+        return np.asarray(10 ** (((1 - across) * lower + across * upper) / 10))
+
+
+Pattern = Annotated[Isotropic | CosinePower | Tabulated, Field(discriminator="kind")]
+
+
+def polarization_product(departure: np.ndarray, arrival: np.ndarray, tx_rad: float, rx_rad: float) -> np.ndarray:
+    """Share of the field that a co-polar scatterer brings from one linear polarisation to the other, -1..1 (...).
+
+    0 is vertical, pi/2 horizontal (to the left). Both unit vectors are made transverse to the bisector of the two
+    rays, which is the normal of a surface that reflects from one to the other.
+    """
+    shape = np.broadcast_shapes(departure.shape, arrival.shape)[:-1]
+    if tx_rad == rx_rad:
+        return np.ones(shape)
+    ray = departure + arrival
+    ray = ray / np.maximum(np.linalg.norm(ray, axis=-1, keepdims=True), 1e-12)
+    transverse = []
+    for angle in (tx_rad, rx_rad):
+        vector = np.array((0.0, math.sin(angle), math.cos(angle)))
+        vector = vector - (ray @ vector)[..., None] * ray
+        transverse.append(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-12))
+    return np.sum(transverse[0] * transverse[1], axis=-1)
+
+
+def _cell(name: str, values_deg: np.ndarray, axis_deg: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Which interval of the axis each value lies in, and how far along it, 0..1."""
+    least, greatest = float(values_deg.min(initial=np.inf)), float(values_deg.max(initial=-np.inf))
+    if not (least >= axis_deg[0] - 1e-6 and greatest <= axis_deg[-1] + 1e-6):
+        raise InputError(
+            f"{name} of {least:.4g} to {greatest:.4g} degrees is asked of an antenna pattern tabulated from "
+            f"{axis_deg[0]:.4g} to {axis_deg[-1]:.4g}; extend the table"
+        )
+    axis = np.asarray(axis_deg)
+    index = np.clip(np.searchsorted(axis, values_deg, side="right") - 1, 0, len(axis) - 2)
+    share = (values_deg - axis[index]) / (axis[index + 1] - axis[index])
+    return index, np.clip(share, 0, 1)

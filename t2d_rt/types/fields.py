@@ -1,0 +1,90 @@
+"""What models that people write down as YAML share: kinds of numbers, and errors in one sentence."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from t2d_rt.errors import InputError
+
+
+def _not_bool(value: Any) -> Any:
+    # YAML reads `yes` and `on` as true, which pydantic would take for 1.
+    if isinstance(value, bool):
+        raise ValueError("a number is expected")
+    return value
+
+
+def _triples(value: Any) -> Any:
+    """One position x, y, z becomes a list of one."""
+    if isinstance(value, (list, tuple)) and len(value) == 3 and not any(isinstance(x, (list, tuple)) for x in value):
+        return (value,)
+    return value
+
+
+# The limits catch a unit given wrongly (77 for 77 GHz, 46.4 for MHz/us) and keep every derived figure finite.
+Number = Annotated[float, BeforeValidator(_not_bool), Field(allow_inf_nan=False)]
+Decibel = Annotated[Number, Field(ge=-200, le=200)]
+Coordinate = Annotated[Number, Field(ge=-1e6, le=1e6)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Vectors = Annotated[tuple[Vector, ...], BeforeValidator(_triples), Field(min_length=1, max_length=1024)]
+Count = Annotated[int, BeforeValidator(_not_bool)]
+
+
+class Fields(BaseModel):
+    """A frozen model of named fields; what is wrong with them comes as an InputError of one sentence."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    noun: ClassVar[str] = "radar"
+    """What the sentences call it."""
+    if_missing: ClassVar[str] = "give it"
+    """What to do about a field that is not given."""
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise InputError(_sentence(error, type(self))) from None
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """A model from a mapping of field names and values; an InputError where it is wrong."""
+        if isinstance(obj, Mapping) and not all(isinstance(key, str) for key in obj):
+            raise InputError(f"{_article(cls)} must be a mapping of field names and values, got keys {list(obj)[:5]}")
+        try:
+            return super().model_validate(obj, **options)
+        except ValidationError as error:
+            raise InputError(_sentence(error, cls)) from None
+
+
+def _article(model: type[Fields]) -> str:
+    return f"{'an' if model.noun[0] in 'aeiou' else 'a'} {model.noun}"
+
+
+def _sentence(error: ValidationError, model: type[Fields]) -> str:
+    """One sentence for the first thing that pydantic found wrong."""
+    first, *others = error.errors(include_url=False)
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        return str(cause)
+    key = str(first["loc"][0]) if first["loc"] else ""
+    more = f" ({len(others)} more {'fields are' if len(others) > 1 else 'field is'} wrong)" if others else ""
+    given = repr(first["input"])
+    given = given if len(given) <= 60 else given[:57] + "..."
+    if not key:
+        return f"{_article(model)} must be a mapping of field names and values, got {given}"
+    if first["type"] == "extra_forbidden":
+        close = difflib.get_close_matches(key, model.model_fields, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"valid keys are {', '.join(model.model_fields)}"
+        return f"unknown {model.noun} key '{key}'; {hint}{more}"
+    if first["type"] == "missing" and len(first["loc"]) == 1:
+        return f"{model.noun} key {key} is missing; {model.if_missing}{more}"
+    if first["type"] in ("missing", "too_long", "tuple_type") and not key.endswith(("_deg", "_db")):
+        several = ", or a list of such" if key.endswith("offsets_m") else ""
+        return f"{model.noun} key {key} must be three numbers x, y, z{several}, got {given}{more}"
+    expected = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    return f"{model.noun} key {key}: got {given}, {expected}; correct it, in SI units{more}"
