@@ -1,6 +1,6 @@
 """Surfaces as arrays: refinement on one fixed curved surface, and points spread over it."""
 
-from t2d_rt.geometry.refine import Refinement, curvature, refine
+from t2d_rt.geometry.refine import Refinement, curvature, refine, refinements
 from t2d_rt.geometry.subdivide import Subdivision, crease_corners, sharp_edges, subdivide
 from t2d_rt.geometry.surface_points import SurfacePoints, hash_uniform, point_spacing, surface_points
 
@@ -13,6 +13,7 @@ __all__ = [
     "hash_uniform",
     "point_spacing",
     "refine",
+    "refinements",
     "sharp_edges",
     "subdivide",
     "surface_points",
