@@ -13,7 +13,7 @@ import numpy as np
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.facets import Leg, diffuse_echoes, patch_echoes
-from t2d_rt.echo.patches import Csr, Patches, centres, normals, patches, tilts
+from t2d_rt.echo.patches import Csr, Patches, centres, normals, patches, ranges_m, tilts
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, point_spacing, refinements, surface_points
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
@@ -83,8 +83,7 @@ def least_range_m(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> flo
     """Least distance of the mesh's vertices from an antenna over the record [m]."""
     span = times_s[-1] - times_s[0]
     vertices = surface.at(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))))
-    ranges = [np.linalg.norm(vertices - antenna, axis=2) for antenna in (radar.tx_position_m, radar.rx_position_m)]
-    return float(np.min(ranges))
+    return float(min(ranges_m(vertices, antenna).min() for antenna in (radar.tx_position_m, radar.rx_position_m)))
 
 
 @dataclass(frozen=True, slots=True)
