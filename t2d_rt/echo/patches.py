@@ -156,5 +156,5 @@ def _cut(first: np.ndarray, columns: np.ndarray) -> None:
     half = 1
     while half < MOST_FACETS:
         low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
-        first[half :: 2 * half] |= (high - low).max(axis=1) > 1
+        first[half :: 2 * half] |= (high - low > 1).any(axis=1)
         half *= 2
