@@ -182,8 +182,8 @@ def _build_levels(
     )  # fmt: skip
     levels, steps, linear_steps, count = [level], [], [], len(rest)
     while level.split.any():
-        inside = _grow(level.mesh, level.red.any(axis=0), HALO_RINGS)
-        made = level.split.any(axis=0) | _edges_of(level.mesh, inside)
+        inside = _grow(level.mesh, np.any(level.red, axis=0), HALO_RINGS)
+        made = np.any(level.split, axis=0) | _edges_of(level.mesh, inside)
         _complete(level, made)
         level.middle_ids = np.where(made, count + np.cumsum(made) - 1, -1)
         steps.append(_columns(level.middle[made], level.ids, count))
@@ -207,7 +207,7 @@ def _level(
     points: np.ndarray, scale: np.ndarray, wanted: np.ndarray, max_edge_m: float,
 ) -> _Level:  # fmt: skip
     """A level with the midpoints of the faces `wanted` for any bar, (B, F), and what these ask for."""
-    asked = wanted.any(axis=0)
+    asked = np.any(wanted, axis=0)
     middle = midpoints(mesh, corners, points, _edges_of(mesh, asked))
     a, b = (points.take(mesh.edges[:, j], axis=0) for j in range(2))
     depth = _depth(mesh, middle @ points - (a + b) / 2, points, asked)
