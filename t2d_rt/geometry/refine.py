@@ -235,7 +235,8 @@ def _mark(
 def _complete(level: _Level, needed: np.ndarray) -> None:
     """Adds what is missing of the midpoints of the `needed` edges, bool (E,): most of those in the halo stay unused."""
     missing = needed & (np.diff(level.middle.indptr) == 0)
-    level.middle = level.middle + midpoints(level.mesh, level.corners, level.points, missing)
+    if missing.any():
+        level.middle = level.middle + midpoints(level.mesh, level.corners, level.points, missing)
 
 
 def _depth(mesh: Topology, offset: np.ndarray, points: np.ndarray, wanted: np.ndarray) -> np.ndarray:

@@ -204,8 +204,7 @@ def midpoints(
 
 
 def _quadratic_precision(matrix: Csr, mesh: Topology, rest: np.ndarray, half: np.ndarray) -> None:
-    """Correct the weights of smooth edges (a half-edge of each), in place: they reproduce quadratic surfaces where
-    vertices lie unevenly.
+    """Correct the weights of smooth edges (one half-edge each), in place: they reproduce quadratic surfaces on uneven vertices.
 
     In the tangent frame of an edge, (x, y) from the chord's middle in units of its length, the weights w shall satisfy
     sum_i w_i (1, x, y, x^2, x y, y^2)_i = (1, 0, 0, 0, 0, 0). The smallest change that does so is added,
