@@ -453,4 +453,6 @@ def _displacement(
         edges[part.edges] = True
         _complete(level, edges)
         move = move + _columns(mean @ depth @ (level.middle - _chords(level.mesh)), level.ids, total)
+    # sums follow the order of storage, and what one bar gives must not depend on others by as much as a bit
+    move.sort_indices()
     return move
