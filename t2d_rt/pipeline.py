@@ -62,7 +62,8 @@ def simulate(
     occlusion: whether what stands in front hides what is behind: traced at the meshes' own vertices at `occlusion_rate_hz`, faded
         in between. A wall needs vertices where a shadow may end; gaps under 4 mm are not seen.
     occlusion_rate_hz: how often visibility is traced; 25 suits walking.
-    surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines. By default what the motion asks for.
+    surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines. By default what the motion asks
+        for.
     sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (a body's 0.3 at a radius of 0.1 m, 0.07 for others).
     phase_from: of the ellipsoid model: its "specular" point, or its "centre" as in the Text2Doppler paper.
     device: "auto" takes a CUDA device where there is one.

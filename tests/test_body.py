@@ -281,7 +281,7 @@ def test_skinning_by_blocks_is_the_plain_sum_over_bones(walk):
         offset = fitted.vertices - fitted.joints[name]
         expected += weights[:, i, None] * (np.einsum("kij,vj->kvi", turn[:, i], offset) + origin[:, i, None])
     np.testing.assert_allclose(skin(walk).vertices[:70], expected, atol=1e-9)
-    assert blend_basis(fitted).shape == (4 * len(BONES), len(fitted.vertices))
+    assert blend_basis(fitted).shape == (len(fitted.vertices), 4 * len(BONES))
 
 
 def test_the_surface_is_smooth_in_time(walk):

@@ -16,7 +16,7 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.mesh import check_outside, joined, mesh_echoes
 from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.geometry import Refinement, refine
+from t2d_rt.geometry import Refinement, refinements
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.types import PEC, Echoes, EchoStream, Material, MovingMesh, Radar
 
@@ -231,11 +231,11 @@ def test_facets_are_the_sum_in_float64(backend: Backend, monkeypatch: pytest.Mon
     # The facets that the refinement makes, one by one, against the echoes of whole patches; antennas apart.
     made = []
 
-    def spy(*args: object, **options: object) -> Refinement:
-        made.append(refine(*args, **options))  # type: ignore[arg-type]
-        return made[-1]
+    def spy(*args: object, **options: object) -> list[Refinement]:
+        made.extend(refinements(*args, **options))  # type: ignore[arg-type]
+        return made
 
-    monkeypatch.setattr("t2d_rt.echo.mesh.refine", spy)
+    monkeypatch.setattr("t2d_rt.echo.mesh.refinements", spy)
     radar = TABLE2.replace(**BISTATIC)
     vertices, faces = icosphere(2, 0.1, [0, 0, 0])
     mesh = still(vertices @ np.diag([0.7, 1.0, 1.5]) + [1.2, 0.1, 0.9], faces)

@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull, Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
 from t2d_rt.errors import InputError
-from t2d_rt.geometry import Refinement, crease_corners, curvature, refine, sharp_edges, subdivide
+from t2d_rt.geometry import Refinement, crease_corners, curvature, refine, refinements, sharp_edges, subdivide
 
 WAVENUMBER = 1613.8
 NO_EDGES = np.zeros((0, 2), int)
@@ -289,6 +289,26 @@ def test_building_only_what_is_needed_changes_nothing(monkeypatch: pytest.Monkey
     assert some.operator.shape == everything.operator.shape
     distance, _ = cKDTree(everything.operator @ rest).query(some.operator @ rest)
     assert distance.max() < 1e-12
+
+
+@pytest.mark.parametrize("max_edge_m", [np.inf, 0.02])
+def test_refined_together_is_refined_alone(max_edge_m: float) -> None:
+    """Bars of which now one, now the other is finer, on a smooth mesh and one with edges."""
+    box = trimesh.creation.box((0.2, 0.15, 0.1)).subdivide()
+    for rest, faces in (uneven_sphere(642, 0.15, 0.15), (np.array(box.vertices), np.array(box.faces))):
+        here = rest[:, 0] > 0.03
+        bars = [np.where(here, 0.02, 5.0), np.where(here, 5.0, 0.1), 1.0]
+        together = refinements(
+            rest, faces, wavenumber=WAVENUMBER, range_m=1.0, sagittas_rad=bars, max_edge_m=max_edge_m
+        )
+        for bar, one in zip(bars, together, strict=True):
+            alone = refined(rest, faces, bar, range_m=1.0, max_edge_m=max_edge_m)
+            assert len(one.faces) > 1.5 * len(faces)
+            assert np.array_equal(one.faces, alone.faces)
+            assert np.array_equal(one.base_face, alone.base_face)
+            # Bit for bit: diffuse points must not stir with the facets' size.
+            assert np.array_equal(one.operator @ rest, alone.operator @ rest)
+            assert np.array_equal(one.linear @ rest, alone.linear @ rest)
 
 
 def test_linear_fields_and_base_faces_follow_the_coarse_faces() -> None:

@@ -14,7 +14,7 @@ from t2d_rt.echo.ellipsoid import ellipsoid_echoes
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.errors import InputError
-from t2d_rt.geometry import Refinement, refine
+from t2d_rt.geometry import Refinement, refinements
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar
@@ -268,11 +268,11 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
     # Echoes carry amplitude and slope at mid-sweep; the sum here evaluates every facet at every sample's frequency.
     made: list[Refinement] = []
 
-    def spy(*args: object, **options: object) -> Refinement:
-        made.append(refine(*args, **options))  # type: ignore[arg-type]
-        return made[-1]
+    def spy(*args: object, **options: object) -> list[Refinement]:
+        made.extend(refinements(*args, **options))  # type: ignore[arg-type]
+        return made
 
-    monkeypatch.setattr("t2d_rt.echo.mesh.refine", spy)
+    monkeypatch.setattr("t2d_rt.echo.mesh.refinements", spy)
     radar = Radar.preset(preset)
     body = trimesh.creation.icosphere(subdivisions=2, radius=0.12)
     if shape == "skew plate":

@@ -288,6 +288,18 @@ def test_body_casts_its_shadow_as_straight_lines_say(walker: MovingMesh, backend
     assert np.mean((seen[sure] == 0) == dark) > 0.995
 
 
+def test_faces_that_look_away_would_hide_nothing_more(
+    walker: MovingMesh, backend: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Legs and arms of a walker cut into one another at the joints: that opens no way through, either."""
+    times_s = np.linspace(0, 1.2, 13)
+    some = occlusion([walker], backend).traced(times_s)
+    monkeypatch.setattr(
+        "t2d_rt.trace.visibility._looks_here", lambda vertices, faces: np.ones((len(vertices), len(faces)), bool)
+    )
+    assert np.array_equal(some, occlusion([walker], backend).traced(times_s))
+
+
 def test_the_far_leg_and_arm_pass_behind_the_body(walker: MovingMesh, backend: Backend) -> None:
     times_s = np.linspace(0, 1.2, 25)
     (seen,) = occlusion([walker], backend, 20.0).visibility(times_s)

@@ -93,7 +93,7 @@ def _fields(radar: Radar, faces: int) -> np.ndarray:
     backend = select("auto")
     out = np.empty((SEEDS, ASPECTS), np.complex128)
     # Only the points depend on the seed.
-    unchanged = {name: _once(getattr(mesh, name)) for name in ("refine", "patches", "tilts")}
+    unchanged = {name: _once(getattr(mesh, name)) for name in ("refinements", "patches", "tilts")}
     for seed in range(SEEDS):
         with patch.multiple(mesh, **unchanged):
             echoes = mesh.mesh_echoes(
@@ -107,14 +107,13 @@ def _fields(radar: Radar, faces: int) -> np.ndarray:
 
 
 def _once(function: Callable) -> Callable:
-    """The function, worked out once for each `sagitta_rad` (or once for all)."""
-    known: dict[float | None, Any] = {}
+    """The function, worked out once: what it gives first it gives ever after."""
+    known: list[Any] = []
 
     def remembered(*args: Any, **options: Any) -> Any:
-        key = options.get("sagitta_rad")
-        if key not in known:
-            known[key] = function(*args, **options)
-        return known[key]
+        if not known:
+            known.append(function(*args, **options))
+        return known[0]
 
     return remembered
 

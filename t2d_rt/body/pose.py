@@ -46,10 +46,11 @@ class Posing:
     def bones(self, joints: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (K, 26, 3, 3) from the rest pose, and where the bones' rest joints go (K, 26, 3), of `BONES`."""
         at = {name: joints[:, i] for i, name in enumerate(self.names)}
-        source = {name: matrices(rotations[:, self.names.index(name)]) for name in self.offsets}
-        turn = {name: source[name] @ offset for name, offset in self.offsets.items()}
+        source = matrices(rotations)
+        own = source[:, [self.names.index(name) for name in self.offsets]] @ np.stack(list(self.offsets.values()))
+        turn = {name: own[:, i] for i, name in enumerate(self.offsets)}
         origin = {name: at[name] for name in CANONICAL_JOINTS}
-        self._trunk(at, source["spine3"], turn, origin)
+        self._trunk(at, source[:, self.names.index("spine3")], turn, origin)
         for side in SIDES:
             self._limbs(side, at, turn, origin)
         return np.stack([turn[b] for b in BONES], 1), np.stack([origin[b] for b in BONES], 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +27,11 @@ SAGITTA_RAD, SAGITTA_RADIUS_M = 0.3, 0.1
 field by A^2 kappa each; a given number of them errs least with A ~ kappa^-1/2, a sagitta ~ kappa^1/2. Field NMSE over a walk, at a
 surface rate of 150 Hz: -21 dB (validation/)."""
 
-FRAMES_AT_ONCE = 32
+FRAMES_AT_ONCE = 16
 """The product of that many frames fits the cache."""
+
+Csr = Any
+"""A scipy.sparse matrix."""
 
 
 def skin(
@@ -58,14 +62,19 @@ def skin(
     )
 
 
-def blend_basis(body: Fitted) -> np.ndarray:
-    """Weighted rest vertices from each bone's joint, homogeneous (4 * bones, V): posing is one matrix product."""
+def blend_basis(body: Fitted) -> Csr:
+    """Weighted rest vertices from each bone's joint, homogeneous (V, 4 * bones): posing is one matrix product.
+
+    Sparse, as two bones or so move a vertex.
+    """
+    from scipy.sparse import csr_array
+
     weights = bone_weights(body)
     joints = np.array([body.joints[name] for name in CANONICAL_JOINTS])
     joints = np.vstack([joints, [body.joints[_carrier(name)] for name in BONES[len(CANONICAL_JOINTS) :]]])
     offset = body.vertices[:, None] - joints
     homogeneous = np.concatenate([offset, np.ones((*offset.shape[:2], 1))], -1) * weights[..., None]
-    return np.ascontiguousarray(homogeneous.reshape(len(homogeneous), -1).T)
+    return csr_array(homogeneous.reshape(len(homogeneous), -1))
 
 
 def bone_weights(body: Fitted) -> np.ndarray:
@@ -89,16 +98,14 @@ def _carrier(twist_bone: str) -> str:
     return twist_bone.replace("upper_arm", "shoulder").replace("forearm", "elbow")
 
 
-def blend(basis: np.ndarray, turn: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def blend(basis: Csr, turn: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Posed vertices (K, V, 3) from bone rotations (K, B, 3, 3) and origins (K, B, 3)."""
-    frames = len(turn)
-    rows = np.concatenate([turn, origin[..., None]], -1).transpose(0, 2, 1, 3).reshape(frames, 3, -1)
-    vertices = np.empty((frames, basis.shape[1], 3))
-    for start in range(0, frames, FRAMES_AT_ONCE):
+    bones = np.concatenate([turn, origin[..., None]], -1).transpose(1, 3, 2, 0)
+    vertices = np.empty((len(turn), basis.shape[0], 3))
+    for start in range(0, len(turn), FRAMES_AT_ONCE):
         block = slice(start, start + FRAMES_AT_ONCE)
-        vertices[block] = (
-            (rows[block].reshape(-1, len(basis)) @ basis).reshape(-1, 3, basis.shape[1]).transpose(0, 2, 1)
-        )
+        product = basis @ bones[..., block].reshape(basis.shape[1], -1)
+        vertices[block] = product.reshape(basis.shape[0], 3, -1).transpose(2, 0, 1)
     return vertices
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.facets import Leg, diffuse_echoes, patch_echoes
-from t2d_rt.echo.patches import Csr, Patches, centres, normals, patches, tilts
+from t2d_rt.echo.patches import Csr, Patches, centres, normals, patches, ranges_m, tilts
 from t2d_rt.errors import InputError
-from t2d_rt.geometry import Refinement, point_spacing, refine, surface_points
+from t2d_rt.geometry import Refinement, point_spacing, refinements, surface_points
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
@@ -83,8 +83,7 @@ def least_range_m(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> flo
     """Least distance of the mesh's vertices from an antenna over the record [m]."""
     span = times_s[-1] - times_s[0]
     vertices = surface.at(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))))
-    ranges = [np.linalg.norm(vertices - antenna, axis=2) for antenna in (radar.tx_position_m, radar.rx_position_m)]
-    return float(np.min(ranges))
+    return float(min(ranges_m(vertices, antenna).min() for antenna in (radar.tx_position_m, radar.rx_position_m)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,25 +105,18 @@ class _Model:
     def of(
         cls, surface: MovingMesh, radar: Radar, times_s: np.ndarray, material: Material, sagitta_rad: Sagitta, seed: int
     ) -> _Model:
-        range_m = least_range_m(surface, radar, times_s)
-
-        def refined(bar: Sagitta) -> Refinement:
-            return refine(
-                surface.rest,
-                surface.faces,
-                wavenumber=2 * math.pi / radar.wavelength_m,
-                range_m=range_m,
-                sagitta_rad=bar,
-                crease_deg=surface.crease_deg,
-            )
-
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
-        fine = refined(sagitta_rad)
+        fine, *carriers = refinements(
+            surface.rest,
+            surface.faces,
+            wavenumber=2 * math.pi / radar.wavelength_m,
+            range_m=least_range_m(surface, radar, times_s),
+            sagittas_rad=[sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [sagitta_rad],
+            crease_deg=surface.crease_deg,
+        )
         parts = patches(surface, fine, radar, times_s)
-        points = None
-        if rough > 0:
-            points = _Points.spread(surface, refined(POINT_SAGITTA_RAD), seed, rough * abs(reflection))
+        points = _Points.spread(surface, carriers[0], seed, rough * abs(reflection)) if carriers else None
         return cls(
             cage_faces=surface.faces,
             tilt_rad=tilts(surface, fine),

@@ -21,6 +21,7 @@ TURNS_PER_STEP = 0.5
 SWEEP_TURNS = 0.25
 """Greatest change over the sweep of the phase between two facets of a patch [turns], along each axis."""
 MOST_FACETS = 256
+"""A power of two: patches are blocks of that many facets, or halves of these, quarters and so on."""
 PROBE_RATE_HZ, PROBES = 12.5, 40
 """How often motion is looked at, and how many moments together (and at least)."""
 
@@ -56,16 +57,19 @@ def patches(surface: MovingMesh, fine: Refinement, radar: Radar, times_s: np.nda
     rest = (fine.operator @ surface.rest)[fine.faces].mean(axis=1)
     order = np.argsort(_morton(rest), kind="stable")
     corners = fine.faces[order]
+    # The last facet fills up the last block.
+    filled = np.append(order, np.full(-len(order) % MOST_FACETS, order[-1]))
+    first = np.arange(len(filled)) % MOST_FACETS == 0
     # In units of what is allowed: no column may spread by more than 1 over a patch.
-    sweep = rest[order] * (2 * radar.bandwidth_hz / SPEED_OF_LIGHT / SWEEP_TURNS)
-    starts = _cut(sweep, np.append(np.arange(0, len(corners), MOST_FACETS), len(corners)))
+    _cut(first, rest[filled] * (2 * radar.bandwidth_hz / SPEED_OF_LIGHT / SWEEP_TURNS))
     rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
     allowed_mps = radar.wavelength_m * rate_hz * TURNS_PER_STEP
-    centroid = _mean_rows(corners, np.arange(len(corners) + 1), fine.linear).astype(np.float32)
+    centroid = _mean_rows(fine.faces[filled], np.arange(len(filled) + 1), fine.linear).astype(np.float32)
     widest = 0.0
     for speeds in _path_speeds(surface, radar, times_s):
         turns = speeds / allowed_mps
-        starts = _cut(centroid @ turns, starts)
+        _cut(first, centroid @ turns)
+        starts = np.append(np.flatnonzero(first[: len(order)]), len(order))
         alone = corners[starts[:-1][np.diff(starts) == 1]]
         if len(alone):
             widest = max(widest, float(np.ptp((fine.linear @ turns)[alone], axis=1).max()))
@@ -118,14 +122,17 @@ def _path_speeds(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> Iter
     step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
     count = max(PROBES, int(PROBE_RATE_HZ * (times_s[-1] - times_s[0])))
     moments = np.linspace(times_s[0], times_s[-1] - step, count)
-    places = (radar.tx_position_m, radar.rx_position_m)
     for first in range(0, count, PROBES):
         times = moments[first : first + PROBES]
-        before, after = (
-            np.sum([np.linalg.norm(surface.at(t) - place, axis=2) for place in places], axis=0)
-            for t in (times, times + step)
-        )
+        vertices = surface.at(np.concatenate([times, times + step]))
+        before, after = np.split(ranges_m(vertices, radar.tx_position_m) + ranges_m(vertices, radar.rx_position_m), 2)
         yield ((after - before) / step).T.astype(np.float32)
+
+
+def ranges_m(vertices: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Distances (K, V) of vertices (K, V, 3) from one place."""
+    sight = vertices - place
+    return np.sqrt(np.einsum("kvi,kvi->kv", sight, sight))
 
 
 def _morton(points: np.ndarray) -> np.ndarray:
@@ -139,17 +146,15 @@ def _morton(points: np.ndarray) -> np.ndarray:
     return code
 
 
-def _cut(columns: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Halves ranges of rows, given and returned as starts and end (G + 1,), until no column (N, C) spreads by over 1."""
-    columns = np.concatenate([columns, columns[-1:]])  # reduceat wants the end of a range to be a row
-    done = [starts[-1:]]
-    starts, stops = starts[:-1], starts[1:]
-    while len(starts):
-        ranges = np.stack([starts, stops], axis=1).ravel()
-        spread = (np.maximum.reduceat(columns, ranges)[::2] - np.minimum.reduceat(columns, ranges)[::2]).max(axis=1)
-        small = (spread <= 1) | (stops - starts == 1)
-        done.append(starts[small])
-        starts, stops = starts[~small], stops[~small]
-        middle = (starts + stops) // 2
-        starts, stops = (np.stack(pair, axis=1).ravel() for pair in ((starts, middle), (middle, stops)))
-    return np.sort(np.concatenate(done))
+def _cut(first: np.ndarray, columns: np.ndarray) -> None:
+    """Marks the middle of every block of 2, 4 ... MOST_FACETS rows over which one of columns (N, C) spreads by over 1.
+
+    What `first`, bool (N,), marks begins a patch. A block spreads at least as far as each of its halves, so what lies between two
+    marks is the largest block that does not.
+    """
+    low = high = columns
+    half = 1
+    while half < MOST_FACETS:
+        low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
+        first[half :: 2 * half] |= (high - low > 1).any(axis=1)
+        half *= 2

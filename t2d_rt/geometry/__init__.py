@@ -1,7 +1,7 @@
 """Surfaces as arrays: refinement on one fixed curved surface, and points spread over it."""
 
-from t2d_rt.geometry.refine import Refinement, curvature, refine
-from t2d_rt.geometry.subdivide import Subdivision, crease_corners, sharp_edges, subdivide
+from t2d_rt.geometry.refine import Refinement, curvature, refine, refinements
+from t2d_rt.geometry.subdivide import Subdivision, crease_corners, sharp_edges, subdivide, topology
 from t2d_rt.geometry.surface_points import SurfacePoints, hash_uniform, point_spacing, surface_points
 
 __all__ = [
@@ -13,7 +13,9 @@ __all__ = [
     "hash_uniform",
     "point_spacing",
     "refine",
+    "refinements",
     "sharp_edges",
     "subdivide",
     "surface_points",
+    "topology",
 ]

@@ -15,8 +15,8 @@ surface that is sampled, at the scale of the edge, and needs no estimate from th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -53,7 +53,10 @@ class Refinement:
 
 @dataclass(slots=True)
 class _Level:
-    """The part of a uniform butterfly level that is built, and what is split of it. `ids` count over all levels."""
+    """The part of a uniform butterfly level that is built, and what is split of it. `ids` count over all levels.
+
+    While levels are built for B bars together, `split` and `red` have one row for each.
+    """
 
     mesh: Topology
     corners: np.ndarray
@@ -65,13 +68,13 @@ class _Level:
     points: np.ndarray
     """Rest positions, (V, 3)."""
     scale: np.ndarray
-    """Per vertex: 2 k / (6 s) and 1/R, (V, 2)."""
+    """Per vertex: 1/R, and 2 k / (6 s) for each bar, (V, 1 + B)."""
     middle: Csr
-    """Butterfly midpoints, (E, V)."""
+    """Butterfly midpoints, (E, V); rows are empty until they are asked for (`_complete`)."""
     split: np.ndarray
-    """Edges to be split, (E,)."""
+    """Edges to be split, (B, E) or (E,)."""
     red: np.ndarray
-    """Faces to be split in four, (F,)."""
+    """Faces to be split in four, (B, F) or (F,)."""
     middle_ids: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
     """Id of each edge's midpoint, -1 where none is made, (E,)."""
 
@@ -95,15 +98,41 @@ def refine(
     something else varies over the surface. `displace` moves vertices outward so that facets lie on the surface in the
     mean.
     """
+    (refinement,) = refinements(
+        rest, faces, wavenumber=wavenumber, range_m=range_m, sagittas_rad=[sagitta_rad], crease_deg=crease_deg,
+        max_edge_m=max_edge_m, displace=displace, max_faces=max_faces,
+    )  # fmt: skip
+    return refinement
+
+
+def refinements(
+    rest: np.ndarray,
+    faces: np.ndarray,
+    *,
+    wavenumber: float,
+    range_m: float | np.ndarray,
+    sagittas_rad: Sequence[float | np.ndarray],
+    crease_deg: float = 45.0,
+    max_edge_m: float = np.inf,
+    displace: bool = True,
+    max_faces: int = 2_000_000,
+) -> list[Refinement]:
+    """What `refine` gives for each bar alone; most of the work is the surface itself, which all of them share."""
     rest, faces = np.asarray(rest, dtype=np.float64), np.asarray(faces)
-    scale = _scale(rest, wavenumber, range_m, sagitta_rad, max_edge_m)
+    scale = _scale(rest, wavenumber, range_m, sagittas_rad, max_edge_m)
     levels, steps, linear_steps = _build_levels(rest, faces, scale, crease_deg, max_edge_m, max_faces)
-    _grade(levels)
     operator, linear = _stack(steps, len(rest)), _stack(linear_steps, len(rest))
+    alone = ([replace(each, split=each.split[i], red=each.red[i]) for each in levels] for i in range(len(sagittas_rad)))
+    return [_refined(own, rest, operator, linear, displace) for own in alone]
+
+
+def _refined(levels: list[_Level], rest: np.ndarray, operator: Csr, linear: Csr, displace: bool) -> Refinement:
+    """The refinement for one bar, from what it marked in the levels and the matrices of all their vertices."""
+    _grade(levels)
     parts = [_leaves(level, finer) for level, finer in zip(levels, _tree_masks(levels), strict=True)]
     corners_ids = np.concatenate([part.faces for part in parts])
-    used, fine = np.unique(corners_ids, return_inverse=True)
-    fine = fine.reshape(-1, 3)
+    here = np.bincount(corners_ids.ravel(), minlength=operator.shape[0]) > 0
+    used, fine = np.flatnonzero(here), (np.cumsum(here) - 1)[corners_ids]
     rows = operator[used]
     if displace:
         rows = rows + _displacement(levels, parts, rows @ rest, used, fine, operator.shape[0]) @ operator
@@ -119,21 +148,24 @@ def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> 
     mesh = topology(faces, len(rest), sharp)
     ends = rest[mesh.edges]
     offset = midpoints(mesh, crease_corners(rest, sharp, crease_deg), rest) @ rest - ends.mean(axis=1)
-    bend = 8 * _depth(mesh, offset, rest) / ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
+    bend = 8 * _depth(mesh, offset, rest, np.ones(len(mesh.faces), bool)) / ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
     return np.bincount(mesh.edges.ravel(), weights=np.repeat(bend, 2), minlength=len(rest)) / mesh.valence
 
 
-def _scale(rest: np.ndarray, wavenumber: float, range_m: object, sagitta_rad: object, max_edge_m: float) -> np.ndarray:
-    """Columns 2 k / (6 s) and 1/R per vertex, (V, 2)."""
+def _scale(
+    rest: np.ndarray, wavenumber: float, range_m: object, sagittas_rad: Sequence[object], max_edge_m: float
+) -> np.ndarray:
+    """Columns 1/R and, for each bar, 2 k / (6 s) per vertex, (V, 1 + B)."""
     if rest.ndim != 2 or rest.shape[1] != 3 or not np.isfinite(rest).all():
         raise InputError(f"rest must hold finite positions of shape (vertex, 3), got shape {rest.shape}")
     for name, value in (
-        ("wavenumber", wavenumber), ("range_m", range_m), ("sagitta_rad", sagitta_rad), ("max_edge_m", max_edge_m),
+        ("wavenumber", wavenumber), ("range_m", range_m), *(("sagitta_rad", bar) for bar in sagittas_rad),
+        ("max_edge_m", max_edge_m),
     ):  # fmt: skip
         array = np.asarray(value, dtype=np.float64)
         if array.shape not in ((), (len(rest),)) or not (array > 0).all():
             raise InputError(f"{name} must be positive, one number or one per vertex ({len(rest)},), got {value}")
-    columns = 2 * wavenumber / (6 * np.asarray(sagitta_rad, float)), 1 / np.asarray(range_m, float)
+    columns = 1 / np.asarray(range_m, float), *(2 * wavenumber / (6 * np.asarray(bar, float)) for bar in sagittas_rad)
     return np.stack([np.broadcast_to(column, (len(rest),)) for column in columns], axis=1)
 
 
@@ -144,24 +176,25 @@ def _build_levels(
     sharp = sharp_edges(rest, faces, crease_deg)
     mesh = topology(faces, len(rest), sharp)
     everything = np.arange(len(mesh.faces))
-    level = _mark(
+    level = _level(
         mesh, crease_corners(rest, sharp, crease_deg), np.arange(len(rest)), mesh.sharp, everything, everything, rest,
-        scale, np.ones(len(mesh.faces), bool), max_edge_m,
+        scale, np.ones((scale.shape[1] - 1, len(mesh.faces)), bool), max_edge_m,
     )  # fmt: skip
     levels, steps, linear_steps, count = [level], [], [], len(rest)
     while level.split.any():
-        inside = _grow(level.mesh, level.red, HALO_RINGS)
-        made = level.split.copy()
-        made[level.mesh.face_edges[inside]] = True
+        inside = _grow(level.mesh, np.any(level.red, axis=0), HALO_RINGS)
+        made = np.any(level.split, axis=0) | _edges_of(level.mesh, inside)
+        _complete(level, made)
         level.middle_ids = np.where(made, count + np.cumsum(made) - 1, -1)
         steps.append(_columns(level.middle[made], level.ids, count))
         linear_steps.append(_columns(_chords(level.mesh)[made], level.ids, count))
         count += int(np.count_nonzero(made))
         if not level.red.any():
             break
-        if 4 * np.count_nonzero(level.red) > max_faces:
+        needed = 4 * int(level.red.sum(axis=1).max())
+        if needed > max_faces:
             raise InputError(
-                f"refining needs more than {4 * np.count_nonzero(level.red)} faces, the limit is {max_faces}; "
+                f"refining needs more than {needed} faces, the limit is {max_faces}; "
                 "raise sagitta_rad (a looser tolerance), or max_faces"
             )
         level = _next_level(level, inside, max_edge_m)
@@ -169,33 +202,55 @@ def _build_levels(
     return levels, steps, linear_steps
 
 
-def _mark(
+def _level(
     mesh: Topology, corners: np.ndarray, ids: np.ndarray, crease: np.ndarray, parent: np.ndarray, base: np.ndarray,
     points: np.ndarray, scale: np.ndarray, wanted: np.ndarray, max_edge_m: float,
 ) -> _Level:  # fmt: skip
-    """A level with its midpoints, and what its `wanted` faces ask for: edges to split, faces to quarter."""
-    middle = midpoints(mesh, corners, points)
-    a, b = points[mesh.edges[:, 0]], points[mesh.edges[:, 1]]
-    offset = middle @ points - (a + b) / 2
-    depth = _depth(mesh, offset, points)
+    """A level with the midpoints of the faces `wanted` for any bar, (B, F), and what these ask for."""
+    asked = np.any(wanted, axis=0)
+    middle = midpoints(mesh, corners, points, _edges_of(mesh, asked))
+    a, b = (points.take(mesh.edges[:, j], axis=0) for j in range(2))
+    depth = _depth(mesh, middle @ points - (a + b) / 2, points, asked)
     length2 = ((b - a) ** 2).sum(axis=1)
-    bar = scale[mesh.edges].mean(axis=1)
-    sagitta = bar[:, 0] * (8 * depth + length2 * bar[:, 1])
-    facet = sagitta[mesh.face_edges].mean(axis=1)
-    split = _edges_of(mesh, wanted & (facet > 1)) & (sagitta > 1) | _edges_of(mesh, wanted) & (length2 > max_edge_m**2)
-    far = _edges_of(mesh, wanted) & (length2 > 4 * max_edge_m**2)
-    red = (wanted & ((facet > 4) | far[mesh.face_edges].any(axis=1))) | split[mesh.face_edges].all(axis=1)
+    nearness, *bars = scale[mesh.edges].mean(axis=1).T
+    marks = [
+        _mark(mesh, bar * (8 * depth + length2 * nearness), length2, faces, max_edge_m)
+        for bar, faces in zip(bars, wanted, strict=True)
+    ]
+    split, red = (np.stack(each) for each in zip(*marks, strict=True))
     return _Level(mesh, corners, ids, crease, parent, base, points, scale, middle, split, red)
 
 
-def _depth(mesh: Topology, offset: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Depth (E,) of offsets (E, 3) along the normals of the faces beside each edge: drift within the surface is no curvature."""
-    normal = face_normals(points, mesh.faces)
+def _mark(
+    mesh: Topology, sagitta: np.ndarray, length2: np.ndarray, wanted: np.ndarray, max_edge_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Edges to be split (E,) and faces to be quartered (F,) for what is `wanted`; `sagitta` in units of the bar."""
+    facet = sagitta[mesh.face_edges].mean(axis=1)
+    split = _edges_of(mesh, wanted & (facet > 1)) & (sagitta > 1) | _edges_of(mesh, wanted) & (length2 > max_edge_m**2)
+    far = _edges_of(mesh, wanted) & (length2 > 4 * max_edge_m**2)
+    red = (wanted & ((facet > 4) | _any(far[mesh.face_edges]))) | _all(split[mesh.face_edges])
+    return split, red
+
+
+def _complete(level: _Level, needed: np.ndarray) -> None:
+    """Adds what is missing of the midpoints of the `needed` edges, bool (E,): most of those in the halo stay unused."""
+    missing = needed & (np.diff(level.middle.indptr) == 0)
+    if missing.any():
+        level.middle = level.middle + midpoints(level.mesh, level.corners, level.points, missing)
+
+
+def _depth(mesh: Topology, offset: np.ndarray, points: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Depth (E,) of offsets (E, 3) along the normals of the faces beside each edge: drift within the surface is no curvature.
+
+    Only edges of `wanted` faces are looked at, the others' depth is 0.
+    """
+    edges = _edges_of(mesh, wanted)
+    faces = _any(edges[mesh.face_edges])
+    normal = face_normals(points, mesh.faces[faces])
     depth = np.zeros(len(mesh.edges))
-    for j in range(3):
-        along = np.abs(np.einsum("ij,ij->i", offset[mesh.face_edges[:, j]], normal))
-        np.maximum.at(depth, mesh.face_edges[:, j], along)
-    return depth
+    for edge in mesh.face_edges[faces].T:
+        np.maximum.at(depth, edge, np.abs(np.einsum("ij,ij->i", offset[edge], normal)))
+    return np.where(edges, depth, 0)
 
 
 def _edges_of(mesh: Topology, chosen: np.ndarray) -> np.ndarray:
@@ -209,8 +264,8 @@ def _next_level(level: _Level, inside: np.ndarray, max_edge_m: float) -> _Level:
     """The children of the faces `inside`."""
     mesh = level.mesh
     here = np.flatnonzero(inside)
-    kept = np.unique(mesh.faces[here])
-    cut = np.unique(mesh.face_edges[here])
+    kept = np.flatnonzero(np.bincount(mesh.faces[here].ravel()))
+    cut = np.flatnonzero(_edges_of(mesh, inside))
     vertex = np.full(mesh.vertex_count, -1)
     vertex[kept] = np.arange(len(kept))
     middle = np.full(len(mesh.edges), -1)
@@ -222,7 +277,7 @@ def _next_level(level: _Level, inside: np.ndarray, max_edge_m: float) -> _Level:
     child = topology(split_in_four(vertex[mesh.faces[here]], middle[mesh.face_edges[here]]), count, sharp)
     keys = child.edges[:, 0] * count + child.edges[:, 1]
     low, high = sharp.min(axis=1), sharp.max(axis=1)
-    return _mark(
+    return _level(
         child,
         np.concatenate([level.corners[kept], np.zeros(len(cut), bool)]),
         np.concatenate([level.ids[kept], level.middle_ids[cut]]),
@@ -231,7 +286,7 @@ def _next_level(level: _Level, inside: np.ndarray, max_edge_m: float) -> _Level:
         np.repeat(level.base[here], 4),
         np.concatenate([level.points[kept], level.middle[cut] @ level.points]),
         np.concatenate([level.scale[kept], level.scale[mesh.edges[cut]].mean(axis=1)]),
-        np.repeat(level.red[here], 4),
+        np.repeat(level.red[:, here], 4, axis=1),
         max_edge_m,
     )
 
@@ -243,8 +298,18 @@ def _grow(mesh: Topology, chosen: np.ndarray, rings: int) -> np.ndarray:
             break
         touched = np.zeros(mesh.vertex_count, bool)
         touched[mesh.faces[chosen]] = True
-        chosen = touched[mesh.faces].any(axis=1)
+        chosen = _any(touched[mesh.faces])
     return chosen
+
+
+def _any(three: np.ndarray) -> np.ndarray:
+    """Whether any of each three is true, (N,) of (N, 3); numpy's own `any` takes ten times as long on so short an axis."""
+    return three[:, 0] | three[:, 1] | three[:, 2]
+
+
+def _all(three: np.ndarray) -> np.ndarray:
+    """Whether all of each three are true, (N,) of (N, 3)."""
+    return three[:, 0] & three[:, 1] & three[:, 2]
 
 
 def _chords(mesh: Topology) -> Csr:
@@ -280,9 +345,9 @@ def _grade(levels: list[_Level]) -> None:
         level = levels[k]
         level.split[level.mesh.face_edges[level.red]] = True
         sides = level.split[level.mesh.face_edges]
-        level.red |= sides.all(axis=1)
+        level.red |= _all(sides)
         if k:
-            levels[k - 1].red[level.parent[sides.any(axis=1)]] = True
+            levels[k - 1].red[level.parent[_any(sides)]] = True
 
 
 def _tree_masks(levels: list[_Level]) -> Iterator[np.ndarray]:
@@ -384,7 +449,10 @@ def _displacement(
             (share[corners] * np.repeat(area[mine], 3), (corners, np.repeat(np.arange(count), 3))),
             shape=(len(used), count),
         )
-        edges = np.unique(part.edges)
-        offset = level.middle[edges] - _chords(level.mesh)[edges]
-        move = move + _columns(mean @ depth[:, edges] @ offset, level.ids, total)
+        edges = np.zeros(len(level.mesh.edges), bool)
+        edges[part.edges] = True
+        _complete(level, edges)
+        move = move + _columns(mean @ depth @ (level.middle - _chords(level.mesh)), level.ids, total)
+    # sums follow the order of storage, and what one bar gives must not depend on others by as much as a bit
+    move.sort_indices()
     return move

@@ -99,9 +99,14 @@ def crease_corners(vertices: np.ndarray, sharp: np.ndarray, crease_deg: float) -
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit normals (F, 3); zero for a face without area."""
-    a, b, c = (vertices[faces[:, j]] for j in range(3))
+    a, b, c = (vertices.take(faces[:, j], axis=0) for j in range(3))
     normal = np.cross(b - a, c - a)
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    return normal / np.maximum(_length(normal), 1e-300)[:, None]
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    """Lengths (N,) of vectors (N, 3)."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = None) -> Topology:
@@ -113,12 +118,13 @@ def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = No
         raise InputError(f"faces must name vertices 0..{vertex_count - 1}, got {faces.min()}..{faces.max()}")
     tail, head = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     keys = np.minimum(tail, head) * vertex_count + np.maximum(tail, head)
-    unique, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    inverse = inverse.ravel()
-    order = np.argsort(inverse, kind="stable")
-    first = np.cumsum(counts) - counts
+    order = np.argsort(keys)
+    new = np.diff(keys[order], prepend=-1) > 0
+    first = np.flatnonzero(new)
+    unique, inverse = keys[order[first]], np.empty_like(keys)
+    inverse[order] = np.cumsum(new) - 1
     one, two = order[first], order[np.minimum(first + 1, len(order) - 1)]
-    joined = (counts == 2) & (tail[one] == head[two])
+    joined = (np.diff(first, append=len(keys)) == 2) & (tail[one] == head[two])
     if sharp is not None and len(sharp):
         given = np.sort(np.asarray(sharp, dtype=np.int64), axis=1)
         joined &= ~np.isin(unique, given[:, 0] * vertex_count + given[:, 1])
@@ -164,21 +170,25 @@ def split_in_four(faces: np.ndarray, middle: np.ndarray) -> np.ndarray:
     return six[:, [0, 3, 5, 3, 1, 4, 5, 4, 2, 3, 4, 5]].reshape(-1, 3)
 
 
-def midpoints(mesh: Topology, corners: np.ndarray, rest: np.ndarray | None = None) -> Csr:
+def midpoints(
+    mesh: Topology, corners: np.ndarray, rest: np.ndarray | None = None, chosen: np.ndarray | None = None
+) -> Csr:
     """Edge midpoints on the butterfly surface = matrix (E, V) @ vertices; each row sums to 1.
 
-    With `rest` (V, 3) the weights are corrected for uneven spacing there (`_quadratic_precision`).
+    With `rest` (V, 3) the weights are corrected for uneven spacing there (`_quadratic_precision`). Rows of edges that are
+    not `chosen`, bool (E,), stay empty.
     """
     from scipy import sparse
 
-    smooth = _first_half_edges(mesh)[~mesh.sharp]
+    chosen = np.ones(len(mesh.edges), bool) if chosen is None else chosen
+    smooth = _first_half_edges(mesh)[chosen & ~mesh.sharp]
     special = (mesh.valence != 6) & (mesh.sharp_valence == 0)
     ends = np.concatenate([smooth, mesh.twin[smooth]])
     ring = _ring_stencils(mesh, ends[special[mesh.faces.ravel()[ends]]])
     ringed = np.bincount(mesh.face_edges.ravel()[ring.start], minlength=len(mesh.edges))
     rows, columns, weights = _eight_point_stencils(mesh, smooth)
     parts = [
-        _curve_stencils(mesh, corners),
+        _curve_stencils(mesh, corners, np.flatnonzero(chosen & mesh.sharp)),
         # beside a special vertex its ring decides; the eight points stay with weight 0, for the correction to use
         (rows, columns, np.where(ringed[rows] == 0, weights, 0.0)),
         # an edge between two special vertices takes the mean of their stencils
@@ -187,27 +197,32 @@ def midpoints(mesh: Topology, corners: np.ndarray, rest: np.ndarray | None = Non
     rows, columns, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
     matrix = sparse.csr_matrix((weights, (rows, columns)), shape=(len(mesh.edges), mesh.vertex_count))
     if rest is not None:
-        _quadratic_precision(matrix, mesh, rest)
-        _tame(matrix, mesh, rest)
+        _quadratic_precision(matrix, mesh, rest, smooth)
+        _tame(matrix, mesh, rest, np.flatnonzero(chosen))
     matrix.eliminate_zeros()
     return matrix
 
 
-def _quadratic_precision(matrix: Csr, mesh: Topology, rest: np.ndarray) -> None:
-    """Correct the weights of smooth edges, in place: they reproduce quadratic surfaces where vertices lie unevenly.
+def _quadratic_precision(matrix: Csr, mesh: Topology, rest: np.ndarray, half: np.ndarray) -> None:
+    """Correct the weights of smooth edges (one half-edge each), in place: they reproduce quadratic surfaces on uneven vertices.
 
     In the tangent frame of an edge, (x, y) from the chord's middle in units of its length, the weights w shall satisfy
     sum_i w_i (1, x, y, x^2, x y, y^2)_i = (1, 0, 0, 0, 0, 0). The smallest change that does so is added,
     dw = C^T (C C^T)^-1 (t - C w). On an evenly spaced mesh of valence 6 the butterfly does so already and dw = 0.
     """
-    normal = np.zeros((len(mesh.edges), 3))
-    np.add.at(normal, mesh.face_edges.ravel(), np.repeat(face_normals(rest, mesh.faces), 3, axis=0))
-    size = np.where(mesh.sharp, 0, np.diff(matrix.indptr))
+    sides = half // 3, mesh.twin[half] // 3
+    beside = np.flatnonzero(np.bincount(np.concatenate(sides), minlength=1))
+    face_normal = np.zeros((len(mesh.faces), 3))
+    face_normal[beside] = face_normals(rest, mesh.faces[beside])
+    normal = face_normal[sides[0]] + face_normal[sides[1]]
+    smooth = mesh.face_edges.ravel()[half]
+    size = np.diff(matrix.indptr)[smooth]
     # fewer points than conditions: the stencil beside a corner keeps its plain weights
     for count in np.unique(size[size > _TERMS]):
-        for rows in _chunks(np.flatnonzero(size == count)):
+        for pick in _chunks(np.flatnonzero(size == count)):
+            rows = smooth[pick]
             entry = matrix.indptr[rows, None] + np.arange(count)
-            terms = _quadratic_terms(rest, mesh.edges[rows], normal[rows], matrix.indices[entry])
+            terms = _quadratic_terms(rest, mesh.edges[rows], normal[pick], matrix.indices[entry])
             defect = _FIRST - (terms @ matrix.data[entry][..., None])[..., 0]
             uneven = np.abs(defect).max(axis=1) > _EVEN
             matrix.data[entry[uneven]] += _least_change(terms[uneven], defect[uneven])
@@ -226,12 +241,11 @@ def _least_change(terms: np.ndarray, defect: np.ndarray) -> np.ndarray:
     return change
 
 
-def _tame(matrix: Csr, mesh: Topology, rest: np.ndarray) -> None:
-    """Take the chord's middle, in place, where a stencil (on slivers) throws the midpoint far off."""
-    a, b = rest[mesh.edges[:, 0]], rest[mesh.edges[:, 1]]
-    offset, length = np.linalg.norm(matrix @ rest - (a + b) / 2, axis=1), np.linalg.norm(b - a, axis=1)
-    rows = np.flatnonzero(offset > _FAR * length)
-    for row in rows:  # rare
+def _tame(matrix: Csr, mesh: Topology, rest: np.ndarray, rows: np.ndarray) -> None:
+    """Take the chord's middle, in place, where a row's stencil (on slivers) throws the midpoint far off."""
+    a, b = (rest.take(mesh.edges[rows, j], axis=0) for j in range(2))
+    offset, length = _length(matrix[rows] @ rest - (a + b) / 2), _length(b - a)
+    for row in rows[offset > _FAR * length]:  # rare
         entry = slice(matrix.indptr[row], matrix.indptr[row + 1])
         matrix.data[entry] = np.where(np.isin(matrix.indices[entry], mesh.edges[row]), 0.5, 0.0)
 
@@ -272,15 +286,14 @@ def _previous(half: np.ndarray) -> np.ndarray:
     return np.where(half % 3 == 0, half + 2, half - 1)
 
 
-def _curve_stencils(mesh: Topology, corners: np.ndarray) -> Entries:
+def _curve_stencils(mesh: Topology, corners: np.ndarray, rows: np.ndarray) -> Entries:
     """Four-point rule (-1, 9, 9, -1)/16 along sharp curves, a parabola (3, 6, -1)/8 beside a corner, else the chord."""
-    rows = np.flatnonzero(mesh.sharp)
-    ends = mesh.edges[rows]
     through = (mesh.sharp_valence == 2) & ~corners
     neighbours = np.zeros(mesh.vertex_count, dtype=np.int64)
-    np.add.at(neighbours, ends[:, 0], ends[:, 1])
-    np.add.at(neighbours, ends[:, 1], ends[:, 0])
-    a, b = ends.T
+    a, b = mesh.edges[mesh.sharp].T
+    np.add.at(neighbours, a, b)
+    np.add.at(neighbours, b, a)
+    a, b = mesh.edges[rows].T
     has_a, has_b = through[a], through[b]
     # the sum of a curve vertex's two neighbours less one of them is the other
     before = np.where(has_a, neighbours[a] - b, a)

@@ -129,10 +129,14 @@ def decompose(joints: np.ndarray, rotations: np.ndarray, parents: tuple[int, ...
 
 
 def compose(offsets: np.ndarray, local: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse of `decompose`: forward kinematics."""
+    """Inverse of `decompose`: forward kinematics, all joints of one depth at a time."""
     joints, rotations = offsets.copy(), local.copy()
-    for joint, parent in enumerate(parents):
-        if parent >= 0:
-            joints[:, joint] = joints[:, parent] + quaternions.rotate(rotations[:, parent], offsets[:, joint])
-            rotations[:, joint] = quaternions.multiply(rotations[:, parent], local[:, joint])
+    depth = [0]
+    for parent in parents[1:]:
+        depth.append(depth[parent] + 1)
+    for level in range(1, max(depth) + 1):
+        here = [joint for joint, each in enumerate(depth) if each == level]
+        above = [parents[joint] for joint in here]
+        joints[:, here] = joints[:, above] + quaternions.rotate(rotations[:, above], offsets[:, here])
+        rotations[:, here] = quaternions.multiply(rotations[:, above], local[:, here])
     return joints, rotations

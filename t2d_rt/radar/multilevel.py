@@ -67,7 +67,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float) -> list[
     low = high = np.concatenate([turns, bins], axis=1)
     here, delay, slope = len(low), window.delay, window.delay_slope
     work, spent = [here * rate * WORK_ECHO], 0.0
-    while not found or 2 * samples <= rate:
+    while samples <= rate:
         points = nodes_for(0.8 * math.pi * width, tolerance)
         spent += here * samples * (WORK_NODE * points if found else WORK_ECHO)
         if spent >= min(work):

@@ -1,0 +1,40 @@
+"""How often a moving shape must be looked at for its delays' splines to hold (docs/physics.md, eq. 18)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.types import Ellipsoids, MovingMesh, Radar
+
+TOLERANCE_DB = -32.0
+"""What the splines may add to the field's error."""
+LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 400.0, 5.0
+PROBE_RATE_HZ = 240.0
+PROBE_FRAMES = 12
+"""Frames of one look, five of which make a fourth difference."""
+LOOKS_PER_S, LEAST_LOOKS, MOST_LOOKS = 3, 4, 40
+
+
+def needed_rate_hz(shape: MovingMesh | Ellipsoids, radar: Radar, start_s: float, stop_s: float) -> float:
+    """Rate of surface frames [Hz] between two times, from the fourth derivative of the shape's paths.
+
+    A cubic spline of frames h apart misses x(t) by 16 u^2 (1 - u)^2 h^4 x''''/384 within an interval; the square of that has the
+    mean 0.406.
+    """
+    step = 1 / PROBE_RATE_HZ
+    length = (PROBE_FRAMES - 1) * step
+    if stop_s - start_s <= length:
+        return MOST_HZ
+    looks = int(np.clip(LOOKS_PER_S * (stop_s - start_s), LEAST_LOOKS, MOST_LOOKS))
+    begin = np.linspace(start_s, stop_s - length, looks)
+    times = (begin[:, None] + step * np.arange(PROBE_FRAMES)).ravel()
+    points = shape.at(times) if isinstance(shape, MovingMesh) else shape.at(times)[0]
+    paths = sum(np.linalg.norm(points - place, axis=2) for place in (radar.tx_position_m, radar.rx_position_m))
+    fourth = np.diff(np.reshape(paths, (looks, PROBE_FRAMES, -1)), n=4, axis=1) / step**4
+    turn_per_m = 2 * math.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT
+    error = 0.406 * np.mean((turn_per_m * fourth / 384) ** 2)
+    needed = (error / 10 ** (TOLERANCE_DB / 10)) ** 0.125
+    return float(np.clip(math.ceil(needed / STEP_HZ) * STEP_HZ, LEAST_HZ, MOST_HZ))
