@@ -80,7 +80,7 @@ def echoes_of(
 
 def standing(stream: EchoStream, k: int) -> Echoes:
     """Frames 4k..4k+3 of a target that jumps from pose to pose, as a record of its own."""
-    delay, amplitude, slope = stream.frames(4 * k, 4 * k + 4)
+    delay, amplitude, slope, *_ = stream.frames(4 * k, 4 * k + 4)
     return Echoes(times_s=STILL_S, delay_s=delay, amplitude=amplitude, slope=slope)
 
 

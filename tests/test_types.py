@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.types import PEC, Echoes, EchoStream, Material, MovingMesh, stream
+from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Material, MovingMesh, stream
 
 TIMES_S = np.arange(5) / 100
 BOX = trimesh.creation.box((0.2, 0.3, 0.4))
@@ -60,7 +60,7 @@ def test_a_stream_hands_out_the_same_frames() -> None:
         made = echoes(delay_s=np.arange(10.0).reshape(5, 2), slope=slope)
         source = stream(made)
         assert stream(source) is source
-        delay, amplitude, slopes = source.frames(1, 3)
+        delay, amplitude, slopes, *_ = source.frames(1, 3)
         assert np.array_equal(delay, made.delay_s[1:3])
         assert amplitude.shape == (2, 2)
         assert slopes is None if slope is None else np.array_equal(slopes, slope[1:3])
@@ -70,7 +70,7 @@ def test_a_stream_hands_out_the_same_frames() -> None:
 
 
 def test_a_stream_of_too_few_frames_cannot_be_gathered() -> None:
-    short = EchoStream(times_s=TIMES_S[:2], frames=lambda a, b: (np.zeros((2, 1)), np.zeros((2, 1)), None))
+    short = EchoStream(times_s=TIMES_S[:2], frames=lambda a, b: EchoArrays(np.zeros((2, 1)), np.zeros((2, 1))))
     with pytest.raises(InputError, match="at least 4 frames"):
         short.gather()
 

@@ -100,7 +100,7 @@ def _fields(radar: Radar, faces: int) -> np.ndarray:
                 sphere, radar, times_s=sphere.times_s, material=ROUGH, sagitta_rad=SAGITTA_RAD, seed=seed,
                 visibility=None, backend=backend,
             )  # fmt: skip
-            delay, amplitude, _ = echoes.frames(0, ASPECTS)
+            delay, amplitude, *_ = echoes.frames(0, ASPECTS)
         turns = radar.mid_frequency_hz * delay
         out[seed] = np.sum(amplitude * np.exp(2j * math.pi * (turns % 1)), axis=1)
     return out * RANGE_M**2 / radar.link_amplitude

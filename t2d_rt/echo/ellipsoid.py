@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.echo.antennas import seen_by
 from t2d_rt.errors import InputError
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
 
@@ -35,7 +36,9 @@ def ellipsoid_echoes(
         _check_between(centres, radar)
         path, field = model(centres, axes, ellipsoids.semi_axes_m, radar.tx_position_m, radar.rx_position_m)
         amplitude = (radar.link_amplitude * reflection * field).astype(np.complex64)
-        return path / SPEED_OF_LIGHT, amplitude, None
+        # Seen from a little aside, the nearest point of a sphere moves on it, as if the echo came from the centre; an ellipsoid's
+        # centre stands for its centres of curvature.
+        return seen_by(radar, EchoArrays(path / SPEED_OF_LIGHT, amplitude), centres, centres)
 
     return EchoStream(times_s=times_s, frames=frames)
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.echo.antennas import seen_by
 from t2d_rt.echo.facets import Leg, diffuse_echoes, patch_echoes
-from t2d_rt.echo.patches import Csr, Patches, centres, normals, patches, ranges_m, tilts
+from t2d_rt.echo.patches import Csr, Patches, centres, least_range_m, normals, patches, tilts
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, point_spacing, refinements, surface_points
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
@@ -61,7 +62,12 @@ def mesh_echoes(
     def frames(start: int, stop: int) -> EchoArrays:
         times = times_s[start:stop]
         seen = None if visibility is None else visibility(times)
-        return model.echoes(surface.at(times), seen, leg, backend)
+        cage = surface.at(times)
+        echoes = model.echoes(cage, seen, leg, backend)
+        if not (radar.is_array or radar.directional):
+            return echoes
+        places = model.places(cage)
+        return seen_by(radar, echoes, places, places)
 
     return EchoStream(times_s=times_s, frames=frames)
 
@@ -73,17 +79,11 @@ def joined(streams: list[EchoStream]) -> EchoStream:
 
     def frames(start: int, stop: int) -> EchoArrays:
         parts = [stream.frames(start, stop) for stream in streams]
-        slopes = [np.zeros_like(p[1]) if p[2] is None else p[2] for p in parts]
-        return np.hstack([p[0] for p in parts]), np.hstack([p[1] for p in parts]), np.hstack(slopes)
+        parts = [p if p.slope is not None else p._replace(slope=np.zeros_like(p.amplitude)) for p in parts]
+        joint = (None if fields[0] is None else np.concatenate(fields, axis=1) for fields in zip(*parts, strict=True))
+        return EchoArrays(*joint)  # type: ignore[arg-type]
 
     return EchoStream(times_s=streams[0].times_s, frames=frames)
-
-
-def least_range_m(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> float:
-    """Least distance of the mesh's vertices from an antenna over the record [m]."""
-    span = times_s[-1] - times_s[0]
-    vertices = surface.at(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))))
-    return float(min(ranges_m(vertices, antenna).min() for antenna in (radar.tx_position_m, radar.rx_position_m)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,14 @@ class _Model:
             amplitude[:, lit], slope[:, lit] = (part.T for part in coherent)
         if self.points is not None:
             delay[:, count:], amplitude[:, count:] = (part.T for part in self.points.echoes(cage, seen, leg, backend))
-        return delay, amplitude, slope
+        return EchoArrays(delay, amplitude, slope)
+
+    def places(self, cage: np.ndarray) -> np.ndarray:
+        """Where the echoes stand (K, N, 3), for cage vertices (K, V, 3)."""
+        found = [_carried(self.centre, cage)]
+        if self.points is not None:
+            found.append(self.points.places(cage))
+        return np.concatenate(found).transpose(1, 0, 2)
 
     def _lit(self, cage: np.ndarray, leg: Leg) -> np.ndarray:
         """Cage faces that may hold facets lit by the transmitter and seen by the receiver at or between the frames."""
@@ -196,6 +203,11 @@ class _Points:
             linear=carrier.linear[used],
         )
         return cls(held, corners.reshape(-1, 3), points.barycentric, points.area_m2, points.phase_rad, scattered)
+
+    def places(self, cage: np.ndarray) -> np.ndarray:
+        """Where the points stand (Q, K, 3), for cage vertices (K, V, 3)."""
+        vertices = _carried(self.carrier.operator, cage)
+        return sum(vertices[self.corners[:, i]] * self.barycentric[:, i, None, None] for i in range(3))
 
     def echoes(
         self, cage: np.ndarray, seen: np.ndarray | None, leg: Leg, backend: Backend

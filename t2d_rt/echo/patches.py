@@ -20,6 +20,10 @@ TURNS_PER_STEP = 0.5
 """Greatest change, from one surface frame to the next, of the phase between two facets of a patch [turns]."""
 SWEEP_TURNS = 0.25
 """Greatest change over the sweep of the phase between two facets of a patch [turns], along each axis."""
+APERTURE_TURNS = 0.025
+"""Greatest change from an array's centre to its outermost antennas, likewise: leaves -27 dB there, less within."""
+FAST_SHARE = 0.02
+"""Share of the surface that may turn too fast for its facets before a warning."""
 MOST_FACETS = 256
 """A power of two: patches are blocks of that many facets, or halves of these, quarters and so on."""
 PROBE_RATE_HZ, PROBES = 12.5, 40
@@ -61,22 +65,39 @@ def patches(surface: MovingMesh, fine: Refinement, radar: Radar, times_s: np.nda
     filled = np.append(order, np.full(-len(order) % MOST_FACETS, order[-1]))
     first = np.arange(len(filled)) % MOST_FACETS == 0
     # In units of what is allowed: no column may spread by more than 1 over a patch.
-    _cut(first, rest[filled] * (2 * radar.bandwidth_hz / SPEED_OF_LIGHT / SWEEP_TURNS))
+    per_m = 2 * radar.bandwidth_hz / SPEED_OF_LIGHT / SWEEP_TURNS
+    if radar.is_array:
+        reach = sum(
+            np.linalg.norm(places - centre, axis=1).max()
+            for places, centre in (
+                (radar.tx_positions_m, radar.tx_position_m),
+                (radar.rx_positions_m, radar.rx_position_m),
+            )
+        )
+        range_m = least_range_m(surface, radar, times_s)
+        per_m = max(per_m, reach / range_m / radar.wavelength_m / APERTURE_TURNS)
+    _cut(first, rest[filled] * per_m)
     rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
     allowed_mps = radar.wavelength_m * rate_hz * TURNS_PER_STEP
     centroid = _mean_rows(fine.faces[filled], np.arange(len(filled) + 1), fine.linear).astype(np.float32)
-    widest = 0.0
+    widest = np.zeros(len(corners))
     for speeds in _path_speeds(surface, radar, times_s):
         turns = speeds / allowed_mps
         _cut(first, centroid @ turns)
         starts = np.append(np.flatnonzero(first[: len(order)]), len(order))
-        alone = corners[starts[:-1][np.diff(starts) == 1]]
+        alone = starts[:-1][np.diff(starts) == 1]
         if len(alone):
-            widest = max(widest, float(np.ptp((fine.linear @ turns)[alone], axis=1).max()))
-    if widest > 4:
+            spread = np.ptp((fine.linear @ turns)[corners[alone]], axis=1).max(axis=1)
+            widest[alone] = np.maximum(widest[alone], spread)
+    by_spread = np.argsort(widest)
+    spans = (fine.operator @ surface.rest)[corners[by_spread]]
+    area = np.cumsum(np.linalg.norm(np.cross(spans[:, 1] - spans[:, 0], spans[:, 2] - spans[:, 0]), axis=1))
+    widest_of_most = float(widest[by_spread[np.searchsorted(area, (1 - FAST_SHARE) * area[-1])]])
+    if widest_of_most > 4:
         warnings.warn(
-            f"{surface.name} turns too fast for its facets: phases across one change by {widest * TURNS_PER_STEP:.2g} turns "
-            f"between frames; raise surface_rate_hz to {rate_hz * widest:.0f}, or give a finer mesh",
+            f"{surface.name} turns too fast for its facets: phases across {FAST_SHARE:.0%} of them change by more than "
+            f"{widest_of_most * TURNS_PER_STEP:.2g} turns between frames; raise surface_rate_hz to "
+            f"{rate_hz * widest_of_most:.0f}, or give a finer mesh",
             T2DWarning,
             stacklevel=5,
         )
@@ -98,6 +119,13 @@ def _mean_rows(corners: np.ndarray, starts: np.ndarray, linear: Csr) -> Csr:
     sizes = np.diff(starts)
     share = np.repeat(1 / (3.0 * sizes), 3 * sizes)
     return csr_array((share, corners.ravel(), 3 * starts), shape=(len(sizes), linear.shape[0])) @ linear
+
+
+def least_range_m(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> float:
+    """Least distance of the mesh's vertices from an antenna over the record [m]."""
+    span = times_s[-1] - times_s[0]
+    vertices = surface.at(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))))
+    return float(min(ranges_m(vertices, antenna).min() for antenna in (radar.tx_position_m, radar.rx_position_m)))
 
 
 def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -46,6 +46,8 @@ class Level:
     """Range bins that a group's echoes span at most."""
     group: np.ndarray
     """Group of each echo, or of each group below."""
+    mean: Any
+    """Sparse: values of these times this are the means of the groups."""
     delay: np.ndarray
     """Mean of the members' [s], (n + 3, K)."""
     delay_slope: np.ndarray
@@ -76,7 +78,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float) -> list[
         group = _grouped(low / limits, high / limits)
         mean = _mean(group)
         delay, slope = delay @ mean, slope @ mean
-        found.append(Level(samples, points, width, group, delay, slope))
+        found.append(Level(samples, points, width, group, mean, delay, slope))
         low, high = _hulls(group, low, high)
         here = len(low)
         work.append(spent + here * rate * WORK_NODE * bucket_nodes(width, tolerance))
@@ -173,15 +175,26 @@ class Factors:
     """Place of the first sample, counted from the window's start."""
 
 
-def factors(window: Window, tree: list[Level], sweep: Sweep, backend: Backend) -> Factors:
-    """Factors of the groups of the tree's last level."""
-    out = _smallest(window, tree[0], sweep, backend)
-    for below, level in pairwise(tree):
-        out = _merged(out, below, level, sweep, window.step_s, backend)
+def shifted(tree: list[Level], extra: np.ndarray, extra_slope: np.ndarray) -> list[Level]:
+    """The same groups of echoes whose delays are longer by `extra` [s], their slopes by `extra_slope`, both (n + 3, L)."""
+    out = []
+    for level in tree:
+        extra, extra_slope = extra @ level.mean, extra_slope @ level.mean
+        out.append(replace(level, delay=level.delay + extra, delay_slope=level.delay_slope + extra_slope))
     return out
 
 
-def _smallest(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Factors:
+@dataclass(frozen=True, slots=True)
+class Leaves:
+    """What the first level's groups gather, the same for all antennas."""
+
+    members: Members
+    fields: list[Any]
+    """Tables of `amplitudes`."""
+
+
+def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leaves:
+    """The echoes of the first level's groups."""
     intervals, count = window.delay.shape[0] - 1, window.delay.shape[1]
     interval, echo = window.lit
     members = Members.of(
@@ -192,19 +205,24 @@ def _smallest(window: Window, level: Level, sweep: Sweep, backend: Backend) -> F
         per=1,
         size=intervals * count,
     )
+    return Leaves(members, amplitudes(window, sweep, backend))
+
+
+def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
+    """Factors of the groups of the tree's last level."""
+    out = _smallest(window, tree[0], leaves, sweep, backend)
+    for below, level in pairwise(tree):
+        out = _merged(out, below, level, sweep, window.step_s, backend)
+    return out
+
+
+def _smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
     references = References(level.group, level.delay, level.delay_slope)
     phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
     # Every level's cubics take a sample before and two after: half an interval before the window and one after it.
     sample = np.arange(-(level.rate // 2), (window.stop - window.start + 1) * level.rate)
     planes = moments(
-        members,
-        phase,
-        amplitudes(window, sweep, backend),
-        np.zeros(len(level)),
-        sample / level.rate,
-        window.step_s,
-        sweep,
-        backend,
+        leaves.members, phase, leaves.fields, np.zeros(len(level)), sample / level.rate, window.step_s, sweep, backend
     )
     at_nodes = np.einsum("mkf,mq->kfq", planes, chebyshev(TERMS, nodes(level.nodes)).astype(np.float32), optimize=True)
     values = backend.Float32(np.ascontiguousarray(at_nodes).view(np.float32).ravel())

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +21,17 @@ from t2d_rt.backend import Backend, select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.radar.moments import TERMS, Members, amplitudes, moments, phases
-from t2d_rt.radar.multilevel import BUCKET_BINS, Level, at_moments, bucket_nodes, factors, levels
+from t2d_rt.radar.multilevel import (
+    BUCKET_BINS,
+    Leaves,
+    Level,
+    at_moments,
+    bucket_nodes,
+    factors,
+    leaves,
+    levels,
+    shifted,
+)
 from t2d_rt.radar.sweep import Sweep, chebyshev, interpolation
 from t2d_rt.radar.windows import Window, windows
 from t2d_rt.types import Echoes, EchoStream, Radar, stream
@@ -52,13 +63,12 @@ def synthesize(
     if not -90 <= tolerance_db <= -10:
         raise InputError(f"tolerance_db must lie in -90..-10 dB, got {tolerance_db}; -50 suits most uses")
     source = stream(echoes)
-    duration_s = float(source.times_s[-1] - source.times_s[0])
-    starts = radar.chirp_times_s(duration_s)
-    cube = np.zeros((len(starts), 1, radar.samples), np.complex64)
+    starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
+    cube = np.zeros((len(starts), radar.antennas, radar.samples), np.complex64)
     # Threads of BLAS that wait for its next product would take the kernels' cores.
     with threadpool_limits(1, user_api="blas"):
         for chirps, samples in blocks(source, radar, starts, 10 ** (tolerance_db / 20), select(device), read_frames):
-            cube[chirps, 0] = samples
+            cube[chirps] = samples
             if progress is not None:
                 progress(chirps.stop / len(starts))
     return cube
@@ -72,7 +82,7 @@ def blocks(
     backend: Backend,
     read_frames: int | None = None,
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks (chirps, samples (len, sample)) in order; only a few frames of echoes are in memory at a time."""
+    """Blocks (rows of the cube, samples (row, antenna, sample)) in order; only a few frames of echoes are in memory at a time."""
     mid_times = starts_s + radar.mid_time_s
     sweep = Sweep.of(radar)
     for window in windows(source, read_frames):
@@ -81,18 +91,52 @@ def blocks(
             last = len(mid_times)
         if first < last:
             position = mid_times[first:last] / window.step_s - window.start
-            yield slice(first, last), _samples(window, position, sweep, tolerance, backend)
+            yield slice(first, last), _row(window, radar, slice(first, last), position, sweep, tolerance, backend)
 
 
-def _samples(window: Window, position: np.ndarray, sweep: Sweep, tolerance: float, backend: Backend) -> np.ndarray:
-    """Samples (chirp, sample) complex64 of chirps at `position` (in frames after window.start)."""
+def _row(
+    window: Window, radar: Radar, rows: slice, position: np.ndarray, sweep: Sweep, tolerance: float, backend: Backend
+) -> np.ndarray:
+    """Samples (row, antenna, sample) complex64 of the cube's `rows`, which begin at `position` (in frames after window.start)."""
+    out = np.zeros((len(position), radar.antennas, len(sweep.x)), np.complex64)
     if not window.delay.size:
-        return np.zeros((len(position), len(sweep.x)), np.complex64)
+        return out
     tree = levels(window, sweep, len(position) / (window.stop - window.start), tolerance)
-    if tree:
-        fields, weights, carriers = _of_groups(window, tree, position, sweep, tolerance, backend)
-    else:
+    shared = leaves(window, tree[0], sweep, backend) if tree else None
+    if not radar.is_array:
+        out[:, 0] = _samples(window, tree, shared, position, sweep, tolerance, backend)
+        return out
+    turns = [window.extra(0, radar.tx_position_m, place) for place in radar.tx_positions_m]
+    backs = [window.extra(1, radar.rx_position_m, place) for place in radar.rx_positions_m]
+    phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
+    for antenna, (tx, rx) in enumerate(np.ndindex(len(turns), len(backs))):
+        extra, extra_slope = turns[tx][0] + backs[rx][0], turns[tx][1] + backs[rx][1]
+        here = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + extra_slope)
+        later = radar.antenna_delays_s[antenna] if radar.multiplexing == "tdm" else 0.0
+        samples = _samples(
+            here, shifted(tree, extra, extra_slope), shared, position + later / window.step_s, sweep, tolerance, backend
+        )
+        if radar.multiplexing == "ddm":
+            out[:, rx] += samples * phase[:, tx, None]
+        else:
+            out[:, antenna] = samples
+    return out
+
+
+def _samples(
+    window: Window,
+    tree: list[Level],
+    shared: Leaves | None,
+    position: np.ndarray,
+    sweep: Sweep,
+    tolerance: float,
+    backend: Backend,
+) -> np.ndarray:
+    """Samples (chirp, sample) complex64 of chirps at `position` (in frames after window.start) for one pair of antennas."""
+    if shared is None:
         fields, weights, carriers = _of_echoes(window, position, sweep, backend)
+    else:
+        fields, weights, carriers = _of_groups(window, tree, shared, position, sweep, tolerance, backend)
     # What each number of each bucket adds to the samples.
     basis = (carriers[:, None, :] * weights).reshape(-1, len(sweep.x)).astype(np.complex64)
     return fields.reshape(len(position), -1) @ basis
@@ -103,10 +147,11 @@ def _of_echoes(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Chebyshev coefficients of buckets of echoes (chirp, bucket, TERMS), the polynomials at the samples (TERMS, sample), and the
     buckets' carriers there (bucket, sample)."""
-    interval, echo = window.lit
-    inside = (interval > 0) & (interval <= window.stop - window.start)
+    # An antenna's turn may come a little after the window's end.
+    inside = window.lit[0] > 0
+    interval, echo = window.lit[0][inside], window.lit[1][inside]
     origin_s, number, members = _buckets(
-        window.delay, window.delay_slope, interval[inside], echo[inside], ECHO_BUCKET_BINS, sweep, window.step_s
+        window.delay, window.delay_slope, interval, echo, ECHO_BUCKET_BINS, sweep, window.step_s
     )
     centres = (number + 0.5) * ECHO_BUCKET_BINS * math.pi
     phase = phases(window.delay, window.delay_slope, sweep, None, origin_s, backend)
@@ -117,30 +162,25 @@ def _of_echoes(
 
 
 def _of_groups(
-    window: Window, tree: list[Level], position: np.ndarray, sweep: Sweep, tolerance: float, backend: Backend
+    window: Window,
+    tree: list[Level],
+    shared: Leaves,
+    position: np.ndarray,
+    sweep: Sweep,
+    tolerance: float,
+    backend: Backend,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Fields of buckets of groups at nodes of the sweep (chirp, bucket, node), and as of `_of_echoes`."""
     top = tree[-1]
-    interval, group = np.indices((len(window.delay) - 1, len(top))).reshape(2, -1)
-    inside = (interval > 0) & (interval <= window.stop - window.start)
+    interval, group = np.indices((len(window.delay) - 2, len(top))).reshape(2, -1)
     origin_s, number, members = _buckets(
-        top.delay, top.delay_slope, interval[inside], group[inside], BUCKET_BINS, sweep, window.step_s
+        top.delay, top.delay_slope, interval + 1, group, BUCKET_BINS, sweep, window.step_s
     )
     centres = (number + 0.5) * BUCKET_BINS * math.pi
     phase = phases(top.delay, top.delay_slope, sweep, None, origin_s, backend)
     count = bucket_nodes(top.bins, tolerance)
-    fields = at_moments(
-        factors(window, tree, sweep, backend),
-        top,
-        members,
-        phase,
-        centres,
-        position,
-        window.step_s,
-        count,
-        sweep,
-        backend,
-    )
+    inner = factors(window, tree, shared, sweep, backend)
+    fields = at_moments(inner, top, members, phase, centres, position, window.step_s, count, sweep, backend)
     return fields, interpolation(count, sweep.x).T, _carriers(origin_s, centres, sweep)
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.errors import InputError
 from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.types import EchoArrays, EchoStream
 
@@ -38,12 +40,23 @@ class Window:
     """complex64 (n + 5, L): one frame more at either end."""
     sweep: np.ndarray | None
     """Slope over frequency, likewise."""
+    lit: tuple[np.ndarray, np.ndarray]
+    """(interval, echo) of all echoes that are not dark in an interval, whose frames are four of the amplitude's."""
+    points: tuple[np.ndarray, np.ndarray] | None
+    """Where the echoes seem to stand for transmitters and receivers [m], over as many frames as their spline asks for."""
+    framed: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    """From values at these frames (., L) to those at the window's and their slopes, both (n + 3, L)."""
 
-    @property
-    def lit(self) -> tuple[np.ndarray, np.ndarray]:
-        """(interval, echo) of all echoes that are not dark in an interval, whose frames are four of the amplitude's."""
-        lit = self.amplitude != 0
-        return np.nonzero(lit[:-3] | lit[1:-2] | lit[2:-1] | lit[3:])  # type: ignore[return-value]
+    def extra(self, leg: int, centre_m: np.ndarray, antenna_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Delay [s] and its slope, each (n + 3, L), by which an antenna differs from its array's centre; leg 0 or 1."""
+        if self.points is None:
+            raise InputError("an array needs echoes with departure_m and arrival_m, which these do not have; give them")
+        sight = self.points[leg] - centre_m.astype(np.float32)
+        offset = (antenna_m - centre_m).astype(np.float32)
+        # |sight - offset| - |sight| without cancellation.
+        ahead = sight - offset
+        lengths = (np.sqrt(np.einsum("tli,tli->tl", way, way)) for way in (sight, ahead))
+        return self.framed((offset @ offset - 2 * (sight @ offset)) / sum(lengths) / np.float32(SPEED_OF_LIGHT))
 
 
 def windows(source: EchoStream, read_frames: int | None = None) -> Iterator[Window]:
@@ -62,7 +75,7 @@ def windows(source: EchoStream, read_frames: int | None = None) -> Iterator[Wind
             stop = min(start + INTERVALS, total - 1)
             low, high = max(0, start - 1 - HALO_FRAMES), min(total, stop + 2 + HALO_FRAMES)
             while high > come:
-                held.append((come, coming.result()))
+                held.append((come, EchoArrays(*coming.result())))
                 come = asked
                 if asked < total:
                     frames = read_frames or READ_ECHO_FRAMES // max(1, held[0][1][0].shape[1])
@@ -76,8 +89,7 @@ def _window(
     held: list[tuple[int, EchoArrays]], low: int, high: int, start: int, stop: int, total: int, step_s: float
 ) -> Window:
     near = max(0, start - 2), min(total, stop + 3)
-    lit = [part[1] != 0 for part in _rows(held, *near)]
-    live = np.flatnonzero(np.any(np.concatenate(lit), axis=0))
+    live = np.flatnonzero(np.any(np.concatenate([part[1] != 0 for part in _rows(held, *near)]), axis=0))
 
     def taken(field: int, first: int, last: int) -> np.ndarray:
         return np.concatenate([np.take(part[field], live, axis=1) for part in _rows(held, first, last)])  # type: ignore[arg-type]
@@ -86,22 +98,31 @@ def _window(
         # The line through the record's last two frames makes the central difference there the one-sided one.
         return _lengthened(taken(field, *near), near[0] - (start - 2), stop + 3 - near[1])
 
-    delay = taken(0, low, high)
-    slope = spline_slopes(len(delay)) @ delay
+    def framed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        slope = spline_slopes(len(values))[keep] @ values
+        values = values[keep]
+        if start == 0:
+            values, slope = np.concatenate([values[:1] - slope[:1], values]), np.concatenate([slope[:1], slope])
+        if stop == total - 1:
+            values, slope = np.concatenate([values, values[-1:] + slope[-1:]]), np.concatenate([slope, slope[-1:]])
+        return values, slope
+
     keep = slice(max(0, start - 1) - low, min(total, stop + 2) - low)
-    delay, slope = delay[keep], slope[keep]
-    if start == 0:
-        delay, slope = np.concatenate([delay[:1] - slope[:1], delay]), np.concatenate([slope[:1], slope])
-    if stop == total - 1:
-        delay, slope = np.concatenate([delay, delay[-1:] + slope[-1:]]), np.concatenate([slope, slope[-1:]])
+    amplitude = with_ends(1)
+    lit = amplitude != 0
+    delay, delay_slope = framed(taken(0, low, high))
+    sample = held[0][1]
     return Window(
         start=start,
         stop=stop,
         step_s=step_s,
         delay=delay,
-        delay_slope=slope,
-        amplitude=with_ends(1),
-        sweep=None if held[0][1][2] is None else with_ends(2),
+        delay_slope=delay_slope,
+        amplitude=amplitude,
+        sweep=None if sample[2] is None else with_ends(2),
+        lit=np.nonzero(lit[:-3] | lit[1:-2] | lit[2:-1] | lit[3:]),  # type: ignore[arg-type]
+        points=None if sample[3] is None or sample[4] is None else (taken(3, low, high), taken(4, low, high)),
+        framed=framed,
     )
 
 
@@ -118,8 +139,8 @@ def _lengthened(values: np.ndarray, before: int, after: int) -> np.ndarray:
 def _rows(held: list[tuple[int, EchoArrays]], first: int, last: int) -> list[EchoArrays]:
     """Frames first..last-1 of what is held, as views."""
     found = []
-    for begin, (delay, amplitude, slope) in held:
+    for begin, fields in held:
         cut = slice(max(first - begin, 0), max(last - begin, 0))
-        if begin < last and cut.start < len(delay):
-            found.append((delay[cut], amplitude[cut], None if slope is None else slope[cut]))
+        if begin < last and cut.start < len(fields.delay_s):
+            found.append(EchoArrays(*(None if field is None else field[cut] for field in fields)))  # type: ignore[arg-type]
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,11 @@ class Echoes:
     """Field at mid-sweep [sqrt(W) at the ADC], complex64 (T, N), without exp(j 2 pi f_c tau); |amplitude|^2 is received power."""
     slope: np.ndarray | None = None
     """d amplitude / d frequency [sqrt(W)/Hz], complex64 (T, N); None where the amplitude is flat over the sweep."""
+    departure_m: np.ndarray | None = None
+    """Points that the echoes seem to stand in as seen by the transmitters [m], world, float32 (T, N, 3): they say how the delay
+    differs from one antenna of an array to the next. `delay_s` is that of the arrays' centres. None serves a single antenna."""
+    arrival_m: np.ndarray | None = None
+    """Likewise as seen by the receivers."""
 
     def __post_init__(self) -> None:
         for name, dtype in (
@@ -33,6 +39,8 @@ class Echoes:
             ("delay_s", float),
             ("amplitude", np.complex64),
             ("slope", np.complex64),
+            ("departure_m", np.float32),
+            ("arrival_m", np.float32),
         ):
             if (value := getattr(self, name)) is not None:
                 value = np.asarray(value, dtype)
@@ -46,6 +54,9 @@ class Echoes:
             raise InputError(f"amplitude must have the delay's shape {self.delay_s.shape}, got {self.amplitude.shape}")
         if self.slope is not None and self.slope.shape != self.delay_s.shape:
             raise InputError(f"slope must have the delay's shape {self.delay_s.shape}, got {self.slope.shape}")
+        for name in ("departure_m", "arrival_m"):
+            if (points := getattr(self, name)) is not None and points.shape != (*self.delay_s.shape, 3):
+                raise InputError(f"{name} must have shape {(*self.delay_s.shape, 3)}, got {points.shape}")
         if frames < 4:
             raise InputError(f"echoes need at least 4 frames to interpolate, got {frames}; raise the surface rate")
         steps = np.diff(self.times_s)
@@ -58,8 +69,14 @@ class Echoes:
         return (len(self.times_s) - 1) / float(self.times_s[-1] - self.times_s[0])
 
 
-EchoArrays = tuple[np.ndarray, np.ndarray, np.ndarray | None]
-"""`delay_s`, `amplitude`, `slope` of `Echoes`, for some of its frames."""
+class EchoArrays(NamedTuple):
+    """The arrays of `Echoes` for some of its frames."""
+
+    delay_s: np.ndarray
+    amplitude: np.ndarray
+    slope: np.ndarray | None = None
+    departure_m: np.ndarray | None = None
+    arrival_m: np.ndarray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,8 +90,7 @@ class EchoStream:
 
     def gather(self) -> Echoes:
         """All frames at once; for short records."""
-        delay_s, amplitude, slope = self.frames(0, len(self.times_s))
-        return Echoes(times_s=self.times_s, delay_s=delay_s, amplitude=amplitude, slope=slope)
+        return Echoes(times_s=self.times_s, **self.frames(0, len(self.times_s))._asdict())
 
 
 def stream(echoes: Echoes | EchoStream) -> EchoStream:
@@ -85,6 +101,7 @@ def stream(echoes: Echoes | EchoStream) -> EchoStream:
 
     def frames(start: int, stop: int) -> EchoArrays:
         part = slice(start, stop)
-        return whole.delay_s[part], whole.amplitude[part], None if whole.slope is None else whole.slope[part]
+        fields = (getattr(whole, name) for name in EchoArrays._fields)
+        return EchoArrays(*(None if field is None else field[part] for field in fields))  # type: ignore[arg-type]
 
     return EchoStream(times_s=whole.times_s, frames=frames)

@@ -363,6 +363,17 @@ class Radar(Fields):
         chirps = None if self.chirps_per_frame is None else self.chirps_per_frame // turns
         return self.replace(multiplexing="simultaneous", prf_hz=self.prf_hz / turns, chirps_per_frame=chirps)
 
+    @property
+    def is_array(self) -> bool:
+        """Whether there are several transmitters or receivers."""
+        return len(self.tx_offsets_m) * len(self.rx_offsets_m) > 1
+
+    @property
+    def directional(self) -> bool:
+        """Whether `antenna_factor` is not 1 everywhere."""
+        isotropic = all(isinstance(pattern, Isotropic) for pattern in (self.tx_pattern, self.rx_pattern))
+        return not isotropic or self.tx_polarization_deg != self.rx_polarization_deg
+
     def antenna_factor(self, departure: np.ndarray, arrival: np.ndarray) -> np.ndarray:
         """Amplitude by patterns and polarisation, real (...), 1 for the defaults: sqrt(G_t G_r / peaks) p (eq. 17).
 

@@ -1,0 +1,23 @@
+"""What arrays and directional antennas add to echoes: points to measure delays from, gain over direction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from t2d_rt.types import EchoArrays, Radar
+
+
+def seen_by(radar: Radar, echoes: EchoArrays, departure_m: np.ndarray, arrival_m: np.ndarray) -> EchoArrays:
+    """`echoes` as the radar's antennas see them, from the points (T, N, 3) they seem to stand in."""
+    amplitude, slope = echoes.amplitude, echoes.slope
+    if radar.directional:
+        outward = (
+            sight / np.linalg.norm(sight, axis=-1, keepdims=True)
+            for sight in (departure_m - radar.tx_position_m, arrival_m - radar.rx_position_m)
+        )
+        factor = radar.antenna_factor(*outward).astype(np.float32)
+        amplitude, slope = amplitude * factor, None if slope is None else slope * factor
+    echoes = echoes._replace(amplitude=amplitude, slope=slope)
+    if radar.is_array:
+        return echoes._replace(departure_m=departure_m.astype(np.float32), arrival_m=arrival_m.astype(np.float32))
+    return echoes
