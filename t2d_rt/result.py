@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from t2d_rt.cubes import DIMENSIONS, NAME, Cube, DiskCube, is_large, new_array, row_blocks
 from t2d_rt.errors import InputError
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.types import Radar
@@ -50,7 +51,7 @@ class Simulation:
 
     def __init__(
         self,
-        cube: np.ndarray,
+        cube: Cube,
         radar: Radar,
         *,
         settings: Mapping[str, Any] | None = None,
@@ -84,16 +85,21 @@ class Simulation:
 
     @property
     def adc(self) -> xr.DataArray:
-        """ADC samples [sqrt(W)], complex64 (chirp, antenna, sample)."""
+        """ADC samples [sqrt(W)], complex64 (chirp, antenna, sample); those of a large cube are read from disk when used."""
         times = {
             "chirp_time_s": ("chirp", self.radar.chirp_starts_s(len(self.cube))),
             "sample_time_s": ("sample", self.radar.sample_times_s),
         }
-        return self._labelled("adc", self.cube, ("chirp", "antenna", "sample"), times, "sqrt(W)")
+        values: Any = self.cube
+        if isinstance(self.cube, DiskCube):
+            import xarray as xr
+
+            values = xr.open_zarr(self.cube.folder, consolidated=False)[NAME].variable
+        return self._labelled(NAME, values, DIMENSIONS, times, "sqrt(W)")
 
     @property
     def range_profile(self) -> xr.DataArray:
-        """Range FFT of every chirp [sqrt(W)], complex (chirp, antenna, range_m)."""
+        """Range FFT of every chirp [sqrt(W)], complex (chirp, antenna, range_m), in memory."""
         profile = range_profile(self.cube, self.radar, window=self.processing.get("range_window", "hann"))
         axes = {"range_m": profile.range_m, "chirp_time_s": ("chirp", profile.time_s)}
         return self._labelled("range_profile", profile.profile, ("chirp", "antenna", "range_m"), axes, "sqrt(W)")
@@ -115,7 +121,7 @@ class Simulation:
         return self._labelled("range_doppler", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
 
     def _labelled(
-        self, name: str, values: np.ndarray, dims: tuple[str, ...], axes: Mapping[str, Any], units: str
+        self, name: str, values: Any, dims: tuple[str, ...], axes: Mapping[str, Any], units: str
     ) -> xr.DataArray:
         import xarray as xr
 
@@ -147,18 +153,23 @@ class Simulation:
 
         target = Path(path).resolve()
         check_free(target, overwrite=overwrite)
-        data = xr.Dataset({"adc": self.adc, "spectrogram": self.spectrogram})
-        for variable in data.data_vars.values():
-            variable.attrs = {"units": variable.attrs["units"]}  # the rest is the same for all
+        adc = self.adc
+        data = xr.Dataset({"spectrogram": self.spectrogram}, coords=dict(adc.coords))
+        data.spectrogram.attrs = {"units": self.spectrogram.attrs["units"]}  # the rest is the same for all
         data.attrs = {**self.attributes, "checksum": _checksum(self.cube)}
         # Written beside its place, so that moving it there is one step of the file system.
         beside = [target.with_name(f".{target.name}.{state}") for state in ("partial", "replaced")]
         partial, replaced = beside
         try:
+            shutil.rmtree(partial, ignore_errors=True)
+            samples = new_array(partial, self.cube.shape)
+            samples.attrs.update({"units": adc.attrs["units"], "coordinates": " ".join(map(str, adc.coords))})
+            for rows, block in row_blocks(self.cube):
+                samples[rows] = block
             with warnings.catch_warnings():
                 # Without consolidated metadata a plain xarray.open_zarr warns, with it the writer does; both can do either.
                 warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part")
-                data.to_zarr(partial, mode="w", consolidated=True)
+                data.to_zarr(partial, mode="a", consolidated=True)
             if target.exists():
                 target.rename(replaced)
             partial.rename(target)
@@ -188,7 +199,8 @@ class Simulation:
                     )
                 attributes = {name: json.loads(data.attrs[name]) for name in ("settings", "processing", "versions")}
                 radar = Radar(**json.loads(data.attrs["radar"]))
-                result = cls(data["adc"].values, radar, **attributes)
+                cube = DiskCube(source) if is_large(data[NAME].shape) else data[NAME].values
+                result = cls(cube, radar, **attributes)
                 # zarr reads a missing piece as zeros
                 if data.attrs["checksum"] != _checksum(result.cube):
                     raise InputError(f"the ADC samples in {source} are damaged; simulate it again")
@@ -223,8 +235,11 @@ def check_place(path: Path, *, overwrite: bool) -> None:
         raise InputError(f"folder {folder} is not writable ({error.strerror}); choose another place") from error
 
 
-def _checksum(cube: np.ndarray) -> str:
-    return f"{zlib.crc32(np.ascontiguousarray(cube).view(np.uint8).data):08x}"
+def _checksum(cube: Cube) -> str:
+    sum_ = 0
+    for _, block in row_blocks(cube):
+        sum_ = zlib.crc32(np.ascontiguousarray(block).view(np.uint8).data, sum_)
+    return f"{sum_:08x}"
 
 
 def _decibel(power: np.ndarray) -> np.ndarray:

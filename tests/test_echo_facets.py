@@ -18,7 +18,7 @@ from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.geometry import Refinement, refinements
 from t2d_rt.radar.synthesize import synthesize
-from t2d_rt.types import PEC, Echoes, EchoStream, Material, MovingMesh, Radar
+from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Material, MovingMesh, Radar
 
 TABLE2 = Radar.preset("table2")
 FRAMES_S = np.arange(4) / TABLE2.prf_hz
@@ -261,7 +261,7 @@ def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material
             backend=backend,
         )  # fmt: skip
         still_frames = [stream.frames(k, k + 1) for k in range(4)]  # every pose for itself: nothing moves
-        return np.array([summed(delay[0], amplitude[0], TABLE2) for delay, amplitude, _ in still_frames])
+        return np.array([summed(frame.delay_s[0], frame.amplitude[0], TABLE2) for frame in still_frames])
 
     reference = fields(0.025)
     coarse, fine = (db(np.sum(np.abs(fields(s) - reference) ** 2) / np.sum(np.abs(reference) ** 2)) for s in (0.4, 0.1))
@@ -423,7 +423,7 @@ def test_joined_targets_are_side_by_side(backend: Backend) -> None:
     ball = echoes_of(still(*icosphere(2, 0.1, [2.0, 0, 1]), sagitta_rad=0.4), TABLE2, backend)
     flat = ball.gather()
     point = EchoStream(
-        times_s=FRAMES_S, frames=lambda a, b: (np.ones((b - a, 1)), np.ones((b - a, 1), np.complex64), None)
+        times_s=FRAMES_S, frames=lambda a, b: EchoArrays(np.ones((b - a, 1)), np.ones((b - a, 1), np.complex64))
     )
     both = joined([ball, point]).gather()
     assert both.delay_s.shape == (4, flat.delay_s.shape[1] + 1)

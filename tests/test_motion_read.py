@@ -174,7 +174,13 @@ def test_report_of_the_cmu_walk() -> None:
     motion = load_motion(WALK)
     assert len(motion.joints) == 523
     assert motion.rate_hz == 120.0
-    for fact in ("1 unit = 0.05644 m", "up y", "first 1 frame(s) dropped (T-pose)", "floor at", "not smoothed"):
+    for fact in (
+        "1 unit = 0.05644 m",
+        "up y",
+        "first 1 frame(s) dropped (T-pose)",
+        "floor at",
+        "smoothed at 12 Hz (jitter 0.05",
+    ):
         assert fact in motion.report
     assert "\n" not in motion.report
     velocity = (motion.joints[-1, 0] - motion.joints[0, 0]) / motion.duration_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import json
 import shutil
 import warnings
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from t2d_rt import cubes
 from t2d_rt.errors import InputError
 from t2d_rt.result import Simulation, versions
 from t2d_rt.types import Radar
@@ -134,6 +136,32 @@ def test_a_folder_of_something_else_is_never_replaced(result: Simulation, tmp_pa
     assert (tmp_path / "photos" / "me.jpg").exists()
 
 
+def test_a_large_cube_stays_on_disk(result: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cubes, "LARGE_BYTES", 1000)
+    monkeypatch.setattr(cubes, "BLOCK_BYTES", 100 * 256 * 8)
+    on_disk = cubes.new_cube(result.cube.shape)
+    assert isinstance(on_disk, cubes.DiskCube)
+    for start in range(0, 600, 37):
+        on_disk[start : start + 37] = result.cube[start : start + 37]
+    scratch = on_disk.folder
+    large = Simulation(on_disk, RADAR, settings=result.settings, versions=versions(), processing={"mti": "mean"})
+    large.save(tmp_path / "a.zarr")
+    loaded = Simulation.load(tmp_path / "a.zarr")
+    assert isinstance(loaded.cube, cubes.DiskCube)
+    for one in (large, loaded):
+        assert "..." in repr(one.adc.variable)  # not read yet
+        xr.testing.assert_equal(one.adc, result.adc)
+        xr.testing.assert_allclose(one.spectrogram, result.spectrogram)
+    plain = tmp_path / "b.zarr"
+    result.save(plain)
+    with xr.open_zarr(plain) as small, xr.open_zarr(tmp_path / "a.zarr") as big:
+        xr.testing.assert_equal(small.adc, big.adc)
+        assert small.attrs == big.attrs
+    del large, on_disk, one
+    gc.collect()
+    assert not scratch.exists()
+
+
 @pytest.mark.parametrize("stage", ["write", "move away", "move there"])
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
 def test_a_failed_overwrite_keeps_the_old(
@@ -144,7 +172,7 @@ def test_a_failed_overwrite_keeps_the_old(
     rename = Path.rename
 
     def failing_write(_: xr.Dataset, folder: Path, **__: Any) -> None:
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         (folder / "zarr.json").write_text("{")
         raise error
 

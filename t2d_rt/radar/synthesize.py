@@ -19,6 +19,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend, select
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.cubes import Cube, new_cube
 from t2d_rt.errors import InputError
 from t2d_rt.radar.moments import TERMS, Members, amplitudes, moments, phases
 from t2d_rt.radar.multilevel import (
@@ -51,8 +52,10 @@ def synthesize(
     device: str = "auto",
     read_frames: int | None = None,
     progress: Progress | None = None,
-) -> np.ndarray:
+) -> Cube:
     """ADC cube (chirp, antenna, sample) complex64 [sqrt(W)] of all chirps that lie within the echoes' record.
+
+    A large one is a `DiskCube`: on disk, and read by ranges of chirps.
 
     Motion within a chirp is included. The direct sum of the same echoes (`direct.direct_sum`) is met within `tolerance_db` of NMSE.
     `read_frames` is about how many frames of echoes are held at once, by default as many as fit a fixed amount of memory; it does
@@ -64,7 +67,7 @@ def synthesize(
         raise InputError(f"tolerance_db must lie in -90..-10 dB, got {tolerance_db}; -50 suits most uses")
     source = stream(echoes)
     starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
-    cube = np.zeros((len(starts), radar.antennas, radar.samples), np.complex64)
+    cube = new_cube((len(starts), radar.antennas, radar.samples))
     # Threads of BLAS that wait for its next product would take the kernels' cores.
     with threadpool_limits(1, user_api="blas"):
         for chirps, samples in blocks(source, radar, starts, 10 ** (tolerance_db / 20), select(device), read_frames):

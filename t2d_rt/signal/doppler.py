@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -16,6 +16,9 @@ from t2d_rt.signal.mti import mti as mti_filter
 from t2d_rt.signal.multiplex import separated
 from t2d_rt.signal.range import check_cube, gate, range_fft, taper
 from t2d_rt.types.radar import Radar
+
+PIECE = 16_384
+"""Chirps of a long record that are worked on at once."""
 
 
 def stft(
@@ -84,15 +87,18 @@ def spectrogram(
     n_fft = _check_window(n_window, overlap, n_fft, burst)
     starts = window_starts(adc.shape[0], burst, n_window, n_window - overlap)
 
-    cells = range_fft(adc, window=range_window, bins=bins)
-    cells = _filter_bursts(cells, burst, mti, radar, cutoff_mps, kernel)
-    antennas = 1 if cells.ndim == 2 else cells.shape[1]
-    if combine == "coherent":
-        cells, bandwidth_bins = cells.sum(axis=-1, keepdims=True), 1.0
-    else:
-        bandwidth_bins = radar.samples * float(fast @ fast)  # noise bandwidth: what a point's bins add up to
+    antennas = 1 if adc.ndim == 2 else adc.shape[1]
+    # The noise bandwidth is what a point's bins add up to.
+    bandwidth_bins = 1.0 if combine == "coherent" else radar.samples * float(fast @ fast)
     slow = taper(window, n_window, periodic=True)
-    power = _summed_power(cells.reshape(len(cells), -1), starts, slow, n_fft)
+    powers = []
+    for first, windows, cells in _filtered(
+        adc, radar, burst, starts, n_window, range_window, bins, mti, cutoff_mps, kernel
+    ):
+        if combine == "coherent":
+            cells = cells.sum(axis=-1, keepdims=True)
+        powers.append(_summed_power(cells.reshape(len(cells), -1), windows - first, slow, n_fft))
+    power = np.concatenate(powers, axis=1)
     return Spectrogram(
         power=ascending(power / (bandwidth_bins * antennas)),
         velocity_mps=radar.speed_axis_mps(n_fft),
@@ -175,6 +181,30 @@ def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
             "the coherent sum over all range bins is the chirp's first sample, which this range window sets to zero; "
             "give range_gate_m, or range_window='boxcar'"
         )
+
+
+def _filtered(
+    adc: Any, radar: Radar, burst: int, starts: np.ndarray, n_window: int, range_window: str, bins: slice, mti: str,
+    cutoff_mps: float, kernel: Sequence[float],
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:  # fmt: skip
+    """Range cells after MTI piece by piece: the first chirp of each piece, the starts of the windows in it, and its cells.
+
+    Only "highpass" and "canceller" hold the whole record in memory.
+    """
+    if adc.shape[0] <= PIECE or mti not in ("none", "mean"):
+        cells = range_fft(adc, window=range_window, bins=bins)
+        yield 0, starts, _filter_bursts(cells, burst, mti, radar, cutoff_mps, kernel)
+        return
+    # The mean of the range cells is the range FFT of the mean chirp.
+    steady: Any = 0
+    if mti == "mean":
+        chirp = np.zeros((1, *adc.shape[1:]), np.complex128)
+        for start in range(0, adc.shape[0], PIECE):
+            chirp += np.sum(adc[start : start + PIECE], axis=0, dtype=np.complex128) / adc.shape[0]
+        steady = range_fft(chirp, window=range_window, bins=bins).astype(adc.dtype)
+    for windows in np.split(starts, np.flatnonzero(np.diff(starts // PIECE)) + 1):
+        first = int(windows[0])
+        yield first, windows, range_fft(adc[first : windows[-1] + n_window], window=range_window, bins=bins) - steady
 
 
 def _filter_bursts(

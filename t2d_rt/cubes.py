@@ -1,0 +1,94 @@
+"""ADC cubes in memory or on disk, by their size."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+LARGE_BYTES = 512 * 2**20
+"""Cubes beyond it go to disk."""
+BLOCK_BYTES = 32 * 2**20
+"""What is read or written at once."""
+NAME, DIMENSIONS = "adc", ("chirp", "antenna", "sample")
+
+
+class DiskCube:
+    """A complex64 cube (chirp, antenna, sample) in the zarr array "adc" of a folder, read and written by ranges of chirps."""
+
+    ndim = 3
+    dtype = np.dtype(np.complex64)
+
+    def __init__(self, folder: Path, *, mode: Literal["r", "r+"] = "r") -> None:
+        import zarr
+
+        self.folder = folder
+        self.array: Any = zarr.open_array(folder / NAME, mode=mode)
+        self.shape: tuple[int, ...] = self.array.shape
+
+    @classmethod
+    def scratch(cls, shape: tuple[int, ...]) -> DiskCube:
+        """Zeros in a folder under the system's place for temporary files (TMPDIR), gone with the object."""
+        folder = Path(tempfile.mkdtemp(prefix="t2d-rt-"))
+        new_array(folder, shape)
+        cube = cls(folder, mode="r+")
+        weakref.finalize(cube, shutil.rmtree, folder, ignore_errors=True)
+        return cube
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, place: Any) -> np.ndarray:
+        return np.asarray(self.array[place])
+
+    def __setitem__(self, place: Any, values: np.ndarray) -> None:
+        self.array[place] = values
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.asarray(self.array[...], dtype)
+
+
+Cube = np.ndarray | DiskCube
+"""(chirp, antenna, sample) complex [sqrt(W)]."""
+
+
+def is_large(shape: tuple[int, ...]) -> bool:
+    """Whether a complex64 cube of that shape goes to disk."""
+    return int(np.prod(shape)) * DiskCube.dtype.itemsize > LARGE_BYTES
+
+
+def new_cube(shape: tuple[int, ...]) -> Cube:
+    """Zeros complex64, on disk where they are large."""
+    return DiskCube.scratch(shape) if is_large(shape) else np.zeros(shape, np.complex64)
+
+
+def new_array(folder: Path, shape: tuple[int, ...]) -> Any:
+    """The zarr array "adc" of complex64 zeros in the group `folder`, which is made; not compressed: phases do not compress."""
+    import zarr
+
+    zarr.open_group(folder, mode="a")
+    return zarr.create_array(
+        folder,
+        name=NAME,
+        shape=shape,
+        chunks=(min(shape[0], _rows(shape)), *shape[1:]),
+        dtype="complex64",
+        compressors=None,
+        dimension_names=DIMENSIONS,
+    )
+
+
+def row_blocks(cube: Cube) -> Iterator[tuple[slice, np.ndarray]]:
+    """The cube in ranges of chirps."""
+    for start in range(0, len(cube), _rows(cube.shape)):
+        part = slice(start, min(start + _rows(cube.shape), len(cube)))
+        yield part, np.asarray(cube[part])
+
+
+def _rows(shape: tuple[int, ...]) -> int:
+    return max(1, BLOCK_BYTES // DiskCube.dtype.itemsize // int(np.prod(shape[1:])))
