@@ -1,4 +1,4 @@
-"""How often a moving shape must be looked at for its delays' splines to hold (docs/physics.md, eq. 18)."""
+"""How often a moving shape must be looked at for its delays' splines to hold (docs/physics.md, eq. 22)."""
 
 from __future__ import annotations
 

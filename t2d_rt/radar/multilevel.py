@@ -1,4 +1,4 @@
-"""Groups of echoes merged level by level, each level at twice the rate of the one before (docs/physics.md, eq. 17).
+"""Groups of echoes merged level by level, each level at twice the rate of the one before (docs/physics.md, eq. 21).
 
 A group returns its members' sum as a factor beside its own delay, the mean of theirs, at a few nodes of the sweep. The factor
 turns slowly, so it is sampled at a rate far below the chirps'; a larger group turns faster and is sampled faster. What a group may
