@@ -61,7 +61,7 @@ def check_picture(path: Path) -> None:
 
 
 def test_every_example_is_tested() -> None:
-    assert [path.name for path in sorted((ROOT / "examples").glob("*.py"))] == ["demo.py"]
+    assert [path.name for path in sorted((ROOT / "examples").glob("*.py"))] == ["demo.py", "point_cloud.py"]
 
 
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -86,6 +86,14 @@ def test_demo_is_a_script_too(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
         runpy.run_path(str(ROOT / "examples" / "demo.py"), run_name="__main__")
     assert stop.value.code == 0
     assert "--motion" in capsys.readouterr().out
+
+
+def test_point_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    detections = runpy.run_path(str(ROOT / "examples" / "point_cloud.py"))["detections"]
+    picture = detections("array-3x4", tmp_path / "out", duration_s=0.2)
+    assert picture.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+    nearest, farthest = map(float, re.findall(r"[\d.]+(?= to| m$)", capsys.readouterr().out.splitlines()[-1]))
+    assert 4 < nearest < farthest < 7  # the body's, and no other
 
 
 # --- README ---------------------------------------------------------------------------------------------------------
