@@ -38,6 +38,8 @@ from t2d_rt.radar.windows import Window, windows
 from t2d_rt.types import Echoes, EchoStream, Radar, stream
 
 ECHO_BUCKET_BINS = 0.25
+PRODUCT_CHIRPS = 512
+"""Chirps at once from buckets to samples: few enough that buckets which the target has left, or not reached, need not be summed."""
 MOST_SLOTS = 1000
 """Buckets that an echo may cross in a frame interval."""
 
@@ -141,14 +143,20 @@ def _samples(
     else:
         fields, weights, carriers = _of_groups(window, tree, shared, position, sweep, tolerance, backend)
     # What each number of each bucket adds to the samples.
-    basis = (carriers[:, None, :] * weights).reshape(-1, len(sweep.x)).astype(np.complex64)
-    return fields.reshape(len(position), -1) @ basis
+    basis = (weights[:, None, :] * carriers).astype(np.complex64)
+    samples = np.empty((len(position), len(sweep.x)), np.complex64)
+    for start in range(0, len(position), PRODUCT_CHIRPS):
+        part = fields[..., start : start + PRODUCT_CHIRPS]
+        used = part.any(axis=(0, 2))
+        numbers = part[:, used].reshape(-1, part.shape[2])
+        np.matmul(numbers.T, basis[:, used].reshape(len(numbers), -1), out=samples[start : start + PRODUCT_CHIRPS])
+    return samples
 
 
 def _of_echoes(
     window: Window, position: np.ndarray, sweep: Sweep, backend: Backend
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Chebyshev coefficients of buckets of echoes (chirp, bucket, TERMS), the polynomials at the samples (TERMS, sample), and the
+    """Chebyshev coefficients of buckets of echoes (TERMS, bucket, chirp), the polynomials at the samples (TERMS, sample), and the
     buckets' carriers there (bucket, sample)."""
     # An antenna's turn may come a little after the window's end.
     inside = window.lit[0] > 0
@@ -161,7 +169,7 @@ def _of_echoes(
     planes = moments(
         members, phase, amplitudes(window, sweep, backend), centres, position, window.step_s, sweep, backend
     )
-    return planes.transpose(2, 1, 0), chebyshev(TERMS, sweep.x), _carriers(origin_s, centres, sweep)
+    return planes, chebyshev(TERMS, sweep.x), _carriers(origin_s, centres, sweep)
 
 
 def _of_groups(
@@ -173,7 +181,7 @@ def _of_groups(
     tolerance: float,
     backend: Backend,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fields of buckets of groups at nodes of the sweep (chirp, bucket, node), and as of `_of_echoes`."""
+    """Fields of buckets of groups at nodes of the sweep (node, bucket, chirp), and as of `_of_echoes`."""
     top = tree[-1]
     interval, group = np.indices((len(window.delay) - 2, len(top))).reshape(2, -1)
     origin_s, number, members = _buckets(
@@ -184,7 +192,7 @@ def _of_groups(
     count = bucket_nodes(top.bins, tolerance)
     inner = factors(window, tree, shared, sweep, backend)
     fields = at_moments(inner, top, members, phase, centres, position, window.step_s, count, sweep, backend)
-    return fields, interpolation(count, sweep.x).T, _carriers(origin_s, centres, sweep)
+    return fields.transpose(2, 1, 0), interpolation(count, sweep.x).T, _carriers(origin_s, centres, sweep)
 
 
 def _carriers(origin_s: float, centres: np.ndarray, sweep: Sweep) -> np.ndarray:
