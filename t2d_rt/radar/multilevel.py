@@ -110,8 +110,8 @@ def _features(window: Window, sweep: Sweep) -> tuple[np.ndarray, np.ndarray]:
     last = len(window.delay) - 1
     moments = np.unique(np.linspace(0, last, 2 + last // PROBE_EVERY).astype(int))
     rates = window.delay_slope[moments].T
-    few = moments[:: len(moments) // 2]
-    shown = window.delay[few].T + window.delay_slope[few].T * (sweep.coupling_s / window.step_s)
+    # Delays at all of these moments too: limbs that pass each other at some are a metre apart at others.
+    shown = window.delay[moments].T + rates * (sweep.coupling_s / window.step_s)
     # Relative to the first echo: float32 would round absolute delays.
     turns, bins = (rates - rates[:1]) * sweep.mid_hz, (shown - shown[:1]) / sweep.bin_s
     return turns.astype(np.float32), bins.astype(np.float32)
