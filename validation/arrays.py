@@ -1,4 +1,4 @@
-"""Antenna arrays end to end: directions and levels of spheres, each antenna against itself alone, point clouds of a walk in noise."""
+"""Antenna arrays end to end: directions and levels of spheres, antennas on their own, the point cloud of a walk in noise."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ def run() -> Section:
         f"`Radar.noise_power_w` added to the samples, {LOOPS} loops a frame. A frame's centre is the mean of the points within "
         f"{FAR_M:g} m of the body, weighted with their SNR as a power ratio; a track is the mean of {TRACK_FRAMES} frames. "
         "The torso is the skin that turns with pelvis, spine, neck or collars, as far as it faces the radar, the mean of its faces "
-        "weighted with area times cosine squared: joints lie a hand's breadth deeper. A walker's brightest parts are lower than his "
-        "torso's middle (the radar stands at 1 m), so that in height the points are compared with the centre of power of "
+        "weighted with area times cosine squared: joints lie a hand's breadth deeper. A walker's brightest parts lie lower than "
+        "this (the radar stands at 1 m), so that in height the points are compared with the centre of power of "
         "the echoes that were simulated. False alarms: points more than "
         f"{FAR_M:g} m nearer or farther than the torso, against {FALSE_ALARM_RATE:g} of the cells tested there.",
         table=table,
@@ -190,7 +190,7 @@ def _imaging() -> list[Check]:
     plane = steering_vectors(radar, unit_vectors(around, 0.0))
     loss_db = 20 * math.log10(np.abs(plane.conj() @ near).max() / len(near))
     return [
-        Check(what="imaging: focused beam against the radar equation", measured=abs(levels_db[0] - expected_db), limit=0.3, unit="dB"),
+        Check(what="imaging: focused beam against eq. 2", measured=abs(levels_db[0] - expected_db), limit=0.3, unit="dB"),
         Check(what="imaging: focused beam's azimuth", measured=abs(found_deg[0] - IMAGING_AZIMUTH_DEG), limit=0.1, unit="deg"),
         Check(
             what=f"imaging: loss of the plane-wave beam ({levels_db[0] - levels_db[1]:.2f} dB) against the closed form",
