@@ -121,6 +121,16 @@ def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float, monk
     assert nmse_db(cube[chirps, antenna, ::9], expected) < tolerance_db
 
 
+def test_merged_echoes_of_transmitters_at_once() -> None:
+    radar = Radar.preset("automotive-79")
+    echoes = swinging_sheet(radar, frames=12)
+    cube = synthesize(echoes, radar)
+    chirps = np.linspace(0, len(cube) - 1, 8).astype(int)
+    for receiver in (0, 3):
+        expected = direct_sum(echoes, radar, chirps, every=19, antenna=receiver)
+        assert nmse_db(cube[chirps, receiver, ::19], expected) < -50
+
+
 def test_merged_echoes_may_part_late() -> None:
     """Two limbs that are together for half a window and then part at 1.2 m/s, to 8 range bins."""
     radar = Radar.preset("text2doppler-code")

@@ -42,7 +42,7 @@ def run() -> Section:
     ]
     leaks = {"gliding body": _leak(_gliding()), "walking body": _leak(walking(*RECORDS["walk"][1:]))}
     checks += [
-        Check(what=f"{name}: lines at 1, 2, 4, 8 times the surface rate over their neighbourhood", measured=leak.over_db, limit=6, unit="dB")
+        Check(what=f"{name}: lines at 1, 2, 4, 8 surface rates over what is beside", measured=leak.over_db, limit=6, unit="dB")
         for name, leak in leaks.items()
     ]  # fmt: skip
     glide, walk = leaks.values()
@@ -53,7 +53,7 @@ def run() -> Section:
     return Section(
         title="Merging level by level",
         checks=checks,
-        note="Echoes of a skinned body (skin, default settings, nothing hidden but back faces) of a second of a walk (12_01), a run "
+        note="Echoes of a skinned body (skin, default settings, nothing hidden but back faces) of a second of a walk (12_01), run "
         "(iClone 002_03) and jumping jacks (CMU 14_14) at the surface rate that each asks for, by `synthesize` against the direct "
         f"float64 sum, {CHIRPS} random chirps, 28 samples of each; seconds of the faster of two runs. Below, the Doppler spectrum "
         "(`table2`, five samples of the sweep, Blackman-Harris over the record) of what merging at default tolerance changes "

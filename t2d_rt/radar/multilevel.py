@@ -258,7 +258,7 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
         child = dr.gather(UInt32, children, i)
         cubic = dr.gather(Packet, delta, row + child)
         frames = [_read(inner.values, child * samples + index + k, below.nodes, Packet, dr) for k in range(6)]
-        # The quintic through six samples: what it misses of a phasor of step w, 5/1024 w^6, stands out at the rate of the level below.
+        # The quintic through six samples; what it misses of a phasor of step w, 5/1024 w^6, is an image at the rate below.
         middle = [
             (150 * (c + d) - 25 * (b + e) + 3 * (a + f)) * (1 / 256) for a, b, c, d, e, f in zip(*frames, strict=True)
         ]
