@@ -182,7 +182,7 @@ def _chart(rows: list[dict[str, Any]]) -> str:
         axis.axhline(db, color="C3", linestyle=":", linewidth=1)
     axis.set(xlabel="time for 1 s of record [s]", ylabel="field NMSE [dB]", xscale="log")
     axis.set_title("tolerances -30, -40, -50 dB (dotted); open: echo by echo")
-    axis.legend(fontsize=7, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.15))
+    figure.legend(fontsize=7, ncols=3, loc="outside lower center")
     axis.grid(alpha=0.3, which="both")
     return save_chart(figure, "multilevel.png")
 
