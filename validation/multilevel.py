@@ -181,6 +181,8 @@ def _chart(rows: list[dict[str, Any]]) -> str:
     for db in TOLERANCES_DB:
         axis.axhline(db, color="C3", linestyle=":", linewidth=1)
     axis.set(xlabel="time for 1 s of record [s]", ylabel="field NMSE [dB]", xscale="log")
+    axis.set_xticks([0.2, 0.5, 1, 2, 5], ["0.2", "0.5", "1", "2", "5"])
+    axis.minorticks_off()
     axis.set_title("tolerances -30, -40, -50 dB (dotted); open: echo by echo")
     figure.legend(fontsize=7, ncols=3, loc="outside lower center")
     axis.grid(alpha=0.3, which="both")
