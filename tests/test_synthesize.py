@@ -121,6 +121,30 @@ def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float, monk
     assert nmse_db(cube[chirps, antenna, ::9], expected) < tolerance_db
 
 
+def test_merged_echoes_of_transmitters_at_once() -> None:
+    radar = Radar.preset("automotive-79")
+    echoes = swinging_sheet(radar, frames=12)
+    cube = synthesize(echoes, radar)
+    chirps = np.linspace(0, len(cube) - 1, 8).astype(int)
+    for receiver in (0, 3):
+        expected = direct_sum(echoes, radar, chirps, every=19, antenna=receiver)
+        assert nmse_db(cube[chirps, receiver, ::19], expected) < -50
+
+
+def test_merged_echoes_may_part_late() -> None:
+    """Two limbs that are together for half a window and then part at 1.2 m/s, to 8 range bins."""
+    radar = Radar.preset("text2doppler-code")
+    rng = np.random.default_rng(3)
+    t = np.arange(33) / 60
+    side = np.where(rng.random(2000) < 0.5, -0.5, 0.5)
+    range_m = 3 + 0.02 * rng.random(2000) + side * 1.2 * np.maximum(t - t[17], 0)[:, None]
+    phase = np.exp(2j * np.pi * rng.random(2000)) * np.ones((33, 1))
+    echoes = Echoes(times_s=t, delay_s=2 * range_m / SPEED_OF_LIGHT, amplitude=phase)
+    cube = synthesize(echoes, radar, tolerance_db=-30)
+    chirps = np.linspace(0, len(cube) - 1, 12).astype(int)
+    assert nmse_db(cube[chirps, 0, ::9], direct_sum(echoes, radar, chirps, every=9)) < -30
+
+
 def test_first_and_last_chirp_are_as_good_as_any() -> None:
     echoes = random_echoes(TABLE2, frames=6)
     cube = synthesize(echoes, TABLE2)

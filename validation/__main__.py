@@ -10,7 +10,9 @@ from importlib import import_module
 from t2d_rt.errors import T2DWarning
 from validation.report import record, summary, write_report
 
-SECTIONS = ("rcs", "lambertian", "moving", "synthesis", "accuracy", "refinement", "rates", "body_fit")
+SECTIONS = (
+    "rcs", "lambertian", "moving", "synthesis", "multilevel", "accuracy", "refinement", "rates", "arrays", "body_fit",
+)  # fmt: skip
 
 
 def main(names: list[str]) -> int:

@@ -34,11 +34,11 @@ def ellipsoid_echoes(
     def frames(start: int, stop: int) -> EchoArrays:
         centres, axes = ellipsoids.at(times_s[start:stop])
         _check_between(centres, radar)
-        path, field = model(centres, axes, ellipsoids.semi_axes_m, radar.tx_position_m, radar.rx_position_m)
+        path, field, departure, arrival = model(
+            centres, axes, ellipsoids.semi_axes_m, radar.tx_position_m, radar.rx_position_m
+        )
         amplitude = (radar.link_amplitude * reflection * field).astype(np.complex64)
-        # Seen from a little aside, the nearest point of a sphere moves on it, as if the echo came from the centre; an ellipsoid's
-        # centre stands for its centres of curvature.
-        return seen_by(radar, EchoArrays(path / SPEED_OF_LIGHT, amplitude), centres, centres)
+        return seen_by(radar, EchoArrays(path / SPEED_OF_LIGHT, amplitude), departure, arrival)
 
     return EchoStream(times_s=times_s, frames=frames)
 
@@ -93,8 +93,9 @@ def specular_points(
 
 def _specular(
     centres: np.ndarray, axes: np.ndarray, semi_axes_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Path [m] and sqrt(sigma)/(R_tx R_rx) (K, N), sigma = 4 pi cos^2(beta/2)/det H, H the Hessian of the path on the surface.
+) -> tuple[np.ndarray, ...]:
+    """Path [m] and sqrt(sigma)/(R_tx R_rx) (K, N), sigma = 4 pi cos^2(beta/2)/det H, H the Hessian of the path on the surface;
+    and the points (K, N, 3) from which the echo seems to come for transmitters and for receivers.
 
     Monostatic, det H = 4 (k1 + 1/R)(k2 + 1/R): sigma = pi R1 R2/((1 + R1/R)(1 + R2/R)).
     """
@@ -119,13 +120,19 @@ def _specular(
     )
     hessian += cosine[..., None, None] * curvature
     field = math.sqrt(math.pi) * cosine / np.sqrt(np.linalg.det(hessian)) / (ranges[0] * ranges[1])
-    return ranges[0] + ranges[1], field
+    # Seen from a little aside, the nearest point moves on the surface, as if the echo came from its centre of curvature.
+    radius = 2 / np.trace(curvature, axis1=-2, axis2=-1)
+    apparent = (
+        antenna + (1 + radius / distance)[..., None] * (point - antenna)
+        for antenna, distance in zip((tx_m, rx_m), ranges, strict=True)
+    )
+    return (ranges[0] + ranges[1], field, *apparent)
 
 
 def _centre(
     centres: np.ndarray, axes: np.ndarray, semi_axes_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Path over the centre [m] and sqrt(sigma)/(R_tx R_rx) (K, N): the paper's eq. 1,
+) -> tuple[np.ndarray, ...]:
+    """As `_specular`, of the centre: path [m] and sqrt(sigma)/(R_tx R_rx) (K, N), the paper's eq. 1,
 
     sigma = pi a^4 c^2/(a^2 sin^2 psi + c^2 cos^2 psi)^2, psi between the long axis (the third) and the bisector of the legs;
     a^2 is the product of the two short semi-axes.
@@ -135,7 +142,7 @@ def _centre(
     cosine = np.einsum("kni,kni->kn", axes[..., 2], _unit(_unit(to_tx) + _unit(to_rx)))
     a2, c2 = semi_axes_m[:, 0] * semi_axes_m[:, 1], semi_axes_m[:, 2] ** 2
     rcs = math.pi * a2**2 * c2 / (a2 * (1 - cosine**2) + c2 * cosine**2) ** 2
-    return r_tx + r_rx, np.sqrt(rcs) / (r_tx * r_rx)
+    return r_tx + r_rx, np.sqrt(rcs) / (r_tx * r_rx), centres, centres
 
 
 def _unit(v: np.ndarray) -> np.ndarray:

@@ -100,6 +100,7 @@ def _turns_per_step(tolerance: float) -> float:
 
     A cubic at the midpoint of four samples misses a phasor of step w by (3/128) w^4, of w uniform in -pi p..pi p by (pi p)^4/3
     of that in the mean square; half of the samples are midpoints, and up to six levels add up.
+    What merging leaves is less: its midpoints are those of quintics.
     """
     return (tolerance * (128 / 3) * 3 / math.sqrt(6 / 2)) ** 0.25 / math.pi
 
@@ -110,8 +111,8 @@ def _features(window: Window, sweep: Sweep) -> tuple[np.ndarray, np.ndarray]:
     last = len(window.delay) - 1
     moments = np.unique(np.linspace(0, last, 2 + last // PROBE_EVERY).astype(int))
     rates = window.delay_slope[moments].T
-    few = moments[:: len(moments) // 2]
-    shown = window.delay[few].T + window.delay_slope[few].T * (sweep.coupling_s / window.step_s)
+    # Delays at all of these moments too: limbs that pass each other at some are a metre apart at others.
+    shown = window.delay[moments].T + rates * (sweep.coupling_s / window.step_s)
     # Relative to the first echo: float32 would round absolute delays.
     turns, bins = (rates - rates[:1]) * sweep.mid_hz, (shown - shown[:1]) / sweep.bin_s
     return turns.astype(np.float32), bins.astype(np.float32)
@@ -219,8 +220,8 @@ def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, bac
 def _smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
     references = References(level.group, level.delay, level.delay_slope)
     phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
-    # Every level's cubics take a sample before and two after: half an interval before the window and one after it.
-    sample = np.arange(-(level.rate // 2), (window.stop - window.start + 1) * level.rate)
+    # Every level takes two samples before and three after: an interval before the window, and a little more than one after it.
+    sample = np.arange(-level.rate, (window.stop - window.start + 1) * level.rate + 2)
     planes = moments(
         leaves.members, phase, leaves.fields, np.zeros(len(level)), sample / level.rate, window.step_s, sweep, backend
     )
@@ -237,8 +238,8 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     delta = Float32(_relative(below, level, sweep).ravel())
     children = UInt32(np.argsort(level.group, kind="stable").astype(np.uint32))
     bounds = UInt32(np.append(0, np.cumsum(np.bincount(level.group))).astype(np.uint32))
-    steps = inner.samples - 3
-    place = inner.first + 1 + np.arange(steps)
+    steps = inner.samples - 5
+    place = inner.first + 2 + np.arange(steps)
     interval = UInt32((place // below.rate + 1).astype(np.uint32))
     moment = Float32((place % below.rate / below.rate).astype(np.float32))
     lane = dr.arange(UInt32, len(level) * steps)
@@ -256,10 +257,13 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         child = dr.gather(UInt32, children, i)
         cubic = dr.gather(Packet, delta, row + child)
-        frames = [_read(inner.values, child * samples + index + k, below.nodes, Packet, dr) for k in range(4)]
-        middle = [(9 * (b + c) - (a + d)) * (1 / 16) for a, b, c, d in zip(*frames, strict=True)]
+        frames = [_read(inner.values, child * samples + index + k, below.nodes, Packet, dr) for k in range(6)]
+        # The quintic through six samples; what it misses of a phasor of step w, 5/1024 w^6, is an image at the rate below.
+        middle = [
+            (150 * (c + d) - 25 * (b + e) + 3 * (a + f)) * (1 / 256) for a, b, c, d, e, f in zip(*frames, strict=True)
+        ]
         out = []
-        for time, values in zip(u, (frames[1], middle), strict=True):
+        for time, values in zip(u, (frames[2], middle), strict=True):
             turns = cubic[0] + time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
             rate = cubic[1] + time * (2 * cubic[2] + time * (3 * cubic[3]))
             sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi))
@@ -279,7 +283,7 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     for k in range(level.nodes):
         dr.scatter(out, Packet(*sums[4 * k : 4 * k + 4]), lane * level.nodes + k)
     dr.eval(out)
-    return Factors(out, len(level), 2 * steps, 2 * (inner.first + 1))
+    return Factors(out, len(level), 2 * steps, 2 * (inner.first + 2))
 
 
 def at_moments(
