@@ -153,9 +153,9 @@ class _Leak:
 def _leak(surface: MovingMesh) -> _Leak:
     radar = Radar.preset("table2")
     echoes = body_echoes(surface, radar)
-    merged = t2d.synthesize(echoes, radar)
+    merged = np.asarray(t2d.synthesize(echoes, radar))
     with patch("t2d_rt.radar.synthesize.levels", lambda *_: []):
-        plain = t2d.synthesize(echoes, radar)
+        plain = np.asarray(t2d.synthesize(echoes, radar))
     samples = np.linspace(0, radar.samples - 1, 5).astype(int)
     window = blackmanharris(len(plain))[:, None]
     power, change = (

@@ -149,7 +149,9 @@ def _samples(
         part = fields[..., start : start + PRODUCT_CHIRPS]
         used = part.any(axis=(0, 2))
         numbers = part[:, used].reshape(-1, part.shape[2])
-        np.matmul(numbers.T, basis[:, used].reshape(len(numbers), -1), out=samples[start : start + PRODUCT_CHIRPS])
+        np.matmul(
+            numbers.T, basis[:, used].reshape(len(numbers), len(sweep.x)), out=samples[start : start + PRODUCT_CHIRPS]
+        )
     return samples
 
 
