@@ -170,7 +170,7 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
             variable="antennas",
             cases=[_antennas(*pair, duration_s=base_s / 8) for pair in pairs],
             note=f"Walk of {base_s / 8:g} s, transmitters and receivers spread over the layout of imaging-12x16, all at once, "
-            "4 167 rows per second. One antenna alone has no aperture, so its patches, and its echoes with them, are fewer and larger.",
+            "4 167 rows per second. One antenna alone has no aperture, so its patches are larger, and fewer.",
         ),
     }  # fmt: skip
     if quick:
