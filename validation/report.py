@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FOLDER = Path(__file__).parent / "report"
-RESULTS = FOLDER / "results.json"
+RESULTS = "results.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,9 +51,10 @@ class Section:
     """Files in the report's folder."""
 
 
-def save_chart(figure: Figure, name: str) -> str:
+def save_chart(figure: Figure, name: str, folder: Path = FOLDER) -> str:
     """Writes a figure to the report's folder and gives the file's name."""
-    figure.savefig(FOLDER / name, dpi=80, metadata={"Software": None})
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / name, dpi=80, metadata={"Software": None})
     return name
 
 
@@ -67,23 +68,30 @@ def new_figure(**options: Any) -> tuple[Any, Any]:
     return plt.subplots(layout="constrained", **{"figsize": (6.5, 4), **options})
 
 
-def record(name: str, section: Section) -> None:
-    """Puts a section into results.json in place of what it held of it, and writes report.md anew."""
-    results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+def record(name: str, section: Section, folder: Path = FOLDER) -> None:
+    """Puts a section into the folder's results.json in place of what it held of it."""
+    path = folder / RESULTS
+    results = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     checks = [
         {"what": c.what, "bar": c.bar, "measured": _short(c.measured), "unit": c.unit, "passed": bool(c.passed)}
         for c in section.checks
     ]
     table = [{key: _short(value) for key, value in row.items()} for row in section.table]
     results[name] = {**asdict(section), "checks": checks, "table": table}
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    folder.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 
-def write_report(order: Iterable[str], path: Path = FOLDER / "report.md") -> None:
-    """report.md from results.json, sections in the given order."""
-    results = json.loads(RESULTS.read_text(encoding="utf-8"))
-    parts = ["# Validation", "", "Written by `make validate`; figures in results.json.", ""]
+def write_report(
+    order: Iterable[str],
+    path: Path = FOLDER / "report.md",
+    *,
+    title: str = "Validation",
+    command: str = "make validate",
+) -> None:
+    """A report from the results.json beside it, sections in the given order."""
+    results = json.loads((path.parent / RESULTS).read_text(encoding="utf-8"))
+    parts = [f"# {title}", "", f"Written by `{command}`; figures in results.json.", ""]
     for name in order:
         if name in results:
             parts += _section(results[name])
