@@ -45,6 +45,8 @@ def main(*, quick: bool) -> int:
         swept.append((sweep, found))
         add(name, section)
     if not quick:
+        section, _ = sections.streamed(run)
+        add("streamed", section)
         section, found = sections.presets(run)
         shown = shown + [each for each in found if each["method"] == "mesh"]
         add("presets", section)

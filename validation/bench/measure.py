@@ -19,7 +19,7 @@ from unittest import mock
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import pipeline, result
+from t2d_rt import cubes, pipeline, result
 from t2d_rt.backend import select
 from t2d_rt.echo import mesh
 from t2d_rt.radar import synthesize, windows
@@ -67,6 +67,8 @@ class Case:
     """Cycles of CMU 12_01, repeated without a jump, or a "sphere" that comes nearer."""
     runs: int = 2
     """The best of so many counts."""
+    on_disk: bool = False
+    """Whether the cube goes to disk however small it is."""
 
 
 def apart(case: Case) -> dict[str, Any]:
@@ -85,6 +87,8 @@ def measure(case: Case) -> dict[str, Any]:
     frames) and `echo_terms` (echoes x moments, a moment being one chirp at one pair of antennas).
     """
     radar = Radar.preset(case.preset, **case.changes)
+    if case.on_disk:
+        cubes.LARGE_BYTES = 0
     target = _sphere(case.duration_s) if case.target == "sphere" else _walk(case.duration_s)
 
     def run() -> None:

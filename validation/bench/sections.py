@@ -25,7 +25,7 @@ WALK_BARS_S = {
     ("mesh", "table2-uniform"): 5.0,
     ("mesh", "table2"): 8.0,
 }
-IMPORT_BAR_S, MEMORY_BAR_GB, ARRAY_BAR = 0.5, 2.0, 4.0
+IMPORT_BAR_S, MEMORY_BAR_GB, ARRAY_BAR, MEMORY_GROWTH_BAR = 0.5, 2.0, 4.0, 1.1
 EXPONENT_BAR = 1.05
 SLOW_PRF_HZ, FAST_PRF_HZ, FAST_BAR = 1280.0, 12800.0, 3.0
 PRESET_S = 0.5
@@ -176,6 +176,19 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
     if quick:
         del found["sphere"]
     return found
+
+
+def streamed(run: Run) -> tuple[Section, Found]:
+    """What a long record takes in memory with its cube on disk."""
+    found = [
+        run(Case(name=f"{duration:g} s, on disk", duration_s=duration, on_disk=True, runs=1)) for duration in (10, 60)
+    ]
+    growth = found[1]["peak_gb"] / found[0]["peak_gb"]
+    check = Check(what="peak memory of 60 s against 10 s", measured=growth, limit=MEMORY_GROWTH_BAR, unit="times")
+    table = [{"duration [s]": each["duration_s"], **_row(each)} for each in found]
+    return Section(
+        title="Cubes on disk", checks=[check], note="Walk, table2, the cube written to disk.", table=table
+    ), found
 
 
 def swept(sweep: Sweep, run: Run) -> tuple[Section, Found]:
