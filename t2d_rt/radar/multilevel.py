@@ -75,7 +75,8 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float) -> list[
         if spent >= min(work):
             break
         limits = np.repeat(np.array([allowed * samples, width], np.float32), [turns.shape[1], bins.shape[1]])
-        group = _grouped(low / limits, high / limits)
+        scaled = low / limits
+        group = _grouped(scaled, scaled if low is high else high / limits)
         mean = _mean(group)
         delay, slope = delay @ mean, slope @ mean
         found.append(Level(samples, points, width, group, mean, delay, slope))
@@ -99,10 +100,9 @@ def _turns_per_step(tolerance: float) -> float:
     """Greatest difference of the phase steps within a group [turns per sample].
 
     A cubic at the midpoint of four samples misses a phasor of step w by (3/128) w^4, of w uniform in -pi p..pi p by (pi p)^4/3
-    of that in the mean square; half of the samples are midpoints, and up to six levels add up.
-    What merging leaves is less: its midpoints are those of quintics.
+    of that in the mean square. That is the last step, at the chirps; the levels' midpoints are those of quintics and leave less.
     """
-    return (tolerance * (128 / 3) * 3 / math.sqrt(6 / 2)) ** 0.25 / math.pi
+    return (tolerance * (128 / 3) * 3) ** 0.25 / math.pi
 
 
 def _features(window: Window, sweep: Sweep) -> tuple[np.ndarray, np.ndarray]:
@@ -138,15 +138,21 @@ def _grouped(low: np.ndarray, high: np.ndarray) -> np.ndarray:
         done = small[part]
         group[order[done]] = number[part[done]]
         count += int(small.sum())
-        low, high, order, part = low[~done], high[~done], order[~done], part[~done]
+        low, high, order, part = *_taken(~done, low, high), order[~done], part[~done]
         middle = (top + bottom)[np.arange(len(starts)), widest]
         row = np.arange(len(order))
         upper = low[row, widest[part]] + high[row, widest[part]] > middle[part]
         key = 2 * part + upper
         by_key = np.argsort(key, kind="stable")
-        low, high, order, key = low[by_key], high[by_key], order[by_key], key[by_key]
+        low, high, order, key = *_taken(by_key, low, high), order[by_key], key[by_key]
         starts = np.flatnonzero(np.diff(key, prepend=-1))
     return group
+
+
+def _taken(rows: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of both; echoes span nothing themselves, so that both are one."""
+    taken = low[rows]
+    return taken, taken if low is high else high[rows]
 
 
 def _mean(group: np.ndarray) -> Any:

@@ -28,7 +28,7 @@ WALK_BARS_S = {
 IMPORT_BAR_S, MEMORY_BAR_GB, ARRAY_BAR, MEMORY_GROWTH_BAR = 0.5, 2.0, 4.0, 1.1
 EXPONENT_BAR = 1.05
 SLOW_PRF_HZ, FAST_PRF_HZ, FAST_BAR = 1280.0, 12800.0, 3.0
-PRESET_S = 0.5
+PRESET_S = 0.25
 Run = Callable[[Case], dict[str, Any]]
 """Measures a case."""
 Found = list[dict[str, Any]]
