@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -70,12 +71,18 @@ def synthesize(
     source = stream(echoes)
     starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
     cube = new_cube((len(starts), radar.antennas, radar.samples))
+    written: Future[None] | None = None
     # Threads of BLAS that wait for its next product would take the kernels' cores.
-    with threadpool_limits(1, user_api="blas"):
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(1) as writer:
         for chirps, samples in blocks(source, radar, starts, 10 ** (tolerance_db / 20), select(device), read_frames):
-            cube[chirps] = samples
+            if written is not None:
+                written.result()
+            # Disks are slow: the next block is worked on meanwhile.
+            written = writer.submit(cube.__setitem__, chirps, samples)
             if progress is not None:
                 progress(chirps.stop / len(starts))
+        if written is not None:
+            written.result()
     return cube
 
 

@@ -18,7 +18,7 @@ from t2d_rt.signal.range import check_cube, gate, range_fft, taper
 from t2d_rt.types.radar import Radar
 
 PIECE = 16_384
-"""Chirps of a long record that are worked on at once."""
+"""Chirps of a long record that are worked on at once; of several antennas fewer."""
 
 
 def stft(
@@ -191,7 +191,8 @@ def _filtered(
 
     Only "highpass" and "canceller" hold the whole record in memory.
     """
-    if adc.shape[0] <= PIECE or mti not in ("none", "mean"):
+    piece = max(PIECE // (1 if adc.ndim == 2 else adc.shape[1]), 4 * n_window)
+    if adc.shape[0] <= piece or mti not in ("none", "mean"):
         cells = range_fft(adc, window=range_window, bins=bins)
         yield 0, starts, _filter_bursts(cells, burst, mti, radar, cutoff_mps, kernel)
         return
@@ -199,10 +200,10 @@ def _filtered(
     steady: Any = 0
     if mti == "mean":
         chirp = np.zeros((1, *adc.shape[1:]), np.complex128)
-        for start in range(0, adc.shape[0], PIECE):
-            chirp += np.sum(adc[start : start + PIECE], axis=0, dtype=np.complex128) / adc.shape[0]
+        for start in range(0, adc.shape[0], piece):
+            chirp += np.sum(adc[start : start + piece], axis=0, dtype=np.complex128) / adc.shape[0]
         steady = range_fft(chirp, window=range_window, bins=bins).astype(adc.dtype)
-    for windows in np.split(starts, np.flatnonzero(np.diff(starts // PIECE)) + 1):
+    for windows in np.split(starts, np.flatnonzero(np.diff(starts // piece)) + 1):
         first = int(windows[0])
         yield first, windows, range_fft(adc[first : windows[-1] + n_window], window=range_window, bins=bins) - steady
 
