@@ -29,8 +29,8 @@ class Echoes:
     """d amplitude / d frequency [sqrt(W)/Hz], complex64 (T, N); None where the amplitude is flat over the sweep."""
     departure_m: np.ndarray | None = None
     """Points that the echoes seem to stand in as seen by the transmitters [m], world, float32 (T, N, 3): they say how the delay
-    differs from one antenna of an array to the next. `delay_s` is that of the arrays' centres. None: far away on the boresight, where all antennas see the
-    same delay."""
+    differs from one antenna of an array to the next; `delay_s` is that of the arrays' centres. None: far away on the
+    boresight, where all antennas see the same delay."""
     arrival_m: np.ndarray | None = None
     """Likewise as seen by the receivers."""
 
