@@ -9,7 +9,7 @@ import numpy as np
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 
-TOLERANCE_DB = -36.0
+TOLERANCE_DB = -38.0
 """What the splines may add to the field's error."""
 LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 400.0, 5.0
 PROBE_RATE_HZ = 240.0
