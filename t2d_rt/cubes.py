@@ -11,6 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from t2d_rt.errors import InputError
+
 LARGE_BYTES = 512 * 2**20
 """Cubes beyond it go to disk."""
 BLOCK_BYTES = 32 * 2**20
@@ -35,8 +37,12 @@ class DiskCube:
     def scratch(cls, shape: tuple[int, ...]) -> DiskCube:
         """Zeros in a folder under the system's place for temporary files (TMPDIR), gone with the object."""
         folder = Path(tempfile.mkdtemp(prefix="t2d-rt-"))
-        new_array(folder, shape)
-        cube = cls(folder, mode="r+")
+        try:
+            new_array(folder, shape)
+            cube = cls(folder, mode="r+")
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
         weakref.finalize(cube, shutil.rmtree, folder, ignore_errors=True)
         return cube
 
@@ -47,7 +53,13 @@ class DiskCube:
         return np.asarray(self.array[place])
 
     def __setitem__(self, place: Any, values: np.ndarray) -> None:
-        self.array[place] = values
+        try:
+            self.array[place] = values
+        except OSError as error:
+            raise InputError(
+                f"cannot write the ADC samples to {self.folder}: {error.strerror or error}; free space, or set TMPDIR to a "
+                "folder with more"
+            ) from error
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return np.asarray(self.array[...], dtype)

@@ -162,6 +162,19 @@ def test_a_large_cube_stays_on_disk(result: Simulation, tmp_path: Path, monkeypa
     assert not scratch.exists()
 
 
+def test_a_full_disk_while_a_large_cube_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    cube = cubes.DiskCube.scratch((4, 1, 8))
+
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(type(cube.array), "__setitem__", full)
+    with pytest.raises(
+        InputError, match=r"cannot write the ADC samples to .*: No space left on device; free space, or set"
+    ):
+        cube[0:2] = np.ones((2, 1, 8), np.complex64)
+
+
 @pytest.mark.parametrize("stage", ["write", "move away", "move there"])
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
 def test_a_failed_overwrite_keeps_the_old(

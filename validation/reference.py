@@ -31,7 +31,7 @@ def reference_samples(
     occlusion: bool = True,
 ) -> np.ndarray:
     """ADC samples [sqrt(W)] complex128 (len(chirps), len(samples)) of a co-located radar."""
-    fine = _refined(surface, radar, sagitta_rad)
+    fine = refined(surface, radar, sagitta_rad)
     view = _FineView(surface, fine, radar) if occlusion else None
     points = _points(surface, radar, seed)
     rough = material.scattering_coefficient
@@ -104,7 +104,7 @@ def _phase(delay_s: np.ndarray, frequency: float, radar: Radar) -> np.ndarray:
     return 2 * math.pi * ((frequency * delay_s - 0.5 * radar.slope_hz_per_s * delay_s**2) % 1.0)
 
 
-def _refined(surface: MovingMesh, radar: Radar, sagitta_rad: float | np.ndarray) -> Refinement:
+def refined(surface: MovingMesh, radar: Radar, sagitta_rad: float | np.ndarray) -> Refinement:
     return refine(
         surface.rest,
         surface.faces,
@@ -146,7 +146,7 @@ class _Points:
 
 
 def _points(surface: MovingMesh, radar: Radar, seed: int) -> _Points:
-    return _Points(surface.rest, _refined(surface, radar, POINT_SAGITTA_RAD), seed)
+    return _Points(surface.rest, refined(surface, radar, POINT_SAGITTA_RAD), seed)
 
 
 class _FineView:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.echo.mesh import least_range_m
-from t2d_rt.geometry import refine
 from t2d_rt.types import MovingMesh, Radar
 from validation.bodies import random_chirps, walking
-from validation.reference import nmse_db, reference_samples
+from validation.reference import nmse_db, reference_samples, refined
 from validation.report import Check, Section, new_figure, save_chart
 
 SAGITTAS_RAD = (0.8, 0.4, 0.2, 0.1)
@@ -61,14 +57,7 @@ def run() -> Section:
 
 def mean_edge(surface: MovingMesh, radar: Radar, sagitta_rad: float) -> tuple[int, float]:
     """Facets and their mean edge at rest [m], each weighted by its facet's area."""
-    fine = refine(
-        surface.rest,
-        surface.faces,
-        wavenumber=2 * math.pi / radar.wavelength_m,
-        range_m=least_range_m(surface, radar, surface.times_s),
-        sagitta_rad=sagitta_rad,
-        crease_deg=surface.crease_deg,
-    )
+    fine = refined(surface, radar, sagitta_rad)
     corners = (fine.operator @ surface.rest)[fine.faces]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

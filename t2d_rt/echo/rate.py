@@ -34,7 +34,7 @@ def needed_rate_hz(shape: MovingMesh | Ellipsoids, radar: Radar, start_s: float,
     points = shape.at(times) if isinstance(shape, MovingMesh) else shape.at(times)[0]
     paths = sum(np.linalg.norm(points - place, axis=2) for place in (radar.tx_position_m, radar.rx_position_m))
     fourth = np.diff(np.reshape(paths, (looks, PROBE_FRAMES, -1)), n=4, axis=1) / step**4
-    turn_per_m = 2 * math.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT
-    error = 0.406 * np.mean((turn_per_m * fourth / 384) ** 2)
+    rad_per_m = 2 * math.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT
+    error = 0.406 * np.mean((rad_per_m * fourth / 384) ** 2)
     needed = (error / 10 ** (TOLERANCE_DB / 10)) ** 0.125
     return float(np.clip(math.ceil(needed / STEP_HZ) * STEP_HZ, LEAST_HZ, MOST_HZ))

@@ -103,10 +103,10 @@ def blocks(
             last = len(mid_times)
         if first < last:
             position = mid_times[first:last] / window.step_s - window.start
-            yield slice(first, last), _row(window, radar, slice(first, last), position, sweep, tolerance, backend)
+            yield slice(first, last), _block(window, radar, slice(first, last), position, sweep, tolerance, backend)
 
 
-def _row(
+def _block(
     window: Window, radar: Radar, rows: slice, position: np.ndarray, sweep: Sweep, tolerance: float, backend: Backend
 ) -> np.ndarray:
     """Samples (row, antenna, sample) complex64 of the cube's `rows`, which begin at `position` (in frames after window.start)."""

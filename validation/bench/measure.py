@@ -46,7 +46,7 @@ ENTRIES: tuple[tuple[str, Any, str], ...] = (
     (FACETS, mesh._Model, "echoes"),
     (FACETS, mesh._Model, "places"),
     (SYNTHESIS, windows, "_window"),
-    (SYNTHESIS, synthesize, "_row"),
+    (SYNTHESIS, synthesize, "_block"),
     (SPECTROGRAM, result, "spectrogram"),
 )
 """Where each stage is entered. The rest is checks, the choice of the surface rate, and the ellipsoid model."""
@@ -170,7 +170,7 @@ def _echo_terms(window: Window, radar: Radar, rows: slice, *_: Any) -> dict[str,
     return {"echo_terms": window.delay.shape[1] * moments, "moments": moments}
 
 
-COUNTERS: dict[str, Callable[..., dict[str, int]]] = {"echoes": _facet_terms, "_row": _echo_terms}
+COUNTERS: dict[str, Callable[..., dict[str, int]]] = {"echoes": _facet_terms, "_block": _echo_terms}
 
 
 def _walk(duration_s: float) -> Motion:

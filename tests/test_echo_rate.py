@@ -1,0 +1,49 @@
+"""The surface rate that a motion asks for, against the closed form of a swing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.interpolate import CubicSpline
+
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.echo.rate import LEAST_HZ, MOST_HZ, STEP_HZ, TOLERANCE_DB, needed_rate_hz
+from t2d_rt.types import MovingMesh, Radar
+
+RADAR = Radar.preset("table2")
+BALL = trimesh.creation.icosphere(subdivisions=1, radius=0.05)
+
+
+def swinging(amplitude_m: float, frequency_hz: float) -> MovingMesh:
+    """A ball on boresight, 3 m away, that swings along it."""
+
+    def places(times_s: np.ndarray) -> np.ndarray:
+        ahead = 3 + amplitude_m * np.sin(2 * np.pi * frequency_hz * times_s)
+        return BALL.vertices + np.stack([ahead, 0 * ahead, 1 + 0 * ahead], axis=1)[:, None]
+
+    return MovingMesh.from_track(places, BALL.faces, np.linspace(0, 4, 200), rest=BALL.vertices)
+
+
+@pytest.mark.parametrize(("amplitude_m", "frequency_hz"), [(0.1, 4.0), (0.3, 6.0), (0.01, 12.0)])
+def test_the_rate_leaves_what_is_tolerated(amplitude_m: float, frequency_hz: float) -> None:
+    rate = needed_rate_hz(swinging(amplitude_m, frequency_hz), RADAR, 0.0, 4.0)
+    assert LEAST_HZ < rate < MOST_HZ
+    wavenumber = 2 * math.pi * RADAR.mid_frequency_hz / SPEED_OF_LIGHT
+    # Both ways together are twice the swing; half of a sine's square is its mean.
+    fourth = 2 * amplitude_m * (2 * math.pi * frequency_hz) ** 4
+    expected = (0.406 / 2 * (wavenumber * fourth / 384) ** 2 / 10 ** (TOLERANCE_DB / 10)) ** (1 / 8)
+    assert rate == pytest.approx(expected, abs=1.2 * STEP_HZ)
+    # The spline itself, far from the ends of its record.
+    frames, times = np.arange(0, 4 + 0.5 / rate, 1 / rate), np.linspace(1, 3, 20_001)
+    path = [2 * amplitude_m * np.sin(2 * math.pi * frequency_hz * t) for t in (frames, times)]
+    error = np.mean((wavenumber * (CubicSpline(frames, path[0])(times) - path[1])) ** 2)
+    # At six frames a cycle, as of 12 Hz here, the orders that the fourth derivative leaves out add 1.3 dB.
+    assert TOLERANCE_DB - 4 < 10 * np.log10(error) < TOLERANCE_DB + 2
+
+
+def test_still_and_short_records() -> None:
+    assert needed_rate_hz(swinging(0.0, 1.0), RADAR, 0.0, 4.0) == LEAST_HZ
+    assert needed_rate_hz(swinging(0.1, 4.0), RADAR, 0.0, 0.02) == MOST_HZ
