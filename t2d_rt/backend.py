@@ -10,15 +10,21 @@ import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from t2d_rt.errors import BackendError, InputError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 Device = Literal["auto", "cpu", "gpu"]
 """Where to compute, as a user says it."""
 
 OLDEST_LLVM = 17
 """LLVM 15 and 16 abort the process on CPUs with AVX-512 ("Cannot select ... fmaximum"), 14 is refused by Dr.Jit."""
+
+ALIGNMENT = 64
+"""Bytes: that of Dr.Jit's own arrays."""
 
 _PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"
 _REMEDY = (
@@ -51,6 +57,20 @@ class Backend:
     def mitsuba_variant(self) -> str:
         """The Mitsuba variant on the same backend; Sionna RT needs the polarised one, so both can share a process."""
         return f"{self.name}_ad_mono_polarized"
+
+    def lanes(self, kind: Any, values: np.ndarray) -> Any:
+        """Numbers that lanes read one each, as an array of `kind`.
+
+        Dr.Jit compiles a kernel anew where such numbers, which it takes over uncopied, lie differently in memory.
+        """
+        import numpy as np
+
+        dtype = np.dtype(np.uint32 if kind is self.UInt32 else np.float32)
+        raw = np.empty(values.size * dtype.itemsize + ALIGNMENT, np.uint8)
+        skipped = -raw.ctypes.data % ALIGNMENT
+        out = raw[skipped : skipped + values.size * dtype.itemsize].view(dtype)
+        out[:] = values.ravel()
+        return kind(out)
 
 
 def select(device: str = "auto") -> Backend:

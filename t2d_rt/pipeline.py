@@ -28,6 +28,8 @@ from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, R
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids
+ONE_VIEW_M = 0.02
+"""Transmitters and receivers less far apart see the same, to within the spacing of the vertices that shadows are traced at."""
 
 
 def simulate(
@@ -179,11 +181,13 @@ def _check_outside_ellipsoids(shape: Ellipsoids, radar: Radar, times_s: np.ndarr
 def _visibility(
     shapes: Sequence[MovingMesh | Ellipsoids], radar: Radar, rate_hz: float, backend: Backend
 ) -> list[VisibilityAt | None]:
-    """What the antennas see of each mesh; of the product where there are two places."""
+    """What the antennas see of each mesh; the product of two views where transmitters and receivers stand apart."""
     meshes = [s for s in shapes if isinstance(s, MovingMesh)]
     if not meshes:
         return [None] * len(shapes)
-    places = np.unique(np.stack([radar.tx_position_m, radar.rx_position_m]), axis=0)
+    places = np.stack([radar.tx_position_m, radar.rx_position_m])
+    if np.linalg.norm(places[0] - places[1]) < ONE_VIEW_M:
+        places = places.mean(axis=0, keepdims=True)
     views = [Occlusion(meshes, place, rate_hz=rate_hz, backend=backend) for place in places]
 
     def of(index: int) -> VisibilityAt:

@@ -24,8 +24,8 @@ SLOPE_TERMS = 4
 
 MOST_SHARES, ENOUGH_LANES = 16, 1 << 14
 """A collector's echoes go to several lanes where there are fewer lanes than that."""
-MAX_UNROLL = 8
-"""Moments that a lane holds in registers."""
+UNROLLS, READ_WORK = (1, 2, 4, 8), 2
+"""Moments that a lane may hold in registers, and what it takes to read an echo, in moments."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +149,10 @@ def moments(
     step_s: float,
     sweep: Sweep,
     backend: Backend,
-) -> np.ndarray:
-    """Chebyshev coefficients of every collector over the sweep, complex64 (TERMS, collector, moment).
+    matrix: np.ndarray,
+) -> Any:
+    """Chebyshev coefficients of every collector over the sweep times `matrix` (TERMS, an even number Q): complex numbers
+    (collector, moment, Q) as flat float32 on the device.
 
     `phase` and `fields` are the tables of `phases` and `amplitudes`; `centres` the collectors' theta, relative to what that of the
     echoes is relative to; `position` the moments [frames after the window's start], ascending; `step_s` the frame interval.
@@ -163,8 +165,8 @@ def moments(
     deal = _Deal.of(slot)
 
     # All that changes from window to window comes in as arrays: a number in the code would compile a new kernel.
-    def lanes_of(values: np.ndarray) -> Any:
-        return UInt32(values.astype(np.uint32).ravel())
+    def lanes_of(values: np.ndarray, kind: Any = UInt32) -> Any:
+        return backend.lanes(kind, values)
 
     # (collector, group of moments) where there are echoes, and shares of them where these are few for all the lanes of a device.
     row = np.arange(collectors)[:, None] + slot[deal.moment] * collectors
@@ -185,7 +187,7 @@ def moments(
     times = position + 1 - np.floor(slot / members.slots_per_interval)
     times = Float32(np.append(times, np.zeros(deal.unroll)).astype(np.float32))
     u = [dr.gather(Float32, times, moment_of_lane + k) for k in range(deal.unroll)]
-    centre = Float32(np.repeat(centres[collector], shares).astype(np.float32))
+    centre = lanes_of(np.repeat(centres[collector], shares), Float32)
     per_turn, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
 
     def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
@@ -218,15 +220,13 @@ def moments(
     _, sums = dr.while_loop(
         state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
     )
-    dr.eval(sums)
-    planes = np.zeros((count, collectors * len(position)), np.complex64)
-    for k, acc in enumerate(sums):
-        valid = moment + k < deal.end[group]
-        place = (collector * len(position) + moment + k)[valid]
-        for plane, pair in zip(planes, acc, strict=True):
-            real, imag = (part.numpy().reshape(-1, shares).sum(axis=1) for part in pair)
-            plane[place] = (real + 1j * imag)[valid]
-    return _with_slope(planes.reshape(count, collectors, -1))
+    if shares > 1:
+        sums = [[tuple(dr.block_sum(part, shares) for part in pair) for pair in acc] for acc in sums]
+    values = backend.arrays.ArrayXf([value for acc in sums for value in _combined(_with_slope(acc), matrix)])
+    dealt = dr.zeros(Float32, collectors * deal.lanes * len(values))
+    # One scatter: each further one into the same array would run the loop again.
+    dr.scatter(dealt, values, lanes_of(collector * deal.lanes + group))
+    return _in_order(dealt, deal, collectors, matrix.shape[1] // 2, backend)
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,20 +234,41 @@ class _Deal:
     """How moments, slot by slot, are dealt to lanes: a lane takes `unroll` moments of one slot, and reads an echo once for all."""
 
     moment: np.ndarray
-    """First moment of each group."""
-    end: np.ndarray
-    """End of the group's slot."""
+    """First moment of each lane."""
     unroll: int
+    lane: np.ndarray
+    """Lane of each moment."""
+
+    @property
+    def lanes(self) -> int:
+        return len(self.moment)
 
     @classmethod
     def of(cls, slot: np.ndarray) -> _Deal:
-        """Groups for the slot of each moment, ascending (moment,)."""
+        """For the slot of each moment, ascending (moment,)."""
         bounds = np.flatnonzero(np.diff(slot, prepend=-1, append=slot[-1] + 1))
-        longest = int(np.diff(bounds).max())
-        unroll = -(-longest // -(-longest // MAX_UNROLL))
-        counts = -(-np.diff(bounds) // unroll)
+        sizes = np.diff(bounds)
+        unroll = min(UNROLLS, key=lambda unroll: np.sum(-(-sizes // unroll)) * (READ_WORK + unroll))
+        counts = -(-sizes // unroll)
         within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        return cls(np.repeat(bounds[:-1], counts) + within * unroll, np.repeat(bounds[1:], counts), unroll)
+        moment = np.repeat(bounds[:-1], counts) + within * unroll
+        return cls(moment, unroll, np.searchsorted(moment, np.arange(len(slot)), side="right") - 1)
+
+
+def _in_order(dealt: Any, deal: _Deal, collectors: int, pairs: int, backend: Backend) -> Any:
+    """From packets (collector, lane, unroll, pairs) to (collector, moment, pairs)."""
+    import drjit as dr
+
+    UInt32, Packet = backend.UInt32, backend.arrays.Array4f
+    count = len(deal.lane)
+    place = deal.lane * deal.unroll + np.arange(count) - deal.moment[deal.lane]
+    packet = (place[:, None] * pairs + np.arange(pairs)).ravel()
+    out = dr.arange(UInt32, collectors * len(packet))
+    row = out // dr.opaque(UInt32, len(packet))
+    within = dr.gather(UInt32, UInt32(packet.astype(np.uint32)), out - row * dr.opaque(UInt32, len(packet)))
+    found = dr.ravel(dr.gather(Packet, dealt, row * dr.opaque(UInt32, deal.lanes * deal.unroll * pairs) + within))
+    dr.eval(found)
+    return found
 
 
 def _turned(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]:
@@ -274,15 +295,25 @@ def _bend(w: tuple[Any, ...]) -> tuple[Any, ...]:
     return 0.5 * w[2], 0.5 * (w[3] - w[1]), w[0] + 0.5 * w[4], 0.5 * (w[1] + w[5]), 0.5 * w[2], 0.5 * w[3]
 
 
-def _with_slope(planes: np.ndarray) -> np.ndarray:
-    """Sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added: (TERMS, bucket, chirp)."""
-    factor = np.array([1, 1j, -1, -1j, 1, 1j], np.complex64)[:, None, None]
-    out = planes[:TERMS] * factor
-    if len(planes) > TERMS:
-        t0, t1, t2, t3 = planes[TERMS:] * factor[:SLOPE_TERMS]
-        out[0] += 0.5 * t1
-        out[1] += t0 + 0.5 * t2
-        out[2] += 0.5 * (t1 + t3)
-        out[3] += 0.5 * t2
-        out[4] += 0.5 * t3
+def _with_slope(sums: list[Any]) -> list[Any]:
+    """Real and imaginary parts of TERMS sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added."""
+    out, slopes = ([_turned_by_j(pair, m) for m, pair in enumerate(part)] for part in (sums[:TERMS], sums[TERMS:]))
+    for m, pair in enumerate(slopes):
+        for k in (abs(m - 1), m + 1):
+            out[k] = tuple(a + 0.5 * b for a, b in zip(out[k], pair, strict=True))
     return out
+
+
+def _turned_by_j(pair: Any, power: int) -> Any:
+    """(re, im) times j^power."""
+    real, imag = pair
+    return ((real, imag), (-imag, real), (-real, -imag), (imag, -real))[power % 4]
+
+
+def _combined(planes: list[Any], matrix: np.ndarray) -> list[Any]:
+    """Real and imaginary parts of the columns of `matrix`, in turn."""
+    return [
+        sum(float(w) * plane[part] for w, plane in zip(column, planes, strict=True) if w)
+        for column in matrix.T
+        for part in (0, 1)
+    ]

@@ -8,7 +8,7 @@ hold follows from how fast its members' phases part and how far their delays lie
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -182,22 +182,19 @@ class Factors:
     """Place of the first sample, counted from the window's start."""
 
 
-def shifted(tree: list[Level], extra: np.ndarray, extra_slope: np.ndarray) -> list[Level]:
-    """The same groups of echoes whose delays are longer by `extra` [s], their slopes by `extra_slope`, both (n + 3, L)."""
-    out = []
-    for level in tree:
-        extra, extra_slope = extra @ level.mean, extra_slope @ level.mean
-        out.append(replace(level, delay=level.delay + extra, delay_slope=level.delay_slope + extra_slope))
-    return out
+Phase = tuple[Any, Any]
+"""Tables of `phases`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Leaves:
-    """What the first level's groups gather, the same for all antennas."""
+    """What the first level's groups gather."""
 
     members: Members
     fields: list[Any]
     """Tables of `amplitudes`."""
+    phase: Phase
+    """Relative to the groups."""
 
 
 def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leaves:
@@ -212,7 +209,39 @@ def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leav
         per=1,
         size=intervals * count,
     )
-    return Leaves(members, amplitudes(window, sweep, backend))
+    references = References(level.group, level.delay, level.delay_slope)
+    phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
+    return Leaves(members, amplitudes(window, sweep, backend), phase)
+
+
+@dataclass(frozen=True, slots=True)
+class Extra:
+    """By how much longer an antenna's delays are than its array's: the groups' means, and their echoes' phases beside these."""
+
+    means: list[tuple[np.ndarray, np.ndarray]]
+    """Delay [s] and its slope [s per frame] of each level's groups, (n + 3, K)."""
+    phase: Phase
+
+    @classmethod
+    def of(cls, tree: list[Level], delay: np.ndarray, slope: np.ndarray, sweep: Sweep, backend: Backend) -> Extra:
+        """From the echoes' delays [s] and slopes [s per frame], (n + 3, L)."""
+        means, here = [], (delay, slope)
+        for level in tree:
+            here = here[0] @ level.mean, here[1] @ level.mean
+            means.append(here)
+        references = References(tree[0].group, *means[0])
+        return cls(means, phases(delay, slope, sweep, references, 0.0, backend))
+
+
+def at_antenna(tree: list[Level], leaves: Leaves, ends: Sequence[Extra]) -> tuple[list[Level], Leaves]:
+    """Levels and leaves of a pair of antennas, the two `ends`, from those of their arrays."""
+    moved = []
+    for level, *means in zip(tree, *(end.means for end in ends), strict=True):
+        delay, slope = (sum(parts) for parts in zip(*means, strict=True))
+        moved.append(replace(level, delay=level.delay + delay, delay_slope=level.delay_slope + slope))
+    # The product of extra and common delay in the residual video phase, 1e-6 of a turn beside the groups' own, is left out.
+    phase = tuple(sum(tables) for tables in zip(leaves.phase, *(end.phase for end in ends), strict=True))
+    return moved, replace(leaves, phase=phase)
 
 
 def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
@@ -224,15 +253,12 @@ def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, bac
 
 
 def _smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
-    references = References(level.group, level.delay, level.delay_slope)
-    phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
     # Every level takes two samples before and three after: an interval before the window, and a little more than one after it.
     sample = np.arange(-level.rate, (window.stop - window.start + 1) * level.rate + 2)
-    planes = moments(
-        leaves.members, phase, leaves.fields, np.zeros(len(level)), sample / level.rate, window.step_s, sweep, backend
-    )
-    at_nodes = np.einsum("mkf,mq->kfq", planes, chebyshev(TERMS, nodes(level.nodes)).astype(np.float32), optimize=True)
-    values = backend.Float32(np.ascontiguousarray(at_nodes).view(np.float32).ravel())
+    values = moments(
+        leaves.members, leaves.phase, leaves.fields, np.zeros(len(level)), sample / level.rate, window.step_s, sweep, backend,
+        chebyshev(TERMS, nodes(level.nodes)),
+    )  # fmt: skip
     return Factors(values, len(level), len(sample), int(sample[0]))
 
 
@@ -285,9 +311,7 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
         labels=("i", "sums"),
         mode="symbolic",
     )
-    out = dr.empty(Float32, dr.width(lane) * len(sums))
-    for k in range(level.nodes):
-        dr.scatter(out, Packet(*sums[4 * k : 4 * k + 4]), lane * level.nodes + k)
+    out = dr.ravel(backend.arrays.ArrayXf(sums))
     dr.eval(out)
     return Factors(out, len(level), 2 * steps, 2 * (inner.first + 2))
 
@@ -326,7 +350,7 @@ def at_moments(
     )  # fmt: skip
 
     def per_lane(values: np.ndarray, kind: Any = UInt32) -> Any:
-        return kind(np.ascontiguousarray(values, np.uint32 if kind is UInt32 else np.float32))
+        return backend.lanes(kind, values)
 
     def per_moment(values: np.ndarray, kind: Any) -> Any:
         return dr.gather(kind, per_lane(values, kind), lane_moment)
@@ -366,9 +390,7 @@ def at_moments(
         state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
     )
     out = dr.zeros(Float32, len(position) * buckets * 2 * count)
-    target = per_lane(moment * buckets + bucket)
-    for k in range(count // 2):
-        dr.scatter(out, Packet(*sums[4 * k : 4 * k + 4]), target * (count // 2) + k)
+    dr.scatter(out, backend.arrays.ArrayXf(sums), per_lane(moment * buckets + bucket))
     return np.asarray(out.numpy()).view(np.complex64).reshape(len(position), buckets, count)
 
 

@@ -25,14 +25,15 @@ from t2d_rt.errors import InputError
 from t2d_rt.radar.moments import TERMS, Members, amplitudes, moments, phases
 from t2d_rt.radar.multilevel import (
     BUCKET_BINS,
+    Extra,
     Leaves,
     Level,
+    at_antenna,
     at_moments,
     bucket_nodes,
     factors,
     leaves,
     levels,
-    shifted,
 )
 from t2d_rt.radar.sweep import Sweep, chebyshev, interpolation
 from t2d_rt.radar.windows import Window, windows
@@ -71,71 +72,84 @@ def synthesize(
     source = stream(echoes)
     starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
     cube = new_cube((len(starts), radar.antennas, radar.samples))
+    sweep, tolerance, backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
+    buffers = [np.empty((0, *cube.shape[1:]), np.complex64)] * 2
     written: Future[None] | None = None
     # Threads of BLAS that wait for its next product would take the kernels' cores.
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(1) as writer:
-        for chirps, samples in blocks(source, radar, starts, 10 ** (tolerance_db / 20), select(device), read_frames):
-            if written is not None:
-                written.result()
-            # Disks are slow: the next block is worked on meanwhile.
-            written = writer.submit(cube.__setitem__, chirps, samples)
+        for turn, (window, rows, position) in enumerate(_blocks(source, radar, starts, read_frames)):
+            if isinstance(cube, np.ndarray):
+                _fill(cube[rows], window, radar, rows, position, sweep, tolerance, backend)
+            else:
+                # Disks are slow: the next block is worked on meanwhile, in another buffer.
+                if len(buffers[turn % 2]) < len(position):
+                    buffers[turn % 2] = np.empty((len(position), *cube.shape[1:]), np.complex64)
+                block = buffers[turn % 2][: len(position)]
+                block[:] = 0
+                _fill(block, window, radar, rows, position, sweep, tolerance, backend)
+                if written is not None:
+                    written.result()
+                written = writer.submit(cube.__setitem__, rows, block)
             if progress is not None:
-                progress(chirps.stop / len(starts))
+                progress(rows.stop / len(starts))
         if written is not None:
             written.result()
     return cube
 
 
-def blocks(
-    source: EchoStream,
-    radar: Radar,
-    starts_s: np.ndarray,
-    tolerance: float,
-    backend: Backend,
-    read_frames: int | None = None,
-) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks (rows of the cube, samples (row, antenna, sample)) in order; only a few frames of echoes are in memory at a time."""
+def _blocks(
+    source: EchoStream, radar: Radar, starts_s: np.ndarray, read_frames: int | None
+) -> Iterator[tuple[Window, slice, np.ndarray]]:
+    """Windows in order, each with the rows of the cube that fall into it and where these begin [frames after window.start]."""
     mid_times = starts_s + radar.mid_time_s
-    sweep = Sweep.of(radar)
     for window in windows(source, read_frames):
         first, last = np.searchsorted(mid_times, np.array([window.start, window.stop]) * window.step_s).tolist()
         if window.stop == len(source.times_s) - 1:
             last = len(mid_times)
         if first < last:
-            position = mid_times[first:last] / window.step_s - window.start
-            yield slice(first, last), _block(window, radar, slice(first, last), position, sweep, tolerance, backend)
+            yield window, slice(first, last), mid_times[first:last] / window.step_s - window.start
 
 
-def _block(
-    window: Window, radar: Radar, rows: slice, position: np.ndarray, sweep: Sweep, tolerance: float, backend: Backend
-) -> np.ndarray:
-    """Samples (row, antenna, sample) complex64 of the cube's `rows`, which begin at `position` (in frames after window.start)."""
-    out = np.zeros((len(position), radar.antennas, len(sweep.x)), np.complex64)
+def _fill(
+    out: np.ndarray,
+    window: Window,
+    radar: Radar,
+    rows: slice,
+    position: np.ndarray,
+    sweep: Sweep,
+    tolerance: float,
+    backend: Backend,
+) -> None:
+    """Adds the samples of the cube's `rows`, which begin at `position`, to zeros `out` (row, antenna, sample)."""
     if not window.delay.size:
-        return out
+        return
     tree = levels(window, sweep, len(position) / (window.stop - window.start), tolerance)
     shared = leaves(window, tree[0], sweep, backend) if tree else None
     if not radar.is_array:
-        out[:, 0] = _samples(window, tree, shared, position, sweep, tolerance, backend)
-        return out
-    turns = [window.extra(0, radar.tx_position_m, place) for place in radar.tx_positions_m]
-    backs = [window.extra(1, radar.rx_position_m, place) for place in radar.rx_positions_m]
+        _samples(out[:, 0], window, tree, shared, position, sweep, tolerance, backend)
+        return
+    delays = [
+        window.extras(0, radar.tx_position_m, radar.tx_positions_m),
+        window.extras(1, radar.rx_position_m, radar.rx_positions_m),
+    ]
+    extras = [[Extra.of(tree, *delay, sweep, backend) for delay in end] for end in delays] if shared else None
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
-    for antenna, (tx, rx) in enumerate(np.ndindex(len(turns), len(backs))):
-        extra, extra_slope = turns[tx][0] + backs[rx][0], turns[tx][1] + backs[rx][1]
-        here = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + extra_slope)
+    for antenna, (tx, rx) in enumerate(np.ndindex(*map(len, delays))):
         later = radar.antenna_delays_s[antenna] if radar.multiplexing == "tdm" else 0.0
-        samples = _samples(
-            here, shifted(tree, extra, extra_slope), shared, position + later / window.step_s, sweep, tolerance, backend
-        )
+        samples = np.empty_like(out[:, 0]) if radar.multiplexing == "ddm" else out[:, antenna]
+        here, moved, own = window, tree, shared
+        if extras is not None and shared is not None:
+            moved, own = at_antenna(tree, shared, [extras[0][tx], extras[1][rx]])
+        else:
+            more, more_slope = (a + b for a, b in zip(delays[0][tx], delays[1][rx], strict=True))
+            here = replace(window, delay=window.delay + more, delay_slope=window.delay_slope + more_slope)
+        _samples(samples, here, moved, own, position + later / window.step_s, sweep, tolerance, backend)
         if radar.multiplexing == "ddm":
             out[:, rx] += samples * phase[:, tx, None]
-        else:
-            out[:, antenna] = samples
-    return out
 
 
 def _samples(
+    out: np.ndarray,
     window: Window,
     tree: list[Level],
     shared: Leaves | None,
@@ -143,23 +157,19 @@ def _samples(
     sweep: Sweep,
     tolerance: float,
     backend: Backend,
-) -> np.ndarray:
-    """Samples (chirp, sample) complex64 of chirps at `position` (in frames after window.start) for one pair of antennas."""
+) -> None:
+    """Fills `out` (chirp, sample) for chirps at `position` (in frames after window.start) and one pair of antennas."""
     if shared is None:
         fields, weights, carriers = _of_echoes(window, position, sweep, backend)
     else:
         fields, weights, carriers = _of_groups(window, tree, shared, position, sweep, tolerance, backend)
     # What each number of each bucket adds to the samples.
     basis = (weights[:, None, :] * carriers).astype(np.complex64)
-    samples = np.empty((len(position), len(sweep.x)), np.complex64)
     for start in range(0, len(position), PRODUCT_CHIRPS):
         part = fields[..., start : start + PRODUCT_CHIRPS]
         used = part.any(axis=(0, 2))
         numbers = part[:, used].reshape(-1, part.shape[2])
-        np.matmul(
-            numbers.T, basis[:, used].reshape(len(numbers), len(sweep.x)), out=samples[start : start + PRODUCT_CHIRPS]
-        )
-    return samples
+        out[start : start + PRODUCT_CHIRPS] = numbers.T @ basis[:, used].reshape(len(numbers), len(sweep.x))
 
 
 def _of_echoes(
@@ -176,8 +186,17 @@ def _of_echoes(
     centres = (number + 0.5) * ECHO_BUCKET_BINS * math.pi
     phase = phases(window.delay, window.delay_slope, sweep, None, origin_s, backend)
     planes = moments(
-        members, phase, amplitudes(window, sweep, backend), centres, position, window.step_s, sweep, backend
+        members,
+        phase,
+        amplitudes(window, sweep, backend),
+        centres,
+        position,
+        window.step_s,
+        sweep,
+        backend,
+        np.eye(TERMS),
     )
+    planes = planes.numpy().view(np.complex64).reshape(len(centres), len(position), TERMS).transpose(2, 0, 1)
     return planes, chebyshev(TERMS, sweep.x), _carriers(origin_s, centres, sweep)
 
 

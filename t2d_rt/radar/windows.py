@@ -46,16 +46,19 @@ class Window:
     framed: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
     """From values at these frames (., L) to those at the window's and their slopes, both (n + 3, L)."""
 
-    def extra(self, leg: int, centre_m: np.ndarray, antenna_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Delay [s] and its slope, each (n + 3, L), by which an antenna differs from its array's centre; leg 0 or 1."""
+    def extras(self, leg: int, centre_m: np.ndarray, antennas_m: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Delay [s] and its slope, each float32 (n + 3, L), by which each antenna differs from its array's centre; leg 0 or 1."""
         if self.points is None:
-            return np.zeros_like(self.delay), np.zeros_like(self.delay)
+            return [(np.zeros(self.delay.shape, np.float32),) * 2] * len(antennas_m)
         sight = self.points[leg] - centre_m.astype(np.float32)
-        offset = (antenna_m - centre_m).astype(np.float32)
-        # |sight - offset| - |sight| without cancellation.
-        ahead = sight - offset
-        lengths = (np.sqrt(np.einsum("tli,tli->tl", way, way)) for way in (sight, ahead))
-        return self.framed((offset @ offset - 2 * (sight @ offset)) / sum(lengths) / np.float32(SPEED_OF_LIGHT))
+        squared = np.einsum("tli,tli->tl", sight, sight)
+        length = np.sqrt(squared)
+        found = []
+        for offset in (antennas_m - centre_m).astype(np.float32):
+            # |sight - offset| - |sight| without cancellation.
+            more = offset @ offset - 2 * (sight @ offset)
+            found.append(self.framed(more / (length + np.sqrt(squared + more)) / np.float32(SPEED_OF_LIGHT)))
+        return found
 
 
 def windows(source: EchoStream, read_frames: int | None = None) -> Iterator[Window]:
@@ -98,7 +101,7 @@ def _window(
         return _lengthened(taken(field, *near), near[0] - (start - 2), stop + 3 - near[1])
 
     def framed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        slope = spline_slopes(len(values))[keep] @ values
+        slope = spline_slopes(len(values))[keep].astype(values.dtype) @ values
         values = values[keep]
         if start == 0:
             values, slope = np.concatenate([values[:1] - slope[:1], values]), np.concatenate([slope[:1], slope])

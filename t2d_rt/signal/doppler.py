@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -17,8 +17,10 @@ from t2d_rt.signal.multiplex import separated
 from t2d_rt.signal.range import check_cube, gate, range_fft, taper
 from t2d_rt.types.radar import Radar
 
-PIECE = 16_384
+PIECE = 8192
 """Chirps of a long record that are worked on at once; of several antennas fewer."""
+CELLS = 256
+"""Range cells that go through the STFT at once."""
 
 
 def stft(
@@ -92,9 +94,15 @@ def spectrogram(
     bandwidth_bins = 1.0 if combine == "coherent" else radar.samples * float(fast @ fast)
     slow = taper(window, n_window, periodic=True)
     powers = []
-    for first, windows, cells in _filtered(
-        adc, radar, burst, starts, n_window, range_window, bins, mti, cutoff_mps, kernel
-    ):
+
+    def cells_of(part: Any) -> np.ndarray:
+        if combine == "noncoherent" and bins == slice(0, radar.samples):
+            # Parseval: over all bins the powers add up to those of the samples, to which slow time does the same.
+            part = np.asarray(part)
+            return part * (fast * np.sqrt(radar.samples)).astype(part.real.dtype)
+        return range_fft(part, window=range_window, bins=bins)
+
+    for first, windows, cells in _filtered(adc, radar, burst, starts, n_window, cells_of, mti, cutoff_mps, kernel):
         if combine == "coherent":
             cells = cells.sum(axis=-1, keepdims=True)
         powers.append(_summed_power(cells.reshape(len(cells), -1), windows - first, slow, n_fft))
@@ -153,19 +161,20 @@ def ascending(power: np.ndarray) -> np.ndarray:
 def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_fft: int) -> np.ndarray:
     """Sum over cells of |short-time spectrum|^2, (n_fft, time), in FFT order; `cells` is (chirp, cell).
 
-    One window at a time over all cells: the block stays in cache, and the FFT along axis 0 runs on many cells at once.
+    One window at a time over some cells: the block stays in cache, and the FFT along axis 0 runs on many cells at once.
     """
     from scipy import fft
 
     columns = np.ascontiguousarray(weights.astype(cells.real.dtype)[:, None])
-    power = np.empty((len(starts), n_fft), dtype=cells.real.dtype)
+    power = np.zeros((len(starts), n_fft), dtype=cells.real.dtype)
 
     def run(share: np.ndarray) -> None:
         for index in share:
-            block = cells[starts[index] : starts[index] + len(weights)] * columns
-            spectra = fft.fft(block, n_fft, axis=0, overwrite_x=True)
-            parts = spectra.view(spectra.real.dtype)
-            np.einsum("fc,fc->f", parts, parts, out=power[index])
+            window = cells[starts[index] : starts[index] + len(weights)]
+            for first in range(0, cells.shape[1], CELLS):
+                spectra = fft.fft(window[:, first : first + CELLS] * columns, n_fft, axis=0, overwrite_x=True)
+                parts = spectra.view(spectra.real.dtype)
+                power[index] += np.einsum("fc,fc->f", parts, parts)
 
     threads = min(os.cpu_count() or 1, len(starts))
     with ThreadPoolExecutor(threads) as pool:
@@ -184,28 +193,29 @@ def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
 
 
 def _filtered(
-    adc: Any, radar: Radar, burst: int, starts: np.ndarray, n_window: int, range_window: str, bins: slice, mti: str,
+    adc: Any, radar: Radar, burst: int, starts: np.ndarray, n_window: int, cells_of: Callable[[Any], np.ndarray], mti: str,
     cutoff_mps: float, kernel: Sequence[float],
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:  # fmt: skip
-    """Range cells after MTI piece by piece: the first chirp of each piece, the starts of the windows in it, and its cells.
+    """Cells after MTI piece by piece: the first chirp of each piece, the starts of the windows in it, and its cells.
 
     Only "highpass" and "canceller" hold the whole record in memory.
     """
     piece = max(PIECE // (1 if adc.ndim == 2 else adc.shape[1]), 4 * n_window)
     if adc.shape[0] <= piece or mti not in ("none", "mean"):
-        cells = range_fft(adc, window=range_window, bins=bins)
+        cells = cells_of(adc)
         yield 0, starts, _filter_bursts(cells, burst, mti, radar, cutoff_mps, kernel)
         return
-    # The mean of the range cells is the range FFT of the mean chirp.
-    steady: Any = 0
+    # The mean of the cells is the cells of the mean chirp.
+    steady = None
     if mti == "mean":
         chirp = np.zeros((1, *adc.shape[1:]), np.complex128)
         for start in range(0, adc.shape[0], piece):
             chirp += np.sum(adc[start : start + piece], axis=0, dtype=np.complex128) / adc.shape[0]
-        steady = range_fft(chirp, window=range_window, bins=bins).astype(adc.dtype)
+        steady = cells_of(chirp).astype(adc.dtype)
     for windows in np.split(starts, np.flatnonzero(np.diff(starts // piece)) + 1):
         first = int(windows[0])
-        yield first, windows, range_fft(adc[first : windows[-1] + n_window], window=range_window, bins=bins) - steady
+        cells = cells_of(adc[first : windows[-1] + n_window])
+        yield first, windows, cells if steady is None else cells - steady
 
 
 def _filter_bursts(

@@ -46,7 +46,7 @@ ENTRIES: tuple[tuple[str, Any, str], ...] = (
     (FACETS, mesh._Model, "echoes"),
     (FACETS, mesh._Model, "places"),
     (SYNTHESIS, windows, "_window"),
-    (SYNTHESIS, synthesize, "_block"),
+    (SYNTHESIS, synthesize, "_fill"),
     (SPECTROGRAM, result, "spectrogram"),
 )
 """Where each stage is entered. The rest is checks, the choice of the surface rate, and the ellipsoid model."""
@@ -165,12 +165,12 @@ def _facet_terms(model: Any, cage: np.ndarray, *_: Any) -> dict[str, int]:
     return {"facet_terms": len(model.patches.corners) * len(cage), "frames": len(cage)}
 
 
-def _echo_terms(window: Window, radar: Radar, rows: slice, *_: Any) -> dict[str, int]:
-    moments = (rows.stop - rows.start) * len(radar.tx_offsets_m) * len(radar.rx_offsets_m)
+def _echo_terms(out: np.ndarray, window: Window, radar: Radar, *_: Any) -> dict[str, int]:
+    moments = len(out) * len(radar.tx_offsets_m) * len(radar.rx_offsets_m)
     return {"echo_terms": window.delay.shape[1] * moments, "moments": moments}
 
 
-COUNTERS: dict[str, Callable[..., dict[str, int]]] = {"echoes": _facet_terms, "_block": _echo_terms}
+COUNTERS: dict[str, Callable[..., dict[str, int]]] = {"echoes": _facet_terms, "_fill": _echo_terms}
 
 
 def _walk(duration_s: float) -> Motion:
