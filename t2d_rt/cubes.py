@@ -15,7 +15,7 @@ from t2d_rt.errors import InputError
 
 LARGE_BYTES = 512 * 2**20
 """Cubes beyond it go to disk."""
-BLOCK_BYTES = 32 * 2**20
+BLOCK_BYTES = 8 * 2**20
 """What is read or written at once."""
 NAME, DIMENSIONS = "adc", ("chirp", "antenna", "sample")
 

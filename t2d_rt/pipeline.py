@@ -28,8 +28,6 @@ from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, R
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids
-ONE_VIEW_M = 0.02
-"""Transmitters and receivers less far apart see the same, to within the spacing of the vertices that shadows are traced at."""
 
 
 def simulate(
@@ -185,10 +183,7 @@ def _visibility(
     meshes = [s for s in shapes if isinstance(s, MovingMesh)]
     if not meshes:
         return [None] * len(shapes)
-    places = np.stack([radar.tx_position_m, radar.rx_position_m])
-    if np.linalg.norm(places[0] - places[1]) < ONE_VIEW_M:
-        places = places.mean(axis=0, keepdims=True)
-    views = [Occlusion(meshes, place, rate_hz=rate_hz, backend=backend) for place in places]
+    views = [Occlusion(meshes, place, rate_hz=rate_hz, backend=backend) for place in radar.views_m]
 
     def of(index: int) -> VisibilityAt:
         def visibility(times_s: np.ndarray) -> np.ndarray:

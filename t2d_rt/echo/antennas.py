@@ -19,5 +19,7 @@ def seen_by(radar: Radar, echoes: EchoArrays, departure_m: np.ndarray, arrival_m
         amplitude, slope = amplitude * factor, None if slope is None else slope * factor
     echoes = echoes._replace(amplitude=amplitude, slope=slope)
     if radar.is_array:
-        return echoes._replace(departure_m=departure_m.astype(np.float32), arrival_m=arrival_m.astype(np.float32))
+        departure = departure_m.astype(np.float32)
+        arrival = departure if arrival_m is departure_m else arrival_m.astype(np.float32)
+        return echoes._replace(departure_m=departure, arrival_m=arrival)
     return echoes

@@ -13,6 +13,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.patches import Patches
 from t2d_rt.echo.phase_integral import SERIES_TERMS, Ops, divided_differences
+from t2d_rt.types import Radar
 
 Vector = tuple[Any, ...]
 """x, y, z on every lane."""
@@ -22,20 +23,25 @@ Vector = tuple[Any, ...]
 class Leg:
     """One way between an antenna and the target, free space."""
 
-    transmitter_m: np.ndarray
-    """(3,)"""
-    receiver_m: np.ndarray
-    """(3,)"""
+    places_m: list[np.ndarray]
+    """Transmitter and receiver, (3,) each, or one place where both stand in it."""
+    views_m: list[np.ndarray]
+    """The same as far as shapes of echoes are concerned (`Radar.views_m`)."""
     frequency_hz: float
     """At mid-sweep."""
     link_amplitude: float
     """sqrt(W) m: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
 
-    @property
-    def places(self) -> list[np.ndarray]:
-        """Transmitter and receiver, or one place where both stand in it."""
-        same = np.array_equal(self.transmitter_m, self.receiver_m)
-        return [self.transmitter_m] if same else [self.transmitter_m, self.receiver_m]
+    @classmethod
+    def of(cls, radar: Radar) -> Leg:
+        """That of the radar's array centres."""
+        places = [radar.tx_position_m, radar.rx_position_m]
+        return cls(
+            places_m=places[:1] if np.array_equal(places[0], places[1]) else places,
+            views_m=radar.views_m,
+            frequency_hz=radar.mid_frequency_hz,
+            link_amplitude=radar.link_amplitude,
+        )
 
 
 THIRDS = [1 / 3, 1 / 3, 1 / 3]
@@ -59,7 +65,7 @@ def patch_echoes(
     dr, Float32, UInt32 = at.dr, backend.Float32, backend.UInt32
     wavenumber = Float32(at.constant(2 * math.pi * leg.frequency_hz / SPEED_OF_LIGHT))
     centre = at.lane_points(centres - origin)
-    antennas = [_minus(at.frame_point(place - origin), centre) for place in leg.places]
+    antennas = [_minus(at.frame_point(place - origin), centre) for place in leg.views_m]
     columns = at.columns(patches.corners)
     starts = UInt32(patches.starts.astype(np.uint32))
 
@@ -124,7 +130,7 @@ def diffuse_echoes(
     corners = at.points(index)
     point = _combined(corners, [at.per_item(barycentric[:, i]) for i in range(3)])
     normal, doubled_area = _normal(corners, at)
-    sights = [_minus(at.place(antenna), point) for antenna in leg.places]
+    sights = [_minus(at.place(antenna), point) for antenna in leg.places_m]
     ranges = [_norm(sight) for sight in sights]
     cosines = [at.dr.maximum(_dot(normal, s) / (doubled_area * d), 0) for s, d in zip(sights, ranges, strict=True)]
     root = at.per_item(leg.link_amplitude * 2 * scattered * np.sqrt(area_m2))

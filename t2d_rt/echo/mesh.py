@@ -52,21 +52,17 @@ def mesh_echoes(
     `sagitta_rad` sets the facets' size (physics.md, eq. 5); `visibility` says what is hidden, None nothing but back faces.
     """
     model = _Model.of(surface, radar, times_s, material, sagitta_rad, seed)
-    leg = Leg(
-        transmitter_m=radar.tx_position_m,
-        receiver_m=radar.rx_position_m,
-        frequency_hz=radar.mid_frequency_hz,
-        link_amplitude=radar.link_amplitude,
-    )
+    leg = Leg.of(radar)
 
     def frames(start: int, stop: int) -> EchoArrays:
         times = times_s[start:stop]
         seen = None if visibility is None else visibility(times)
         cage = surface.at(times)
-        echoes = model.echoes(cage, seen, leg, backend)
+        centre = _carried(model.centre, cage)
+        echoes = model.echoes(cage, centre, seen, leg, backend)
         if not (radar.is_array or radar.directional):
             return echoes
-        places = model.places(cage)
+        places = model.places(cage, centre)
         return seen_by(radar, echoes, places, places)
 
     return EchoStream(times_s=times_s, frames=frames)
@@ -127,14 +123,16 @@ class _Model:
             points=points,
         )
 
-    def echoes(self, cage: np.ndarray, seen: np.ndarray | None, leg: Leg, backend: Backend) -> EchoArrays:
-        """Arrays of `Echoes` for cage vertices (K, V, 3): patches first, then diffuse points."""
+    def echoes(
+        self, cage: np.ndarray, centre: np.ndarray, seen: np.ndarray | None, leg: Leg, backend: Backend
+    ) -> EchoArrays:
+        """Arrays of `Echoes` for cage vertices (K, V, 3) and the patches' centres (G, K, 3): patches first, then diffuse points."""
         count, more = len(self.patches), 0 if self.points is None else len(self.points.area_m2)
         delay = np.empty((len(cage), count + more))
         amplitude = np.zeros(delay.shape, np.complex64)
         slope = np.zeros(delay.shape, np.complex64)
-        centre = _carried(self.centre, cage)
-        ranges = [np.sqrt(np.einsum("gti,gti->tg", sight, sight)) for sight in (centre - place for place in leg.places)]
+        sights = (centre - place for place in leg.places_m)
+        ranges = [np.sqrt(np.einsum("gti,gti->tg", sight, sight)) for sight in sights]
         delay[:, :count] = (ranges[0] + ranges[-1]) / SPEED_OF_LIGHT
         lit = np.flatnonzero(self.patches.any_of(self._lit(cage, leg)))
         if len(lit):
@@ -155,9 +153,9 @@ class _Model:
             delay[:, count:], amplitude[:, count:] = (part.T for part in self.points.echoes(cage, seen, leg, backend))
         return EchoArrays(delay, amplitude, slope)
 
-    def places(self, cage: np.ndarray) -> np.ndarray:
-        """Where the echoes stand (K, N, 3), for cage vertices (K, V, 3)."""
-        found = [_carried(self.centre, cage)]
+    def places(self, cage: np.ndarray, centre: np.ndarray) -> np.ndarray:
+        """Where the echoes stand (K, N, 3), as of `echoes`."""
+        found = [centre]
         if self.points is not None:
             found.append(self.points.places(cage))
         return np.concatenate(found).transpose(1, 0, 2)
@@ -168,7 +166,7 @@ class _Model:
         normal = normals(cage[probes], self.cage_faces)
         middle = cage[probes][:, self.cage_faces].mean(axis=2)
         angle = np.zeros(normal.shape[:2])
-        for antenna in leg.places:
+        for antenna in leg.views_m:
             sight = antenna - middle
             cosine = np.sum(normal * sight, axis=2) / np.linalg.norm(sight, axis=2)
             angle = np.maximum(angle, np.arccos(np.clip(cosine, -1, 1)))

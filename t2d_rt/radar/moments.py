@@ -37,13 +37,13 @@ class Members:
     starts: np.ndarray
     """(slot * collectors + 1,): row r's echoes are members[starts[r]:starts[r + 1]], r = slot * collectors + collector."""
     members: np.ndarray
-    """interval * L + echo of each."""
+    """Echo of each."""
 
     @classmethod
     def of(
         cls, slot: np.ndarray, collector: np.ndarray, member: np.ndarray, *, shape: tuple[int, int], per: int, size: int
     ) -> Members:
-        """From triples; `shape` is (slots, collectors), `per` the slots of an interval, every member below `size`."""
+        """From triples; `shape` is (slots, collectors), `per` the slots of an interval, `size` the number of echoes."""
         from scipy.sparse import coo_array
 
         # A counting sort: the rows of a CSR matrix are the collectors' members.
@@ -77,38 +77,38 @@ def phases(
     origin_s: float,
     backend: Backend,
 ) -> tuple[Any, Any]:
-    """Flat float32 tables for every (interval, echo) of delays [s] (n + 3, L) and their slopes [s per frame]: the phase [turns] as
-    cubics in the frame step u, four numbers each, and theta at u = 0.
+    """Flat float32 tables for every (echo, interval) of delays [s] (n + 3, L) and their slopes [s per frame]: the phase [turns] as
+    cubics in the frame step u, four numbers each, and theta at u = 0. Neighbouring lanes are neighbouring intervals, mostly of one
+    echo: they read neighbouring numbers.
 
     Both are relative to the echo's reference; where there is none, phase comes without whole turns and theta is that of the delay
-    after `origin_s`.
+    after `origin_s`. Delays are float64, as thousands of turns need of which the fraction counts, or float32 if they are short.
     """
     import drjit as dr
 
-    Float32, Float64, UInt32 = backend.Float32, backend.Float64, backend.UInt32
-    echoes = dr.opaque(UInt32, delay.shape[1])
-    lane = dr.arange(UInt32, delay[:-1].size)
+    Float32, UInt32 = backend.Float32, backend.UInt32
+    Real = Float32 if delay.dtype == np.float32 else backend.Float64
+    echo, interval, echoes = _echo_interval(delay, backend)
+    here = interval * echoes + echo
     mid, ramp, origin, per_s = (
-        dr.opaque(Float64, float(x)) for x in (sweep.mid_hz, sweep.slope, origin_s, sweep.theta_per_s)
+        dr.opaque(Real, float(x)) for x in (sweep.mid_hz, sweep.slope, origin_s, sweep.theta_per_s)
     )
 
     def turns(delays: np.ndarray, slopes: np.ndarray, indices: list[Any]) -> tuple[list[Any], Any]:
         """Phase at both frames and its slopes there, and the delay at the first."""
-        flat = [Float64(np.ascontiguousarray(a).ravel()) for a in (delays, slopes)]
-        taus, rates = ([dr.gather(Float64, values, index) for index in indices] for values in flat)
+        flat = [Real(np.ascontiguousarray(a, delay.dtype).ravel()) for a in (delays, slopes)]
+        taus, rates = ([dr.gather(Real, values, index) for index in indices] for values in flat)
         phase = [mid * tau - 0.5 * ramp * tau * tau for tau in taus]
         return phase + [(mid - ramp * tau) * rate for tau, rate in zip(taus, rates, strict=True)], taus[0]
 
-    # float64: thousands of turns, of which the fraction counts.
-    ends, first = turns(delay, delay_slope, [lane, lane + echoes])
+    ends, first = turns(delay, delay_slope, [here, here + echoes])
     if references is None:
         cubic: Any = hermite(*ends)
         cubic = (cubic[0] - dr.floor(cubic[0]), *cubic[1:])
         first -= origin
     else:
-        interval = lane // echoes
         count = dr.opaque(UInt32, references.delay.shape[1])
-        place = dr.gather(UInt32, UInt32(references.of.astype(np.uint32)), lane - interval * echoes) + interval * count
+        place = dr.gather(UInt32, UInt32(references.of.astype(np.uint32)), echo) + interval * count
         others, other = turns(references.delay, references.delay_slope, [place, place + count])
         cubic = hermite(*(end - other for end, other in zip(ends, others, strict=True)))
         first -= other
@@ -118,13 +118,12 @@ def phases(
 
 
 def amplitudes(window: Window, sweep: Sweep, backend: Backend) -> list[Any]:
-    """Flat float32 tables of cubics for every (interval, echo): the amplitude's real and imaginary part, and those of its slope
+    """Flat float32 tables of cubics for every (echo, interval): the amplitude's real and imaginary part, and those of its slope
     over half the sweep where there is one."""
     import drjit as dr
 
-    Float32, UInt32 = backend.Float32, backend.UInt32
-    echoes = dr.opaque(UInt32, window.delay.shape[1])
-    lane = dr.arange(UInt32, window.delay[:-1].size)
+    Float32 = backend.Float32
+    echo, interval, echoes = _echo_interval(window.delay, backend)
     half_band = dr.opaque(Float32, sweep.slope * sweep.half_time_s)
     tables = []
     for values, scale in ((window.amplitude, None), (window.sweep, half_band)):
@@ -132,12 +131,22 @@ def amplitudes(window: Window, sweep: Sweep, backend: Backend) -> list[Any]:
             continue
         parts = Float32(values.view(np.float32).ravel())
         for part in range(2):
-            frames = [dr.gather(Float32, parts, 2 * (lane + k * echoes) + part) for k in range(4)]
+            frames = [dr.gather(Float32, parts, 2 * ((interval + k) * echoes + echo) + part) for k in range(4)]
             middle = 0.5 * (frames[2] - frames[0]), 0.5 * (frames[3] - frames[1])
             cubic = [c if scale is None else c * scale for c in hermite(frames[1], frames[2], *middle)]
             tables.append(dr.ravel(backend.arrays.Array4f(*cubic)))
     dr.eval(tables)
     return tables
+
+
+def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
+    """Echo and interval of every lane for delays (n + 3, L), and L."""
+    import drjit as dr
+
+    UInt32 = backend.UInt32
+    lane, intervals = dr.arange(UInt32, delay[:-1].size), dr.opaque(UInt32, len(delay) - 1)
+    echo = lane // intervals
+    return echo, lane - echo * intervals, dr.opaque(UInt32, delay.shape[1])
 
 
 def moments(
@@ -172,9 +181,6 @@ def moments(
     row = np.arange(collectors)[:, None] + slot[deal.moment] * collectors
     size = members.starts[row + 1] - members.starts[row]
     collector, group = np.nonzero(size)
-    # Lanes of one vector loop until the last of them is done: those with as much to do go together.
-    order = np.argsort(size[collector, group], kind="stable")
-    collector, group = collector[order], group[order]
     row, moment = row[collector, group], deal.moment[group]
     shares = MOST_SHARES
     while shares > 1 and len(row) * shares > ENOUGH_LANES:
@@ -184,14 +190,17 @@ def moments(
     moment_of_lane = lanes_of(np.repeat(moment, shares))
     stride = dr.opaque(UInt32, shares)
     table = UInt32(members.members.astype(np.uint32))
-    times = position + 1 - np.floor(slot / members.slots_per_interval)
+    interval = slot // members.slots_per_interval
+    intervals = dr.opaque(UInt32, (len(members.starts) - 1) // collectors // members.slots_per_interval)
+    interval_of_lane = lanes_of(np.repeat(interval[moment], shares))
+    times = position + 1 - interval
     times = Float32(np.append(times, np.zeros(deal.unroll)).astype(np.float32))
     u = [dr.gather(Float32, times, moment_of_lane + k) for k in range(deal.unroll)]
     centre = lanes_of(np.repeat(centres[collector], shares), Float32)
     per_turn, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
 
     def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
-        member = dr.gather(UInt32, table, i)
+        member = dr.gather(UInt32, table, i) * intervals + interval_of_lane
         cubic, *parts = (dr.gather(Packet, values, member) for values in (phase[0], *fields))
         theta_start = dr.gather(Float32, phase[1], member) - centre
         new = []

@@ -204,10 +204,10 @@ def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leav
     members = Members.of(
         interval,
         level.group[echo],
-        interval * count + echo,
+        echo,
         shape=(intervals, len(level)),
         per=1,
-        size=intervals * count,
+        size=count,
     )
     references = References(level.group, level.delay, level.delay_slope)
     phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
@@ -338,9 +338,9 @@ def at_moments(
     Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
     buckets = members.collectors
     slot = members.slot(position)
-    row = slot[:, None] * buckets + np.arange(buckets)
-    moment, bucket = np.nonzero(members.starts[row + 1] > members.starts[row])
-    row = row[moment, bucket]
+    row = slot * buckets + np.arange(buckets)[:, None]
+    bucket, moment = np.nonzero(members.starts[row + 1] > members.starts[row])
+    row = row[bucket, moment]
     place = position * level.rate - inner.first
     sample = np.clip(np.floor(place).astype(np.int64), 1, inner.samples - 3)
     p = place - sample
@@ -358,7 +358,8 @@ def at_moments(
     lane_moment = per_lane(moment)
     begin, end = per_lane(members.starts[row]), per_lane(members.starts[row + 1])
     interval = slot // members.slots_per_interval
-    first = per_moment(interval * len(level), UInt32)
+    intervals = dr.opaque(UInt32, len(level.delay) - 1)
+    interval_of_lane = per_moment(interval, UInt32)
     u = per_moment(position + 1 - interval, Float32)
     index = per_moment(sample - 1, UInt32)
     weight = dr.gather(Packet, Float32(weights.astype(np.float32).ravel()), lane_moment)
@@ -370,12 +371,11 @@ def at_moments(
     x = [float(v) for v in nodes(count)[::2]]
 
     def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
-        member = dr.gather(UInt32, table, i)
+        group = dr.gather(UInt32, table, i)
+        member = group * intervals + interval_of_lane
         cubic = dr.gather(Packet, phase[0], member)
         theta = dr.gather(Float32, phase[1], member) - centre
-        frames = [
-            _read(inner.values, (member - first) * samples + index + k, level.nodes, Packet, dr) for k in range(4)
-        ]
+        frames = [_read(inner.values, group * samples + index + k, level.nodes, Packet, dr) for k in range(4)]
         values = [sum(w * v for w, v in zip(weight, parts, strict=True)) for parts in zip(*frames, strict=True)]
         travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
         rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))

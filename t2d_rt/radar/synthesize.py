@@ -164,18 +164,18 @@ def _samples(
     else:
         fields, weights, carriers = _of_groups(window, tree, shared, position, sweep, tolerance, backend)
     # What each number of each bucket adds to the samples.
-    basis = (weights[:, None, :] * carriers).astype(np.complex64)
+    basis = (carriers[:, None] * weights).astype(np.complex64)
     for start in range(0, len(position), PRODUCT_CHIRPS):
-        part = fields[..., start : start + PRODUCT_CHIRPS]
+        part = fields[start : start + PRODUCT_CHIRPS]
         used = part.any(axis=(0, 2))
-        numbers = part[:, used].reshape(-1, part.shape[2])
-        out[start : start + PRODUCT_CHIRPS] = numbers.T @ basis[:, used].reshape(len(numbers), len(sweep.x))
+        numbers = part[:, used].reshape(len(part), -1)
+        out[start : start + PRODUCT_CHIRPS] = numbers @ basis[used].reshape(numbers.shape[1], -1)
 
 
 def _of_echoes(
     window: Window, position: np.ndarray, sweep: Sweep, backend: Backend
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Chebyshev coefficients of buckets of echoes (TERMS, bucket, chirp), the polynomials at the samples (TERMS, sample), and the
+    """Chebyshev coefficients of buckets of echoes (chirp, bucket, TERMS), the polynomials at the samples (TERMS, sample), and the
     buckets' carriers there (bucket, sample)."""
     # An antenna's turn may come a little after the window's end.
     inside = window.lit[0] > 0
@@ -196,7 +196,7 @@ def _of_echoes(
         backend,
         np.eye(TERMS),
     )
-    planes = planes.numpy().view(np.complex64).reshape(len(centres), len(position), TERMS).transpose(2, 0, 1)
+    planes = planes.numpy().view(np.complex64).reshape(len(centres), len(position), TERMS).transpose(1, 0, 2)
     return planes, chebyshev(TERMS, sweep.x), _carriers(origin_s, centres, sweep)
 
 
@@ -209,7 +209,7 @@ def _of_groups(
     tolerance: float,
     backend: Backend,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fields of buckets of groups at nodes of the sweep (node, bucket, chirp), and as of `_of_echoes`."""
+    """Fields of buckets of groups at nodes of the sweep (chirp, bucket, node), and as of `_of_echoes`."""
     top = tree[-1]
     interval, group = np.indices((len(window.delay) - 2, len(top))).reshape(2, -1)
     origin_s, number, members = _buckets(
@@ -220,7 +220,7 @@ def _of_groups(
     count = bucket_nodes(top.bins, tolerance)
     inner = factors(window, tree, shared, sweep, backend)
     fields = at_moments(inner, top, members, phase, centres, position, window.step_s, count, sweep, backend)
-    return fields.transpose(2, 1, 0), interpolation(count, sweep.x).T, _carriers(origin_s, centres, sweep)
+    return fields, interpolation(count, sweep.x).T, _carriers(origin_s, centres, sweep)
 
 
 def _carriers(origin_s: float, centres: np.ndarray, sweep: Sweep) -> np.ndarray:
@@ -258,8 +258,8 @@ def _buckets(
     )
     occupied, rank = _ranked(bucket)
     members = Members.of(
-        np.concatenate([interval * slots + slot for slot in range(slots)]), rank, np.tile(interval * delay.shape[1] + echo, slots),
-        shape=((len(delay) - 1) * slots, len(occupied)), per=slots, size=(len(delay) - 1) * delay.shape[1],
+        np.concatenate([interval * slots + slot for slot in range(slots)]), rank, np.tile(echo, slots),
+        shape=((len(delay) - 1) * slots, len(occupied)), per=slots, size=delay.shape[1],
     )  # fmt: skip
     return origin_s, occupied, members
 

@@ -113,7 +113,11 @@ def _window(
     amplitude = with_ends(1)
     lit = amplitude != 0
     delay, delay_slope = framed(taken(0, low, high))
-    sample = held[0][1]
+    sample, points = held[0][1], None
+    if sample.departure_m is not None and sample.arrival_m is not None:
+        ahead = taken(3, low, high)
+        same = all(part.departure_m is part.arrival_m for _, part in held)
+        points = ahead, ahead if same else taken(4, low, high)
     return Window(
         start=start,
         stop=stop,
@@ -121,9 +125,9 @@ def _window(
         delay=delay,
         delay_slope=delay_slope,
         amplitude=amplitude,
-        sweep=None if sample[2] is None else with_ends(2),
+        sweep=None if sample.slope is None else with_ends(2),
         lit=np.nonzero(lit[:-3] | lit[1:-2] | lit[2:-1] | lit[3:]),  # type: ignore[arg-type]
-        points=None if sample[3] is None or sample[4] is None else (taken(3, low, high), taken(4, low, high)),
+        points=points,
         framed=framed,
     )
 

@@ -21,6 +21,10 @@ from t2d_rt.errors import InputError
 from t2d_rt.types.antennas import Isotropic, Pattern, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 
+ONE_VIEW_M = 0.02
+"""Transmitters and receivers less far apart see a target as from the middle between them: 0.003 rad within a patch of 5 cm at
+1.5 m, and shadows within the spacing of the vertices that they are traced at."""
+
 
 class Radar(Fields):
     """One FMCW radar; frozen, every field checked, also after `replace`.
@@ -314,6 +318,13 @@ class Radar(Fields):
     def rx_position_m(self) -> np.ndarray:
         """Centre of the receivers in the world [m], (3,)."""
         return self.rx_positions_m.mean(axis=0)
+
+    @property
+    def views_m(self) -> list[np.ndarray]:
+        """Places in the world that a target is seen from [m], (3,) each: the centres of transmitters and receivers, or the
+        middle where these are as good as one, as far as shadows and the shapes of echoes are concerned; delays tell them apart."""
+        places = [self.tx_position_m, self.rx_position_m]
+        return places if np.linalg.norm(places[0] - places[1]) > ONE_VIEW_M else [(places[0] + places[1]) / 2]
 
     # --- antennas ---
 
