@@ -48,13 +48,14 @@ class Track:
 
 def track(motion: Motion) -> Track:
     """The motion as a C2 function of time; build it once and evaluate it in blocks."""
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import make_interp_spline
 
     offsets, rotations = decompose(motion.joints, motion.rotations, motion.parents)
     values = np.concatenate([quaternions.continuous(rotations), offsets], axis=-1).reshape(len(offsets), -1)
     # Sign-continuous quaternion components, splined and normalised: C2, as near as RotationSpline (within 2 % on a
     # 20 fps walk), and all joints at once. A quintic is no better: what errs at 20 fps is aliasing, not the order.
-    return Track(motion, CubicSpline(motion.times_s, values))
+    # As B-splines: one number per frame and component, where pieces of cubics are four.
+    return Track(motion, make_interp_spline(motion.times_s, values, k=min(3, len(values) - 1)))
 
 
 def sample(motion: Motion, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

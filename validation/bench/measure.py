@@ -81,8 +81,8 @@ def apart(case: Case) -> dict[str, Any]:
 def measure(case: Case) -> dict[str, Any]:
     """Times one case.
 
-    `seconds` is the best run from the target to the ADC cube and its spectrogram, `peak_gb` the process's largest memory by
-    then, `yardstick_s` ten times 1e7 complex exponentials in NumPy. A last run, whose stages wait for one another, gives the
+    `seconds` is the best run from the target to the ADC cube and its spectrogram, `peak_gb` the largest memory of a process that
+    runs it once, `yardstick_s` ten times 1e7 complex exponentials in NumPy. A last run, whose stages wait for one another, gives the
     `stages` [s] and what they had to do: `facets`, `echoes` that are not silent in a window, `facet_terms` (facets x surface
     frames) and `echo_terms` (echoes x moments, a moment being one chirp at one pair of antennas).
     """
@@ -95,10 +95,10 @@ def measure(case: Case) -> dict[str, Any]:
         _ = t2d.simulate(target, radar=radar, method=case.method, sagitta_rad=case.sagitta_rad).spectrogram  # type: ignore[arg-type]
 
     run()  # compiles the kernels
+    peak_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
     taken: list[float] = []
     while len(taken) < case.runs and sum(taken) < ENOUGH_S:
         taken.append(timed(run))
-    peak_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
     stages, done = stage_seconds(run)
     return {
         "name": case.name,
