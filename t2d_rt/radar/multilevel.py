@@ -193,8 +193,8 @@ class Leaves:
     members: Members
     fields: list[Any]
     """Tables of `amplitudes`."""
-    phase: Phase
-    """Relative to the groups."""
+    phases: list[Phase]
+    """Relative to the groups; of several pairs of antennas one after the other."""
 
 
 def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leaves:
@@ -211,7 +211,7 @@ def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leav
     )
     references = References(level.group, level.delay, level.delay_slope)
     phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
-    return Leaves(members, amplitudes(window, sweep, backend), phase)
+    return Leaves(members, amplitudes(window, sweep, backend), [phase])
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,15 +233,23 @@ class Extra:
         return cls(means, phases(delay, slope, sweep, references, 0.0, backend))
 
 
-def at_antenna(tree: list[Level], leaves: Leaves, ends: Sequence[Extra]) -> tuple[list[Level], Leaves]:
-    """Levels and leaves of a pair of antennas, the two `ends`, from those of their arrays."""
-    moved = []
-    for level, *means in zip(tree, *(end.means for end in ends), strict=True):
-        delay, slope = (sum(parts) for parts in zip(*means, strict=True))
-        moved.append(replace(level, delay=level.delay + delay, delay_slope=level.delay_slope + slope))
+def at_antennas(tree: list[Level], leaves: Leaves, pairs: Sequence[tuple[Extra, Extra]]) -> tuple[list[Level], Leaves]:
+    """Levels and leaves of pairs of antennas from those of their arrays: the groups of the first pair, those of the next, ..."""
+    many, below = [], 0
+    for number, level in enumerate(tree):
+        means = [[end.means[number] for end in pair] for pair in pairs]
+        delay, slope = (
+            np.concatenate([own + out[k] + back[k] for out, back in means], axis=1)
+            for k, own in enumerate((level.delay, level.delay_slope))
+        )
+        # The echoes below the first level are the same for all pairs.
+        group = level.group + (len(level) * np.arange(len(pairs)) if below else np.zeros(1, int))[:, None]
+        many.append(replace(level, group=group.ravel(), delay=delay, delay_slope=slope))
+        below = len(level)
     # The product of extra and common delay in the residual video phase, 1e-6 of a turn beside the groups' own, is left out.
-    phase = tuple(sum(tables) for tables in zip(leaves.phase, *(end.phase for end in ends), strict=True))
-    return moved, replace(leaves, phase=phase)
+    own = leaves.phases[0]
+    turned = [tuple(sum(tables) for tables in zip(own, out.phase, back.phase, strict=True)) for out, back in pairs]
+    return many, replace(leaves, phases=turned)
 
 
 def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
@@ -256,9 +264,16 @@ def _smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backen
     # Every level takes two samples before and three after: an interval before the window, and a little more than one after it.
     sample = np.arange(-level.rate, (window.stop - window.start + 1) * level.rate + 2)
     values = moments(
-        leaves.members, leaves.phase, leaves.fields, np.zeros(len(level)), sample / level.rate, window.step_s, sweep, backend,
+        leaves.members,
+        leaves.phases,
+        leaves.fields,
+        np.zeros(leaves.members.collectors),
+        sample / level.rate,
+        window.step_s,
+        sweep,
+        backend,
         chebyshev(TERMS, nodes(level.nodes)),
-    )  # fmt: skip
+    )
     return Factors(values, len(level), len(sample), int(sample[0]))
 
 

@@ -11,10 +11,11 @@ a polynomial over the sweep, and a small matrix product per chirp then gives the
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from t2d_rt.radar.multilevel import (
     Extra,
     Leaves,
     Level,
-    at_antenna,
+    at_antennas,
     at_moments,
     bucket_nodes,
     factors,
@@ -42,6 +43,8 @@ from t2d_rt.types import Echoes, EchoStream, Radar, stream
 ECHO_BUCKET_BINS = 0.25
 PRODUCT_CHIRPS = 512
 """Chirps at once from buckets to samples: few enough that buckets which the target has left, or not reached, need not be summed."""
+RECEIVERS = 4
+"""Receivers worked on at once."""
 MOST_SLOTS = 1000
 """Buckets that an echo may cross in a frame interval."""
 
@@ -126,81 +129,53 @@ def _fill(
     tree = levels(window, sweep, len(position) / (window.stop - window.start), tolerance)
     shared = leaves(window, tree[0], sweep, backend) if tree else None
     if not radar.is_array:
-        _samples(out[:, 0], window, tree, shared, position, sweep, tolerance, backend)
-        return
-    delays = [
-        window.extras(0, radar.tx_position_m, radar.tx_positions_m),
-        window.extras(1, radar.rx_position_m, radar.rx_positions_m),
-    ]
-    extras = [[Extra.of(tree, *delay, sweep, backend) for delay in end] for end in delays] if shared else None
-    phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
-    for antenna, (tx, rx) in enumerate(np.ndindex(*map(len, delays))):
-        later = radar.antenna_delays_s[antenna] if radar.multiplexing == "tdm" else 0.0
-        samples = np.empty_like(out[:, 0]) if radar.multiplexing == "ddm" else out[:, antenna]
-        here, moved, own = window, tree, shared
-        if extras is not None and shared is not None:
-            moved, own = at_antenna(tree, shared, [extras[0][tx], extras[1][rx]])
+        if shared is None:
+            _sum_echoes(out[:, 0], window, position, sweep, backend)
         else:
-            more, more_slope = (a + b for a, b in zip(delays[0][tx], delays[1][rx], strict=True))
-            here = replace(window, delay=window.delay + more, delay_slope=window.delay_slope + more_slope)
-        _samples(samples, here, moved, own, position + later / window.step_s, sweep, tolerance, backend)
-        if radar.multiplexing == "ddm":
-            out[:, rx] += samples * phase[:, tx, None]
+            _sum_groups([out[:, 0]], window, tree, shared, position, sweep, tolerance, backend)
+        return
+    send = window.extras(0, radar.tx_position_m, radar.tx_positions_m)
+    receive = window.extras(1, radar.rx_position_m, radar.rx_positions_m)
+    if shared is not None:
+        sends, receives = ([Extra.of(tree, *each, sweep, backend) for each in end] for end in (send, receive))
+    phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
+    ddm = radar.multiplexing == "ddm"
+    for tx, first in itertools.product(range(len(send)), range(0, len(receive), RECEIVERS)):
+        some = range(first, min(first + RECEIVERS, len(receive)))
+        antennas = [tx * len(receive) + rx for rx in some]
+        samples = [np.empty_like(out[:, 0]) if ddm else out[:, antenna] for antenna in antennas]
+        later = radar.antenna_delays_s[antennas[0]] if radar.multiplexing == "tdm" else 0.0
+        moment = position + later / window.step_s
+        if shared is not None:
+            levels_here, leaves_here = at_antennas(tree, shared, [(sends[tx], receives[rx]) for rx in some])
+            _sum_groups(samples, window, levels_here, leaves_here, moment, sweep, tolerance, backend)
+        else:
+            for sample, rx in zip(samples, some, strict=True):
+                more, more_slope = (a + b for a, b in zip(send[tx], receive[rx], strict=True))
+                here = replace(window, delay=window.delay + more, delay_slope=window.delay_slope + more_slope)
+                _sum_echoes(sample, here, moment, sweep, backend)
+        if ddm:
+            for sample, rx in zip(samples, some, strict=True):
+                out[:, rx] += sample * phase[:, tx, None]
 
 
-def _samples(
-    out: np.ndarray,
-    window: Window,
-    tree: list[Level],
-    shared: Leaves | None,
-    position: np.ndarray,
-    sweep: Sweep,
-    tolerance: float,
-    backend: Backend,
-) -> None:
-    """Fills `out` (chirp, sample) for chirps at `position` (in frames after window.start) and one pair of antennas."""
-    if shared is None:
-        fields, weights, carriers = _of_echoes(window, position, sweep, backend)
-    else:
-        fields, weights, carriers = _of_groups(window, tree, shared, position, sweep, tolerance, backend)
-    # What each number of each bucket adds to the samples.
-    basis = (carriers[:, None] * weights).astype(np.complex64)
-    for start in range(0, len(position), PRODUCT_CHIRPS):
-        part = fields[start : start + PRODUCT_CHIRPS]
-        used = part.any(axis=(0, 2))
-        numbers = part[:, used].reshape(len(part), -1)
-        out[start : start + PRODUCT_CHIRPS] = numbers @ basis[used].reshape(numbers.shape[1], -1)
-
-
-def _of_echoes(
-    window: Window, position: np.ndarray, sweep: Sweep, backend: Backend
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Chebyshev coefficients of buckets of echoes (chirp, bucket, TERMS), the polynomials at the samples (TERMS, sample), and the
-    buckets' carriers there (bucket, sample)."""
+def _sum_echoes(out: np.ndarray, window: Window, position: np.ndarray, sweep: Sweep, backend: Backend) -> None:
+    """Fills `out` (chirp, sample) for chirps at `position` [frames after window.start], echo by echo."""
     # An antenna's turn may come a little after the window's end.
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
-    origin_s, number, members = _buckets(
-        window.delay, window.delay_slope, interval, echo, ECHO_BUCKET_BINS, sweep, window.step_s
-    )
-    centres = (number + 0.5) * ECHO_BUCKET_BINS * math.pi
-    phase = phases(window.delay, window.delay_slope, sweep, None, origin_s, backend)
+    buckets = _buckets(window.delay, window.delay_slope, interval, echo, ECHO_BUCKET_BINS, sweep, window.step_s)
+    tables = phases(window.delay, window.delay_slope, sweep, None, buckets.origin_s, backend)
+    fields = amplitudes(window, sweep, backend)
     planes = moments(
-        members,
-        phase,
-        amplitudes(window, sweep, backend),
-        centres,
-        position,
-        window.step_s,
-        sweep,
-        backend,
-        np.eye(TERMS),
+        buckets.members, [tables], fields, buckets.centres, position, window.step_s, sweep, backend, np.eye(TERMS)
     )
-    planes = planes.numpy().view(np.complex64).reshape(len(centres), len(position), TERMS).transpose(1, 0, 2)
-    return planes, chebyshev(TERMS, sweep.x), _carriers(origin_s, centres, sweep)
+    terms = planes.numpy().view(np.complex64).reshape(len(buckets.centres), len(position), TERMS)
+    _to_samples(out, terms.transpose(1, 0, 2), chebyshev(TERMS, sweep.x), buckets.carriers(sweep))
 
 
-def _of_groups(
+def _sum_groups(
+    outs: list[np.ndarray],
     window: Window,
     tree: list[Level],
     shared: Leaves,
@@ -208,23 +183,51 @@ def _of_groups(
     sweep: Sweep,
     tolerance: float,
     backend: Backend,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fields of buckets of groups at nodes of the sweep (chirp, bucket, node), and as of `_of_echoes`."""
+) -> None:
+    """Fills each of `outs` (chirp, sample), one for each pair of antennas that the tree holds, group by group."""
     top = tree[-1]
-    interval, group = np.indices((len(window.delay) - 2, len(top))).reshape(2, -1)
-    origin_s, number, members = _buckets(
-        top.delay, top.delay_slope, interval + 1, group, BUCKET_BINS, sweep, window.step_s
-    )
-    centres = (number + 0.5) * BUCKET_BINS * math.pi
-    phase = phases(top.delay, top.delay_slope, sweep, None, origin_s, backend)
+    interval, group = np.indices((len(window.delay) - 2, top.delay.shape[1])).reshape(2, -1)
+    pair = group // (top.delay.shape[1] // len(outs))
+    buckets = _buckets(top.delay, top.delay_slope, interval + 1, group, BUCKET_BINS, sweep, window.step_s, apart=pair)
+    tables = phases(top.delay, top.delay_slope, sweep, None, buckets.origin_s, backend)
     count = bucket_nodes(top.bins, tolerance)
     inner = factors(window, tree, shared, sweep, backend)
-    fields = at_moments(inner, top, members, phase, centres, position, window.step_s, count, sweep, backend)
-    return fields, interpolation(count, sweep.x).T, _carriers(origin_s, centres, sweep)
+    fields = at_moments(
+        inner, top, buckets.members, tables, buckets.centres, position, window.step_s, count, sweep, backend
+    )
+    carriers, weights = buckets.carriers(sweep), interpolation(count, sweep.x).T
+    bounds = np.searchsorted(buckets.part, np.arange(len(outs) + 1))
+    for out, first, last in zip(outs, bounds[:-1], bounds[1:], strict=True):
+        _to_samples(out, fields[:, first:last], weights, carriers[first:last])
 
 
-def _carriers(origin_s: float, centres: np.ndarray, sweep: Sweep) -> np.ndarray:
-    return np.exp(1j * np.outer(origin_s * sweep.theta_per_s + centres, sweep.x))
+def _to_samples(out: np.ndarray, fields: np.ndarray, weights: np.ndarray, carriers: np.ndarray) -> None:
+    """Fills `out` (chirp, sample) from numbers of buckets (chirp, bucket, Q), what each adds to the samples (Q, sample), and the
+    buckets' carriers there (bucket, sample)."""
+    basis = (carriers[:, None] * weights).astype(np.complex64)
+    for start in range(0, len(out), PRODUCT_CHIRPS):
+        part = fields[start : start + PRODUCT_CHIRPS]
+        used = part.any(axis=(0, 2))
+        numbers = part[:, used].reshape(len(part), -1)
+        out[start : start + PRODUCT_CHIRPS] = numbers @ basis[used].reshape(numbers.shape[1], -1)
+
+
+@dataclass(frozen=True, slots=True)
+class _Buckets:
+    """Buckets of fixed delay."""
+
+    origin_s: float
+    """Where they are counted from."""
+    centres: np.ndarray
+    """theta of each bucket's middle, counted from there."""
+    part: np.ndarray
+    """Which part each bucket belongs to, ascending."""
+    members: Members
+    """Which echoes fall into each during which slot, so short that no echo moves by more than a bucket."""
+
+    def carriers(self, sweep: Sweep) -> np.ndarray:
+        """(bucket, sample)."""
+        return np.exp(1j * np.outer(self.origin_s * sweep.theta_per_s + self.centres, sweep.x))
 
 
 def _buckets(
@@ -235,9 +238,9 @@ def _buckets(
     width: float,
     sweep: Sweep,
     step_s: float,
-) -> tuple[float, np.ndarray, Members]:
-    """Where buckets of `width` range bins start [s], the numbers of the occupied ones, counted from there, and which (interval,
-    echo) fall into which during which slot, so short that no echo moves by more than a bucket."""
+    apart: np.ndarray | None = None,
+) -> _Buckets:
+    """Buckets of `width` range bins for (interval, echo); those of different parts `apart` go to different buckets."""
     # The delay that the beat frequency shows.
     effective = delay + delay_slope * (sweep.coupling_s / step_s)
     width_s = width * sweep.bin_s
@@ -256,12 +259,15 @@ def _buckets(
             for slot in range(slots)
         ]
     )
+    span = int(bucket.max()) + 1
+    if apart is not None:
+        bucket += span * np.tile(apart, slots)
     occupied, rank = _ranked(bucket)
     members = Members.of(
         np.concatenate([interval * slots + slot for slot in range(slots)]), rank, np.tile(echo, slots),
         shape=((len(delay) - 1) * slots, len(occupied)), per=slots, size=delay.shape[1],
     )  # fmt: skip
-    return origin_s, occupied, members
+    return _Buckets(origin_s, (occupied % span + 0.5) * width * math.pi, occupied // span, members)
 
 
 def _ranked(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
