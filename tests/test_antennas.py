@@ -221,3 +221,11 @@ def test_off_boresight_polarisations_are_made_transverse() -> None:
     assert polarization_product(direction(80), direction(40), 0.0, np.pi / 4) == pytest.approx(1 / np.hypot(1, 0.5))
     # Nothing goes along a polarisation's own axis.
     assert polarization_product(direction(0, 90), direction(0, 90), 0.0, 1.0) == pytest.approx(0, abs=1e-9)
+
+
+def test_antennas_close_together_share_a_view() -> None:
+    def views(apart_m: float) -> list[np.ndarray]:
+        return Radar.preset("table2", tx_offsets_m=[[0, -apart_m / 2, 0]], rx_offsets_m=[[0, apart_m / 2, 0]]).views_m
+
+    np.testing.assert_allclose(views(0.01), [[0, 0, 1]])
+    np.testing.assert_allclose(views(0.2), [[0, -0.1, 1], [0, 0.1, 1]])

@@ -114,3 +114,21 @@ def test_gpu_without_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_unknown_device() -> None:
     with pytest.raises(InputError, match="device must be auto, cpu or gpu, got 'tpu'"):
         backend.select("tpu")
+
+
+def test_numbers_for_lanes_lie_alike_in_memory() -> None:
+    import drjit as dr
+
+    here = backend.select("cpu")
+    dr.set_flag(dr.JitFlag.KernelHistory, True)
+    try:
+        dr.kernel_history_clear()
+        for skipped in range(5):  # NumPy's own arrays come at any multiple of 16 bytes
+            values = np.arange(3.0 + skipped, 103 + skipped)
+            np.testing.assert_array_equal((here.lanes(here.Float32, values) + 1).numpy(), values + 1)
+            whole = np.arange(skipped, 100 + skipped)
+            np.testing.assert_array_equal((here.lanes(here.UInt32, whole) + 1).numpy(), whole + 1)
+        kernels = {entry["hash"] for entry in dr.kernel_history() if entry["type"] == dr.KernelType.JIT}
+    finally:
+        dr.set_flag(dr.JitFlag.KernelHistory, False)
+    assert len(kernels) == 2

@@ -151,7 +151,7 @@ def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
 
 def moments(
     members: Members,
-    phases: list[tuple[Any, Any]],
+    tables: list[tuple[Any, Any]],
     fields: list[Any],
     centres: np.ndarray,
     position: np.ndarray,
@@ -161,9 +161,9 @@ def moments(
     matrix: np.ndarray,
 ) -> Any:
     """Chebyshev coefficients of every collector over the sweep times `matrix` (TERMS, an even number Q): complex numbers
-    (collector, moment, Q) as flat float32 on the device, for one of `phases` after the other.
+    (collector, moment, Q) as flat float32 on the device, for one of `tables` after the other.
 
-    `phases` and `fields` are tables of `phases` and `amplitudes`; `centres` the collectors' theta, relative to what that of the
+    `tables` are those of `phases`, `fields` those of `amplitudes`; `centres` the collectors' theta, relative to what that of the
     echoes is relative to; `position` the moments [frames after the window's start], ascending; `step_s` the frame interval.
     """
     import drjit as dr
@@ -177,12 +177,12 @@ def moments(
     def lanes_of(values: np.ndarray, kind: Any = UInt32) -> Any:
         return backend.lanes(kind, values)
 
-    # (collector, group of moments) where there are echoes, and shares of them where these are few for all the lanes of a device.
+    # (collector, lane of moments) where there are echoes, and shares of them where these are few for all the lanes of a device.
     row = np.arange(collectors)[:, None] + slot[deal.moment] * collectors
     size = members.starts[row + 1] - members.starts[row]
-    collector, group = (np.tile(found, len(phases)) for found in np.nonzero(size))
-    copy = np.repeat(np.arange(len(phases)), len(group) // len(phases))
-    row, moment = row[collector, group], deal.moment[group]
+    collector, lane = (np.tile(found, len(tables)) for found in np.nonzero(size))
+    copy = np.repeat(np.arange(len(tables)), len(lane) // len(tables))
+    row, moment = row[collector, lane], deal.moment[lane]
     shares = MOST_SHARES
     while shares > 1 and len(row) * shares > ENOUGH_LANES:
         shares //= 2
@@ -190,20 +190,20 @@ def moments(
     end = lanes_of(np.repeat(members.starts[row + 1], shares))
     moment_of_lane = lanes_of(np.repeat(moment, shares))
     stride = dr.opaque(UInt32, shares)
-    table = UInt32(members.members.astype(np.uint32))
+    echoes = UInt32(members.members.astype(np.uint32))
     interval = slot // members.slots_per_interval
     intervals = dr.opaque(UInt32, (len(members.starts) - 1) // collectors // members.slots_per_interval)
     interval_of_lane = lanes_of(np.repeat(interval[moment], shares))
     times = position + 1 - interval
     times = Float32(np.append(times, np.zeros(deal.unroll)).astype(np.float32))
     u = [dr.gather(Float32, times, moment_of_lane + k) for k in range(deal.unroll)]
-    cubics, thetas = (dr.concat(tables) if len(tables) > 1 else tables[0] for tables in zip(*phases, strict=True))
-    shift = lanes_of(np.repeat(copy * (dr.width(thetas) // len(phases)), shares))
+    cubics, thetas = (dr.concat(each) if len(each) > 1 else each[0] for each in zip(*tables, strict=True))
+    shift = lanes_of(np.repeat(copy * (dr.width(thetas) // len(tables)), shares))
     centre = lanes_of(np.repeat(centres[collector], shares), Float32)
     per_turn, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
 
     def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
-        member = dr.gather(UInt32, table, i) * intervals + interval_of_lane
+        member = dr.gather(UInt32, echoes, i) * intervals + interval_of_lane
         parts = [dr.gather(Packet, values, member) for values in fields]
         cubic = dr.gather(Packet, cubics, member + shift)
         theta_start = dr.gather(Float32, thetas, member + shift) - centre
@@ -236,11 +236,11 @@ def moments(
     if shares > 1:
         sums = [[tuple(dr.block_sum(part, shares) for part in pair) for pair in acc] for acc in sums]
     values = backend.arrays.ArrayXf([value for acc in sums for value in _combined(_with_slope(acc), matrix)])
-    collectors *= len(phases)
+    collectors *= len(tables)
     collector = collector + copy * members.collectors
     dealt = dr.zeros(Float32, collectors * deal.lanes * len(values))
     # One scatter: each further one into the same array would run the loop again.
-    dr.scatter(dealt, values, lanes_of(collector * deal.lanes + group))
+    dr.scatter(dealt, values, lanes_of(collector * deal.lanes + lane))
     return _in_order(dealt, deal, collectors, matrix.shape[1] // 2, backend)
 
 

@@ -209,7 +209,7 @@ def _to_samples(out: np.ndarray, fields: np.ndarray, weights: np.ndarray, carrie
         part = fields[start : start + PRODUCT_CHIRPS]
         used = part.any(axis=(0, 2))
         numbers = part[:, used].reshape(len(part), -1)
-        out[start : start + PRODUCT_CHIRPS] = numbers @ basis[used].reshape(numbers.shape[1], -1)
+        out[start : start + PRODUCT_CHIRPS] = numbers @ basis[used].reshape(-1, basis.shape[2])
 
 
 @dataclass(frozen=True, slots=True)
