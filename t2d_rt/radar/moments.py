@@ -234,6 +234,7 @@ def moments(
         state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
     )
     if shares > 1:
+        dr.eval(sums)  # all at once; else each share's sum would run the loop again
         sums = [[tuple(dr.block_sum(part, shares) for part in pair) for pair in acc] for acc in sums]
     values = backend.arrays.ArrayXf([value for acc in sums for value in _combined(_with_slope(acc), matrix)])
     collectors *= len(tables)
