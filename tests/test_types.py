@@ -211,3 +211,11 @@ def test_echoes_are_cast_to_what_synthesis_reads() -> None:
     made = Echoes(times_s=np.arange(4) / 100, delay_s=np.full((4, 1), 2e-8), amplitude=np.ones((4, 1)))
     assert made.delay_s.dtype == np.float64
     assert made.amplitude.dtype == np.complex64
+
+
+@pytest.mark.parametrize("sagitta", [0.0, -0.1, np.nan, np.ones(3)])
+def test_a_mesh_refuses_a_sagitta_that_is_none(sagitta: float | np.ndarray) -> None:
+    vertices = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]] * 2)
+    faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    with pytest.raises(InputError, match=r"sagitta_rad of mesh must be positive, one number or one per vertex \(4,\)"):
+        MovingMesh(vertices, faces, [0.0, 1.0], sagitta_rad=sagitta)

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -28,6 +29,8 @@ PROBE_EVERY = 6
 """Frames between looks at which faces face the antennas."""
 BEND_RAD = 0.2
 """By how much more than at rest facets may be tilted against the face they lie in, where a joint bends."""
+KEPT = 4
+"""Bodies whose refinement is kept."""
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many moments fit the cache."""
 Sagitta = float | np.ndarray
@@ -103,13 +106,14 @@ class _Model:
     ) -> _Model:
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
-        fine, *carriers = refinements(
-            surface.rest,
-            surface.faces,
-            wavenumber=2 * math.pi / radar.wavelength_m,
-            range_m=least_range_m(surface, radar, times_s),
-            sagittas_rad=[sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [sagitta_rad],
-            crease_deg=surface.crease_deg,
+        sagittas = [sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [sagitta_rad]
+        fine, *carriers = _refinements(
+            surface.rest.tobytes(),
+            surface.faces.astype(np.int64).tobytes(),
+            tuple(np.full(len(surface.rest), sagitta, float).tobytes() for sagitta in sagittas),
+            2 * math.pi / radar.wavelength_m,
+            least_range_m(surface, radar, times_s),
+            surface.crease_deg,
         )
         parts = patches(surface, fine, radar, times_s)
         points = _Points.spread(surface, carriers[0], seed, rough * abs(reflection)) if carriers else None
@@ -173,6 +177,21 @@ class _Model:
         # What turns from probe to probe may turn as much again in between.
         margin = self.tilt_rad + BEND_RAD + np.abs(np.diff(angle, axis=0)).max(axis=0, initial=0)
         return angle.min(axis=0) < math.pi / 2 + margin
+
+
+@lru_cache(maxsize=KEPT)
+def _refinements(
+    rest: bytes, faces: bytes, sagittas_rad: tuple[bytes, ...], wavenumber: float, range_m: float, crease_deg: float
+) -> list[Refinement]:
+    """`refinements` of a mesh given as its numbers, kept for the next recording of the same body."""
+    return refinements(
+        np.frombuffer(rest).reshape(-1, 3),
+        np.frombuffer(faces, np.int64).reshape(-1, 3),
+        wavenumber=wavenumber,
+        range_m=range_m,
+        sagittas_rad=[np.frombuffer(sagitta) for sagitta in sagittas_rad],
+        crease_deg=crease_deg,
+    )
 
 
 @dataclass(frozen=True, slots=True)

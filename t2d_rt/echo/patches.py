@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ FAST_SHARE = 0.02
 """Share of the surface that may turn too fast for its facets before a warning."""
 MOST_FACETS = 256
 """A power of two: patches are blocks of that many facets, or halves of these, quarters and so on."""
+RANGE_STEP = 1.25
 PROBE_RATE_HZ, PROBES = 12.5, 40
 """How often motion is looked at, and how many moments together (and at least)."""
 
@@ -123,10 +125,14 @@ def _mean_rows(corners: np.ndarray, starts: np.ndarray, linear: Csr) -> Csr:
 
 
 def least_range_m(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> float:
-    """Least distance of the mesh's vertices from an antenna over the record [m]."""
+    """Least distance of the mesh's vertices from an antenna over the record [m], rounded down to a power of `RANGE_STEP`.
+
+    It sets how fine facets must be, and recordings of one body at about the same distance are to share theirs.
+    """
     span = times_s[-1] - times_s[0]
     vertices = surface.at(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))))
-    return float(min(ranges_m(vertices, antenna).min() for antenna in (radar.tx_position_m, radar.rx_position_m)))
+    least = float(min(ranges_m(vertices, antenna).min() for antenna in (radar.tx_position_m, radar.rx_position_m)))
+    return RANGE_STEP ** math.floor(math.log(least, RANGE_STEP))
 
 
 def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:

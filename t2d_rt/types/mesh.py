@@ -89,6 +89,11 @@ class MovingMesh:
         faces = np.asarray(faces)
         _check_faces(faces, len(rest), name)
         _check_side(rest[faces], name)
+        sagitta = np.asarray(sagitta_rad, float)
+        if sagitta.shape not in ((), (len(rest),)) or not (sagitta > 0).all():
+            raise InputError(
+                f"sagitta_rad of {name} must be positive, one number or one per vertex ({len(rest)},), got {sagitta_rad}"
+            )
         self.rest = rest
         self.faces = faces.astype(np.int32)
         self.times_s = times_s
