@@ -82,8 +82,8 @@ def measure(case: Case) -> dict[str, Any]:
     """Times one case.
 
     `seconds` is the best run from the target to the ADC cube and its spectrogram, `peak_gb` the largest memory of a process that
-    runs it once, `yardstick_s` ten times 1e7 complex exponentials in NumPy. A last run, whose stages wait for one another, gives the
-    `stages` [s] and what they had to do: `facets`, `echoes` that are not silent in a window, `facet_terms` (facets x surface
+    runs it once, `yardstick_s` ten times 1e7 complex exponentials in NumPy. A last run, whose stages wait for one another, gives
+    the `stages` [s] and what they had to do: `facets`, `echoes` that are not silent in a window, `facet_terms` (facets x surface
     frames) and `echo_terms` (echoes x moments, a moment being one chirp at one pair of antennas).
     """
     radar = Radar.preset(case.preset, **case.changes)

@@ -109,9 +109,10 @@ def walk(run: Run, *, quick: bool) -> tuple[Section, Found]:
         for each in found
     ]
     note = (
-        "From a 10 s walk (cycles of CMU 12_01, repeated without a jump) to ADC cube and spectrogram, kernels warm and the body refined, best of "
-        f"{'one' if quick else 'three'}, each case in a process of its own. A yardstick is 1e8 complex exponentials in NumPy, "
-        "float64, in the same process. The one antenna sends with every row of the array's cube."
+        "From a 10 s walk (cycles of CMU 12_01, repeated without a jump) to ADC cube and spectrogram, kernels warm and the body's "
+        f"refinement kept from a run before, best of {'one' if quick else 'three'}, each case in a process of its own. A "
+        "yardstick is 1e8 complex exponentials in NumPy, float64, in the same process. The one antenna sends with every row of "
+        "the array's cube."
     )
     return Section(title="10 s walk", checks=checks, note=note, table=table), found
 
