@@ -58,14 +58,15 @@ class Backend:
         """The Mitsuba variant on the same backend; Sionna RT needs the polarised one, so both can share a process."""
         return f"{self.name}_ad_mono_polarized"
 
-    def lanes(self, kind: Any, values: np.ndarray) -> Any:
-        """Numbers that lanes read one each, as an array of `kind`.
+    def lanes(self, values: np.ndarray, kind: Any = None) -> Any:
+        """Numbers that lanes read one each, as an array of `kind`: UInt32, which is the default, or Float32.
 
         Dr.Jit compiles a kernel anew where such numbers, which it takes over uncopied, lie differently in memory.
         """
         import numpy as np
 
-        dtype = np.dtype(np.uint32 if kind is self.UInt32 else np.float32)
+        kind = self.UInt32 if kind is None else kind
+        dtype = np.dtype({self.UInt32: np.uint32, self.Float32: np.float32}[kind])
         raw = np.empty(values.size * dtype.itemsize + ALIGNMENT, np.uint8)
         skipped = -raw.ctypes.data % ALIGNMENT
         out = raw[skipped : skipped + values.size * dtype.itemsize].view(dtype)

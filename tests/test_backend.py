@@ -125,9 +125,9 @@ def test_numbers_for_lanes_lie_alike_in_memory() -> None:
         dr.kernel_history_clear()
         for skipped in range(5):  # NumPy's own arrays come at any multiple of 16 bytes
             values = np.arange(3.0 + skipped, 103 + skipped)
-            np.testing.assert_array_equal((here.lanes(here.Float32, values) + 1).numpy(), values + 1)
+            np.testing.assert_array_equal((here.lanes(values, here.Float32) + 1).numpy(), values + 1)
             whole = np.arange(skipped, 100 + skipped)
-            np.testing.assert_array_equal((here.lanes(here.UInt32, whole) + 1).numpy(), whole + 1)
+            np.testing.assert_array_equal((here.lanes(whole) + 1).numpy(), whole + 1)
         kernels = {entry["hash"] for entry in dr.kernel_history() if entry["type"] == dr.KernelType.JIT}
     finally:
         dr.set_flag(dr.JitFlag.KernelHistory, False)

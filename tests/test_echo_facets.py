@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Callable
 from itertools import product
 
@@ -236,6 +237,7 @@ def test_facets_are_the_sum_in_float64(backend: Backend, monkeypatch: pytest.Mon
         return made
 
     monkeypatch.setattr("t2d_rt.echo.mesh.refinements", spy)
+    monkeypatch.setattr("t2d_rt.echo.mesh._kept", OrderedDict())
     radar = TABLE2.replace(**BISTATIC)
     vertices, faces = icosphere(2, 0.1, [0, 0, 0])
     mesh = still(vertices @ np.diag([0.7, 1.0, 1.5]) + [1.2, 0.1, 0.9], faces)

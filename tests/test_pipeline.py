@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections import OrderedDict
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import t2d_rt as t2d
 from t2d_rt.backend import Backend
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.errors import BackendError, InputError, T2DWarning
+from t2d_rt.geometry import refinements
 from t2d_rt.types import PEC, Ellipsoids, Material, Motion, MovingMesh, Radar
 
 WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
@@ -254,3 +256,39 @@ def test_a_facet_that_turns_too_fast_is_reported() -> None:
         plate = MovingMesh(vertices + [40, 0, 1], faces, times_s, "pec", crease_deg=0, sagitta_rad=2)
     with pytest.warns(T2DWarning, match="turns too fast for its facets"):
         t2d.simulate(plate, radar=RADAR, occlusion=False, surface_rate_hz=50)
+
+
+def test_a_body_is_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+
+    def counted(*args: Any, **options: Any) -> Any:
+        calls.append(options["range_m"])
+        return refinements(*args, **options)
+
+    monkeypatch.setattr("t2d_rt.echo.mesh.refinements", counted)
+    monkeypatch.setattr("t2d_rt.echo.mesh._kept", OrderedDict())
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.1)
+
+    def at(range_m: float) -> np.ndarray:
+        vertices = np.array(ball.vertices) + [range_m, 0, 1]
+        # Tracks may give float32.
+        mesh = MovingMesh.from_track(
+            lambda times: np.repeat(vertices[None], len(times), axis=0).astype(np.float32), ball.faces, [0.0, 0.1], "pec",
+            rest=np.array(ball.vertices),
+        )  # fmt: skip
+        return np.asarray(t2d.simulate(mesh).cube)
+
+    first, again, far = at(2.3), at(2.3), at(9.0)
+    np.testing.assert_array_equal(first, again)
+    assert calls == pytest.approx([1.25**3, 1.25**9])
+    assert np.abs(far).max() < np.abs(first).max() / 10
+
+
+def test_a_float32_track_is_a_track() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.1)
+    vertices = (np.array(ball.vertices) + [2, 0, 1]).astype(np.float32)
+    mesh = MovingMesh.from_track(
+        lambda times: np.repeat(vertices[None], len(times), axis=0), ball.faces, [0.0, 0.1], "pec"
+    )
+    assert mesh.rest.dtype == np.float64
+    assert np.abs(t2d.simulate(mesh).cube).max() > 0

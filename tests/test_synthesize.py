@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
+from t2d_rt import cubes
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.ellipsoid import ellipsoid_echoes
@@ -354,6 +357,7 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
         return made
 
     monkeypatch.setattr("t2d_rt.echo.mesh.refinements", spy)
+    monkeypatch.setattr("t2d_rt.echo.mesh._kept", OrderedDict())
     radar = Radar.preset(preset)
     body = trimesh.creation.icosphere(subdivisions=2, radius=0.12)
     if shape == "skew plate":
@@ -374,3 +378,60 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
     delay = 2 * np.linalg.norm(vertices.mean(axis=0) - radar.tx_position_m) / SPEED_OF_LIGHT
     expected = field * np.exp(-1j * np.pi * radar.slope_hz_per_s * delay**2)
     assert nmse_db(cube, expected) < -30
+
+
+# --- the cube's parts -----------------------------------------------------------------------------------------------
+
+
+def test_a_cube_on_disk_is_the_one_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    radar = Radar.preset("array-3x4")
+    echoes = swinging_sheet(radar, frames=110)  # four windows, the last one short
+    inside = synthesize(echoes, radar)
+    monkeypatch.setattr(cubes, "LARGE_BYTES", 0)
+    outside = synthesize(echoes, radar)
+    assert isinstance(outside, cubes.DiskCube)
+    np.testing.assert_array_equal(np.asarray(outside), inside)
+
+
+def test_echoes_that_are_dark_from_a_windows_start() -> None:
+    echoes = random_echoes(TABLE2, frames=60)
+    dark = echoes.amplitude.copy()
+    dark[31:] = 0  # a window starts at frame 32
+    cube = synthesize(replace(echoes, amplitude=dark, slope=None), TABLE2)
+    chirps = np.array([0, 1000, len(cube) - 1])
+    expected = direct_sum(replace(echoes, amplitude=dark, slope=None), TABLE2, chirps, every=9)
+    assert nmse_db(cube[chirps, 0, ::9], expected) < -50
+    assert not cube[-1].any()
+
+
+@pytest.mark.parametrize("multiplexing", ["simultaneous", "tdm", "ddm"])
+def test_merged_echoes_of_any_number_of_receivers(multiplexing: str) -> None:
+    radar = Radar.preset(
+        "array-3x4", tx_offsets_m=[[0, -0.004, 0], [0, 0.004, 0]], multiplexing=multiplexing,
+        rx_offsets_m=[[0, 0.002 * k, 0.001 * k] for k in range(5)],
+    )  # fmt: skip
+    echoes = swinging_sheet(radar, frames=12)
+    cube = synthesize(echoes, radar)
+    chirps = np.linspace(0, len(cube) - 1, 5).astype(int)
+    for antenna in range(radar.antennas):
+        expected = direct_sum(echoes, radar, chirps, every=19, antenna=antenna)
+        assert nmse_db(cube[chirps, antenna, ::19], expected) < -50
+
+
+def test_merged_echoes_far_apart_across_range_before_a_wide_array() -> None:
+    """Groups are formed by delay and its rate, so one may hold echoes metres apart, of which a wide array sees much."""
+    radar = Radar.preset("table2", tx_offsets_m=[[0, -0.2, 0]], rx_offsets_m=[[0, -0.2, 0], [0, 0.2, 0]])
+    rng = np.random.default_rng(4)
+    t = np.arange(30) / 100
+    side = np.where(rng.random(3000) < 0.5, -2.0, 2.0)[:, None]
+    shape = rng.uniform(-0.05, 0.05, (3000, 3)) + side * [0, 1, 0]
+    places = shape + np.stack([4 - 0.5 * t, 0 * t, 0 * t + 1], axis=-1)[:, None]
+    centres = radar.tx_position_m, radar.rx_position_m
+    delay = sum(np.linalg.norm(places - centre, axis=-1) for centre in centres) / SPEED_OF_LIGHT
+    amplitude = np.exp(2j * np.pi * rng.random(3000)) * np.ones((30, 1))
+    echoes = Echoes(times_s=t, delay_s=delay, amplitude=amplitude, departure_m=places, arrival_m=places)
+    cube = synthesize(echoes, radar)
+    chirps = np.linspace(0, len(cube) - 1, 8).astype(int)
+    for antenna in (0, 1):
+        expected = direct_sum(echoes, radar, chirps, every=9, antenna=antenna)
+        assert nmse_db(cube[chirps, antenna, ::9], expected) < -50

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -29,10 +29,11 @@ PROBE_EVERY = 6
 """Frames between looks at which faces face the antennas."""
 BEND_RAD = 0.2
 """By how much more than at rest facets may be tilted against the face they lie in, where a joint bends."""
-KEPT = 4
-"""Bodies whose refinement is kept."""
+KEPT_FACETS = 1_000_000
+"""Refinements are kept, the last used ones, for as many facets."""
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many moments fit the cache."""
+_kept: OrderedDict[tuple[object, ...], list[Refinement]] = OrderedDict()
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
 VisibilityAt = Callable[[np.ndarray], np.ndarray]
@@ -79,8 +80,10 @@ def joined(streams: list[EchoStream]) -> EchoStream:
     def frames(start: int, stop: int) -> EchoArrays:
         parts = [stream.frames(start, stop) for stream in streams]
         parts = [p if p.slope is not None else p._replace(slope=np.zeros_like(p.amplitude)) for p in parts]
-        joint = (None if fields[0] is None else np.concatenate(fields, axis=1) for fields in zip(*parts, strict=True))
-        return EchoArrays(*joint)  # type: ignore[arg-type]
+        same = all(part.arrival_m is part.departure_m for part in parts)
+        joint = [None if fields[0] is None else np.concatenate(fields, axis=1) for fields in zip(*parts, strict=True)]
+        echoes = EchoArrays(*joint)  # type: ignore[arg-type]
+        return echoes._replace(arrival_m=echoes.departure_m) if same else echoes
 
     return EchoStream(times_s=streams[0].times_s, frames=frames)
 
@@ -107,14 +110,8 @@ class _Model:
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
         sagittas = [sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [sagitta_rad]
-        fine, *carriers = _refinements(
-            surface.rest.tobytes(),
-            surface.faces.astype(np.int64).tobytes(),
-            tuple(np.full(len(surface.rest), sagitta, float).tobytes() for sagitta in sagittas),
-            2 * math.pi / radar.wavelength_m,
-            least_range_m(surface, radar, times_s),
-            surface.crease_deg,
-        )
+        wavenumber = 2 * math.pi / radar.wavelength_m
+        fine, *carriers = _refinements(surface, wavenumber, least_range_m(surface, radar, times_s), sagittas)
         parts = patches(surface, fine, radar, times_s)
         points = _Points.spread(surface, carriers[0], seed, rough * abs(reflection)) if carriers else None
         return cls(
@@ -179,19 +176,25 @@ class _Model:
         return angle.min(axis=0) < math.pi / 2 + margin
 
 
-@lru_cache(maxsize=KEPT)
 def _refinements(
-    rest: bytes, faces: bytes, sagittas_rad: tuple[bytes, ...], wavenumber: float, range_m: float, crease_deg: float
+    surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Sagitta]
 ) -> list[Refinement]:
-    """`refinements` of a mesh given as its numbers, kept for the next recording of the same body."""
-    return refinements(
-        np.frombuffer(rest).reshape(-1, 3),
-        np.frombuffer(faces, np.int64).reshape(-1, 3),
-        wavenumber=wavenumber,
-        range_m=range_m,
-        sagittas_rad=[np.frombuffer(sagitta) for sagitta in sagittas_rad],
-        crease_deg=crease_deg,
-    )
+    """`refinements` of a mesh, kept for the next recording of the same body."""
+    shape = [surface.rest, surface.faces, *(np.asarray(sagitta, float) for sagitta in sagittas_rad)]
+    key = (*(part.tobytes() for part in shape), wavenumber, range_m, surface.crease_deg)
+    if key not in _kept:
+        _kept[key] = refinements(
+            surface.rest,
+            surface.faces,
+            wavenumber=wavenumber,
+            range_m=range_m,
+            sagittas_rad=sagittas_rad,
+            crease_deg=surface.crease_deg,
+        )
+        while len(_kept) > 1 and sum(len(each.faces) for found in _kept.values() for each in found) > KEPT_FACETS:
+            _kept.popitem(last=False)
+    _kept.move_to_end(key)
+    return _kept[key]
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,7 @@ FAST_SHARE = 0.02
 MOST_FACETS = 256
 """A power of two: patches are blocks of that many facets, or halves of these, quarters and so on."""
 RANGE_STEP = 1.25
+"""Ratio of the least ranges that are told apart; a body's facets differ by a percent from one to the next."""
 PROBE_RATE_HZ, PROBES = 12.5, 40
 """How often motion is looked at, and how many moments together (and at least)."""
 
@@ -127,12 +128,12 @@ def _mean_rows(corners: np.ndarray, starts: np.ndarray, linear: Csr) -> Csr:
 def least_range_m(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> float:
     """Least distance of the mesh's vertices from an antenna over the record [m], rounded down to a power of `RANGE_STEP`.
 
-    It sets how fine facets must be, and recordings of one body at about the same distance are to share theirs.
+    It sets how fine facets and, for arrays, patches must be; recordings of one body at about the same distance share its facets.
     """
     span = times_s[-1] - times_s[0]
     vertices = surface.at(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))))
     least = float(min(ranges_m(vertices, antenna).min() for antenna in (radar.tx_position_m, radar.rx_position_m)))
-    return RANGE_STEP ** math.floor(math.log(least, RANGE_STEP))
+    return RANGE_STEP ** math.floor(math.log(least, RANGE_STEP)) if least > 0 else least
 
 
 def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:

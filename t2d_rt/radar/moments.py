@@ -174,15 +174,13 @@ def moments(
     deal = _Deal.of(slot)
 
     # All that changes from window to window comes in as arrays: a number in the code would compile a new kernel.
-    def lanes_of(values: np.ndarray, kind: Any = UInt32) -> Any:
-        return backend.lanes(kind, values)
-
-    # (collector, lane of moments) where there are echoes, and shares of them where these are few for all the lanes of a device.
+    lanes_of = backend.lanes
+    # (collector, hand of moments) where there are echoes, and shares of them where these are few for all the lanes of a device.
     row = np.arange(collectors)[:, None] + slot[deal.moment] * collectors
     size = members.starts[row + 1] - members.starts[row]
-    collector, lane = (np.tile(found, len(tables)) for found in np.nonzero(size))
-    copy = np.repeat(np.arange(len(tables)), len(lane) // len(tables))
-    row, moment = row[collector, lane], deal.moment[lane]
+    collector, hand = (np.tile(found, len(tables)) for found in np.nonzero(size))
+    copy = np.repeat(np.arange(len(tables)), len(hand) // len(tables))
+    row, moment = row[collector, hand], deal.moment[hand]
     shares = MOST_SHARES
     while shares > 1 and len(row) * shares > ENOUGH_LANES:
         shares //= 2
@@ -237,26 +235,25 @@ def moments(
         dr.eval(sums)  # all at once; else each share's sum would run the loop again
         sums = [[tuple(dr.block_sum(part, shares) for part in pair) for pair in acc] for acc in sums]
     values = backend.arrays.ArrayXf([value for acc in sums for value in _combined(_with_slope(acc), matrix)])
-    collectors *= len(tables)
-    collector = collector + copy * members.collectors
-    dealt = dr.zeros(Float32, collectors * deal.lanes * len(values))
+    total = collectors * len(tables)
+    dealt = dr.zeros(Float32, total * deal.hands * len(values))
     # One scatter: each further one into the same array would run the loop again.
-    dr.scatter(dealt, values, lanes_of(collector * deal.lanes + lane))
-    return _in_order(dealt, deal, collectors, matrix.shape[1] // 2, backend)
+    dr.scatter(dealt, values, lanes_of((copy * collectors + collector) * deal.hands + hand))
+    return _in_order(dealt, deal, total, matrix.shape[1] // 2, backend)
 
 
 @dataclass(frozen=True, slots=True)
 class _Deal:
-    """How moments, slot by slot, are dealt to lanes: a lane takes `unroll` moments of one slot, and reads an echo once for all."""
+    """How moments, slot by slot, are dealt: a hand is `unroll` moments of one slot, for which a lane reads an echo once."""
 
     moment: np.ndarray
-    """First moment of each lane."""
+    """First moment of each hand."""
     unroll: int
-    lane: np.ndarray
-    """Lane of each moment."""
+    hand: np.ndarray
+    """Hand of each moment."""
 
     @property
-    def lanes(self) -> int:
+    def hands(self) -> int:
         return len(self.moment)
 
     @classmethod
@@ -272,17 +269,17 @@ class _Deal:
 
 
 def _in_order(dealt: Any, deal: _Deal, collectors: int, pairs: int, backend: Backend) -> Any:
-    """From packets (collector, lane, unroll, pairs) to (collector, moment, pairs)."""
+    """From packets (collector, hand, unroll, pairs) to (collector, moment, pairs)."""
     import drjit as dr
 
     UInt32, Packet = backend.UInt32, backend.arrays.Array4f
-    count = len(deal.lane)
-    place = deal.lane * deal.unroll + np.arange(count) - deal.moment[deal.lane]
+    count = len(deal.hand)
+    place = deal.hand * deal.unroll + np.arange(count) - deal.moment[deal.hand]
     packet = (place[:, None] * pairs + np.arange(pairs)).ravel()
     out = dr.arange(UInt32, collectors * len(packet))
     row = out // dr.opaque(UInt32, len(packet))
     within = dr.gather(UInt32, UInt32(packet.astype(np.uint32)), out - row * dr.opaque(UInt32, len(packet)))
-    found = dr.ravel(dr.gather(Packet, dealt, row * dr.opaque(UInt32, deal.lanes * deal.unroll * pairs) + within))
+    found = dr.ravel(dr.gather(Packet, dealt, row * dr.opaque(UInt32, deal.hands * deal.unroll * pairs) + within))
     dr.eval(found)
     return found
 

@@ -30,6 +30,8 @@ MOST_BINS = 3.0
 """The same of the largest groups."""
 BUCKET_BINS = 3.0
 """Width of a bucket of groups."""
+WIDE = 0.25
+"""Share of what the smallest groups may span from which the outermost antennas of an array count too."""
 PROBE_EVERY = 4
 """Frames between looks at how echoes part."""
 
@@ -47,7 +49,7 @@ class Level:
     group: np.ndarray
     """Group of each echo, or of each group below."""
     mean: Any
-    """Sparse: values of these times this are the means of the groups."""
+    """Sparse: values of these times this are the means of the groups; of one pair of antennas, where there are several."""
     delay: np.ndarray
     """Mean of the members' [s], (n + 3, K)."""
     delay_slope: np.ndarray
@@ -57,13 +59,18 @@ class Level:
         return self.delay.shape[1]
 
 
-def levels(window: Window, sweep: Sweep, rate: float, tolerance: float) -> list[Level]:
-    """Levels worth having for moments that come `rate` times per frame interval, none where summing echo by echo is less work."""
+def levels(
+    window: Window, sweep: Sweep, rate: float, tolerance: float, extras: Sequence[tuple[np.ndarray, np.ndarray]] = ()
+) -> list[Level]:
+    """Levels worth having for moments that come `rate` times per frame interval, none where summing echo by echo is less work.
+
+    `extras`: what is added to the delays [s] and their slopes, each (n + 3, L), at the outermost antennas of an array.
+    """
     rates = [first for limit_db, first in FIRST_RATES if tolerance >= 10 ** (limit_db / 20) * (1 - 1e-9)]
     if not rates:
         return []
-    turns, bins = _features(window, sweep)
     allowed = _turns_per_step(tolerance)
+    turns, bins = _features(window, sweep, extras, (WIDE * allowed * rates[0], WIDE * FIRST_BINS))
     found: list[Level] = []
     samples, width = rates[0], FIRST_BINS
     low = high = np.concatenate([turns, bins], axis=1)
@@ -105,9 +112,11 @@ def _turns_per_step(tolerance: float) -> float:
     return (tolerance * (128 / 3) * 3) ** 0.25 / math.pi
 
 
-def _features(window: Window, sweep: Sweep) -> tuple[np.ndarray, np.ndarray]:
+def _features(
+    window: Window, sweep: Sweep, extras: Sequence[tuple[np.ndarray, np.ndarray]], wide: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
     """What tells echoes apart, at a few moments of the window: phase rates [turns per frame] and delays that the beat shows [bins],
-    float32 (L, probes)."""
+    float32 (L, probes); the same at outermost antennas for which either differs by more than `wide` from echo to echo."""
     last = len(window.delay) - 1
     moments = np.unique(np.linspace(0, last, 2 + last // PROBE_EVERY).astype(int))
     rates = window.delay_slope[moments].T
@@ -115,7 +124,13 @@ def _features(window: Window, sweep: Sweep) -> tuple[np.ndarray, np.ndarray]:
     shown = window.delay[moments].T + rates * (sweep.coupling_s / window.step_s)
     # Relative to the first echo: float32 would round absolute delays.
     turns, bins = (rates - rates[:1]) * sweep.mid_hz, (shown - shown[:1]) / sweep.bin_s
-    return turns.astype(np.float32), bins.astype(np.float32)
+    found = [(turns, bins)]
+    for more, slope in extras:
+        more_turns, more_bins = slope[moments].T * sweep.mid_hz, more[moments].T / sweep.bin_s
+        if np.ptp(more_turns, axis=0).max() > wide[0] or np.ptp(more_bins, axis=0).max() > wide[1]:
+            found.append((turns + more_turns, bins + more_bins))
+    turns, bins = (np.concatenate(each, axis=1).astype(np.float32) for each in zip(*found, strict=True))
+    return turns, bins
 
 
 def _grouped(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -223,14 +238,26 @@ class Extra:
     phase: Phase
 
     @classmethod
-    def of(cls, tree: list[Level], delay: np.ndarray, slope: np.ndarray, sweep: Sweep, backend: Backend) -> Extra:
-        """From the echoes' delays [s] and slopes [s per frame], (n + 3, L)."""
-        means, here = [], (delay, slope)
+    def of(
+        cls, window: Window, tree: list[Level], delay: np.ndarray, slope: np.ndarray, sweep: Sweep, backend: Backend
+    ) -> Extra:
+        """From the echoes' delays [s] and slopes [s per frame], float32 (n + 3, L)."""
+        means = [(delay, slope)]
         for level in tree:
-            here = here[0] @ level.mean, here[1] @ level.mean
-            means.append(here)
-        references = References(tree[0].group, *means[0])
-        return cls(means, phases(delay, slope, sweep, references, 0.0, backend))
+            means.append((means[-1][0] @ level.mean, means[-1][1] @ level.mean))
+        means = means[1:]
+
+        def effective(
+            more: np.ndarray, rate: np.ndarray, own: np.ndarray, own_rate: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
+            # psi(tau + e) - psi(tau) = 2 pi (f_m - S tau) e but for e^2, which `phases` has.
+            share = sweep.slope / sweep.mid_hz
+            turned = more - share * own * more, rate - share * (own * rate + own_rate * more)
+            return turned[0].astype(np.float32), turned[1].astype(np.float32)
+
+        references = References(tree[0].group, *effective(*means[0], tree[0].delay, tree[0].delay_slope))
+        here = effective(delay, slope, window.delay, window.delay_slope)
+        return cls(means, phases(*here, sweep, references, 0.0, backend))
 
 
 def at_antennas(tree: list[Level], leaves: Leaves, pairs: Sequence[tuple[Extra, Extra]]) -> tuple[list[Level], Leaves]:
@@ -246,7 +273,7 @@ def at_antennas(tree: list[Level], leaves: Leaves, pairs: Sequence[tuple[Extra, 
         group = level.group + (len(level) * np.arange(len(pairs)) if below else np.zeros(1, int))[:, None]
         many.append(replace(level, group=group.ravel(), delay=delay, delay_slope=slope))
         below = len(level)
-    # The product of extra and common delay in the residual video phase, 1e-6 of a turn beside the groups' own, is left out.
+    # The product of the two extra delays in the residual video phase, 3e-6 of a turn across 0.5 m, is left out.
     own = leaves.phases[0]
     turned = [tuple(sum(tables) for tables in zip(own, out.phase, back.phase, strict=True)) for out, back in pairs]
     return many, replace(leaves, phases=turned)
@@ -364,22 +391,19 @@ def at_moments(
         [-p * (p - 1) * (p - 2) / 6, (p + 1) * (p - 1) * (p - 2) / 2, -(p + 1) * p * (p - 2) / 2, (p + 1) * p * (p - 1) / 6], axis=1
     )  # fmt: skip
 
-    def per_lane(values: np.ndarray, kind: Any = UInt32) -> Any:
-        return backend.lanes(kind, values)
-
     def per_moment(values: np.ndarray, kind: Any) -> Any:
-        return dr.gather(kind, per_lane(values, kind), lane_moment)
+        return dr.gather(kind, backend.lanes(values, kind), lane_moment)
 
-    lane_moment = per_lane(moment)
-    begin, end = per_lane(members.starts[row]), per_lane(members.starts[row + 1])
+    lane_moment = backend.lanes(moment)
+    begin, end = backend.lanes(members.starts[row]), backend.lanes(members.starts[row + 1])
     interval = slot // members.slots_per_interval
     intervals = dr.opaque(UInt32, len(level.delay) - 1)
     interval_of_lane = per_moment(interval, UInt32)
     u = per_moment(position + 1 - interval, Float32)
     index = per_moment(sample - 1, UInt32)
     weight = dr.gather(Packet, Float32(weights.astype(np.float32).ravel()), lane_moment)
-    centre = per_lane(centres[bucket], Float32)
-    table = per_lane(members.members)
+    centre = backend.lanes(centres[bucket], Float32)
+    table = backend.lanes(members.members)
     samples = dr.opaque(UInt32, inner.samples)
     per_turn, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
     spread = _spread(level.nodes, count)
@@ -405,7 +429,7 @@ def at_moments(
         state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
     )
     out = dr.zeros(Float32, len(position) * buckets * 2 * count)
-    dr.scatter(out, backend.arrays.ArrayXf(sums), per_lane(moment * buckets + bucket))
+    dr.scatter(out, backend.arrays.ArrayXf(sums), backend.lanes(moment * buckets + bucket))
     return np.asarray(out.numpy()).view(np.complex64).reshape(len(position), buckets, count)
 
 

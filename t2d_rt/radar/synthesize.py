@@ -123,21 +123,25 @@ def _fill(
     tolerance: float,
     backend: Backend,
 ) -> None:
-    """Adds the samples of the cube's `rows`, which begin at `position`, to zeros `out` (row, antenna, sample)."""
+    """Fills zeros `out` (row, antenna, sample) with the samples of the cube's `rows`, which begin at `position`."""
     if not window.delay.size:
         return
-    tree = levels(window, sweep, len(position) / (window.stop - window.start), tolerance)
-    shared = leaves(window, tree[0], sweep, backend) if tree else None
+    rate = len(position) / (window.stop - window.start)
     if not radar.is_array:
-        if shared is None:
-            _sum_echoes(out[:, 0], window, position, sweep, backend)
+        tree = levels(window, sweep, rate, tolerance)
+        if tree:
+            own = leaves(window, tree[0], sweep, backend)
+            _sum_groups([out[:, 0]], window, tree, own, position, sweep, tolerance, backend)
         else:
-            _sum_groups([out[:, 0]], window, tree, shared, position, sweep, tolerance, backend)
+            _sum_echoes(out[:, 0], window, position, sweep, backend)
         return
     send = window.extras(0, radar.tx_position_m, radar.tx_positions_m)
     receive = window.extras(1, radar.rx_position_m, radar.rx_positions_m)
+    outermost = [(send[tx], receive[rx]) for tx, rx in radar.outermost]
+    tree = levels(window, sweep, rate, tolerance, [(a[0] + b[0], a[1] + b[1]) for a, b in outermost])
+    shared = leaves(window, tree[0], sweep, backend) if tree else None
     if shared is not None:
-        sends, receives = ([Extra.of(tree, *each, sweep, backend) for each in end] for end in (send, receive))
+        sends, receives = ([Extra.of(window, tree, *each, sweep, backend) for each in end] for end in (send, receive))
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
     ddm = radar.multiplexing == "ddm"
     for tx, first in itertools.product(range(len(send)), range(0, len(receive), RECEIVERS)):
@@ -164,6 +168,9 @@ def _sum_echoes(out: np.ndarray, window: Window, position: np.ndarray, sweep: Sw
     # An antenna's turn may come a little after the window's end.
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
+    if not len(echo):
+        out[:] = 0
+        return
     buckets = _buckets(window.delay, window.delay_slope, interval, echo, ECHO_BUCKET_BINS, sweep, window.step_s)
     tables = phases(window.delay, window.delay_slope, sweep, None, buckets.origin_s, backend)
     fields = amplitudes(window, sweep, backend)

@@ -72,7 +72,7 @@ class MovingMesh:
         times_s = np.array(times_s, dtype=np.float64)
         check_times(times_s)
         mesh._track = track
-        rest = track(times_s[:1])[0] if rest is None else np.asarray(rest, float)
+        rest = np.asarray(track(times_s[:1])[0] if rest is None else rest, float)
         mesh._fill(rest, faces, times_s, material, crease_deg, sagitta_rad, name)
         return mesh
 

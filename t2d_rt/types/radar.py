@@ -21,9 +21,9 @@ from t2d_rt.errors import InputError
 from t2d_rt.types.antennas import Isotropic, Pattern, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 
-ONE_VIEW_M = 0.02
-"""Transmitters and receivers less far apart see a target as from the middle between them: 0.003 rad within a patch of 5 cm at
-1.5 m, and shadows within the spacing of the vertices that they are traced at."""
+ONE_VIEW_M = 0.01
+"""Transmitters and receivers less far apart see a target as from the middle between them. At 77 GHz that costs 0.01 rad within a
+patch of 2 cm at 0.3 m, and falls with the square of the range; shadows are traced at vertices farther apart than that."""
 
 
 class Radar(Fields):
@@ -333,6 +333,13 @@ class Radar(Fields):
         """Length of the cube's antenna axis: M N, with "ddm" N."""
         receivers = len(self.rx_offsets_m)
         return receivers if self.multiplexing == "ddm" else len(self.tx_offsets_m) * receivers
+
+    @property
+    def outermost(self) -> list[tuple[int, int]]:
+        """Numbers of the transmitters and receivers that stand farthest out together, to either side along each axis."""
+        tx, rx = np.array(self.tx_offsets_m), np.array(self.rx_offsets_m)
+        ends = {(int(np.argmax(tx @ way)), int(np.argmax(rx @ way))) for way in (*np.eye(3), *-np.eye(3))}
+        return sorted(ends)
 
     @property
     def antenna_delays_s(self) -> np.ndarray:

@@ -43,6 +43,7 @@ ENTRIES: tuple[tuple[str, Any, str], ...] = (
     (SETUP, mesh._Model, "of"),
     (OCCLUSION, Occlusion, "__init__"),
     (OCCLUSION, Occlusion, "visibility"),
+    (FACETS, mesh, "_carried"),
     (FACETS, mesh._Model, "echoes"),
     (FACETS, mesh._Model, "places"),
     (SYNTHESIS, windows, "_window"),
