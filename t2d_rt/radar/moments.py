@@ -159,12 +159,15 @@ def moments(
     sweep: Sweep,
     backend: Backend,
     matrix: np.ndarray,
+    *,
+    bent: bool,
 ) -> Any:
     """Chebyshev coefficients of every collector over the sweep times `matrix` (TERMS, an even number Q): complex numbers
     (collector, moment, Q) as flat float32 on the device, for one of `tables` after the other.
 
     `tables` are those of `phases`, `fields` those of `amplitudes`; `centres` the collectors' theta, relative to what that of the
     echoes is relative to; `position` the moments [frames after the window's start], ascending; `step_s` the frame interval.
+    `bent`: whether eps counts; relative to a group's own it does not.
     """
     import drjit as dr
 
@@ -210,16 +213,16 @@ def moments(
             travelled = time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
             rate = cubic[1] + time * (2 * cubic[2] + time * (3 * cubic[3]))
             theta = theta_start + travelled * per_turn + rate * per_rate
-            half_eps = 0.5 * eps_per_rate * rate
             turns = cubic[0] + travelled
             # eps x^2 = h (T_0 + T_2), h = eps/2
+            half_eps = 0.5 * eps_per_rate * rate if bent else 0
             sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi) + half_eps)
             weights = _jacobi_anger(theta)
             real, imag = _turned(parts[0], parts[1], time, sin, cos)
-            out = []
-            for (re, im), w, bend in zip(acc, weights, _bend(weights), strict=False):
-                bend = half_eps * bend
-                out.append((re + real * w + imag * bend, im + imag * w - real * bend))
+            out = [(re + real * w, im + imag * w) for (re, im), w in zip(acc, weights, strict=False)]
+            if bent:
+                bends = [half_eps * bend for bend in _bend(weights)]
+                out = [(re + imag * bend, im - real * bend) for (re, im), bend in zip(out, bends, strict=True)]
             if len(parts) > 2:
                 real, imag = _turned(parts[2], parts[3], time, sin, cos)
                 out += [(re + real * w, im + imag * w) for (re, im), w in zip(acc[TERMS:], weights, strict=False)]

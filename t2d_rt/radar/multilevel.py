@@ -300,6 +300,7 @@ def _smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backen
         sweep,
         backend,
         chebyshev(TERMS, nodes(level.nodes)),
+        bent=False,
     )
     return Factors(values, len(level), len(sample), int(sample[0]))
 

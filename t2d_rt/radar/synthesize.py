@@ -88,7 +88,6 @@ def synthesize(
                 if len(buffers[turn % 2]) < len(position):
                     buffers[turn % 2] = np.empty((len(position), *cube.shape[1:]), np.complex64)
                 block = buffers[turn % 2][: len(position)]
-                block[:] = 0
                 _fill(block, window, radar, rows, position, sweep, tolerance, backend)
                 if written is not None:
                     written.result()
@@ -123,7 +122,9 @@ def _fill(
     tolerance: float,
     backend: Backend,
 ) -> None:
-    """Fills zeros `out` (row, antenna, sample) with the samples of the cube's `rows`, which begin at `position`."""
+    """Fills `out` (row, antenna, sample) with the samples of the cube's `rows`, which begin at `position`."""
+    if not window.delay.size or radar.multiplexing == "ddm":
+        out[:] = 0
     if not window.delay.size:
         return
     rate = len(position) / (window.stop - window.start)
@@ -175,7 +176,16 @@ def _sum_echoes(out: np.ndarray, window: Window, position: np.ndarray, sweep: Sw
     tables = phases(window.delay, window.delay_slope, sweep, None, buckets.origin_s, backend)
     fields = amplitudes(window, sweep, backend)
     planes = moments(
-        buckets.members, [tables], fields, buckets.centres, position, window.step_s, sweep, backend, np.eye(TERMS)
+        buckets.members,
+        [tables],
+        fields,
+        buckets.centres,
+        position,
+        window.step_s,
+        sweep,
+        backend,
+        np.eye(TERMS),
+        bent=True,
     )
     terms = planes.numpy().view(np.complex64).reshape(len(buckets.centres), len(position), TERMS)
     _to_samples(out, terms.transpose(1, 0, 2), chebyshev(TERMS, sweep.x), buckets.carriers(sweep))
