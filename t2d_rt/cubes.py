@@ -6,6 +6,7 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Literal
 
@@ -63,6 +64,70 @@ class DiskCube:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return np.asarray(self.array[...], dtype)
+
+
+class CubeWriter:
+    """Fills a cube from its first row on; of one on disk, whole chunks are written while the next rows are worked on.
+
+    >>> cube = np.zeros((3, 1, 2), np.complex64)
+    >>> with CubeWriter(cube) as writer:
+    ...     writer.room(2)[:] = 1
+    ...     writer.room(1)[:] = 2
+    >>> cube[:, 0, 0].real.tolist()
+    [1.0, 1.0, 2.0]
+    """
+
+    def __init__(self, cube: Cube) -> None:
+        self._cube = cube
+        self._row = 0
+        """Row of the cube that the buffer begins with; in memory, the next one."""
+        self._held = 0
+        """Rows in the buffer."""
+        self._buffer = self._other = np.empty((0, *cube.shape[1:]), DiskCube.dtype)
+        self._writing: Future[None] | None = None
+        self._pool = ThreadPoolExecutor(1)
+
+    def __enter__(self) -> CubeWriter:
+        return self
+
+    def __exit__(self, failed: type[BaseException] | None, *_: object) -> None:
+        try:
+            if failed is None and isinstance(self._cube, DiskCube):
+                self._hand_over(self._held)
+                self._wait()
+        finally:
+            self._pool.shutdown()
+
+    def room(self, rows: int) -> np.ndarray:
+        """The next rows, to be filled before the next call; what they hold before is anything."""
+        if isinstance(self._cube, np.ndarray):
+            self._row += rows
+            return self._cube[self._row - rows : self._row]
+        self._hand_over(self._held // _rows(self._cube.shape) * _rows(self._cube.shape))
+        if len(self._buffer) < self._held + rows:
+            grown = np.empty((self._held + rows, *self._cube.shape[1:]), DiskCube.dtype)
+            grown[: self._held] = self._buffer[: self._held]
+            self._buffer = grown
+        self._held += rows
+        return self._buffer[self._held - rows : self._held]
+
+    def _hand_over(self, rows: int) -> None:
+        """Lets the buffer's first rows be written, and goes on with the others in the other buffer."""
+        if not rows:
+            return
+        self._wait()
+        left = self._buffer[rows : self._held]
+        if len(self._other) < len(left):
+            self._other = np.empty_like(self._buffer)
+        self._other[: len(left)] = left
+        place = slice(self._row, self._row + rows)
+        self._writing = self._pool.submit(self._cube.__setitem__, place, self._buffer[:rows])
+        self._buffer, self._other = self._other, self._buffer
+        self._row, self._held = place.stop, len(left)
+
+    def _wait(self) -> None:
+        if self._writing is not None:
+            self._writing.result()
 
 
 Cube = np.ndarray | DiskCube

@@ -14,14 +14,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from t2d_rt.backend import Backend, select
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.cubes import Cube, new_cube
+from t2d_rt.cubes import Cube, CubeWriter, new_cube
 from t2d_rt.errors import InputError
 from t2d_rt.radar.moments import TERMS, Members, amplitudes, moments, phases
 from t2d_rt.radar.multilevel import (
@@ -76,26 +75,12 @@ def synthesize(
     starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
     cube = new_cube((len(starts), radar.antennas, radar.samples))
     sweep, tolerance, backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
-    buffers = [np.empty((0, *cube.shape[1:]), np.complex64)] * 2
-    written: Future[None] | None = None
     # Threads of BLAS that wait for its next product would take the kernels' cores.
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(1) as writer:
-        for turn, (window, rows, position) in enumerate(_blocks(source, radar, starts, read_frames)):
-            if isinstance(cube, np.ndarray):
-                _fill(cube[rows], window, radar, rows, position, sweep, tolerance, backend)
-            else:
-                # Disks are slow: the next block is worked on meanwhile, in another buffer.
-                if len(buffers[turn % 2]) < len(position):
-                    buffers[turn % 2] = np.empty((len(position), *cube.shape[1:]), np.complex64)
-                block = buffers[turn % 2][: len(position)]
-                _fill(block, window, radar, rows, position, sweep, tolerance, backend)
-                if written is not None:
-                    written.result()
-                written = writer.submit(cube.__setitem__, rows, block)
+    with threadpool_limits(1, user_api="blas"), CubeWriter(cube) as writer:
+        for window, rows, position in _blocks(source, radar, starts, read_frames):
+            _fill(writer.room(len(position)), window, radar, rows, position, sweep, tolerance, backend)
             if progress is not None:
                 progress(rows.stop / len(starts))
-        if written is not None:
-            written.result()
     return cube
 
 

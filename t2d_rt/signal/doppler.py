@@ -200,7 +200,7 @@ def _filtered(
 
     Only "highpass" and "canceller" hold the whole record in memory.
     """
-    piece = max(PIECE // (1 if adc.ndim == 2 else adc.shape[1]), 4 * n_window)
+    piece = max(PIECE // (1 if adc.ndim == 2 else adc.shape[1]), 8 * n_window)
     if adc.shape[0] <= piece or mti not in ("none", "mean"):
         cells = cells_of(adc)
         yield 0, starts, _filter_bursts(cells, burst, mti, radar, cutoff_mps, kernel)
