@@ -1,7 +1,7 @@
 """Echoes into Chebyshev coefficients over the sweep, at any moments (docs/physics.md, eq. 16).
 
 One kernel does the sum: its lanes are (collector, a few moments), its loop runs over the collector's echoes. A collector is
-whatever gathers echoes of nearly the same theta: a bucket of fixed delay, or a group with a moving one.
+XX
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.radar.interpolants import hermite
+from t2d_rt.radar.phasors import sin_cos
 from t2d_rt.radar.sweep import Sweep
 from t2d_rt.radar.windows import Window
 
@@ -151,23 +152,18 @@ def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
 
 def moments(
     members: Members,
-    tables: list[tuple[Any, Any]],
+    table: tuple[Any, Any],
     fields: list[Any],
     centres: np.ndarray,
     position: np.ndarray,
     step_s: float,
     sweep: Sweep,
     backend: Backend,
-    matrix: np.ndarray,
-    *,
-    bent: bool,
-) -> Any:
-    """Chebyshev coefficients of every collector over the sweep times `matrix` (TERMS, an even number Q): complex numbers
-    (collector, moment, Q) as flat float32 on the device, for one of `tables` after the other.
+) -> np.ndarray:
+    """Chebyshev coefficients of every collector over the sweep, complex64 (collector, moment, TERMS).
 
-    `tables` are those of `phases`, `fields` those of `amplitudes`; `centres` the collectors' theta, relative to what that of the
+    `table` is that of `phases`, `fields` those of `amplitudes`; `centres` the collectors' theta, relative to what that of the
     echoes is relative to; `position` the moments [frames after the window's start], ascending; `step_s` the frame interval.
-    `bent`: whether eps counts; relative to a group's own it does not.
     """
     import drjit as dr
 
@@ -181,8 +177,7 @@ def moments(
     # (collector, hand of moments) where there are echoes, and shares of them where these are few for all the lanes of a device.
     row = np.arange(collectors)[:, None] + slot[deal.moment] * collectors
     size = members.starts[row + 1] - members.starts[row]
-    collector, hand = (np.tile(found, len(tables)) for found in np.nonzero(size))
-    copy = np.repeat(np.arange(len(tables)), len(hand) // len(tables))
+    collector, hand = np.nonzero(size)
     row, moment = row[collector, hand], deal.moment[hand]
     shares = MOST_SHARES
     while shares > 1 and len(row) * shares > ENOUGH_LANES:
@@ -198,16 +193,14 @@ def moments(
     times = position + 1 - interval
     times = Float32(np.append(times, np.zeros(deal.unroll)).astype(np.float32))
     u = [dr.gather(Float32, times, moment_of_lane + k) for k in range(deal.unroll)]
-    cubics, thetas = (dr.concat(each) if len(each) > 1 else each[0] for each in zip(*tables, strict=True))
-    shift = lanes_of(np.repeat(copy * (dr.width(thetas) // len(tables)), shares))
     centre = lanes_of(np.repeat(centres[collector], shares), Float32)
     per_turn, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
 
     def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
         member = dr.gather(UInt32, echoes, i) * intervals + interval_of_lane
         parts = [dr.gather(Packet, values, member) for values in fields]
-        cubic = dr.gather(Packet, cubics, member + shift)
-        theta_start = dr.gather(Float32, thetas, member + shift) - centre
+        cubic = dr.gather(Packet, table[0], member)
+        theta_start = dr.gather(Float32, table[1], member) - centre
         new = []
         for time, acc in zip(u, sums, strict=True):
             travelled = time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
@@ -215,14 +208,13 @@ def moments(
             theta = theta_start + travelled * per_turn + rate * per_rate
             turns = cubic[0] + travelled
             # eps x^2 = h (T_0 + T_2), h = eps/2
-            half_eps = 0.5 * eps_per_rate * rate if bent else 0
-            sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi) + half_eps)
+            half_eps = 0.5 * eps_per_rate * rate
+            sin, cos = sin_cos(turns + half_eps * (0.5 / math.pi))
             weights = _jacobi_anger(theta)
             real, imag = _turned(parts[0], parts[1], time, sin, cos)
             out = [(re + real * w, im + imag * w) for (re, im), w in zip(acc, weights, strict=False)]
-            if bent:
-                bends = [half_eps * bend for bend in _bend(weights)]
-                out = [(re + imag * bend, im - real * bend) for (re, im), bend in zip(out, bends, strict=True)]
+            bends = [half_eps * bend for bend in _bend(weights)]
+            out = [(re + imag * bend, im - real * bend) for (re, im), bend in zip(out, bends, strict=True)]
             if len(parts) > 2:
                 real, imag = _turned(parts[2], parts[3], time, sin, cos)
                 out += [(re + real * w, im + imag * w) for (re, im), w in zip(acc[TERMS:], weights, strict=False)]
@@ -237,12 +229,12 @@ def moments(
     if shares > 1:
         dr.eval(sums)  # all at once; else each share's sum would run the loop again
         sums = [[tuple(dr.block_sum(part, shares) for part in pair) for pair in acc] for acc in sums]
-    values = backend.arrays.ArrayXf([value for acc in sums for value in _combined(_with_slope(acc), matrix)])
-    total = collectors * len(tables)
-    dealt = dr.zeros(Float32, total * deal.hands * len(values))
+    values = backend.arrays.ArrayXf([part for acc in sums for pair in _with_slope(acc) for part in pair])
+    dealt = dr.zeros(Float32, collectors * deal.hands * len(values))
     # One scatter: each further one into the same array would run the loop again.
-    dr.scatter(dealt, values, lanes_of((copy * collectors + collector) * deal.hands + hand))
-    return _in_order(dealt, deal, total, matrix.shape[1] // 2, backend)
+    dr.scatter(dealt, values, lanes_of(collector * deal.hands + hand))
+    by_hand = dealt.numpy().view(np.complex64).reshape(collectors, deal.hands, deal.unroll, TERMS)
+    return by_hand[:, deal.hand, np.arange(len(slot)) - deal.moment[deal.hand]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,22 +261,6 @@ class _Deal:
         within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
         moment = np.repeat(bounds[:-1], counts) + within * unroll
         return cls(moment, unroll, np.searchsorted(moment, np.arange(len(slot)), side="right") - 1)
-
-
-def _in_order(dealt: Any, deal: _Deal, collectors: int, pairs: int, backend: Backend) -> Any:
-    """From packets (collector, hand, unroll, pairs) to (collector, moment, pairs)."""
-    import drjit as dr
-
-    UInt32, Packet = backend.UInt32, backend.arrays.Array4f
-    count = len(deal.hand)
-    place = deal.hand * deal.unroll + np.arange(count) - deal.moment[deal.hand]
-    packet = (place[:, None] * pairs + np.arange(pairs)).ravel()
-    out = dr.arange(UInt32, collectors * len(packet))
-    row = out // dr.opaque(UInt32, len(packet))
-    within = dr.gather(UInt32, UInt32(packet.astype(np.uint32)), out - row * dr.opaque(UInt32, len(packet)))
-    found = dr.ravel(dr.gather(Packet, dealt, row * dr.opaque(UInt32, deal.hands * deal.unroll * pairs) + within))
-    dr.eval(found)
-    return found
 
 
 def _turned(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]:
@@ -324,12 +300,3 @@ def _turned_by_j(pair: Any, power: int) -> Any:
     """(re, im) times j^power."""
     real, imag = pair
     return ((real, imag), (-imag, real), (-real, -imag), (imag, -real))[power % 4]
-
-
-def _combined(planes: list[Any], matrix: np.ndarray) -> list[Any]:
-    """Real and imaginary parts of the columns of `matrix`, in turn."""
-    return [
-        sum(float(w) * plane[part] for w, plane in zip(column, planes, strict=True) if w)
-        for column in matrix.T
-        for part in (0, 1)
-    ]

@@ -8,7 +8,7 @@ hold follows from how fast its members' phases part and how far their delays lie
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -17,14 +17,15 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.radar.interpolants import hermite
-from t2d_rt.radar.moments import TERMS, Members, References, amplitudes, moments, phases
-from t2d_rt.radar.sweep import Sweep, chebyshev, interpolation, nodes, nodes_for
+from t2d_rt.radar.moments import Members, References, amplitudes, phases
+from t2d_rt.radar.phasors import read, rotated, sin_cos, spread_to, turned
+from t2d_rt.radar.sweep import Sweep, nodes, nodes_for
 from t2d_rt.radar.windows import Window
 
 FIRST_RATES = ((-50.0, 4), (-60.0, 8))
 """Samples of the smallest groups' factors per frame interval, by tolerance [dB]: the amplitudes' interpolants have kinks at the
 frames, which leave -54 and -62 dB. Beyond these tolerances echoes are not merged."""
-FIRST_BINS = 0.4
+FIRST_BINS = 0.35
 """Range bins that the smallest groups' echoes span at most."""
 MOST_BINS = 3.0
 """The same of the largest groups."""
@@ -191,14 +192,9 @@ class Factors:
 
     values: Any
     """Flat float32 (group, sample, node, 2) on the device."""
-    groups: int
     samples: int
     first: int
     """Place of the first sample, counted from the window's start."""
-
-
-Phase = tuple[Any, Any]
-"""Tables of `phases`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,8 +204,12 @@ class Leaves:
     members: Members
     fields: list[Any]
     """Tables of `amplitudes`."""
-    phases: list[Phase]
-    """Relative to the groups; of several pairs of antennas one after the other."""
+    phase: tuple[Any, Any]
+    """Tables of `phases`, relative to the groups."""
+    send: Any = None
+    """By how much longer the way from a transmitter is than from its array's centre: phase as in `phases`, relative to the groups."""
+    receive: Sequence[Any] = ()
+    """The same of receivers, each a pair with the transmitter."""
 
 
 def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leaves:
@@ -226,7 +226,7 @@ def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leav
     )
     references = References(level.group, level.delay, level.delay_slope)
     phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
-    return Leaves(members, amplitudes(window, sweep, backend), [phase])
+    return Leaves(members, amplitudes(window, sweep, backend), phase)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +235,8 @@ class Extra:
 
     means: list[tuple[np.ndarray, np.ndarray]]
     """Delay [s] and its slope [s per frame] of each level's groups, (n + 3, K)."""
-    phase: Phase
+    phase: Any
+    """Flat cubics of `phases`."""
 
     @classmethod
     def of(
@@ -257,26 +258,26 @@ class Extra:
 
         references = References(tree[0].group, *effective(*means[0], tree[0].delay, tree[0].delay_slope))
         here = effective(delay, slope, window.delay, window.delay_slope)
-        return cls(means, phases(*here, sweep, references, 0.0, backend))
+        return cls(means, phases(*here, sweep, references, 0.0, backend)[0])
 
 
-def at_antennas(tree: list[Level], leaves: Leaves, pairs: Sequence[tuple[Extra, Extra]]) -> tuple[list[Level], Leaves]:
-    """Levels and leaves of pairs of antennas from those of their arrays: the groups of the first pair, those of the next, ..."""
+def at_antennas(
+    tree: list[Level], leaves: Leaves, send: Extra, receive: Sequence[Extra]
+) -> tuple[list[Level], Leaves]:
+    """Levels and leaves of a transmitter with several receivers from those of their arrays: the groups of the first pair, those of
+    the next, ..."""
     many, below = [], 0
     for number, level in enumerate(tree):
-        means = [[end.means[number] for end in pair] for pair in pairs]
         delay, slope = (
-            np.concatenate([own + out[k] + back[k] for out, back in means], axis=1)
+            np.concatenate([own + send.means[number][k] + back.means[number][k] for back in receive], axis=1)
             for k, own in enumerate((level.delay, level.delay_slope))
         )
         # The echoes below the first level are the same for all pairs.
-        group = level.group + (len(level) * np.arange(len(pairs)) if below else np.zeros(1, int))[:, None]
+        group = level.group + (len(level) * np.arange(len(receive)) if below else np.zeros(1, int))[:, None]
         many.append(replace(level, group=group.ravel(), delay=delay, delay_slope=slope))
         below = len(level)
     # The product of the two extra delays in the residual video phase, 3e-6 of a turn across 0.5 m, is left out.
-    own = leaves.phases[0]
-    turned = [tuple(sum(tables) for tables in zip(own, out.phase, back.phase, strict=True)) for out, back in pairs]
-    return many, replace(leaves, phases=turned)
+    return many, replace(leaves, send=send.phase, receive=[each.phase for each in receive])
 
 
 def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
@@ -288,21 +289,70 @@ def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, bac
 
 
 def _smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
-    # Every level takes two samples before and three after: an interval before the window, and a little more than one after it.
-    sample = np.arange(-level.rate, (window.stop - window.start + 1) * level.rate + 2)
-    values = moments(
-        leaves.members,
-        leaves.phases,
-        leaves.fields,
-        np.zeros(leaves.members.collectors),
-        sample / level.rate,
-        window.step_s,
-        sweep,
-        backend,
-        chebyshev(TERMS, nodes(level.nodes)),
-        bent=False,
+    """Factors of the first level's groups, those of one pair of antennas after those of another, straight from the echoes.
+
+    One kernel: its lanes are (group, frame interval), its loop runs over the group's echoes, of which a lane reads each once for
+    all moments and all pairs. Every level takes two samples before and three after: an interval before the window, and a little
+    more than one after it, where the last lanes go on with the last interval's cubics.
+    """
+    import drjit as dr
+
+    Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
+    members, groups, intervals = leaves.members, leaves.members.collectors, len(window.delay) - 1
+    lane = dr.arange(UInt32, groups * (intervals + 1))
+    per_group = dr.opaque(UInt32, intervals + 1)
+    group = lane // per_group
+    place = lane - group * per_group
+    interval = dr.minimum(place, dr.opaque(UInt32, intervals - 1))
+    beyond = Float32(place - interval)
+    row = interval * dr.opaque(UInt32, groups) + group
+    starts = UInt32(members.starts.astype(np.uint32))
+    echoes = UInt32(members.members.astype(np.uint32))
+    width = dr.opaque(UInt32, intervals)
+    per_turn, per_rate, _ = (dr.opaque(Float32, value) for value in sweep.per_turn(window.step_s))
+    x = [float(v) for v in nodes(level.nodes)[::2]]
+    pairs = max(1, len(leaves.receive))
+
+    def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
+        member = dr.gather(UInt32, echoes, i) * width + interval
+        parts = [dr.gather(Packet, values, member) for values in leaves.fields]
+        turns, theta = dr.gather(Packet, leaves.phase[0], member), dr.gather(Float32, leaves.phase[1], member)
+        of_pairs = [(turns, theta)]
+        if leaves.send is not None:
+            sent = dr.gather(Packet, leaves.send, member)
+            more = [sent + dr.gather(Packet, back, member) for back in leaves.receive]
+            of_pairs = [(turns + each, theta + each[0] * per_turn) for each in more]
+        out = []
+        for k in range(level.rate):
+            u = beyond + k / level.rate
+            values = [c[0] + u * (c[1] + u * (c[2] + u * c[3])) for c in parts]
+            ends = []
+            for node in x:
+                for sign in (node, -node):
+                    ends += [a + sign * b for a, b in zip(values[:2], values[2:], strict=True)] if values[2:] else values
+            for cubic, start in of_pairs:
+                travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
+                rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
+                phase = cubic[0] + travelled
+                sin, cos = sin_cos(phase)
+                out += rotated(turned(ends, sin, cos), start + travelled * per_turn + rate * per_rate, x, small=True)
+        return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
+
+    numbers = 2 * level.nodes
+    zeros = [dr.zeros(Float32, dr.width(lane)) for _ in range(level.rate * pairs * numbers)]
+    _, sums = dr.while_loop(
+        state=(dr.gather(UInt32, starts, row), zeros),
+        cond=lambda i, sums: i < dr.gather(UInt32, starts, row + 1),
+        body=add,
+        labels=("i", "sums"),
+        mode="symbolic",
     )
-    return Factors(values, len(level), len(sample), int(sample[0]))
+    dr.eval(sums)  # all at once; else each pair's would run the loop again
+    by_pair = np.reshape(np.arange(len(sums)), (level.rate, pairs, numbers)).swapaxes(0, 1).reshape(pairs, -1)
+    of_pairs = [dr.ravel(backend.arrays.ArrayXf([sums[k] for k in each])) for each in by_pair.tolist()]
+    values = dr.concat(of_pairs) if pairs > 1 else of_pairs[0]
+    dr.eval(values)
+    return Factors(values, (intervals + 1) * level.rate, -level.rate)
 
 
 def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: float, backend: Backend) -> Factors:
@@ -326,13 +376,13 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     u = start, start + dr.opaque(Float32, 0.5 / below.rate)
     samples = dr.opaque(UInt32, inner.samples)
     per_turn, per_rate, _ = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
-    spread = _spread(below.nodes, level.nodes)
+    spread = spread_to(below.nodes, level.nodes)
     x = [float(v) for v in nodes(level.nodes)[::2]]
 
     def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         child = dr.gather(UInt32, children, i)
         cubic = dr.gather(Packet, delta, row + child)
-        frames = [_read(inner.values, child * samples + index + k, below.nodes, Packet, dr) for k in range(6)]
+        frames = [read(inner.values, child * samples + index + k, below.nodes, Packet) for k in range(6)]
         # The quintic through six samples; what it misses of a phasor of step w, 5/1024 w^6, is an image at the rate below.
         middle = [
             (150 * (c + d) - 25 * (b + e) + 3 * (a + f)) * (1 / 256) for a, b, c, d, e, f in zip(*frames, strict=True)
@@ -341,8 +391,8 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
         for time, values in zip(u, (frames[2], middle), strict=True):
             turns = cubic[0] + time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
             rate = cubic[1] + time * (2 * cubic[2] + time * (3 * cubic[3]))
-            sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi))
-            out += _rotated(spread(_turned(values, sin, cos)), turns * per_turn + rate * per_rate, x, dr)
+            sin, cos = sin_cos(turns)
+            out += rotated(spread(turned(values, sin, cos)), turns * per_turn + rate * per_rate, x)
         return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
 
     zeros = [dr.zeros(Float32, dr.width(lane)) for _ in range(4 * level.nodes)]
@@ -356,7 +406,7 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     )
     out = dr.ravel(backend.arrays.ArrayXf(sums))
     dr.eval(out)
-    return Factors(out, len(level), 2 * steps, 2 * (inner.first + 2))
+    return Factors(out, 2 * steps, 2 * (inner.first + 2))
 
 
 def at_moments(
@@ -407,7 +457,7 @@ def at_moments(
     table = backend.lanes(members.members)
     samples = dr.opaque(UInt32, inner.samples)
     per_turn, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
-    spread = _spread(level.nodes, count)
+    spread = spread_to(level.nodes, count)
     x = [float(v) for v in nodes(count)[::2]]
 
     def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
@@ -415,14 +465,14 @@ def at_moments(
         member = group * intervals + interval_of_lane
         cubic = dr.gather(Packet, phase[0], member)
         theta = dr.gather(Float32, phase[1], member) - centre
-        frames = [_read(inner.values, group * samples + index + k, level.nodes, Packet, dr) for k in range(4)]
+        frames = [read(inner.values, group * samples + index + k, level.nodes, Packet) for k in range(4)]
         values = [sum(w * v for w, v in zip(weight, parts, strict=True)) for parts in zip(*frames, strict=True)]
         travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
         rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
         turns = cubic[0] + travelled
-        sin, cos = dr.sincos((turns - dr.round(turns)) * (2 * math.pi))
+        sin, cos = sin_cos(turns)
         theta = theta + travelled * per_turn + rate * per_rate
-        out = _rotated(spread(_turned(values, sin, cos)), theta, x, dr, bend=rate * eps_per_rate)
+        out = rotated(spread(turned(values, sin, cos)), theta, x, bend=rate * eps_per_rate)
         return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
 
     zeros = [dr.zeros(Float32, dr.width(begin)) for _ in range(2 * count)]
@@ -442,53 +492,3 @@ def _relative(below: Level, level: Level, sweep: Sweep) -> np.ndarray:
         sweep.mid_hz - sweep.slope * above
     ) * above_slope
     return np.stack(hermite(turns[:-1], turns[1:], rate[:-1], rate[1:]), axis=-1).astype(np.float32)
-
-
-def _read(values: Any, sample: Any, count: int, packet: Any, dr: Any) -> list[Any]:
-    """Real and imaginary parts at `count` nodes of a sample of a factor."""
-    base = sample * (count // 2)
-    return [part for k in range(count // 2) for part in dr.gather(packet, values, base + k)]
-
-
-def _turned(values: list[Any], sin: Any, cos: Any) -> list[Any]:
-    """Complex numbers, as real and imaginary parts in turn, times exp(j phase)."""
-    out = []
-    for real, imag in zip(values[::2], values[1::2], strict=True):
-        out += [real * cos - imag * sin, real * sin + imag * cos]
-    return out
-
-
-def _spread(inner: int, outer: int) -> Callable[[list[Any]], list[Any]]:
-    """From values at `inner` nodes of the sweep to those at `outer` nodes of the polynomial through them."""
-    if inner == outer:
-        return lambda values: values
-    # Nodes come in pairs +-x: even and odd parts apart halve the work.
-    matrix = interpolation(inner, nodes(outer))[::2]
-    even, odd = ((matrix[:, ::2] + sign * matrix[:, 1::2]) / 2 for sign in (1, -1))
-
-    def spread(values: list[Any]) -> list[Any]:
-        out = []
-        pairs = [values[k : k + 4] for k in range(0, len(values), 4)]
-        for row_even, row_odd in zip(even, odd, strict=True):
-            sums = [
-                sum(float(w) * (pair[part] + sign * pair[part + 2]) for w, pair in zip(row, pairs, strict=True))
-                for part in (0, 1)
-                for row, sign in ((row_even, 1), (row_odd, -1))
-            ]
-            out += [sums[0] + sums[1], sums[2] + sums[3], sums[0] - sums[1], sums[2] - sums[3]]
-        return out
-
-    return spread
-
-
-def _rotated(values: list[Any], theta: Any, x: list[float], dr: Any, bend: Any = None) -> list[Any]:
-    """Values at pairs of nodes +-x, times exp(j (theta x + bend x^2)); bend to first order."""
-    out = []
-    for k, place in enumerate(x):
-        a, b, c, d = values[4 * k : 4 * k + 4]
-        if bend is not None:
-            e = bend * (place * place)
-            a, b, c, d = a - e * b, b + e * a, c - e * d, d + e * c
-        sin, cos = dr.sincos(theta * place)
-        out += [a * cos - b * sin, a * sin + b * cos, c * cos + d * sin, d * cos - c * sin]
-    return out

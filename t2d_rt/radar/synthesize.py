@@ -14,7 +14,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -112,14 +115,33 @@ def _fill(
         out[:] = 0
     if not window.delay.size:
         return
+    # To samples in another thread: the kernels for the next antennas are under way meanwhile.
+    with ThreadPoolExecutor(1) as pool:
+        jobs = [pool.submit(job) for job in _sums(out, window, radar, rows, position, sweep, tolerance, backend)]
+    for job in jobs:
+        job.result()
+
+
+def _sums(
+    out: np.ndarray,
+    window: Window,
+    radar: Radar,
+    rows: slice,
+    position: np.ndarray,
+    sweep: Sweep,
+    tolerance: float,
+    backend: Backend,
+) -> Iterator[Callable[[], None]]:
+    """What `_fill` does, pair by pair of antennas: the sums are done, calling what comes fills the samples."""
     rate = len(position) / (window.stop - window.start)
     if not radar.is_array:
         tree = levels(window, sweep, rate, tolerance)
         if tree:
             own = leaves(window, tree[0], sweep, backend)
-            _sum_groups([out[:, 0]], window, tree, own, position, sweep, tolerance, backend)
+            (spectra,) = _sum_groups(1, window, tree, own, position, sweep, tolerance, backend)
         else:
-            _sum_echoes(out[:, 0], window, position, sweep, backend)
+            spectra = _sum_echoes(window, position, sweep, backend)
+        yield partial(spectra.to_samples, out[:, 0])
         return
     send = window.extras(0, radar.tx_position_m, radar.tx_positions_m)
     receive = window.extras(1, radar.rx_position_m, radar.rx_positions_m)
@@ -129,55 +151,70 @@ def _fill(
     if shared is not None:
         sends, receives = ([Extra.of(window, tree, *each, sweep, backend) for each in end] for end in (send, receive))
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
-    ddm = radar.multiplexing == "ddm"
     for tx, first in itertools.product(range(len(send)), range(0, len(receive), RECEIVERS)):
         some = range(first, min(first + RECEIVERS, len(receive)))
-        antennas = [tx * len(receive) + rx for rx in some]
-        samples = [np.empty_like(out[:, 0]) if ddm else out[:, antenna] for antenna in antennas]
-        later = radar.antenna_delays_s[antennas[0]] if radar.multiplexing == "tdm" else 0.0
+        later = radar.antenna_delays_s[tx * len(receive) + first] if radar.multiplexing == "tdm" else 0.0
         moment = position + later / window.step_s
         if shared is not None:
-            levels_here, leaves_here = at_antennas(tree, shared, [(sends[tx], receives[rx]) for rx in some])
-            _sum_groups(samples, window, levels_here, leaves_here, moment, sweep, tolerance, backend)
+            levels_here, leaves_here = at_antennas(tree, shared, sends[tx], [receives[rx] for rx in some])
+            found = _sum_groups(len(some), window, levels_here, leaves_here, moment, sweep, tolerance, backend)
         else:
-            for sample, rx in zip(samples, some, strict=True):
+            found = []
+            for rx in some:
                 more, more_slope = (a + b for a, b in zip(send[tx], receive[rx], strict=True))
                 here = replace(window, delay=window.delay + more, delay_slope=window.delay_slope + more_slope)
-                _sum_echoes(sample, here, moment, sweep, backend)
-        if ddm:
-            for sample, rx in zip(samples, some, strict=True):
-                out[:, rx] += sample * phase[:, tx, None]
+                found.append(_sum_echoes(here, moment, sweep, backend))
+        for rx, spectra in zip(some, found, strict=True):
+            if radar.multiplexing == "ddm":
+                yield partial(spectra.add_turned, out[:, rx], phase[:, tx, None])
+            else:
+                yield partial(spectra.to_samples, out[:, tx * len(receive) + rx])
 
 
-def _sum_echoes(out: np.ndarray, window: Window, position: np.ndarray, sweep: Sweep, backend: Backend) -> None:
-    """Fills `out` (chirp, sample) for chirps at `position` [frames after window.start], echo by echo."""
+@dataclass(frozen=True, slots=True)
+class _Spectra:
+    """What buckets return at each chirp, over the sweep."""
+
+    numbers: np.ndarray
+    """(chirp, bucket, Q)."""
+    weights: np.ndarray
+    """What each of the Q adds to the samples, (Q, sample)."""
+    carriers: np.ndarray
+    """The buckets' carriers at the samples, (bucket, sample)."""
+
+    def to_samples(self, out: np.ndarray) -> None:
+        """Fills `out` (chirp, sample)."""
+        basis = (self.carriers[:, None] * self.weights).astype(np.complex64)
+        for start in range(0, len(out), PRODUCT_CHIRPS):
+            part = self.numbers[start : start + PRODUCT_CHIRPS]
+            used = part.any(axis=(0, 2))
+            columns = part[:, used].reshape(len(part), -1)
+            np.matmul(columns, basis[used].reshape(-1, basis.shape[2]), out=out[start : start + PRODUCT_CHIRPS])
+
+    def add_turned(self, out: np.ndarray, phase: np.ndarray) -> None:
+        """Adds the samples times `phase` (chirp, 1) to `out` (chirp, sample)."""
+        samples = np.empty(out.shape, out.dtype)
+        self.to_samples(samples)
+        out += samples * phase
+
+
+def _sum_echoes(window: Window, position: np.ndarray, sweep: Sweep, backend: Backend) -> _Spectra:
+    """Chirps at `position` [frames after window.start], echo by echo."""
     # An antenna's turn may come a little after the window's end.
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
+    weights = chebyshev(TERMS, sweep.x)
     if not len(echo):
-        out[:] = 0
-        return
+        return _Spectra(np.zeros((len(position), 0, TERMS), np.complex64), weights, np.zeros((0, len(sweep.x))))
     buckets = _buckets(window.delay, window.delay_slope, interval, echo, ECHO_BUCKET_BINS, sweep, window.step_s)
-    tables = phases(window.delay, window.delay_slope, sweep, None, buckets.origin_s, backend)
+    table = phases(window.delay, window.delay_slope, sweep, None, buckets.origin_s, backend)
     fields = amplitudes(window, sweep, backend)
-    planes = moments(
-        buckets.members,
-        [tables],
-        fields,
-        buckets.centres,
-        position,
-        window.step_s,
-        sweep,
-        backend,
-        np.eye(TERMS),
-        bent=True,
-    )
-    terms = planes.numpy().view(np.complex64).reshape(len(buckets.centres), len(position), TERMS)
-    _to_samples(out, terms.transpose(1, 0, 2), chebyshev(TERMS, sweep.x), buckets.carriers(sweep))
+    terms = moments(buckets.members, table, fields, buckets.centres, position, window.step_s, sweep, backend)
+    return _Spectra(terms.transpose(1, 0, 2), weights, buckets.carriers(sweep))
 
 
 def _sum_groups(
-    outs: list[np.ndarray],
+    pairs: int,
     window: Window,
     tree: list[Level],
     shared: Leaves,
@@ -185,33 +222,23 @@ def _sum_groups(
     sweep: Sweep,
     tolerance: float,
     backend: Backend,
-) -> None:
-    """Fills each of `outs` (chirp, sample), one for each pair of antennas that the tree holds, group by group."""
+) -> list[_Spectra]:
+    """The same group by group, for each of the `pairs` of antennas that the tree holds."""
     top = tree[-1]
     interval, group = np.indices((len(window.delay) - 2, top.delay.shape[1])).reshape(2, -1)
-    pair = group // (top.delay.shape[1] // len(outs))
+    pair = group // (top.delay.shape[1] // pairs)
     buckets = _buckets(top.delay, top.delay_slope, interval + 1, group, BUCKET_BINS, sweep, window.step_s, apart=pair)
-    tables = phases(top.delay, top.delay_slope, sweep, None, buckets.origin_s, backend)
+    table = phases(top.delay, top.delay_slope, sweep, None, buckets.origin_s, backend)
     count = bucket_nodes(top.bins, tolerance)
     inner = factors(window, tree, shared, sweep, backend)
     fields = at_moments(
-        inner, top, buckets.members, tables, buckets.centres, position, window.step_s, count, sweep, backend
+        inner, top, buckets.members, table, buckets.centres, position, window.step_s, count, sweep, backend
     )
     carriers, weights = buckets.carriers(sweep), interpolation(count, sweep.x).T
-    bounds = np.searchsorted(buckets.part, np.arange(len(outs) + 1))
-    for out, first, last in zip(outs, bounds[:-1], bounds[1:], strict=True):
-        _to_samples(out, fields[:, first:last], weights, carriers[first:last])
-
-
-def _to_samples(out: np.ndarray, fields: np.ndarray, weights: np.ndarray, carriers: np.ndarray) -> None:
-    """Fills `out` (chirp, sample) from numbers of buckets (chirp, bucket, Q), what each adds to the samples (Q, sample), and the
-    buckets' carriers there (bucket, sample)."""
-    basis = (carriers[:, None] * weights).astype(np.complex64)
-    for start in range(0, len(out), PRODUCT_CHIRPS):
-        part = fields[start : start + PRODUCT_CHIRPS]
-        used = part.any(axis=(0, 2))
-        numbers = part[:, used].reshape(len(part), -1)
-        out[start : start + PRODUCT_CHIRPS] = numbers @ basis[used].reshape(-1, basis.shape[2])
+    bounds = np.searchsorted(buckets.part, np.arange(pairs + 1))
+    return [
+        _Spectra(fields[:, first:last], weights, carriers[first:last]) for first, last in pairwise(bounds.tolist())
+    ]
 
 
 @dataclass(frozen=True, slots=True)
