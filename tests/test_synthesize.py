@@ -19,7 +19,7 @@ from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, refinements
-from t2d_rt.radar import multilevel
+from t2d_rt.radar import groups
 from t2d_rt.radar import synthesize as module
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.radar.synthesize import synthesize
@@ -111,8 +111,8 @@ def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float, monk
     echoes = swinging_sheet(radar)
     merged = []
 
-    def levels(*arguments: Any) -> list[multilevel.Level]:
-        merged.append(multilevel.levels(*arguments))
+    def levels(*arguments: Any) -> list[groups.Level]:
+        merged.append(groups.levels(*arguments))
         return merged[-1]
 
     monkeypatch.setattr(module, "levels", levels)

@@ -1,7 +1,7 @@
 """Echoes into Chebyshev coefficients over the sweep, at any moments (docs/physics.md, eq. 16).
 
-One kernel does the sum: its lanes are (collector, a few moments), its loop runs over the collector's echoes. A collector is
-XX
+One kernel does the sum: its lanes are (collector, a few moments), its loop runs over the collector's echoes. A
+collector is a bucket of fixed delay.
 """
 
 from __future__ import annotations
@@ -83,12 +83,11 @@ def phases(
     echo: they read neighbouring numbers.
 
     Both are relative to the echo's reference; where there is none, phase comes without whole turns and theta is that of the delay
-    after `origin_s`. Delays are float64, as thousands of turns need of which the fraction counts, or float32 if they are short.
+    after `origin_s`. Delays are float64, as thousands of turns need of which the fraction counts.
     """
     import drjit as dr
 
-    Float32, UInt32 = backend.Float32, backend.UInt32
-    Real = Float32 if delay.dtype == np.float32 else backend.Float64
+    Float32, Real, UInt32 = backend.Float32, backend.Float64, backend.UInt32
     echo, interval, echoes = _echo_interval(delay, backend)
     here = interval * echoes + echo
     mid, ramp, origin, per_s = (
@@ -97,7 +96,7 @@ def phases(
 
     def turns(delays: np.ndarray, slopes: np.ndarray, indices: list[Any]) -> tuple[list[Any], Any]:
         """Phase at both frames and its slopes there, and the delay at the first."""
-        flat = [Real(np.ascontiguousarray(a, delay.dtype).ravel()) for a in (delays, slopes)]
+        flat = [Real(np.ascontiguousarray(a).ravel()) for a in (delays, slopes)]
         taus, rates = ([dr.gather(Real, values, index) for index in indices] for values in flat)
         phase = [mid * tau - 0.5 * ramp * tau * tau for tau in taus]
         return phase + [(mid - ramp * tau) * rate for tau, rate in zip(taus, rates, strict=True)], taus[0]

@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -25,28 +25,20 @@ from t2d_rt.backend import Backend, select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.cubes import Cube, CubeWriter, new_cube
 from t2d_rt.errors import InputError
+from t2d_rt.radar.groups import BUCKET_BINS, Level, bucket_nodes, levels
+from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.moments import TERMS, Members, amplitudes, moments, phases
-from t2d_rt.radar.multilevel import (
-    BUCKET_BINS,
-    Extra,
-    Leaves,
-    Level,
-    at_antennas,
-    at_moments,
-    bucket_nodes,
-    factors,
-    leaves,
-    levels,
-)
+from t2d_rt.radar.multilevel import at_antennas, at_moments, factors
 from t2d_rt.radar.sweep import Sweep, chebyshev, interpolation
-from t2d_rt.radar.windows import Window, windows
+from t2d_rt.radar.ways import ends, ways
+from t2d_rt.radar.windows import Delay, Window, windows
 from t2d_rt.types import Echoes, EchoStream, Radar, stream
 
 ECHO_BUCKET_BINS = 0.25
 PRODUCT_CHIRPS = 512
 """Chirps at once from buckets to samples: few enough that buckets which the target has left, or not reached, need not be summed."""
-RECEIVERS = 4
-"""Receivers worked on at once."""
+RECEIVERS, MOST_SUMS = 4, 400
+"""Receivers worked on at once, with as many transmitters as leave a lane of the leaves' kernel that many numbers to sum."""
 MOST_SLOTS = 1000
 """Buckets that an echo may cross in a frame interval."""
 
@@ -78,12 +70,21 @@ def synthesize(
     starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
     cube = new_cube((len(starts), radar.antennas, radar.samples))
     sweep, tolerance, backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
+    jobs: list[Future[None]] = []
     # Threads of BLAS that wait for its next product would take the kernels' cores.
-    with threadpool_limits(1, user_api="blas"), CubeWriter(cube) as writer:
+    with threadpool_limits(1, user_api="blas"), CubeWriter(cube) as writer, ThreadPoolExecutor(1) as pool:
         for window, rows, position in _blocks(source, radar, starts, read_frames):
-            _fill(writer.room(len(position)), window, radar, rows, position, sweep, tolerance, backend)
+            sums = _sums(window, radar, position, sweep, tolerance, backend)
+            # Samples are made in another thread: with the first sums of a window most of its kernels are done.
+            head = list(itertools.islice(sums, 1))
+            for job in jobs:
+                job.result()
+            out = writer.room(len(position))
+            jobs = [pool.submit(job) for job in _filling(out, itertools.chain(head, sums), radar, rows)]
             if progress is not None:
                 progress(rows.stop / len(starts))
+        for job in jobs:
+            job.result()
     return cube
 
 
@@ -100,75 +101,59 @@ def _blocks(
             yield window, slice(first, last), mid_times[first:last] / window.step_s - window.start
 
 
-def _fill(
-    out: np.ndarray,
-    window: Window,
-    radar: Radar,
-    rows: slice,
-    position: np.ndarray,
-    sweep: Sweep,
-    tolerance: float,
-    backend: Backend,
-) -> None:
-    """Fills `out` (row, antenna, sample) with the samples of the cube's `rows`, which begin at `position`."""
-    if not window.delay.size or radar.multiplexing == "ddm":
+def _filling(
+    out: np.ndarray, sums: Iterator[tuple[int, int, _Spectra]], radar: Radar, rows: slice
+) -> Iterator[Callable[[], None]]:
+    """Calls that fill `out` (row, antenna, sample), the cube's `rows`, from what comes of `_sums`."""
+    receivers, ddm = len(radar.rx_positions_m), radar.multiplexing == "ddm"
+    phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
+    if ddm:
         out[:] = 0
-    if not window.delay.size:
-        return
-    # To samples in another thread: the kernels for the next antennas are under way meanwhile.
-    with ThreadPoolExecutor(1) as pool:
-        jobs = [pool.submit(job) for job in _sums(out, window, radar, rows, position, sweep, tolerance, backend)]
-    for job in jobs:
-        job.result()
+    for tx, rx, spectra in sums:
+        if ddm:
+            yield partial(spectra.add_turned, out[:, rx], phase[:, tx, None])
+        else:
+            yield partial(spectra.to_samples, out[:, tx * receivers + rx])
 
 
 def _sums(
-    out: np.ndarray,
-    window: Window,
-    radar: Radar,
-    rows: slice,
-    position: np.ndarray,
-    sweep: Sweep,
-    tolerance: float,
-    backend: Backend,
-) -> Iterator[Callable[[], None]]:
-    """What `_fill` does, pair by pair of antennas: the sums are done, calling what comes fills the samples."""
+    window: Window, radar: Radar, position: np.ndarray, sweep: Sweep, tolerance: float, backend: Backend
+) -> Iterator[tuple[int, int, _Spectra]]:
+    """Numbers of a transmitter and a receiver, and what they record of chirps at `position` [frames after window.start]."""
     rate = len(position) / (window.stop - window.start)
-    if not radar.is_array:
-        tree = levels(window, sweep, rate, tolerance)
-        if tree:
-            own = leaves(window, tree[0], sweep, backend)
-            (spectra,) = _sum_groups(1, window, tree, own, position, sweep, tolerance, backend)
-        else:
-            spectra = _sum_echoes(window, position, sweep, backend)
-        yield partial(spectra.to_samples, out[:, 0])
+    both = ends(window, radar)
+    outermost = (end.some(which).extra_delays() for end, which in zip(both, np.transpose(radar.outermost), strict=True))
+    more = [] if window.sights is None else [_both(*pair) for pair in zip(*outermost, strict=True)]
+    tree = levels(window, sweep, rate, tolerance, more) if window.delay.size else []
+    moments = [position] * len(radar.tx_positions_m)
+    if radar.multiplexing == "tdm":
+        moments = [position + tx / radar.prf_hz / window.step_s for tx in range(len(moments))]
+    if not tree:
+        for (tx, out), (rx, back) in itertools.product(*(enumerate(end.extra_delays()) for end in both)):
+            extra, slope = _both(out, back)
+            here = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + slope)
+            yield tx, rx, _sum_echoes(here, moments[tx], sweep, backend)
         return
-    send = window.extras(0, radar.tx_position_m, radar.tx_positions_m)
-    receive = window.extras(1, radar.rx_position_m, radar.rx_positions_m)
-    outermost = [(send[tx], receive[rx]) for tx, rx in radar.outermost]
-    tree = levels(window, sweep, rate, tolerance, [(a[0] + b[0], a[1] + b[1]) for a, b in outermost])
-    shared = leaves(window, tree[0], sweep, backend) if tree else None
-    if shared is not None:
-        sends, receives = ([Extra.of(window, tree, *each, sweep, backend) for each in end] for end in (send, receive))
-    phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
-    for tx, first in itertools.product(range(len(send)), range(0, len(receive), RECEIVERS)):
-        some = range(first, min(first + RECEIVERS, len(receive)))
-        later = radar.antenna_delays_s[tx * len(receive) + first] if radar.multiplexing == "tdm" else 0.0
-        moment = position + later / window.step_s
-        if shared is not None:
-            levels_here, leaves_here = at_antennas(tree, shared, sends[tx], [receives[rx] for rx in some])
-            found = _sum_groups(len(some), window, levels_here, leaves_here, moment, sweep, tolerance, backend)
-        else:
-            found = []
-            for rx in some:
-                more, more_slope = (a + b for a, b in zip(send[tx], receive[rx], strict=True))
-                here = replace(window, delay=window.delay + more, delay_slope=window.delay_slope + more_slope)
-                found.append(_sum_echoes(here, moment, sweep, backend))
-        for rx, spectra in zip(some, found, strict=True):
-            if radar.multiplexing == "ddm":
-                yield partial(spectra.add_turned, out[:, rx], phase[:, tx, None])
-            else:
-                yield partial(spectra.to_samples, out[:, tx * len(receive) + rx])
+    own = leaves(window, tree[0], sweep, backend)
+    send, receive = ways(both, [level.mean for level in tree], backend)
+    at_once = max(1, MOST_SUMS // (RECEIVERS * 2 * tree[0].nodes * tree[0].rate))
+    for some_tx, some_rx in itertools.product(_batches(len(send), at_once), _batches(len(receive), RECEIVERS)):
+        deep, own_here = at_antennas(tree, own, send.some(some_tx), receive.some(some_rx))
+        inner = factors(window, deep, own_here, sweep, backend)
+        for number, tx in enumerate(some_tx):
+            top = deep[-1].part(number, len(some_tx))
+            found = _sum_groups(
+                top, inner, number * len(top), len(some_rx), moments[tx], window.step_s, sweep, tolerance, backend
+            )
+            yield from ((tx, rx, spectra) for rx, spectra in zip(some_rx, found, strict=True))
+
+
+def _batches(count: int, size: int) -> list[range]:
+    return [range(first, min(first + size, count)) for first in range(0, count, size)]
+
+
+def _both(out: Delay, back: Delay) -> Delay:
+    return out[0] + back[0], out[1] + back[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,31 +199,29 @@ def _sum_echoes(window: Window, position: np.ndarray, sweep: Sweep, backend: Bac
 
 
 def _sum_groups(
+    top: Level,
+    inner: Factors,
+    first: int,
     pairs: int,
-    window: Window,
-    tree: list[Level],
-    shared: Leaves,
     position: np.ndarray,
+    step_s: float,
     sweep: Sweep,
     tolerance: float,
     backend: Backend,
 ) -> list[_Spectra]:
-    """The same group by group, for each of the `pairs` of antennas that the tree holds."""
-    top = tree[-1]
-    interval, group = np.indices((len(window.delay) - 2, top.delay.shape[1])).reshape(2, -1)
-    pair = group // (top.delay.shape[1] // pairs)
-    buckets = _buckets(top.delay, top.delay_slope, interval + 1, group, BUCKET_BINS, sweep, window.step_s, apart=pair)
+    """The same group by group, for each of the `pairs` of antennas whose groups `top` holds; their factors are those of `inner`
+    from `first` on."""
+    interval, group = np.indices((len(top.delay) - 2, len(top))).reshape(2, -1)
+    pair = group // (len(top) // pairs)
+    buckets = _buckets(top.delay, top.delay_slope, interval + 1, group, BUCKET_BINS, sweep, step_s, apart=pair)
     table = phases(top.delay, top.delay_slope, sweep, None, buckets.origin_s, backend)
     count = bucket_nodes(top.bins, tolerance)
-    inner = factors(window, tree, shared, sweep, backend)
     fields = at_moments(
-        inner, top, buckets.members, table, buckets.centres, position, window.step_s, count, sweep, backend
+        inner, first, top, buckets.members, table, buckets.centres, position, step_s, count, sweep, backend
     )
     carriers, weights = buckets.carriers(sweep), interpolation(count, sweep.x).T
     bounds = np.searchsorted(buckets.part, np.arange(pairs + 1))
-    return [
-        _Spectra(fields[:, first:last], weights, carriers[first:last]) for first, last in pairwise(bounds.tolist())
-    ]
+    return [_Spectra(fields[:, first:last], weights, carriers[first:last]) for first, last in pairwise(bounds.tolist())]
 
 
 @dataclass(frozen=True, slots=True)

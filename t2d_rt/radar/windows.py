@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.types import EchoArrays, EchoStream
 
@@ -18,6 +18,26 @@ INTERVALS = 32
 HALO_FRAMES = 12
 # Echoes x frames read at once, 24 bytes each.
 READ_ECHO_FRAMES = 1_000_000
+
+Delay = tuple[np.ndarray, np.ndarray]
+"""[s] and its slope [s per frame], both (n + 3, N)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sights:
+    """Where echoes seem to stand, float32 (3, n + 3, L)."""
+
+    points_m: np.ndarray
+    steps_m: np.ndarray
+    """How that changes [m per frame]."""
+
+    def mean(self, mean: Any) -> Sights:
+        """Of groups: `mean` is sparse, (L, K)."""
+        points, steps = (
+            (values.reshape(-1, values.shape[-1]) @ mean).reshape(*values.shape[:2], -1)
+            for values in (self.points_m, self.steps_m)
+        )
+        return Sights(points, steps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,24 +61,8 @@ class Window:
     """Slope over frequency, likewise."""
     lit: tuple[np.ndarray, np.ndarray]
     """(interval, echo) of all echoes that are not dark in an interval, whose frames are four of the amplitude's."""
-    points: tuple[np.ndarray, np.ndarray] | None
-    """Where the echoes seem to stand for transmitters and receivers [m], over as many frames as their spline asks for."""
-    framed: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-    """From values at these frames (., L) to those at the window's and their slopes, both (n + 3, L)."""
-
-    def extras(self, leg: int, centre_m: np.ndarray, antennas_m: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Delay [s] and its slope, each float32 (n + 3, L), by which each antenna differs from its array's centre; leg 0 or 1."""
-        if self.points is None:
-            return [(np.zeros(self.delay.shape, np.float32),) * 2] * len(antennas_m)
-        sight = self.points[leg] - centre_m.astype(np.float32)
-        squared = np.einsum("tli,tli->tl", sight, sight)
-        length = np.sqrt(squared)
-        found = []
-        for offset in (antennas_m - centre_m).astype(np.float32):
-            # |sight - offset| - |sight| without cancellation.
-            more = offset @ offset - 2 * (sight @ offset)
-            found.append(self.framed(more / (length + np.sqrt(squared + more)) / np.float32(SPEED_OF_LIGHT)))
-        return found
+    sights: tuple[Sights, Sights] | None
+    """For transmitters and for receivers."""
 
 
 def windows(source: EchoStream, read_frames: int | None = None) -> Iterator[Window]:
@@ -109,15 +113,19 @@ def _window(
             values, slope = np.concatenate([values, values[-1:] + slope[-1:]]), np.concatenate([slope, slope[-1:]])
         return values, slope
 
+    def sights_of(points: np.ndarray) -> Sights:
+        values, steps = zip(*(framed(points[..., axis]) for axis in range(3)), strict=True)
+        return Sights(np.stack(values), np.stack(steps))
+
     keep = slice(max(0, start - 1) - low, min(total, stop + 2) - low)
     amplitude = with_ends(1)
     lit = amplitude != 0
     delay, delay_slope = framed(taken(0, low, high))
-    sample, points = held[0][1], None
+    sample, sights = held[0][1], None
     if sample.departure_m is not None and sample.arrival_m is not None:
-        ahead = taken(3, low, high)
         same = all(part.departure_m is part.arrival_m for _, part in held)
-        points = ahead, ahead if same else taken(4, low, high)
+        seen = [sights_of(taken(3, low, high))]
+        sights = seen[0], seen[0] if same else sights_of(taken(4, low, high))
     return Window(
         start=start,
         stop=stop,
@@ -127,8 +135,7 @@ def _window(
         amplitude=amplitude,
         sweep=None if sample.slope is None else with_ends(2),
         lit=np.nonzero(lit[:-3] | lit[1:-2] | lit[2:-1] | lit[3:]),  # type: ignore[arg-type]
-        points=points,
-        framed=framed,
+        sights=sights,
     )
 
 

@@ -161,7 +161,7 @@ def ascending(power: np.ndarray) -> np.ndarray:
 def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_fft: int) -> np.ndarray:
     """Sum over cells of |short-time spectrum|^2, (n_fft, time), in FFT order; `cells` is (chirp, cell).
 
-    One window at a time over some cells: the block stays in cache, and the FFT along axis 0 runs on many cells at once.
+    Some cells at a time, window after window: these overlap and stay in cache, and the FFT along axis 0 runs on many cells at once.
     """
     from scipy import fft
 
@@ -169,10 +169,11 @@ def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_
     power = np.zeros((len(starts), n_fft), dtype=cells.real.dtype)
 
     def run(share: np.ndarray) -> None:
-        for index in share:
-            window = cells[starts[index] : starts[index] + len(weights)]
-            for first in range(0, cells.shape[1], CELLS):
-                spectra = fft.fft(window[:, first : first + CELLS] * columns, n_fft, axis=0, overwrite_x=True)
+        for first in range(0, cells.shape[1], CELLS):
+            some = cells[:, first : first + CELLS]
+            for index in share:
+                window = some[starts[index] : starts[index] + len(weights)]
+                spectra = fft.fft(window * columns, n_fft, axis=0, overwrite_x=True)
                 parts = spectra.view(spectra.real.dtype)
                 power[index] += np.einsum("fc,fc->f", parts, parts)
 
@@ -212,10 +213,21 @@ def _filtered(
         for start in range(0, adc.shape[0], piece):
             chirp += np.sum(adc[start : start + piece], axis=0, dtype=np.complex128) / adc.shape[0]
         steady = cells_of(chirp).astype(adc.dtype)
-    for windows in np.split(starts, np.flatnonzero(np.diff(starts // piece)) + 1):
-        first = int(windows[0])
-        cells = cells_of(adc[first : windows[-1] + n_window])
-        yield first, windows, cells if steady is None else cells - steady
+    pieces = np.split(starts, np.flatnonzero(np.diff(starts // piece)) + 1)
+
+    def moving(windows: np.ndarray) -> np.ndarray:
+        cells = cells_of(adc[windows[0] : windows[-1] + n_window])
+        if steady is not None:
+            cells -= steady
+        return cells
+
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(moving, pieces[0])
+        for windows, following in zip(pieces, [*pieces[1:], None], strict=True):
+            cells = coming.result()
+            if following is not None:
+                coming = pool.submit(moving, following)
+            yield int(windows[0]), windows, cells
 
 
 def _filter_bursts(

@@ -11,7 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from typing import Any
 from unittest import mock
@@ -46,8 +46,8 @@ ENTRIES: tuple[tuple[str, Any, str], ...] = (
     (FACETS, mesh, "_carried"),
     (FACETS, mesh._Model, "echoes"),
     (FACETS, mesh._Model, "places"),
-    (SYNTHESIS, windows, "_window"),
-    (SYNTHESIS, synthesize, "_fill"),
+    (SYNTHESIS, pipeline, "synthesize"),
+    (SYNTHESIS, synthesize, "_sums"),
     (SPECTROGRAM, result, "spectrogram"),
 )
 """Where each stage is entered. The rest is checks, the choice of the surface rate, and the ellipsoid model."""
@@ -147,18 +147,19 @@ def stage_seconds(run: Callable[[], None]) -> tuple[dict[str, float], Counter[st
     with contextlib.ExitStack() as patches:
         for stage, home, name in ENTRIES:
             patches.enter_context(mock.patch.object(home, name, watched(stage, name, getattr(home, name))))
-        patches.enter_context(mock.patch.object(windows, "ThreadPoolExecutor", _Waiting))
+        for home in (windows, synthesize, cubes):
+            patches.enter_context(mock.patch.object(home, "ThreadPoolExecutor", _AtOnce))
         total = timed(run)
     spent[REST] = total - sum(spent.values())
     return spent, done
 
 
-class _Waiting(ThreadPoolExecutor):
-    """A pool whose work is done when it has been handed in."""
+class _AtOnce(ThreadPoolExecutor):
+    """A pool whose work is done by who hands it in."""
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **options: Any) -> Future[Any]:
-        future = super().submit(function, *args, **options)
-        wait([future])
+        future: Future[Any] = Future()
+        future.set_result(function(*args, **options))
         return future
 
 
@@ -166,12 +167,12 @@ def _facet_terms(model: Any, cage: np.ndarray, *_: Any) -> dict[str, int]:
     return {"facet_terms": len(model.patches.corners) * len(cage), "frames": len(cage)}
 
 
-def _echo_terms(out: np.ndarray, window: Window, radar: Radar, *_: Any) -> dict[str, int]:
-    moments = len(out) * len(radar.tx_offsets_m) * len(radar.rx_offsets_m)
+def _echo_terms(window: Window, radar: Radar, position: np.ndarray, *_: Any) -> dict[str, int]:
+    moments = len(position) * len(radar.tx_offsets_m) * len(radar.rx_offsets_m)
     return {"echo_terms": window.delay.shape[1] * moments, "moments": moments}
 
 
-COUNTERS: dict[str, Callable[..., dict[str, int]]] = {"echoes": _facet_terms, "_fill": _echo_terms}
+COUNTERS: dict[str, Callable[..., dict[str, int]]] = {"echoes": _facet_terms, "_sums": _echo_terms}
 
 
 def _walk(duration_s: float) -> Motion:

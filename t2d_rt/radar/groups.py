@@ -1,0 +1,179 @@
+"""Which echoes go into which groups, level by level: those whose phases part slowly and whose delays lie close."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.radar.sweep import Sweep, nodes_for
+from t2d_rt.radar.windows import Delay, Window
+
+FIRST_RATES = ((-50.0, 4), (-60.0, 8))
+"""Samples of the smallest groups' factors per frame interval, by tolerance [dB]: the amplitudes' interpolants have kinks at the
+frames, which leave -54 and -62 dB. Beyond these tolerances echoes are not merged."""
+FIRST_BINS = 0.35
+"""Range bins that the smallest groups' echoes span at most."""
+MOST_BINS = 3.0
+"""The same of the largest groups."""
+BUCKET_BINS = 3.0
+"""Width of a bucket of groups."""
+WIDE = 0.25
+"""Share of what the smallest groups may span from which the outermost antennas of an array count too."""
+PROBE_EVERY = 4
+"""Frames between looks at how echoes part."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Groups of one level, of echoes or of the groups of the level below."""
+
+    rate: int
+    """Samples per frame interval."""
+    nodes: int
+    """Nodes of the sweep."""
+    bins: float
+    """Range bins that a group's echoes span at most."""
+    group: np.ndarray
+    """Group of each echo, or of each group below."""
+    mean: Any
+    """Sparse: values of these times this are the means of the groups; of one pair of antennas, where there are several."""
+    delay: np.ndarray
+    """Mean of the members' [s], (n + 3, K)."""
+    delay_slope: np.ndarray
+    """[s per frame], likewise."""
+
+    def __len__(self) -> int:
+        return self.delay.shape[1]
+
+    def part(self, number: int, parts: int) -> Level:
+        """One of equal parts of the groups."""
+        some = slice(number * len(self) // parts, (number + 1) * len(self) // parts)
+        return replace(self, delay=self.delay[:, some], delay_slope=self.delay_slope[:, some])
+
+
+def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: Sequence[Delay] = ()) -> list[Level]:
+    """Levels worth having for moments that come `rate` times per frame interval, none where summing echo by echo is less work.
+
+    `extras`: what is added to the delays [s] and their slopes, each (n + 3, L), at the outermost antennas of an array.
+    """
+    rates = [first for limit_db, first in FIRST_RATES if tolerance >= 10 ** (limit_db / 20) * (1 - 1e-9)]
+    if not rates:
+        return []
+    allowed = _turns_per_step(tolerance)
+    turns, bins = _features(window, sweep, extras, (WIDE * allowed * rates[0], WIDE * FIRST_BINS))
+    found: list[Level] = []
+    samples, width = rates[0], FIRST_BINS
+    low = high = np.concatenate([turns, bins], axis=1)
+    here, delay, slope = len(low), window.delay, window.delay_slope
+    work, spent = [here * rate * WORK_ECHO], 0.0
+    while samples <= rate:
+        points = nodes_for(0.8 * math.pi * width, tolerance)
+        spent += here * samples * (WORK_NODE * points if found else WORK_ECHO)
+        if spent >= min(work):
+            break
+        limits = np.repeat(np.array([allowed * samples, width], np.float32), [turns.shape[1], bins.shape[1]])
+        scaled = low / limits
+        group = _grouped(scaled, scaled if low is high else high / limits)
+        mean = _mean(group)
+        delay, slope = delay @ mean, slope @ mean
+        found.append(Level(samples, points, width, group, mean, delay, slope))
+        low, high = _hulls(group, low, high)
+        here = len(low)
+        work.append(spent + here * rate * WORK_NODE * bucket_nodes(width, tolerance))
+        samples, width = 2 * samples, min(2 * width, MOST_BINS)
+    return found[: int(np.argmin(work))]
+
+
+# Measured costs of one echo and one node in a sum, relative to one another.
+WORK_ECHO, WORK_NODE = 1.0, 0.25
+
+
+def bucket_nodes(width: float, tolerance: float) -> int:
+    """Nodes of a bucket that holds groups of `width` bins."""
+    return nodes_for(math.pi * (BUCKET_BINS / 2 + 0.8 * width), tolerance)
+
+
+def _turns_per_step(tolerance: float) -> float:
+    """Greatest difference of the phase steps within a group [turns per sample].
+
+    A cubic at the midpoint of four samples misses a phasor of step w by (3/128) w^4, of w uniform in -pi p..pi p by (pi p)^4/3
+    of that in the mean square. That is the last step, at the chirps; the levels' midpoints are those of quintics and leave less.
+    """
+    return (tolerance * (128 / 3) * 3) ** 0.25 / math.pi
+
+
+def _features(
+    window: Window, sweep: Sweep, extras: Sequence[Delay], wide: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """What tells echoes apart, at a few moments of the window: phase rates [turns per frame] and delays that the beat shows [bins],
+    float32 (L, probes); the same at outermost antennas for which either differs by more than `wide` from echo to echo."""
+    last = len(window.delay) - 1
+    moments = np.unique(np.linspace(0, last, 2 + last // PROBE_EVERY).astype(int))
+    rates = window.delay_slope[moments].T
+    # Delays at all of these moments too: limbs that pass each other at some are a metre apart at others.
+    shown = window.delay[moments].T + rates * (sweep.coupling_s / window.step_s)
+    # Relative to the first echo: float32 would round absolute delays.
+    turns, bins = (rates - rates[:1]) * sweep.mid_hz, (shown - shown[:1]) / sweep.bin_s
+    found = [(turns, bins)]
+    for more, slope in extras:
+        more_turns, more_bins = slope[moments].T * sweep.mid_hz, more[moments].T / sweep.bin_s
+        if np.ptp(more_turns, axis=0).max() > wide[0] or np.ptp(more_bins, axis=0).max() > wide[1]:
+            found.append((turns + more_turns, bins + more_bins))
+    turns, bins = (np.concatenate(each, axis=1).astype(np.float32) for each in zip(*found, strict=True))
+    return turns, bins
+
+
+def _grouped(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Groups items, (N,) numbers 0, 1, ..., by halving along the widest feature until none spans more than 1 in a group.
+
+    low, high (N, C): what each item spans itself.
+    """
+    order = np.arange(len(low))
+    starts = np.array([0])
+    group = np.empty(len(low), np.int64)
+    count = 0
+    while len(order):
+        bottom, top = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+        sizes = np.diff(np.append(starts, len(order)))
+        widest = np.argmax(top - bottom, axis=1)
+        part = np.arange(len(starts))
+        small = ((top - bottom)[part, widest] <= 1) | (sizes == 1)
+        part = np.repeat(part, sizes)
+        number = np.cumsum(small) - 1 + count
+        done = small[part]
+        group[order[done]] = number[part[done]]
+        count += int(small.sum())
+        low, high, order, part = *_taken(~done, low, high), order[~done], part[~done]
+        middle = (top + bottom)[np.arange(len(starts)), widest]
+        row = np.arange(len(order))
+        upper = low[row, widest[part]] + high[row, widest[part]] > middle[part]
+        key = 2 * part + upper
+        by_key = np.argsort(key, kind="stable")
+        low, high, order, key = *_taken(by_key, low, high), order[by_key], key[by_key]
+        starts = np.flatnonzero(np.diff(key, prepend=-1))
+    return group
+
+
+def _taken(rows: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of both; echoes span nothing themselves, so that both are one."""
+    taken = low[rows]
+    return taken, taken if low is high else high[rows]
+
+
+def _mean(group: np.ndarray) -> Any:
+    """Sparse (N, K): values of items times this are the means of their groups."""
+    from scipy.sparse import csr_array
+
+    share = 1 / np.bincount(group)
+    return csr_array((share[group], group, np.arange(len(group) + 1)), shape=(len(group), len(share)))
+
+
+def _hulls(group: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What each group spans."""
+    order = np.argsort(group, kind="stable")
+    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+    return np.minimum.reduceat(low[order], starts), np.maximum.reduceat(high[order], starts)

@@ -1,0 +1,176 @@
+"""The smallest groups' factors, straight from the echoes, for several pairs of antennas at once."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.radar.groups import Level
+from t2d_rt.radar.interpolants import hermite
+from t2d_rt.radar.moments import Members, References, amplitudes, phases
+from t2d_rt.radar.phasors import rotated, sin_cos, turned
+from t2d_rt.radar.sweep import Sweep, nodes
+from t2d_rt.radar.ways import Ways, longer
+from t2d_rt.radar.windows import Window
+
+
+@dataclass(frozen=True, slots=True)
+class Factors:
+    """Factors of a level's groups, sampled."""
+
+    values: Any
+    """Flat float32 (group, sample, node, 2) on the device."""
+    samples: int
+    first: int
+    """Place of the first sample, counted from the window's start."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leaves:
+    """What the first level's groups gather."""
+
+    members: Members
+    fields: list[Any]
+    """Tables of `amplitudes`."""
+    phase: tuple[Any, Any]
+    """Tables of `phases`, relative to the groups."""
+    ends: tuple[Ways, ...] = ()
+    """Transmitters and receivers, each pair of which is to have groups of its own."""
+
+
+def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leaves:
+    """The echoes of the first level's groups."""
+    intervals, count = window.delay.shape[0] - 1, window.delay.shape[1]
+    interval, echo = window.lit
+    members = Members.of(
+        interval,
+        level.group[echo],
+        echo,
+        shape=(intervals, len(level)),
+        per=1,
+        size=count,
+    )
+    references = References(level.group, level.delay, level.delay_slope)
+    phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
+    return Leaves(members, amplitudes(window, sweep, backend), phase)
+
+
+def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
+    """Factors of the first level's groups, those of one pair of antennas after those of another, straight from the echoes.
+
+    One kernel: its lanes are (group, frame interval), its loop runs over the group's echoes, of which a lane reads each once for
+    all moments and all pairs. Every level takes two samples before and three after: an interval before the window, and a little
+    more than one after it, where the last lanes go on with the last interval's cubics.
+    """
+    import drjit as dr
+
+    Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
+    members, groups, intervals = leaves.members, leaves.members.collectors, len(window.delay) - 1
+    lane = dr.arange(UInt32, groups * (intervals + 1))
+    per_group = dr.opaque(UInt32, intervals + 1)
+    group = lane // per_group
+    place = lane - group * per_group
+    interval = dr.minimum(place, dr.opaque(UInt32, intervals - 1))
+    beyond = Float32(place - interval)
+    row = interval * dr.opaque(UInt32, groups) + group
+    starts = UInt32(members.starts.astype(np.uint32))
+    echoes = UInt32(members.members.astype(np.uint32))
+    width = dr.opaque(UInt32, intervals)
+    per_turn, per_rate, _ = (dr.opaque(Float32, value) for value in sweep.per_turn(window.step_s))
+    x = [float(v) for v in nodes(level.nodes)[::2]]
+    pairs = math.prod(len(end) for end in leaves.ends)
+    ends = [_Longer(end, group, interval, sweep, window, backend) for end in leaves.ends if end.table is not None]
+
+    def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
+        echo = dr.gather(UInt32, echoes, i)
+        member = echo * width + interval
+        parts = [dr.gather(Packet, values, member) for values in leaves.fields]
+        turns, theta = dr.gather(Packet, leaves.phase[0], member), dr.gather(Float32, leaves.phase[1], member)
+        of_pairs = [(turns, theta)] * pairs
+        if ends:
+            out, back = (end.turns(echo) for end in ends)
+            more = [Packet([a + b for a, b in zip(*pair, strict=True)]) for pair in itertools.product(out, back)]
+            of_pairs = [(turns + each, theta + each[0] * per_turn) for each in more]
+        out = []
+        for k in range(level.rate):
+            u = beyond + k / level.rate
+            values = [c[0] + u * (c[1] + u * (c[2] + u * c[3])) for c in parts]
+            slopes = values[2:] or [0.0, 0.0]
+            at_nodes = [
+                value + node * slope
+                for node in nodes(level.nodes).tolist()
+                for value, slope in zip(values[:2], slopes, strict=True)
+            ]
+            for cubic, start in of_pairs:
+                travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
+                rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
+                phase = cubic[0] + travelled
+                sin, cos = sin_cos(phase)
+                out += rotated(
+                    turned(at_nodes, sin, cos), start + travelled * per_turn + rate * per_rate, x, small=True
+                )
+        return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
+
+    numbers = 2 * level.nodes
+    zeros = [dr.zeros(Float32, dr.width(lane)) for _ in range(level.rate * pairs * numbers)]
+    _, sums = dr.while_loop(
+        state=(dr.gather(UInt32, starts, row), zeros),
+        cond=lambda i, sums: i < dr.gather(UInt32, starts, row + 1),
+        body=add,
+        labels=("i", "sums"),
+        mode="symbolic",
+    )
+    dr.eval(sums)  # all at once; else each pair's would run the loop again
+    by_pair = np.reshape(np.arange(len(sums)), (level.rate, pairs, numbers)).swapaxes(0, 1).reshape(pairs, -1)
+    values: Any = [dr.ravel(backend.arrays.ArrayXf([sums[k] for k in each])) for each in by_pair.tolist()]
+    values = dr.concat(values) if pairs > 1 else values[0]
+    dr.eval(values)
+    return Factors(values, (intervals + 1) * level.rate, -level.rate)
+
+
+class _Longer:
+    """By how much the phases of the leaves' echoes are longer from each antenna of an array's end, counted from their groups'."""
+
+    def __init__(self, ways: Ways, group: Any, interval: Any, sweep: Sweep, window: Window, backend: Backend) -> None:
+        import drjit as dr
+
+        Float32, self.packet = backend.Float32, backend.arrays.Array4f
+        frames = len(window.delay)
+        self.table: Any = ways.table
+        self.interval = interval
+        self.frames = dr.opaque(backend.UInt32, frames)
+        self.centre, *self.offsets = (
+            [dr.opaque(Float32, float(x)) for x in place] for place in (ways.end.centre_m, *ways.end.offsets_m)
+        )
+        # The residual video phase of the way's part, -S tau e, with the window's mean delay: within a group it hardly differs.
+        mid_hz = sweep.mid_hz - sweep.slope * float(window.delay.mean())
+        self.per_metre = dr.opaque(Float32, mid_hz / SPEED_OF_LIGHT)
+        self.groups = []
+        for delay, slope in (levels[0] for levels in ways.groups):
+            own = Float32(
+                (np.stack([delay, slope], axis=-1).swapaxes(0, 1) * SPEED_OF_LIGHT).astype(np.float32).ravel()
+            )
+            place = (group * self.frames + interval) * 2
+            self.groups.append([dr.gather(Float32, own, place + k) for k in range(4)])
+
+    def turns(self, echo: Any) -> list[list[Any]]:
+        """Cubics of the phase [turns] of each antenna."""
+        import drjit as dr
+
+        place = echo * self.frames + self.interval
+        points, steps = ([dr.gather(self.packet, values, place + k) for k in (0, 1)] for values in self.table)
+        sights = [[point[axis] - self.centre[axis] for axis in range(3)] for point in points]
+        found = []
+        for offset, own in zip(self.offsets, self.groups, strict=True):
+            (way, slope), (later, slope_later) = (
+                longer(sight, step, offset, dr.sqrt) for sight, step in zip(sights, steps, strict=True)
+            )
+            relative = way - own[0], later - own[2], slope - own[1], slope_later - own[3]
+            found.append(list(hermite(*(value * self.per_metre for value in relative))))
+        return found
