@@ -7,10 +7,15 @@ from typing import Literal
 
 from t2d_rt.errors import InputError
 
-Kind = Literal["meshes", "scenes", "motions"]
+Kind = Literal["meshes", "meshes/furniture", "scenes", "motions"]
 
 _PACKAGE = Path(__file__).resolve().parent
-_IN_CHECKOUT: dict[Kind, str] = {"meshes": "meshes", "scenes": "scenes", "motions": "examples/motions"}
+_IN_CHECKOUT: dict[Kind, str] = {
+    "meshes": "meshes",
+    "meshes/furniture": "meshes/furniture",
+    "scenes": "scenes",
+    "motions": "examples/motions",
+}
 
 
 def folder(kind: Kind) -> Path:

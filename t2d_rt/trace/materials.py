@@ -32,6 +32,11 @@ def itu_material(name: str, frequency_hz: float) -> Material:
     )
 
 
+def resolved(material: str | Material, frequency_hz: float) -> Material:
+    """Values of a surface's material at one frequency."""
+    return itu_material(material, frequency_hz) if isinstance(material, str) else material
+
+
 def itu_names(frequency_hz: float) -> list[str]:
     """Names of the ITU materials whose values are known at a frequency, sorted."""
     table = _sionna_table().ITU_MATERIALS_PROPERTIES

@@ -15,6 +15,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.geometry import topology
+from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.types import MovingMesh
 
 FACES_PER_SCENE = 250_000
@@ -46,7 +47,7 @@ class Occlusion:
         self._copies = int(np.clip(FACES_PER_SCENE // len(self._faces), 1, 64))
         self._incidence = _incidence(self._faces, sum(self._sizes))
         self._neighbours = _adjacency(self._incidence)
-        self._mitsuba = _mitsuba(backend)
+        self._mitsuba = mitsuba(backend)
 
     def visibility(self, times_s: np.ndarray) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh."""
@@ -95,15 +96,6 @@ class Occlusion:
         return _clear(self._mitsuba, vertices, self._faces[face] + moment[:, None] * vertices.shape[1], origins)
 
 
-def _mitsuba(backend: Backend) -> Any:
-    """Mitsuba in the variant of a backend."""
-    import mitsuba as mi
-
-    if mi.variant() != backend.mitsuba_variant:
-        mi.set_variant(backend.mitsuba_variant)
-    return mi
-
-
 def _clear(mi: Any, vertices: np.ndarray, faces: np.ndarray, origins: np.ndarray) -> np.ndarray:
     """Whether the way from origins (K, Q, 3) to the coordinate origin is free, bool (K, Q).
 
@@ -112,17 +104,10 @@ def _clear(mi: Any, vertices: np.ndarray, faces: np.ndarray, origins: np.ndarray
     reach = 2.2 * float(np.abs(vertices).max())
     corner = np.stack(np.unravel_index(np.arange(len(vertices)), (4, 4, 4)), axis=1)
     shift = (corner * reach)[:, None, :]
-    mesh = mi.Mesh("body", vertices.size // 3, len(faces))
-    values = mi.traverse(mesh)
-    values["vertex_positions"] = mi.Float((vertices + shift).ravel().astype(np.float32))
-    values["faces"] = mi.UInt32(faces.ravel().astype(np.uint32))
-    values.update()
+    mesh = mitsuba_mesh(mi, (vertices + shift).reshape(-1, 3), faces)
     distance = np.sqrt(np.einsum("kqi,kqi->kq", origins, origins))
 
-    def columns(values: np.ndarray) -> list[Any]:
-        return [mi.Float(values[..., axis].ravel().astype(np.float32)) for axis in range(3)]
-
-    ray = mi.Ray3f(mi.Point3f(*columns(origins + shift)), mi.Vector3f(*columns(-origins / distance[..., None])))
+    ray = mi.Ray3f(mi.Point3f(*columns(mi, origins + shift)), mi.Vector3f(*columns(mi, -origins / distance[..., None])))
     ray.maxt = mi.Float(distance.ravel().astype(np.float32))
     return ~mi.load_dict({"type": "scene", "body": mesh}).ray_test(ray).numpy().reshape(distance.shape)
 

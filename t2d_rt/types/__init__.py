@@ -2,10 +2,12 @@
 
 from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, stream
 from t2d_rt.types.ellipsoids import Ellipsoids
+from t2d_rt.types.legs import Leg, LegPair
 from t2d_rt.types.material import PEC, Material
 from t2d_rt.types.mesh import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
 from t2d_rt.types.radar import Radar
+from t2d_rt.types.scene import Scene, Surface
 
 __all__ = [
     "CANONICAL_JOINTS",
@@ -16,9 +18,13 @@ __all__ = [
     "EchoStream",
     "Echoes",
     "Ellipsoids",
+    "Leg",
+    "LegPair",
     "Material",
     "Motion",
     "MovingMesh",
     "Radar",
+    "Scene",
+    "Surface",
     "stream",
 ]

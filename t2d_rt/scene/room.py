@@ -1,0 +1,215 @@
+"""`Room`: a rectangular room from its size, materials, doors, windows and furniture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from t2d_rt.errors import InputError
+from t2d_rt.resources import listing, resource
+from t2d_rt.types import Scene, Surface
+from t2d_rt.types.fields import Coordinate, Fields, Number
+
+Side = Literal["+x", "-x", "+y", "-y"]
+SIDES: tuple[Side, ...] = ("+x", "-x", "+y", "-y")
+THICKNESS_M = {
+    "wood": 0.02, "chipboard": 0.018, "plasterboard": 0.0125, "glass": 0.006, "metal": 0.001, "ceiling_board": 0.015,
+    "floorboard": 0.02, "concrete": 0.2,
+}  # fmt: skip
+"""Of what furniture is made of, and walls whose thickness is not given."""
+Length = Annotated[Number, Field(gt=0, le=50)]
+_FREE_M = 1e-6
+
+
+class Slab(Fields):
+    """A material and its thickness."""
+
+    noun: ClassVar[str] = "slab"
+
+    material: str
+    """An ITU name: "concrete", "plasterboard", "wood", "glass", "metal", ..."""
+    thickness_m: Annotated[Number, Field(gt=0, le=2)]
+
+
+class Opening(Fields):
+    """A door or window: a rectangle cut from a wall and filled with a slab, or with nothing."""
+
+    noun: ClassVar[str] = "opening"
+
+    name: str
+    wall: Side
+    """The wall that lies in this direction from the room's middle."""
+    along_m: Coordinate = 0.0
+    """Of its middle, from the wall's middle, along +y in walls "+x" and "-x", else along +x [m]."""
+    width_m: Length
+    height_m: Length
+    sill_m: Annotated[Number, Field(ge=0, le=50)] = 0.0
+    """Of its lower edge over the floor [m]."""
+    slab: Slab | None = None
+    """None leaves it open."""
+
+
+class Piece(Fields):
+    """A piece of furniture in its place."""
+
+    noun: ClassVar[str] = "piece of furniture"
+
+    kind: str
+    """One of `furniture_kinds()`."""
+    name: str | None = None
+    """By default its kind."""
+    x_m: Coordinate
+    y_m: Coordinate
+    z_m: Coordinate = 0.0
+    """Of its middle, and of the floor it stands on [m]."""
+    heading_deg: Number = 0.0
+    """Where it looks: 0 is +x, 90 is +y."""
+
+
+class Room(Fields):
+    """A rectangular room over the floor z = 0, furnished.
+
+    >>> room = Room(name="box", size_m=(4, 3, 2.5), furniture=({"kind": "cupboard", "x_m": 1, "y_m": 1},))
+    >>> [surface.name for surface in room.scene().surfaces][-1]
+    'cupboard'
+    """
+
+    noun: ClassVar[str] = "room"
+
+    name: str
+    size_m: tuple[Length, Length, Length]
+    """Along x, y and z."""
+    corner_m: tuple[Coordinate, Coordinate] | None = None
+    """x and y of the lowest corner [m]; by default 0.5 m behind a radar at x = 0, y from -width/2."""
+    walls: Slab = Slab(material="plasterboard", thickness_m=0.0125)
+    floor: Slab = Slab(material="concrete", thickness_m=0.2)
+    ceiling: Slab = Slab(material="concrete", thickness_m=0.2)
+    openings: tuple[Opening, ...] = ()
+    furniture: tuple[Piece, ...] = ()
+
+    def scene(self) -> Scene:
+        """The room's surfaces."""
+        low, high = self._box()
+        corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+        surfaces = [
+            _plate("floor", [(*corner, low[2]) for corner in corners], self.floor),
+            _plate("ceiling", [(*corner, high[2]) for corner in corners[::-1]], self.ceiling),
+        ]
+        for side in SIDES:
+            surfaces += self._wall(side, low, high)
+        for piece in self.furniture:
+            surfaces += self._placed(piece, low, high)
+        return Scene(name=self.name, surfaces=tuple(surfaces))
+
+    def _box(self) -> tuple[np.ndarray, np.ndarray]:
+        corner = (-0.5, -self.size_m[1] / 2) if self.corner_m is None else self.corner_m
+        low = np.array([*corner, 0.0])
+        return low, low + self.size_m
+
+    def _wall(self, side: Side, low: np.ndarray, high: np.ndarray) -> list[Surface]:
+        axis = "xy".index(side[1])
+        place = (high if side[0] == "+" else low)[axis]
+        along = 1 - axis
+        middle = (low[along] + high[along]) / 2
+        holes = [opening for opening in self.openings if opening.wall == side]
+        spans = [
+            (middle + o.along_m - o.width_m / 2, middle + o.along_m + o.width_m / 2, o.sill_m, o.sill_m + o.height_m)
+            for o in holes
+        ]
+        self._check_openings(side, holes, spans, low[along], high[along], high[2])
+
+        def point(s: float, z: float) -> tuple[float, float, float]:
+            return (place, s, z) if axis == 0 else (s, place, z)
+
+        cuts = sorted({low[along], high[along], *(edge for span in spans for edge in span[:2])})
+        levels = sorted({0.0, high[2], *(edge for span in spans for edge in span[2:])})
+        plates = [
+            [point(s0, z0), point(s1, z0), point(s1, z1), point(s0, z1)]
+            for s0, s1 in pairwise(cuts)
+            for z0, z1 in pairwise(levels)
+            if not any(
+                a <= s0 + _FREE_M and s1 <= b + _FREE_M and c <= z0 + _FREE_M and z1 <= d + _FREE_M
+                for a, b, c, d in spans
+            )
+        ]
+        # Seen from inside, counter-clockwise.
+        turned = (side in ("+x", "-y")) == (axis == 0)
+        surfaces = [_plates(f"wall{side}", plates, self.walls, turned)]
+        for opening, (a, b, c, d) in zip(holes, spans, strict=True):
+            if opening.slab is not None:
+                filling = [point(a, c), point(b, c), point(b, d), point(a, d)]
+                surfaces.append(_plates(opening.name, [filling], opening.slab, turned))
+        return surfaces
+
+    def _check_openings(
+        self, side: Side, holes: list[Opening], spans: Sequence[tuple[float, ...]], low: float, high: float, top: float
+    ) -> None:
+        for number, (opening, (a, b, c, d)) in enumerate(zip(holes, spans, strict=True)):
+            if a < low - _FREE_M or b > high + _FREE_M or c < 0 or d > top + _FREE_M:
+                raise InputError(
+                    f"{opening.name} reaches from {a:.4g} to {b:.4g} m and up to {d:.4g} m in wall {side}, which is {low:.4g} to "
+                    f"{high:.4g} m and {top:.4g} m high; make it smaller or move it"
+                )
+            for other, (e, f, g, h) in zip(holes[:number], spans[:number], strict=True):
+                if a < f and e < b and c < h and g < d:
+                    raise InputError(f"{opening.name} and {other.name} overlap in wall {side}; move one of them")
+
+    def _placed(self, piece: Piece, low: np.ndarray, high: np.ndarray) -> list[Surface]:
+        name = piece.name or piece.kind
+        angle = math.radians(piece.heading_deg)
+        turn = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
+        parts = furniture(piece.kind)
+        found = []
+        for material, (vertices, faces) in parts.items():
+            there = vertices @ turn.T + [piece.x_m, piece.y_m, piece.z_m]
+            if (there < low - _FREE_M).any() or (there > high + _FREE_M).any():
+                raise InputError(
+                    f"{name} at ({piece.x_m:g}, {piece.y_m:g}) m sticks out of room {self.name}, which reaches from "
+                    f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m and {high[2]:g} m high; move it inside"
+                )
+            part = name if len(parts) == 1 else f"{name} {material}"
+            found.append(
+                Surface(name=part, vertices=there, faces=faces, material=material, thickness_m=THICKNESS_M[material])
+            )
+        return found
+
+
+def furniture_kinds() -> list[str]:
+    """Names of the furniture that is shipped, sorted."""
+    return sorted({name.split(".")[0] for name in listing("meshes/furniture", ".ply")})
+
+
+def furniture(kind: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Vertices (V, 3) m and faces (F, 3) of each material of a piece, which stands on z = 0 and looks along +x."""
+    import trimesh
+
+    if kind not in furniture_kinds():
+        raise InputError(f"unknown furniture {kind!r}; choose one of {', '.join(furniture_kinds())}")
+    found = {}
+    for name in listing("meshes/furniture", ".ply"):
+        if name.split(".")[0] == kind:
+            part = trimesh.load(resource("meshes/furniture", name), process=False)
+            found[name.split(".")[1]] = np.asarray(part.vertices, float).round(9), np.asarray(part.faces)
+    return found
+
+
+def _plate(name: str, corners: list[tuple[float, float, float]], slab: Slab) -> Surface:
+    return _plates(name, [corners], slab, turned=False)
+
+
+def _plates(name: str, plates: list[list[tuple[float, float, float]]], slab: Slab, turned: bool) -> Surface:
+    """Rectangles of four corners each, as two triangles each; `turned` the other way round."""
+    vertices = np.array(plates, float).reshape(-1, 3)
+    faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k for k in range(len(plates))])
+    return Surface(
+        name=name,
+        vertices=vertices,
+        faces=faces[:, ::-1] if turned else faces,
+        material=slab.material,
+        thickness_m=slab.thickness_m,
+    )

@@ -1,0 +1,147 @@
+"""A scene's plane parts, the chains of them that rays from a place can take, and what stands in a ray's way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
+from t2d_rt.types import Scene
+
+RAYS = 1 << 20
+"""Rays that look for chains: one for each 1.2e-5 sr, 1 cm^2 at 3 m."""
+SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
+"""Triangles of a surface that lie in one plane to within these are one mirror."""
+SKIN_M = 1e-4
+"""Rays start and end that far from what they are reflected at."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mirror:
+    """A plane part of a surface: its triangles of one plane."""
+
+    name: str
+    surface: int
+    normal: np.ndarray
+    """Unit normal (3,); both sides reflect."""
+    offset_m: float
+    """normal . x of its points."""
+    triangles: np.ndarray
+    """(F, 3, 3) m."""
+
+    def reflected(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) on the other side."""
+        return points - 2 * (points @ self.normal - self.offset_m)[..., None] * self.normal
+
+    def holds(self, points: np.ndarray) -> np.ndarray:
+        """Which of points (..., 3) of its plane lie inside its outline, bool (...)."""
+        a, b, c = self.triangles.transpose(1, 0, 2)
+        inside = np.zeros(points.shape[:-1], bool)
+        for first, second, third in zip(a, b, c, strict=True):
+            edges = ((first, second), (second, third), (third, first))
+            turn = np.cross(second - first, third - first)
+            within = [(points - start) @ np.cross(turn, end - start) >= -1e-9 for start, end in edges]
+            inside |= np.logical_and.reduce(within)
+        return inside
+
+
+@dataclass(frozen=True, slots=True)
+class Mirrors:
+    """All of a scene's, in a form that rays can be traced in."""
+
+    scene: Scene
+    each: list[Mirror]
+    of_face: np.ndarray
+    """Mirror of each triangle."""
+    backend: Backend
+    traced: Any = field(repr=False)
+    """Mitsuba's scene of all triangles."""
+
+    @classmethod
+    def of(cls, scene: Scene, backend: Backend) -> Mirrors:
+        """Plane parts of all surfaces."""
+        each: list[Mirror] = []
+        corners, of_face = [], []
+        for number, surface in enumerate(scene.surfaces):
+            triangles = surface.vertices[surface.faces]
+            normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+            area = np.linalg.norm(normal, axis=1)
+            triangles, normal = triangles[area > 1e-12], normal[area > 1e-12] / area[area > 1e-12, None]
+            plane = _plane_of(triangles, normal)
+            for index in range(plane.max(initial=-1) + 1):
+                some = np.flatnonzero(plane == index)
+                name = surface.name if plane.max() == 0 else f"{surface.name} {_side(normal[some[0]])}"
+                offset = float(np.mean(triangles[some] @ normal[some[0]]))
+                each.append(Mirror(name, number, normal[some[0]], offset, triangles[some]))
+            corners.append(triangles)
+            of_face.append(plane + len(each) - (plane.max(initial=-1) + 1))
+        mi = mitsuba(backend)
+        body = mitsuba_mesh(mi, np.concatenate(corners).reshape(-1, 3))
+        return cls(scene, each, np.concatenate(of_face), backend, mi.load_dict({"type": "scene", "room": body}))
+
+    def chains(self, place_m: np.ndarray, order: int) -> list[tuple[int, ...]]:
+        """Sequences of up to `order` mirrors that rays from a place meet; () comes first, shorter ones before longer ones."""
+        mi = mitsuba(self.backend)
+        normals = np.array([mirror.normal for mirror in self.each])
+        direction = _sphere(RAYS)
+        origin = np.broadcast_to(np.asarray(place_m, float), direction.shape)
+        path = np.zeros((len(direction), 0), np.int64)
+        found: list[tuple[int, ...]] = [()]
+        for _ in range(order):
+            ray = mi.Ray3f(mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)))
+            hit = self.traced.ray_intersect_preliminary(ray)
+            distance, face = hit.t.numpy(), hit.prim_index.numpy()
+            met = np.isfinite(distance)
+            mirror = self.of_face[face[met]]
+            normal = normals[mirror]
+            cosine = np.einsum("ri,ri->r", direction[met], normal)
+            origin = origin[met] + distance[met, None] * direction[met] - SKIN_M * np.sign(cosine)[:, None] * normal
+            direction = direction[met] - 2 * cosine[:, None] * normal
+            path = np.concatenate([path[met], mirror[:, None]], axis=1)
+            if not len(path):
+                break
+            found += [tuple(chain) for chain in np.unique(path, axis=0).tolist()]
+        return found
+
+    def free(self, start_m: np.ndarray, stop_m: np.ndarray) -> np.ndarray:
+        """Whether nothing stands between points (..., 3) and points (..., 3), bool (...); what they lie on does not."""
+        mi = mitsuba(self.backend)
+        start, stop = np.broadcast_arrays(start_m, stop_m)
+        if not start.size:  # Dr.Jit aborts the process over rays that are none
+            return np.ones(start.shape[:-1], bool)
+        way = (stop - start).reshape(-1, 3)
+        length = np.linalg.norm(way, axis=1)
+        direction = way / np.maximum(length, 1e-12)[:, None]
+        ray = mi.Ray3f(
+            mi.Point3f(*columns(mi, start.reshape(-1, 3) + SKIN_M * direction)), mi.Vector3f(*columns(mi, direction))
+        )
+        ray.maxt = mi.Float(np.maximum(length - 2 * SKIN_M, 0).astype(np.float32))
+        return ~self.traced.ray_test(ray).numpy().reshape(start.shape[:-1])
+
+
+def _plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Number of the plane of each triangle (F, 3, 3), whichever side its normal (F, 3) looks to."""
+    axis = np.argmax(np.abs(normal) + [3e-6, 2e-6, 1e-6], axis=1)
+    normal = normal * np.sign(np.take_along_axis(normal, axis[:, None], axis=1))
+    offset = np.einsum("fi,fi->f", normal, triangles[:, 0])
+    # Round numbers, of which there are many, must not lie between two cells.
+    cell = np.round(np.column_stack([normal / SAME_NORMAL, offset / SAME_PLANE_M]) + 0.37)
+    return np.unique(cell, axis=0, return_inverse=True)[1].ravel() if len(cell) else np.zeros(0, np.int64)
+
+
+def _side(normal: np.ndarray) -> str:
+    """Which way a normal looks, roughly."""
+    axis = int(np.argmax(np.abs(normal)))
+    return ("-" if normal[axis] < 0 else "+") + "xyz"[axis]
+
+
+def _sphere(count: int) -> np.ndarray:
+    """Directions (count, 3), evenly spread: a Fibonacci lattice."""
+    index = np.arange(count)
+    height = 1 - (2 * index + 1) / count
+    turn = np.pi * (3 - np.sqrt(5)) * index
+    radius = np.sqrt(1 - height**2)
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])

@@ -1,0 +1,34 @@
+"""Mitsuba in the variant of a backend, and its arrays and meshes from NumPy's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+
+
+def mitsuba(backend: Backend) -> Any:
+    """Mitsuba in the variant of a backend."""
+    import mitsuba as mi
+
+    if mi.variant() != backend.mitsuba_variant:
+        mi.set_variant(backend.mitsuba_variant)
+    return mi
+
+
+def mitsuba_mesh(mi: Any, vertices: np.ndarray, faces: np.ndarray | None = None) -> Any:
+    """A mesh of vertices (V, 3) m; by default every three are a triangle."""
+    faces = np.arange(len(vertices)) if faces is None else faces
+    mesh = mi.Mesh("mesh", len(vertices), faces.size // 3)
+    values = mi.traverse(mesh)
+    values["vertex_positions"] = mi.Float(vertices.ravel().astype(np.float32))
+    values["faces"] = mi.UInt32(faces.ravel().astype(np.uint32))
+    values.update()
+    return mesh
+
+
+def columns(mi: Any, points: np.ndarray) -> list[Any]:
+    """x, y, z of points (..., 3)."""
+    return [mi.Float(points[..., axis].ravel().astype(np.float32)) for axis in range(3)]

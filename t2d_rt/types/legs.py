@@ -1,0 +1,65 @@
+"""`Leg`: one way between an antenna and a target, straight or by way of mirrors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leg:
+    """A chain of plane reflectors, seen from the target as an antenna that stands at its image.
+
+    From the antenna, targets seem to stand where the mirrors put them: at `turn @ x + shift_m`, as far from the antenna as x is
+    from the image.
+    """
+
+    chain: tuple[str, ...]
+    """Names of the reflectors from the antenna on; () is the line of sight."""
+    image_m: np.ndarray
+    """(3,)."""
+    turn: np.ndarray
+    """(3, 3), orthogonal; its determinant is -1 for an odd number of mirrors."""
+    shift_m: np.ndarray
+    """(3,)."""
+    field: Callable[[np.ndarray, float], np.ndarray]
+    """The field that an antenna of gain 1 brings to points (..., 3) m at a frequency [Hz], without distance and phase of the way:
+    complex (..., 3), of length 1 in the line of sight."""
+    clear: Callable[[np.ndarray], np.ndarray]
+    """What share of the field reaches points (..., 3) m past outlines and obstacles: float32 (...), 0..1."""
+
+    @property
+    def order(self) -> int:
+        """Number of reflections."""
+        return len(self.chain)
+
+    @property
+    def name(self) -> str:
+        """For people: "direct", "floor", "wall+y > floor", from the antenna on."""
+        return " > ".join(self.chain) or "direct"
+
+    def unfolded(self, points: np.ndarray) -> np.ndarray:
+        """Where points (..., 3) seem to stand, seen from the antenna [m]."""
+        return points @ self.turn.T + self.shift_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LegPair:
+    """The way out over one leg and back over another."""
+
+    out: Leg
+    back: Leg
+    copies: int = 1
+    """2 where back and out may be swapped and both are meant."""
+
+    @property
+    def order(self) -> int:
+        """Number of reflections on both ways."""
+        return self.out.order + self.back.order
+
+    @property
+    def name(self) -> str:
+        """For people: "direct", "floor" for the same way both times, "direct, floor"."""
+        return self.out.name if self.out.chain == self.back.chain else f"{self.out.name}, {self.back.name}"
