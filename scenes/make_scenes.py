@@ -15,7 +15,7 @@ from t2d_rt.scene import Opening, Piece, Room, Slab, save_scene
 BRICKED = Slab(material="concrete", thickness_m=0.15)
 PARTITION = Slab(material="plasterboard", thickness_m=0.0125)
 CONCRETE = Slab(material="concrete", thickness_m=0.2)
-BOARDS = Slab(material="floorboard", thickness_m=0.02)
+BOARDS = Slab(material="wood", thickness_m=0.02)
 TILES = Slab(material="ceiling_board", thickness_m=0.015)
 DOOR = Slab(material="wood", thickness_m=0.04)
 PANE = Slab(material="glass", thickness_m=0.006)

@@ -6,25 +6,27 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
 from numbers import Real
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from t2d_rt.backend import Backend, Device, select
+from t2d_rt.backend import Device, select
 from t2d_rt.body import segments as fit_segments
 from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
-from t2d_rt.echo.mesh import VisibilityAt, check_outside, joined, mesh_echoes
+from t2d_rt.echo.mesh import check_outside, joined, mesh_echoes
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import place, track
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
+from t2d_rt.room import coarser, find_ways, seen_over
 from t2d_rt.trace.materials import itu_material
-from t2d_rt.trace.visibility import Occlusion
-from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar
+from t2d_rt.trace.scenes import load_scene
+from t2d_rt.types import EchoStream, Ellipsoids, LegPair, Material, Motion, MovingMesh, Radar, Scene
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids
@@ -34,7 +36,9 @@ def simulate(
     target: Target | Sequence[Target],
     *,
     radar: Radar | None = None,
-    scene: str = "free_space",
+    scene: str | Path | Scene = "free_space",
+    order: int = 2,
+    range_db: float = 60.0,
     method: Method = "mesh",
     seed: int = 0,
     body: str = "adult",
@@ -54,7 +58,9 @@ def simulate(
     target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar where it has not been.
         The record is the time that all targets share; its own clock starts at 0.
     radar: the `table2` preset by default.
-    scene: "free_space" is the only one so far.
+    scene: "free_space", a room by name, a Mitsuba/Sionna XML file, or a `Scene`.
+    order: greatest number of reflections on both ways together.
+    range_db: pairs of ways that are weaker than the strongest by more than that are left out.
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.
@@ -71,34 +77,52 @@ def simulate(
     """
     radar = Radar.preset("table2") if radar is None else radar
     targets = [target] if isinstance(target, Target) else target
-    _check(targets, radar, scene, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
+    _check(targets, radar, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
     backend = select(device)
+    around = None if scene == "free_space" else scene if isinstance(scene, Scene) else load_scene(scene)
     shapes = [_shape(each, method, body, material, radar) for each in targets]
     times_s = _frames(shapes, radar, surface_rate_hz)
     substances = [_material(shape.material if material is None else material, radar) for shape in shapes]
     for shape in shapes:
         _check_shape(shape, radar, times_s)
-    hidden = _visibility(shapes, radar, occlusion_rate_hz, backend) if occlusion else [None] * len(shapes)
+    ways = (
+        None
+        if around is None
+        else find_ways(around, shapes, radar, times_s, order=order, range_db=range_db, backend=backend)
+    )
+    groups: list[Sequence[LegPair | None]] = (
+        [[None]] if ways is None else [ways.pairs[: ways.strong], ways.pairs[ways.strong :]]
+    )
     streams: list[EchoStream] = []
-    for shape, substance, visibility in zip(shapes, substances, hidden, strict=True):
-        if isinstance(shape, Ellipsoids):
-            streams.append(ellipsoid_echoes(shape, radar, times_s=times_s, material=substance, phase_from=phase_from))
-            continue
-        bar = shape.sagitta_rad if sagitta_rad is None else sagitta_rad
-        streams.append(
-            mesh_echoes(
-                shape, radar, times_s=times_s, material=substance, sagitta_rad=bar, seed=int(seed), visibility=visibility,
-                backend=backend,
-            )
-        )  # fmt: skip
+    for weak, pairs in enumerate(groups):
+        seen = seen_over(
+            shapes, radar, pairs, occlusion=occlusion, rate_hz=occlusion_rate_hz, times_s=times_s, backend=backend
+        )
+        for shape, substance, over in zip(shapes, substances, seen, strict=True):
+            if not over:
+                continue
+            if isinstance(shape, Ellipsoids):
+                echoes = ellipsoid_echoes(
+                    shape, radar, times_s=times_s, material=substance, phase_from=phase_from, over=over
+                )
+            else:
+                bar = shape.sagitta_rad if sagitta_rad is None else sagitta_rad
+                echoes = mesh_echoes(
+                    shape, radar, times_s=times_s, material=substance, sagitta_rad=coarser(bar) if weak else bar, seed=int(seed),
+                    over=over, backend=backend,
+                )  # fmt: skip
+            streams.append(echoes)
     cube = synthesize(joined(streams), radar, device=device, progress=progress)
     settings: dict[str, Any] = {
-        "method": method, "scene": scene, "seed": int(seed), "body": body, "occlusion": occlusion,
+        "method": method, "scene": "free_space" if around is None else around.name,
+        "seed": int(seed), "body": body, "occlusion": occlusion,
         "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
         "occlusion_rate_hz": float(occlusion_rate_hz), "surface_rate_hz": (len(times_s) - 1) / float(times_s[-1] - times_s[0]),
         "sagitta_rad": "default" if sagitta_rad is None else float(sagitta_rad), "phase_from": phase_from, "device": backend.name,
         "targets": [_describe(each) for each in targets],
     }  # fmt: skip
+    if ways is not None:
+        settings |= {"order": order, "range_db": float(range_db), **ways.describe()}
     return Simulation(cube, radar, settings=settings, versions=versions())
 
 
@@ -176,25 +200,6 @@ def _check_outside_ellipsoids(shape: Ellipsoids, radar: Radar, times_s: np.ndarr
             )
 
 
-def _visibility(
-    shapes: Sequence[MovingMesh | Ellipsoids], radar: Radar, rate_hz: float, backend: Backend
-) -> list[VisibilityAt | None]:
-    """What the antennas see of each mesh; the product of two views where transmitters and receivers stand apart."""
-    meshes = [s for s in shapes if isinstance(s, MovingMesh)]
-    if not meshes:
-        return [None] * len(shapes)
-    views = [Occlusion(meshes, place, rate_hz=rate_hz, backend=backend) for place in radar.views_m]
-
-    def of(index: int) -> VisibilityAt:
-        def visibility(times_s: np.ndarray) -> np.ndarray:
-            return np.prod([view.visibility(times_s)[index] for view in views], axis=0)
-
-        return visibility
-
-    order = {id(mesh): index for index, mesh in enumerate(meshes)}
-    return [of(order[id(s)]) if isinstance(s, MovingMesh) else None for s in shapes]
-
-
 def _material(material: str | Material, radar: Radar) -> Material:
     """Values at mid-sweep: a body's material, or an ITU one by name."""
     if isinstance(material, Material) or material in BODY_MATERIALS:
@@ -208,7 +213,7 @@ def _material(material: str | Material, radar: Radar) -> Material:
 
 
 def _check(
-    targets: Any, radar: Any, scene: str, method: str, phase_from: str, surface_rate_hz: float | None, occlusion_rate_hz: float,
+    targets: Any, radar: Any, method: str, phase_from: str, surface_rate_hz: float | None, occlusion_rate_hz: float,
     sagitta_rad: float | None, seed: int,
 ) -> None:  # fmt: skip
     if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, Target) for each in targets):
@@ -221,8 +226,6 @@ def _check(
     for name, value in numbers.items():
         if not isinstance(value, (Real, type(None))):
             raise InputError(f"{name} must be a number, got {value!r}")
-    if scene != "free_space":
-        raise InputError(f"unknown scene '{scene}'; free_space is the only one so far")
     if method not in ("mesh", "ellipsoid"):
         raise InputError(f"method must be 'mesh' or 'ellipsoid', got '{method}'")
     if surface_rate_hz is not None and not 10 <= surface_rate_hz <= 10_000:

@@ -23,3 +23,14 @@ def seen_by(radar: Radar, echoes: EchoArrays, departure_m: np.ndarray, arrival_m
         arrival = departure if arrival_m is departure_m else arrival_m.astype(np.float32)
         return echoes._replace(departure_m=departure, arrival_m=arrival)
     return echoes
+
+
+def side_by_side(parts: list[EchoArrays]) -> EchoArrays:
+    """Different echoes at the same frames."""
+    if len(parts) == 1:
+        return parts[0]
+    parts = [p if p.slope is not None else p._replace(slope=np.zeros_like(p.amplitude)) for p in parts]
+    same = all(part.arrival_m is part.departure_m for part in parts)
+    joint = [None if fields[0] is None else np.concatenate(fields, axis=1) for fields in zip(*parts, strict=True)]
+    echoes = EchoArrays(*joint)  # type: ignore[arg-type]
+    return echoes._replace(arrival_m=echoes.departure_m) if same else echoes

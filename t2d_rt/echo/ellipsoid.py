@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.antennas import seen_by
+from t2d_rt.echo.antennas import seen_by, side_by_side
+from t2d_rt.echo.legs import over_legs
 from t2d_rt.errors import InputError
-from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
+from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, LegPair, Material, Radar
 
+FORWARD = 0.1
+"""Length of the sum of the unit vectors to both antennas below which a target counts as standing between them."""
 PhaseFrom = Literal["specular", "centre"]
+Share = Callable[[np.ndarray], np.ndarray]
+"""What is seen of each ellipsoid, 0..1 (K, N), at times [s] (K,)."""
 
 
 def ellipsoid_echoes(
@@ -22,34 +28,56 @@ def ellipsoid_echoes(
     times_s: np.ndarray,
     material: Material,
     phase_from: PhaseFrom = "specular",
+    over: Sequence[tuple[LegPair | None, Share | None]] = ((None, None),),
 ) -> EchoStream:
     """One echo per ellipsoid at surface frames `times_s`; nothing hides anything.
 
     "specular" takes phase, range and curvature from the point of shortest path, exact also in the near field; "centre" is the
-    Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1).
+    Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `over` names pairs
+    of legs, None being free space, each with what share of an ellipsoid both ways see, None being all of it.
     """
     reflection = complex(material.reflection(radar.mid_frequency_hz)).conjugate()  # IF = tx conj(rx)
     model = {"specular": _specular, "centre": _centre}[phase_from]
 
     def frames(start: int, stop: int) -> EchoArrays:
         centres, axes = ellipsoids.at(times_s[start:stop])
-        _check_between(centres, radar)
-        path, field, departure, arrival = model(
-            centres, axes, ellipsoids.semi_axes_m, radar.tx_position_m, radar.rx_position_m
-        )
-        amplitude = (radar.link_amplitude * reflection * field).astype(np.complex64)
-        return seen_by(radar, EchoArrays(path / SPEED_OF_LIGHT, amplitude), departure, arrival)
+        return side_by_side([echoes(centres, axes, legs, share, times_s[start:stop]) for legs, share in over])
+
+    def echoes(
+        centres: np.ndarray, axes: np.ndarray, legs: LegPair | None, share: Share | None, times: np.ndarray
+    ) -> EchoArrays:
+        tx, rx = (radar.tx_position_m, radar.rx_position_m) if legs is None else (legs.out.image_m, legs.back.image_m)
+        if legs is None:
+            _check_between(centres, tx, rx)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            path, field, departure, arrival = model(centres, axes, ellipsoids.semi_axes_m, tx, rx)
+        # Between an antenna and an image: a shadow, and no reflection.
+        ahead = np.linalg.norm(_bisector(centres, tx, rx), axis=-1) < FORWARD
+        if ahead.any():
+            straight = np.linalg.norm(centres - tx, axis=-1) + np.linalg.norm(centres - rx, axis=-1)
+            path, field = np.where(ahead, straight, path), np.where(ahead, 0, field)
+            departure, arrival = (np.where(ahead[..., None], centres, place) for place in (departure, arrival))
+        field = radar.link_amplitude * reflection * field
+        if share is not None:
+            field = field * share(times)
+        found = EchoArrays(path / SPEED_OF_LIGHT, field.astype(np.complex64))
+        if legs is None:
+            return seen_by(radar, found, departure, arrival)
+        return over_legs(radar, found, legs, (departure + arrival) / 2, None, departure, arrival)
 
     return EchoStream(times_s=times_s, frames=frames)
 
 
-def _check_between(centres: np.ndarray, radar: Radar) -> None:
+def _check_between(centres: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> None:
     """Refuses a target on the straight line between the antennas: forward scattering has no specular point."""
-    legs = sum(_unit(antenna - centres) for antenna in (radar.tx_position_m, radar.rx_position_m))
-    if np.linalg.norm(legs, axis=-1).min() < 1e-6:
+    if np.linalg.norm(_bisector(centres, tx, rx), axis=-1).min() < 1e-6:
         raise InputError(
             "an ellipsoid stands on the line between the antennas, where nothing is reflected; move an antenna or the target"
         )
+
+
+def _bisector(centres: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> np.ndarray:
+    return _unit(tx - centres) + _unit(rx - centres)
 
 
 def specular_points(

@@ -13,32 +13,35 @@ from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.patches import Patches
 from t2d_rt.echo.phase_integral import SERIES_TERMS, Ops, divided_differences
-from t2d_rt.types import Radar
+from t2d_rt.types import LegPair, Radar
+from t2d_rt.types.radar import one_view
 
 Vector = tuple[Any, ...]
 """x, y, z on every lane."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Leg:
-    """One way between an antenna and the target, free space."""
+class Pair:
+    """The places that a target is seen from, over one pair of legs."""
 
     places_m: list[np.ndarray]
-    """Transmitter and receiver, (3,) each, or one place where both stand in it."""
+    """Transmitter and receiver or their images, (3,) each, or one place where both stand in it."""
     views_m: list[np.ndarray]
-    """The same as far as shapes of echoes are concerned (`Radar.views_m`)."""
+    """The same as far as shapes of echoes are concerned (`one_view`)."""
     frequency_hz: float
     """At mid-sweep."""
     link_amplitude: float
     """sqrt(W) m: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
 
     @classmethod
-    def of(cls, radar: Radar) -> Leg:
-        """That of the radar's array centres."""
+    def of(cls, radar: Radar, legs: LegPair | None = None) -> Pair:
+        """That of the radar's array centres, or of their images over a pair of legs."""
         places = [radar.tx_position_m, radar.rx_position_m]
+        if legs is not None:
+            places = [legs.out.image_m, legs.back.image_m]
         return cls(
             places_m=places[:1] if np.array_equal(places[0], places[1]) else places,
-            views_m=radar.views_m,
+            views_m=one_view(*places),
             frequency_hz=radar.mid_frequency_hz,
             link_amplitude=radar.link_amplitude,
         )
@@ -52,7 +55,7 @@ def patch_echoes(
     origin: np.ndarray,
     patches: Patches,
     centres: np.ndarray,
-    leg: Leg,
+    pair: Pair,
     reflection: complex,
     backend: Backend,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -63,9 +66,9 @@ def patch_echoes(
     """
     at = _Gather(vertices, len(centres), backend)
     dr, Float32, UInt32 = at.dr, backend.Float32, backend.UInt32
-    wavenumber = Float32(at.constant(2 * math.pi * leg.frequency_hz / SPEED_OF_LIGHT))
+    wavenumber = Float32(at.constant(2 * math.pi * pair.frequency_hz / SPEED_OF_LIGHT))
     centre = at.lane_points(centres - origin)
-    antennas = [_minus(at.frame_point(place - origin), centre) for place in leg.views_m]
+    antennas = [_minus(at.frame_point(place - origin), centre) for place in pair.views_m]
     columns = at.columns(patches.corners)
     starts = UInt32(patches.starts.astype(np.uint32))
 
@@ -97,12 +100,12 @@ def patch_echoes(
         labels=("facet", "total"),
         mode="symbolic",
     )
-    wavelength = SPEED_OF_LIGHT / leg.frequency_hz
-    scale = Float32(at.constant(leg.link_amplitude * math.sqrt(4 * math.pi) / wavelength))
+    wavelength = SPEED_OF_LIGHT / pair.frequency_hz
+    scale = Float32(at.constant(pair.link_amplitude * math.sqrt(4 * math.pi) / wavelength))
     # IF = tx conj(rx): the conjugate of the usual -j/lambda Gamma ... e^{-jkR}.
     turn = -1j * complex(reflection).conjugate()
     real, imag = (scale * dr.opaque(Float32, float(x)) for x in (turn.real, turn.imag))
-    per_hz = dr.opaque(Float32, 1 / leg.frequency_hz)
+    per_hz = dr.opaque(Float32, 1 / pair.frequency_hz)
     amplitude = _complex_times(real, imag, total[0], total[1])
     slope = _complex_times(real * per_hz, imag * per_hz, total[2], total[3])
     planes = at.collect(*amplitude, *slope)
@@ -116,7 +119,7 @@ def diffuse_echoes(
     area_m2: np.ndarray,
     phase_rad: np.ndarray,
     visibility: np.ndarray | None,
-    leg: Leg,
+    pair: Pair,
     scattered: float,
     backend: Backend,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -130,10 +133,10 @@ def diffuse_echoes(
     corners = at.points(index)
     point = _combined(corners, [at.per_item(barycentric[:, i]) for i in range(3)])
     normal, doubled_area = _normal(corners, at)
-    sights = [_minus(at.place(antenna), point) for antenna in leg.places_m]
+    sights = [_minus(at.place(antenna), point) for antenna in pair.places_m]
     ranges = [_norm(sight) for sight in sights]
     cosines = [at.dr.maximum(_dot(normal, s) / (doubled_area * d), 0) for s, d in zip(sights, ranges, strict=True)]
-    root = at.per_item(leg.link_amplitude * 2 * scattered * np.sqrt(area_m2))
+    root = at.per_item(pair.link_amplitude * 2 * scattered * np.sqrt(area_m2))
     weight = backend.Float32(root * at.dr.sqrt(cosines[0] * cosines[-1]) / (ranges[0] * ranges[-1]))
     if visibility is not None:
         weight *= at.corner_mean(at.field(visibility), index)

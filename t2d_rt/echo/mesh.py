@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -13,12 +13,13 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.antennas import seen_by
-from t2d_rt.echo.facets import Leg, diffuse_echoes, patch_echoes
-from t2d_rt.echo.patches import Csr, Patches, centres, least_range_m, normals, patches, tilts
+from t2d_rt.echo.antennas import seen_by, side_by_side
+from t2d_rt.echo.facets import Pair, diffuse_echoes, patch_echoes
+from t2d_rt.echo.legs import Anchors, over_legs
+from t2d_rt.echo.patches import Csr, Ends, Patches, centres, least_range_m, normals, patches, tilts
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, point_spacing, refinements, surface_points
-from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
+from t2d_rt.types import EchoArrays, EchoStream, LegPair, Material, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
 # the curved surface by a tenth of this phase or so, always the same.
@@ -48,26 +49,40 @@ def mesh_echoes(
     material: Material,
     sagitta_rad: Sagitta,
     seed: int,
-    visibility: VisibilityAt | None,
+    over: Sequence[tuple[LegPair | None, VisibilityAt | None]],
     backend: Backend,
 ) -> EchoStream:
-    """Echoes of `surface` at surface frames `times_s`: one of each patch of facets and of each diffuse point.
+    """Echoes of `surface` at surface frames `times_s`: one of each patch and of each diffuse point, over each pair of legs.
 
-    `sagitta_rad` sets the facets' size (physics.md, eq. 5); `visibility` says what is hidden, None nothing but back faces.
+    `sagitta_rad` sets the facets' size (physics.md, eq. 5). `over` names the pairs, None being free space, each with what is hidden
+    on both ways, None being nothing but back faces.
     """
-    model = _Model.of(surface, radar, times_s, material, sagitta_rad, seed)
-    leg = Leg.of(radar)
+    pairs = [Pair.of(radar, legs) for legs, _ in over]
+    ends = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]
+    model = _Model.of(surface, radar, ends, times_s, material, sagitta_rad, seed)
+    in_room = any(legs is not None for legs, _ in over)
+    anchors = (
+        Anchors.of(surface.rest, model.places(surface.rest[None], _carried(model.centre, surface.rest[None]))[0])
+        if in_room
+        else None
+    )
+    need_places = radar.is_array or radar.directional
 
     def frames(start: int, stop: int) -> EchoArrays:
         times = times_s[start:stop]
-        seen = None if visibility is None else visibility(times)
         cage = surface.at(times)
         centre = _carried(model.centre, cage)
-        echoes = model.echoes(cage, centre, seen, leg, backend)
-        if not (radar.is_array or radar.directional):
-            return echoes
-        places = model.places(cage, centre)
-        return seen_by(radar, echoes, places, places)
+        places = model.places(cage, centre) if need_places else None
+        parts = []
+        for pair, (legs, visibility) in zip(pairs, over, strict=True):
+            seen = None if visibility is None else visibility(times)
+            echoes = model.echoes(cage, centre, seen, pair, backend)
+            if legs is not None and anchors is not None:
+                echoes = over_legs(radar, echoes, legs, cage[:, anchors.vertices], anchors.shares, places, places)
+            elif places is not None:
+                echoes = seen_by(radar, echoes, places, places)
+            parts.append(echoes)
+        return side_by_side(parts)
 
     return EchoStream(times_s=times_s, frames=frames)
 
@@ -76,16 +91,10 @@ def joined(streams: list[EchoStream]) -> EchoStream:
     """Several targets' echoes as one stream; all must have the same frame times."""
     if len(streams) == 1:
         return streams[0]
-
-    def frames(start: int, stop: int) -> EchoArrays:
-        parts = [stream.frames(start, stop) for stream in streams]
-        parts = [p if p.slope is not None else p._replace(slope=np.zeros_like(p.amplitude)) for p in parts]
-        same = all(part.arrival_m is part.departure_m for part in parts)
-        joint = [None if fields[0] is None else np.concatenate(fields, axis=1) for fields in zip(*parts, strict=True)]
-        echoes = EchoArrays(*joint)  # type: ignore[arg-type]
-        return echoes._replace(arrival_m=echoes.departure_m) if same else echoes
-
-    return EchoStream(times_s=streams[0].times_s, frames=frames)
+    return EchoStream(
+        times_s=streams[0].times_s,
+        frames=lambda start, stop: side_by_side([stream.frames(start, stop) for stream in streams]),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,14 +114,21 @@ class _Model:
 
     @classmethod
     def of(
-        cls, surface: MovingMesh, radar: Radar, times_s: np.ndarray, material: Material, sagitta_rad: Sagitta, seed: int
+        cls,
+        surface: MovingMesh,
+        radar: Radar,
+        seen_from: Sequence[Ends],
+        times_s: np.ndarray,
+        material: Material,
+        sagitta_rad: Sagitta,
+        seed: int,
     ) -> _Model:
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
         sagittas = [sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [sagitta_rad]
         wavenumber = 2 * math.pi / radar.wavelength_m
-        fine, *carriers = _refinements(surface, wavenumber, least_range_m(surface, radar, times_s), sagittas)
-        parts = patches(surface, fine, radar, times_s)
+        fine, *carriers = _refinements(surface, wavenumber, least_range_m(surface, seen_from, times_s), sagittas)
+        parts = patches(surface, fine, radar, seen_from, times_s)
         points = _Points.spread(surface, carriers[0], seed, rough * abs(reflection)) if carriers else None
         return cls(
             cage_faces=surface.faces,
@@ -125,17 +141,17 @@ class _Model:
         )
 
     def echoes(
-        self, cage: np.ndarray, centre: np.ndarray, seen: np.ndarray | None, leg: Leg, backend: Backend
+        self, cage: np.ndarray, centre: np.ndarray, seen: np.ndarray | None, pair: Pair, backend: Backend
     ) -> EchoArrays:
         """Arrays of `Echoes` for cage vertices (K, V, 3) and the patches' centres (G, K, 3): patches first, then diffuse points."""
         count, more = len(self.patches), 0 if self.points is None else len(self.points.area_m2)
         delay = np.empty((len(cage), count + more))
         amplitude = np.zeros(delay.shape, np.complex64)
         slope = np.zeros(delay.shape, np.complex64)
-        sights = (centre - place for place in leg.places_m)
+        sights = (centre - place for place in pair.places_m)
         ranges = [np.sqrt(np.einsum("gti,gti->tg", sight, sight)) for sight in sights]
         delay[:, :count] = (ranges[0] + ranges[-1]) / SPEED_OF_LIGHT
-        lit = np.flatnonzero(self.patches.any_of(self._lit(cage, leg)))
+        lit = np.flatnonzero(self.patches.any_of(self._lit(cage, pair)))
         if len(lit):
             parts = self.patches.only(lit)
             used = np.zeros(self.operator.shape[0], bool)
@@ -148,10 +164,10 @@ class _Model:
             if seen is not None:
                 local[..., 3] = seen
             vertices = _carried(self.operator[used], local)
-            coherent = patch_echoes(vertices, origin, parts, centre[lit], leg, self.reflection, backend)
+            coherent = patch_echoes(vertices, origin, parts, centre[lit], pair, self.reflection, backend)
             amplitude[:, lit], slope[:, lit] = (part.T for part in coherent)
         if self.points is not None:
-            delay[:, count:], amplitude[:, count:] = (part.T for part in self.points.echoes(cage, seen, leg, backend))
+            delay[:, count:], amplitude[:, count:] = (part.T for part in self.points.echoes(cage, seen, pair, backend))
         return EchoArrays(delay, amplitude, slope)
 
     def places(self, cage: np.ndarray, centre: np.ndarray) -> np.ndarray:
@@ -161,13 +177,13 @@ class _Model:
             found.append(self.points.places(cage))
         return np.concatenate(found).transpose(1, 0, 2)
 
-    def _lit(self, cage: np.ndarray, leg: Leg) -> np.ndarray:
+    def _lit(self, cage: np.ndarray, pair: Pair) -> np.ndarray:
         """Cage faces that may hold facets lit by the transmitter and seen by the receiver at or between the frames."""
         probes = np.unique(np.linspace(0, len(cage) - 1, max(2, len(cage) // PROBE_EVERY)).astype(int))
         normal = normals(cage[probes], self.cage_faces)
         middle = cage[probes][:, self.cage_faces].mean(axis=2)
         angle = np.zeros(normal.shape[:2])
-        for antenna in leg.views_m:
+        for antenna in pair.views_m:
             sight = antenna - middle
             cosine = np.sum(normal * sight, axis=2) / np.linalg.norm(sight, axis=2)
             angle = np.maximum(angle, np.arccos(np.clip(cosine, -1, 1)))
@@ -230,7 +246,7 @@ class _Points:
         return sum(vertices[self.corners[:, i]] * self.barycentric[:, i, None, None] for i in range(3))
 
     def echoes(
-        self, cage: np.ndarray, seen: np.ndarray | None, leg: Leg, backend: Backend
+        self, cage: np.ndarray, seen: np.ndarray | None, pair: Pair, backend: Backend
     ) -> tuple[np.ndarray, np.ndarray]:
         vertices = _carried(self.carrier.operator, cage)
         fraction = None if seen is None else _carried(self.carrier.linear, seen[..., None])
@@ -241,7 +257,7 @@ class _Points:
             self.area_m2,
             self.phase_rad,
             fraction,
-            leg,
+            pair,
             self.scattered,
             backend,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,8 @@ from t2d_rt.types import MovingMesh, Radar
 
 Csr = Any
 """A scipy.sparse matrix."""
+Ends = tuple[np.ndarray, np.ndarray]
+"""Places of a transmitter and a receiver, or of their images [m]."""
 TURNS_PER_STEP = 0.5
 """Greatest change, from one surface frame to the next, of the phase between two facets of a patch [turns]."""
 SWEEP_TURNS = 0.25
@@ -60,7 +62,9 @@ class Patches:
         return np.logical_or.reduceat(base[self.base_face], self.starts[:-1])
 
 
-def patches(surface: MovingMesh, fine: Refinement, radar: Radar, times_s: np.ndarray) -> Patches:
+def patches(
+    surface: MovingMesh, fine: Refinement, radar: Radar, seen_from: Sequence[Ends], times_s: np.ndarray
+) -> Patches:
     """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough at all times."""
     rest = (fine.operator @ surface.rest)[fine.faces].mean(axis=1)
     order = np.argsort(_morton(rest), kind="stable")
@@ -78,14 +82,14 @@ def patches(surface: MovingMesh, fine: Refinement, radar: Radar, times_s: np.nda
                 (radar.rx_positions_m, radar.rx_position_m),
             )
         )
-        range_m = least_range_m(surface, radar, times_s)
+        range_m = least_range_m(surface, seen_from, times_s)
         per_m = max(per_m, reach / range_m / radar.wavelength_m / APERTURE_TURNS)
     _cut(first, rest[filled] * per_m)
     rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
     allowed_mps = radar.wavelength_m * rate_hz * TURNS_PER_STEP
     centroid = _mean_rows(fine.faces[filled], np.arange(len(filled) + 1), fine.linear).astype(np.float32)
     widest = np.zeros(len(corners))
-    for speeds in _path_speeds(surface, radar, times_s):
+    for speeds in _path_speeds(surface, seen_from, times_s):
         turns = speeds / allowed_mps
         _cut(first, centroid @ turns)
         starts = np.append(np.flatnonzero(first[: len(order)]), len(order))
@@ -125,14 +129,14 @@ def _mean_rows(corners: np.ndarray, starts: np.ndarray, linear: Csr) -> Csr:
     return csr_array((share, corners.ravel(), 3 * starts), shape=(len(sizes), linear.shape[0])) @ linear
 
 
-def least_range_m(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> float:
+def least_range_m(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.ndarray) -> float:
     """Least distance of the mesh's vertices from an antenna over the record [m], rounded down to a power of `RANGE_STEP`.
 
     It sets how fine facets and, for arrays, patches must be; recordings of one body at about the same distance share its facets.
     """
     span = times_s[-1] - times_s[0]
     vertices = surface.at(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))))
-    least = float(min(ranges_m(vertices, antenna).min() for antenna in (radar.tx_position_m, radar.rx_position_m)))
+    least = float(min(ranges_m(vertices, place).min() for ends in seen_from for place in ends))
     return RANGE_STEP ** math.floor(math.log(least, RANGE_STEP)) if least > 0 else least
 
 
@@ -153,7 +157,7 @@ def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return across / np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-30)
 
 
-def _path_speeds(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> Iterator[np.ndarray]:
+def _path_speeds(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.ndarray) -> Iterator[np.ndarray]:
     """Rate of change [m/s] of the unrefined vertices' path from transmitter to receiver, float32 (V, up to PROBES)."""
     step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
     count = max(PROBES, int(PROBE_RATE_HZ * (times_s[-1] - times_s[0])))
@@ -161,8 +165,9 @@ def _path_speeds(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> Iter
     for first in range(0, count, PROBES):
         times = moments[first : first + PROBES]
         vertices = surface.at(np.concatenate([times, times + step]))
-        before, after = np.split(ranges_m(vertices, radar.tx_position_m) + ranges_m(vertices, radar.rx_position_m), 2)
-        yield ((after - before) / step).T.astype(np.float32)
+        for tx, rx in seen_from:
+            before, after = np.split(ranges_m(vertices, tx) + ranges_m(vertices, rx), 2)
+            yield ((after - before) / step).T.astype(np.float32)
 
 
 def ranges_m(vertices: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -106,6 +106,20 @@ class Mirrors:
             found += [tuple(chain) for chain in np.unique(path, axis=0).tolist()]
         return found
 
+    def around(self, place_m: np.ndarray) -> str | None:
+        """Name of a surface that holds a place within itself or its thickness, None if none does."""
+        for number, surface in enumerate(self.scene.surfaces):
+            mine = [mirror for mirror in self.each if mirror.surface == number]
+            corners = np.concatenate([mirror.triangles for mirror in mine]) - place_m
+            if abs(_winding(corners)) > 0.5:
+                return surface.name
+            for mirror in mine:
+                away = float(place_m @ mirror.normal - mirror.offset_m)
+                foot = place_m - away * mirror.normal
+                if abs(away) < surface.thickness_m / 2 and mirror.holds(foot[None])[0]:
+                    return surface.name
+        return None
+
     def free(self, start_m: np.ndarray, stop_m: np.ndarray) -> np.ndarray:
         """Whether nothing stands between points (..., 3) and points (..., 3), bool (...); what they lie on does not."""
         mi = mitsuba(self.backend)
@@ -120,6 +134,15 @@ class Mirrors:
         )
         ray.maxt = mi.Float(np.maximum(length - 2 * SKIN_M, 0).astype(np.float32))
         return ~self.traced.ray_test(ray).numpy().reshape(start.shape[:-1])
+
+
+def _winding(corners: np.ndarray) -> float:
+    """Winding number of triangles (F, 3, 3) about the origin (Van Oosterom & Strackee 1983)."""
+    a, b, c = corners.transpose(1, 0, 2)
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    triple = np.sum(a * np.cross(b, c), axis=1)
+    rest = la * lb * lc + np.sum(a * b, 1) * lc + np.sum(b * c, 1) * la + np.sum(c * a, 1) * lb
+    return float(2 * np.arctan2(triple, rest).sum() / (4 * np.pi))
 
 
 def _plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:

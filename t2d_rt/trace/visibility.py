@@ -8,7 +8,7 @@ them. Between key frames visibility fades smoothly: a part that pops would click
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,22 +23,49 @@ FACES_PER_SCENE = 250_000
 LIFT_M = 2e-3
 
 
+Past = Callable[[np.ndarray], np.ndarray]
+
+
+def key_times(start_s: float, stop_s: float, rate_hz: float) -> np.ndarray:
+    """Moments [s] at which visibility is looked at."""
+    return np.linspace(start_s, stop_s, max(2, int(np.ceil((stop_s - start_s) * rate_hz)) + 1))
+
+
+def faded(times_s: np.ndarray, keys_s: np.ndarray, at_keys: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Values (K, N) at any times from those at keys, whose numbers `at_keys` takes: smooth steps from key to key."""
+    position = np.interp(times_s, keys_s, np.arange(len(keys_s)))
+    before = np.minimum(position.astype(int), len(keys_s) - 2)
+    u = (position - before)[:, None].astype(np.float32)
+    fade = u * u * (3 - 2 * u)  # no kink at the keys
+    keys, inverse = np.unique(np.concatenate([before, before + 1]), return_inverse=True)
+    values = at_keys(keys)
+    first, second = inverse[: len(before)], inverse[len(before) :]
+    return np.asarray(values[first] * (1 - fade) + values[second] * fade)
+
+
 class Occlusion:
     """Visibility of the vertices of `meshes` from one point, self-occlusion and one another's shadow included.
 
+    `past` says what share reaches points (..., 3) past what stands still; with `solid` False only that counts.
     The keys lie at `rate_hz` from the meshes' first common time; the shadow's edge moves a hand's breadth between the keys of a
     fast limb at 25 Hz.
     """
 
     def __init__(
-        self, meshes: Sequence[MovingMesh], viewpoint_m: np.ndarray, *, rate_hz: float, backend: Backend
+        self,
+        meshes: Sequence[MovingMesh],
+        viewpoint_m: np.ndarray,
+        *,
+        rate_hz: float,
+        backend: Backend,
+        past: Past | None = None,
+        solid: bool = True,
     ) -> None:
         self._meshes = tuple(meshes)
+        self._past, self._solid = past, solid
         self._viewpoint = np.asarray(viewpoint_m, np.float64)
-        start = max(m.times_s[0] for m in meshes)
-        stop = min(m.times_s[-1] for m in meshes)
-        count = max(2, int(np.ceil((stop - start) * rate_hz)) + 1)
-        self._keys = np.linspace(start, stop, count)
+        start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
+        self._keys = key_times(float(start), float(stop), rate_hz)
         self._sizes = [len(m.rest) for m in meshes]
         self._chunks: OrderedDict[int, np.ndarray] = OrderedDict()
         offsets = np.cumsum([0, *self._sizes[:-1]])
@@ -51,15 +78,7 @@ class Occlusion:
 
     def visibility(self, times_s: np.ndarray) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh."""
-        position = np.interp(times_s, self._keys, np.arange(len(self._keys)))
-        before = np.minimum(position.astype(int), len(self._keys) - 2)
-        u = (position - before)[:, None].astype(np.float32)
-        fade = u * u * (3 - 2 * u)  # no kink at the keys
-        keys, inverse = np.unique(np.concatenate([before, before + 1]), return_inverse=True)
-        values = self._at_keys(keys)
-        first, second = inverse[: len(before)], inverse[len(before) :]
-        mixed = values[first] * (1 - fade) + values[second] * fade
-        return np.split(mixed, np.cumsum(self._sizes)[:-1], axis=1)
+        return np.split(faded(times_s, self._keys, self._at_keys), np.cumsum(self._sizes)[:-1], axis=1)
 
     def _at_keys(self, keys: np.ndarray) -> np.ndarray:
         return np.stack([self._chunk(int(key) // self._copies)[int(key) % self._copies] for key in keys])
@@ -77,9 +96,13 @@ class Occlusion:
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
         vertices = np.concatenate([mesh.at(times_s) for mesh in self._meshes], axis=1)
+        if not self._solid:
+            return np.ones(vertices.shape[:2], np.float32) if self._past is None else self._past(vertices)
         normal = _vertex_normals(vertices, self._faces, self._incidence)
         front = np.einsum("kvi,kvi->kv", normal, self._viewpoint - vertices) > 0
         seen = (self.clear(vertices, vertices, normal) & front).astype(np.float32)
+        if self._past is not None:
+            seen[seen > 0] *= self._past(vertices[seen > 0])
         # A vertex just beyond the horizon takes over from its neighbours this side of it: the horizon itself is the
         # facets' own cosine, not a shadow.
         count = (self._neighbours @ front.T.astype(np.float32)).T

@@ -323,8 +323,7 @@ class Radar(Fields):
     def views_m(self) -> list[np.ndarray]:
         """Places in the world that a target is seen from [m], (3,) each: the centres of transmitters and receivers, or the
         middle where these are as good as one, as far as shadows and the shapes of echoes are concerned; delays tell them apart."""
-        places = [self.tx_position_m, self.rx_position_m]
-        return places if np.linalg.norm(places[0] - places[1]) > ONE_VIEW_M else [(places[0] + places[1]) / 2]
+        return one_view(self.tx_position_m, self.rx_position_m)
 
     # --- antennas ---
 
@@ -402,6 +401,11 @@ class Radar(Fields):
             departure, arrival, math.radians(self.tx_polarization_deg), math.radians(self.rx_polarization_deg)
         )
         return np.sqrt(self.tx_pattern.gain(departure) * self.rx_pattern.gain(arrival)) * polarization
+
+
+def one_view(tx_m: np.ndarray, rx_m: np.ndarray) -> list[np.ndarray]:
+    """Two places, or the middle between them where that is as good as both to see shadows and the shapes of echoes from."""
+    return [tx_m, rx_m] if np.linalg.norm(tx_m - rx_m) > ONE_VIEW_M else [(tx_m + rx_m) / 2]
 
 
 def preset_names() -> list[str]:

@@ -1,0 +1,134 @@
+"""What a pair of legs does to the echoes of a target in a room (docs/physics.md, eq. 24)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.types import EchoArrays, Leg, LegPair, Radar
+
+ANCHORS = 150
+"""Points of a body at which coefficients are worked out: a hand's breadth apart."""
+NEIGHBOURS = 3
+"""Anchors that an echo takes its coefficient from."""
+
+
+@dataclass(frozen=True, slots=True)
+class Anchors:
+    """A few vertices of a mesh that stand for what lies around them."""
+
+    vertices: np.ndarray
+    """Their numbers, (A,)."""
+    shares: Any
+    """Sparse (A, N): values at the anchors times this are those of the echoes."""
+
+    @classmethod
+    def of(cls, rest: np.ndarray, echoes: np.ndarray) -> Anchors:
+        """Of vertices (V, 3) and echoes' places (N, 3) in the same pose."""
+        from scipy.sparse import csr_array
+        from scipy.spatial import cKDTree
+
+        chosen = [0]
+        nearest = np.linalg.norm(rest - rest[0], axis=1)
+        while len(chosen) < min(ANCHORS, len(rest)) and nearest.max() > 1e-6:
+            chosen.append(int(np.argmax(nearest)))
+            nearest = np.minimum(nearest, np.linalg.norm(rest - rest[chosen[-1]], axis=1))
+        vertices = np.array(chosen)
+        distance, near = cKDTree(rest[vertices]).query(echoes, k=min(NEIGHBOURS, len(vertices)))
+        distance, near = distance.reshape(len(echoes), -1), near.reshape(len(echoes), -1)
+        weight = 1 / np.maximum(distance, 1e-6)
+        weight /= weight.sum(axis=1, keepdims=True)
+        echo = np.repeat(np.arange(len(echoes)), near.shape[1])
+        shares = csr_array((weight.ravel(), (near.ravel(), echo)), shape=(len(vertices), len(echoes)))
+        return cls(vertices, shares)
+
+
+def pair_weight(radar: Radar, legs: LegPair, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What a pair of legs makes of the amplitude of a reflector at points (..., 3), and its slope over frequency [1/Hz].
+
+    Patterns, both legs' coefficients and the reflector's own turn of the polarisation, that of a facet whose normal n bisects the
+    legs: e_out . e_back - 2 (n . e_out)(n . e_back); conjugated, as IF = tx conj(rx).
+    """
+    towards = [leg.image_m - points for leg in (legs.out, legs.back)]
+    towards = [each / np.linalg.norm(each, axis=-1, keepdims=True) for each in towards]
+    normal = towards[0] + towards[1]
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+    band = radar.bandwidth_hz / 2
+    found = []
+    for frequency in (radar.mid_frequency_hz - band / 2, radar.mid_frequency_hz, radar.mid_frequency_hz + band / 2):
+        out, back = legs.out.field(points, frequency), legs.back.field(points, frequency)
+        mirrored = 2 * np.sum(normal * out, axis=-1) * np.sum(normal * back, axis=-1)
+        found.append(np.conj(np.sum(out * back, axis=-1) - mirrored))
+    gains = [
+        pattern.gain(_direction(radar, leg.unfolded(points) - place))
+        for pattern, leg, place in (
+            (radar.tx_pattern, legs.out, radar.tx_position_m),
+            (radar.rx_pattern, legs.back, radar.rx_position_m),
+        )
+    ]
+    scale = legs.copies * np.sqrt(gains[0] * gains[1])
+    return scale * found[1], scale * (found[2] - found[0]) / band
+
+
+def _direction(radar: Radar, sight: np.ndarray) -> np.ndarray:
+    """Unit vectors in the radar's axes."""
+    return (sight / np.linalg.norm(sight, axis=-1, keepdims=True)) @ radar.axes.T
+
+
+def over_legs(
+    radar: Radar,
+    echoes: EchoArrays,
+    legs: LegPair,
+    anchors_m: np.ndarray,
+    shares: Any | None,
+    departure_m: np.ndarray | None,
+    arrival_m: np.ndarray | None,
+) -> EchoArrays:
+    """`echoes` (T, N) over a pair of legs, from coefficients at anchors (T, A, 3), whose `shares` they are, None being one each.
+
+    For arrays: the points (T, N, 3) that echoes seem to stand in, seen from the images of transmitters and receivers.
+    """
+    weights = [values.astype(np.complex64) for values in pair_weight(radar, legs, anchors_m)]
+    weight, weight_slope = weights if shares is None else (values @ shares for values in weights)
+    amplitude = (echoes.amplitude * weight).astype(np.complex64)
+    slope = echoes.amplitude * weight_slope
+    if echoes.slope is not None:
+        slope = slope + echoes.slope * weight
+    echoes = echoes._replace(amplitude=amplitude, slope=slope.astype(np.complex64))
+    if not radar.is_array or departure_m is None or arrival_m is None:
+        return echoes
+    departure = legs.out.unfolded(departure_m).astype(np.float32)
+    if arrival_m is departure_m and legs.out.chain == legs.back.chain:
+        return echoes._replace(departure_m=departure, arrival_m=departure)
+    return echoes._replace(departure_m=departure, arrival_m=legs.back.unfolded(arrival_m).astype(np.float32))
+
+
+def ranked_pairs(
+    radar: Radar, out: Sequence[Leg], back: Sequence[Leg], probes_m: np.ndarray, *, order: int
+) -> list[tuple[LegPair, float]]:
+    """Pairs of legs of up to `order` reflections in all that see any of points (P, 3), strongest first, and the levels of a
+    reflector at its best point beside the strongest pair's [dB].
+
+    Out and back may be swapped where one antenna does both: then one pair stands for two.
+    """
+    joined = out is back and not radar.is_array and radar.tx_pattern == radar.rx_pattern
+    levels: list[tuple[LegPair, float]] = []
+    amounts = [
+        [leg.clear(probes_m) / np.linalg.norm(probes_m - leg.image_m, axis=-1) for leg in legs] for legs in (out, back)
+    ]
+    for i, first in enumerate(out):
+        for j, second in enumerate(back):
+            if first.order + second.order > order or (joined and j < i):
+                continue
+            pair = LegPair(out=first, back=second, copies=2 if joined and j > i else 1)
+            both = amounts[0][i] * amounts[1][j]
+            some = both > 0
+            if some.any():
+                weight, _ = pair_weight(radar, pair, probes_m[some])
+                levels.append((pair, 20 * math.log10(max(float((np.abs(weight) * both[some]).max()), 1e-30))))
+    top = max((level for _, level in levels), default=0.0)
+    return sorted(((pair, level - top) for pair, level in levels), key=lambda each: -each[1])

@@ -1,0 +1,76 @@
+"""What a room does between antennas and targets: legs found, and how much of a target each of them sees."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.errors import InputError
+from t2d_rt.trace.legs import find_legs
+from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.trace.visibility import faded, key_times
+from t2d_rt.types import Ellipsoids, Leg, MovingMesh, Radar, Scene
+
+PROBE_RATE_HZ, PROBES = 5.0, 40
+"""Legs are looked for at so many points of a target, so often."""
+
+
+def probes(shapes: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: float) -> np.ndarray:
+    """Points of the targets over the record, (P, 3) m."""
+    times = key_times(start_s, stop_s, PROBE_RATE_HZ)
+    found = []
+    for shape in shapes:
+        points = shape.at(times) if isinstance(shape, MovingMesh) else shape.at(times)[0]
+        every = max(1, points.shape[1] // PROBES)
+        found.append(points[:, ::every].reshape(-1, 3))
+    return np.concatenate(found)
+
+
+def radar_legs(
+    scene: Scene, radar: Radar, probes_m: np.ndarray, *, order: int, backend: Backend
+) -> tuple[list[Leg], list[Leg]]:
+    """Legs of the transmitters' and of the receivers' centre; one list twice where these are one antenna."""
+    mirrors = Mirrors.of(scene, backend)
+    _check_inside(scene, mirrors, radar)
+    found = []
+    for place, angle_deg in (
+        (radar.tx_position_m, radar.tx_polarization_deg),
+        (radar.rx_position_m, radar.rx_polarization_deg),
+    ):
+        angle = math.radians(angle_deg)
+        across = np.array([0.0, math.sin(angle), math.cos(angle)]) @ radar.axes
+        found.append((place, across))
+    (tx, tx_across), (rx, rx_across) = found
+    out = find_legs(mirrors, tx, tx_across, radar.mid_frequency_hz, order=order, probes_m=probes_m)
+    if np.array_equal(tx, rx) and np.array_equal(tx_across, rx_across):
+        return out, out
+    return out, find_legs(mirrors, rx, rx_across, radar.mid_frequency_hz, order=order, probes_m=probes_m)
+
+
+def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar) -> None:
+    """Refuses a radar inside a closed surface, or within a slab."""
+    for place in (radar.tx_position_m, radar.rx_position_m):
+        name = mirrors.around(place)
+        if name is not None:
+            where = ", ".join(f"{x:.3g}" for x in place)
+            raise InputError(
+                f"the radar at ({where}) m is inside {name} of scene {scene.name}; move the radar (position_m) or the furniture"
+            )
+
+
+def share_seen(
+    ellipsoids: Ellipsoids, ways: Sequence[Leg], start_s: float, stop_s: float, rate_hz: float
+) -> Callable[[np.ndarray], np.ndarray]:
+    """What share of each ellipsoid's centre and ends all of the `ways` see past what stands still, (K, N) at times [s] (K,)."""
+    keys = key_times(start_s, stop_s, rate_hz)
+
+    def at_keys(numbers: np.ndarray) -> np.ndarray:
+        centres, axes = ellipsoids.at(keys[numbers])
+        ends = np.einsum("knij,nj->knji", axes, ellipsoids.semi_axes_m)
+        points = np.concatenate([centres[:, :, None], centres[:, :, None] + ends, centres[:, :, None] - ends], axis=2)
+        return np.asarray(np.prod([way.clear(points) for way in ways], axis=0).mean(axis=2))
+
+    return lambda times_s: faded(times_s, keys, at_keys)
