@@ -35,7 +35,8 @@ class Anchors:
         chosen = [0]
         nearest = np.linalg.norm(rest - rest[0], axis=1)
         while len(chosen) < min(ANCHORS, len(rest)) and nearest.max() > 1e-6:
-            chosen.append(int(np.argmax(nearest)))
+            # Rounded: of vertices as far the first one is taken, whichever way the mesh lies.
+            chosen.append(int(np.argmax(np.round(nearest, 6))))
             nearest = np.minimum(nearest, np.linalg.norm(rest - rest[chosen[-1]], axis=1))
         vertices = np.array(chosen)
         distance, near = cKDTree(rest[vertices]).query(echoes, k=min(NEIGHBOURS, len(vertices)))

@@ -1,0 +1,284 @@
+"""Echoes in rooms: against Sionna RT's solver for points, closed forms of a sphere beside a wall, and invariants."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from trimesh.creation import icosphere
+
+import t2d_rt as t2d
+from t2d_rt.backend import select
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.errors import InputError
+from t2d_rt.resources import resource
+from t2d_rt.signal import range_doppler
+from t2d_rt.trace.legs import find_legs
+from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.trace.mitsuba import mitsuba
+from t2d_rt.trace.scenes import load_scene
+from t2d_rt.types import Leg, MovingMesh, Radar, Scene, Surface
+
+UP = np.array([0.0, 0.0, 1.0])
+ANTENNA_M = np.array([0.0, 0.0, 1.0])
+
+
+def plate(name: str, corners: list[tuple[float, float, float]], material: str = "metal") -> Surface:
+    return Surface(
+        name=name,
+        vertices=np.array(corners),
+        faces=np.array([[0, 1, 2], [0, 2, 3]]),
+        material=material,
+        thickness_m=0.01,
+    )
+
+
+def beside(distance_m: float = 2.0) -> Scene:
+    """One large metal wall to the left of the radar, along its boresight."""
+    y = distance_m
+    return Scene(name="beside", surfaces=(plate("wall", [(-2, y, -2), (12, y, -2), (12, y, 4), (-2, y, 4)]),))
+
+
+def ball(
+    radius_m: float, start_m: tuple[float, float, float], velocity_mps: tuple[float, float, float], time_s: float = 0.2
+) -> MovingMesh:
+    sphere = icosphere(subdivisions=3, radius=radius_m)
+    times = np.linspace(0, time_s, 5)
+    way = np.array(start_m) + np.array(velocity_mps) * times[:, None]
+    return MovingMesh(sphere.vertices + way[:, None], sphere.faces, times, material="pec", name="ball")
+
+
+# --- legs of points, against another tool ---
+
+
+def of_points(mirrors: Mirrors, points: np.ndarray, frequency_hz: float) -> list[Leg]:
+    return find_legs(mirrors, ANTENNA_M, UP, frequency_hz, order=2, probes_m=points)
+
+
+def spherical(k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors of theta and phi of a direction."""
+    theta, phi = math.acos(k[2]), math.atan2(k[1], k[0])
+    across = np.array([-math.sin(phi), math.cos(phi), 0.0])
+    return np.array([math.cos(theta) * math.cos(phi), math.cos(theta) * math.sin(phi), -math.sin(theta)]), across
+
+
+@pytest.mark.parametrize(("scene", "paths"), [("empty_room", 50), ("living_room", 50)])
+def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
+    mi = mitsuba(select("cpu"))
+    import sionna.rt as rt
+    from sionna.rt.rcs import ConstantRCSSensingTarget, RCSSolver
+
+    frequency_hz = 77.87e9
+    file = resource("scenes", scene) / f"{scene}.xml"
+    theirs = rt.load_scene(str(file), merge_shapes=False)
+    theirs.frequency = frequency_hz
+    theirs.tx_array = theirs.rx_array = rt.PlanarArray(num_rows=1, num_cols=1, pattern="iso", polarization="V")
+    theirs.add(rt.Transmitter(name="tx", position=ANTENNA_M.tolist()))
+    theirs.add(rt.Receiver(name="rx", position=ANTENNA_M.tolist()))
+    target = ConstantRCSSensingTarget(
+        name="target", sigma=1.0, length=1e-3, width=1e-3, height=1e-3, position=[3, 0, 1]
+    )
+    theirs.add(target)
+    mirrors = Mirrors.of(load_scene(scene), select("cpu"))
+    points = np.array([[3.1, -0.4, 1.3], [2.2, 0.6, 0.7]])
+    legs = of_points(mirrors, points, frequency_hz)
+    wavelength = SPEED_OF_LIGHT / frequency_hz
+    for point in points:
+        target.position = mi.Point3f(*point.tolist())
+        found = RCSSolver()(theirs, max_depth=3, refraction=False, seed=1)
+        delay, amplitude = (np.array(x).ravel() for x in (found.tau, np.array(found.a[0]) + 1j * np.array(found.a[1])))
+        amplitude, delay = amplitude[delay > 0], delay[delay > 0]
+        ours = []
+        lit = [leg for leg in legs if leg.clear(point[None])[0]]
+        for out in lit:
+            for back in lit:
+                if out.order + back.order > 2:
+                    continue
+                ways = [np.linalg.norm(point - leg.image_m) for leg in (out, back)]
+                # That solver's target keeps the theta and phi components of the field.
+                heading = (point - out.image_m) / ways[0], (back.image_m - point) / ways[1]
+                fields = [leg.field(point[None], frequency_hz)[0] for leg in (out, back)]
+                turned = sum((a @ fields[0]) * (b @ fields[1]) for a, b in zip(*map(spherical, heading), strict=True))
+                ours.append((sum(ways) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(ways) * turned))
+        strongest = np.abs(amplitude).max()
+        theirs_in_order = sorted((t, a) for t, a in zip(delay, amplitude, strict=True) if abs(a) > 1e-3 * strongest)
+        ours_in_order = sorted(((t, a) for t, a in ours if abs(a) > 1e-3 * strongest), key=lambda each: each[0])
+        assert len(ours_in_order) == len(theirs_in_order) > paths
+        for (t, a), (other_t, _) in zip(ours_in_order, theirs_in_order, strict=True):
+            assert abs(t - other_t) * SPEED_OF_LIGHT < 1e-5
+            nearest = min(
+                (other for u, other in theirs_in_order if abs(u - t) * SPEED_OF_LIGHT < 1e-5), key=lambda b: abs(b - a)
+            )
+            assert abs(20 * math.log10(abs(a) / abs(nearest))) < 0.1
+            assert abs(np.angle(a / nearest, deg=True)) < 5
+
+
+# --- a sphere beside a wall ---
+
+
+def peak(scene: Scene | str, radius_m: float = 0.15) -> tuple[Radar, np.ndarray, np.ndarray, np.ndarray]:
+    radar = Radar.preset("table2", position_m=(0.0, 0.0, 1.0))
+    target = ball(radius_m, (4.0, 0.3, 1.0), (-2.0, 0.5, 0.0), 0.1)
+    result = t2d.simulate(target, radar=radar, scene=scene, occlusion=False)
+    image = range_doppler(result.adc.values[:, 0], radar, correct_coupling=True)
+    return radar, image.power, image.velocity_mps, image.range_m
+
+
+def test_ghosts_of_a_sphere_beside_a_wall() -> None:
+    radius, wall = 0.15, 2.0
+    _, power, speeds, ranges = peak(beside(wall), radius)
+    _, alone, *_ = peak("free_space", radius)
+    image = np.array([0.0, 2 * wall, 0.0])
+
+    def geometry(time_s: float) -> tuple[float, float, float]:
+        """Distances of the centre from the radar and from its image, and the angle between both ways."""
+        centre = np.array([4.0, 0.3, 0.0]) + np.array([-2.0, 0.5, 0.0]) * time_s
+        r, r_image = np.linalg.norm(centre), np.linalg.norm(centre - image)
+        return float(r), float(r_image), math.acos(centre @ (centre - image) / (r * r_image))
+
+    def mixed_path(time_s: float) -> float:
+        r, r_image, beta = geometry(time_s)
+        return (r + r_image) / 2 - radius * math.cos(beta / 2)
+
+    middle, step = 0.05, 1e-4
+    r, r_image, beta = geometry(middle)
+    direct = mixed(r, r, 0.0, radius)
+    for path, copies in ((mixed_path, 2), (lambda t: geometry(t)[1] - radius, 1)):
+        expected_range, expected_speed = path(middle), (path(middle - step) - path(middle + step)) / (2 * step)
+        row, column = np.argmin(np.abs(speeds - expected_speed)), np.argmin(np.abs(ranges - expected_range))
+        near = power[row - 2 : row + 3, column - 2 : column + 3]
+        at_row, at_column = np.unravel_index(np.argmax(near), near.shape) + np.array([row - 2, column - 2])
+        bin_m, bin_mps = abs(ranges[1] - ranges[0]), abs(speeds[1] - speeds[0])
+        assert abs(interpolated(ranges, power[at_row], at_column) - expected_range) < 0.1 * bin_m
+        assert abs(interpolated(speeds, power[:, at_column], at_row) - expected_speed) < 0.5 * bin_mps
+        ways = (r, r_image, beta) if copies == 2 else (r_image, r_image, 0.0)
+        expected = copies**2 * mixed(*ways, radius) / direct
+        # Power of a line is that of the cells it spreads over.
+        found = summed(power, at_row, at_column) / summed(alone, *np.unravel_index(np.argmax(alone), alone.shape))
+        assert abs(10 * math.log10(found / expected)) < 0.5
+
+
+def summed(power: np.ndarray, row: int, column: int) -> float:
+    return float(power[row - 3 : row + 4, column - 2 : column + 3].sum())
+
+
+def mixed(r_out: float, r_back: float, beta: float, radius_m: float) -> float:
+    """Power of a sphere's specular echo over two ways, up to a constant: with the spreading of a curved mirror,
+
+    4 cos^2(beta/2)/det H of the path's Hessian, H = (1/R1 + 1/R2) P + 2 cos(beta/2)/a along and across the plane of the ways.
+    """
+    cosine = math.cos(beta / 2)
+    a, b = r_out - radius_m * cosine, r_back - radius_m * cosine
+    bend = 1 / a + 1 / b
+    along, across = bend * cosine**2 + 2 * cosine / radius_m, bend + 2 * cosine / radius_m
+    return cosine**2 / (along * across) / (a * b) ** 2
+
+
+def interpolated(axis: np.ndarray, power: np.ndarray, peak_at: int) -> float:
+    """Peak of a Hann-weighted line: parabola through the logs of three cells."""
+    a, b, c = np.log(power[peak_at - 1 : peak_at + 2])
+    return float(axis[peak_at] + 0.5 * (a - c) / (a - 2 * b + c) * (axis[1] - axis[0]))
+
+
+def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
+    error = max(float(np.sum(np.abs(found - expected) ** 2)), 1e-40)
+    return 10 * math.log10(error / float(np.sum(np.abs(expected) ** 2)))
+
+
+def small_room() -> Scene:
+    return Scene(
+        name="small",
+        surfaces=(
+            plate("floor", [(-1, -2, 0), (6, -2, 0), (6, 2, 0), (-1, 2, 0)], "concrete"),
+            plate("left", [(-1, 2, 0), (6, 2, 0), (6, 2, 3), (-1, 2, 3)], "plasterboard"),
+        ),
+    )
+
+
+def test_transmitter_and_receiver_may_be_swapped() -> None:
+    target = ball(0.1, (3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
+    sides = ([[0.0, 0.1, 0.0]], [[0.0, -0.1, 0.0]])
+    cubes = []
+    for tx, rx in (sides, sides[::-1]):
+        radar = Radar.preset("table2", tx_offsets_m=tx, rx_offsets_m=rx)
+        cubes.append(t2d.simulate(target, radar=radar, scene=small_room(), occlusion=False).adc.values)
+    assert nmse_db(cubes[1], cubes[0]) < -80
+
+
+def test_scene_radar_and_target_may_be_moved_together() -> None:
+    angle, shift = 0.7, np.array([3.0, -5.0, 0.4])
+    turn = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
+    room = small_room()
+    moved = Scene(
+        name="moved",
+        surfaces=tuple(
+            Surface(
+                name=s.name,
+                vertices=s.vertices @ turn.T + shift,
+                faces=s.faces,
+                material=s.material,
+                thickness_m=s.thickness_m,
+            )
+            for s in room.surfaces
+        ),
+    )
+    target = ball(0.1, (3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
+    there = MovingMesh(target.vertices @ turn.T + shift, target.faces, target.times_s, material="pec", name="ball")
+    place = turn @ [0, 0, 1] + shift
+    one = t2d.simulate(target, radar=Radar.preset("table2"), scene=room, occlusion=False)
+    radar = Radar.preset("table2", position_m=tuple(place), boresight=tuple(turn @ [1, 0, 0]))
+    other = t2d.simulate(there, radar=radar, scene=moved, occlusion=False)
+    assert nmse_db(other.adc.values, one.adc.values) < -60
+
+
+def test_what_stands_still_stays_at_zero_doppler() -> None:
+    still = ball(0.1, (3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
+    result = t2d.simulate(still, radar=Radar.preset("table2"), scene=small_room())
+    cube = result.adc.values[:, 0]
+    moving = cube - cube.mean(axis=0)
+    assert np.sum(np.abs(moving) ** 2) < 1e-8 * np.sum(np.abs(cube) ** 2)
+
+
+def test_a_body_sees_the_same_room_in_both_models() -> None:
+    motion = t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 0, 0.3)
+    found = [t2d.simulate(motion, scene=small_room(), method=method, range_db=20.0) for method in ("mesh", "ellipsoid")]
+    assert found[0].settings["pairs"] == found[1].settings["pairs"]
+    levels = [10 * math.log10(np.mean(np.abs(each.adc.values) ** 2)) for each in found]
+    assert abs(levels[0] - levels[1]) < 6
+
+
+def test_a_cupboard_hides_what_is_behind() -> None:
+    y = (-0.5, 0.5)
+    front = plate("cupboard", [(1.5, y[0], 0), (1.5, y[1], 0), (1.5, y[1], 2), (1.5, y[0], 2)])
+    far = plate("far", [(20, -1, 0), (20, 1, 0), (20, 1, 2), (20, -1, 2)])
+    target = ball(0.1, (3.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.05)
+    with pytest.raises(InputError, match="no way leads from the radar"):
+        t2d.simulate(target, scene=Scene(name="hidden", surfaces=(front, far)))
+
+
+# --- scenes ---
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("ballroom", "unknown scene 'ballroom'; choose free_space or one of bedroom, corridor"),
+        ("missing.xml", "there is no scene file missing.xml"),
+    ],
+)
+def test_unknown_scenes_are_refused(source: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_scene(source)
+
+
+def test_a_radar_in_the_furniture_is_refused() -> None:
+    radar = Radar.preset("table2", position_m=(0.45, 2.3, 1.0))
+    with pytest.raises(InputError, match="is inside cupboard of scene living_room"):
+        t2d.simulate(ball(0.1, (3, 0, 1), (0, 0, 0)), radar=radar, scene="living_room")
+
+
+def test_a_material_without_values_is_named() -> None:
+    brick = Scene(name="brick", surfaces=(plate("wall", [(0, 2, 0), (5, 2, 0), (5, 2, 3), (0, 2, 3)], "brick"),))
+    with pytest.raises(InputError, match="no values for brick at 77.864 GHz; use one of ceiling_board"):
+        t2d.simulate(ball(0.1, (3, 0, 1), (0, 0, 0)), scene=brick)
