@@ -23,10 +23,10 @@ from t2d_rt.motion import place, track
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
-from t2d_rt.room import coarser, find_ways, seen_over
+from t2d_rt.room import coarse_views, coarser, find_ways, full_views
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.scenes import load_scene
-from t2d_rt.types import EchoStream, Ellipsoids, LegPair, Material, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids
@@ -90,28 +90,34 @@ def simulate(
         if around is None
         else find_ways(around, shapes, radar, times_s, order=order, range_db=range_db, backend=backend)
     )
-    groups: list[Sequence[LegPair | None]] = (
-        [[None]] if ways is None else [ways.pairs[: ways.strong], ways.pairs[ways.strong :]]
-    )
+    common: dict[str, Any] = {"rate_hz": occlusion_rate_hz, "times_s": times_s}
+    strong = [None] if ways is None else ways.pairs[: ways.strong]
+    views = full_views(shapes, radar, strong, occlusion=occlusion, backend=backend, **common)
+    detail: dict[str, Any] = {"times_s": times_s, "seed": int(seed), "backend": backend}
     streams: list[EchoStream] = []
-    for weak, pairs in enumerate(groups):
-        seen = seen_over(
-            shapes, radar, pairs, occlusion=occlusion, rate_hz=occlusion_rate_hz, times_s=times_s, backend=backend
-        )
-        for shape, substance, over in zip(shapes, substances, seen, strict=True):
-            if not over:
-                continue
-            if isinstance(shape, Ellipsoids):
-                echoes = ellipsoid_echoes(
-                    shape, radar, times_s=times_s, material=substance, phase_from=phase_from, over=over
+    for shape, substance, target, close in zip(shapes, substances, targets, views, strict=True):
+        if isinstance(shape, Ellipsoids):
+            weak = [] if ways is None else coarse_views(shape, ways.pairs[ways.strong :], **common)
+            streams.append(
+                ellipsoid_echoes(
+                    shape, radar, times_s=times_s, material=substance, phase_from=phase_from, views=close + weak
                 )
-            else:
-                bar = shape.sagitta_rad if sagitta_rad is None else sagitta_rad
-                echoes = mesh_echoes(
-                    shape, radar, times_s=times_s, material=substance, sagitta_rad=coarser(bar) if weak else bar, seed=int(seed),
-                    over=over, backend=backend,
-                )  # fmt: skip
-            streams.append(echoes)
+            )
+            continue
+        bar = shape.sagitta_rad if sagitta_rad is None else sagitta_rad
+        streams.append(mesh_echoes(shape, radar, material=substance, sagitta_rad=bar, views=close, **detail))
+        if ways is None:
+            continue
+        clear = ways.clear if isinstance(target, Motion) else len(ways.pairs)
+        if weak := coarse_views(shape, ways.pairs[ways.strong : clear], **common):
+            streams.append(mesh_echoes(shape, radar, material=substance, views=weak, **coarser(bar), **detail))
+        if isinstance(target, Motion) and (faint := ways.pairs[clear:]):
+            limbs = segments(_placed(target, radar), body)
+            streams.append(
+                ellipsoid_echoes(
+                    limbs, radar, times_s=times_s, material=substance, views=coarse_views(limbs, faint, **common)
+                )
+            )
     cube = synthesize(joined(streams), radar, device=device, progress=progress)
     settings: dict[str, Any] = {
         "method": method, "scene": "free_space" if around is None else around.name,
@@ -145,10 +151,13 @@ def _shape(
                 f"method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh {target.name}; use method 'mesh'"
             )
         return target
-    if not target.placed:
-        target = place(target, radar_position_m=radar.position_m, boresight=radar.boresight)
     make = skin if method == "mesh" else segments
-    return make(target, body, material="skin" if material is None else material)
+    return make(_placed(target, radar), body, material="skin" if material is None else material)
+
+
+def _placed(motion: Motion, radar: Radar) -> Motion:
+    """A motion as it is where somebody placed it, else before the radar."""
+    return motion if motion.placed else place(motion, radar_position_m=radar.position_m, boresight=radar.boresight)
 
 
 def _frames(shapes: Sequence[MovingMesh | Ellipsoids], radar: Radar, rate_hz: float | None) -> np.ndarray:

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from t2d_rt.backend import Backend
-from t2d_rt.echo.legs import ranked_pairs
+from t2d_rt.echo.legs import Share, View, anchor_vertices, ranked_pairs
 from t2d_rt.errors import InputError
-from t2d_rt.trace.surroundings import probes, radar_legs, share_seen
+from t2d_rt.trace.surroundings import ellipsoids_seen, mesh_passed, probes, radar_legs
 from t2d_rt.trace.visibility import Occlusion
 from t2d_rt.types import Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene
 
 Shape = MovingMesh | Ellipsoids
-Seen = Callable[[np.ndarray], np.ndarray]
-"""What is seen of a mesh's vertices or of ellipsoids, 0..1 (K, N), at times [s] (K,)."""
-Over = list[tuple[LegPair | None, Seen | None]]
 
-STRONG_DB = -10.0
-"""Pairs within that of the strongest one keep the facets asked for; the others, of which there are many, get coarser ones."""
-COARSER, COARSEST_RAD = 3.0, 1.0
-"""By how much these facets' phase sagitta is larger, and its limit."""
+STRONG_DB, FAINT_DB = -6.0, -25.0
+"""Pairs weaker than the strongest one by more than the first are modelled in less detail; of a body those that together, in power,
+are weaker than it by more than the second by ellipsoids."""
+COARSER, COARSEST_RAD = 4.0, 1.5
+"""By how much the phase sagitta of these facets is larger, and its limit."""
+COARSE_TURNS, COARSE_POINTS = 1.0, 1000
+"""Their patches and diffuse points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,8 @@ class Ways:
     """Each with its level beside the strongest pair's [dB]."""
     strong: int
     """How many of the pairs are strong."""
+    clear: int
+    """How many are not faint."""
 
     def left_out_db(self) -> float | None:
         """What those left out amount to at most, were they all in phase, beside the strongest one [dB]."""
@@ -68,19 +71,23 @@ def find_ways(
             f"no way leads from the radar to the target in scene {scene.name} with up to {order} reflections; move the radar "
             "or the target, or allow more (order)"
         )
+    power = np.array([10 ** (level / 10) for _, level in ranked])
+    tail = np.cumsum(power[::-1])[::-1]
     return Ways(
         pairs=[pair for pair, level in ranked if level >= -range_db],
         left_out=[(pair, level) for pair, level in ranked if level < -range_db],
         strong=sum(level >= STRONG_DB for _, level in ranked),
+        clear=int(np.count_nonzero(tail > 10 ** (FAINT_DB / 10))),
     )
 
 
-def coarser(sagitta_rad: float | np.ndarray) -> float | np.ndarray:
-    """Phase sagitta of the facets of weak pairs."""
-    return np.maximum(sagitta_rad, np.minimum(COARSER * np.asarray(sagitta_rad), COARSEST_RAD))
+def coarser(sagitta_rad: float | np.ndarray) -> dict[str, Any]:
+    """Options of `mesh_echoes` for weak pairs."""
+    sagitta = np.maximum(sagitta_rad, np.minimum(COARSER * np.asarray(sagitta_rad), COARSEST_RAD))
+    return {"sagitta_rad": sagitta, "turns_per_step": COARSE_TURNS, "points": COARSE_POINTS}
 
 
-def seen_over(
+def full_views(
     shapes: Sequence[Shape],
     radar: Radar,
     pairs: Iterable[LegPair | None],
@@ -89,39 +96,57 @@ def seen_over(
     rate_hz: float,
     times_s: np.ndarray,
     backend: Backend,
-) -> list[Over]:
-    """For each shape the pairs, None being free space, with what is seen over both legs.
+) -> list[list[View]]:
+    """For each shape its views over the pairs, None being free space: what hides each vertex from either leg.
 
     Looks are shared: pairs have their legs in common, and transmitters and receivers that stand close together see the same.
     """
     meshes = [shape for shape in shapes if isinstance(shape, MovingMesh)]
-    start, stop = float(times_s[0]), float(times_s[-1])
     one = len(radar.views_m) == 1
     looks: dict[tuple[object, ...], Occlusion] = {}
 
     def look(leg: Leg | None, end: int) -> Occlusion:
         key = (() if leg is None else leg.chain, 0 if one else end)
         if key not in looks:
-            place = radar.views_m[end if not one else 0] if leg is None else leg.image_m
+            place = radar.views_m[0 if one else end] if leg is None else leg.image_m
             past = None if leg is None else leg.clear
             looks[key] = Occlusion(meshes, place, rate_hz=rate_hz, backend=backend, past=past, solid=occlusion)
         return looks[key]
 
-    def both(pair: LegPair | None, index: int) -> Seen | None:
+    def seen(pair: LegPair | None, index: int) -> Share | None:
         if pair is None and not occlusion:
             return None
         legs = (None, None) if pair is None else (pair.out, pair.back)
         views = list({id(found): found for found in (look(leg, end) for end, leg in enumerate(legs))}.values())
+        return lambda times: np.asarray(np.prod([view.visibility(times)[index] for view in views], axis=0))
 
-        def seen(times_s: np.ndarray) -> np.ndarray:
-            return np.asarray(np.prod([view.visibility(times_s)[index] for view in views], axis=0))
+    found, start, stop = [], float(times_s[0]), float(times_s[-1])
+    for shape in shapes:
+        views = []
+        for pair in pairs:
+            if isinstance(shape, MovingMesh):
+                share = seen(pair, next(index for index, mesh in enumerate(meshes) if mesh is shape))
+            else:
+                share = None if pair is None else ellipsoids_seen(shape, pair, start, stop, rate_hz)
+            views.append(View(legs=pair, seen=share))
+        found.append(views)
+    return found
 
-        return seen
 
-    def of(shape: Shape, pair: LegPair | None) -> Seen | None:
-        if isinstance(shape, MovingMesh):
-            return both(pair, next(index for index, mesh in enumerate(meshes) if mesh is shape))
-        return None if pair is None else share_seen(shape, [pair.out, pair.back], start, stop, rate_hz)
+def coarse_views(shape: Shape, pairs: Iterable[LegPair], *, rate_hz: float, times_s: np.ndarray) -> list[View]:
+    """Views of one shape over pairs, each with what stands still in the way of a few of its points; it does not hide itself."""
+    start, stop = float(times_s[0]), float(times_s[-1])
+    if isinstance(shape, Ellipsoids):
+        return [View(legs=pair, seen=ellipsoids_seen(shape, pair, start, stop, rate_hz)) for pair in pairs]
+    shares: dict[tuple[str, ...], Share] = {}
 
-    chosen = list(pairs)
-    return [[(pair, of(shape, pair)) for pair in chosen] for shape in shapes]
+    def share(leg: Leg) -> Share:
+        if leg.chain not in shares:
+            shares[leg.chain] = mesh_passed(shape, anchor_vertices(shape.rest), leg, start, stop, rate_hz)
+        return shares[leg.chain]
+
+    def passed(pair: LegPair) -> Share:
+        ways = [share(pair.out)] if pair.out.chain == pair.back.chain else [share(pair.out), share(pair.back)]
+        return lambda times: np.asarray(np.prod([way(times) for way in ways], axis=0))
+
+    return [View(legs=pair, passed=passed(pair)) for pair in pairs]

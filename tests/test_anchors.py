@@ -12,6 +12,7 @@ import t2d_rt as t2d
 from t2d_rt.backend import Backend
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.compare import envelope, figures
+from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.resources import resource
 from t2d_rt.types import Motion, MovingMesh, Radar
@@ -43,7 +44,7 @@ def test_a_person_has_about_half_a_square_metre(walk: Motion, backend: Backend) 
     )
     echoes = mesh_echoes(
         turned, RADAR, times_s=looks_s, material=resolve_material("skin", RADAR.mid_frequency_hz),
-        sagitta_rad=COARSE_RAD, seed=0, visibility=None, backend=backend,
+        sagitta_rad=COARSE_RAD, seed=0, views=[View()], backend=backend,
     ).gather()  # fmt: skip
     turns_of_phase = RADAR.mid_frequency_hz * echoes.delay_s % 1
     field = np.sum(echoes.amplitude * np.exp(2j * np.pi * turns_of_phase), axis=1)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.ellipsoid import ellipsoid_echoes, specular_points
+from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.types import PEC, Echoes, EchoStream, Ellipsoids, Material, MovingMesh, Radar
@@ -100,7 +101,7 @@ def spheroid_mesh(poses: list[np.ndarray], centre: np.ndarray, radar: Radar, bac
         material=PEC,
         sagitta_rad=mesh.sagitta_rad,
         seed=0,
-        visibility=None,
+        views=[View()],
         backend=backend,
     )
 

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import check_outside, joined, mesh_echoes
 from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.errors import InputError, T2DWarning
@@ -48,7 +49,7 @@ def echoes_of(
         material=material,
         sagitta_rad=mesh.sagitta_rad,
         seed=seed,
-        visibility=None,
+        views=[View()],
         backend=backend,
     )
 
@@ -259,7 +260,7 @@ def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material
     def fields(sagitta_rad: float) -> np.ndarray:
         mesh = MovingMesh.from_track(lambda t: places[t.astype(int)], faces, np.arange(4.0), rest=rest)
         stream = mesh_echoes(
-            mesh, TABLE2, times_s=np.arange(4.0), material=material, sagitta_rad=sagitta_rad, seed=0, visibility=None,
+            mesh, TABLE2, times_s=np.arange(4.0), material=material, sagitta_rad=sagitta_rad, seed=0, views=[View()],
             backend=backend,
         )  # fmt: skip
         still_frames = [stream.frames(k, k + 1) for k in range(4)]  # every pose for itself: nothing moves
@@ -347,7 +348,7 @@ def speckle(frequency: int, seed: int, backend: Backend) -> np.ndarray:
     )
     times_s = np.arange(LOOKS, dtype=float)
     stream = mesh_echoes(
-        mesh, TABLE2, times_s=times_s, material=LAMBERT, sagitta_rad=0.4, seed=seed, visibility=None, backend=backend
+        mesh, TABLE2, times_s=times_s, material=LAMBERT, sagitta_rad=0.4, seed=seed, views=[View()], backend=backend
     )
     return field(stream, TABLE2) / math.sqrt(TABLE2.received_power_w(1.0, 30.1))
 
@@ -397,7 +398,7 @@ def test_visibility_scales_what_is_seen(backend: Backend) -> None:
     for share in (1.0, 0.25, 0.0):
         stream = mesh_echoes(
             mesh, TABLE2, times_s=FRAMES_S, material=SKIN, sagitta_rad=0.4, seed=0, backend=backend,
-            visibility=lambda t, share=share: np.full((len(t), len(mesh.rest)), share),
+            views=[View(seen=lambda t, share=share: np.full((len(t), len(mesh.rest)), share))],
         )  # fmt: skip
         parts.append(stream.gather().amplitude)
     np.testing.assert_allclose(parts[1], 0.25 * parts[0], rtol=1e-5, atol=1e-16)
@@ -413,7 +414,7 @@ def test_frames_do_not_depend_on_how_they_are_asked_for(backend: Backend) -> Non
     path = np.stack([2 - 2 * times_s, 0 * times_s, 1 + 0 * times_s], axis=1)
     mesh = MovingMesh(rest + path[:, None], faces, times_s, sagitta_rad=0.4)
     stream = mesh_echoes(
-        mesh, TABLE2, times_s=times_s, material=SKIN, sagitta_rad=0.4, seed=0, visibility=None, backend=backend
+        mesh, TABLE2, times_s=times_s, material=SKIN, sagitta_rad=0.4, seed=0, views=[View()], backend=backend
     )
     whole, part = stream.gather(), stream.frames(5, 9)
     assert np.array_equal(part[0], whole.delay_s[5:9])

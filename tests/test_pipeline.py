@@ -15,6 +15,7 @@ import trimesh
 
 import t2d_rt as t2d
 from t2d_rt.backend import Backend
+from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.errors import BackendError, InputError, T2DWarning
 from t2d_rt.geometry import refinements
@@ -71,7 +72,7 @@ def test_same_seed_same_bits_another_seed_another_speckle(recorded: t2d.Simulati
 def test_another_seed_changes_only_the_diffuse_points(backend: Backend) -> None:
     def echoes(seed: int, material: Material) -> tuple[np.ndarray, np.ndarray]:
         stream = mesh_echoes(
-            ball(2.0), RADAR, times_s=TIMES_S, material=material, sagitta_rad=0.5, seed=seed, visibility=None,
+            ball(2.0), RADAR, times_s=TIMES_S, material=material, sagitta_rad=0.5, seed=seed, views=[View()],
             backend=backend,
         )  # fmt: skip
         return stream.frames(0, len(TIMES_S))[:2]

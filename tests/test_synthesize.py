@@ -15,6 +15,7 @@ from t2d_rt import cubes
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.ellipsoid import ellipsoid_echoes
+from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.errors import InputError
@@ -368,7 +369,7 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
     mesh = MovingMesh(np.stack([vertices, vertices]), body.faces, [0, 1], PEC)
     stream = mesh_echoes(
         mesh, radar, times_s=np.arange(4) / radar.prf_hz, material=PEC, sagitta_rad=mesh.sagitta_rad, seed=0,
-        visibility=None, backend=backend,
+        views=[View()], backend=backend,
     )  # fmt: skip
     cube = synthesize(stream, radar)[0, 0, ::5]
     times = radar.sample_times_s[::5]

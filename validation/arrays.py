@@ -13,6 +13,7 @@ from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.template import template
 from t2d_rt.echo.ellipsoid import specular_points
+from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.signal import PointCloud, point_cloud, range_angle, steering_vectors, unit_vectors
 from t2d_rt.trace.visibility import Occlusion
@@ -271,7 +272,7 @@ def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, sagitta_rad=body.sagitta_rad, seed=0,
-        visibility=lambda t: view.visibility(t)[0], backend=select("auto"),
+        views=[View(seen=lambda t: view.visibility(t)[0])], backend=select("auto"),
     ).frames(0, len(times_s))  # fmt: skip
     power = np.abs(echoes.amplitude) ** 2
     assert echoes.departure_m is not None

@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull
 import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.echo import mesh
+from t2d_rt.echo.legs import View
 from t2d_rt.types import Material, MovingMesh, Radar
 from validation.report import Check, Section, new_figure, save_chart
 
@@ -98,7 +99,7 @@ def _fields(radar: Radar, faces: int) -> np.ndarray:
         with patch.multiple(mesh, **unchanged):
             echoes = mesh.mesh_echoes(
                 sphere, radar, times_s=sphere.times_s, material=ROUGH, sagitta_rad=SAGITTA_RAD, seed=seed,
-                visibility=None, backend=backend,
+                views=[View()], backend=backend,
             )  # fmt: skip
             delay, amplitude, *_ = echoes.frames(0, ASPECTS)
         turns = radar.mid_frequency_hz * delay

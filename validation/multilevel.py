@@ -13,6 +13,7 @@ from scipy.signal.windows import blackmanharris
 import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
+from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.radar.direct import direct_sum
@@ -72,7 +73,7 @@ def body_echoes(surface: MovingMesh, radar: Radar) -> Echoes:
     times = np.linspace(surface.times_s[0], surface.times_s[-1], int(np.ceil(surface.duration_s * rate)) + 1)
     return mesh_echoes(
         surface, radar, times_s=times, material=resolve_material("skin", radar.mid_frequency_hz), sagitta_rad=surface.sagitta_rad,
-        seed=0, visibility=None, backend=select("auto"),
+        seed=0, views=[View()], backend=select("auto"),
     ).gather()  # fmt: skip
 
 

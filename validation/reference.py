@@ -109,7 +109,7 @@ def refined(surface: MovingMesh, radar: Radar, sagitta_rad: float | np.ndarray) 
         surface.rest,
         surface.faces,
         wavenumber=2 * math.pi / radar.wavelength_m,
-        range_m=least_range_m(surface, radar, surface.times_s),
+        range_m=least_range_m(surface, [(radar.tx_position_m, radar.rx_position_m)], surface.times_s),
         sagitta_rad=sagitta_rad,
         crease_deg=surface.crease_deg,
     )

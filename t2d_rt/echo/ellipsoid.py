@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.antennas import seen_by, side_by_side
-from t2d_rt.echo.legs import over_legs
+from t2d_rt.echo.legs import View, over_legs
 from t2d_rt.errors import InputError
-from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, LegPair, Material, Radar
+from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
 
 FORWARD = 0.1
 """Length of the sum of the unit vectors to both antennas below which a target counts as standing between them."""
 PhaseFrom = Literal["specular", "centre"]
-Share = Callable[[np.ndarray], np.ndarray]
-"""What is seen of each ellipsoid, 0..1 (K, N), at times [s] (K,)."""
 
 
 def ellipsoid_echoes(
@@ -28,24 +26,23 @@ def ellipsoid_echoes(
     times_s: np.ndarray,
     material: Material,
     phase_from: PhaseFrom = "specular",
-    over: Sequence[tuple[LegPair | None, Share | None]] = ((None, None),),
+    views: Sequence[View] = (View(),),
 ) -> EchoStream:
     """One echo per ellipsoid at surface frames `times_s`; nothing hides anything.
 
     "specular" takes phase, range and curvature from the point of shortest path, exact also in the near field; "centre" is the
-    Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `over` names pairs
-    of legs, None being free space, each with what share of an ellipsoid both ways see, None being all of it.
+    Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `views` say over
+    which legs, and what of each ellipsoid is seen.
     """
     reflection = complex(material.reflection(radar.mid_frequency_hz)).conjugate()  # IF = tx conj(rx)
     model = {"specular": _specular, "centre": _centre}[phase_from]
 
     def frames(start: int, stop: int) -> EchoArrays:
         centres, axes = ellipsoids.at(times_s[start:stop])
-        return side_by_side([echoes(centres, axes, legs, share, times_s[start:stop]) for legs, share in over])
+        return side_by_side([echoes(centres, axes, view, times_s[start:stop]) for view in views])
 
-    def echoes(
-        centres: np.ndarray, axes: np.ndarray, legs: LegPair | None, share: Share | None, times: np.ndarray
-    ) -> EchoArrays:
+    def echoes(centres: np.ndarray, axes: np.ndarray, view: View, times: np.ndarray) -> EchoArrays:
+        legs = view.legs
         tx, rx = (radar.tx_position_m, radar.rx_position_m) if legs is None else (legs.out.image_m, legs.back.image_m)
         if legs is None:
             _check_between(centres, tx, rx)
@@ -58,12 +55,12 @@ def ellipsoid_echoes(
             path, field = np.where(ahead, straight, path), np.where(ahead, 0, field)
             departure, arrival = (np.where(ahead[..., None], centres, place) for place in (departure, arrival))
         field = radar.link_amplitude * reflection * field
-        if share is not None:
-            field = field * share(times)
+        if view.seen is not None:
+            field = field * view.seen(times)
         found = EchoArrays(path / SPEED_OF_LIGHT, field.astype(np.complex64))
         if legs is None:
             return seen_by(radar, found, departure, arrival)
-        return over_legs(radar, found, legs, (departure + arrival) / 2, None, departure, arrival)
+        return over_legs(radar, found, legs, (departure + arrival) / 2, None, None, departure, arrival)
 
     return EchoStream(times_s=times_s, frames=frames)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,32 @@ ANCHORS = 150
 """Points of a body at which coefficients are worked out: a hand's breadth apart."""
 NEIGHBOURS = 3
 """Anchors that an echo takes its coefficient from."""
+
+
+Share = Callable[[np.ndarray], np.ndarray]
+"""0..1 (K, N) at times [s] (K,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """A target seen over a pair of legs, or in free space."""
+
+    legs: LegPair | None = None
+    seen: Share | None = None
+    """Of each vertex of a mesh, or of each ellipsoid; None: all that faces the antennas."""
+    passed: Share | None = None
+    """Of the field that reaches a mesh's anchors; None: all of it."""
+
+
+def anchor_vertices(rest: np.ndarray) -> np.ndarray:
+    """Numbers of a few vertices (V, 3) that stand for those around them, each as far as may be from the others."""
+    chosen = [0]
+    nearest = np.linalg.norm(rest - rest[0], axis=1)
+    while len(chosen) < min(ANCHORS, len(rest)) and nearest.max() > 1e-6:
+        # Rounded: of vertices as far the first one is taken, whichever way the mesh lies.
+        chosen.append(int(np.argmax(np.round(nearest, 6))))
+        nearest = np.minimum(nearest, np.linalg.norm(rest - rest[chosen[-1]], axis=1))
+    return np.array(chosen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +58,7 @@ class Anchors:
         from scipy.sparse import csr_array
         from scipy.spatial import cKDTree
 
-        chosen = [0]
-        nearest = np.linalg.norm(rest - rest[0], axis=1)
-        while len(chosen) < min(ANCHORS, len(rest)) and nearest.max() > 1e-6:
-            # Rounded: of vertices as far the first one is taken, whichever way the mesh lies.
-            chosen.append(int(np.argmax(np.round(nearest, 6))))
-            nearest = np.minimum(nearest, np.linalg.norm(rest - rest[chosen[-1]], axis=1))
-        vertices = np.array(chosen)
+        vertices = anchor_vertices(rest)
         distance, near = cKDTree(rest[vertices]).query(echoes, k=min(NEIGHBOURS, len(vertices)))
         distance, near = distance.reshape(len(echoes), -1), near.reshape(len(echoes), -1)
         weight = 1 / np.maximum(distance, 1e-6)
@@ -86,14 +106,19 @@ def over_legs(
     legs: LegPair,
     anchors_m: np.ndarray,
     shares: Any | None,
+    passed: np.ndarray | None,
     departure_m: np.ndarray | None,
     arrival_m: np.ndarray | None,
 ) -> EchoArrays:
-    """`echoes` (T, N) over a pair of legs, from coefficients at anchors (T, A, 3), whose `shares` they are, None being one each.
+    """`echoes` (T, N) over a pair of legs, from coefficients at anchors (T, A, 3), whose `shares` they are, None being one each;
+    `passed` (T, A) is what of the field reaches these.
 
     For arrays: the points (T, N, 3) that echoes seem to stand in, seen from the images of transmitters and receivers.
     """
-    weights = [values.astype(np.complex64) for values in pair_weight(radar, legs, anchors_m)]
+    weights = [
+        (values if passed is None else values * passed).astype(np.complex64)
+        for values in pair_weight(radar, legs, anchors_m)
+    ]
     weight, weight_slope = weights if shares is None else (values @ shares for values in weights)
     amplitude = (echoes.amplitude * weight).astype(np.complex64)
     slope = echoes.amplitude * weight_slope

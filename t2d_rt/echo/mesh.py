@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -15,11 +15,11 @@ from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.antennas import seen_by, side_by_side
 from t2d_rt.echo.facets import Pair, diffuse_echoes, patch_echoes
-from t2d_rt.echo.legs import Anchors, over_legs
-from t2d_rt.echo.patches import Csr, Ends, Patches, centres, least_range_m, normals, patches, tilts
+from t2d_rt.echo.legs import Anchors, View, over_legs
+from t2d_rt.echo.patches import TURNS_PER_STEP, Csr, Ends, Patches, centres, least_range_m, normals, patches, tilts
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, point_spacing, refinements, surface_points
-from t2d_rt.types import EchoArrays, EchoStream, LegPair, Material, MovingMesh, Radar
+from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
 # the curved surface by a tenth of this phase or so, always the same.
@@ -37,8 +37,6 @@ FRAMES_AT_ONCE = 20
 _kept: OrderedDict[tuple[object, ...], list[Refinement]] = OrderedDict()
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
-VisibilityAt = Callable[[np.ndarray], np.ndarray]
-"""Visibility in 0..1 of a mesh's vertices (K, V) at times [s] (K,)."""
 
 
 def mesh_echoes(
@@ -49,36 +47,33 @@ def mesh_echoes(
     material: Material,
     sagitta_rad: Sagitta,
     seed: int,
-    over: Sequence[tuple[LegPair | None, VisibilityAt | None]],
+    views: Sequence[View],
     backend: Backend,
+    turns_per_step: float = TURNS_PER_STEP,
+    points: int = POINTS_PER_MESH,
 ) -> EchoStream:
-    """Echoes of `surface` at surface frames `times_s`: one of each patch and of each diffuse point, over each pair of legs.
+    """Echoes of `surface` at surface frames `times_s`: one of each patch and of each diffuse point, in each of `views`.
 
-    `sagitta_rad` sets the facets' size (physics.md, eq. 5). `over` names the pairs, None being free space, each with what is hidden
-    on both ways, None being nothing but back faces.
+    `sagitta_rad` sets the facets' size (physics.md, eq. 5), `turns_per_step` that of patches, `points` how many diffuse ones.
     """
-    pairs = [Pair.of(radar, legs) for legs, _ in over]
+    pairs = [Pair.of(radar, view.legs) for view in views]
     ends = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]
-    model = _Model.of(surface, radar, ends, times_s, material, sagitta_rad, seed)
-    in_room = any(legs is not None for legs, _ in over)
-    anchors = (
-        Anchors.of(surface.rest, model.places(surface.rest[None], _carried(model.centre, surface.rest[None]))[0])
-        if in_room
-        else None
-    )
-    need_places = radar.is_array or radar.directional
+    model = _Model.of(surface, radar, ends, times_s, material, sagitta_rad, seed, turns_per_step, points)
+    rest = surface.rest[None]
+    anchors = Anchors.of(surface.rest, model.places(rest, _carried(model.centre, rest))[0])
 
     def frames(start: int, stop: int) -> EchoArrays:
         times = times_s[start:stop]
         cage = surface.at(times)
         centre = _carried(model.centre, cage)
-        places = model.places(cage, centre) if need_places else None
+        places = model.places(cage, centre) if radar.is_array or radar.directional else None
         parts = []
-        for pair, (legs, visibility) in zip(pairs, over, strict=True):
-            seen = None if visibility is None else visibility(times)
-            echoes = model.echoes(cage, centre, seen, pair, backend)
-            if legs is not None and anchors is not None:
-                echoes = over_legs(radar, echoes, legs, cage[:, anchors.vertices], anchors.shares, places, places)
+        for pair, view in zip(pairs, views, strict=True):
+            echoes = model.echoes(cage, centre, None if view.seen is None else view.seen(times), pair, backend)
+            if view.legs is not None:
+                passed = None if view.passed is None else view.passed(times)
+                at = cage[:, anchors.vertices]
+                echoes = over_legs(radar, echoes, view.legs, at, anchors.shares, passed, places, places)
             elif places is not None:
                 echoes = seen_by(radar, echoes, places, places)
             parts.append(echoes)
@@ -122,14 +117,16 @@ class _Model:
         material: Material,
         sagitta_rad: Sagitta,
         seed: int,
+        turns_per_step: float,
+        point_count: int,
     ) -> _Model:
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
         sagittas = [sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [sagitta_rad]
         wavenumber = 2 * math.pi / radar.wavelength_m
         fine, *carriers = _refinements(surface, wavenumber, least_range_m(surface, seen_from, times_s), sagittas)
-        parts = patches(surface, fine, radar, seen_from, times_s)
-        points = _Points.spread(surface, carriers[0], seed, rough * abs(reflection)) if carriers else None
+        parts = patches(surface, fine, radar, times_s, seen_from=seen_from, turns_per_step=turns_per_step)
+        points = _Points.spread(surface, carriers[0], seed, rough * abs(reflection), point_count) if carriers else None
         return cls(
             cage_faces=surface.faces,
             tilt_rad=tilts(surface, fine),
@@ -226,11 +223,11 @@ class _Points:
     scattered: float
 
     @classmethod
-    def spread(cls, surface: MovingMesh, carrier: Refinement, seed: int, scattered: float) -> _Points:
+    def spread(cls, surface: MovingMesh, carrier: Refinement, seed: int, scattered: float, count: int) -> _Points:
         rest = carrier.operator @ surface.rest
         a, b, c = (rest[carrier.faces[:, i]] for i in range(3))
         area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
-        points = surface_points(rest, carrier.faces, seed=seed, spacing_m=point_spacing(area, POINTS_PER_MESH))
+        points = surface_points(rest, carrier.faces, seed=seed, spacing_m=point_spacing(area, count))
         used, corners = np.unique(carrier.faces[points.face], return_inverse=True)
         held = Refinement(
             operator=carrier.operator[used],

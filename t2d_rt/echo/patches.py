@@ -63,9 +63,19 @@ class Patches:
 
 
 def patches(
-    surface: MovingMesh, fine: Refinement, radar: Radar, seen_from: Sequence[Ends], times_s: np.ndarray
+    surface: MovingMesh,
+    fine: Refinement,
+    radar: Radar,
+    times_s: np.ndarray,
+    *,
+    seen_from: Sequence[Ends] | None = None,
+    turns_per_step: float = TURNS_PER_STEP,
 ) -> Patches:
-    """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough at all times."""
+    """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough at all times.
+
+    `seen_from`: by default the radar itself.
+    """
+    seen_from = [(radar.tx_position_m, radar.rx_position_m)] if seen_from is None else seen_from
     rest = (fine.operator @ _in_own_axes(surface.rest))[fine.faces].mean(axis=1)
     order = np.argsort(_morton(rest), kind="stable")
     corners = fine.faces[order]
@@ -86,7 +96,7 @@ def patches(
         per_m = max(per_m, reach / range_m / radar.wavelength_m / APERTURE_TURNS)
     _cut(first, rest[filled] * per_m)
     rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
-    allowed_mps = radar.wavelength_m * rate_hz * TURNS_PER_STEP
+    allowed_mps = radar.wavelength_m * rate_hz * turns_per_step
     centroid = _mean_rows(fine.faces[filled], np.arange(len(filled) + 1), fine.linear).astype(np.float32)
     widest = np.zeros(len(corners))
     for speeds in _path_speeds(surface, seen_from, times_s):
@@ -104,7 +114,7 @@ def patches(
     if widest_of_most > 4:
         warnings.warn(
             f"{surface.name} turns too fast for its facets: phases across {FAST_SHARE:.0%} of them change by more than "
-            f"{widest_of_most * TURNS_PER_STEP:.2g} turns between frames; raise surface_rate_hz to "
+            f"{widest_of_most * turns_per_step:.2g} turns between frames; raise surface_rate_hz to "
             f"{rate_hz * widest_of_most:.0f}, or give a finer mesh",
             T2DWarning,
             stacklevel=5,

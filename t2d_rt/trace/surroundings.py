@@ -12,7 +12,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.visibility import faded, key_times
-from t2d_rt.types import Ellipsoids, Leg, MovingMesh, Radar, Scene
+from t2d_rt.types import Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene
 
 PROBE_RATE_HZ, PROBES = 5.0, 40
 """Legs are looked for at so many points of a target, so often."""
@@ -61,16 +61,32 @@ def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar) -> None:
             )
 
 
-def share_seen(
-    ellipsoids: Ellipsoids, ways: Sequence[Leg], start_s: float, stop_s: float, rate_hz: float
+def ellipsoids_seen(
+    ellipsoids: Ellipsoids, pair: LegPair, start_s: float, stop_s: float, rate_hz: float
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """What share of each ellipsoid's centre and ends all of the `ways` see past what stands still, (K, N) at times [s] (K,)."""
+    """What share of each ellipsoid's centre and ends both ways reach past what stands still, (K, N) at times [s] (K,)."""
     keys = key_times(start_s, stop_s, rate_hz)
 
     def at_keys(numbers: np.ndarray) -> np.ndarray:
         centres, axes = ellipsoids.at(keys[numbers])
         ends = np.einsum("knij,nj->knji", axes, ellipsoids.semi_axes_m)
         points = np.concatenate([centres[:, :, None], centres[:, :, None] + ends, centres[:, :, None] - ends], axis=2)
-        return np.asarray(np.prod([way.clear(points) for way in ways], axis=0).mean(axis=2))
+        return np.asarray((pair.out.clear(points) * pair.back.clear(points)).mean(axis=2))
+
+    return lambda times_s: faded(times_s, keys, at_keys)
+
+
+def mesh_passed(
+    mesh: MovingMesh, vertices: np.ndarray, leg: Leg, start_s: float, stop_s: float, rate_hz: float
+) -> Callable[[np.ndarray], np.ndarray]:
+    """What a leg lets pass to some vertices of a mesh, (K, A) at times [s] (K,)."""
+    keys = key_times(start_s, stop_s, rate_hz)
+    known = np.full((len(keys), len(vertices)), np.nan, np.float32)
+
+    def at_keys(numbers: np.ndarray) -> np.ndarray:
+        new = numbers[np.isnan(known[numbers, 0])]
+        if len(new):
+            known[new] = leg.clear(mesh.at(keys[new])[:, vertices])
+        return known[numbers]
 
     return lambda times_s: faded(times_s, keys, at_keys)
