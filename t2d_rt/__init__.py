@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from t2d_rt.pipeline import segments, simulate, skin
     from t2d_rt.radar.synthesize import synthesize
     from t2d_rt.result import Simulation
+    from t2d_rt.scene import Room, save_scene
     from t2d_rt.signal import load_recording
-    from t2d_rt.types import Echoes, EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar
+    from t2d_rt.trace.scenes import load_scene
+    from t2d_rt.types import Echoes, EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, Surface
 
 # Everything loads when first used: `import t2d_rt` must not wait for a ray tracer.
 _HOMES = {
@@ -26,9 +28,13 @@ _HOMES = {
     "t2d_rt.motion": ("describe", "load_motion", "motion_from_joints", "place", "repeat", "resample", "smooth", "trim"),
     "t2d_rt.radar.synthesize": ("synthesize",),
     "t2d_rt.result": ("Simulation",),
+    "t2d_rt.scene": ("Room", "save_scene"),
     "t2d_rt.signal": ("load_recording",),
     "t2d_rt.pipeline": ("segments", "simulate", "skin"),
-    "t2d_rt.types": ("EchoStream", "Echoes", "Ellipsoids", "Material", "Motion", "MovingMesh", "Radar"),
+    "t2d_rt.trace.scenes": ("load_scene",),
+    "t2d_rt.types": (
+        *("EchoStream", "Echoes", "Ellipsoids", "Material", "Motion", "MovingMesh", "Radar", "Scene", "Surface"),
+    ),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
@@ -42,16 +48,21 @@ __all__ = [
     "Motion",
     "MovingMesh",
     "Radar",
+    "Room",
+    "Scene",
     "Simulation",
+    "Surface",
     "T2DError",
     "T2DWarning",
     "describe",
     "load_motion",
     "load_recording",
+    "load_scene",
     "motion_from_joints",
     "place",
     "repeat",
     "resample",
+    "save_scene",
     "segments",
     "simulate",
     "skin",

@@ -59,19 +59,25 @@ class Backend:
         return f"{self.name}_ad_mono_polarized"
 
     def lanes(self, values: np.ndarray, kind: Any = None) -> Any:
-        """Numbers that lanes read one each, as an array of `kind`: UInt32, which is the default, or Float32.
-
-        Dr.Jit compiles a kernel anew where such numbers, which it takes over uncopied, lie differently in memory.
-        """
+        """Numbers that lanes read one each, as an array of `kind`: UInt32, which is the default, or Float32."""
         import numpy as np
 
         kind = self.UInt32 if kind is None else kind
         dtype = np.dtype({self.UInt32: np.uint32, self.Float32: np.float32}[kind])
-        raw = np.empty(values.size * dtype.itemsize + ALIGNMENT, np.uint8)
-        skipped = -raw.ctypes.data % ALIGNMENT
-        out = raw[skipped : skipped + values.size * dtype.itemsize].view(dtype)
-        out[:] = values.ravel()
-        return kind(out)
+        return kind(aligned(values, dtype))
+
+
+def aligned(values: np.ndarray, dtype: Any) -> np.ndarray:
+    """A flat copy that lies in memory as Dr.Jit's own arrays do: it takes arrays over uncopied, and compiles a kernel anew for each
+    combination of alignments."""
+    import numpy as np
+
+    size = values.size * np.dtype(dtype).itemsize
+    raw = np.empty(size + ALIGNMENT, np.uint8)
+    skipped = -raw.ctypes.data % ALIGNMENT
+    out = raw[skipped : skipped + size].view(dtype)
+    out[:] = values.ravel()
+    return out
 
 
 def select(device: str = "auto") -> Backend:

@@ -37,8 +37,8 @@ def simulate(
     *,
     radar: Radar | None = None,
     scene: str | Path | Scene = "free_space",
-    order: int = 2,
-    range_db: float = 60.0,
+    reflections: int = 2,
+    dynamic_range_db: float = 60.0,
     method: Method = "mesh",
     seed: int = 0,
     body: str = "adult",
@@ -59,8 +59,8 @@ def simulate(
         The record is the time that all targets share; its own clock starts at 0.
     radar: the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, or a `Scene`.
-    order: greatest number of reflections on both ways together.
-    range_db: pairs of ways that are weaker than the strongest by more than that are left out.
+    reflections: greatest number of them on the ways out and back together.
+    dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out.
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.
@@ -78,6 +78,7 @@ def simulate(
     radar = Radar.preset("table2") if radar is None else radar
     targets = [target] if isinstance(target, Target) else target
     _check(targets, radar, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
+    _check_room(reflections, dynamic_range_db)
     backend = select(device)
     around = None if scene == "free_space" else scene if isinstance(scene, Scene) else load_scene(scene)
     shapes = [_shape(each, method, body, material, radar) for each in targets]
@@ -88,7 +89,7 @@ def simulate(
     ways = (
         None
         if around is None
-        else find_ways(around, shapes, radar, times_s, order=order, range_db=range_db, backend=backend)
+        else find_ways(around, shapes, radar, times_s, order=reflections, range_db=dynamic_range_db, backend=backend)
     )
     common: dict[str, Any] = {"rate_hz": occlusion_rate_hz, "times_s": times_s}
     strong = [None] if ways is None else ways.pairs[: ways.strong]
@@ -128,7 +129,7 @@ def simulate(
         "targets": [_describe(each) for each in targets],
     }  # fmt: skip
     if ways is not None:
-        settings |= {"order": order, "range_db": float(range_db), **ways.describe()}
+        settings |= {"reflections": int(reflections), "dynamic_range_db": float(dynamic_range_db), **ways.describe()}
     return Simulation(cube, radar, settings=settings, versions=versions())
 
 
@@ -251,6 +252,13 @@ def _check(
         raise InputError(f"phase_from must be 'specular' or 'centre', got {phase_from!r}")
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")
+
+
+def _check_room(reflections: Any, dynamic_range_db: Any) -> None:
+    if not isinstance(reflections, (int, np.integer)) or not 0 <= reflections <= 4:
+        raise InputError(f"reflections must be an integer in 0..4, got {reflections!r}; 2 suits rooms")
+    if not isinstance(dynamic_range_db, (int, float)) or not 0 <= dynamic_range_db <= 200:
+        raise InputError(f"dynamic_range_db must lie in 0..200 dB, got {dynamic_range_db!r}; 60 suits most uses")
 
 
 def _describe(target: Target) -> str:

@@ -17,9 +17,9 @@ from t2d_rt.types import Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene
 
 Shape = MovingMesh | Ellipsoids
 
-STRONG_DB, FAINT_DB = -6.0, -25.0
-"""Pairs weaker than the strongest one by more than the first are modelled in less detail; of a body those that together, in power,
-are weaker than it by more than the second by ellipsoids."""
+STRONG_DB, FAINT_DB = -6.0, -15.0
+"""Pairs weaker than the strongest one by more than the first are modelled in less detail, of a body those weaker by more than the
+second by ellipsoids: there are many, and each is a shadow among echoes."""
 COARSER, COARSEST_RAD = 4.0, 1.5
 """By how much the phase sagitta of these facets is larger, and its limit."""
 COARSE_TURNS, COARSE_POINTS = 1.0, 1000
@@ -69,15 +69,13 @@ def find_ways(
     if not ranked:
         raise InputError(
             f"no way leads from the radar to the target in scene {scene.name} with up to {order} reflections; move the radar "
-            "or the target, or allow more (order)"
+            "or the target, or allow more reflections"
         )
-    power = np.array([10 ** (level / 10) for _, level in ranked])
-    tail = np.cumsum(power[::-1])[::-1]
     return Ways(
         pairs=[pair for pair, level in ranked if level >= -range_db],
         left_out=[(pair, level) for pair, level in ranked if level < -range_db],
         strong=sum(level >= STRONG_DB for _, level in ranked),
-        clear=int(np.count_nonzero(tail > 10 ** (FAINT_DB / 10))),
+        clear=sum(level >= FAINT_DB for _, level in ranked),
     )
 
 

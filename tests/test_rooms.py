@@ -224,7 +224,10 @@ def test_scene_radar_and_target_may_be_moved_together() -> None:
         ),
     )
     target = ball(0.1, (3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
-    there = MovingMesh(target.vertices @ turn.T + shift, target.faces, target.times_s, material="pec", name="ball")
+    # Patches are cut in the pose at rest, which a body brings with it.
+    there = MovingMesh.from_track(
+        lambda t: target.at(t) @ turn.T + shift, target.faces, target.times_s, material="pec", rest=target.rest
+    )
     place = turn @ [0, 0, 1] + shift
     one = t2d.simulate(target, radar=Radar.preset("table2"), scene=room, occlusion=False)
     radar = Radar.preset("table2", position_m=tuple(place), boresight=tuple(turn @ [1, 0, 0]))
@@ -242,7 +245,10 @@ def test_what_stands_still_stays_at_zero_doppler() -> None:
 
 def test_a_body_sees_the_same_room_in_both_models() -> None:
     motion = t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 0, 0.3)
-    found = [t2d.simulate(motion, scene=small_room(), method=method, range_db=20.0) for method in ("mesh", "ellipsoid")]
+    found = [
+        t2d.simulate(motion, scene=small_room(), method=method, dynamic_range_db=20.0)
+        for method in ("mesh", "ellipsoid")
+    ]
     assert found[0].settings["pairs"] == found[1].settings["pairs"]
     levels = [10 * math.log10(np.mean(np.abs(each.adc.values) ** 2)) for each in found]
     assert abs(levels[0] - levels[1]) < 6

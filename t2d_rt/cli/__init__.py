@@ -186,7 +186,8 @@ def _recorded(motion: Motion, options: Namespace, radar: Radar, method: Method) 
     from t2d_rt.pipeline import simulate
 
     names = (
-        "scene", "seed", "body", "material", "occlusion", "occlusion_rate_hz", "surface_rate_hz", "sagitta_rad",
+        "scene", "reflections", "dynamic_range_db", "seed", "body", "material", "occlusion", "occlusion_rate_hz",
+        "surface_rate_hz", "sagitta_rad",
         "phase_from", "device",
     )  # fmt: skip
     processing = options.signal.as_dict()

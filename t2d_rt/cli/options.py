@@ -120,6 +120,7 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = ()) -> None:
     from t2d_rt.motion import load_motion
     from t2d_rt.pipeline import simulate
     from t2d_rt.signal import spectrogram
+    from t2d_rt.trace.scenes import scene_names
     from t2d_rt.types import Radar
     from t2d_rt.types.radar import preset_names
 
@@ -127,7 +128,13 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = ()) -> None:
     model.add_argument(
         "--material", type=str | None, help="of the body: skin, clothed, pec or an ITU name; skin by default"
     )
-    _add_parameters(model, simulate, skip={"radar", "material", "progress", *skip})
+    model.add_argument(
+        "--scene",
+        type=str,
+        default="free_space",
+        help=f"free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file",
+    )
+    _add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", *skip})
     radar = parser.add_argument_group(
         "radar",
         f"--radar NAME takes a preset ({', '.join(preset_names())}), --radar FILE.yaml your own; fields override:",

@@ -76,7 +76,7 @@ def patches(
     `seen_from`: by default the radar itself.
     """
     seen_from = [(radar.tx_position_m, radar.rx_position_m)] if seen_from is None else seen_from
-    rest = (fine.operator @ _in_own_axes(surface.rest))[fine.faces].mean(axis=1)
+    rest = (fine.operator @ surface.rest)[fine.faces].mean(axis=1)
     order = np.argsort(_morton(rest), kind="stable")
     corners = fine.faces[order]
     # The last facet fills up the last block.
@@ -184,19 +184,6 @@ def ranges_m(vertices: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Distances (K, V) of vertices (K, V, 3) from one place."""
     sight = vertices - place
     return np.sqrt(np.einsum("kvi,kvi->kv", sight, sight))
-
-
-def _in_own_axes(rest: np.ndarray) -> np.ndarray:
-    """Points (V, 3) in axes that turn with them, so that patches do not depend on where the world's point."""
-    local = rest - rest.mean(axis=0)
-    first = local[0]
-    across = np.cross(first, local)
-    size = np.linalg.norm(across, axis=1)
-    if size.max() < 1e-9:
-        return local
-    second = across[np.argmax(size > 0.5 * size.max())]
-    axes = np.stack([first, second, np.cross(first, second)])
-    return np.asarray(local @ (axes / np.linalg.norm(axes, axis=1, keepdims=True)).T)
 
 
 def _morton(points: np.ndarray) -> np.ndarray:

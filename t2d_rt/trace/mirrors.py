@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.backend import Backend, aligned
 from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.types import Scene
 
@@ -132,7 +132,7 @@ class Mirrors:
         ray = mi.Ray3f(
             mi.Point3f(*columns(mi, start.reshape(-1, 3) + SKIN_M * direction)), mi.Vector3f(*columns(mi, direction))
         )
-        ray.maxt = mi.Float(np.maximum(length - 2 * SKIN_M, 0).astype(np.float32))
+        ray.maxt = mi.Float(aligned(np.maximum(length - 2 * SKIN_M, 0), np.float32))
         return ~self.traced.ray_test(ray).numpy().reshape(start.shape[:-1])
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.backend import Backend, aligned
 
 
 def mitsuba(backend: Backend) -> Any:
@@ -31,4 +31,4 @@ def mitsuba_mesh(mi: Any, vertices: np.ndarray, faces: np.ndarray | None = None)
 
 def columns(mi: Any, points: np.ndarray) -> list[Any]:
     """x, y, z of points (..., 3)."""
-    return [mi.Float(points[..., axis].ravel().astype(np.float32)) for axis in range(3)]
+    return [mi.Float(aligned(points[..., axis], np.float32)) for axis in range(3)]

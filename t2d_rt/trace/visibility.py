@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.backend import Backend, aligned
 from t2d_rt.geometry import topology
 from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.types import MovingMesh
@@ -131,7 +131,7 @@ def _clear(mi: Any, vertices: np.ndarray, faces: np.ndarray, origins: np.ndarray
     distance = np.sqrt(np.einsum("kqi,kqi->kq", origins, origins))
 
     ray = mi.Ray3f(mi.Point3f(*columns(mi, origins + shift)), mi.Vector3f(*columns(mi, -origins / distance[..., None])))
-    ray.maxt = mi.Float(distance.ravel().astype(np.float32))
+    ray.maxt = mi.Float(aligned(distance, np.float32))
     return ~mi.load_dict({"type": "scene", "body": mesh}).ray_test(ray).numpy().reshape(distance.shape)
 
 
