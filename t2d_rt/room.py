@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.backend import Backend
 from t2d_rt.echo.legs import Share, View, anchor_vertices, ranked_pairs
 from t2d_rt.errors import InputError
-from t2d_rt.trace.surroundings import ellipsoids_seen, mesh_passed, probes, radar_legs
+from t2d_rt.trace.surroundings import Passed, probes, radar_legs
 from t2d_rt.trace.visibility import Occlusion
 from t2d_rt.types import Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene
 
@@ -88,7 +88,7 @@ def coarser(sagitta_rad: float | np.ndarray) -> dict[str, Any]:
 def full_views(
     shapes: Sequence[Shape],
     radar: Radar,
-    pairs: Iterable[LegPair | None],
+    pairs: Sequence[LegPair | None],
     *,
     occlusion: bool,
     rate_hz: float,
@@ -118,33 +118,36 @@ def full_views(
         views = list({id(found): found for found in (look(leg, end) for end, leg in enumerate(legs))}.values())
         return lambda times: np.asarray(np.prod([view.visibility(times)[index] for view in views], axis=0))
 
-    found, start, stop = [], float(times_s[0]), float(times_s[-1])
+    found = []
     for shape in shapes:
-        views = []
-        for pair in pairs:
-            if isinstance(shape, MovingMesh):
-                share = seen(pair, next(index for index, mesh in enumerate(meshes) if mesh is shape))
-            else:
-                share = None if pair is None else ellipsoids_seen(shape, pair, start, stop, rate_hz)
-            views.append(View(legs=pair, seen=share))
-        found.append(views)
+        if isinstance(shape, MovingMesh):
+            index = next(index for index, mesh in enumerate(meshes) if mesh is shape)
+            found.append([View(legs=pair, seen=seen(pair, index)) for pair in pairs])
+        else:
+            found.append(
+                [View()]
+                if list(pairs) == [None]
+                else coarse_views(shape, [pair for pair in pairs if pair is not None], rate_hz=rate_hz, times_s=times_s)
+            )
     return found
 
 
-def coarse_views(shape: Shape, pairs: Iterable[LegPair], *, rate_hz: float, times_s: np.ndarray) -> list[View]:
+def coarse_views(shape: Shape, pairs: Sequence[LegPair], *, rate_hz: float, times_s: np.ndarray) -> list[View]:
     """Views of one shape over pairs, each with what stands still in the way of a few of its points; it does not hide itself."""
     start, stop = float(times_s[0]), float(times_s[-1])
     if isinstance(shape, Ellipsoids):
-        return [View(legs=pair, seen=ellipsoids_seen(shape, pair, start, stop, rate_hz)) for pair in pairs]
+        passed = Passed.to_ellipsoids(shape, start, stop, rate_hz)
+    else:
+        passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), start, stop, rate_hz)
     shares: dict[tuple[str, ...], Share] = {}
 
     def share(leg: Leg) -> Share:
-        if leg.chain not in shares:
-            shares[leg.chain] = mesh_passed(shape, anchor_vertices(shape.rest), leg, start, stop, rate_hz)
-        return shares[leg.chain]
+        return shares.setdefault(leg.chain, passed.over(leg))
 
-    def passed(pair: LegPair) -> Share:
+    def both(pair: LegPair) -> Share:
         ways = [share(pair.out)] if pair.out.chain == pair.back.chain else [share(pair.out), share(pair.back)]
         return lambda times: np.asarray(np.prod([way(times) for way in ways], axis=0))
 
-    return [View(legs=pair, passed=passed(pair)) for pair in pairs]
+    if isinstance(shape, Ellipsoids):
+        return [View(legs=pair, seen=both(pair)) for pair in pairs]
+    return [View(legs=pair, passed=both(pair)) for pair in pairs]

@@ -26,6 +26,8 @@ from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 POINT_SAGITTA_RAD = 0.7
 POINTS_PER_MESH = 4_000
 """At least about this many diffuse points; their number does not change the power."""
+FACING_RATE_HZ, FACING_AT_ONCE = 10.0, 20
+"""How often it is looked at which faces ever face an image of an antenna."""
 PROBE_EVERY = 6
 """Frames between looks at which faces face the antennas."""
 BEND_RAD = 0.2
@@ -59,21 +61,28 @@ def mesh_echoes(
     pairs = [Pair.of(radar, view.legs) for view in views]
     ends = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]
     model = _Model.of(surface, radar, ends, times_s, material, sagitta_rad, seed, turns_per_step, points)
+    models = [
+        model if view.legs is None else model.facing(surface, times_s, pair)
+        for pair, view in zip(pairs, views, strict=True)
+    ]
     rest = surface.rest[None]
-    anchors = Anchors.of(surface.rest, model.places(rest, _carried(model.centre, rest))[0])
+    anchors = [
+        None if view.legs is None else Anchors.of(surface.rest, each.places(rest, _carried(each.centre, rest))[0])
+        for each, view in zip(models, views, strict=True)
+    ]
 
     def frames(start: int, stop: int) -> EchoArrays:
         times = times_s[start:stop]
         cage = surface.at(times)
-        centre = _carried(model.centre, cage)
-        places = model.places(cage, centre) if radar.is_array or radar.directional else None
         parts = []
-        for pair, view in zip(pairs, views, strict=True):
+        for pair, view, model, anchor in zip(pairs, views, models, anchors, strict=True):
+            centre = _carried(model.centre, cage)
+            places = model.places(cage, centre) if radar.is_array or radar.directional else None
             echoes = model.echoes(cage, centre, None if view.seen is None else view.seen(times), pair, backend)
-            if view.legs is not None:
+            if view.legs is not None and anchor is not None:
                 passed = None if view.passed is None else view.passed(times)
-                at = cage[:, anchors.vertices]
-                echoes = over_legs(radar, echoes, view.legs, at, anchors.shares, passed, places, places)
+                at = cage[:, anchor.vertices]
+                echoes = over_legs(radar, echoes, view.legs, at, anchor.shares, passed, places, places)
             elif places is not None:
                 echoes = seen_by(radar, echoes, places, places)
             parts.append(echoes)
@@ -137,6 +146,17 @@ class _Model:
             points=points,
         )
 
+    def facing(self, surface: MovingMesh, times_s: np.ndarray, pair: Pair) -> _Model:
+        """With the patches only that ever face both antennas."""
+        lit = np.zeros(len(self.cage_faces), bool)
+        probes = np.linspace(times_s[0], times_s[-1], max(2, math.ceil((times_s[-1] - times_s[0]) * FACING_RATE_HZ)))
+        for first in range(0, len(probes) - 1, FACING_AT_ONCE):
+            lit |= self._lit(surface.at(probes[first : first + FACING_AT_ONCE + 1]), pair, every=1)
+        kept = np.flatnonzero(self.patches.any_of(lit))
+        if not len(kept):
+            return self
+        return replace(self, patches=self.patches.only(kept), centre=self.centre[kept])
+
     def echoes(
         self, cage: np.ndarray, centre: np.ndarray, seen: np.ndarray | None, pair: Pair, backend: Backend
     ) -> EchoArrays:
@@ -174,9 +194,9 @@ class _Model:
             found.append(self.points.places(cage))
         return np.concatenate(found).transpose(1, 0, 2)
 
-    def _lit(self, cage: np.ndarray, pair: Pair) -> np.ndarray:
+    def _lit(self, cage: np.ndarray, pair: Pair, every: int = PROBE_EVERY) -> np.ndarray:
         """Cage faces that may hold facets lit by the transmitter and seen by the receiver at or between the frames."""
-        probes = np.unique(np.linspace(0, len(cage) - 1, max(2, len(cage) // PROBE_EVERY)).astype(int))
+        probes = np.unique(np.linspace(0, len(cage) - 1, max(2, len(cage) // every)).astype(int))
         normal = normals(cage[probes], self.cage_faces)
         middle = cage[probes][:, self.cage_faces].mean(axis=2)
         angle = np.zeros(normal.shape[:2])

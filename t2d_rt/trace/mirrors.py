@@ -15,6 +15,8 @@ RAYS = 1 << 20
 """Rays that look for chains: one for each 1.2e-5 sr, 1 cm^2 at 3 m."""
 SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
 """Triangles of a surface that lie in one plane to within these are one mirror."""
+OUTLINE_M = 1e-7
+"""A reflection that far outside an outline is still inside: none may fall between two triangles."""
 SKIN_M = 1e-4
 """Rays start and end that far from what they are reflected at."""
 
@@ -31,6 +33,18 @@ class Mirror:
     """normal . x of its points."""
     triangles: np.ndarray
     """(F, 3, 3) m."""
+    edges: tuple[np.ndarray, np.ndarray]
+    """Of each triangle's three edges: which way is inward (3 F, 3), and how far along that the edge lies (3 F,)."""
+
+    @classmethod
+    def of(cls, name: str, surface: int, normal: np.ndarray, triangles: np.ndarray) -> Mirror:
+        """From triangles (F, 3, 3) of one plane."""
+        turn = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        inward = np.cross(turn[:, None], np.roll(triangles, -1, axis=1) - triangles)
+        inward /= np.linalg.norm(inward, axis=2, keepdims=True)
+        offset = np.einsum("fei,fei->fe", inward, triangles)
+        edges = inward.reshape(-1, 3), offset.ravel() - OUTLINE_M
+        return cls(name, surface, normal, float(np.mean(triangles @ normal)), triangles, edges)
 
     def reflected(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) on the other side."""
@@ -38,14 +52,9 @@ class Mirror:
 
     def holds(self, points: np.ndarray) -> np.ndarray:
         """Which of points (..., 3) of its plane lie inside its outline, bool (...)."""
-        a, b, c = self.triangles.transpose(1, 0, 2)
-        inside = np.zeros(points.shape[:-1], bool)
-        for first, second, third in zip(a, b, c, strict=True):
-            edges = ((first, second), (second, third), (third, first))
-            turn = np.cross(second - first, third - first)
-            within = [(points - start) @ np.cross(turn, end - start) >= -1e-9 for start, end in edges]
-            inside |= np.logical_and.reduce(within)
-        return inside
+        inward, offset = self.edges
+        within = points @ inward.T >= offset
+        return np.asarray(within.reshape(*points.shape[:-1], -1, 3).all(axis=-1).any(axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +83,7 @@ class Mirrors:
             for index in range(plane.max(initial=-1) + 1):
                 some = np.flatnonzero(plane == index)
                 name = surface.name if plane.max() == 0 else f"{surface.name} {_side(normal[some[0]])}"
-                offset = float(np.mean(triangles[some] @ normal[some[0]]))
-                each.append(Mirror(name, number, normal[some[0]], offset, triangles[some]))
+                each.append(Mirror.of(name, number, normal[some[0]], triangles[some]))
             corners.append(triangles)
             of_face.append(plane + len(each) - (plane.max(initial=-1) + 1))
         mi = mitsuba(backend)

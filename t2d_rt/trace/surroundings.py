@@ -12,7 +12,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.visibility import faded, key_times
-from t2d_rt.types import Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene
+from t2d_rt.types import Ellipsoids, Leg, MovingMesh, Radar, Scene
 
 PROBE_RATE_HZ, PROBES = 5.0, 40
 """Legs are looked for at so many points of a target, so often."""
@@ -61,32 +61,43 @@ def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar) -> None:
             )
 
 
-def ellipsoids_seen(
-    ellipsoids: Ellipsoids, pair: LegPair, start_s: float, stop_s: float, rate_hz: float
-) -> Callable[[np.ndarray], np.ndarray]:
-    """What share of each ellipsoid's centre and ends both ways reach past what stands still, (K, N) at times [s] (K,)."""
-    keys = key_times(start_s, stop_s, rate_hz)
+class Passed:
+    """What legs let pass to points of a target, past what stands still: looked at now and then, faded in between."""
 
-    def at_keys(numbers: np.ndarray) -> np.ndarray:
-        centres, axes = ellipsoids.at(keys[numbers])
-        ends = np.einsum("knij,nj->knji", axes, ellipsoids.semi_axes_m)
-        points = np.concatenate([centres[:, :, None], centres[:, :, None] + ends, centres[:, :, None] - ends], axis=2)
-        return np.asarray((pair.out.clear(points) * pair.back.clear(points)).mean(axis=2))
+    def __init__(
+        self, points_at: Callable[[np.ndarray], np.ndarray], start_s: float, stop_s: float, rate_hz: float
+    ) -> None:
+        """`points_at`: points (K, N, Q, 3) [m] at times [s] (K,), Q of them for each of the N values."""
+        self._keys = key_times(start_s, stop_s, rate_hz)
+        self._points = points_at(self._keys)
 
-    return lambda times_s: faded(times_s, keys, at_keys)
+    @classmethod
+    def to_vertices(
+        cls, mesh: MovingMesh, vertices: np.ndarray, start_s: float, stop_s: float, rate_hz: float
+    ) -> Passed:
+        """Of some vertices of a mesh."""
+        return cls(lambda times_s: mesh.at(times_s)[:, vertices, None], start_s, stop_s, rate_hz)
 
+    @classmethod
+    def to_ellipsoids(cls, ellipsoids: Ellipsoids, start_s: float, stop_s: float, rate_hz: float) -> Passed:
+        """Of ellipsoids: their centres and ends."""
 
-def mesh_passed(
-    mesh: MovingMesh, vertices: np.ndarray, leg: Leg, start_s: float, stop_s: float, rate_hz: float
-) -> Callable[[np.ndarray], np.ndarray]:
-    """What a leg lets pass to some vertices of a mesh, (K, A) at times [s] (K,)."""
-    keys = key_times(start_s, stop_s, rate_hz)
-    known = np.full((len(keys), len(vertices)), np.nan, np.float32)
+        def points_at(times_s: np.ndarray) -> np.ndarray:
+            centres, axes = ellipsoids.at(times_s)
+            ends = np.einsum("knij,nj->knji", axes, ellipsoids.semi_axes_m)
+            middle = centres[:, :, None]
+            return np.concatenate([middle, middle + ends, middle - ends], axis=2)
 
-    def at_keys(numbers: np.ndarray) -> np.ndarray:
-        new = numbers[np.isnan(known[numbers, 0])]
-        if len(new):
-            known[new] = leg.clear(mesh.at(keys[new])[:, vertices])
-        return known[numbers]
+        return cls(points_at, start_s, stop_s, rate_hz)
 
-    return lambda times_s: faded(times_s, keys, at_keys)
+    def over(self, leg: Leg) -> Callable[[np.ndarray], np.ndarray]:
+        """Shares (K, N) at times [s] (K,)."""
+        known = np.full(self._points.shape[:2], np.nan, np.float32)
+
+        def at_keys(numbers: np.ndarray) -> np.ndarray:
+            new = numbers[np.isnan(known[numbers, 0])]
+            if len(new):
+                known[new] = leg.clear(self._points[new]).mean(axis=2)
+            return known[numbers]
+
+        return lambda times_s: faded(times_s, self._keys, at_keys)
