@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.antennas import seen_by, side_by_side
-from t2d_rt.echo.legs import View, over_legs
+from t2d_rt.echo.legs import Arrivals, View, over_legs
 from t2d_rt.errors import InputError
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
 
@@ -37,32 +37,44 @@ def ellipsoid_echoes(
     reflection = complex(material.reflection(radar.mid_frequency_hz)).conjugate()  # IF = tx conj(rx)
     model = {"specular": _specular, "centre": _centre}[phase_from]
 
-    def frames(start: int, stop: int) -> EchoArrays:
-        centres, axes = ellipsoids.at(times_s[start:stop])
-        return side_by_side([echoes(centres, axes, view, times_s[start:stop]) for view in views])
+    places = [_places(radar, view) for view in views]
+    count = len(ellipsoids.semi_axes_m)
+    # All views at once: an echo each, whose antennas stand in places of its own.
+    tx, rx = (np.repeat([ends[k] for ends in places], count, axis=0) for k in (0, 1))
+    semi_axes = np.tile(ellipsoids.semi_axes_m, (len(views), 1))
 
-    def echoes(centres: np.ndarray, axes: np.ndarray, view: View, times: np.ndarray) -> EchoArrays:
-        legs = view.legs
-        tx, rx = (radar.tx_position_m, radar.rx_position_m) if legs is None else (legs.out.image_m, legs.back.image_m)
-        if legs is None:
-            _check_between(centres, tx, rx)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            path, field, departure, arrival = model(centres, axes, ellipsoids.semi_axes_m, tx, rx)
-        # Between an antenna and an image: a shadow, and no reflection.
+    def frames(start: int, stop: int) -> EchoArrays:
+        own, own_axes = ellipsoids.at(times_s[start:stop])
+        if any(view.legs is None for view in views):
+            _check_between(own, radar.tx_position_m, radar.rx_position_m)
+        centres, axes = np.tile(own, (1, len(views), 1)), np.tile(own_axes, (1, len(views), 1, 1))
+        # Between an antenna and an image is a shadow and no reflection; another place spares the search for one.
         ahead = np.linalg.norm(_bisector(centres, tx, rx), axis=-1) < FORWARD
-        if ahead.any():
-            straight = np.linalg.norm(centres - tx, axis=-1) + np.linalg.norm(centres - rx, axis=-1)
-            path, field = np.where(ahead, straight, path), np.where(ahead, 0, field)
-            departure, arrival = (np.where(ahead[..., None], centres, place) for place in (departure, arrival))
+        behind = np.where(ahead[..., None], tx, rx) if ahead.any() else rx
+        path, field, departure, arrival = model(centres, axes, semi_axes, tx, behind)
+        field = np.where(ahead, 0, field)
         field = radar.link_amplitude * reflection * field
-        if view.seen is not None:
-            field = field * view.seen(times)
-        found = EchoArrays(path / SPEED_OF_LIGHT, field.astype(np.complex64))
-        if legs is None:
-            return seen_by(radar, found, departure, arrival)
-        return over_legs(radar, found, legs, (departure + arrival) / 2, None, None, departure, arrival)
+        arrivals = Arrivals(radar, own)
+        parts = []
+        for number, view in enumerate(views):
+            mine = slice(number * count, (number + 1) * count)
+            shown = 1 if view.seen is None else view.seen(times_s[start:stop])
+            found = EchoArrays(path[:, mine] / SPEED_OF_LIGHT, (field[:, mine] * shown).astype(np.complex64))
+            ends = departure[:, mine], arrival[:, mine]
+            if view.legs is None:
+                parts.append(seen_by(radar, found, *ends))
+            else:
+                parts.append(over_legs(radar, found, view.legs, arrivals, None, None, *ends))
+        return side_by_side(parts)
 
     return EchoStream(times_s=times_s, frames=frames)
+
+
+def _places(radar: Radar, view: View) -> tuple[np.ndarray, np.ndarray]:
+    """Of transmitter and receiver, or of their images."""
+    if view.legs is None:
+        return radar.tx_position_m, radar.rx_position_m
+    return view.legs.out.image_m, view.legs.back.image_m
 
 
 def _check_between(centres: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> None:
@@ -87,33 +99,44 @@ def specular_points(
     the surface: its Hessian is positive definite wherever both antennas see the point, however flat the ellipsoid is (to
     take the bisector as the next normal would diverge where the radius of curvature exceeds the range).
     """
-    square = semi_axes_m**2
-    tx, rx = (np.einsum("knji,knj->kni", axes, antenna - centres) for antenna in (tx_m, rx_m))
-    normal = _unit(_unit(tx) / semi_axes_m + _unit(rx) / semi_axes_m)
+    shape = centres.shape
+    tx, rx = (np.einsum("knji,knj->kni", axes, antenna - centres).reshape(-1, 3) for antenna in (tx_m, rx_m))
+    semi_axes = np.broadcast_to(semi_axes_m, shape).reshape(-1, 3)
+    normal = _unit(_unit(tx) / semi_axes + _unit(rx) / semi_axes)
+    going = np.arange(len(normal))
     for _ in range(100):
-        plane = np.linalg.norm(semi_axes_m * normal, axis=-1)
-        point = square * normal / plane[..., None]
-        tangents = _tangents(normal)
-        bend = np.zeros((*normal.shape[:2], 2, 2))
-        towards = np.zeros_like(normal)
-        for antenna in (tx, rx):
-            offset = antenna - point
-            distance = np.linalg.norm(offset, axis=-1)
-            towards += offset / distance[..., None]
-            along = np.einsum("knti,kni->knt", tangents, offset / distance[..., None])
-            bend += (np.eye(2) - along[..., :, None] * along[..., None, :]) / distance[..., None, None]
-        curvature = np.einsum("knti,ni,knsi->knts", tangents, 1 / square, tangents) * plane[..., None, None]
-        facing = np.maximum(np.einsum("kni,kni->kn", normal, towards), 0.1)
-        hessian = bend + facing[..., None, None] * curvature
-        descent = np.linalg.solve(hessian, np.einsum("knti,kni->knt", tangents, towards)[..., None])
-        step = np.einsum("knts,kns->knt", curvature, descent[..., 0])
-        # The normal turns by at most half a radian at once.
-        step /= np.maximum(1, 2 * np.linalg.norm(step, axis=-1, keepdims=True))
-        normal = _unit(normal + np.einsum("knt,knti->kni", step, tangents))
-        if np.abs(step).max() < 1e-13:
+        normal[going], step = _nearer(normal[going], semi_axes[going], tx[going], rx[going])
+        going = going[step >= 1e-13]
+        if not len(going):
             break
-    point = square * normal / np.linalg.norm(semi_axes_m * normal, axis=-1, keepdims=True)
+    point = (semi_axes**2 * normal / np.linalg.norm(semi_axes * normal, axis=-1, keepdims=True)).reshape(shape)
+    normal = normal.reshape(shape)
     return centres + np.einsum("knij,knj->kni", axes, point), np.einsum("knij,knj->kni", axes, normal)
+
+
+def _nearer(
+    normal: np.ndarray, semi_axes_m: np.ndarray, tx: np.ndarray, rx: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A step of Newton's towards the shortest path, all (M, 3) in the ellipsoids' axes: the new normals and how far they turned."""
+    plane = np.linalg.norm(semi_axes_m * normal, axis=-1)
+    point = semi_axes_m**2 * normal / plane[:, None]
+    tangents = _tangents(normal)
+    bend = np.zeros((len(normal), 2, 2))
+    towards = np.zeros_like(normal)
+    for antenna in (tx, rx):
+        offset = antenna - point
+        distance = np.linalg.norm(offset, axis=-1)
+        towards += offset / distance[:, None]
+        along = np.einsum("mti,mi->mt", tangents, offset / distance[:, None])
+        bend += (np.eye(2) - along[:, :, None] * along[:, None, :]) / distance[:, None, None]
+    curvature = np.einsum("mti,mi,msi->mts", tangents, 1 / semi_axes_m**2, tangents) * plane[:, None, None]
+    facing = np.maximum(np.einsum("mi,mi->m", normal, towards), 0.1)
+    hessian = bend + facing[:, None, None] * curvature
+    descent = np.linalg.solve(hessian, np.einsum("mti,mi->mt", tangents, towards)[..., None])
+    step = np.einsum("mts,ms->mt", curvature, descent[..., 0])
+    # The normal turns by at most half a radian at once.
+    step /= np.maximum(1, 2 * np.linalg.norm(step, axis=-1, keepdims=True))
+    return _unit(normal + np.einsum("mt,mti->mi", step, tangents)), np.abs(step).max(axis=1)
 
 
 def _specular(

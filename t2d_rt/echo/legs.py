@@ -68,57 +68,61 @@ class Anchors:
         return cls(vertices, shares)
 
 
-def pair_weight(radar: Radar, legs: LegPair, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What a pair of legs makes of the amplitude of a reflector at points (..., 3), and its slope over frequency [1/Hz].
+class Arrivals:
+    """What legs bring to points (..., 3) m, each leg worked out once."""
 
-    Patterns, both legs' coefficients and the reflector's own turn of the polarisation, that of a facet whose normal n bisects the
-    legs: e_out . e_back - 2 (n . e_out)(n . e_back); conjugated, as IF = tx conj(rx).
-    """
-    towards = [leg.image_m - points for leg in (legs.out, legs.back)]
-    towards = [each / np.linalg.norm(each, axis=-1, keepdims=True) for each in towards]
-    normal = towards[0] + towards[1]
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
-    band = radar.bandwidth_hz / 2
-    found = []
-    for frequency in (radar.mid_frequency_hz - band / 2, radar.mid_frequency_hz, radar.mid_frequency_hz + band / 2):
-        out, back = legs.out.field(points, frequency), legs.back.field(points, frequency)
-        mirrored = 2 * np.sum(normal * out, axis=-1) * np.sum(normal * back, axis=-1)
-        found.append(np.conj(np.sum(out * back, axis=-1) - mirrored))
-    gains = [
-        pattern.gain(_direction(radar, leg.unfolded(points) - place))
-        for pattern, leg, place in (
-            (radar.tx_pattern, legs.out, radar.tx_position_m),
-            (radar.rx_pattern, legs.back, radar.rx_position_m),
-        )
-    ]
-    scale = legs.copies * np.sqrt(gains[0] * gains[1])
-    return scale * found[1], scale * (found[2] - found[0]) / band
+    def __init__(self, radar: Radar, points_m: np.ndarray) -> None:
+        self._radar, self._points = radar, points_m
+        self._band_hz = radar.bandwidth_hz / 2
+        self._known: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, list[np.ndarray]]] = {}
 
+    def weight(self, legs: LegPair) -> tuple[np.ndarray, np.ndarray]:
+        """What a pair of legs makes of the amplitude of a reflector there, and its slope over frequency [1/Hz], complex (...).
 
-def _direction(radar: Radar, sight: np.ndarray) -> np.ndarray:
-    """Unit vectors in the radar's axes."""
-    return (sight / np.linalg.norm(sight, axis=-1, keepdims=True)) @ radar.axes.T
+        Patterns, both legs' coefficients and the reflector's own turn of the polarisation, that of a facet whose normal n bisects
+        the legs: e_out . e_back - 2 (n . e_out)(n . e_back); conjugated, as IF = tx conj(rx).
+        """
+        (towards, gain_out, out), (from_there, gain_back, back) = self._of(legs.out, 0), self._of(legs.back, 1)
+        normal = towards + from_there
+        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+        found = [
+            np.conj(np.sum(o * b, axis=-1) - 2 * np.sum(normal * o, axis=-1) * np.sum(normal * b, axis=-1))
+            for o, b in zip(out, back, strict=True)
+        ]
+        scale = legs.copies * np.sqrt(gain_out * gain_back)
+        return scale * found[1], scale * (found[2] - found[0]) / self._band_hz
+
+    def _of(self, leg: Leg, end: int) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Directions to the image, gain, and the field at three frequencies; end 0 is the transmitters', 1 the receivers'."""
+        if (id(leg), end) not in self._known:
+            radar = self._radar
+            place = (radar.tx_position_m, radar.rx_position_m)[end]
+            pattern = (radar.tx_pattern, radar.rx_pattern)[end]
+            towards = leg.image_m - self._points
+            length = np.linalg.norm(towards, axis=-1, keepdims=True)
+            gain = pattern.gain((leg.unfolded(self._points) - place) / length @ radar.axes.T)
+            frequencies = radar.mid_frequency_hz + self._band_hz * np.array([-0.5, 0, 0.5])
+            fields = [leg.field(self._points, float(frequency)) for frequency in frequencies]
+            self._known[id(leg), end] = towards / length, gain, fields
+        return self._known[id(leg), end]
 
 
 def over_legs(
     radar: Radar,
     echoes: EchoArrays,
     legs: LegPair,
-    anchors_m: np.ndarray,
+    arrivals: Arrivals,
     shares: Any | None,
     passed: np.ndarray | None,
     departure_m: np.ndarray | None,
     arrival_m: np.ndarray | None,
 ) -> EchoArrays:
-    """`echoes` (T, N) over a pair of legs, from coefficients at anchors (T, A, 3), whose `shares` they are, None being one each;
+    """`echoes` (T, N) over a pair of legs, from coefficients at anchors (T, A), whose `shares` they are, None being one each;
     `passed` (T, A) is what of the field reaches these.
 
     For arrays: the points (T, N, 3) that echoes seem to stand in, seen from the images of transmitters and receivers.
     """
-    weights = [
-        (values if passed is None else values * passed).astype(np.complex64)
-        for values in pair_weight(radar, legs, anchors_m)
-    ]
+    weights = [(values if passed is None else values * passed).astype(np.complex64) for values in arrivals.weight(legs)]
     weight, weight_slope = weights if shares is None else (values @ shares for values in weights)
     amplitude = (echoes.amplitude * weight).astype(np.complex64)
     slope = echoes.amplitude * weight_slope
@@ -143,6 +147,7 @@ def ranked_pairs(
     """
     joined = out is back and not radar.is_array and radar.tx_pattern == radar.rx_pattern
     levels: list[tuple[LegPair, float]] = []
+    arrivals = Arrivals(radar, probes_m)
     amounts = [
         [leg.clear(probes_m) / np.linalg.norm(probes_m - leg.image_m, axis=-1) for leg in legs] for legs in (out, back)
     ]
@@ -152,9 +157,8 @@ def ranked_pairs(
                 continue
             pair = LegPair(out=first, back=second, copies=2 if joined and j > i else 1)
             both = amounts[0][i] * amounts[1][j]
-            some = both > 0
-            if some.any():
-                weight, _ = pair_weight(radar, pair, probes_m[some])
-                levels.append((pair, 20 * math.log10(max(float((np.abs(weight) * both[some]).max()), 1e-30))))
+            if both.any():
+                weight, _ = arrivals.weight(pair)
+                levels.append((pair, 20 * math.log10(max(float((np.abs(weight) * both).max()), 1e-30))))
     top = max((level for _, level in levels), default=0.0)
     return sorted(((pair, level - top) for pair, level in levels), key=lambda each: -each[1])

@@ -15,7 +15,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.antennas import seen_by, side_by_side
 from t2d_rt.echo.facets import Pair, diffuse_echoes, patch_echoes
-from t2d_rt.echo.legs import Anchors, View, over_legs
+from t2d_rt.echo.legs import Anchors, Arrivals, View, anchor_vertices, over_legs
 from t2d_rt.echo.patches import TURNS_PER_STEP, Csr, Ends, Patches, centres, least_range_m, normals, patches, tilts
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, point_spacing, refinements, surface_points
@@ -65,7 +65,7 @@ def mesh_echoes(
         model if view.legs is None else model.facing(surface, times_s, pair)
         for pair, view in zip(pairs, views, strict=True)
     ]
-    rest = surface.rest[None]
+    rest, chosen = surface.rest[None], anchor_vertices(surface.rest)
     anchors = [
         None if view.legs is None else Anchors.of(surface.rest, each.places(rest, _carried(each.centre, rest))[0])
         for each, view in zip(models, views, strict=True)
@@ -74,6 +74,7 @@ def mesh_echoes(
     def frames(start: int, stop: int) -> EchoArrays:
         times = times_s[start:stop]
         cage = surface.at(times)
+        arrivals = Arrivals(radar, cage[:, chosen])
         parts = []
         for pair, view, model, anchor in zip(pairs, views, models, anchors, strict=True):
             centre = _carried(model.centre, cage)
@@ -81,8 +82,7 @@ def mesh_echoes(
             echoes = model.echoes(cage, centre, None if view.seen is None else view.seen(times), pair, backend)
             if view.legs is not None and anchor is not None:
                 passed = None if view.passed is None else view.passed(times)
-                at = cage[:, anchor.vertices]
-                echoes = over_legs(radar, echoes, view.legs, at, anchor.shares, passed, places, places)
+                echoes = over_legs(radar, echoes, view.legs, arrivals, anchor.shares, passed, places, places)
             elif places is not None:
                 echoes = seen_by(radar, echoes, places, places)
             parts.append(echoes)
