@@ -138,7 +138,7 @@ class Room(Fields):
             )
         ]
         # Seen from inside, counter-clockwise.
-        turned = (side in ("+x", "-y")) == (axis == 0)
+        turned = side in ("+x", "-y")
         surfaces = [_plates(f"wall{side}", plates, self.walls, turned)]
         for opening, (a, b, c, d) in zip(holes, spans, strict=True):
             if opening.slab is not None:
