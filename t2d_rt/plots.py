@@ -5,6 +5,7 @@ Every function returns a `matplotlib.figure.Figure`; `figure.savefig("walk.png")
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
+
+    from t2d_rt.types import Scene, Surface
 
 COLUMNS = 2000
 """More columns than any page shows; longer images are averaged (in power) down to it."""
@@ -124,6 +127,62 @@ def plot_point_cloud(
     if title:
         figure.suptitle(title, fontsize=11)
     return figure
+
+
+def plot_scene(
+    scene: Scene,
+    radar_m: np.ndarray,
+    *,
+    ways_m: Sequence[tuple[str, np.ndarray]] = (),
+    track_m: np.ndarray | None = None,
+    title: str | None = None,
+) -> Figure:
+    """A room from above and in three dimensions: its surfaces without the ceiling, the radar, ways (name, points (P, 3)), and a
+    target's track (K, 3)."""
+    from matplotlib.collections import LineCollection
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
+
+    figure = _figure(11.0, 4.8)
+    plan, view = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
+    top = scene.bounds_m[1][2]
+    for surface in scene.surfaces:
+        outline = _outline(surface)
+        if not len(outline) or (surface.vertices[:, 2] > top - 1e-3).all():
+            continue
+        hue = "black" if surface.name.startswith(("wall", "floor")) else "0.6"
+        plan.add_collection(LineCollection(outline[:, :, :2].tolist(), colors=hue, linewidths=1.2))
+        view.add_collection3d(Line3DCollection(outline.tolist(), colors=hue, linewidths=0.7))
+    for number, (name, points) in enumerate(ways_m):
+        colour = f"C{number % 10}"
+        plan.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9, label=name)
+        view.plot(*points.T, color=colour, linewidth=0.9)
+    if track_m is not None:
+        plan.plot(track_m[:, 0], track_m[:, 1], color="black", linewidth=2.5, label="track")
+        view.plot(*track_m.T, color="black", linewidth=2.5)
+    plan.plot(*radar_m[:2], marker="^", color="red", markersize=9, linestyle="none", label="radar")
+    view.plot(*radar_m[:, None], marker="^", color="red", markersize=7, linestyle="none")
+    plan.set_aspect("equal")
+    plan.autoscale_view()
+    view.set_box_aspect(scene.bounds_m[1] - scene.bounds_m[0])
+    view.set_zlabel("z (m)")
+    for axes, head in ((plan, title), (view, None)):
+        _label(axes, "x (m)", "y (m)", head)
+    plan.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=7, frameon=False)
+    return figure
+
+
+def _outline(surface: Surface) -> np.ndarray:
+    """Edges (E, 2, 3) where a surface ends or bends."""
+    triangles = surface.vertices[surface.faces]
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    found: dict[tuple[tuple[float, ...], ...], list[np.ndarray]] = {}
+    for corners, across in zip(np.round(triangles, 6), normal, strict=True):
+        for k in range(3):
+            ends = tuple(sorted((tuple(corners[k].tolist()), tuple(corners[(k + 1) % 3].tolist()))))
+            found.setdefault(ends, []).append(across)
+    kept = [ends for ends, sides in found.items() if len(sides) == 1 or np.ptp(sides, axis=0).max() > 1e-3]
+    return np.array(kept).reshape(-1, 2, 3)
 
 
 def plot_comparison(

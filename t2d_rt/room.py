@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.backend import Backend, select
 from t2d_rt.echo.legs import Share, View, anchor_vertices, ranked_pairs
 from t2d_rt.errors import InputError
 from t2d_rt.trace.surroundings import Passed, probes, radar_legs
@@ -77,6 +77,12 @@ def find_ways(
         strong=sum(level >= STRONG_DB for _, level in ranked),
         clear=sum(level >= FAINT_DB for _, level in ranked),
     )
+
+
+def ways_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int) -> list[tuple[str, np.ndarray]]:
+    """Names of the legs from the transmitters to a point, and their ways (P, 3) [m]."""
+    legs, _ = radar_legs(scene, radar, point_m[None], order=reflections, backend=select("auto"))
+    return [(leg.name, leg.way(point_m)) for leg in legs]
 
 
 def coarser(sagitta_rad: float | np.ndarray) -> dict[str, Any]:

@@ -484,3 +484,33 @@ def test_attributes_tell_how_it_was_made(run: Command) -> None:
     assert settings["motion"]["file"] == "walk.bvh"
     assert settings["motion"]["stop_s"] == 0.3
     assert "flavour cmu-a" in settings["targets"][0]
+
+
+# --- scene ---
+
+
+def test_scene_draws_a_room(run: Command, tmp_path: Path) -> None:
+    code, out, _ = run("scene", "corridor", "--walk", "walk.bvh", "--reflections", "1")
+    assert code == 0
+    assert "ways to (" in out
+    assert "direct, floor, ceiling, wall" in out
+    assert (tmp_path / "corridor.png").stat().st_size > 20_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("scene", "ballroom"), "unknown scene 'ballroom'; choose free_space or one of"),
+        (("scene", "corridor", "--reflections", "9"), "option reflections must lie in 0..4, got 9"),
+        (("scene", "corridor", "--walk", "gone.bvh"), "gone.bvh"),
+        (("scene", "living_room", "--radar.position-m", "[0.45, 2.3, 1.0]"), "is inside cupboard of scene living_room"),
+        (("simulate", "walk.bvh", "--scene", "ballroom"), "unknown scene 'ballroom'"),
+        (
+            ("simulate", "walk.bvh", "--scene", "corridor", "--reflections", "7"),
+            "reflections must be an integer in 0..4",
+        ),
+        (("simulate", "walk.bvh", "--scene", "corridor", "--dynamic-range-db", "-3"), "must lie in 0..200 dB"),
+    ],
+)
+def test_rooms_that_are_refused(refused: Callable[..., str], arguments: tuple[str, ...], message: str) -> None:
+    assert message in refused(*arguments)

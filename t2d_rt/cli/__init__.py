@@ -1,4 +1,4 @@
-"""The command line: t2d-rt simulate | compare | info."""
+"""The command line: t2d-rt simulate | compare | scene | info."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.cli.options import compare_parser, info_parser, one_sentence, resolved, simulate_parser
+from t2d_rt.cli.options import compare_parser, info_parser, one_sentence, resolved, scene_parser, simulate_parser
 from t2d_rt.errors import InputError, T2DError, T2DWarning
 
 if TYPE_CHECKING:
@@ -80,6 +80,7 @@ def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], None]]:
     commands: dict[str, tuple[Callable[[], ArgumentParser], Callable[[Namespace], None]]] = {
         "simulate": (simulate_parser, _simulate),
         "compare": (compare_parser, _compare),
+        "scene": (scene_parser, _scene),
         "info": (info_parser, _info),
     }
     if name not in commands:
@@ -93,6 +94,7 @@ def _overview() -> str:
         "t2d-rt: ray-traced human micro-Doppler; skeleton motion in, coherent FMCW radar data out\n\n"
         "  t2d-rt simulate FILE   radar recording and spectrogram of a motion file\n"
         "  t2d-rt compare FILE    ellipsoid model against mesh, with figures\n"
+        "  t2d-rt scene NAME      plan and view of a room, with the ways to a walker\n"
         "  t2d-rt info FILE       what a motion, result or radar file holds\n\n"
         "t2d-rt COMMAND --help shows options and examples."
     )
@@ -137,6 +139,35 @@ def _compare(options: Namespace) -> None:
     )
     with _picture(figure, picture):
         print(found)
+    print(f"wrote {picture}")
+
+
+def _scene(options: Namespace) -> None:
+    from t2d_rt.motion import load_motion
+    from t2d_rt.plots import plot_scene
+    from t2d_rt.room import ways_to
+    from t2d_rt.trace.scenes import load_scene
+
+    if not 0 <= options.reflections <= 4:
+        raise InputError(f"option reflections must lie in 0..4, got {options.reflections}")
+    scene, radar = load_scene(options.file), _radar(options)
+    picture = Path(options.output or f"{scene.name}.png")
+    _check_picture(picture, overwrite=options.overwrite)
+    track = None
+    target = radar.tx_position_m + 2.5 * radar.axes[0]
+    if options.walk is not None:
+        from t2d_rt.motion import place
+
+        motion = place(load_motion(options.walk), radar_position_m=radar.position_m, boresight=radar.boresight)
+        track = motion.joints[:, 0]
+        target = track[len(track) // 2]
+    ways = ways_to(scene, radar, target, reflections=options.reflections)
+    figure = plot_scene(scene, radar.tx_position_m, ways_m=ways, track_m=track, title=scene.name)
+    with _picture(figure, picture):
+        print(
+            f"{len(scene.surfaces)} objects, {len(ways)} ways to ({', '.join(f'{x:.2f}' for x in target)}) m: "
+            f"{', '.join(name for name, _ in ways)}"
+        )
     print(f"wrote {picture}")
 
 

@@ -24,6 +24,9 @@ EXAMPLES = {
     "compare": """examples:
   t2d-rt compare walk.bvh                                    # writes walk_compare.png, prints the figures
   t2d-rt compare walk.bvh --radar text2doppler-code --angle-deg 45 -o oblique.png""",
+    "scene": """examples:
+  t2d-rt scene living_room                                   # writes living_room.png: plan, view, ways to a point ahead
+  t2d-rt scene my_room.xml --walk walk.bvh --reflections 2   # with a walker's track, and the ways to it""",
     "info": """examples:
   t2d-rt info walk.bvh                                       # what the reader found in a motion file
   t2d-rt info walk.zarr                                      # what a result holds
@@ -76,12 +79,27 @@ def compare_parser() -> ArgumentParser:
     return parser
 
 
+def scene_parser() -> ArgumentParser:
+    """Options of `t2d-rt scene`."""
+    parser = _parser(
+        "scene", "Plan and view of a room, with the radar, a walker's track, and the ways to it.", noun="SCENE"
+    )
+    parser.add_argument("-o", "--output", type=str | None, help="picture (.png, .pdf, .svg); SCENE.png by default")
+    parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help="replace what is there")
+    parser.add_argument("--walk", type=str | None, help="motion file, placed before the radar as by simulate")
+    parser.add_argument(
+        "--reflections", type=int, default=1, help="ways by up to as many are drawn, to the track's middle"
+    )
+    _add_radar(parser)
+    return parser
+
+
 def info_parser() -> ArgumentParser:
     """Options of `t2d-rt info`."""
     return _parser("info", "What a motion file (.bvh), a result (.zarr) or a radar (.yaml) holds.", config=False)
 
 
-def _parser(command: str, description: str, *, config: bool = True) -> ArgumentParser:
+def _parser(command: str, description: str, *, config: bool = True, noun: str = "FILE") -> ArgumentParser:
     from argparse import RawDescriptionHelpFormatter
 
     from jsonargparse import ArgumentParser, DefaultHelpFormatter
@@ -91,7 +109,7 @@ def _parser(command: str, description: str, *, config: bool = True) -> ArgumentP
 
     parser = ArgumentParser(
         prog=f"t2d-rt {command}",
-        usage=f"t2d-rt {command} FILE [options]",
+        usage=f"t2d-rt {command} {noun} [options]",
         description=description,
         epilog=EXAMPLES[command],
         formatter_class=Formatter,
@@ -121,8 +139,6 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = ()) -> None:
     from t2d_rt.pipeline import simulate
     from t2d_rt.signal import spectrogram
     from t2d_rt.trace.scenes import scene_names
-    from t2d_rt.types import Radar
-    from t2d_rt.types.radar import preset_names
 
     model = parser.add_argument_group("model")
     model.add_argument(
@@ -135,6 +151,17 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = ()) -> None:
         help=f"free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file",
     )
     _add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", *skip})
+    _add_radar(parser)
+    _add_parameters(
+        parser.add_argument_group("reading the file, where it is not understood by itself"), load_motion, "motion."
+    )
+    _add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
+
+
+def _add_radar(parser: ArgumentParser) -> None:
+    from t2d_rt.types import Radar
+    from t2d_rt.types.radar import preset_names
+
     radar = parser.add_argument_group(
         "radar",
         f"--radar NAME takes a preset ({', '.join(preset_names())}), --radar FILE.yaml your own; fields override:",
@@ -145,10 +172,6 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = ()) -> None:
             # A pattern is several fields, which the radar itself checks.
             kind = dict[str, Any] if isinstance(default[name], dict) else hint
             radar.add_argument(f"--radar.{name}", type=kind, default=default[name])
-    _add_parameters(
-        parser.add_argument_group("reading the file, where it is not understood by itself"), load_motion, "motion."
-    )
-    _add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
 
 
 def _add_parameters(group: Any, function: Callable[..., Any], prefix: str = "", skip: Collection[str] = ()) -> None:

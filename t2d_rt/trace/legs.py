@@ -74,10 +74,7 @@ def _leg(
         return wave
 
     def clear(points: np.ndarray) -> np.ndarray:
-        ways = _way(points, images, used)
-        if ways is None:
-            return np.zeros(points.shape[:-1], np.float32)
-        good, stops = ways
+        good, stops = _way(points, images, used)
         inside = good.copy()
         if good.any():
             stops = [stop[good] for stop in stops]
@@ -95,13 +92,12 @@ def _leg(
         turn=turn,
         shift_m=shift,
         field=field,
+        way=lambda points: np.stack(_way(points, images, used)[1]),
         clear=clear,
     )
 
 
-def _way(
-    points: np.ndarray, images: list[np.ndarray], used: list[Mirror]
-) -> tuple[np.ndarray, list[np.ndarray]] | None:
+def _way(points: np.ndarray, images: list[np.ndarray], used: list[Mirror]) -> tuple[np.ndarray, list[np.ndarray]]:
     """For which points (..., 3) every reflection lies between its neighbours, and the way: antenna, reflections, points."""
     stops = [points]
     good = np.ones(points.shape[:-1], bool)
@@ -113,7 +109,7 @@ def _way(
         share = after / np.where(after == before, 1, after - before)
         stops.append(here + share[..., None] * (image - here))
     stops.append(np.broadcast_to(images[0], points.shape))
-    return (good, stops[::-1]) if good.any() else None
+    return good, stops[::-1]
 
 
 def _reflected(

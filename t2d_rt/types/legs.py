@@ -27,6 +27,8 @@ class Leg:
     field: Callable[[np.ndarray, float], np.ndarray]
     """The field that an antenna of gain 1 brings to points (..., 3) m at a frequency [Hz], without distance and phase of the way:
     complex (..., 3), of length 1 in the line of sight."""
+    way: Callable[[np.ndarray], np.ndarray]
+    """Antenna, reflections and points of the ways to points (..., 3) m: (order + 2, ..., 3)."""
     clear: Callable[[np.ndarray], np.ndarray]
     """What share of the field reaches points (..., 3) m past outlines and obstacles: float32 (...), 0..1."""
 
