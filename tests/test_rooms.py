@@ -263,6 +263,21 @@ def test_a_cupboard_hides_what_is_behind() -> None:
         t2d.simulate(target, scene=Scene(name="hidden", surfaces=(front, far)))
 
 
+def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
+    """Between the radar and the image that the wall behind makes of it lies a shadow, in which the search for a reflection fails."""
+    end = plate("end", [(6, -2, 0), (6, 2, 0), (6, 2, 2.6), (6, -2, 2.6)], "plasterboard")
+    motion = t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 1.5, 2.3)
+    radar = Radar.preset("table2")
+    alone, there = (
+        t2d.simulate(motion, radar=radar, method="ellipsoid", scene=scene).spectrogram
+        for scene in ("free_space", Scene(name="end", surfaces=(end,)))
+    )
+    assert np.isfinite(there.values).all()
+    fast = np.abs(there.velocity_mps.values) > 6
+    beyond = [10 * math.log10(np.max(np.mean(10 ** (s.values[fast] / 10), axis=0))) for s in (alone, there)]
+    assert beyond[1] < beyond[0] + 3
+
+
 # --- scenes ---
 
 

@@ -11,7 +11,7 @@ from t2d_rt.errors import T2DWarning
 from validation.report import record, summary, write_report
 
 SECTIONS = (
-    "rcs", "lambertian", "moving", "synthesis", "multilevel", "accuracy", "refinement", "rates", "arrays", "body_fit",
+    "rcs", "lambertian", "moving", "synthesis", "multilevel", "accuracy", "refinement", "rates", "arrays", "body_fit", "rooms",
 )  # fmt: skip
 
 

@@ -14,8 +14,8 @@ from t2d_rt.echo.legs import Arrivals, View, over_legs
 from t2d_rt.errors import InputError
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
 
-FORWARD = 0.1
-"""Length of the sum of the unit vectors to both antennas below which a target counts as standing between them."""
+IN_LINE, FORWARD = 0.01, (0.08, 0.2)
+"""Lengths of the sum of the unit vectors to both antennas: in line with them, and from where to where an echo fades in."""
 PhaseFrom = Literal["specular", "centre"]
 
 
@@ -48,11 +48,18 @@ def ellipsoid_echoes(
         if any(view.legs is None for view in views):
             _check_between(own, radar.tx_position_m, radar.rx_position_m)
         centres, axes = np.tile(own, (1, len(views), 1)), np.tile(own_axes, (1, len(views), 1, 1))
-        # Between an antenna and an image is a shadow and no reflection; another place spares the search for one.
-        ahead = np.linalg.norm(_bisector(centres, tx, rx), axis=-1) < FORWARD
-        behind = np.where(ahead[..., None], tx, rx) if ahead.any() else rx
-        path, field, departure, arrival = model(centres, axes, semi_axes, tx, behind)
-        field = np.where(ahead, 0, field)
+        # Between an antenna and an image is a shadow and no reflection: it fades, and in line with both there is none to look for.
+        aside = np.linalg.norm(_bisector(centres, tx, rx), axis=-1)
+        behind = np.where((aside < IN_LINE)[..., None], tx, rx) if aside.min() < IN_LINE else rx
+        with np.errstate(invalid="ignore", divide="ignore"):
+            path, field, departure, arrival = model(centres, axes, semi_axes, tx, behind)
+        lost = ~np.isfinite(path + field)
+        if lost.any():
+            straight = np.linalg.norm(centres - tx, axis=-1) + np.linalg.norm(centres - rx, axis=-1)
+            path, field = np.where(lost, straight, path), np.where(lost, 0, field)
+            departure, arrival = (np.where(lost[..., None], centres, place) for place in (departure, arrival))
+        share = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
+        field = field * (share * share * (3 - 2 * share))
         field = radar.link_amplitude * reflection * field
         arrivals = Arrivals(radar, own)
         parts = []
