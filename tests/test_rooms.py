@@ -264,7 +264,7 @@ def test_a_cupboard_hides_what_is_behind() -> None:
 
 
 def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
-    """Between the radar and the image that the wall behind makes of it lies a shadow, in which the search for a reflection fails."""
+    """Between the radar and its image in the wall behind lies a shadow, in which the search for a reflection fails."""
     end = plate("end", [(6, -2, 0), (6, 2, 0), (6, 2, 2.6), (6, -2, 2.6)], "plasterboard")
     motion = t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 1.5, 2.3)
     radar = Radar.preset("table2")
