@@ -24,6 +24,7 @@ from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
 from t2d_rt.room import coarse_views, coarser, find_ways, full_views
+from t2d_rt.scene import Room
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
@@ -36,7 +37,7 @@ def simulate(
     target: Target | Sequence[Target],
     *,
     radar: Radar | None = None,
-    scene: str | Path | Scene = "free_space",
+    scene: str | Path | Scene | Room = "free_space",
     reflections: int = 2,
     dynamic_range_db: float = 60.0,
     method: Method = "mesh",
@@ -58,7 +59,7 @@ def simulate(
     target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar where it has not been.
         The record is the time that all targets share; its own clock starts at 0.
     radar: the `table2` preset by default.
-    scene: "free_space", a room by name, a Mitsuba/Sionna XML file, or a `Scene`.
+    scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     reflections: greatest number of them on the ways out and back together.
     dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out.
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
@@ -80,17 +81,15 @@ def simulate(
     _check(targets, radar, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
     _check_room(reflections, dynamic_range_db)
     backend = select(device)
-    around = None if scene == "free_space" else scene if isinstance(scene, Scene) else load_scene(scene)
+    around = _around(scene)
     shapes = [_shape(each, method, body, material, radar) for each in targets]
     times_s = _frames(shapes, radar, surface_rate_hz)
     substances = [_material(shape.material if material is None else material, radar) for shape in shapes]
     for shape in shapes:
         _check_shape(shape, radar, times_s)
-    ways = (
-        None
-        if around is None
-        else find_ways(around, shapes, radar, times_s, order=reflections, range_db=dynamic_range_db, backend=backend)
-    )
+    ways = None
+    if around is not None:
+        ways = find_ways(around, shapes, radar, times_s, order=reflections, range_db=dynamic_range_db, backend=backend)
     common: dict[str, Any] = {"rate_hz": occlusion_rate_hz, "times_s": times_s}
     strong = [None] if ways is None else ways.pairs[: ways.strong]
     views = full_views(shapes, radar, strong, occlusion=occlusion, backend=backend, **common)
@@ -141,6 +140,17 @@ def skin(motion: Motion, body: str = "adult", *, material: str | Material = "ski
 def segments(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> Ellipsoids:
     """One ellipsoid for each segment of the same body."""
     return fit_segments(motion, body, material=material, track=track(motion))
+
+
+def _around(scene: Any) -> Scene | None:
+    """What stands around the targets; None in free space."""
+    if isinstance(scene, Room):
+        return scene.scene()
+    if isinstance(scene, Scene):
+        return scene
+    if not isinstance(scene, (str, Path)):
+        raise InputError(f"scene must be a name, a path, a Room or a Scene, got {scene!r:.60}")
+    return None if scene == "free_space" else load_scene(scene)
 
 
 def _shape(

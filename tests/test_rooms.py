@@ -278,6 +278,17 @@ def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
     assert beyond[1] < beyond[0] + 3
 
 
+def test_a_room_of_ones_own() -> None:
+    room = t2d.Room(name="cell", size_m=(5, 4, 2.5))
+    target = ball(0.1, (3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
+    made, same = (t2d.simulate(target, scene=scene, dynamic_range_db=20.0) for scene in (room, room.scene()))
+    assert made.settings["scene"] == "cell"
+    assert "direct, wall-x" in made.settings["pairs"]
+    assert np.array_equal(made.adc.values, same.adc.values)
+    with pytest.raises(InputError, match="scene must be a name, a path, a Room or a Scene, got 3"):
+        t2d.simulate(target, scene=3)  # type: ignore[arg-type]
+
+
 # --- scenes ---
 
 
