@@ -27,7 +27,7 @@ COARSE_TURNS, COARSE_POINTS = 1.0, 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Ways:
+class ChosenPairs:
     """Pairs of legs in use, strongest first, and those left out."""
 
     pairs: list[LegPair]
@@ -61,7 +61,7 @@ def find_ways(
     order: int,
     range_db: float,
     backend: Backend,
-) -> Ways:
+) -> ChosenPairs:
     """Pairs of legs of up to `order` reflections in all that lead to the targets within `range_db` of the strongest one."""
     points = probes(shapes, float(times_s[0]), float(times_s[-1]))
     out, back = radar_legs(scene, radar, points, order=order, backend=backend)
@@ -71,7 +71,7 @@ def find_ways(
             f"no way leads from the radar to the target in scene {scene.name} with up to {order} reflections; move the radar "
             "or the target, or allow more reflections"
         )
-    return Ways(
+    return ChosenPairs(
         pairs=[pair for pair, level in ranked if level >= -range_db],
         left_out=[(pair, level) for pair, level in ranked if level < -range_db],
         strong=sum(level >= STRONG_DB for _, level in ranked),
@@ -145,13 +145,12 @@ def coarse_views(shape: Shape, pairs: Sequence[LegPair], *, rate_hz: float, time
         passed = Passed.to_ellipsoids(shape, start, stop, rate_hz)
     else:
         passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), start, stop, rate_hz)
-    shares: dict[tuple[str, ...], Share] = {}
-
-    def share(leg: Leg) -> Share:
-        return shares.setdefault(leg.chain, passed.over(leg))
+    # By leg and not by chain: antennas that stand apart have legs of their own over the same mirrors.
+    legs = {id(leg): leg for pair in pairs for leg in (pair.out, pair.back)}
+    shares = {number: passed.over(leg) for number, leg in legs.items()}
 
     def both(pair: LegPair) -> Share:
-        ways = [share(pair.out)] if pair.out.chain == pair.back.chain else [share(pair.out), share(pair.back)]
+        ways = [shares[number] for number in {id(pair.out), id(pair.back)}]
         return lambda times: np.asarray(np.prod([way(times) for way in ways], axis=0))
 
     if isinstance(shape, Ellipsoids):

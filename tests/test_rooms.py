@@ -13,12 +13,13 @@ from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.resources import resource
+from t2d_rt.room import coarse_views
 from t2d_rt.signal import range_doppler
 from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
 from t2d_rt.trace.scenes import load_scene
-from t2d_rt.types import Leg, MovingMesh, Radar, Scene, Surface
+from t2d_rt.types import Leg, LegPair, MovingMesh, Radar, Scene, Surface
 
 UP = np.array([0.0, 0.0, 1.0])
 ANTENNA_M = np.array([0.0, 0.0, 1.0])
@@ -276,6 +277,25 @@ def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
     fast = np.abs(there.velocity_mps.values) > 6
     beyond = [10 * math.log10(np.max(np.mean(10 ** (s.values[fast] / 10), axis=0))) for s in (alone, there)]
     assert beyond[1] < beyond[0] + 3
+
+
+def test_antennas_apart_have_looks_of_their_own() -> None:
+    target = ball(0.1, (3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
+
+    def leg(share: float) -> Leg:
+        def nothing(*_: object) -> np.ndarray:
+            raise AssertionError("not asked for")
+
+        return Leg(
+            chain=("wall",), image_m=np.zeros(3), turn=np.eye(3), shift_m=np.zeros(3), field=nothing, way=nothing,
+            clear=lambda points: np.full(points.shape[:-1], share, np.float32),
+        )  # fmt: skip
+
+    one, half = leg(0.5), leg(0.25)
+    times = np.linspace(0, 0.1, 5)
+    pairs = [LegPair(out=one, back=half), LegPair(out=one, back=one)]
+    views = coarse_views(target, pairs, rate_hz=25.0, times_s=times)
+    assert [float(view.passed(times).max()) for view in views if view.passed is not None] == [0.125, 0.5]
 
 
 def test_a_room_of_ones_own() -> None:

@@ -53,12 +53,11 @@ class Anchors:
     """Sparse (A, N): values at the anchors times this are those of the echoes."""
 
     @classmethod
-    def of(cls, rest: np.ndarray, echoes: np.ndarray) -> Anchors:
-        """Of vertices (V, 3) and echoes' places (N, 3) in the same pose."""
+    def of(cls, vertices: np.ndarray, rest: np.ndarray, echoes: np.ndarray) -> Anchors:
+        """Of `anchor_vertices` (A,) of a mesh's vertices (V, 3) and echoes' places (N, 3) in the same pose [m]."""
         from scipy.sparse import csr_array
         from scipy.spatial import cKDTree
 
-        vertices = anchor_vertices(rest)
         distance, near = cKDTree(rest[vertices]).query(echoes, k=min(NEIGHBOURS, len(vertices)))
         distance, near = distance.reshape(len(echoes), -1), near.reshape(len(echoes), -1)
         weight = 1 / np.maximum(distance, 1e-6)

@@ -65,9 +65,13 @@ def mesh_echoes(
         model if view.legs is None else model.facing(surface, times_s, pair)
         for pair, view in zip(pairs, views, strict=True)
     ]
-    rest, chosen = surface.rest[None], anchor_vertices(surface.rest)
+    rest = surface.rest[None]
+    in_room = any(view.legs is not None for view in views)
+    chosen = anchor_vertices(surface.rest) if in_room else np.zeros(1, int)
     anchors = [
-        None if view.legs is None else Anchors.of(surface.rest, each.places(rest, _carried(each.centre, rest))[0])
+        None
+        if view.legs is None
+        else Anchors.of(chosen, surface.rest, each.places(rest, _carried(each.centre, rest))[0])
         for each, view in zip(models, views, strict=True)
     ]
 
