@@ -59,25 +59,30 @@ class Backend:
         return f"{self.name}_ad_mono_polarized"
 
     def lanes(self, values: np.ndarray, kind: Any = None) -> Any:
-        """Numbers that lanes read one each, as an array of `kind`: UInt32, which is the default, or Float32."""
+        """Numbers that lanes read one each, as an array of `kind`: UInt32, which is the default, Float32 or Float64."""
         import numpy as np
 
         kind = self.UInt32 if kind is None else kind
-        dtype = np.dtype({self.UInt32: np.uint32, self.Float32: np.float32}[kind])
+        dtype = np.dtype({self.UInt32: np.uint32, self.Float32: np.float32, self.Float64: np.float64}[kind])
         return kind(aligned(values, dtype))
 
 
 def aligned(values: np.ndarray, dtype: Any) -> np.ndarray:
     """A flat copy that lies in memory as Dr.Jit's own arrays do: it takes arrays over uncopied, and compiles a kernel anew for each
     combination of alignments."""
-    import numpy as np
-
-    size = values.size * np.dtype(dtype).itemsize
-    raw = np.empty(size + ALIGNMENT, np.uint8)
-    skipped = -raw.ctypes.data % ALIGNMENT
-    out = raw[skipped : skipped + size].view(dtype)
+    out = aligned_empty(values.size, dtype)
     out[:] = values.ravel()
     return out
+
+
+def aligned_empty(size: int, dtype: Any) -> np.ndarray:
+    """Flat memory for that many numbers, that lies as `aligned` says."""
+    import numpy as np
+
+    length = size * np.dtype(dtype).itemsize
+    raw = np.empty(length + ALIGNMENT, np.uint8)
+    skipped = -raw.ctypes.data % ALIGNMENT
+    return raw[skipped : skipped + length].view(dtype)
 
 
 def select(device: str = "auto") -> Backend:

@@ -18,8 +18,8 @@ from t2d_rt.types import Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene
 Shape = MovingMesh | Ellipsoids
 
 STRONG_DB, FAINT_DB = -6.0, -15.0
-"""Pairs weaker than the strongest one by more than the first are modelled in less detail, of a body those weaker by more than the
-second by ellipsoids: there are many, and each is a shadow among echoes."""
+"""Pairs weaker than the strongest one by more than the first, in the mean over the targets, are modelled in less detail, of a body
+those weaker by more than the second by ellipsoids: there are many, and each is a shadow among echoes."""
 COARSER, COARSEST_RAD = 4.0, 1.5
 """By how much the phase sagitta of these facets is larger, and its limit."""
 COARSE_TURNS, COARSE_POINTS = 1.0, 1000
@@ -31,24 +31,24 @@ class ChosenPairs:
     """Pairs of legs in use, strongest first, and those left out."""
 
     pairs: list[LegPair]
-    left_out: list[tuple[LegPair, float]]
-    """Each with its level beside the strongest pair's [dB]."""
+    left_out_db: list[float]
+    """Levels of those left out at their best points, beside the strongest pair's [dB]."""
     strong: int
     """How many of the pairs are strong."""
     clear: int
     """How many are not faint."""
 
-    def left_out_db(self) -> float | None:
+    def bound_db(self) -> float | None:
         """What those left out amount to at most, were they all in phase, beside the strongest one [dB]."""
-        total = sum(10 ** (level / 20) for _, level in self.left_out)
+        total = sum(10 ** (level / 20) for level in self.left_out_db)
         return 20 * float(np.log10(total)) if total else None
 
     def describe(self) -> dict[str, object]:
         """For a result's settings."""
         return {
             "pairs": [pair.name for pair in self.pairs],
-            "left_out": len(self.left_out),
-            "left_out_db": self.left_out_db(),
+            "left_out": len(self.left_out_db),
+            "left_out_db": self.bound_db(),
         }
 
 
@@ -71,11 +71,12 @@ def find_ways(
             f"no way leads from the radar to the target in scene {scene.name} with up to {order} reflections; move the radar "
             "or the target, or allow more reflections"
         )
+    kept = [each for each in ranked if each.best_db >= -range_db]
     return ChosenPairs(
-        pairs=[pair for pair, level in ranked if level >= -range_db],
-        left_out=[(pair, level) for pair, level in ranked if level < -range_db],
-        strong=sum(level >= STRONG_DB for _, level in ranked),
-        clear=sum(level >= FAINT_DB for _, level in ranked),
+        pairs=[each.pair for each in kept],
+        left_out_db=[each.best_db for each in ranked if each.best_db < -range_db],
+        strong=sum(each.mean_db >= STRONG_DB for each in kept),
+        clear=sum(each.mean_db >= FAINT_DB for each in kept),
     )
 
 
@@ -147,7 +148,7 @@ def coarse_views(shape: Shape, pairs: Sequence[LegPair], *, rate_hz: float, time
         passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), start, stop, rate_hz)
     # By leg and not by chain: antennas that stand apart have legs of their own over the same mirrors.
     legs = {id(leg): leg for pair in pairs for leg in (pair.out, pair.back)}
-    shares = {number: passed.over(leg) for number, leg in legs.items()}
+    shares = {number: _remembered(passed.over(leg)) for number, leg in legs.items()}
 
     def both(pair: LegPair) -> Share:
         ways = [shares[number] for number in {id(pair.out), id(pair.back)}]
@@ -156,3 +157,15 @@ def coarse_views(shape: Shape, pairs: Sequence[LegPair], *, rate_hz: float, time
     if isinstance(shape, Ellipsoids):
         return [View(legs=pair, seen=both(pair)) for pair in pairs]
     return [View(legs=pair, passed=both(pair)) for pair in pairs]
+
+
+def _remembered(share: Share) -> Share:
+    """The same, which knows its last answer: pairs that have a leg in common ask for the same times."""
+    last: list[np.ndarray] = []
+
+    def asked(times_s: np.ndarray) -> np.ndarray:
+        if not last or not np.array_equal(last[0], times_s):
+            last[:] = [times_s, share(times_s)]
+        return last[1]
+
+    return asked

@@ -99,7 +99,7 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
                 ways = [np.linalg.norm(point - leg.image_m) for leg in (out, back)]
                 # That solver's target keeps the theta and phi components of the field.
                 heading = (point - out.image_m) / ways[0], (back.image_m - point) / ways[1]
-                fields = [leg.field(point[None], frequency_hz)[0] for leg in (out, back)]
+                fields = [leg.field(point, np.array([frequency_hz]))[0] for leg in (out, back)]
                 turned = sum((a @ fields[0]) * (b @ fields[1]) for a, b in zip(*map(spherical, heading), strict=True))
                 ours.append((sum(ways) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(ways) * turned))
         strongest = np.abs(amplitude).max()

@@ -96,7 +96,7 @@ def _paths(legs: list[Leg], point: np.ndarray) -> list[tuple[float, complex]]:
                 continue
             lengths = [float(np.linalg.norm(point - leg.image_m)) for leg in (out, back)]
             headings = (point - out.image_m) / lengths[0], (back.image_m - point) / lengths[1]
-            fields = [leg.field(point[None], FREQUENCY_HZ)[0] for leg in (out, back)]
+            fields = [leg.field(point, np.array([FREQUENCY_HZ]))[0] for leg in (out, back)]
             kept = sum((a @ fields[0]) * (b @ fields[1]) for a, b in zip(*map(_spherical, headings), strict=True))
             wavelength = SPEED_OF_LIGHT / FREQUENCY_HZ
             paths.append((sum(lengths) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(lengths) * kept))

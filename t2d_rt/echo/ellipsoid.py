@@ -10,12 +10,16 @@ import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.antennas import seen_by, side_by_side
-from t2d_rt.echo.legs import Arrivals, View, over_legs
+from t2d_rt.echo.legs import Arrivals, View, unfolded, weighted
 from t2d_rt.errors import InputError
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
 
-IN_LINE, FORWARD = 0.01, (0.08, 0.2)
-"""Lengths of the sum of the unit vectors to both antennas: in line with them, and from where to where an echo fades in."""
+FORWARD = 0.08, 0.2
+"""Lengths of the sum of the unit vectors to both antennas from which to which an echo fades in; at 0 it is in line with them."""
+REACH_FRAMES = 16
+"""How far a delay's spline reaches: a frame's share in it falls to a quarter from each to the next."""
+CONVERGED_RAD, MOST_STEPS = 1e-10, 40
+"""Last turn of the normal: the path's error is of second order. Only what has all but faded out takes long."""
 PhaseFrom = Literal["specular", "centre"]
 
 
@@ -39,42 +43,55 @@ def ellipsoid_echoes(
 
     places = [_places(radar, view) for view in views]
     count = len(ellipsoids.semi_axes_m)
-    # All views at once: an echo each, whose antennas stand in places of its own.
-    tx, rx = (np.repeat([ends[k] for ends in places], count, axis=0) for k in (0, 1))
-    semi_axes = np.tile(ellipsoids.semi_axes_m, (len(views), 1))
 
     def frames(start: int, stop: int) -> EchoArrays:
-        own, own_axes = ellipsoids.at(times_s[start:stop])
+        centres, axes = ellipsoids.at(times_s[start:stop])
         if any(view.legs is None for view in views):
-            _check_between(own, radar.tx_position_m, radar.rx_position_m)
-        centres, axes = np.tile(own, (1, len(views), 1)), np.tile(own_axes, (1, len(views), 1, 1))
+            _check_between(centres, radar.tx_position_m, radar.rx_position_m)
+        shown, near = _shown(views, times_s, start, stop, count)
+        # An echo over each view, whose antennas stand in places of its own; one that is dark is where the centre is.
+        own, axes = np.tile(centres, (1, len(views), 1)), np.tile(axes, (1, len(views), 1, 1))
+        tx, rx = (np.broadcast_to(np.repeat([ends[k] for ends in places], count, axis=0), own.shape) for k in (0, 1))
+        path = np.linalg.norm(own - tx, axis=-1) + np.linalg.norm(own - rx, axis=-1)
+        field = np.zeros(path.shape)
         # Between an antenna and an image is a shadow and no reflection: it fades, and in line with both there is none to look for.
-        aside = np.linalg.norm(_bisector(centres, tx, rx), axis=-1)
-        behind = np.where((aside < IN_LINE)[..., None], tx, rx) if aside.min() < IN_LINE else rx
-        with np.errstate(invalid="ignore", divide="ignore"):
-            path, field, departure, arrival = model(centres, axes, semi_axes, tx, behind)
-        lost = ~np.isfinite(path + field)
-        if lost.any():
-            straight = np.linalg.norm(centres - tx, axis=-1) + np.linalg.norm(centres - rx, axis=-1)
-            path, field = np.where(lost, straight, path), np.where(lost, 0, field)
-            departure, arrival = (np.where(lost[..., None], centres, place) for place in (departure, arrival))
+        aside = np.linalg.norm(_bisector(own, tx, rx), axis=-1)
         share = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
-        field = field * (share * share * (3 - 2 * share))
-        field = radar.link_amplitude * reflection * field
-        arrivals = Arrivals(radar, own)
+        lit = np.nonzero(near & (share > 0))
+        ends = [own.copy(), own.copy()]
+        semi_axes = ellipsoids.semi_axes_m[lit[1] % count]
+        path[lit], field[lit], ends[0][lit], ends[1][lit] = model(own[lit], axes[lit], semi_axes, tx[lit], rx[lit])
+        field *= radar.link_amplitude * share * share * (3 - 2 * share)
+        amplitude = (reflection * field * shown).astype(np.complex64)
+        arrivals = Arrivals(radar, centres)
         parts = []
         for number, view in enumerate(views):
             mine = slice(number * count, (number + 1) * count)
-            shown = 1 if view.seen is None else view.seen(times_s[start:stop])
-            found = EchoArrays(path[:, mine] / SPEED_OF_LIGHT, (field[:, mine] * shown).astype(np.complex64))
-            ends = departure[:, mine], arrival[:, mine]
+            found = EchoArrays(path[:, mine] / SPEED_OF_LIGHT, amplitude[:, mine])
+            departure, arrival = (end[:, mine] for end in ends)
             if view.legs is None:
-                parts.append(seen_by(radar, found, *ends))
+                parts.append(seen_by(radar, found, departure, arrival))
             else:
-                parts.append(over_legs(radar, found, view.legs, arrivals, None, None, *ends))
+                found = weighted(found, *arrivals.weight(view.legs))
+                parts.append(unfolded(radar, found, view.legs, departure, arrival))
         return side_by_side(parts)
 
     return EchoStream(times_s=times_s, frames=frames)
+
+
+def _shown(
+    views: Sequence[View], times_s: np.ndarray, start: int, stop: int, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """What share of each ellipsoid each view sees at frames start..stop - 1, (T, views x count), and whether any of it shortly
+    before or after, as far as the delays' splines reach."""
+    from scipy.ndimage import maximum_filter1d
+
+    first, last = max(0, start - REACH_FRAMES), min(len(times_s), stop + REACH_FRAMES)
+    every = [np.ones((last - first, count)) if view.seen is None else view.seen(times_s[first:last]) for view in views]
+    shares = np.concatenate(every, axis=1)
+    here = slice(start - first, stop - first)
+    near = maximum_filter1d(shares, 2 * REACH_FRAMES + 1, axis=0, mode="constant") > 0
+    return shares[here], near[here]
 
 
 def _places(radar: Radar, view: View) -> tuple[np.ndarray, np.ndarray]:
@@ -99,26 +116,26 @@ def _bisector(centres: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> np.ndarray
 def specular_points(
     centres: np.ndarray, axes: np.ndarray, semi_axes_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points of shortest path tx - ellipsoid - rx and outward normals there, each (K, N, 3), in world axes.
+    """Points of shortest path tx - ellipsoid - rx and outward normals there, each (..., 3), in world axes.
 
-    centres (K, N, 3), axes (K, N, 3, 3) with the ellipsoid's unit axes as columns, semi_axes_m (N, 3). There the normal n
-    bisects the directions to the antennas, and the point with normal n is D^2 n/|D n|, D the semi-axes. Newton's method on
-    the surface: its Hessian is positive definite wherever both antennas see the point, however flat the ellipsoid is (to
-    take the bisector as the next normal would diverge where the radius of curvature exceeds the range).
+    centres (..., 3), axes (..., 3, 3) with the ellipsoid's unit axes as columns, semi_axes_m and antennas (..., 3). There the
+    normal n bisects the directions to the antennas, and the point with normal n is D^2 n/|D n|, D the semi-axes. Newton's method
+    on the surface: its Hessian is positive definite wherever both antennas see the point, however flat the ellipsoid is (to take
+    the bisector as the next normal would diverge where the radius of curvature exceeds the range).
     """
     shape = centres.shape
-    tx, rx = (np.einsum("knji,knj->kni", axes, antenna - centres).reshape(-1, 3) for antenna in (tx_m, rx_m))
+    tx, rx = (np.einsum("...ji,...j->...i", axes, antenna - centres).reshape(-1, 3) for antenna in (tx_m, rx_m))
     semi_axes = np.broadcast_to(semi_axes_m, shape).reshape(-1, 3)
     normal = _unit(_unit(tx) / semi_axes + _unit(rx) / semi_axes)
     going = np.arange(len(normal))
-    for _ in range(100):
+    for _ in range(MOST_STEPS):
         normal[going], step = _nearer(normal[going], semi_axes[going], tx[going], rx[going])
-        going = going[step >= 1e-13]
+        going = going[step >= CONVERGED_RAD]
         if not len(going):
             break
     point = (semi_axes**2 * normal / np.linalg.norm(semi_axes * normal, axis=-1, keepdims=True)).reshape(shape)
     normal = normal.reshape(shape)
-    return centres + np.einsum("knij,knj->kni", axes, point), np.einsum("knij,knj->kni", axes, normal)
+    return centres + np.einsum("...ij,...j->...i", axes, point), np.einsum("...ij,...j->...i", axes, normal)
 
 
 def _nearer(
@@ -137,10 +154,10 @@ def _nearer(
         along = np.einsum("mti,mi->mt", tangents, offset / distance[:, None])
         bend += (np.eye(2) - along[:, :, None] * along[:, None, :]) / distance[:, None, None]
     curvature = np.einsum("mti,mi,msi->mts", tangents, 1 / semi_axes_m**2, tangents) * plane[:, None, None]
-    facing = np.maximum(np.einsum("mi,mi->m", normal, towards), 0.1)
+    facing = np.maximum(np.einsum("mi,mi->m", normal, towards), FORWARD[0] / 2)
     hessian = bend + facing[:, None, None] * curvature
-    descent = np.linalg.solve(hessian, np.einsum("mti,mi->mt", tangents, towards)[..., None])
-    step = np.einsum("mts,ms->mt", curvature, descent[..., 0])
+    descent = _solved(hessian, np.einsum("mti,mi->mt", tangents, towards))
+    step = np.einsum("mts,ms->mt", curvature, descent)
     # The normal turns by at most half a radian at once.
     step /= np.maximum(1, 2 * np.linalg.norm(step, axis=-1, keepdims=True))
     return _unit(normal + np.einsum("mt,mti->mi", step, tangents)), np.abs(step).max(axis=1)
@@ -149,29 +166,29 @@ def _nearer(
 def _specular(
     centres: np.ndarray, axes: np.ndarray, semi_axes_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Path [m] and sqrt(sigma)/(R_tx R_rx) (K, N), sigma = 4 pi cos^2(beta/2)/det H, H the Hessian of the path on the surface;
-    and the points (K, N, 3) from which the echo seems to come for transmitters and for receivers.
+    """Path [m] and sqrt(sigma)/(R_tx R_rx) (M,), sigma = 4 pi cos^2(beta/2)/det H, H the Hessian of the path on the surface;
+    and the points (M, 3) from which the echo seems to come for transmitters and for receivers.
 
     Monostatic, det H = 4 (k1 + 1/R)(k2 + 1/R): sigma = pi R1 R2/((1 + R1/R)(1 + R2/R)).
     """
     point, normal = specular_points(centres, axes, semi_axes_m, tx_m, rx_m)
     tangents = _tangents(normal)
-    hessian = np.zeros((*normal.shape[:2], 2, 2))
-    cosine = np.zeros(normal.shape[:2])
+    hessian = np.zeros((*normal.shape[:-1], 2, 2))
+    cosine = np.zeros(normal.shape[:-1])
     ranges = []
     for antenna in (tx_m, rx_m):
         offset = antenna - point
         distance = np.linalg.norm(offset, axis=-1)
-        along = np.einsum("knti,kni->knt", tangents, offset / distance[..., None])
+        along = np.einsum("...ti,...i->...t", tangents, offset / distance[..., None])
         hessian += (np.eye(2) - along[..., :, None] * along[..., None, :]) / distance[..., None, None]
-        cosine += np.einsum("kni,kni->kn", normal, offset) / distance
+        cosine += np.einsum("...i,...i->...", normal, offset) / distance
         ranges.append(distance)
     # Curvature of sum (x_i/a_i)^2 = 1: p T^t diag(1/a^2) T, p = |D n| the distance of the tangent plane from the centre.
-    body_tangents = np.einsum("knti,knij->kntj", tangents, axes)
-    body_normal = np.einsum("knij,kni->knj", axes, normal)
+    body_tangents = np.einsum("...ti,...ij->...tj", tangents, axes)
+    body_normal = np.einsum("...ij,...i->...j", axes, normal)
     plane = np.linalg.norm(semi_axes_m * body_normal, axis=-1)
     curvature = (
-        np.einsum("knti,ni,knsi->knts", body_tangents, 1 / semi_axes_m**2, body_tangents) * plane[..., None, None]
+        np.einsum("...ti,...i,...si->...ts", body_tangents, 1 / semi_axes_m**2, body_tangents) * plane[..., None, None]
     )
     hessian += cosine[..., None, None] * curvature
     field = math.sqrt(math.pi) * cosine / np.sqrt(np.linalg.det(hessian)) / (ranges[0] * ranges[1])
@@ -187,17 +204,24 @@ def _specular(
 def _centre(
     centres: np.ndarray, axes: np.ndarray, semi_axes_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """As `_specular`, of the centre: path [m] and sqrt(sigma)/(R_tx R_rx) (K, N), the paper's eq. 1,
+    """As `_specular`, of the centre: path [m] and sqrt(sigma)/(R_tx R_rx) (M,), the paper's eq. 1,
 
     sigma = pi a^4 c^2/(a^2 sin^2 psi + c^2 cos^2 psi)^2, psi between the long axis (the third) and the bisector of the legs;
     a^2 is the product of the two short semi-axes.
     """
     to_tx, to_rx = tx_m - centres, rx_m - centres
     r_tx, r_rx = np.linalg.norm(to_tx, axis=-1), np.linalg.norm(to_rx, axis=-1)
-    cosine = np.einsum("kni,kni->kn", axes[..., 2], _unit(_unit(to_tx) + _unit(to_rx)))
-    a2, c2 = semi_axes_m[:, 0] * semi_axes_m[:, 1], semi_axes_m[:, 2] ** 2
+    cosine = np.einsum("...i,...i->...", axes[..., 2], _unit(_unit(to_tx) + _unit(to_rx)))
+    a2, c2 = semi_axes_m[..., 0] * semi_axes_m[..., 1], semi_axes_m[..., 2] ** 2
     rcs = math.pi * a2**2 * c2 / (a2 * (1 - cosine**2) + c2 * cosine**2) ** 2
     return r_tx + r_rx, np.sqrt(rcs) / (r_tx * r_rx), centres, centres
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solutions (M, 2) of symmetric equations (M, 2, 2)."""
+    (a, b), (_, c) = matrix.transpose(1, 2, 0)
+    x, y = right.T
+    return np.stack([c * x - b * y, a * y - b * x], axis=1) / (a * c - b * b)[:, None]
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
@@ -205,7 +229,7 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 
 def _tangents(normal: np.ndarray) -> np.ndarray:
-    """Two unit tangents (K, N, 2, 3) of unit normals (K, N, 3)."""
+    """Two unit tangents (..., 2, 3) of unit normals (..., 3)."""
     helper = np.where(np.abs(normal[..., :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     first = _unit(np.cross(normal, helper))
     return np.stack([first, np.cross(normal, first)], axis=-2)

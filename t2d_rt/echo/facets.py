@@ -13,7 +13,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.patches import Patches
 from t2d_rt.echo.phase_integral import SERIES_TERMS, Ops, divided_differences
-from t2d_rt.types import LegPair, Radar
+from t2d_rt.types import EchoArrays, LegPair, Radar
 from t2d_rt.types.radar import one_view
 
 Vector = tuple[Any, ...]
@@ -50,30 +50,102 @@ class Pair:
 THIRDS = [1 / 3, 1 / 3, 1 / 3]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weights:
+    """What a way through a room makes of amplitudes, known at anchors; each echo takes the mean of a few."""
+
+    near: Any
+    """Numbers of each echo's anchors, flat UInt32 (N, n) on the device."""
+    share: Any
+    """Their shares, flat Float32 (N, n)."""
+    count: int
+    """n."""
+    values: Any
+    """Flat Float32 (anchor, T, 4): factor of the amplitude, and its slope over frequency [1/Hz]."""
+    reach: np.ndarray
+    """Which echoes anything gets to, bool (N,)."""
+
+
+class Block:
+    """Echoes at T frames in the making: kernels write columns of (T, N)."""
+
+    def __init__(self, frames: int, echoes: int, backend: Backend) -> None:
+        import drjit as dr
+
+        self.shape = (frames, echoes)
+        self._backend = backend
+        self._delay = dr.zeros(backend.Float64, frames * echoes)
+        self._amplitude, self._slope = (dr.zeros(backend.Float32, 2 * frames * echoes) for _ in range(2))
+
+    def put(
+        self, at: _Gather, columns: np.ndarray, *, delay: Any = None, amplitude: Any = None, slope: Any = None
+    ) -> None:
+        """Writes lanes' values, complex ones as pairs, to `columns`, one for each item."""
+        dr, backend = at.dr, self._backend
+        place = at.frame * dr.opaque(backend.UInt32, self.shape[1]) + dr.gather(
+            backend.UInt32, backend.lanes(columns), at.item
+        )
+        for value, into, kind in (
+            (delay, self._delay, None),
+            (amplitude, self._amplitude, backend.arrays.Array2f),
+            (slope, self._slope, backend.arrays.Array2f),
+        ):
+            if value is not None:
+                dr.scatter(into, value if kind is None else kind(*value), place)
+
+    def arrays(self) -> EchoArrays:
+        """What was written; amplitudes are 0 elsewhere."""
+        delay, amplitude, slope = (values.numpy() for values in (self._delay, self._amplitude, self._slope))
+        return EchoArrays(
+            delay.reshape(self.shape),
+            amplitude.view(np.complex64).reshape(self.shape),
+            slope.view(np.complex64).reshape(self.shape),
+        )
+
+
+def patch_delays(
+    centres: Any, patches: np.ndarray, pair: Pair, block: Block, columns: np.ndarray, backend: Backend
+) -> None:
+    """Writes the delays [s] of `patches` (P,) to `columns` (P,); `centres`: flat Float64 (G, T, 3) m on the device."""
+    at = _Gather(centres, block.shape[0], len(patches), backend)
+    centre = at.points([at.per_lane(patches)])[0]
+    ranges = [_norm(_minus(at.place(antenna), centre)) for antenna in pair.places_m]
+    block.put(at, columns, delay=(ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT))
+
+
 def patch_echoes(
-    vertices: np.ndarray,
+    vertices: Any,
+    centres: Any,
     origin: np.ndarray,
     patches: Patches,
-    centres: np.ndarray,
+    numbers: np.ndarray,
     pair: Pair,
     reflection: complex,
+    weights: Weights | None,
+    block: Block,
+    columns: np.ndarray,
     backend: Backend,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Coherent amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, complex64 (G, T) each, their delay's carrier taken out.
+) -> None:
+    """Writes the coherent amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, their delay's carrier taken out.
 
-    vertices (V, T, 4) float32: place [m] relative to origin (T, 3), and visibility in 0..1; centres (G, T, 3) m, whose delay
-    is the patch's; reflection is Gamma of the surface times the share that stays coherent.
+    vertices: flat Float32 (V, T, 4), place [m] relative to origin (T, 3) and visibility in 0..1; centres: flat Float64 (G, T, 3) m,
+    whose delay is the patch's. `patches` are some of the G, by their `numbers` (P,), and go to `columns` (P,). Reflection is
+    Gamma of the surface times the share that stays coherent.
     """
-    at = _Gather(vertices, len(centres), backend)
+    at = _Gather(vertices, len(origin), len(patches), backend)
     dr, Float32, UInt32 = at.dr, backend.Float32, backend.UInt32
     wavenumber = Float32(at.constant(2 * math.pi * pair.frequency_hz / SPEED_OF_LIGHT))
-    centre = at.lane_points(centres - origin)
+    number = at.per_lane(numbers)
+    middle = at.read(centres, number)
+    centre = tuple(
+        Float32(x - o) for x, o in zip(middle, at.read(backend.lanes(origin, backend.Float64), 0), strict=True)
+    )
     antennas = [_minus(at.frame_point(place - origin), centre) for place in pair.views_m]
-    columns = at.columns(patches.corners)
-    starts = UInt32(patches.starts.astype(np.uint32))
+    columns_of = at.columns(patches.corners)
+    starts = backend.lanes(patches.starts)
 
     def add(facet: Any, total: list[Any]) -> tuple[Any, list[Any]]:
-        packets = at.packets(at.vertices(columns, facet))
+        packets = at.packets(at.vertices(columns_of, facet))
         corners = [_minus(packet[:3], centre) for packet in packets]
         normal, doubled_area = _normal(corners, at)
         sights = [_minus(antenna, _combined(corners, THIRDS)) for antenna in antennas]
@@ -108,12 +180,14 @@ def patch_echoes(
     per_hz = dr.opaque(Float32, 1 / pair.frequency_hz)
     amplitude = _complex_times(real, imag, total[0], total[1])
     slope = _complex_times(real * per_hz, imag * per_hz, total[2], total[3])
-    planes = at.collect(*amplitude, *slope)
-    return _joined(*planes[:2]), _joined(*planes[2:])
+    if weights is not None:
+        amplitude, slope = at.weighted(weights, number, amplitude, slope)
+    dr.eval(amplitude, slope)  # all at once; else each would run the loop again
+    block.put(at, columns, amplitude=amplitude, slope=slope)
 
 
 def diffuse_echoes(
-    vertices: np.ndarray,
+    vertices: Any,
     faces: np.ndarray,
     barycentric: np.ndarray,
     area_m2: np.ndarray,
@@ -121,14 +195,18 @@ def diffuse_echoes(
     visibility: np.ndarray | None,
     pair: Pair,
     scattered: float,
+    weights: Weights | None,
+    first: int,
+    block: Block,
+    columns: np.ndarray,
     backend: Backend,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Echoes of Q Lambertian points of fixed random phase: sigma_q = 4 S^2 |Gamma|^2 A_q cos_i cos_s; delay and amplitude (Q, T).
+) -> None:
+    """Writes echoes of Q Lambertian points of fixed random phase: sigma_q = 4 S^2 |Gamma|^2 A_q cos_i cos_s.
 
-    Point q lies at barycentric (Q, 3) of the triangle faces (Q, 3) of vertices (V, T, 3) m float64; visibility (V, T, 1) or
-    None; `scattered` is S |Gamma|.
+    Point q lies at barycentric (Q, 3) of the triangle faces (Q, 3) of vertices, flat Float64 (V, T, 3) m; visibility (V, T, 1)
+    or None; `scattered` is S |Gamma|. Among the weights theirs come from `first` on; they go to `columns` (Q,).
     """
-    at = _Gather(vertices, len(faces), backend)
+    at = _Gather(vertices, block.shape[0], len(faces), backend)
     index = at.vertices(at.columns(faces), at.item)
     corners = at.points(index)
     point = _combined(corners, [at.per_item(barycentric[:, i]) for i in range(3)])
@@ -141,35 +219,38 @@ def diffuse_echoes(
     if visibility is not None:
         weight *= at.corner_mean(at.field(visibility), index)
     sin, cos = at.dr.sincos(backend.Float32(at.per_item(phase_rad)))
-    delay, real, imag = at.collect((ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT), cos * weight, sin * weight)
-    return delay, _joined(real, imag)
+    delay, amplitude, slope = (ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT), (cos * weight, sin * weight), None
+    if weights is not None:
+        none = at.dr.zeros(backend.Float32, at.dr.width(at.item))
+        number = at.item + at.dr.opaque(backend.UInt32, first)
+        amplitude, slope = at.weighted(weights, number, amplitude, (none, none))
+    at.dr.eval(delay, amplitude, slope)
+    block.put(at, columns, delay=delay, amplitude=amplitude, slope=slope)
 
 
 class _Gather:
-    """Lanes over (item, frame): reads vertices of every item's triangles, writes arrays (items, T).
+    """Lanes over (item, frame), that read vertices of every item's triangles.
 
-    Frames run fastest, as in the vertices (V, T, ...): neighbouring lanes read neighbouring numbers.
+    Frames run fastest, as in the vertices, flat (V, T, ...) on the device: neighbouring lanes read neighbouring numbers.
     """
 
-    def __init__(self, vertices: np.ndarray, items: int, backend: Backend) -> None:
+    def __init__(self, numbers: Any, frames: int, items: int, backend: Backend) -> None:
         import drjit
 
         self.dr = drjit
         self.backend = backend
-        self.frames = vertices.shape[1]
-        self.shape = (items, self.frames)
-        self.real = backend.Float32 if vertices.dtype == np.float32 else backend.Float64
-        self.numbers = self.real(np.ascontiguousarray(vertices).ravel())
+        self.numbers = numbers
+        self.real = type(numbers)
         UInt32 = backend.UInt32
-        lane = drjit.arange(UInt32, items * self.frames)
+        lane = drjit.arange(UInt32, items * frames)
         # Opaque: a number in the code would compile a kernel for every mesh.
-        self.stride = drjit.opaque(UInt32, self.frames)
+        self.stride = drjit.opaque(UInt32, frames)
         self.item = lane // self.stride
         self.frame = lane - self.item * self.stride
 
     def columns(self, corners: np.ndarray) -> list[Any]:
         """The three columns of vertex numbers (N, 3)."""
-        return [self.backend.UInt32(np.ascontiguousarray(corners[:, i], dtype=np.uint32)) for i in range(3)]
+        return [self.backend.lanes(corners[:, i]) for i in range(3)]
 
     def vertices(self, columns: list[Any], triangle: Any) -> list[Any]:
         """Numbers of the corners of every lane's triangle."""
@@ -182,19 +263,35 @@ class _Gather:
 
     def points(self, vertices: list[Any]) -> list[Vector]:
         """Positions of numbered vertices in the lane's frame."""
-        return [self._read(self.numbers, vertex) for vertex in vertices]
-
-    def lane_points(self, points: np.ndarray) -> Vector:
-        """Points (items, T, 3), one on every lane."""
-        return self._read(self.real(np.ascontiguousarray(points).ravel()), self.item)
+        return [self.read(self.numbers, vertex) for vertex in vertices]
 
     def frame_point(self, point: np.ndarray) -> Vector:
         """A moving point (T, 3)."""
-        return self._read(self.real(np.ascontiguousarray(point).ravel()), 0)
+        return self.read(self.backend.lanes(point, self.real), 0)
 
-    def _read(self, numbers: Any, row: Any) -> Vector:
+    def read(self, numbers: Any, row: Any) -> Vector:
+        """Rows of flat (R, T, 3)."""
         place = 3 * (row * self.stride + self.frame)
-        return tuple(self.dr.gather(self.real, numbers, place + axis) for axis in range(3))
+        return tuple(self.dr.gather(type(numbers), numbers, place + axis) for axis in range(3))
+
+    def per_lane(self, numbers: np.ndarray) -> Any:
+        """A whole number of each item, on every lane."""
+        return self.dr.gather(self.backend.UInt32, self.backend.lanes(numbers), self.item)
+
+    def weighted(
+        self, weights: Weights, number: Any, amplitude: tuple[Any, Any], slope: tuple[Any, Any]
+    ) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+        """Amplitude and slope of the numbered echoes, weighted."""
+        Packet = self.backend.arrays.Array4f
+        total = Packet(0)
+        for k in range(weights.count):
+            place = number * weights.count + k
+            anchor = self.dr.gather(self.backend.UInt32, weights.near, place)
+            share = self.dr.gather(self.backend.Float32, weights.share, place)
+            total += share * self.dr.gather(Packet, weights.values, anchor * self.stride + self.frame)
+        changed = _complex_times(*slope, total[0], total[1])
+        turned = _complex_times(*amplitude, total[2], total[3])
+        return _complex_times(*amplitude, total[0], total[1]), (changed[0] + turned[0], changed[1] + turned[1])
 
     def constant(self, value: float) -> Any:
         """A number that is data to the kernel, not code."""
@@ -207,21 +304,16 @@ class _Gather:
     def per_item(self, values: np.ndarray) -> Any:
         """A constant of each item, on every lane."""
         Float64 = self.backend.Float64
-        return self.dr.gather(Float64, Float64(np.ascontiguousarray(values, dtype=np.float64)), self.item)
+        return self.dr.gather(Float64, self.backend.lanes(values, Float64), self.item)
 
     def field(self, values: np.ndarray) -> Any:
         """A vertex field (V, T)."""
-        return self.backend.Float32(np.ascontiguousarray(values, dtype=np.float32).ravel())
+        return self.backend.lanes(values, self.backend.Float32)
 
     def corner_mean(self, field: Any, vertices: list[Any]) -> Any:
         """Mean of a vertex field over a triangle's corners."""
         places = (vertex * self.stride + self.frame for vertex in vertices)
         return sum(self.dr.gather(self.backend.Float32, field, place) for place in places) * (1 / 3)
-
-    def collect(self, *values: Any) -> list[np.ndarray]:
-        """Evaluates in one kernel and hands NumPy arrays (items, T) back."""
-        self.dr.eval(*values)
-        return [value.numpy().reshape(self.shape) for value in values]
 
 
 def _normal(corners: list[Vector], at: _Gather) -> tuple[Vector, Any]:
@@ -241,12 +333,6 @@ def _ops(dr: Any) -> Ops:
 
 def _complex_times(real: Any, imag: Any, other_real: Any, other_imag: Any) -> tuple[Any, Any]:
     return real * other_real - imag * other_imag, real * other_imag + imag * other_real
-
-
-def _joined(real: np.ndarray, imag: np.ndarray) -> np.ndarray:
-    out = np.empty(real.shape, np.complex64)
-    out.real, out.imag = real, imag
-    return out
 
 
 def _combined(points: list[Vector], weights: list[Any]) -> Vector:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from t2d_rt.backend import Backend, aligned_empty
+from t2d_rt.echo.facets import Weights
 from t2d_rt.types import EchoArrays, Leg, LegPair, Radar
 
 ANCHORS = 150
@@ -49,22 +51,33 @@ class Anchors:
 
     vertices: np.ndarray
     """Their numbers, (A,)."""
-    shares: Any
-    """Sparse (A, N): values at the anchors times this are those of the echoes."""
+    near: np.ndarray
+    """Numbers of each echo's own, (N, n)."""
+    tables: tuple[Any, Any]
+    """These and how much of each, flat UInt32 and Float32 on the device."""
 
     @classmethod
-    def of(cls, vertices: np.ndarray, rest: np.ndarray, echoes: np.ndarray) -> Anchors:
+    def of(cls, vertices: np.ndarray, rest: np.ndarray, echoes: np.ndarray, backend: Backend) -> Anchors:
         """Of `anchor_vertices` (A,) of a mesh's vertices (V, 3) and echoes' places (N, 3) in the same pose [m]."""
-        from scipy.sparse import csr_array
         from scipy.spatial import cKDTree
 
         distance, near = cKDTree(rest[vertices]).query(echoes, k=min(NEIGHBOURS, len(vertices)))
         distance, near = distance.reshape(len(echoes), -1), near.reshape(len(echoes), -1)
-        weight = 1 / np.maximum(distance, 1e-6)
-        weight /= weight.sum(axis=1, keepdims=True)
-        echo = np.repeat(np.arange(len(echoes)), near.shape[1])
-        shares = csr_array((weight.ravel(), (near.ravel(), echo)), shape=(len(vertices), len(echoes)))
-        return cls(vertices, shares)
+        share = 1 / np.maximum(distance, 1e-6)
+        share /= share.sum(axis=1, keepdims=True)
+        return cls(vertices, near, (backend.lanes(near), backend.lanes(share, backend.Float32)))
+
+    def weights(self, weight: np.ndarray, slope: np.ndarray, passed: np.ndarray | None, backend: Backend) -> Weights:
+        """Weights and their slopes at the anchors, complex (T, A), of which `passed` (T, A) is let through."""
+        values = aligned_empty(4 * weight.size, np.float32).reshape(*weight.shape[::-1], 4)
+        for k, part in enumerate((weight.real, weight.imag, slope.real, slope.imag)):
+            values[..., k] = part.T if passed is None else (part * passed).T
+        live = np.ones(len(self.vertices), bool) if passed is None else np.asarray(passed.any(axis=0))
+        near, share = self.tables
+        return Weights(
+            near=near, share=share, count=self.near.shape[1], values=backend.Float32(values.ravel()),
+            reach=live[self.near].any(axis=1),
+        )  # fmt: skip
 
 
 class Arrivals:
@@ -73,7 +86,7 @@ class Arrivals:
     def __init__(self, radar: Radar, points_m: np.ndarray) -> None:
         self._radar, self._points = radar, points_m
         self._band_hz = radar.bandwidth_hz / 2
-        self._known: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, list[np.ndarray]]] = {}
+        self._known: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def weight(self, legs: LegPair) -> tuple[np.ndarray, np.ndarray]:
         """What a pair of legs makes of the amplitude of a reflector there, and its slope over frequency [1/Hz], complex (...).
@@ -82,16 +95,14 @@ class Arrivals:
         the legs: e_out . e_back - 2 (n . e_out)(n . e_back); conjugated, as IF = tx conj(rx).
         """
         (towards, gain_out, out), (from_there, gain_back, back) = self._of(legs.out, 0), self._of(legs.back, 1)
-        normal = towards + from_there
-        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
-        found = [
-            np.conj(np.sum(o * b, axis=-1) - 2 * np.sum(normal * o, axis=-1) * np.sum(normal * b, axis=-1))
-            for o, b in zip(out, back, strict=True)
-        ]
+        # Fields are across their ways: of twice the bisector, the other way's part alone is along them.
+        double = 2 + 2 * _dot(towards, from_there)
+        along = _dot(from_there, out) * _dot(towards, back)
+        found = np.conj(_dot(out, back) - 2 / np.maximum(double, 1e-18) * along)
         scale = legs.copies * np.sqrt(gain_out * gain_back)
         return scale * found[1], scale * (found[2] - found[0]) / self._band_hz
 
-    def _of(self, leg: Leg, end: int) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    def _of(self, leg: Leg, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Directions to the image, gain, and the field at three frequencies; end 0 is the transmitters', 1 the receivers'."""
         if (id(leg), end) not in self._known:
             radar = self._radar
@@ -101,34 +112,25 @@ class Arrivals:
             length = np.linalg.norm(towards, axis=-1, keepdims=True)
             gain = pattern.gain((leg.unfolded(self._points) - place) / length @ radar.axes.T)
             frequencies = radar.mid_frequency_hz + self._band_hz * np.array([-0.5, 0, 0.5])
-            fields = [leg.field(self._points, float(frequency)) for frequency in frequencies]
-            self._known[id(leg), end] = towards / length, gain, fields
+            self._known[id(leg), end] = towards / length, gain, leg.field(self._points, frequencies)
         return self._known[id(leg), end]
 
 
-def over_legs(
-    radar: Radar,
-    echoes: EchoArrays,
-    legs: LegPair,
-    arrivals: Arrivals,
-    shares: Any | None,
-    passed: np.ndarray | None,
-    departure_m: np.ndarray | None,
-    arrival_m: np.ndarray | None,
-) -> EchoArrays:
-    """`echoes` (T, N) over a pair of legs, from coefficients at anchors (T, A), whose `shares` they are, None being one each;
-    `passed` (T, A) is what of the field reaches these.
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("...i,...i->...", a, b)
 
-    For arrays: the points (T, N, 3) that echoes seem to stand in, seen from the images of transmitters and receivers.
-    """
-    weights = [(values if passed is None else values * passed).astype(np.complex64) for values in arrivals.weight(legs)]
-    weight, weight_slope = weights if shares is None else (values @ shares for values in weights)
-    amplitude = (echoes.amplitude * weight).astype(np.complex64)
-    slope = echoes.amplitude * weight_slope
-    if echoes.slope is not None:
-        slope = slope + echoes.slope * weight
-    echoes = echoes._replace(amplitude=amplitude, slope=slope.astype(np.complex64))
-    if not radar.is_array or departure_m is None or arrival_m is None:
+
+def weighted(echoes: EchoArrays, weight: np.ndarray, slope: np.ndarray) -> EchoArrays:
+    """`echoes` (T, N) of a flat spectrum times weights that have slopes over frequency, complex (T, N)."""
+    values = (echoes.amplitude * factor for factor in (weight, slope))
+    return echoes._replace(**{k: v.astype(np.complex64) for k, v in zip(("amplitude", "slope"), values, strict=True)})
+
+
+def unfolded(
+    radar: Radar, echoes: EchoArrays, legs: LegPair, departure_m: np.ndarray, arrival_m: np.ndarray
+) -> EchoArrays:
+    """For arrays: with the points (T, N, 3) that echoes seem to stand in, given those seen from the antennas' images."""
+    if not radar.is_array:
         return echoes
     departure = legs.out.unfolded(departure_m).astype(np.float32)
     if arrival_m is departure_m and legs.out.chain == legs.back.chain:
@@ -136,16 +138,25 @@ def over_legs(
     return echoes._replace(departure_m=departure, arrival_m=legs.back.unfolded(arrival_m).astype(np.float32))
 
 
+class Ranked(NamedTuple):
+    """A pair of legs, and the level of a reflector at the probes beside that of the strongest pair."""
+
+    pair: LegPair
+    best_db: float
+    """At the best probe of each."""
+    mean_db: float
+    """Of the mean power over all probes."""
+
+
 def ranked_pairs(
     radar: Radar, out: Sequence[Leg], back: Sequence[Leg], probes_m: np.ndarray, *, order: int
-) -> list[tuple[LegPair, float]]:
-    """Pairs of legs of up to `order` reflections in all that see any of points (P, 3), strongest first, and the levels of a
-    reflector at its best point beside the strongest pair's [dB].
+) -> list[Ranked]:
+    """Pairs of legs of up to `order` reflections in all that see any of points (P, 3), strongest in the mean first.
 
     Out and back may be swapped where one antenna does both: then one pair stands for two.
     """
     joined = out is back and not radar.is_array and radar.tx_pattern == radar.rx_pattern
-    levels: list[tuple[LegPair, float]] = []
+    found: list[tuple[LegPair, float, float]] = []
     arrivals = Arrivals(radar, probes_m)
     amounts = [
         [leg.clear(probes_m) / np.linalg.norm(probes_m - leg.image_m, axis=-1) for leg in legs] for legs in (out, back)
@@ -157,7 +168,13 @@ def ranked_pairs(
             pair = LegPair(out=first, back=second, copies=2 if joined and j > i else 1)
             both = amounts[0][i] * amounts[1][j]
             if both.any():
-                weight, _ = arrivals.weight(pair)
-                levels.append((pair, 20 * math.log10(max(float((np.abs(weight) * both).max()), 1e-30))))
-    top = max((level for _, level in levels), default=0.0)
-    return sorted(((pair, level - top) for pair, level in levels), key=lambda each: -each[1])
+                power = (np.abs(arrivals.weight(pair)[0]) * both) ** 2
+                found.append((pair, float(power.max()), float(power.mean())))
+    best_of_all = max((best for _, best, _ in found), default=0.0)
+    most = max((mean for _, _, mean in found), default=0.0)
+    levels = [Ranked(pair, _db(best / best_of_all), _db(mean / most)) for pair, best, mean in found]
+    return sorted(levels, key=lambda each: -each.mean_db)
+
+
+def _db(ratio: float) -> float:
+    return 10 * math.log10(max(ratio, 1e-30))

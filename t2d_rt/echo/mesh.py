@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 import os
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
-from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.backend import Backend, aligned_empty
 from t2d_rt.echo.antennas import seen_by, side_by_side
-from t2d_rt.echo.facets import Pair, diffuse_echoes, patch_echoes
-from t2d_rt.echo.legs import Anchors, Arrivals, View, anchor_vertices, over_legs
+from t2d_rt.echo.facets import Block, Pair, Weights, diffuse_echoes, patch_delays, patch_echoes
+from t2d_rt.echo.legs import Anchors, Arrivals, View, anchor_vertices, unfolded
 from t2d_rt.echo.patches import TURNS_PER_STEP, Csr, Ends, Patches, centres, least_range_m, normals, patches, tilts
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, point_spacing, refinements, surface_points
@@ -61,36 +61,32 @@ def mesh_echoes(
     pairs = [Pair.of(radar, view.legs) for view in views]
     ends = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]
     model = _Model.of(surface, radar, ends, times_s, material, sagitta_rad, seed, turns_per_step, points)
-    models = [
-        model if view.legs is None else model.facing(surface, times_s, pair)
-        for pair, view in zip(pairs, views, strict=True)
-    ]
-    rest = surface.rest[None]
-    in_room = any(view.legs is not None for view in views)
-    chosen = anchor_vertices(surface.rest) if in_room else np.zeros(1, int)
-    anchors = [
-        None
-        if view.legs is None
-        else Anchors.of(chosen, surface.rest, each.places(rest, _carried(each.centre, rest))[0])
-        for each, view in zip(models, views, strict=True)
-    ]
+    looks = list(model.looks(surface, times_s, pairs, views))
+    echoes = sum(len(look.echoes) for look in looks)
+    anchors = None
+    if any(view.legs is not None for view in views):
+        rest = surface.rest[None]
+        places = model.places(rest, _carried(model.centre, rest))[0]
+        anchors = Anchors.of(anchor_vertices(surface.rest), surface.rest, places, backend)
 
     def frames(start: int, stop: int) -> EchoArrays:
         times = times_s[start:stop]
         cage = surface.at(times)
-        arrivals = Arrivals(radar, cage[:, chosen])
-        parts = []
-        for pair, view, model, anchor in zip(pairs, views, models, anchors, strict=True):
-            centre = _carried(model.centre, cage)
-            places = model.places(cage, centre) if radar.is_array or radar.directional else None
-            echoes = model.echoes(cage, centre, None if view.seen is None else view.seen(times), pair, backend)
-            if view.legs is not None and anchor is not None:
+        posed = _Posed.of(model, cage, backend)
+        block = Block(len(times), echoes, backend)
+        arrivals = None if anchors is None else Arrivals(radar, cage[:, anchors.vertices])
+        for look in looks:
+            view, weights = look.view, None
+            if view.legs is not None and arrivals is not None and anchors is not None:
                 passed = None if view.passed is None else view.passed(times)
-                echoes = over_legs(radar, echoes, view.legs, arrivals, anchor.shares, passed, places, places)
-            elif places is not None:
-                echoes = seen_by(radar, echoes, places, places)
-            parts.append(echoes)
-        return side_by_side(parts)
+                weights = anchors.weights(*arrivals.weight(view.legs), passed, backend)
+            seen = None if view.seen is None else view.seen(times)
+            model.put(block, posed, look, seen, weights, backend)
+        found = block.arrays()
+        if not (radar.is_array or radar.directional):
+            return found
+        places = model.places(cage, posed.centre)
+        return side_by_side([look.with_ends(radar, found, places) for look in looks])
 
     return EchoStream(times_s=times_s, frames=frames)
 
@@ -150,46 +146,70 @@ class _Model:
             points=points,
         )
 
-    def facing(self, surface: MovingMesh, times_s: np.ndarray, pair: Pair) -> _Model:
-        """With the patches only that ever face both antennas."""
-        lit = np.zeros(len(self.cage_faces), bool)
+    def looks(
+        self, surface: MovingMesh, times_s: np.ndarray, pairs: Sequence[Pair], views: Sequence[View]
+    ) -> Iterator[_Look]:
+        """Each view with the patches that ever face both of its antennas; in free space, where there is but one, all."""
+        lit = np.zeros((len(pairs), len(self.cage_faces)), bool)
         probes = np.linspace(times_s[0], times_s[-1], max(2, math.ceil((times_s[-1] - times_s[0]) * FACING_RATE_HZ)))
-        for first in range(0, len(probes) - 1, FACING_AT_ONCE):
-            lit |= self._lit(surface.at(probes[first : first + FACING_AT_ONCE + 1]), pair, every=1)
-        kept = np.flatnonzero(self.patches.any_of(lit))
-        if not len(kept):
-            return self
-        return replace(self, patches=self.patches.only(kept), centre=self.centre[kept])
+        in_room = [view.legs is not None for view in views]
+        for first in range(0, len(probes) - 1 if any(in_room) else 0, FACING_AT_ONCE):
+            turned = _Turned.of(surface.at(probes[first : first + FACING_AT_ONCE + 1]), self.cage_faces)
+            for number, pair in enumerate(pairs):
+                lit[number] |= self.lit(turned, pair)
+        lit[~np.array(in_room)] = True
+        points = len(self.patches) + np.arange(0 if self.points is None else len(self.points.area_m2))
+        first = 0
+        for pair, view, some in zip(pairs, views, lit, strict=True):
+            patches = np.flatnonzero(self.patches.any_of(some))
+            echoes = np.concatenate([patches, points])
+            yield _Look(view, pair, echoes, len(patches), first)
+            first += len(echoes)
 
-    def echoes(
-        self, cage: np.ndarray, centre: np.ndarray, seen: np.ndarray | None, pair: Pair, backend: Backend
-    ) -> EchoArrays:
-        """Arrays of `Echoes` for cage vertices (K, V, 3) and the patches' centres (G, K, 3): patches first, then diffuse points."""
-        count, more = len(self.patches), 0 if self.points is None else len(self.points.area_m2)
-        delay = np.empty((len(cage), count + more))
-        amplitude = np.zeros(delay.shape, np.complex64)
-        slope = np.zeros(delay.shape, np.complex64)
-        sights = (centre - place for place in pair.places_m)
-        ranges = [np.sqrt(np.einsum("gti,gti->tg", sight, sight)) for sight in sights]
-        delay[:, :count] = (ranges[0] + ranges[-1]) / SPEED_OF_LIGHT
-        lit = np.flatnonzero(self.patches.any_of(self._lit(cage, pair)))
+    def put(
+        self,
+        block: Block,
+        posed: _Posed,
+        look: _Look,
+        seen: np.ndarray | None,
+        weights: Weights | None,
+        backend: Backend,
+    ) -> None:
+        """Writes the echoes of one look to its columns; `seen` (K, V) is what share of the cage's vertices it sees."""
+        pair, patches = look.pair, look.echoes[: look.patches]
+        columns = look.first + np.arange(len(look.echoes))
+        if len(patches):
+            patch_delays(posed.centres, patches, pair, block, columns[: len(patches)], backend)
+        faces = self.lit(posed.turned, pair)
+        if seen is not None:
+            faces &= self._around(np.asarray(seen.any(axis=0)))
+        lit = self.patches.any_of(faces)[patches]
+        if weights is not None:
+            lit &= weights.reach[patches]
+        lit = np.flatnonzero(lit)
         if len(lit):
-            parts = self.patches.only(lit)
-            used = np.zeros(self.operator.shape[0], bool)
-            used[parts.corners] = True
-            parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
-            # Positions within the body need no more than float32: 1e-7 of its size.
-            origin = cage.mean(axis=1)
-            local = np.ones((*cage.shape[:2], 4), np.float32)
-            local[..., :3] = cage - origin[:, None]
-            if seen is not None:
-                local[..., 3] = seen
-            vertices = _carried(self.operator[used], local)
-            coherent = patch_echoes(vertices, origin, parts, centre[lit], pair, self.reflection, backend)
-            amplitude[:, lit], slope[:, lit] = (part.T for part in coherent)
+            parts = self.patches.only(patches[lit])
+            if seen is None:
+                vertices = posed.vertices
+            else:
+                used = np.zeros(self.operator.shape[0], bool)
+                used[parts.corners] = True
+                parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
+                vertices = _on_device(_carried(self.operator[used], posed.local(seen)), backend.Float32)
+            patch_echoes(
+                vertices, posed.centres, posed.origin, parts, patches[lit], pair, self.reflection, weights, block,
+                columns[lit], backend,
+            )  # fmt: skip
         if self.points is not None:
-            delay[:, count:], amplitude[:, count:] = (part.T for part in self.points.echoes(cage, seen, pair, backend))
-        return EchoArrays(delay, amplitude, slope)
+            self.points.put(
+                block, posed.carrier, seen, pair, weights, len(self.patches), columns[len(patches) :], backend
+            )
+
+    def _around(self, vertices: np.ndarray) -> np.ndarray:
+        """Cage faces whose facets' vertices hang on any of some of the cage's, bool (V,): theirs and their neighbours'."""
+        wider = np.zeros_like(vertices)
+        wider[self.cage_faces[vertices[self.cage_faces].any(axis=1)]] = True
+        return np.asarray(wider[self.cage_faces].any(axis=1))
 
     def places(self, cage: np.ndarray, centre: np.ndarray) -> np.ndarray:
         """Where the echoes stand (K, N, 3), as of `echoes`."""
@@ -198,19 +218,99 @@ class _Model:
             found.append(self.points.places(cage))
         return np.concatenate(found).transpose(1, 0, 2)
 
-    def _lit(self, cage: np.ndarray, pair: Pair, every: int = PROBE_EVERY) -> np.ndarray:
-        """Cage faces that may hold facets lit by the transmitter and seen by the receiver at or between the frames."""
-        probes = np.unique(np.linspace(0, len(cage) - 1, max(2, len(cage) // every)).astype(int))
-        normal = normals(cage[probes], self.cage_faces)
-        middle = cage[probes][:, self.cage_faces].mean(axis=2)
-        angle = np.zeros(normal.shape[:2])
+    def lit(self, turned: _Turned, pair: Pair) -> np.ndarray:
+        """Cage faces that may hold facets lit by the transmitter and seen by the receiver at or between the moments."""
+        angle = np.zeros(turned.normal.shape[:2])
         for antenna in pair.views_m:
-            sight = antenna - middle
-            cosine = np.sum(normal * sight, axis=2) / np.linalg.norm(sight, axis=2)
+            sight = antenna - turned.middle
+            cosine = np.einsum("kfi,kfi->kf", turned.normal, sight) / np.sqrt(np.einsum("kfi,kfi->kf", sight, sight))
             angle = np.maximum(angle, np.arccos(np.clip(cosine, -1, 1)))
-        # What turns from probe to probe may turn as much again in between.
+        # What turns from moment to moment may turn as much again in between.
         margin = self.tilt_rad + BEND_RAD + np.abs(np.diff(angle, axis=0)).max(axis=0, initial=0)
         return angle.min(axis=0) < math.pi / 2 + margin
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """One view's echoes, which are some of the model's."""
+
+    view: View
+    pair: Pair
+    echoes: np.ndarray
+    """Their numbers (N,): patches first, then diffuse points."""
+    patches: int
+    first: int
+    """Column of the first one."""
+
+    def with_ends(self, radar: Radar, found: EchoArrays, places: np.ndarray) -> EchoArrays:
+        """The look's own of all echoes found, as arrays and patterns see them from their `places` (T, all of the model's, 3)."""
+        columns = slice(self.first, self.first + len(self.echoes))
+        mine = found._replace(**{name: getattr(found, name)[:, columns] for name in ("delay_s", "amplitude", "slope")})
+        places = places[:, self.echoes]
+        legs = self.view.legs
+        return seen_by(radar, mine, places, places) if legs is None else unfolded(radar, mine, legs, places, places)
+
+
+@dataclass(frozen=True, slots=True)
+class _Turned:
+    """Faces of the cage at a few moments."""
+
+    normal: np.ndarray
+    """(K, F, 3)."""
+    middle: np.ndarray
+    """(K, F, 3) m."""
+
+    @classmethod
+    def of(cls, cage: np.ndarray, faces: np.ndarray) -> _Turned:
+        return cls(normals(cage, faces), cage[:, faces].mean(axis=2))
+
+
+@dataclass(frozen=True, slots=True)
+class _Posed:
+    """A model at some frames, as far as all looks have it in common."""
+
+    model: _Model
+    cage: np.ndarray
+    """(T, V, 3) m."""
+    origin: np.ndarray
+    """What `local` counts from (T, 3) m."""
+    centre: np.ndarray
+    """The patches' reference points, (G, T, 3) m."""
+    centres: Any
+    """The same on the device, flat Float64."""
+    carrier: Any
+    """Vertices that hold the diffuse points, flat Float64 (Vp, T, 3) m on the device."""
+    turned: _Turned
+    backend: Backend
+    _whole: list[Any] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, model: _Model, cage: np.ndarray, backend: Backend) -> _Posed:
+        centre = _carried(model.centre, cage)
+        carrier = (
+            None if model.points is None else _on_device(_carried(model.points.carrier.operator, cage), backend.Float64)
+        )
+        moments = np.unique(np.linspace(0, len(cage) - 1, max(2, len(cage) // PROBE_EVERY)).astype(int))
+        turned = _Turned.of(cage[moments], model.cage_faces)
+        return cls(
+            model, cage, cage.mean(axis=1), centre, _on_device(centre, backend.Float64), carrier, turned, backend
+        )
+
+    def local(self, seen: np.ndarray | None) -> np.ndarray:
+        """Cage vertices relative to the origin and what share of them is seen, float32 (T, V, 4)."""
+        # Positions within the body need no more than float32: 1e-7 of its size.
+        values = np.ones((*self.cage.shape[:2], 4), np.float32)
+        values[..., :3] = self.cage - self.origin[:, None]
+        if seen is not None:
+            values[..., 3] = seen
+        return values
+
+    @property
+    def vertices(self) -> Any:
+        """The facets' vertices where all is seen, flat Float32 (Vf, T, 4) on the device."""
+        if not self._whole:
+            self._whole.append(_on_device(_carried(self.model.operator, self.local(None)), self.backend.Float32))
+        return self._whole[0]
 
 
 def _refinements(
@@ -266,27 +366,29 @@ class _Points:
         vertices = _carried(self.carrier.operator, cage)
         return sum(vertices[self.corners[:, i]] * self.barycentric[:, i, None, None] for i in range(3))
 
-    def echoes(
-        self, cage: np.ndarray, seen: np.ndarray | None, pair: Pair, backend: Backend
-    ) -> tuple[np.ndarray, np.ndarray]:
-        vertices = _carried(self.carrier.operator, cage)
+    def put(
+        self,
+        block: Block,
+        vertices: Any,
+        seen: np.ndarray | None,
+        pair: Pair,
+        weights: Weights | None,
+        first: int,
+        columns: np.ndarray,
+        backend: Backend,
+    ) -> None:
+        """Writes the points' echoes; `vertices` are the carrier's, flat Float64 (Vp, T, 3) m."""
         fraction = None if seen is None else _carried(self.carrier.linear, seen[..., None])
-        return diffuse_echoes(
-            vertices,
-            self.corners,
-            self.barycentric,
-            self.area_m2,
-            self.phase_rad,
-            fraction,
-            pair,
-            self.scattered,
-            backend,
-        )
+        diffuse_echoes(
+            vertices, self.corners, self.barycentric, self.area_m2, self.phase_rad, fraction, pair, self.scattered, weights,
+            first, block, columns, backend,
+        )  # fmt: skip
 
 
 def _carried(operator: Csr, values: np.ndarray) -> np.ndarray:
-    """Applies a sparse (Vf, V) to values (K, V, C) of the cage: (Vf, K, C)."""
-    out = np.empty((operator.shape[0], len(values), values.shape[2]), values.dtype)
+    """Applies a sparse (Vf, V) to values (K, V, C) of the cage: (Vf, K, C), in memory as `aligned` has it."""
+    shape = operator.shape[0], len(values), values.shape[2]
+    out = aligned_empty(math.prod(shape), values.dtype).reshape(shape)
 
     def carry(start: int) -> None:
         part = values[start : start + FRAMES_AT_ONCE].transpose(1, 0, 2)
@@ -296,6 +398,10 @@ def _carried(operator: Csr, values: np.ndarray) -> np.ndarray:
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # a sparse product leaves Python's lock alone
         list(pool.map(carry, range(0, len(values), FRAMES_AT_ONCE)))
     return out
+
+
+def _on_device(values: np.ndarray, kind: Any) -> Any:
+    return kind(values.ravel())
 
 
 def check_outside(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> None:

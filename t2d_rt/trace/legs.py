@@ -16,8 +16,8 @@ from t2d_rt.trace.mirrors import Mirror, Mirrors
 from t2d_rt.trace.slabs import slab
 from t2d_rt.types import Leg, Material
 
-Reflection = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
-"""TE and TM coefficients at angles of incidence given by their cosine, at a frequency [Hz]."""
+Reflection = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""TE and TM coefficients (F, ...) at angles of incidence given by their cosine (...), at frequencies [Hz] (F,)."""
 
 
 def find_legs(
@@ -41,7 +41,12 @@ def find_legs(
 
 def _reflections(mirrors: Mirrors, frequency_hz: float) -> list[Reflection]:
     def of(material: Material, thickness_m: float) -> Reflection:
-        return lambda cosine, at_hz: slab(material, thickness_m, cosine, at_hz)[:2]
+        def at(cosine: np.ndarray, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            found = [slab(material, thickness_m, cosine, float(frequency))[:2] for frequency in frequencies_hz]
+            te, tm = np.stack(found, axis=1)
+            return te, tm
+
+        return at
 
     surfaces = mirrors.scene.surfaces
     materials = [resolved(surface.material, frequency_hz) for surface in surfaces]
@@ -63,14 +68,15 @@ def _leg(
         shift = shift + turn @ (2 * mirror.offset_m * mirror.normal)
         turn = turn @ (np.eye(3) - 2 * np.outer(mirror.normal, mirror.normal))
 
-    def field(points: np.ndarray, frequency_hz: float) -> np.ndarray:
+    def field(points: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
         # The way from the image, bent back mirror by mirror, begins at the antenna.
         ahead = points @ turn.T + shift - place
         ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
         wave = (polarization - (ahead @ polarization)[..., None] * ahead).astype(complex)
         wave /= np.maximum(np.linalg.norm(wave, axis=-1, keepdims=True), 1e-12)
+        wave = np.repeat(wave[None], len(frequencies_hz), axis=0)
         for mirror, coefficients in zip(used, reflections, strict=True):
-            wave, ahead = _reflected(wave, ahead, mirror.normal, coefficients, frequency_hz)
+            wave, ahead = _reflected(wave, ahead, mirror.normal, coefficients, frequencies_hz)
         return wave
 
     def clear(points: np.ndarray) -> np.ndarray:
@@ -113,20 +119,28 @@ def _way(points: np.ndarray, images: list[np.ndarray], used: list[Mirror]) -> tu
 
 
 def _reflected(
-    wave: np.ndarray, ahead: np.ndarray, normal: np.ndarray, coefficients: Reflection, frequency_hz: float
+    wave: np.ndarray, ahead: np.ndarray, normal: np.ndarray, coefficients: Reflection, frequencies_hz: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The field and its direction (..., 3) after a plane mirror.
+    """The field (F, ..., 3) and its direction (..., 3) after a plane mirror.
 
     TE is across the plane of incidence, TM = TE x direction before and after: at normal incidence R_TE = -R_TM is one and the same.
     """
     cosine = ahead @ normal
     onward = ahead - 2 * cosine[..., None] * normal
-    across = np.cross(ahead, normal)
-    length = np.linalg.norm(across, axis=-1, keepdims=True)
+    across = _cross(ahead, normal)
+    length = np.sqrt(np.einsum("...i,...i->...", across, across))[..., None]
     # At normal incidence any direction across will do.
     helper = np.cross(normal, [1.0, 0, 0] if abs(normal[0]) < 0.6 else [0, 1.0, 0])
     across = np.where(length > 1e-9, across / np.maximum(length, 1e-12), helper / np.linalg.norm(helper))
-    te, tm = coefficients(np.abs(cosine), frequency_hz)
-    before, after = np.cross(across, ahead), np.cross(across, onward)
-    amounts = np.sum(wave * across, axis=-1), np.sum(wave * before, axis=-1)
-    return (te * amounts[0])[..., None] * across + (tm * amounts[1])[..., None] * after, onward
+    te, tm = coefficients(np.abs(cosine), frequencies_hz)
+    before, after = _cross(across, ahead), _cross(across, onward)
+    te *= np.einsum("f...i,...i->f...", wave, across)
+    tm *= np.einsum("f...i,...i->f...", wave, before)
+    return te[..., None] * across + tm[..., None] * after, onward
+
+
+def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Cross products of vectors (..., 3); numpy's own takes several times as long."""
+    a, b, c = (u[..., i] for i in range(3))
+    x, y, z = (v[..., i] for i in range(3))
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)

@@ -96,9 +96,9 @@ class Mirrors:
         normals = np.array([mirror.normal for mirror in self.each])
         direction = _sphere(RAYS)
         origin = np.broadcast_to(np.asarray(place_m, float), direction.shape)
-        path = np.zeros((len(direction), 0), np.int64)
+        path = np.zeros(len(direction), np.int64)
         found: list[tuple[int, ...]] = [()]
-        for _ in range(order):
+        for length in range(1, order + 1):
             ray = mi.Ray3f(mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)))
             hit = self.traced.ray_intersect_preliminary(ray)
             distance, face = hit.t.numpy(), hit.prim_index.numpy()
@@ -108,10 +108,12 @@ class Mirrors:
             cosine = np.einsum("ri,ri->r", direction[met], normal)
             origin = origin[met] + distance[met, None] * direction[met] - SKIN_M * np.sign(cosine)[:, None] * normal
             direction = direction[met] - 2 * cosine[:, None] * normal
-            path = np.concatenate([path[met], mirror[:, None]], axis=1)
+            path = path[met] * len(self.each) + mirror
             if not len(path):
                 break
-            found += [tuple(chain) for chain in np.unique(path, axis=0).tolist()]
+            codes = np.unique(path)
+            longer = np.stack([codes // len(self.each) ** k % len(self.each) for k in range(length)][::-1], axis=1)
+            found += [tuple(chain) for chain in longer.tolist()]
         return found
 
     def around(self, place_m: np.ndarray) -> str | None:

@@ -92,12 +92,11 @@ class Passed:
 
     def over(self, leg: Leg) -> Callable[[np.ndarray], np.ndarray]:
         """Shares (K, N) at times [s] (K,)."""
-        known = np.full(self._points.shape[:2], np.nan, np.float32)
+        known: list[np.ndarray] = []
 
         def at_keys(numbers: np.ndarray) -> np.ndarray:
-            new = numbers[np.isnan(known[numbers, 0])]
-            if len(new):
-                known[new] = leg.clear(self._points[new]).mean(axis=2)
-            return known[numbers]
+            if not known:  # all at once: a kernel's start costs as much as some thousand rays
+                known.append(leg.clear(self._points).mean(axis=2))
+            return known[0][numbers]
 
         return lambda times_s: faded(times_s, self._keys, at_keys)

@@ -24,9 +24,9 @@ class Leg:
     """(3, 3), orthogonal; its determinant is -1 for an odd number of mirrors."""
     shift_m: np.ndarray
     """(3,)."""
-    field: Callable[[np.ndarray, float], np.ndarray]
-    """The field that an antenna of gain 1 brings to points (..., 3) m at a frequency [Hz], without distance and phase of the way:
-    complex (..., 3), of length 1 in the line of sight."""
+    field: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    """The field that an antenna of gain 1 brings to points (..., 3) m at frequencies [Hz] (F,), without distance and phase of the
+    way: complex (F, ..., 3), of length 1 in the line of sight."""
     way: Callable[[np.ndarray], np.ndarray]
     """Antenna, reflections and points of the ways to points (..., 3) m: (order + 2, ..., 3)."""
     clear: Callable[[np.ndarray], np.ndarray]
