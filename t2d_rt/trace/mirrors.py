@@ -92,27 +92,33 @@ class Mirrors:
 
     def chains(self, place_m: np.ndarray, order: int) -> list[tuple[int, ...]]:
         """Sequences of up to `order` mirrors that rays from a place meet; () comes first, shorter ones before longer ones."""
-        mi = mitsuba(self.backend)
         normals = np.array([mirror.normal for mirror in self.each])
-        direction = _sphere(RAYS)
+        direction = sphere(RAYS)
         origin = np.broadcast_to(np.asarray(place_m, float), direction.shape)
-        path = np.zeros((len(direction), 0), np.int64)
-        found: list[tuple[int, ...]] = [()]
+        latest: list[tuple[int, ...]] = [()]
+        found, path = list(latest), np.zeros(len(direction), np.int64)
         for _ in range(order):
-            ray = mi.Ray3f(mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)))
-            hit = self.traced.ray_intersect_preliminary(ray)
-            distance, face = hit.t.numpy(), hit.prim_index.numpy()
+            distance, mirror = self.first(origin, direction)
             met = np.isfinite(distance)
-            mirror = self.of_face[face[met]]
-            normal = normals[mirror]
+            if not met.any():
+                break
+            normal = normals[mirror[met]]
             cosine = np.einsum("ri,ri->r", direction[met], normal)
             origin = origin[met] + distance[met, None] * direction[met] - SKIN_M * np.sign(cosine)[:, None] * normal
             direction = direction[met] - 2 * cosine[:, None] * normal
-            path = np.concatenate([path[met], mirror[:, None]], axis=1)
-            if not len(path):
-                break
-            found += [tuple(chain) for chain in np.unique(path, axis=0).tolist()]
+            # A chain as one number, that of its beginning and that of its last mirror, is found sooner than a row of them.
+            codes, path = np.unique(path[met] * len(self.each) + mirror[met], return_inverse=True)
+            latest = [(*latest[code // len(self.each)], code % len(self.each)) for code in codes.tolist()]
+            found += latest
         return found
+
+    def first(self, origin_m: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far along rays (R, 3) the first mirror stands, infinite where there is none, and which one it is, (R,)."""
+        mi = mitsuba(self.backend)
+        ray = mi.Ray3f(mi.Point3f(*columns(mi, origin_m)), mi.Vector3f(*columns(mi, direction)))
+        hit = self.traced.ray_intersect_preliminary(ray)
+        distance = hit.t.numpy()
+        return distance, self.of_face[np.where(np.isfinite(distance), hit.prim_index.numpy(), 0)]
 
     def around(self, place_m: np.ndarray) -> str | None:
         """Name of a surface that holds a place within itself or its thickness, None if none does."""
@@ -169,7 +175,7 @@ def _side(normal: np.ndarray) -> str:
     return ("-" if normal[axis] < 0 else "+") + "xyz"[axis]
 
 
-def _sphere(count: int) -> np.ndarray:
+def sphere(count: int) -> np.ndarray:
     """Directions (count, 3), evenly spread: a Fibonacci lattice."""
     index = np.arange(count)
     height = 1 - (2 * index + 1) / count
