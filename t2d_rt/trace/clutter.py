@@ -15,7 +15,7 @@ from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.trace.slabs import slab
 from t2d_rt.trace.surroundings import polarization
 from t2d_rt.trace.visibility import FACES_PER_SCENE, faded, key_times, side_by_side
-from t2d_rt.types import Ellipsoids, Leg, MovingMesh, Radar, Scene, StaticPath
+from t2d_rt.types import Ellipsoids, Leg, Material, MovingMesh, Radar, Scene, StaticPath
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
 """Where transmitter and receiver are one, ways over a corner meet its very edge. Which of them exist, and how they are polarised
@@ -62,8 +62,8 @@ def _path(leg: Leg, receivers: np.ndarray, across: np.ndarray) -> StaticPath:
 def roughened(scene: Scene, scattering_coefficient: float, frequency_hz: float) -> Scene:
     """The scene with surfaces that scatter, where their materials do not say how much."""
 
-    def material(given: object) -> object:
-        found = resolved(given, frequency_hz)  # type: ignore[arg-type]
+    def material(given: str | Material) -> Material:
+        found = resolved(given, frequency_hz)
         return replace(found, scattering_coefficient=found.scattering_coefficient or scattering_coefficient)
 
     return replace(scene, surfaces=tuple(replace(each, material=material(each.material)) for each in scene.surfaces))
