@@ -134,7 +134,7 @@ def test_each_antenna_has_the_delay_of_its_own_image() -> None:
     ways = ways + SPEED_OF_LIGHT * echoes.delay_s[0, 0]
     images = tx * [-1, 1, 1] + [4, 0, 0]
     exact = np.linalg.norm(images[:, None] - rx, axis=2)
-    # What a sum over both ends cannot hold is the product of the two offsets over the way: 3 um here.
+    # What a sum over both ends cannot hold is the product of the two offsets over the way.
     most = (
         np.linalg.norm(tx - radar.tx_position_m, axis=1).max() * np.linalg.norm(rx - radar.rx_position_m, axis=1).max()
     )
@@ -222,7 +222,7 @@ def moving(shape: object, start_m: tuple[float, float, float], speed_mps: tuple[
 
 
 def knife_edge_db(v: np.ndarray) -> np.ndarray:
-    """Field behind a half-plane beside that without it [dB], v its height over the ray: ITU-R P.526, eq. (30)."""
+    """Field behind a half-plane beside that without it [dB], v its height over the ray (ITU-R P.526)."""
     from scipy.special import fresnel
 
     sine, cosine = fresnel(v)

@@ -1,4 +1,4 @@
-"""Static clutter: ways from transmitters to receivers over what stands still, and what moving bodies let pass of them."""
+"""Static clutter: ways from transmitters to receivers over what stands still, and what bodies let pass of them (docs/physics.md, eq. 25)."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray
 
 
 class Shadows:
-    """What bodies let pass of ways: the share of the first Fresnel zone that is free, traced now and then, faded in between."""
+    """What bodies let pass of ways: the free share of the first Fresnel zone, traced now and then (docs/physics.md, eq. 26)."""
 
     def __init__(
         self,
