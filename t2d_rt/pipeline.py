@@ -63,7 +63,7 @@ def simulate(
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     reflections: greatest number of them on the ways out and back together.
     dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out.
-    clutter: of the room itself, in the targets' shadow: "specular" (up to three reflections), "diffuse" (rough walls too) or "none".
+    clutter: of the room itself, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls too) or "none".
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.

@@ -1,4 +1,4 @@
-"""Static clutter: ways from transmitters to receivers over what stands still, and what bodies let pass of them (docs/physics.md, eq. 25)."""
+"""Static clutter: ways from antenna to antenna over what stands still, and what bodies let pass (docs/physics.md, eq. 25)."""
 
 from __future__ import annotations
 

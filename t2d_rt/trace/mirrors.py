@@ -92,22 +92,30 @@ class Mirrors:
 
     def chains(self, place_m: np.ndarray, order: int) -> list[tuple[int, ...]]:
         """Sequences of up to `order` mirrors that rays from a place meet; () comes first, shorter ones before longer ones."""
-        normals = np.array([mirror.normal for mirror in self.each])
-        direction = sphere(RAYS)
-        origin = np.broadcast_to(np.asarray(place_m, float), direction.shape)
+        import drjit as dr
+
+        mi = mitsuba(self.backend)
+        normals = mi.Float(aligned(np.array([mirror.normal for mirror in self.each]), np.float32))
+        of_face = mi.UInt32(aligned(self.of_face, np.uint32))
+        directions = sphere(RAYS)
+        direction = mi.Vector3f(*columns(mi, directions))
+        origin = mi.Point3f(*columns(mi, np.broadcast_to(np.asarray(place_m, float), directions.shape)))
         latest: list[tuple[int, ...]] = [()]
-        found, path = list(latest), np.zeros(len(direction), np.int64)
+        found, path, inside = list(latest), np.zeros(RAYS, np.int64), mi.Bool(True)
         for _ in range(order):
-            distance, mirror = self.first(origin, direction)
-            met = np.isfinite(distance)
-            if not met.any():
+            hit = self.traced.ray_intersect_preliminary(mi.Ray3f(origin, direction), active=inside)
+            inside &= hit.is_valid()
+            mirror = dr.gather(mi.UInt32, of_face, hit.prim_index, inside)
+            normal = dr.gather(mi.Vector3f, normals, mirror, inside)
+            cosine = dr.dot(direction, normal)
+            origin += dr.select(inside, hit.t, 0) * direction - SKIN_M * dr.sign(cosine) * normal
+            direction -= 2 * cosine * normal
+            dr.eval(origin, direction, mirror, inside)
+            going = inside.numpy()
+            if not going.any():
                 break
-            normal = normals[mirror[met]]
-            cosine = np.einsum("ri,ri->r", direction[met], normal)
-            origin = origin[met] + distance[met, None] * direction[met] - SKIN_M * np.sign(cosine)[:, None] * normal
-            direction = direction[met] - 2 * cosine[:, None] * normal
             # A chain as one number, that of its beginning and that of its last mirror, is found sooner than a row of them.
-            codes, path = np.unique(path[met] * len(self.each) + mirror[met], return_inverse=True)
+            codes, path[going] = np.unique(path[going] * len(self.each) + mirror.numpy()[going], return_inverse=True)
             latest = [(*latest[code // len(self.each)], code % len(self.each)) for code in codes.tolist()]
             found += latest
         return found
