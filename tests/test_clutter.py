@@ -212,14 +212,18 @@ def test_a_rough_wall_returns_what_lamberts_law_says(monkeypatch: pytest.MonkeyP
     assert abs(ratio) == pytest.approx(math.sqrt(1 - share**2), rel=1e-9)
 
 
-def test_points_behind_furniture_are_not_seen() -> None:
-    screen = plate("screen", [(1, -1, 0), (1, 1, 0), (1, 1, 2), (1, -1, 2)])
+def test_points_are_seen_from_both_antennas() -> None:
+    """A screen before the receiver hides a part of the wall from it, and another from the transmitter."""
+    screen = plate("screen", [(1, 1.5, 0), (1, 2.5, 0), (1, 2.5, 2), (1, 1.5, 2)])
     scene = roughened(Scene(name="two", surfaces=(ahead(3.0), screen)), 0.3, 77e9)
-    radar = Radar.preset("table2", rx_offsets_m=[[2.0, 0.0, 0.0]])
+    radar = Radar.preset("table2", rx_offsets_m=[[0.0, 2.0, 0.0]])
     points, _ = rough_points(Mirrors.of(scene, select("cpu")), radar)
-    # The receiver stands between screen and wall: it sees no front of the screen, and of the wall what the transmitter does.
-    assert np.allclose(points[:, 0], 3.0)
-    assert (np.abs(points[:, 1:] - [0, 1]).max(axis=1) > 3 - 1e-3).all()
+    wall = points[points[:, 0] > 2]
+    assert len(wall) > 500
+    for middle_y, half_y in ((2.0, 1.5), (6.0, 1.5)):
+        hidden = np.abs(wall[:, 1:] - [middle_y, 1]) < [half_y - 1e-3, 3 - 1e-3]
+        assert not hidden.all(axis=1).any()
+    assert np.ptp(points[points[:, 0] < 2], axis=0)[1] > 0.9
 
 
 # --- shadows ---
