@@ -32,7 +32,7 @@ COARSE_TURNS, COARSE_POINTS = 1.0, 1000
 CLUTTER_ORDER = 3
 """Reflections of static clutter: a trihedral corner takes three."""
 SCATTERING_COEFFICIENT = 0.2
-"""Of walls where their material has none: the low end of what Degli-Esposti et al. (2007) fitted to buildings."""
+"""Of walls whose material has none, with "diffuse": the low end of what Degli-Esposti et al. (2007) fitted to buildings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +193,7 @@ def clutter_streams(
     paths = static_paths(mirrors, radar, order=CLUTTER_ORDER)
     if paths:
         streams.append(mirror_echoes(paths, radar, times_s=times_s, shares=shares([path.stops_m for path in paths])))
-    points, rcs = rough_points(mirrors, radar)
+    points, rcs = rough_points(mirrors, radar) if kind == "diffuse" else (np.zeros((0, 3)), np.zeros(0))
     if len(points):
         ways = [np.array([radar.tx_position_m, point, radar.rx_position_m]) for point in points]
         passed = shares(ways, rays=POINT_RAYS, pieces=POINT_PIECES)
