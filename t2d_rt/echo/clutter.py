@@ -1,4 +1,4 @@
-"""Echoes of what stands still: mirrors' by Friis' equation, rough points' by the radar equation (docs/physics.md, eq. 25)."""
+"""Echoes of what stands still: mirrors' by Friis' equation, rough points' by the radar equation (docs/physics.md, eq. 26)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Static clutter: ways from antenna to antenna over what stands still, and what bodies let pass (docs/physics.md, eq. 25)."""
+"""Static clutter: ways from antenna to antenna over what stands still, and what bodies let pass (docs/physics.md, eq. 26)."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray
 
 
 class Shadows:
-    """What bodies let pass of ways: the free share of the first Fresnel zone, traced now and then (docs/physics.md, eq. 26)."""
+    """What bodies let pass of ways: the free share of the first Fresnel zone, traced now and then (docs/physics.md, eq. 27)."""
 
     def __init__(
         self,
