@@ -23,7 +23,7 @@ from t2d_rt.motion import place, track
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
-from t2d_rt.room import coarse_views, coarser, find_ways, full_views
+from t2d_rt.room import Clutter, clutter_streams, coarse_views, coarser, find_ways, full_views
 from t2d_rt.scene import Room
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.scenes import load_scene
@@ -40,6 +40,7 @@ def simulate(
     scene: str | Path | Scene | Room = "free_space",
     reflections: int = 2,
     dynamic_range_db: float = 60.0,
+    clutter: Clutter = "specular",
     method: Method = "mesh",
     seed: int = 0,
     body: str = "adult",
@@ -62,6 +63,7 @@ def simulate(
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     reflections: greatest number of them on the ways out and back together.
     dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out.
+    clutter: of the room itself, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls too) or "none".
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.
@@ -79,7 +81,7 @@ def simulate(
     radar = Radar.preset("table2") if radar is None else radar
     targets = [target] if isinstance(target, Target) else target
     _check(targets, radar, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
-    _check_room(reflections, dynamic_range_db)
+    _check_room(reflections, dynamic_range_db, clutter)
     backend = select(device)
     around = _around(scene)
     shapes = [_shape(each, method, body, material, radar) for each in targets]
@@ -118,6 +120,13 @@ def simulate(
                     limbs, radar, times_s=times_s, material=substance, views=coarse_views(limbs, faint, **common)
                 )
             )
+    static: dict[str, object] = {}
+    if around is not None and clutter != "none":
+        still, static = clutter_streams(
+            clutter, around, shapes, radar, times_s,
+            occlusion=occlusion, rate_hz=occlusion_rate_hz, seed=int(seed), backend=backend,
+        )  # fmt: skip
+        streams += still
     cube = synthesize(joined(streams), radar, device=device, progress=progress)
     settings: dict[str, Any] = {
         "method": method, "scene": "free_space" if around is None else around.name,
@@ -128,7 +137,12 @@ def simulate(
         "targets": [_describe(each) for each in targets],
     }  # fmt: skip
     if ways is not None:
-        settings |= {"reflections": int(reflections), "dynamic_range_db": float(dynamic_range_db), **ways.describe()}
+        settings |= {
+            "reflections": int(reflections),
+            "dynamic_range_db": float(dynamic_range_db),
+            **ways.describe(),
+            **static,
+        }
     return Simulation(cube, radar, settings=settings, versions=versions())
 
 
@@ -264,11 +278,13 @@ def _check(
         raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")
 
 
-def _check_room(reflections: Any, dynamic_range_db: Any) -> None:
+def _check_room(reflections: Any, dynamic_range_db: Any, clutter: Any) -> None:
     if not isinstance(reflections, (int, np.integer)) or not 0 <= reflections <= 4:
         raise InputError(f"reflections must be an integer in 0..4, got {reflections!r}; 2 suits rooms")
     if not isinstance(dynamic_range_db, (int, float)) or not 0 <= dynamic_range_db <= 200:
         raise InputError(f"dynamic_range_db must lie in 0..200 dB, got {dynamic_range_db!r}; 60 suits most uses")
+    if clutter not in ("specular", "diffuse", "none"):
+        raise InputError(f"clutter must be 'specular', 'diffuse' or 'none', got {clutter!r}")
 
 
 def _describe(target: Target) -> str:

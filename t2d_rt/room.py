@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from t2d_rt.backend import Backend, select
+from t2d_rt.echo.clutter import mirror_echoes, rough_echoes
 from t2d_rt.echo.legs import Share, View, anchor_vertices, ranked_pairs
 from t2d_rt.errors import InputError
+from t2d_rt.trace.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
+from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.surroundings import Passed, probes, radar_legs
 from t2d_rt.trace.visibility import Occlusion
-from t2d_rt.types import Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene
+from t2d_rt.types import EchoStream, Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene
 
 Shape = MovingMesh | Ellipsoids
+Clutter = Literal["specular", "diffuse", "none"]
+"""What still surfaces return by themselves: mirrors' paths, these and the scatter of rough walls, nothing."""
 
 STRONG_DB, FAINT_DB = -6.0, -15.0
 """Pairs weaker than the strongest one by more than the first, in the mean over the targets, are modelled in less detail, of a body
@@ -24,6 +29,10 @@ COARSER, COARSEST_RAD = 4.0, 1.5
 """By how much the phase sagitta of these facets is larger, and its limit."""
 COARSE_TURNS, COARSE_POINTS = 1.0, 1000
 """Their patches and diffuse points."""
+CLUTTER_ORDER = 3
+"""Reflections of static clutter: a trihedral corner takes three."""
+SCATTERING_COEFFICIENT = 0.2
+"""Of walls whose material has none, with "diffuse": the low end of what Degli-Esposti et al. (2007) fitted to buildings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,3 +178,37 @@ def _remembered(share: Share) -> Share:
         return last[1]
 
     return asked
+
+
+def clutter_streams(
+    kind: Clutter,
+    scene: Scene,
+    shapes: Sequence[Shape],
+    radar: Radar,
+    times_s: np.ndarray,
+    *,
+    occlusion: bool,
+    rate_hz: float,
+    seed: int,
+    backend: Backend,
+) -> tuple[list[EchoStream], dict[str, object]]:
+    """Echoes of what stands still, in the shadow of the targets, and how many, for a result's settings."""
+    if kind == "diffuse":
+        scene = roughened(scene, SCATTERING_COEFFICIENT, radar.mid_frequency_hz)
+    mirrors = Mirrors.of(scene, backend)
+    streams = []
+
+    def shares(ways_m: Sequence[np.ndarray], **fineness: int) -> Share | None:
+        if not occlusion:
+            return None
+        return Shadows(shapes, ways_m, radar.wavelength_m, rate_hz=rate_hz, backend=backend, **fineness).shares
+
+    paths = static_paths(mirrors, radar, order=CLUTTER_ORDER)
+    if paths:
+        streams.append(mirror_echoes(paths, radar, times_s=times_s, shares=shares([path.stops_m for path in paths])))
+    points, rcs = rough_points(mirrors, radar) if kind == "diffuse" else (np.zeros((0, 3)), np.zeros(0))
+    if len(points):
+        ways = [np.array([radar.tx_position_m, point, radar.rx_position_m]) for point in points]
+        passed = shares(ways, rays=POINT_RAYS, pieces=POINT_PIECES)
+        streams.append(rough_echoes(points, rcs, radar, times_s=times_s, seed=seed, shares=passed))
+    return streams, {"clutter": kind, "clutter_paths": len(paths), "clutter_points": len(points)}

@@ -121,7 +121,7 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
 def peak(scene: Scene | str, radius_m: float = 0.15) -> tuple[Radar, np.ndarray, np.ndarray, np.ndarray]:
     radar = Radar.preset("table2", position_m=(0.0, 0.0, 1.0))
     target = ball(radius_m, (4.0, 0.3, 1.0), (-2.0, 0.5, 0.0), 0.1)
-    result = t2d.simulate(target, radar=radar, scene=scene, occlusion=False)
+    result = t2d.simulate(target, radar=radar, scene=scene, clutter="none", occlusion=False)
     image = range_doppler(result.adc.values[:, 0], radar, correct_coupling=True)
     return radar, image.power, image.velocity_mps, image.range_m
 
@@ -203,7 +203,7 @@ def test_transmitter_and_receiver_may_be_swapped() -> None:
     cubes = []
     for tx, rx in (sides, sides[::-1]):
         radar = Radar.preset("table2", tx_offsets_m=tx, rx_offsets_m=rx)
-        cubes.append(t2d.simulate(target, radar=radar, scene=small_room(), occlusion=False).adc.values)
+        cubes.append(t2d.simulate(target, radar=radar, scene=small_room(), clutter="none", occlusion=False).adc.values)
     assert nmse_db(cubes[1], cubes[0]) < -80
 
 
@@ -230,9 +230,9 @@ def test_scene_radar_and_target_may_be_moved_together() -> None:
         lambda t: target.at(t) @ turn.T + shift, target.faces, target.times_s, material="pec", rest=target.rest
     )
     place = turn @ [0, 0, 1] + shift
-    one = t2d.simulate(target, radar=Radar.preset("table2"), scene=room, occlusion=False)
+    one = t2d.simulate(target, radar=Radar.preset("table2"), scene=room, clutter="none", occlusion=False)
     radar = Radar.preset("table2", position_m=tuple(place), boresight=tuple(turn @ [1, 0, 0]))
-    other = t2d.simulate(there, radar=radar, scene=moved, occlusion=False)
+    other = t2d.simulate(there, radar=radar, scene=moved, clutter="none", occlusion=False)
     assert nmse_db(other.adc.values, one.adc.values) < -60
 
 
@@ -247,7 +247,7 @@ def test_what_stands_still_stays_at_zero_doppler() -> None:
 def test_a_body_sees_the_same_room_in_both_models() -> None:
     motion = t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 0, 0.3)
     found = [
-        t2d.simulate(motion, scene=small_room(), method=method, dynamic_range_db=20.0)
+        t2d.simulate(motion, scene=small_room(), clutter="none", method=method, dynamic_range_db=20.0)
         for method in ("mesh", "ellipsoid")
     ]
     assert found[0].settings["pairs"] == found[1].settings["pairs"]
@@ -270,7 +270,7 @@ def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
     motion = t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 1.5, 2.3)
     radar = Radar.preset("table2")
     alone, there = (
-        t2d.simulate(motion, radar=radar, method="ellipsoid", scene=scene).spectrogram
+        t2d.simulate(motion, radar=radar, method="ellipsoid", scene=scene, clutter="none").spectrogram
         for scene in ("free_space", Scene(name="end", surfaces=(end,)))
     )
     assert np.isfinite(there.values).all()

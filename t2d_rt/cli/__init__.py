@@ -217,7 +217,7 @@ def _recorded(motion: Motion, options: Namespace, radar: Radar, method: Method) 
     from t2d_rt.pipeline import simulate
 
     names = (
-        "scene", "reflections", "dynamic_range_db", "seed", "body", "material", "occlusion", "occlusion_rate_hz",
+        "scene", "reflections", "dynamic_range_db", "clutter", "seed", "body", "material", "occlusion", "occlusion_rate_hz",
         "surface_rate_hz", "sagitta_rad",
         "phase_from", "device",
     )  # fmt: skip

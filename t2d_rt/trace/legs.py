@@ -6,6 +6,7 @@ antenna, a product of slab coefficients in the two polarisations, reflection poi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -30,23 +31,27 @@ def find_legs(
     probes_m: np.ndarray,
 ) -> list[Leg]:
     """Legs of up to `order` reflections between an antenna at `place_m`, of that polarisation (3,), and any of points (P, 3)."""
-    reflections = _reflections(mirrors, frequency_hz)
+    each = reflections(mirrors, frequency_hz)
     found = []
     for chain in mirrors.chains(place_m, order):
-        leg = _leg(mirrors, chain, np.asarray(place_m, float), polarization, [reflections[k] for k in chain])
+        leg = _leg(mirrors, chain, np.asarray(place_m, float), polarization, [each[k] for k in chain])
         if leg.clear(probes_m).any():
             found.append(leg)
     return found
 
 
-def _reflections(mirrors: Mirrors, frequency_hz: float) -> list[Reflection]:
+def reflections(mirrors: Mirrors, frequency_hz: float) -> list[Reflection]:
+    """Of each mirror; what a rough one scatters is missing from what it reflects (docs/physics.md, eq. 9)."""
+
     def of(material: Material, thickness_m: float) -> Reflection:
-        def at(cosine: np.ndarray, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        smooth = math.sqrt(1 - material.scattering_coefficient**2)
+
+        def reflection(cosine: np.ndarray, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             found = [slab(material, thickness_m, cosine, float(frequency))[:2] for frequency in frequencies_hz]
-            te, tm = np.stack(found, axis=1)
+            te, tm = smooth * np.stack(found, axis=1)
             return te, tm
 
-        return at
+        return reflection
 
     surfaces = mirrors.scene.surfaces
     materials = [resolved(surface.material, frequency_hz) for surface in surfaces]

@@ -92,29 +92,41 @@ class Mirrors:
 
     def chains(self, place_m: np.ndarray, order: int) -> list[tuple[int, ...]]:
         """Sequences of up to `order` mirrors that rays from a place meet; () comes first, shorter ones before longer ones."""
+        import drjit as dr
+
         mi = mitsuba(self.backend)
-        normals = np.array([mirror.normal for mirror in self.each])
-        direction = _sphere(RAYS)
-        origin = np.broadcast_to(np.asarray(place_m, float), direction.shape)
-        path = np.zeros(len(direction), np.int64)
-        found: list[tuple[int, ...]] = [()]
-        for length in range(1, order + 1):
-            ray = mi.Ray3f(mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)))
-            hit = self.traced.ray_intersect_preliminary(ray)
-            distance, face = hit.t.numpy(), hit.prim_index.numpy()
-            met = np.isfinite(distance)
-            mirror = self.of_face[face[met]]
-            normal = normals[mirror]
-            cosine = np.einsum("ri,ri->r", direction[met], normal)
-            origin = origin[met] + distance[met, None] * direction[met] - SKIN_M * np.sign(cosine)[:, None] * normal
-            direction = direction[met] - 2 * cosine[:, None] * normal
-            path = path[met] * len(self.each) + mirror
-            if not len(path):
+        normals = mi.Float(aligned(np.array([mirror.normal for mirror in self.each]), np.float32))
+        of_face = mi.UInt32(aligned(self.of_face, np.uint32))
+        directions = sphere(RAYS)
+        direction = mi.Vector3f(*columns(mi, directions))
+        origin = mi.Point3f(*columns(mi, np.broadcast_to(np.asarray(place_m, float), directions.shape)))
+        latest: list[tuple[int, ...]] = [()]
+        found, path, inside = list(latest), np.zeros(RAYS, np.int64), mi.Bool(True)
+        for _ in range(order):
+            hit = self.traced.ray_intersect_preliminary(mi.Ray3f(origin, direction), active=inside)
+            inside &= hit.is_valid()
+            mirror = dr.gather(mi.UInt32, of_face, hit.prim_index, inside)
+            normal = dr.gather(mi.Vector3f, normals, mirror, inside)
+            cosine = dr.dot(direction, normal)
+            origin += dr.select(inside, hit.t, 0) * direction - SKIN_M * dr.sign(cosine) * normal
+            direction -= 2 * cosine * normal
+            dr.eval(origin, direction, mirror, inside)
+            going = inside.numpy()
+            if not going.any():
                 break
-            codes = np.unique(path)
-            longer = np.stack([codes // len(self.each) ** k % len(self.each) for k in range(length)][::-1], axis=1)
-            found += [tuple(chain) for chain in longer.tolist()]
+            # A chain as one number, that of its beginning and that of its last mirror, is found sooner than a row of them.
+            codes, path[going] = np.unique(path[going] * len(self.each) + mirror.numpy()[going], return_inverse=True)
+            latest = [(*latest[code // len(self.each)], code % len(self.each)) for code in codes.tolist()]
+            found += latest
         return found
+
+    def first(self, origin_m: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far along rays (R, 3) the first mirror stands, infinite where there is none, and which one it is, (R,)."""
+        mi = mitsuba(self.backend)
+        ray = mi.Ray3f(mi.Point3f(*columns(mi, origin_m)), mi.Vector3f(*columns(mi, direction)))
+        hit = self.traced.ray_intersect_preliminary(ray)
+        distance = hit.t.numpy()
+        return distance, self.of_face[np.where(np.isfinite(distance), hit.prim_index.numpy(), 0)]
 
     def around(self, place_m: np.ndarray) -> str | None:
         """Name of a surface that holds a place within itself or its thickness, None if none does."""
@@ -171,7 +183,7 @@ def _side(normal: np.ndarray) -> str:
     return ("-" if normal[axis] < 0 else "+") + "xyz"[axis]
 
 
-def _sphere(count: int) -> np.ndarray:
+def sphere(count: int) -> np.ndarray:
     """Directions (count, 3), evenly spread: a Fibonacci lattice."""
     index = np.arange(count)
     height = 1 - (2 * index + 1) / count

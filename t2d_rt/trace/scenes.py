@@ -94,6 +94,7 @@ def _own(material: Any) -> Material:
         name=material.name,
         relative_permittivity=_number(material.relative_permittivity),
         conductivity_s_per_m=_number(material.conductivity),
+        scattering_coefficient=_number(material.scattering_coefficient),
     )
 
 

@@ -40,14 +40,18 @@ def radar_legs(
         (radar.tx_position_m, radar.tx_polarization_deg),
         (radar.rx_position_m, radar.rx_polarization_deg),
     ):
-        angle = math.radians(angle_deg)
-        across = np.array([0.0, math.sin(angle), math.cos(angle)]) @ radar.axes
-        found.append((place, across))
+        found.append((place, polarization(radar, angle_deg)))
     (tx, tx_across), (rx, rx_across) = found
     out = find_legs(mirrors, tx, tx_across, radar.mid_frequency_hz, order=order, probes_m=probes_m)
     if np.array_equal(tx, rx) and np.array_equal(tx_across, rx_across):
         return out, out
     return out, find_legs(mirrors, rx, rx_across, radar.mid_frequency_hz, order=order, probes_m=probes_m)
+
+
+def polarization(radar: Radar, angle_deg: float) -> np.ndarray:
+    """Unit vector (3,) of a linear polarisation in the world."""
+    angle = math.radians(angle_deg)
+    return np.asarray(np.array([0.0, math.sin(angle), math.cos(angle)]) @ radar.axes)
 
 
 def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar) -> None:

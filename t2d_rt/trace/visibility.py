@@ -125,14 +125,18 @@ def _clear(mi: Any, vertices: np.ndarray, faces: np.ndarray, origins: np.ndarray
     `faces` (F, 3) are those of all moments, and name the vertices (K, V, 3) as one list.
     """
     reach = 2.2 * float(np.abs(vertices).max())
-    corner = np.stack(np.unravel_index(np.arange(len(vertices)), (4, 4, 4)), axis=1)
-    shift = (corner * reach)[:, None, :]
+    shift = side_by_side(len(vertices), reach)
     mesh = mitsuba_mesh(mi, (vertices + shift).reshape(-1, 3), faces)
     distance = np.sqrt(np.einsum("kqi,kqi->kq", origins, origins))
 
     ray = mi.Ray3f(mi.Point3f(*columns(mi, origins + shift)), mi.Vector3f(*columns(mi, -origins / distance[..., None])))
     ray.maxt = mi.Float(aligned(distance, np.float32))
     return ~mi.load_dict({"type": "scene", "body": mesh}).ray_test(ray).numpy().reshape(distance.shape)
+
+
+def side_by_side(moments: int, reach_m: float) -> np.ndarray:
+    """By how much to shift what belongs to each of up to 64 moments, so that none reaches another, (K, 1, 3) m."""
+    return np.asarray(np.stack(np.unravel_index(np.arange(moments), (4, 4, 4)), axis=1)[:, None, :] * reach_m)
 
 
 def _is_closed(mesh: MovingMesh) -> bool:

@@ -2,7 +2,7 @@
 
 from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, stream
 from t2d_rt.types.ellipsoids import Ellipsoids
-from t2d_rt.types.legs import Leg, LegPair
+from t2d_rt.types.legs import Leg, LegPair, StaticPath
 from t2d_rt.types.material import PEC, Material
 from t2d_rt.types.mesh import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
@@ -25,6 +25,7 @@ __all__ = [
     "MovingMesh",
     "Radar",
     "Scene",
+    "StaticPath",
     "Surface",
     "stream",
 ]

@@ -1,4 +1,4 @@
-"""`Leg`: one way between an antenna and a target, straight or by way of mirrors."""
+"""`Leg`: one way between an antenna and a target, straight or by way of mirrors; `StaticPath`: one between antennas."""
 
 from __future__ import annotations
 
@@ -65,3 +65,25 @@ class LegPair:
     def name(self) -> str:
         """For people: "direct", "floor" for the same way both times, "direct, floor"."""
         return self.out.name if self.out.chain == self.back.chain else f"{self.out.name}, {self.back.name}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StaticPath:
+    """A way from the transmitters' centre over mirrors to the receivers'."""
+
+    chain: tuple[str, ...]
+    """Names of the mirrors from the transmitters on."""
+    stops_m: np.ndarray
+    """Transmitters, reflections, receivers, (order + 2, 3)."""
+    departure_m: np.ndarray
+    """Where the receivers seem to stand, seen from the transmitters, (3,)."""
+    arrival_m: np.ndarray
+    """Where the transmitters seem to stand, seen from the receivers, (3,)."""
+    coefficients: Callable[[np.ndarray], np.ndarray]
+    """What antennas of gain 1 and the radar's polarisations receive at frequencies [Hz] (F,), without distance and phase of the
+    way: complex (F,)."""
+
+    @property
+    def name(self) -> str:
+        """For people: "wall+y > floor"."""
+        return " > ".join(self.chain)

@@ -1,0 +1,69 @@
+"""Echoes of what stands still: mirrors' by Friis' equation, rough points' by the radar equation (docs/physics.md, eq. 26)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.echo.antennas import seen_by
+from t2d_rt.types import EchoArrays, EchoStream, Radar, StaticPath
+
+Shares = Callable[[np.ndarray], np.ndarray]
+"""0..1 (K, N) at times [s] (K,)."""
+
+
+def mirror_echoes(
+    paths: Sequence[StaticPath], radar: Radar, *, times_s: np.ndarray, shares: Shares | None = None
+) -> EchoStream:
+    """One echo of each path at surface frames `times_s`, of which `shares` pass."""
+    departure, arrival = (np.array([getattr(path, end) for path in paths]) for end in ("departure_m", "arrival_m"))
+    length = np.linalg.norm(arrival - radar.rx_position_m, axis=1)
+    gain = radar.tx_pattern.gain((departure - radar.tx_position_m) / length[:, None] @ radar.axes.T)
+    gain = gain * radar.rx_pattern.gain((arrival - radar.rx_position_m) / length[:, None] @ radar.axes.T)
+    # An echo of sigma / R^4 = 4 pi / L^2 is what Friis' equation gives.
+    scale = radar.link_amplitude * math.sqrt(4 * math.pi) / length * np.sqrt(gain)
+    band_hz = radar.bandwidth_hz / 2
+    frequencies = radar.mid_frequency_hz + band_hz * np.array([-0.5, 0, 0.5])
+    low, middle, high = np.conj([path.coefficients(frequencies) for path in paths]).T
+    echoes = EchoArrays(
+        delay_s=length / SPEED_OF_LIGHT, amplitude=scale * middle, slope=scale * (high - low) / band_hz,
+        departure_m=departure if radar.is_array else None, arrival_m=arrival if radar.is_array else None,
+    )  # fmt: skip
+    return _standing(echoes, times_s, shares)
+
+
+def rough_echoes(
+    points_m: np.ndarray,
+    rcs_m2: np.ndarray,
+    radar: Radar,
+    *,
+    times_s: np.ndarray,
+    seed: int,
+    shares: Shares | None = None,
+) -> EchoStream:
+    """One echo of random phase of each point (Q, 3) at surface frames `times_s`, of which `shares` pass."""
+    phase = 2 * math.pi * np.random.default_rng(seed).random(len(points_m))
+    ways = [np.linalg.norm(points_m - place, axis=1) for place in (radar.tx_position_m, radar.rx_position_m)]
+    amplitude = radar.link_amplitude * np.sqrt(rcs_m2) / (ways[0] * ways[1]) * np.exp(1j * phase)
+    echoes = EchoArrays(delay_s=(ways[0] + ways[1]) / SPEED_OF_LIGHT, amplitude=amplitude)
+    return _standing(seen_by(radar, echoes, points_m, points_m), times_s, shares)
+
+
+def _standing(echoes: EchoArrays, times_s: np.ndarray, shares: Shares | None) -> EchoStream:
+    """What does not change (N, ...) as a stream, but for the shares that pass."""
+
+    def frames(start: int, stop: int) -> EchoArrays:
+        still = [None if field is None else np.broadcast_to(field, (stop - start, *field.shape)) for field in echoes]
+        found = EchoArrays(*still)  # type: ignore[arg-type]
+        passed = 1.0 if shares is None else shares(times_s[start:stop])
+        return found._replace(
+            amplitude=(found.amplitude * passed).astype(np.complex64),
+            slope=None if found.slope is None else (found.slope * passed).astype(np.complex64),
+            departure_m=None if found.departure_m is None else found.departure_m.astype(np.float32),
+            arrival_m=None if found.arrival_m is None else found.arrival_m.astype(np.float32),
+        )
+
+    return EchoStream(times_s=times_s, frames=frames)

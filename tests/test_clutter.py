@@ -1,0 +1,337 @@
+"""Static clutter: closed forms of walls and corners, Sionna RT's paths, the shadow of a knife edge, and invariants."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import get_window
+from trimesh.creation import box, icosphere
+
+import t2d_rt as t2d
+import t2d_rt.trace.clutter as traced
+from t2d_rt.backend import select
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.echo.clutter import mirror_echoes
+from t2d_rt.errors import InputError
+from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.resources import resource
+from t2d_rt.trace.clutter import Shadows, bundle, rough_points, roughened, static_paths
+from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.trace.mitsuba import mitsuba
+from t2d_rt.trace.scenes import load_scene
+from t2d_rt.types import PEC, Ellipsoids, Material, MovingMesh, Radar, Scene, StaticPath, Surface
+
+Corners = list[tuple[float, float, float]]
+TIMES_S = np.linspace(0, 0.02, 5)
+
+
+def plate(name: str, corners: Corners, material: str | Material = PEC, thickness_m: float = 0.01) -> Surface:
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    return Surface(name=name, vertices=np.array(corners), faces=faces, material=material, thickness_m=thickness_m)
+
+
+def ahead(x: float, half_m: float = 5.0, **kind: object) -> Surface:
+    y, z = half_m, (1 - half_m, 1 + half_m)
+    return plate("ahead", [(x, -y, z[0]), (x, y, z[0]), (x, y, z[1]), (x, -y, z[1])], **kind)  # type: ignore[arg-type]
+
+
+def found(*surfaces: Surface, radar: Radar | None = None, order: int = 3) -> list[StaticPath]:
+    mirrors = Mirrors.of(Scene(name="test", surfaces=surfaces), select("cpu"))
+    return static_paths(mirrors, Radar.preset("table2") if radar is None else radar, order=order)
+
+
+def power_w(paths: list[StaticPath], radar: Radar) -> float:
+    """Mean power of the samples."""
+    cube = synthesize(mirror_echoes(paths, radar, times_s=TIMES_S), radar)
+    return float(np.mean(np.abs(cube[:]) ** 2))
+
+
+# --- walls and corners ---
+
+
+def test_a_conductor_is_a_mirror() -> None:
+    """Friis over twice the distance; with gain and IF gain in the budget, as read from the cube."""
+    radar, distance = Radar.preset("table2", tx_gain_dbi=11.0, if_gain_db=3.0), 3.0
+    paths = found(ahead(distance), radar=radar)
+    assert [path.chain for path in paths] == [("ahead",)]
+    level_db = 12 + 11 + 9 + 3 - 30 + 20 * math.log10(radar.wavelength_m / (4 * math.pi * 2 * distance))
+    assert 10 * math.log10(power_w(paths, radar)) == pytest.approx(level_db, abs=1e-4)
+
+
+def test_a_plasterboard_wall_has_the_coefficient_of_its_slab() -> None:
+    """Of each sample's own frequency, conjugated as IF = tx conj(rx)."""
+    radar, distance, thickness = Radar.preset("table2"), 3.0, 0.0125
+    paths = found(ahead(distance, material="plasterboard", thickness_m=thickness))
+    t, delay = radar.sample_times_s, 2 * distance / SPEED_OF_LIGHT
+    f = radar.carrier_hz + radar.slope_hz_per_s * t
+    # ITU-R P.2040-3: plasterboard has 2.73 and 0.0085 f^0.9395 S/m; the slab at normal incidence.
+    conductivity = 0.0085 * (radar.mid_frequency_hz / 1e9) ** 0.9395
+    eta = 2.73 - 1j * conductivity / (2 * math.pi * f * 8.8541878128e-12)
+    r = (1 - np.sqrt(eta)) / (1 + np.sqrt(eta))
+    turn = np.exp(-4j * math.pi * f * thickness / SPEED_OF_LIGHT * np.sqrt(eta))
+    coefficient = r * (1 - turn) / (1 - r**2 * turn)
+    turns = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * t - delay**2 / 2)
+    scale = radar.link_amplitude * math.sqrt(4 * math.pi) / (2 * distance)
+    expected = scale * np.conj(coefficient) * np.exp(2j * math.pi * turns)
+    recorded = synthesize(mirror_echoes(paths, radar, times_s=TIMES_S), radar)[:]
+    error = np.mean(np.abs(recorded[0, 0] - expected) ** 2) / np.mean(np.abs(expected) ** 2)
+    # The coefficient bends over the sweep: a straight line misses it by -31.7 dB, its value at the middle by -20.9.
+    assert 10 * math.log10(error) < -31
+
+
+def corner(*, inside: bool) -> list[Surface]:
+    """Three perfect mirrors that meet at (3, 2, 0) at right angles, seen from within or as a box is from without."""
+    x, y, z = (3.0, 2.0, 0.0) if inside else (0.7, 0.5, 0.6)
+    far = -6 if inside else 6
+    return [
+        plate("x", [(x, y, z), (x, y + far, z), (x, y + far, z - far), (x, y, z - far)]),
+        plate("y", [(x, y, z), (x + far, y, z), (x + far, y, z - far), (x, y, z - far)]),
+        plate("z", [(x, y, z), (x + far, y, z), (x + far, y + far, z), (x, y + far, z)]),
+    ]
+
+
+def test_a_corner_has_as_many_ways_as_images() -> None:
+    """An antenna has seven images in a trihedral, though its faces can be met in 15 orders."""
+    paths = found(*corner(inside=True))
+    away = np.array([3.0, 2.0, 1.0])
+    expected = sorted(
+        2 * math.hypot(*(distance for distance, used in zip(away, pick, strict=True) if used))
+        for pick in np.ndindex(2, 2, 2)
+        if any(pick)
+    )
+    lengths = sorted(float(np.linalg.norm(path.arrival_m - [0, 0, 1])) for path in paths)
+    assert lengths == pytest.approx(expected, abs=1e-12)
+    assert sorted(len(set(path.chain)) for path in paths) == [1, 1, 1, 2, 2, 2, 3]
+    # Two mirrors that the polarisation lies along do not turn it.
+    dihedral = next(path for path in paths if sorted(path.chain) == ["x", "y"])
+    assert dihedral.coefficients(np.array([77.87e9]))[0] == pytest.approx(1, abs=1e-6)
+
+
+def test_an_edge_that_sticks_out_sends_nothing_back() -> None:
+    assert found(*corner(inside=False)) == []
+
+
+def test_between_two_walls_both_ways_round_count() -> None:
+    behind = plate("behind", [(-1, -5, -4), (-1, 5, -4), (-1, 5, 6), (-1, -5, 6)])
+    chains = [path.chain for path in found(ahead(3.0), behind)]
+    one, other = ("ahead", "behind"), ("behind", "ahead")
+    assert sorted(chains) == sorted([one[:1], other[:1], one, other, (*one, "ahead"), (*other, "behind")])
+
+
+def test_antennas_look_where_their_pattern_does() -> None:
+    behind = plate("behind", [(-1, -5, -4), (-1, 5, -4), (-1, 5, 6), (-1, -5, 6)])
+    pattern = {"kind": "cosine", "exponent": 2}
+    radar = Radar.preset("table2", tx_pattern=pattern, rx_pattern=pattern)
+    both, one = found(ahead(3.0), behind, order=1), found(ahead(3.0), order=1)
+    assert power_w(both, radar) == pytest.approx(power_w(one, radar), rel=1e-6)
+
+
+def test_each_antenna_has_the_delay_of_its_own_image() -> None:
+    radar = Radar.preset("array-3x4")
+    (path,) = found(ahead(2.0), radar=radar)
+    echoes = mirror_echoes([path], radar, times_s=TIMES_S).gather()
+    assert echoes.departure_m is not None
+    assert echoes.arrival_m is not None
+    departure, arrival = echoes.departure_m[0, 0].astype(float), echoes.arrival_m[0, 0].astype(float)
+    tx, rx = radar.tx_positions_m, radar.rx_positions_m
+
+    def longer(points: np.ndarray, place: np.ndarray, centre: np.ndarray) -> np.ndarray:
+        return np.asarray(np.linalg.norm(points - place, axis=1) - np.linalg.norm(centre - place))
+
+    ways = longer(tx, departure, radar.tx_position_m)[:, None] + longer(rx, arrival, radar.rx_position_m)
+    ways = ways + SPEED_OF_LIGHT * echoes.delay_s[0, 0]
+    images = tx * [-1, 1, 1] + [4, 0, 0]
+    exact = np.linalg.norm(images[:, None] - rx, axis=2)
+    # What a sum over both ends cannot hold is the product of the two offsets over the way.
+    most = (
+        np.linalg.norm(tx - radar.tx_position_m, axis=1).max() * np.linalg.norm(rx - radar.rx_position_m, axis=1).max()
+    )
+    assert np.abs(ways - exact).max() < 1.1 * most / 4 + 1e-6  # points are float32
+    assert most / 4 < radar.wavelength_m / 100
+
+
+@pytest.mark.parametrize(("scene", "paths"), [("empty_room", 55), ("living_room", 55)])
+def test_paths_are_those_of_sionna(scene: str, paths: int) -> None:
+    """All within 60 dB of the strongest, delays, amplitudes and phases; the line of sight is left out."""
+    mitsuba(select("cpu"))
+    import sionna.rt as rt
+
+    radar = Radar.preset("table2", tx_offsets_m=[[0, 0.12, 0.03]], rx_offsets_m=[[0.02, -0.08, 0]])
+    theirs = rt.load_scene(str(resource("scenes", scene) / f"{scene}.xml"), merge_shapes=False)
+    theirs.frequency = radar.mid_frequency_hz
+    theirs.tx_array = theirs.rx_array = rt.PlanarArray(num_rows=1, num_cols=1, pattern="iso", polarization="V")
+    theirs.add(rt.Transmitter(name="tx", position=radar.tx_position_m.tolist()))
+    theirs.add(rt.Receiver(name="rx", position=radar.rx_position_m.tolist()))
+
+    def solved() -> list[tuple[float, complex]]:
+        found = rt.PathSolver()(theirs, max_depth=3, los=False, refraction=False, seed=1)
+        field = np.array(found.a[0]).ravel() + 1j * np.array(found.a[1]).ravel()
+        return list(zip(np.array(found.tau).ravel().tolist(), field.tolist(), strict=True))
+
+    there = solved()
+    theirs.get("tx").position, theirs.get("rx").position = radar.rx_position_m.tolist(), radar.tx_position_m.tolist()
+    there_and_back = there + solved()
+    strongest = max(abs(field) for _, field in there)
+    ours = []
+    for path in static_paths(Mirrors.of(load_scene(scene), select("cpu")), radar, order=3):
+        length = float(np.linalg.norm(path.arrival_m - radar.rx_position_m))
+        field = radar.wavelength_m / (4 * math.pi * length) * path.coefficients(np.array([radar.mid_frequency_hz]))[0]
+        ours.append((length / SPEED_OF_LIGHT, field))
+        # That solver loses paths whose hashes collide, but not the way back, and paths that are short somewhere.
+        same = [other for delay, other in there_and_back if abs(delay - ours[-1][0]) < 1e-12]
+        if not same and np.linalg.norm(np.diff(path.stops_m, axis=0), axis=1).min() < 0.01:
+            continue
+        if abs(field) > 1e-3 * strongest:
+            nearest = min(same, key=lambda other: abs(other - field))
+            assert abs(20 * math.log10(abs(field / nearest))) < 0.1
+            assert abs(np.angle(field / nearest, deg=True)) < 5
+    strong = [delay for delay, field in there if abs(field) > 1e-3 * strongest]
+    assert len(strong) > paths
+    assert all(min(abs(delay - mine) for mine, _ in ours) < 1e-12 for delay in strong)
+
+
+# --- rough walls ---
+
+
+def test_a_rough_wall_returns_what_lamberts_law_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """sum of sigma / R^4 over an endless wall at distance d is 2 pi S^2 |R|^2 / d^2, however many points stand for it."""
+    radar, distance, share = Radar.preset("table2"), 2.0, 0.3
+    scene = roughened(Scene(name="wall", surfaces=(ahead(distance, half_m=45.0),)), share, radar.mid_frequency_hz)
+    mirrors = Mirrors.of(scene, select("cpu"))
+    for count in (1000, 4000):
+        monkeypatch.setattr(traced, "DIRECTIONS", count)
+        points, rcs = rough_points(mirrors, radar)
+        total = np.sum(rcs / np.linalg.norm(points - [0, 0, 1], axis=1) ** 4)
+        assert 0.4 * count < len(points) < 0.51 * count
+        assert total == pytest.approx(2 * math.pi * share**2 / distance**2, rel=0.01)
+    # What is scattered is missing from the mirror's path.
+    (path,), (smooth,) = static_paths(mirrors, radar, order=1), found(ahead(distance), order=1)
+    ratio = path.coefficients(np.array([radar.mid_frequency_hz]))[0] / smooth.coefficients(np.array([radar.mid_frequency_hz]))[0]
+    assert abs(ratio) == pytest.approx(math.sqrt(1 - share**2), rel=1e-9)
+
+
+def test_points_are_seen_from_both_antennas() -> None:
+    """A screen before the receiver hides a part of the wall from it, and another from the transmitter."""
+    screen = plate("screen", [(1, 1.5, 0), (1, 2.5, 0), (1, 2.5, 2), (1, 1.5, 2)])
+    scene = roughened(Scene(name="two", surfaces=(ahead(3.0), screen)), 0.3, 77e9)
+    radar = Radar.preset("table2", rx_offsets_m=[[0.0, 2.0, 0.0]])
+    points, _ = rough_points(Mirrors.of(scene, select("cpu")), radar)
+    wall = points[points[:, 0] > 2]
+    assert len(wall) > 500
+    for middle_y, half_y in ((2.0, 1.5), (6.0, 1.5)):
+        hidden = np.abs(wall[:, 1:] - [middle_y, 1]) < [half_y - 1e-3, 3 - 1e-3]
+        assert not hidden.all(axis=1).any()
+    assert np.ptp(points[points[:, 0] < 2], axis=0)[1] > 0.9
+
+
+# --- shadows ---
+
+
+def moving(shape: object, start_m: tuple[float, float, float], speed_mps: tuple[float, float, float]) -> MovingMesh:
+    times = np.linspace(0, 1, 11)
+    way = np.array(start_m) + np.array(speed_mps) * times[:, None]
+    return MovingMesh(shape.vertices + way[:, None], shape.faces, times, material="pec")  # type: ignore[attr-defined]
+
+
+def knife_edge_db(v: np.ndarray) -> np.ndarray:
+    """Field behind a half-plane beside that without it [dB], v its height over the ray (ITU-R P.526)."""
+    from scipy.special import fresnel
+
+    sine, cosine = fresnel(v)
+    return 20 * np.log10(np.hypot(1 - cosine - sine, cosine - sine) / 2)
+
+
+def shadows(body: MovingMesh | Ellipsoids, way_m: list[tuple[float, float, float]], rate_hz: float = 25.0) -> Shadows:
+    return Shadows([body], [np.array(way_m)], 0.00385, rate_hz=rate_hz, backend=select("cpu"))
+
+
+def test_a_wide_plate_fades_a_path_as_a_knife_edge_does() -> None:
+    wide = box((0.002, 2.0, 2.0))
+    # Its leading edge goes from 0.2 m before the ray to 0.2 m beyond.
+    plane = moving(wide, (2.0, -1.2, 1.0), (0.0, 0.4, 0.0))
+    times = np.linspace(0, 1, 401)
+    share = shadows(plane, [(0, 0, 1), (4, 0, 1)], rate_hz=100.0).shares(times)[:, 0]
+    height = -0.2 + 0.4 * times
+    v = height * math.sqrt(2 / 0.00385 * (1 / 2 + 1 / 2))
+    loss = -20 * np.log10(np.maximum(share, 1e-9))
+    lit = v < 0.3
+    assert np.abs(loss[lit] + knife_edge_db(v)[lit]).max() < 2.5
+    assert loss[np.argmin(np.abs(v))] == pytest.approx(6.0, abs=1.0)
+    assert (loss[v > 1.5] > 20).all()
+    assert (share[v < -1.6] == 1).all()
+    # No steps: it takes some 60 mm to fade, a ray of the bundle is a 32nd.
+    assert (np.diff(share) < 1e-6).all()
+    assert np.abs(np.diff(share)).max() < 0.04
+
+
+def test_the_fresnel_zone_is_bent_at_mirrors() -> None:
+    way, wavelength = np.array([(0.0, 0.0, 1.0), (2.0, 2.0, 1.3), (5.0, -1.0, 1.75)]), 0.004
+    starts, stops = bundle(way, wavelength, 32, 4)
+    before, after = stops[3] - way[1], starts[4] - way[1]
+    assert np.abs(before * [1, -1, 1] - after).max() < 1e-12
+    first, second = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    radius = math.sqrt(wavelength * first * second / (first + second))
+    assert np.mean(np.sum(before**2, axis=1)) == pytest.approx(radius**2 / 2, rel=1e-9)
+    assert np.abs(before @ (way[1] - way[0])).max() < 1e-12
+
+
+def test_a_path_is_shadowed_on_the_way_out_and_back() -> None:
+    """The same rays meet a body both times: a half covered zone leaves a half, not a quarter."""
+    wide = moving(box((0.002, 2.0, 2.0)), (1.5, -1.0, 1.0), (0.0, 0.0, 0.0))
+    there_and_back = [(0.0, 0.0, 1.0), (3.0, 0.0, 1.0), (0.0, 0.0, 1.0)]
+    assert shadows(wide, there_and_back).shares(TIMES_S)[0, 0] == pytest.approx(0.5, abs=0.04)
+
+
+def test_bodies_of_ellipsoids_and_of_triangles_have_the_same_shadow() -> None:
+    times, radius = np.linspace(0, 1, 11), 0.15
+    ball = icosphere(subdivisions=2, radius=radius)
+    centres = np.array([2.0, -0.3, 1.0]) + np.array([0.0, 0.6, 0.0]) * times[:, None, None]
+    ellipsoid = Ellipsoids(np.full((1, 3), radius), centres, times)
+    asked = np.linspace(0, 1, 101)
+    way = [(0.0, 0.0, 1.0), (4.0, 0.0, 1.0)]
+    one, other = (shadows(body, way).shares(asked) for body in (ellipsoid, moving(ball, (2, -0.3, 1), (0, 0.6, 0))))
+    assert one.min() == 0
+    assert one.max() == 1
+    assert np.abs(one - other).max() < 1e-6
+
+
+def test_all_that_stands_still_stays_at_zero_doppler() -> None:
+    """Also in a shadow, and with rough walls."""
+    still = moving(icosphere(subdivisions=3, radius=0.15), (2.5, 0.4, 1.0), (0.0, 0.0, 0.0))
+    short = MovingMesh(still.vertices[:2], still.faces, np.array([0.0, 0.1]), material="pec")
+    radar = Radar.preset("table2", prf_hz=2000.0)
+    result = t2d.simulate(short, radar=radar, scene="living_room", clutter="diffuse", dynamic_range_db=20.0)
+    cube = result.adc.values[:, 0].astype(complex)
+    spectrum = np.fft.fft(get_window("hann", len(cube))[:, None] * cube, axis=0)
+    power = np.sum(np.abs(spectrum) ** 2, axis=1)
+    # A periodic Hann window holds a still line in the three cells around zero.
+    assert 10 * math.log10(power[2:-1].sum() / power.sum()) < -80
+    assert result.settings["clutter_paths"] > 50
+    assert result.settings["clutter_points"] > 2000
+
+
+def test_a_body_passes_before_a_wall() -> None:
+    """The wall's line fades while the body is in its way, and only then."""
+    scene = Scene(name="wall", surfaces=(ahead(3.0),))
+    body = moving(icosphere(subdivisions=2, radius=0.25), (1.5, -1.0, 1.0), (0.0, 2.0, 0.0))
+    radar = Radar.preset("table2", prf_hz=2000.0, rx_gain_dbi=9.0)
+    with_wall, alone = (
+        t2d.simulate(body, radar=radar, scene=scene, clutter=clutter, reflections=0).adc.values[:, 0].astype(complex)
+        for clutter in ("specular", "none")
+    )
+    level = np.mean(np.abs(with_wall - alone) ** 2, axis=1)
+    level_db = 10 * np.log10(level / level[0] + 1e-12)
+    middle = len(level) // 2
+    assert np.abs(level_db[: middle // 3]).max() < 0.01
+    assert np.abs(level_db[-middle // 3 :]).max() < 0.01
+    assert level_db[middle] < -60
+
+
+def test_what_clutter_there_may_be() -> None:
+    body = moving(icosphere(subdivisions=2, radius=0.1), (1.5, 0.0, 1.0), (0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="clutter must be 'specular', 'diffuse' or 'none', got 'all'"):
+        t2d.simulate(body, clutter="all")  # type: ignore[arg-type]
+    free = t2d.simulate(body, radar=Radar.preset("table2", prf_hz=100.0))
+    assert "clutter" not in free.settings
