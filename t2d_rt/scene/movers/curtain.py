@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from t2d_rt.constants import STANDARD_GRAVITY
-from t2d_rt.scene.movers.solids import Angle, Length, Substance, about_z, sheet, span
+from t2d_rt.scene.movers.solids import Angle, Length, Substance, about_z, moving, sheet
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Count, Fields, Number, Vector
 
@@ -78,6 +78,4 @@ class Curtain(Fields):
             moved[..., 0] += np.concatenate([swing, swing[..., ::-1]], axis=2).reshape(len(times_s), -1)
             return moved @ turn.T + self.position_m
 
-        return MovingMesh.from_track(
-            track, faces, span(start_s, stop_s), material=self.material, sagitta_rad=SAGITTA_RAD, name="curtain"
-        )
+        return moving(track, faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD, name=self.noun)

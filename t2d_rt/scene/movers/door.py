@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from t2d_rt.errors import InputError
-from t2d_rt.scene.movers.solids import Angle, Length, Seconds, Substance, about_z, ease, sheet, span
+from t2d_rt.scene.movers.solids import Angle, Length, Seconds, Substance, about_z, ease, moving, sheet
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector
 
@@ -68,4 +68,4 @@ class Door(Fields):
             angle = np.radians(self.heading_deg + self.angle_deg * self.opening(times_s))
             return np.einsum("kij,vj->kvi", about_z(angle), leaf) + self.position_m
 
-        return MovingMesh.from_track(track, faces, span(start_s, stop_s), material=self.material, name="door")
+        return moving(track, faces, start_s, stop_s, material=self.material, name=self.noun)

@@ -9,11 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from t2d_rt.scene.movers.solids import (
-    Angle, Length, Seconds, Substance, about_x, about_y, about_z, ball_profile, skin_faces, span, together,
+    Angle, Length, Seconds, Substance, about_x, about_y, about_z, ball_profile, moving, skin_faces, together,
 )  # fmt: skip
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Count, Fields, Number, Vector
-from t2d_rt.types.mesh import Track
 
 Rpm = Annotated[Number, Field(ge=-12_000, le=12_000)]
 Blades = Annotated[Count, Field(ge=1, le=12)]
@@ -62,7 +61,7 @@ class TableFan(Fields):
             head = about_z(np.radians(self.heading_deg + swing)) @ tilt
             return _turned(rotor, head @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
-        return _fan(self, track, faces, start_s, stop_s)
+        return moving(track, faces, start_s, stop_s, material=self.material, name=self.noun)
 
 
 class CeilingFan(Fields):
@@ -92,11 +91,7 @@ class CeilingFan(Fields):
         def track(times_s: np.ndarray) -> np.ndarray:
             return _turned(rotor, down @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
-        return _fan(self, track, faces, start_s, stop_s)
-
-
-def _fan(fan: TableFan | CeilingFan, track: Track, faces: np.ndarray, start_s: float, stop_s: float) -> MovingMesh:
-    return MovingMesh.from_track(track, faces, span(start_s, stop_s), material=fan.material, name=fan.noun)
+        return moving(track, faces, start_s, stop_s, material=self.material, name=self.noun)
 
 
 def _turned(rotor: np.ndarray, turn: np.ndarray, position_m: Vector) -> np.ndarray:

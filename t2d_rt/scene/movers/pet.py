@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from t2d_rt.constants import STANDARD_GRAVITY
 from t2d_rt.errors import InputError
 from t2d_rt.scene.movers.solids import (
-    Angle, Length, Substance, about_y, about_z, ball_profile, ease, skin_faces, span, together,
+    Angle, Length, Substance, about_y, about_z, ball_profile, ease, moving, skin_faces, together,
 )  # fmt: skip
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector
@@ -119,10 +119,9 @@ class Pet(Fields):
 
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
         """The skin between two times."""
-        times = span(start_s, stop_s)
-        _, faces = self._skin(times[:1])
-        return MovingMesh.from_track(
-            lambda times_s: self._skin(times_s)[0], faces, times, material=self.material, sagitta_rad=SAGITTA_RAD,
+        _, faces = self._skin(np.zeros(1))
+        return moving(
+            lambda times_s: self._skin(times_s)[0], faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD,
             name=self.animal,
         )  # fmt: skip
 
@@ -167,7 +166,9 @@ class Pet(Fields):
 
         def world(local: np.ndarray) -> np.ndarray:
             """Points (3,) or (K, 3) of the trunk's own frame, in units of the hip's height."""
-            place = np.array([0, 0, h]) + h * np.einsum("kij,kj->ki", about_y(pitch), np.broadcast_to(local, ground.shape))
+            place = np.array([0, 0, h]) + h * np.einsum(
+                "kij,kj->ki", about_y(pitch), np.broadcast_to(local, ground.shape)
+            )
             return ground + np.einsum("kij,kj->ki", turn, place)
 
         left = turn[:, :, 1]
@@ -235,6 +236,9 @@ def _capsule(start: np.ndarray, stop: np.ndarray, left: np.ndarray, first_m: flo
     half = len(height) // 2
     radius = np.repeat([first_m, last_m], half)
     x = (radius * height)[None] + np.where(np.arange(len(height)) < half, 0, length[:, None])
-    y, z = (np.broadcast_to((radius * width)[:, None] * wave, (len(x), len(height), AROUND)) for wave in (np.cos(angle), np.sin(angle)))
+    y, z = (
+        np.broadcast_to((radius * width)[:, None] * wave, (len(x), len(height), AROUND))
+        for wave in (np.cos(angle), np.sin(angle))
+    )
     local = np.stack([np.broadcast_to(x[..., None], y.shape), y, z], axis=-1).reshape(len(x), -1, 3)
     return start[:, None] + np.einsum("kij,kvj->kvi", frame, local), skin_faces(len(height), AROUND)

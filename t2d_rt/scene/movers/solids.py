@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, Protocol
+from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from t2d_rt.constants import VACUUM_PERMITTIVITY
 from t2d_rt.errors import InputError
 from t2d_rt.types import Material, MovingMesh
 from t2d_rt.types.fields import Number
+from t2d_rt.types.mesh import Track
 
 Length = Annotated[Number, Field(gt=0, le=20)]
 Seconds = Annotated[Number, Field(gt=0, le=3600)]
 Angle = Annotated[Number, Field(ge=-360, le=360)]
 
 
-def _known(material: Any) -> Any:
-    return MATERIALS.get(material, material) if isinstance(material, str) else material
-
-
-Substance = Annotated[str | Material, AfterValidator(_known)]
+Substance = str | Material
 """A `Material`, "plastic", "fabric", a body's material or an ITU name."""
 
 _LOSS_77_GHZ = 2 * math.pi * 77e9 * VACUUM_PERMITTIVITY
@@ -39,19 +36,16 @@ MATERIALS = {
 }  # fmt: skip
 
 
-class Mover(Protocol):
-    """Something that moves by itself."""
-
-    def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
-        """Its surface between two times [s]."""
-        ...
-
-
-def span(start_s: float, stop_s: float) -> np.ndarray:
-    """The two times as an array (2,) [s]."""
+def moving(
+    track: Track, faces: np.ndarray, start_s: float, stop_s: float, *, material: Substance, name: str,
+    sagitta_rad: float = 0.07,
+) -> MovingMesh:  # fmt: skip
+    """A mover's mesh between two times [s]."""
     if not (math.isfinite(start_s) and math.isfinite(stop_s) and start_s < stop_s):
         raise InputError(f"a mover's mesh needs finite start_s < stop_s, got {start_s} and {stop_s}")
-    return np.array([start_s, stop_s], float)
+    substance = MATERIALS.get(material, material) if isinstance(material, str) else material
+    times_s = np.array([start_s, stop_s], float)
+    return MovingMesh.from_track(track, faces, times_s, material=substance, sagitta_rad=sagitta_rad, name=name)
 
 
 def skin_faces(rings: int, around: int) -> np.ndarray:
