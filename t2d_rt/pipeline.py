@@ -260,7 +260,8 @@ def _check(
 ) -> None:  # fmt: skip
     if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, Target) for each in targets):
         raise InputError(
-            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {targets!r:.60}; load_motion reads a file"
+            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {targets!r:.60}; "
+            "load_motion reads a file"
         )
     if not isinstance(radar, Radar):
         raise InputError(f"radar must be a Radar, got {radar!r:.60}; Radar.preset(name) makes one of a preset's name")

@@ -5,6 +5,16 @@ from t2d_rt.scene.room import Opening, Piece, Room, Slab
 from t2d_rt.scene.xml import save_scene
 
 __all__ = [
-    *("CeilingFan", "Curtain", "Door", "Mover", "Opening", "Pet", "Piece", "Room", "Slab", "TableFan"),
-    *("mover", "save_scene"),
+    "CeilingFan",
+    "Curtain",
+    "Door",
+    "Mover",
+    "Opening",
+    "Pet",
+    "Piece",
+    "Room",
+    "Slab",
+    "TableFan",
+    "mover",
+    "save_scene",
 ]

@@ -26,30 +26,24 @@ __all__ = ["KINDS", "CeilingFan", "Curtain", "Door", "Mover", "Pet", "TableFan",
 
 def mover(entry: str | Mapping[str, Any]) -> Mover:
     """A mover from "kind:x,y,z,key=value,..." or from a mapping {kind: ..., position_m: [x, y, z], key: value, ...}."""
-    fields = parsed(entry)
-    kind = fields["kind"]
+    kind, place, fields = parsed(entry)
     if kind not in KINDS:
-        close = difflib.get_close_matches(str(kind), KINDS, n=1)
+        close = difflib.get_close_matches(kind, KINDS, n=1)
         hint = f"did you mean {close[0]}?" if close else f"choose one of {', '.join(KINDS)}"
         raise InputError(f"unknown mover {kind!r}; {hint}")
-    return KINDS[kind](**fields)
+    return KINDS[kind](**({"position_m": place} if place else {}), **fields)
 
 
-def parsed(entry: str | Mapping[str, Any]) -> dict[str, Any]:
-    """Names and values of a text "kind:value,value,...,key=value,...", the values without a name as position_m; of a mapping its own."""
-    if isinstance(entry, Mapping):
-        if "kind" not in entry:
-            raise InputError(f"a mover must be a mapping with a kind, got {dict(entry)!r:.60}; give kind: fan, say")
-        return {str(key): value for key, value in entry.items()}
+def parsed(entry: str | Mapping[str, Any]) -> tuple[str, list[str], dict[str, Any]]:
+    """Kind, values without a key and values by key, of a text "kind:value,...,key=value,..." or of a mapping with a kind."""
+    if isinstance(entry, Mapping) and isinstance(entry.get("kind"), str):
+        return entry["kind"], [], {str(key): value for key, value in entry.items() if key != "kind"}
     if not isinstance(entry, str) or ":" not in entry:
-        raise InputError(f"a mover is written as kind:x,y,z,key=value, got {entry!r:.60}; fan:2,1,1.2,rpm=900, say")
+        raise InputError(f"a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got {entry!r:.60}")
     kind, _, rest = entry.partition(":")
-    words = [word.strip() for word in rest.split(",") if word.strip()]
-    fields: dict[str, Any] = {"kind": kind.strip()}
-    if place := [word for word in words if "=" not in word]:
-        fields["position_m"] = place
-    for name, _, value in (word.partition("=") for word in words if "=" in word):
-        if name.strip() in fields:
-            raise InputError(f"{name.strip()} is given twice in {entry!r}; give it once")
-        fields[name.strip()] = value.strip()
-    return fields
+    pairs = [word.partition("=") for word in rest.split(",")]
+    fields = {key.strip(): value.strip() for key, equals, value in pairs if equals}
+    words = [word.strip() for word, equals, _ in pairs if not equals and word.strip()]
+    if len(fields) < sum(bool(equals) for _, equals, _ in pairs):
+        raise InputError(f"{entry!r:.100} gives a key twice; give it once")
+    return kind.strip(), words, fields

@@ -9,8 +9,18 @@ import numpy as np
 from pydantic import Field
 
 from t2d_rt.scene.movers.solids import (
-    Angle, Length, Seconds, Substance, about_x, about_y, about_z, ball_profile, moving, skin_faces, together,
-)  # fmt: skip
+    Angle,
+    Length,
+    Seconds,
+    Substance,
+    about_x,
+    about_y,
+    about_z,
+    ball_profile,
+    moving,
+    skin_faces,
+    together,
+)
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Count, Fields, Number, Vector
 
@@ -101,7 +111,7 @@ def _turned(rotor: np.ndarray, turn: np.ndarray, position_m: Vector) -> np.ndarr
 def _rotor(
     blades: int, radius_m: float, chord_m: float, thickness_m: float, pitch_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) m and faces (F, 3) of hub and blades that turn about +x, counter-clockwise seen from there, and blow to it."""
+    """Vertices (V, 3) m and faces (F, 3) of hub and blades that turn about +x, to where they blow."""
     hub_m = 0.22 * radius_m
     height, width = ball_profile(7)
     angle = 2 * math.pi * np.arange(HUB_AROUND) / HUB_AROUND

@@ -12,8 +12,16 @@ from pydantic import Field, model_validator
 from t2d_rt.constants import STANDARD_GRAVITY
 from t2d_rt.errors import InputError
 from t2d_rt.scene.movers.solids import (
-    Angle, Length, Substance, about_y, about_z, ball_profile, ease, moving, skin_faces, together,
-)  # fmt: skip
+    Angle,
+    Substance,
+    about_y,
+    about_z,
+    ball_profile,
+    ease,
+    moving,
+    skin_faces,
+    together,
+)
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector
 
@@ -56,13 +64,13 @@ BUILDS = {
     "cat": Build(0.24, 1.15, (0.76, 0.23, 0.27), 0.15, 0.11, 0.32, (0.22, 0.18, 0.17), 1.00),
 }
 UPPER, MIDDLE, LOWER = 0.42, 0.50, 0.33
-"""Parts of a leg in units of the hip's height. Upper and lower stay parallel: a pantograph (Fischer and Blickhan, J. Exp. Zool. 305A,
-2006), which bends like two parts of the lengths UPPER + LOWER and MIDDLE."""
+"""Parts of a leg in units of the hip's height. Upper and lower stay parallel, as in a pantograph (Fischer and Blickhan, J. Exp.
+Zool. 305A, 2006): it bends like two parts of the lengths UPPER + LOWER and MIDDLE."""
 PAW = (0.09, 0.055, 0.05)
 """Semi-axes of a paw."""
 LIFT, BOB = 0.12, 0.02
-"""How high a swinging paw is lifted; by how much hips and shoulders rise over a standing leg, out of phase with each other (Griffin,
-Main and Farley, J. Exp. Biol. 207, 2004)."""
+"""How high a swinging paw is lifted; by how much hips and shoulders rise over a standing leg, out of phase with each other
+(Griffin, Main and Farley, J. Exp. Biol. 207, 2004)."""
 NOD_DEG, WAG_DEG = 6.0, 15.0
 """Swing of the neck, twice in a stride, and of the tail, once."""
 
@@ -70,7 +78,7 @@ NOD_DEG, WAG_DEG = 6.0, 15.0
 class Pet(Fields):
     """A dog or a cat that walks on a circle to its left, or straight on.
 
-    Stride and speed belong together by Alexander's relation (docs/physics.md, eq. 25). Paws stand still on the floor while they bear.
+    Stride and speed belong together by Alexander's relation (docs/physics.md, eq. 25). Paws that bear stand still on the floor.
     """
 
     noun: ClassVar[str] = "pet"
@@ -94,7 +102,8 @@ class Pet(Fields):
         fastest = math.sqrt(FASTEST_WALK * STANDARD_GRAVITY * self.hip_m)
         if self.speed_mps > fastest:
             raise InputError(
-                f"a {self.animal} with hips {self.hip_m:.2g} m high trots at speed_mps {self.speed_mps:g}; it walks at up to {fastest:.2f}"
+                f"a {self.animal} with hips {self.hip_m:.2g} m high trots at {self.speed_mps:g} m/s; give a walk's speed_mps, "
+                f"up to {math.floor(100 * fastest) / 100:g}"
             )
         if self.turn_radius_m is not None and self.turn_radius_m < 2 * self.hip_m:
             raise InputError(
