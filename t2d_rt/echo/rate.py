@@ -12,8 +12,8 @@ from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 TOLERANCE_DB = -38.0
 """What the splines may add to the field's error."""
 TURN_RAD = 0.1
-"""By how much a mesh's edges may turn between frames, in the mean square, for the cubics of facets' amplitudes: the moving part of a
-fan's field errs by -24 dB at 0.1 rad, by -18 dB at 0.2 (validation/report, movers). A walker's delays ask for more than that."""
+"""By how much a mesh's edges may turn between frames, in the mean square, for the cubics of facets' amplitudes: a fan's moving
+field errs by -24 dB at 0.1 rad, by -18 dB at 0.2 (validation/report, movers). A walker's delays ask for more than that."""
 LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 10_000.0, 5.0
 SHORT_HZ = 400.0
 """For records too short for a look."""

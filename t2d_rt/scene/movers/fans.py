@@ -33,7 +33,7 @@ HUB_AROUND = 24
 FACET_M = 0.008
 """About the size of a blade's triangles: their phases may not part by much from one surface frame to the next."""
 PITCH_AT, TIP = 0.75, 0.94
-"""The radius, as a share of the tip's, that pitch is given at; how far the planform reaches towards its pointed ends."""
+"""The radius, as a share of the tip's, that pitch is given at; how far outline and section reach towards their pointed ends."""
 
 
 class TableFan(Fields):
@@ -126,7 +126,7 @@ def _rotor(
 def _blade(
     root_m: float, tip_m: float, chord_m: float, thickness_m: float, pitch_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """One blade along y: sections of elliptic outline on cylinders about x, pitched as the helicoid r tan(pitch) = constant.
+    """One blade along y: lens-shaped sections on cylinders about x, pitched as the helicoid r tan(pitch) = constant.
 
     So every point of a section is as far from the axis as the section, and no point farther than the tip.
     """
@@ -134,9 +134,10 @@ def _blade(
     radius = root_m + (tip_m - root_m) * (along + TIP) / (2 * TIP)
     pitch = np.arctan(PITCH_AT * tip_m * math.tan(math.radians(pitch_deg)) / radius)[:, None]
     half = max(4, math.ceil(chord_m / FACET_M))
-    angle = math.pi * (np.arange(2 * half) + 0.5) / half
+    lens = np.linspace(TIP, -TIP, half)
+    lens, bulge = np.concatenate([lens, lens[::-1]]), np.concatenate([1 - lens**2, lens**2 - 1])
     planform = np.sqrt(1 - along**4)[:, None]
-    chordwise, across = chord_m / 2 * planform * np.cos(angle), thickness_m / 2 * planform * np.sin(angle)
+    chordwise, across = chord_m / 2 * planform * lens / TIP, thickness_m / 2 * planform * bulge
     # The leading edge trails behind in x: what moves with it pushes the air to +x.
     forward = chordwise * np.cos(pitch) + across * np.sin(pitch)
     axial = across * np.cos(pitch) - chordwise * np.sin(pitch)
