@@ -39,15 +39,17 @@ def run() -> Section:
     for what, unit in (("flash rate", "Hz"), ("tip speed", "m/s")):
         errors = [abs(row[f"{what} [{unit}]"] / row[f"expected [{unit}]"] - 1) for row in rows]
         checks.append(Check(what=f"fan: {what}, worst of {len(FANS)}", measured=100 * max(errors), limit=2, unit="%"))
-    checks.append(Check(what="fan: field beside that of 5 times the frames", measured=frame_error_db(), limit=-20, unit="dB"))
+    checks.append(
+        Check(what="fan: field beside that of 5 times the frames", measured=frame_error_db(), limit=-20, unit="dB")
+    )
     return Section(
         title="Movers",
         checks=checks,
-        note="Fans edge on: the radar in the plane of the blades. Flash rate: the strongest frequency in the course of the power at "
-        f"more than 0.7 of the tip speed found, columns of {FLASH_CHIRPS} chirps. Tip speed: the highest speed at which the Doppler "
-        f"spectrum of the whole record, averaged over 1 % of itself, stands within {-EDGE_DB:g} dB of its mean over the outer half of "
-        "the speeds below; beyond the tip's it falls by as much within 2 %, since a turning point's harmonics J_n(2kr) do so beyond "
-        "n = 2kr. The field is compared without its mean over the chirps, the hub's echo. Gallery: occlusion off.",
+        note="Fans edge on: the radar in the plane of the blades. Flash rate: the strongest frequency in the course of the power "
+        f"at more than 0.7 of the tip speed found, columns of {FLASH_CHIRPS} chirps. Tip speed: the highest speed at which the "
+        f"Doppler spectrum of the whole record, averaged over 1 % of itself, stands within {-EDGE_DB:g} dB of its mean over the outer "
+        "half of the speeds below; beyond the tip's it falls by as much within 2 %, since a turning point's harmonics J_n(2kr) do so "
+        "beyond n = 2kr. The field is compared without its mean over the chirps, the hub's echo. Gallery: occlusion off.",
         table=rows,
         charts=[_gallery()],
     )  # fmt: skip

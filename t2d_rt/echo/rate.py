@@ -15,10 +15,8 @@ TURN_RAD = 0.1
 """By how much a mesh's edges may turn between frames, in the mean square, for the cubics of facets' amplitudes: a fan's moving
 field errs by -24 dB at 0.1 rad, by -18 dB at 0.2 (validation/report, movers). A walker's delays ask for more than that."""
 LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 10_000.0, 5.0
-SHORT_HZ = 400.0
-"""For records too short for a look."""
 PROBE_RATE_HZ, FINER = 240.0, 4.0
-"""How often motion is looked at, and by how much more often what then needs a higher rate than that."""
+"""How often motion is looked at, unless the record is shorter than a look; by how much more often what needs a higher rate."""
 PROBE_FRAMES = 12
 """Frames of one look, five of which make a fourth difference."""
 LOOKS_PER_S, LEAST_LOOKS, MOST_LOOKS = 3, 4, 40
@@ -30,7 +28,7 @@ def needed_rate_hz(shape: MovingMesh | Ellipsoids, radar: Radar, start_s: float,
     A cubic spline of frames h apart misses x(t) by 16 u^2 (1 - u)^2 h^4 x''''/384 within an interval; the square of that has the
     mean 0.406.
     """
-    probe_hz = PROBE_RATE_HZ
+    probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / (stop_s - start_s))
     needed = _needed(shape, radar, start_s, stop_s, probe_hz)
     while probe_hz < needed < MOST_HZ:
         probe_hz *= FINER
@@ -41,8 +39,6 @@ def needed_rate_hz(shape: MovingMesh | Ellipsoids, radar: Radar, start_s: float,
 def _needed(shape: MovingMesh | Ellipsoids, radar: Radar, start_s: float, stop_s: float, probe_hz: float) -> float:
     step = 1 / probe_hz
     length = (PROBE_FRAMES - 1) * step
-    if stop_s - start_s <= length:
-        return SHORT_HZ
     looks = int(np.clip(LOOKS_PER_S * (stop_s - start_s), LEAST_LOOKS, MOST_LOOKS))
     begin = np.linspace(start_s, stop_s - length, looks)
     times = (begin[:, None] + step * np.arange(PROBE_FRAMES)).ravel()

@@ -42,7 +42,7 @@ def parsed(entry: str | Mapping[str, Any]) -> tuple[str, list[str], dict[str, An
         raise InputError(f"a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got {entry!r:.60}")
     kind, _, rest = entry.partition(":")
     pairs = [word.partition("=") for word in rest.split(",")]
-    fields = {key.strip(): value.strip() for key, equals, value in pairs if equals}
+    fields = {key.strip(): None if value.strip() == "none" else value.strip() for key, equals, value in pairs if equals}
     words = [word.strip() for word, equals, _ in pairs if not equals and word.strip()]
     if len(fields) < sum(bool(equals) for _, equals, _ in pairs):
         raise InputError(f"{entry!r:.100} gives a key twice; give it once")
