@@ -15,7 +15,6 @@ from scipy.special import jn_zeros
 import t2d_rt as t2d
 from t2d_rt.errors import InputError
 from t2d_rt.scene import Mover, mover
-from t2d_rt.scene.movers.pet import DUTY_FACTOR, TOUCHDOWN
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 from validation.movers import seen
 
@@ -128,6 +127,8 @@ def test_blades_push_the_air_ahead(entry: str, axis: tuple[int, int, int]) -> No
 
 # --- gait ---
 
+TOUCHDOWN = {"left hind": 0.0, "left fore": 0.25, "right hind": 0.5, "right fore": 0.75}
+
 
 def paws(pet: t2d.Pet, times_s: np.ndarray) -> dict[str, np.ndarray]:
     """The four parts that reach lowest, (K, vertices, 3), by where they are."""
@@ -160,11 +161,13 @@ def test_paws_stand_still_in_lateral_sequence(entry: str) -> None:
     for name, vertices in found.items():
         moved = np.abs(np.diff(vertices, axis=0)).max(axis=(1, 2)) / pet.speed_mps / times[1]
         stands = moved < 1e-9
-        assert stands.mean() == pytest.approx(DUTY_FACTOR, abs=0.01)
+        assert stands.mean() == pytest.approx(0.65, abs=0.01)
         assert vertices[..., 2].min() == pytest.approx(0, abs=1e-9)
         assert vertices[1:][stands][..., 2].min(axis=1) == pytest.approx(0, abs=1e-9)
         touchdown = np.flatnonzero(stands[1:] & ~stands[:-1]) / steps
-        assert touchdown % 1 == pytest.approx(TOUCHDOWN[name] + 0 * touchdown, abs=0.02) or name == "left hind"
+        assert len(touchdown) in (strides - 1, strides)
+        late = touchdown - TOUCHDOWN[name]
+        assert late - np.round(late) == pytest.approx(np.zeros(len(late)), abs=0.02)
         if pet.turn_radius_m is None:
             assert np.linalg.norm(vertices[-1] - vertices[0], axis=1) == pytest.approx(strides * pet.stride_m)
 

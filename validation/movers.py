@@ -47,9 +47,10 @@ def run() -> Section:
         checks=checks,
         note="Fans edge on: the radar in the plane of the blades. Flash rate: the strongest frequency in the course of the power "
         f"at more than 0.7 of the tip speed found, columns of {FLASH_CHIRPS} chirps. Tip speed: the highest speed at which the "
-        f"Doppler spectrum of the whole record, averaged over 1 % of itself, stands within {-EDGE_DB:g} dB of its mean over the outer "
-        "half of the speeds below; beyond the tip's it falls by as much within 2 %, since a turning point's harmonics J_n(2kr) do so "
-        "beyond n = 2kr. The field is compared without its mean over the chirps, the hub's echo. Gallery: occlusion off.",
+        f"Doppler spectrum of the whole record, averaged over 1 % of itself, stands within {-EDGE_DB:g} dB of its mean over the "
+        "outer half of the speeds below; beyond the tip's it falls by as much within 2 %, since a turning point's harmonics "
+        "J_n(2kr) do so beyond n = 2kr. The field is compared without its mean over the chirps, the hub's echo. Gallery: occlusion "
+        "off.",
         table=rows,
         charts=[_gallery()],
     )  # fmt: skip
@@ -99,8 +100,8 @@ def _gallery() -> str:
     figure, axes = new_figure(figsize=(13, 3.4), ncols=len(GALLERY))
     radar = Radar.preset("table2")
     for ax, (name, (each, chirps)) in zip(axes, GALLERY.items(), strict=True):
-        image = t2d.simulate(each.mesh(0, GALLERY_S), radar=radar, occlusion=False)
-        image = image.processed(n_window=chirps, overlap=7 * chirps // 8).spectrogram
+        result = t2d.simulate(each.mesh(0, GALLERY_S), radar=radar, occlusion=False)
+        image = result.processed(n_window=chirps, overlap=7 * chirps // 8).spectrogram
         drawn = ax.pcolormesh(
             image.time_s, image.velocity_mps, image.values - float(image.values.max()), vmin=-DYNAMIC_RANGE_DB, vmax=0,
             rasterized=True, shading="nearest",
