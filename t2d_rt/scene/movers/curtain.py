@@ -26,7 +26,8 @@ class Curtain(Fields):
     """A curtain in folds that hangs from its rail and swings in a draught.
 
     Each vertical strip swings in the modes of a hanging chain, J_0(j_n sqrt(d/H)) at d above the lower edge, with angular
-    frequencies (j_n/2) sqrt(g/H): 0.4, 0.9 and 1.5 Hz for 2.2 m (Lamb, Dynamics, 1914). Their phases run along it as waves.
+    frequencies (j_n/2) sqrt(g/H): 0.4, 0.9 and 1.5 Hz for 2.2 m (Bernoulli; Watson, Bessel Functions, 1). Their phases run
+    along it as waves.
     """
 
     noun: ClassVar[str] = "curtain"

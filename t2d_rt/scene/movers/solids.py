@@ -9,7 +9,6 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from t2d_rt.constants import VACUUM_PERMITTIVITY
 from t2d_rt.errors import InputError
 from t2d_rt.types import Material, MovingMesh
 from t2d_rt.types.fields import Number
@@ -19,21 +18,15 @@ Length = Annotated[Number, Field(gt=0, le=20)]
 Seconds = Annotated[Number, Field(gt=0, le=3600)]
 Angle = Annotated[Number, Field(ge=-360, le=360)]
 
-
 Substance = str | Material
 """A `Material`, "plastic", "fabric", a body's material or an ITU name."""
-
-_LOSS_77_GHZ = 2 * math.pi * 77e9 * VACUUM_PERMITTIVITY
 MATERIALS = {
-    # Polypropylene, n = 1.50, tan delta = 7e-4 (Lamb, Int. J. Infrared Millim. Waves 17, 1996); moulded, not polished.
-    "plastic": Material(
-        name="plastic", relative_permittivity=2.25, conductivity_s_per_m=2.25 * 7e-4 * _LOSS_77_GHZ,
-        scattering_coefficient=0.1,
-    ),
-    # Half-space that reflects like 0.5 mm of curtain cotton, eps' = 1.47 (Sankaralingam and Gupta, IEEE Trans. Instrum. Meas. 59,
-    # 2010): -16 dB by physics.md, eq. 23. Woven threads are as rough as clothing.
+    # Polypropylene, n = 1.50 and hardly lossy (Lamb, Int. J. Infrared Millim. Waves 17, 1996); moulded, so nearly smooth.
+    "plastic": Material(name="plastic", relative_permittivity=2.25, scattering_coefficient=0.1),
+    # A half-space that reflects like 0.5 mm of curtain cotton, eps' = 1.47 at 2.45 GHz (Sankaralingam and Gupta, IEEE Trans.
+    # Instrum. Meas. 59, 2010): -16 dB by physics.md, eq. 23. Woven threads are taken to be as rough as clothing.
     "fabric": Material(name="fabric", relative_permittivity=1.9, scattering_coefficient=0.6),
-}  # fmt: skip
+}
 
 
 def moving(
