@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from t2d_rt.pipeline import segments, simulate, skin
     from t2d_rt.radar.synthesize import synthesize
     from t2d_rt.result import Simulation
-    from t2d_rt.scene import Room, save_scene
+    from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.signal import load_recording
     from t2d_rt.trace.scenes import load_scene
     from t2d_rt.types import Echoes, EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, Surface
@@ -28,7 +28,7 @@ _HOMES = {
     "t2d_rt.motion": ("describe", "load_motion", "motion_from_joints", "place", "repeat", "resample", "smooth", "trim"),
     "t2d_rt.radar.synthesize": ("synthesize",),
     "t2d_rt.result": ("Simulation",),
-    "t2d_rt.scene": ("Room", "save_scene"),
+    "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
     "t2d_rt.signal": ("load_recording",),
     "t2d_rt.pipeline": ("segments", "simulate", "skin"),
     "t2d_rt.trace.scenes": ("load_scene",),
@@ -40,6 +40,9 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
     "BackendError",
+    "CeilingFan",
+    "Curtain",
+    "Door",
     "EchoStream",
     "Echoes",
     "Ellipsoids",
@@ -47,6 +50,7 @@ __all__ = [
     "Material",
     "Motion",
     "MovingMesh",
+    "Pet",
     "Radar",
     "Room",
     "Scene",
@@ -54,11 +58,13 @@ __all__ = [
     "Surface",
     "T2DError",
     "T2DWarning",
+    "TableFan",
     "describe",
     "load_motion",
     "load_recording",
     "load_scene",
     "motion_from_joints",
+    "mover",
     "place",
     "repeat",
     "resample",

@@ -13,3 +13,6 @@ VACUUM_PERMITTIVITY = 8.854_187_8128e-12
 
 REFERENCE_TEMPERATURE_K = 290.0
 """Noise reference temperature (IEEE)."""
+
+STANDARD_GRAVITY = 9.806_65
+"""m/s^2"""

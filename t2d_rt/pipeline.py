@@ -24,13 +24,13 @@ from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
 from t2d_rt.room import Clutter, clutter_streams, coarse_views, coarser, find_ways, full_views
-from t2d_rt.scene import Room
+from t2d_rt.scene import Mover, Room
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 
 Method = Literal["mesh", "ellipsoid"]
-Target = Motion | MovingMesh | Ellipsoids
+Target = Motion | MovingMesh | Ellipsoids | Mover
 
 
 def simulate(
@@ -53,12 +53,12 @@ def simulate(
     device: Device = "auto",
     progress: Progress | None = None,
 ) -> Simulation:
-    """Radar recording of a motion, a moving mesh, ellipsoids or a list of them.
+    """Radar recording of a motion, a moving mesh, ellipsoids, or a list of them with movers (fans, pets) among them.
 
     Parameters
     ----------
     target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar where it has not been.
-        The record is the time that all targets share; its own clock starts at 0.
+        The record is the time that all targets share, movers going on for as long; its own clock starts at 0.
     radar: the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     reflections: greatest number of them on the ways out and back together.
@@ -67,7 +67,7 @@ def simulate(
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.
-    material: of everything; by default a body's is "skin" and a mesh's its own.
+    material: of everything but movers; by default a body's is "skin" and a mesh's its own.
     occlusion: whether what stands in front hides what is behind: traced at the meshes' own vertices at `occlusion_rate_hz`, faded
         in between. A wall needs vertices where a shadow may end; gaps under 4 mm are not seen.
     occlusion_rate_hz: how often visibility is traced; 25 suits walking.
@@ -84,9 +84,12 @@ def simulate(
     _check_room(reflections, dynamic_range_db, clutter)
     backend = select(device)
     around = _around(scene)
-    shapes = [_shape(each, method, body, material, radar) for each in targets]
+    shapes = _shapes(targets, method, body, material, radar)
     times_s = _frames(shapes, radar, surface_rate_hz)
-    substances = [_material(shape.material if material is None else material, radar) for shape in shapes]
+    substances = [
+        _material(shape.material if material is None or isinstance(target, Mover) else material, radar)
+        for shape, target in zip(shapes, targets, strict=True)
+    ]
     for shape in shapes:
         _check_shape(shape, radar, times_s)
     ways = None
@@ -167,8 +170,21 @@ def _around(scene: Any) -> Scene | None:
     return None if scene == "free_space" else load_scene(scene)
 
 
+def _shapes(
+    targets: Sequence[Target], method: Method, body: str, material: str | Material | None, radar: Radar
+) -> list[MovingMesh | Ellipsoids]:
+    """The targets' shapes; those of movers over the time that the others share."""
+    lasting = {n: _shape(t, method, body, material, radar) for n, t in enumerate(targets) if not isinstance(t, Mover)}
+    if not lasting:
+        raise InputError(
+            f"movers alone have no end, got {targets!r:.60}; give one of them as its mesh, mover.mesh(0, 5) for 5 s"
+        )
+    time_s = _shared_time(list(lasting.values()))
+    return [t.mesh(*time_s) if isinstance(t, Mover) else lasting[n] for n, t in enumerate(targets)]
+
+
 def _shape(
-    target: Target, method: Method, body: str, material: str | Material | None, radar: Radar
+    target: Motion | MovingMesh | Ellipsoids, method: Method, body: str, material: str | Material | None, radar: Radar
 ) -> MovingMesh | Ellipsoids:
     if not isinstance(target, Motion):
         if isinstance(target, MovingMesh) and method == "ellipsoid":
@@ -185,14 +201,20 @@ def _placed(motion: Motion, radar: Radar) -> Motion:
     return motion if motion.placed else place(motion, radar_position_m=radar.position_m, boresight=radar.boresight)
 
 
-def _frames(shapes: Sequence[MovingMesh | Ellipsoids], radar: Radar, rate_hz: float | None) -> np.ndarray:
-    """Surface frames over the time that all targets share [s]."""
+def _shared_time(shapes: Sequence[MovingMesh | Ellipsoids]) -> tuple[float, float]:
+    """First and last moment that all targets share [s]."""
     start = max(float(s.times_s[0]) for s in shapes)
     stop = min(float(s.times_s[-1]) for s in shapes)
     if not stop > start:
         raise InputError(
             f"the targets share no time (last start {start:.6g} s, first end {stop:.6g} s); give overlapping times_s"
         )
+    return start, stop
+
+
+def _frames(shapes: Sequence[MovingMesh | Ellipsoids], radar: Radar, rate_hz: float | None) -> np.ndarray:
+    """Surface frames over the time that all targets share [s]."""
+    start, stop = _shared_time(shapes)
     if rate_hz is None:
         rate_hz = max(needed_rate_hz(shape, radar, start, stop) for shape in shapes)
     return np.linspace(start, stop, max(4, int(np.ceil((stop - start) * rate_hz)) + 1))
@@ -252,7 +274,8 @@ def _check(
 ) -> None:  # fmt: skip
     if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, Target) for each in targets):
         raise InputError(
-            f"target must be a Motion, a MovingMesh, Ellipsoids or a list of them, got {targets!r:.60}; load_motion reads a file"
+            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {targets!r:.60}; "
+            "load_motion reads a file"
         )
     if not isinstance(radar, Radar):
         raise InputError(f"radar must be a Radar, got {radar!r:.60}; Radar.preset(name) makes one of a preset's name")

@@ -147,6 +147,37 @@ def test_values_that_begin_with_a_dash(run: Command) -> None:
     assert (values["motion"]["up"], values["angle_deg"], values["signal"]["kernel"]) == ("-z", -45, [-1, 2, -1])
 
 
+def test_movers_and_persons_are_added(run: Command) -> None:
+    fan = {"kind": "fan", "position_m": [2, 1, 1], "rpm": 60}
+    other = "person:walk.bvh,distance_m=3,angle_deg=20,stop_s=0.2"
+    dump("added.yaml", {"add": [fan, other]})
+    plain = run("simulate", "walk.bvh", *QUICK, "--occlusion", "false", "-o", "plain.zarr")
+    by_file = run("simulate", "walk.bvh", *QUICK, "--occlusion", "false", "--config", "added.yaml", "-o", "file.zarr")
+    by_option = run(
+        "simulate",
+        "walk.bvh",
+        *QUICK,
+        "--occlusion",
+        "false",
+        "--add",
+        "fan:2,1,1,rpm=60",
+        "--add",
+        other,
+        "-o",
+        "option.zarr",
+    )
+    assert (plain.code, by_file.code, by_option.code) == (0, 0, 0), by_file.err + by_option.err
+    file, option = t2d.Simulation.load("file.zarr"), t2d.Simulation.load("option.zarr")
+    assert np.array_equal(np.asarray(file.cube), np.asarray(option.cube))
+    assert len(file.cube) == len(file.radar.chirp_times_s(0.2))  # the other person's record is the shorter one
+    assert (
+        np.abs(np.asarray(file.cube) - np.asarray(t2d.Simulation.load("plain.zarr").cube)[: len(file.cube)]).max() > 0
+    )
+    added = file.settings["added"]
+    assert [each["kind"] for each in added] == ["fan", "person"]
+    assert (added[0]["rpm"], added[1]["distance_m"]) == (60, 3)
+
+
 def test_compare_prints_figures_and_draws(run: Command) -> None:
     radar = ("--radar", "ci4r", "--radar.prf-hz=8000", "--sagitta-rad=1")
     code, out, err = run("compare", "walk.bvh", *radar, "--start-s=2", "--stop-s=2.4")
@@ -324,6 +355,11 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--sagitta-rad 9", "sagitta_rad must lie in 0.01..2 rad"),
         ("--stop-s 0.01 --signal.n_window 256", "record of 85 chirps is shorter than the STFT window of 256"),
         ("--config gone.yaml", "cannot read config file gone.yaml: No such file"),
+        ("--add fan", "a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got 'fan'"),
+        ("--add fam:1,2,3", "unknown mover 'fam'; did you mean fan?"),
+        ("--add fan:1,2,3,rpms=4", "unknown fan key 'rpms'; did you mean rpm?"),
+        ("--add person:gone.bvh", "cannot read gone.bvh: No such file"),
+        ("--add person:distance_m=3", "person key file is missing; write person:FILE.bvh"),
     ],
 )
 def test_options_that_cannot_be_used(refused: Callable[..., str], options: str, sentence: str) -> None:
@@ -338,6 +374,8 @@ def test_options_that_cannot_be_used(refused: Callable[..., str], options: str, 
         ("radar: nope", "unknown radar preset 'nope'"),
         ("signal: 4", "'signal' in config file run.yaml must hold options and values, got 4"),
         ("seed: x", "option seed must be a whole number, got 'x'"),
+        ("add: 3", "option add must be a list such as [fan:2,1,1, pet:3,0,0], got '3'"),
+        ("add: [{kind: fan}]", "fan key position_m is missing"),
         ("overwrite: 7", "option overwrite must be true or false, got '7'"),
         ("- a", "must hold options and values such as 'seed: 3'"),
         ("", "must hold options and values such as 'seed: 3'"),

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
     from matplotlib.figure import Figure
 
+    from t2d_rt.cli.add import Person
     from t2d_rt.pipeline import Method
     from t2d_rt.result import Simulation
+    from t2d_rt.scene import Mover
     from t2d_rt.types import Motion, Radar
 
 
@@ -104,9 +106,10 @@ def _overview() -> str:
 
 
 def _simulate(options: Namespace) -> None:
+    from t2d_rt.cli.add import additions
     from t2d_rt.result import check_free
 
-    source = Path(options.file)
+    source, added = Path(options.file), additions(options.add)
     target = Path(options.output or f"{_stem(source)}.zarr")
     if target.suffix != ".zarr":
         raise InputError(f"a result is a folder that ends in .zarr, got '{target}'; the picture is written beside it")
@@ -115,7 +118,7 @@ def _simulate(options: Namespace) -> None:
     _check_picture(picture, overwrite=options.overwrite)
     radar = _radar(options)
     motion = _motion(options, source, radar)
-    result = _recorded(motion, options, radar, options.method)
+    result = _recorded(motion, options, radar, options.method, added)
     with _picture(result.plot(title=f"{source.name}, {options.method}"), picture):
         result.save(target, overwrite=options.overwrite)
     print(f"wrote {target} and {picture}")
@@ -213,8 +216,12 @@ def _motion(options: Namespace, source: Path, radar: Radar) -> Motion:
     )
 
 
-def _recorded(motion: Motion, options: Namespace, radar: Radar, method: Method) -> Simulation:
+def _recorded(
+    motion: Motion, options: Namespace, radar: Radar, method: Method, added: Sequence[Mover | Person] = ()
+) -> Simulation:
+    from t2d_rt.cli.add import Person
     from t2d_rt.pipeline import simulate
+    from t2d_rt.types import Motion
 
     names = (
         "scene", "reflections", "dynamic_range_db", "clutter", "seed", "body", "material", "occlusion", "occlusion_rate_hz",
@@ -222,11 +229,14 @@ def _recorded(motion: Motion, options: Namespace, radar: Radar, method: Method) 
         "phase_from", "device",
     )  # fmt: skip
     processing = options.signal.as_dict()
-    _check_processing(processing, radar, motion.duration_s)
+    targets = [motion, *(each.motion(radar) if isinstance(each, Person) else each for each in added)]
+    _check_processing(processing, radar, min(each.duration_s for each in targets if isinstance(each, Motion)))
     with _progress(method) as progress:
-        result = simulate(motion, radar=radar, method=method, progress=progress, **{n: options[n] for n in names})
+        result = simulate(targets, radar=radar, method=method, progress=progress, **{n: options[n] for n in names})
     source = {name: options[name] for name in ("file", "distance_m", "angle_deg", "start_s", "stop_s")}
     result.settings["motion"] = {**source, **options.motion.as_dict()}
+    if added:
+        result.settings["added"] = [each.model_dump(mode="json") for each in added]
     return result.processed(**processing)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import re
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ EXAMPLES = {
   t2d-rt simulate walk.bvh --method ellipsoid --radar ci4r
   t2d-rt simulate walk.bvh --radar.prf-hz 12800 --distance-m 4 --seed 3
   t2d-rt simulate walk.bvh --radar my_radar.yaml --signal.mti highpass --overwrite
+  t2d-rt simulate walk.bvh --scene living_room --add fan:2,1,1,rpm=300 --add person:other.bvh,distance_m=3
   t2d-rt simulate walk.bvh --print_config > walk.yaml        # every option with its value
   t2d-rt simulate --config walk.yaml""",
     "compare": """examples:
@@ -58,6 +60,8 @@ PLAIN_TYPES = {
     "<class 'str'>": "a text",
     "<class 'tuple'>": "a list such as [1, 2.5]",
     "<class 'collections.abc.Sequence'>": "a list such as [1, -2, 1]",
+    "<class 'list'>": "a list such as [fan:2,1,1, pet:3,0,0]",
+    "<class 'dict'>": "a mapping such as {kind: fan, position_m: [2, 1, 1]}",
     "<class 'NoneType'>": "null",
 }
 """What the parser says, in words of its users."""
@@ -67,6 +71,13 @@ def simulate_parser() -> ArgumentParser:
     """Options of `t2d-rt simulate`."""
     parser = _parser("simulate", "Radar recording and micro-Doppler spectrogram of a motion file.")
     _add_run(parser, output="result folder (.zarr), the picture beside it; FILE's name by default")
+    parser.add_argument(
+        "--add",
+        type=list[str | dict[str, Any]],
+        default=[],
+        help="what moves beside it, once for each: fan:X,Y,Z,rpm=900, ceiling_fan:, curtain:, door:, pet:X,Y,Z,animal=cat, "
+        "person:FILE,distance_m=3; in a config file a list",
+    )
     _add_model(parser)
     return parser
 
@@ -193,6 +204,7 @@ def resolved(arguments: Sequence[str]) -> list[str]:
     files: list[str] = []
     configs: list[str] = []
     radars: list[str] = []
+    added: list[str] = []
     rest: list[str] = []
     waiting = list(arguments)
     while waiting:
@@ -215,12 +227,15 @@ def resolved(arguments: Sequence[str]) -> list[str]:
             configs.append(f"--config={_config_text(value)}")
         elif name == "--radar":
             radars.append(f"--config={_yaml({'radar': _radar_fields(value)})}")
+        elif name == "--add":
+            added.append(value)
         elif name == "--file":
             files.append(value)
         else:
             rest.append(f"{name}={value}")
     if len(files) > 1:
         raise InputError(f"expected one file, got {len(files)} ({', '.join(files)}); run once for each")
+    rest += [f"--add={json.dumps(added)}"] if added else []
     return [*configs, *radars, *(f"--file={name}" for name in files), *rest]
 
 

@@ -1,6 +1,20 @@
-"""Rooms: walls with doors and windows, furniture by name, written as Mitsuba/Sionna XML."""
+"""Rooms: walls with doors and windows, furniture by name, written as Mitsuba/Sionna XML; movers: what moves by itself."""
 
+from t2d_rt.scene.movers import CeilingFan, Curtain, Door, Mover, Pet, TableFan, mover
 from t2d_rt.scene.room import Opening, Piece, Room, Slab
 from t2d_rt.scene.xml import save_scene
 
-__all__ = ["Opening", "Piece", "Room", "Slab", "save_scene"]
+__all__ = [
+    "CeilingFan",
+    "Curtain",
+    "Door",
+    "Mover",
+    "Opening",
+    "Pet",
+    "Piece",
+    "Room",
+    "Slab",
+    "TableFan",
+    "mover",
+    "save_scene",
+]

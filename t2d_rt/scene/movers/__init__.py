@@ -1,0 +1,49 @@
+"""Movers: fans, curtains, doors and pets, each a model that makes its moving mesh.
+
+>>> mover("fan:2,1,1.2,rpm=600").rpm
+600.0
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+from t2d_rt.errors import InputError
+from t2d_rt.scene.movers.curtain import Curtain
+from t2d_rt.scene.movers.door import Door
+from t2d_rt.scene.movers.fans import CeilingFan, TableFan
+from t2d_rt.scene.movers.pet import Pet
+
+Mover = TableFan | CeilingFan | Curtain | Door | Pet
+KINDS: dict[str, type[Mover]] = {
+    "fan": TableFan, "ceiling_fan": CeilingFan, "curtain": Curtain, "door": Door, "pet": Pet,
+}  # fmt: skip
+
+__all__ = ["KINDS", "CeilingFan", "Curtain", "Door", "Mover", "Pet", "TableFan", "mover", "parsed"]
+
+
+def mover(entry: str | Mapping[str, Any]) -> Mover:
+    """A mover from "kind:x,y,z,key=value,..." or from a mapping {kind: ..., position_m: [x, y, z], key: value, ...}."""
+    kind, place, fields = parsed(entry)
+    if kind not in KINDS:
+        close = difflib.get_close_matches(kind, KINDS, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"choose one of {', '.join(KINDS)}"
+        raise InputError(f"unknown mover {kind!r}; {hint}")
+    return KINDS[kind](**({"position_m": place} if place else {}), **fields)
+
+
+def parsed(entry: str | Mapping[str, Any]) -> tuple[str, list[str], dict[str, Any]]:
+    """Kind, values without a key and values by key, of a text "kind:value,...,key=value,..." or of a mapping with a kind."""
+    if isinstance(entry, Mapping) and isinstance(entry.get("kind"), str):
+        return entry["kind"], [], {str(key): value for key, value in entry.items() if key != "kind"}
+    if not isinstance(entry, str) or ":" not in entry:
+        raise InputError(f"a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got {entry!r:.60}")
+    kind, _, rest = entry.partition(":")
+    pairs = [word.partition("=") for word in rest.split(",")]
+    fields = {key.strip(): None if value.strip() == "none" else value.strip() for key, equals, value in pairs if equals}
+    words = [word.strip() for word, equals, _ in pairs if not equals and word.strip()]
+    if len(fields) < sum(bool(equals) for _, equals, _ in pairs):
+        raise InputError(f"{entry!r:.100} gives a key twice; give it once")
+    return kind.strip(), words, fields

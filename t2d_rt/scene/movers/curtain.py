@@ -1,0 +1,82 @@
+"""A curtain in a draught."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from t2d_rt.constants import STANDARD_GRAVITY
+from t2d_rt.scene.movers.solids import Angle, Length, Substance, about_z, moving, sheet
+from t2d_rt.types import MovingMesh
+from t2d_rt.types.fields import Count, Fields, Number, Vector
+
+THICKNESS_M = 0.002
+MODES = 3
+"""Modes of the hanging cloth that the draught keeps going, the n-th with 1/n^2 of the amplitude."""
+SAGITTA_RAD = 0.5
+"""Of its facets: most of a curtain's echo is diffuse, and its folds are narrow."""
+PER_FOLD, ROW_M = 12, 0.1
+"""Columns of vertices in one fold, and the height of a row."""
+
+
+class Curtain(Fields):
+    """A curtain in folds that hangs from its rail and swings in a draught.
+
+    Each vertical strip swings in the modes of a hanging chain, J_0(j_n sqrt(d/H)) at d above the lower edge, with angular
+    frequencies (j_n/2) sqrt(g/H): 0.4, 0.9 and 1.5 Hz for 2.2 m (Bernoulli; Watson, Bessel Functions, 1). Their phases run
+    along it as waves.
+    """
+
+    noun: ClassVar[str] = "curtain"
+
+    kind: Literal["curtain"] = "curtain"
+    position_m: Vector
+    """Middle of its upper edge, at the rail [m]."""
+    heading_deg: Angle = 180.0
+    """Where its front looks: 0 is +x, 90 is +y."""
+    width_m: Length = 1.2
+    height_m: Length = 2.2
+    fold_m: Annotated[Number, Field(gt=0.02, le=1)] = 0.15
+    """From one fold to the next."""
+    depth_m: Annotated[Number, Field(ge=0, le=0.5)] = 0.04
+    """Of the folds, from crest to trough."""
+    draught_m: Annotated[Number, Field(ge=0, le=0.5)] = 0.08
+    """Strength of the draught: amplitude of the slowest swing at the lower edge."""
+    wavelength_m: Length = 1.0
+    """Of the waves that run along the curtain."""
+    seed: Annotated[Count, Field(ge=0)] = 0
+    """Of the waves' phases and directions."""
+    material: Substance = "fabric"
+
+    def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
+        """The cloth between two times."""
+        from scipy.special import j0, jn_zeros
+
+        columns = max(4, math.ceil(PER_FOLD * self.width_m / self.fold_m)) + 1
+        rows = max(4, math.ceil(self.height_m / ROW_M)) + 1
+        aside = np.linspace(-self.width_m / 2, self.width_m / 2, columns)
+        up = np.linspace(0, 1, rows)
+        folds = self.depth_m / 2 * np.sin(2 * math.pi * aside / self.fold_m)
+        # Seen from its front, which looks along +x, the curtain's +y is to the right.
+        rest = np.stack(np.broadcast_arrays(folds, aside, (up[:, None] - 1) * self.height_m), axis=-1)
+        zeros = jn_zeros(0, MODES)
+        frequency = zeros / 2 * math.sqrt(STANDARD_GRAVITY / self.height_m)
+        shape = j0(zeros * np.sqrt(up)[:, None]) * self.draught_m / np.arange(1, MODES + 1) ** 2
+        shape[-1] = 0  # at the rail, where a zero is one to rounding only
+        rng = np.random.default_rng(self.seed)
+        phase, way = rng.uniform(0, 2 * math.pi, MODES), rng.choice([-1, 1], MODES)
+        wave = way * 2 * math.pi * aside[:, None] / self.wavelength_m + phase
+        turn = about_z(math.radians(self.heading_deg))
+        half = np.array([THICKNESS_M / 2, 0, 0])
+        front, faces = sheet(rest + half, rest - half)
+
+        def track(times_s: np.ndarray) -> np.ndarray:
+            swing = np.einsum("rm,kcm->krc", shape, np.sin(frequency * times_s[:, None, None] - wave))
+            moved = np.repeat(front[None], len(times_s), axis=0)
+            moved[..., 0] += np.concatenate([swing, swing[..., ::-1]], axis=2).reshape(len(times_s), -1)
+            return moved @ turn.T + self.position_m
+
+        return moving(track, faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD, name=self.noun)

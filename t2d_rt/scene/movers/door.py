@@ -1,0 +1,71 @@
+"""A door that opens and closes."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from t2d_rt.errors import InputError
+from t2d_rt.scene.movers.solids import Angle, Length, Seconds, Substance, about_z, ease, moving, sheet
+from t2d_rt.types import MovingMesh
+from t2d_rt.types.fields import Fields, Number, Vector
+
+STEP_M = 0.1
+"""Between vertices: shadows are looked at there."""
+
+
+class Door(Fields):
+    """The leaf of a door, which opens smoothly, once or again and again. Its edge moves by up to 15/8 width angle/opening_s."""
+
+    noun: ClassVar[str] = "door"
+
+    kind: Literal["door"] = "door"
+    position_m: Vector
+    """Lower end of the hinges' line [m]."""
+    heading_deg: Angle = 90.0
+    """Where the closed leaf points from its hinges: 0 is +x, 90 is +y."""
+    width_m: Length = 0.8
+    height_m: Length = 2.0
+    thickness_m: Annotated[Number, Field(gt=0, le=0.5)] = 0.04
+    angle_deg: Angle = 80.0
+    """By how much it opens, counter-clockwise from above; negative the other way."""
+    opens_at_s: Annotated[Number, Field(ge=0)] = 0.5
+    opening_s: Seconds = 1.5
+    """What opening, and closing, takes."""
+    period_s: Seconds | None = 5.0
+    """From one opening to the next; it closes half of that after it opens. None: it opens once and stays so."""
+    material: Substance = "wood"
+
+    @model_validator(mode="after")
+    def _check_together(self) -> Self:
+        if self.period_s is not None and self.period_s < 2 * self.opening_s:
+            raise InputError(
+                f"a door of period_s {self.period_s:g} s cannot open and close in {self.opening_s:g} s each; "
+                f"raise period_s to {2 * self.opening_s:g} or more"
+            )
+        return self
+
+    def opening(self, times_s: np.ndarray) -> np.ndarray:
+        """How far it is open (K,), 0..1."""
+        since = times_s - self.opens_at_s
+        if self.period_s is None:
+            return ease(since / self.opening_s)
+        since = np.where(since < 0, 0, since % self.period_s)
+        return ease(since / self.opening_s) - ease((since - self.period_s / 2) / self.opening_s)
+
+    def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
+        """The leaf between two times."""
+        along = np.linspace(0, self.width_m, max(2, math.ceil(self.width_m / STEP_M)) + 1)
+        up = np.linspace(0, self.height_m, max(2, math.ceil(self.height_m / STEP_M)) + 1)
+        middle = np.stack(np.broadcast_arrays(along, 0.0, up[:, None]), axis=-1)
+        half = np.array([0, self.thickness_m / 2, 0])
+        leaf, faces = sheet(middle - half, middle + half)
+
+        def track(times_s: np.ndarray) -> np.ndarray:
+            angle = np.radians(self.heading_deg + self.angle_deg * self.opening(times_s))
+            return np.einsum("kij,vj->kvi", about_z(angle), leaf) + self.position_m
+
+        return moving(track, faces, start_s, stop_s, material=self.material, name=self.noun)

@@ -1,0 +1,146 @@
+"""Table fan and ceiling fan: a hub and twisted blades."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from t2d_rt.scene.movers.solids import (
+    Angle,
+    Length,
+    Seconds,
+    Substance,
+    about_x,
+    about_y,
+    about_z,
+    ball_profile,
+    moving,
+    skin_faces,
+    together,
+)
+from t2d_rt.types import MovingMesh
+from t2d_rt.types.fields import Count, Fields, Number, Vector
+
+Rpm = Annotated[Number, Field(ge=-12_000, le=12_000)]
+Blades = Annotated[Count, Field(ge=1, le=12)]
+Pitch = Annotated[Number, Field(ge=0, le=80)]
+
+HUB_AROUND = 24
+"""Points around the hub."""
+FACET_M = 0.008
+"""About the size of a blade's triangles: their phases may not part by much from one surface frame to the next."""
+PITCH_AT, TIP = 0.75, 0.94
+"""The radius, as a share of the tip's, that pitch is given at; how far outline and section reach towards their pointed ends."""
+
+
+class TableFan(Fields):
+    """A table or pedestal fan: hub and blades. Motor, stand and wire guard stand still and are left out."""
+
+    noun: ClassVar[str] = "fan"
+
+    kind: Literal["fan"] = "fan"
+    position_m: Vector
+    """Of the hub, in the blades' middle [m]."""
+    heading_deg: Angle = 180.0
+    """Where it blows: 0 is +x, 90 is +y; the middle of its swing."""
+    elevation_deg: Annotated[Number, Field(ge=-90, le=90)] = 0.0
+    """By how much it blows upwards."""
+    blades: Blades = 3
+    radius_m: Length = 0.18
+    """Of the blades' tips."""
+    pitch_deg: Pitch = 25.0
+    """Of the blades against the plane they turn in, at 3/4 of the radius; twisted as the helicoid of that pitch."""
+    rpm: Rpm = 900.0
+    """Turns per minute; negative runs backwards."""
+    swing_deg: Annotated[Number, Field(ge=0, le=360)] = 0.0
+    """From one end of its swing to the other."""
+    swing_period_s: Seconds = 12.0
+    """To and fro."""
+    material: Substance = "plastic"
+
+    def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
+        """The blades and the hub between two times."""
+        rotor, faces = _rotor(self.blades, self.radius_m, 0.55 * self.radius_m, 0.003, self.pitch_deg)
+        tilt = about_y(-math.radians(self.elevation_deg))
+
+        def track(times_s: np.ndarray) -> np.ndarray:
+            swing = self.swing_deg / 2 * np.sin(2 * math.pi * times_s / self.swing_period_s)
+            head = about_z(np.radians(self.heading_deg + swing)) @ tilt
+            return _turned(rotor, head @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
+
+        return moving(track, faces, start_s, stop_s, material=self.material, name=self.noun)
+
+
+class CeilingFan(Fields):
+    """A ceiling fan that blows down: hub and blades. Its rod stands still and is left out."""
+
+    noun: ClassVar[str] = "ceiling fan"
+
+    kind: Literal["ceiling_fan"] = "ceiling_fan"
+    position_m: Vector
+    """Of the hub, in the blades' middle [m]."""
+    blades: Blades = 4
+    radius_m: Length = 0.6
+    """Of the blades' tips."""
+    chord_m: Length = 0.12
+    """Widest width of a blade."""
+    pitch_deg: Pitch = 12.0
+    """As of `TableFan`."""
+    rpm: Rpm = 120.0
+    """Turns per minute; negative runs backwards and blows upwards."""
+    material: Substance = "wood"
+
+    def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
+        """The blades and the hub between two times."""
+        rotor, faces = _rotor(self.blades, self.radius_m, self.chord_m, 0.006, self.pitch_deg)
+        down = about_y(math.pi / 2)
+
+        def track(times_s: np.ndarray) -> np.ndarray:
+            return _turned(rotor, down @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
+
+        return moving(track, faces, start_s, stop_s, material=self.material, name=self.noun)
+
+
+def _turned(rotor: np.ndarray, turn: np.ndarray, position_m: Vector) -> np.ndarray:
+    return np.einsum("kij,vj->kvi", turn, rotor) + position_m
+
+
+def _rotor(
+    blades: int, radius_m: float, chord_m: float, thickness_m: float, pitch_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) m and faces (F, 3) of hub and blades that turn about +x, to where they blow."""
+    hub_m = 0.22 * radius_m
+    height, width = ball_profile(7)
+    angle = 2 * math.pi * np.arange(HUB_AROUND) / HUB_AROUND
+    ring = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
+    hub = hub_m * (width[:, None, None] * ring + 0.6 * height[:, None, None] * np.array([1.0, 0.0, 0.0]))
+    parts = [(hub.reshape(-1, 3), skin_faces(len(height), HUB_AROUND))]
+    blade, faces = _blade(0.8 * hub_m, radius_m, chord_m, thickness_m, pitch_deg)
+    parts += [(blade @ about_x(2 * math.pi * k / blades).T, faces) for k in range(blades)]
+    return together(parts)
+
+
+def _blade(
+    root_m: float, tip_m: float, chord_m: float, thickness_m: float, pitch_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """One blade along y: lens-shaped sections on cylinders about x, pitched as the helicoid r tan(pitch) = constant.
+
+    So every point of a section is as far from the axis as the section, and no point farther than the tip.
+    """
+    along = np.linspace(-TIP, TIP, max(8, math.ceil((tip_m - root_m) / FACET_M)))
+    radius = root_m + (tip_m - root_m) * (along + TIP) / (2 * TIP)
+    pitch = np.arctan(PITCH_AT * tip_m * math.tan(math.radians(pitch_deg)) / radius)[:, None]
+    half = max(4, math.ceil(chord_m / FACET_M))
+    lens = np.linspace(TIP, -TIP, half)
+    lens, bulge = np.concatenate([lens, lens[::-1]]), np.concatenate([1 - lens**2, lens**2 - 1])
+    planform = np.sqrt(1 - along**4)[:, None]
+    chordwise, across = chord_m / 2 * planform * lens / TIP, thickness_m / 2 * planform * bulge
+    # The leading edge trails behind in x: what moves with it pushes the air to +x.
+    forward = chordwise * np.cos(pitch) + across * np.sin(pitch)
+    axial = across * np.cos(pitch) - chordwise * np.sin(pitch)
+    azimuth = forward / radius[:, None]
+    points = [axial, radius[:, None] * np.cos(azimuth), radius[:, None] * np.sin(azimuth)]
+    return np.stack(points, axis=-1).reshape(-1, 3), skin_faces(len(along), 2 * half)

@@ -1,0 +1,258 @@
+"""A dog or a cat that walks: a lateral-sequence walk on pantograph legs, skinned with balls and tapered capsules."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from t2d_rt.constants import STANDARD_GRAVITY
+from t2d_rt.errors import InputError
+from t2d_rt.scene.movers.solids import (
+    Angle,
+    Substance,
+    about_y,
+    about_z,
+    ball_profile,
+    moving,
+    skin_faces,
+    together,
+)
+from t2d_rt.types import MovingMesh
+from t2d_rt.types.fields import Fields, Number, Vector
+
+DUTY_FACTOR = 0.65
+"""Share of a stride that a paw stands on the floor; walks lie in 0.5..0.75 (Hildebrand, Am. Zool. 20, 1980)."""
+TOUCHDOWN = {"left hind": 0.0, "left fore": 0.25, "right hind": 0.5, "right fore": 0.75}
+"""When each paw touches down, as a share of the stride: the lateral sequence, evenly spaced (Hildebrand)."""
+FASTEST_WALK = 0.5
+"""Froude number at which animals change to a trot (Alexander and Jayes, J. Zool. 201, 1983)."""
+SAGITTA_RAD = 0.3
+"""Of its facets: fur scatters most of the echo."""
+RINGS, AROUND = 9, 12
+Part = tuple[np.ndarray, np.ndarray]
+"""Vertices (K, V, 3) m and faces (F, 3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """Proportions, in units of the hip's height unless said otherwise."""
+
+    hip_m: float
+    """Height of hips and shoulders at rest [m]."""
+    trunk: float
+    """From the hips to the shoulders."""
+    chest: tuple[float, float, float]
+    """Semi-axes of the trunk: along, across, up."""
+    stance: float
+    """From the middle to the hips, and to the paws, of one side."""
+    limb: float
+    """Radius of the upper leg; lower parts are thinner."""
+    neck: float
+    head: tuple[float, float, float]
+    """Semi-axes: along, across, up."""
+    tail: float
+
+
+# Round figures for a retriever, 38 l, and a house cat, 4.5 l.
+BUILDS = {
+    "dog": Build(0.50, 1.05, (0.70, 0.22, 0.27), 0.16, 0.12, 0.42, (0.24, 0.13, 0.14), 0.60),
+    "cat": Build(0.24, 1.15, (0.76, 0.23, 0.27), 0.15, 0.11, 0.32, (0.22, 0.18, 0.17), 1.00),
+}
+UPPER, MIDDLE, LOWER = 0.42, 0.50, 0.33
+"""Parts of a leg in units of the hip's height. Upper and lower stay parallel, as in a pantograph (Fischer and Blickhan, J. Exp.
+Zool. 305A, 2006): it bends like two parts of the lengths UPPER + LOWER and MIDDLE."""
+PAW = (0.09, 0.055, 0.05)
+"""Semi-axes of a paw."""
+LIFT, BOB = 0.12, 0.02
+"""How high a swinging paw is lifted; by how much hips and shoulders rise over a standing leg, out of phase with each other
+(Griffin, Main and Farley, J. Exp. Biol. 207, 2004)."""
+NOD_DEG, WAG_DEG = 6.0, 15.0
+"""Swing of the neck, twice in a stride, and of the tail, once."""
+
+
+class Pet(Fields):
+    """A dog or a cat that walks on a circle to its left, or straight on.
+
+    Stride and speed belong together by Alexander's relation (docs/physics.md, eq. 25). Paws that bear stand still on the floor.
+    """
+
+    noun: ClassVar[str] = "pet"
+
+    kind: Literal["pet"] = "pet"
+    animal: Literal["dog", "cat"] = "dog"
+    position_m: Vector
+    """Where it begins: on the floor, under the middle of its trunk [m]."""
+    heading_deg: Angle = 90.0
+    """Where it walks at first: 0 is +x, 90 is +y."""
+    speed_mps: Annotated[Number, Field(gt=0, le=5)] = 0.7
+    turn_radius_m: Annotated[Number, Field(gt=0, le=1000)] | None = 1.0
+    """Of the circle; None: straight on, for as long as the record lasts."""
+    size: Annotated[Number, Field(ge=0.3, le=3)] = 1.0
+    """Scale: hips of a dog are 0.5 m high, of a cat 0.24 m."""
+    material: Substance = "clothed"
+    """Fur passes the wave and roughens the skin below, as cloth does."""
+
+    @model_validator(mode="after")
+    def _check_together(self) -> Self:
+        fastest = math.sqrt(FASTEST_WALK * STANDARD_GRAVITY * self.hip_m)
+        if self.speed_mps > fastest:
+            raise InputError(
+                f"a {self.animal} with hips {self.hip_m:.2g} m high trots at {self.speed_mps:g} m/s; give a walk's speed_mps, "
+                f"up to {math.floor(100 * fastest) / 100:g}"
+            )
+        if self.turn_radius_m is not None and self.turn_radius_m < 2 * self.hip_m:
+            raise InputError(
+                f"turn_radius_m must be {2 * self.hip_m:.2g} or more for a {self.animal} of this size, got {self.turn_radius_m:g}"
+            )
+        return self
+
+    @property
+    def hip_m(self) -> float:
+        """Height of the hips and shoulders [m]."""
+        return BUILDS[self.animal].hip_m * self.size
+
+    @property
+    def stride_m(self) -> float:
+        """Way of one stride [m]: 2.3 h (v^2 / (g h))^0.3 (physics.md, eq. 25)."""
+        return 2.3 * self.hip_m * (self.speed_mps**2 / (STANDARD_GRAVITY * self.hip_m)) ** 0.3
+
+    @property
+    def stride_hz(self) -> float:
+        """Strides per second."""
+        return self.speed_mps / self.stride_m
+
+    def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
+        """The skin between two times."""
+        _, faces = self._skin(np.zeros(1))
+        return moving(
+            lambda times_s: self._skin(times_s)[0], faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD,
+            name=self.animal,
+        )  # fmt: skip
+
+    def _ground(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Middle of the trunk on the floor (K, 3) and heading [rad] (K,)."""
+        way = self.speed_mps * times_s
+        first = math.radians(self.heading_deg)
+        if self.turn_radius_m is None:
+            there = way[:, None] * np.array([math.cos(first), math.sin(first), 0])
+            return there + self.position_m, np.full(len(way), first)
+        turn = way / self.turn_radius_m
+        there = self.turn_radius_m * np.stack([np.sin(turn), 1 - np.cos(turn), 0 * turn], axis=1)
+        return there @ about_z(first).T + self.position_m, first + turn
+
+    def _foothold(self, stride: np.ndarray, touchdown: float, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Place (K, 3) and heading (K,) of a paw on the floor in its n-th stride: below the hip in the middle of the stance."""
+        middle = (stride + touchdown + DUTY_FACTOR / 2) / self.stride_hz
+        there, heading = self._ground(middle)
+        return there + about_z(heading) @ hip, heading
+
+    def _paw(self, times_s: np.ndarray, touchdown: float, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Place (K, 3) and heading (K,) of a paw, which stands where it has touched down and swings to its next foothold."""
+        since = self.stride_hz * times_s - touchdown
+        stride = np.floor(since)
+        swing = np.clip((since - stride - DUTY_FACTOR) / (1 - DUTY_FACTOR), 0, 1)
+        here, heading = self._foothold(stride, touchdown, hip)
+        there, next_heading = self._foothold(stride + 1, touchdown, hip)
+        gone = _swung(swing)
+        place = here + gone[:, None] * (there - here)
+        place[:, 2] += LIFT * self.hip_m * (4 * swing * (1 - swing)) ** 3
+        return place, heading + gone * (next_heading - heading)
+
+    def _skin(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices (K, V, 3) m and faces (F, 3)."""
+        build, h = BUILDS[self.animal], self.hip_m
+        phase = 2 * math.pi * self.stride_hz * times_s
+        ground, heading = self._ground(times_s)
+        turn = about_z(heading)
+        # Hips are highest over a hind leg in the middle of its stance, shoulders a quarter of a stride later, when hips are lowest.
+        rise = BOB * np.cos(2 * (phase - math.pi * DUTY_FACTOR))
+        pitch = np.arctan(2 * rise / build.trunk)
+
+        def world(local: np.ndarray) -> np.ndarray:
+            """Points (3,) or (K, 3) of the trunk's own frame, in units of the hip's height."""
+            place = np.array([0, 0, h]) + h * np.einsum(
+                "kij,kj->ki", about_y(pitch), np.broadcast_to(local, ground.shape)
+            )
+            return ground + np.einsum("kij,kj->ki", turn, place)
+
+        left = turn[:, :, 1]
+        frame = turn @ about_y(pitch)
+        parts = [_ball(world(np.zeros(3)), frame, h * np.array(build.chest))]
+        for name, touchdown in TOUCHDOWN.items():
+            side, end = 1 if "left" in name else -1, 0.5 if "fore" in name else -0.5
+            hip = np.array([end * build.trunk, side * build.stance, 0])
+            paw, paw_heading = self._paw(times_s, touchdown, h * hip)
+            parts.append(_ball(paw + [0, 0, PAW[2] * h], about_z(paw_heading), h * np.array(PAW)))
+            ankle = paw + [0, 0, 1.5 * PAW[2] * h]
+            parts += _leg(world(hip), ankle, left, h, h * build.limb)
+        nod = math.radians(NOD_DEG) * np.cos(2 * phase)
+        nape = np.array([build.trunk / 2, 0, 0.1])
+        ahead = np.stack([np.cos(0.8 + nod), 0 * nod, np.sin(0.8 + nod)], axis=1)
+        crown = nape + build.neck * ahead
+        parts.append(_capsule(world(nape), world(crown), left, 0.13 * h, 0.09 * h))
+        parts.append(_ball(world(crown + [0.6 * build.head[0], 0, 0]), frame, h * np.array(build.head)))
+        wag = math.radians(WAG_DEG) * np.sin(phase)
+        rump = np.array([-build.chest[0], 0, 0.08])
+        behind = np.stack([-np.cos(wag) * math.cos(0.5), np.sin(wag), -np.cos(wag) * math.sin(0.5)], axis=1)
+        parts.append(_capsule(world(rump), world(rump + build.tail * behind), left, 0.05 * h, 0.025 * h))
+        return together(parts)
+
+
+def _swung(fraction: np.ndarray) -> np.ndarray:
+    """Way of a swinging paw, 0 to 1: its speed goes as (1 - x^4)^2, x in -1..1, nearly even and without a kink at either end."""
+    x = 2 * fraction - 1
+    return 0.5 + (x - 2 * x**5 / 5 + x**9 / 9) / (2 * (1 - 2 / 5 + 1 / 9))
+
+
+def _leg(hip: np.ndarray, ankle: np.ndarray, left: np.ndarray, h: float, radius: float) -> list[Part]:
+    """Upper, middle and lower part between points (K, 3): upper and lower run forward, the middle one back."""
+    a, b = (UPPER + LOWER) * h, MIDDLE * h
+    line = ankle - hip
+    reach = np.linalg.norm(line, axis=1, keepdims=True)
+    line /= reach
+    # Law of cosines: the angle at the hip between the way to the ankle and the two parallel parts.
+    cosine = (reach**2 + a**2 - b**2) / (2 * reach * a)
+    forward = np.cross(line, left)
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    along = cosine * line + np.sqrt(1 - cosine**2) * forward
+    knee = hip + UPPER * h * along
+    hock = ankle - LOWER * h * along
+    return [
+        _capsule(hip, knee, left, radius, 0.6 * radius),
+        _capsule(knee, hock, left, 0.6 * radius, 0.35 * radius),
+        _capsule(hock, ankle, left, 0.35 * radius, 0.3 * radius),
+    ]
+
+
+def _ball(middle: np.ndarray, frame: np.ndarray, semi_axes_m: np.ndarray) -> Part:
+    """An ellipsoid about points (K, 3), axes in the columns of frames (K, 3, 3)."""
+    height, width = ball_profile(RINGS)
+    angle = 2 * math.pi * np.arange(AROUND) / AROUND
+    ring = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
+    unit = width[:, None, None] * ring + height[:, None, None] * np.array([1.0, 0, 0])
+    points = np.einsum("kij,vj->kvi", frame, unit.reshape(-1, 3) * semi_axes_m)
+    return middle[:, None] + points, skin_faces(RINGS, AROUND)
+
+
+def _capsule(start: np.ndarray, stop: np.ndarray, left: np.ndarray, first_m: float, last_m: float) -> Part:
+    """A tapered rod between points (K, 3) with half balls at its ends."""
+    height, width = ball_profile(RINGS - 1)
+    length = np.linalg.norm(stop - start, axis=1)
+    axis = (stop - start) / length[:, None]
+    up = np.cross(axis, left)
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    frame = np.stack([axis, np.cross(up, axis), up], axis=2)
+    angle = 2 * math.pi * np.arange(AROUND) / AROUND
+    half = len(height) // 2
+    radius = np.repeat([first_m, last_m], half)
+    x = (radius * height)[None] + np.where(np.arange(len(height)) < half, 0, length[:, None])
+    y, z = (
+        np.broadcast_to((radius * width)[:, None] * wave, (len(x), len(height), AROUND))
+        for wave in (np.cos(angle), np.sin(angle))
+    )
+    local = np.stack([np.broadcast_to(x[..., None], y.shape), y, z], axis=-1).reshape(len(x), -1, 3)
+    return start[:, None] + np.einsum("kij,kvj->kvi", frame, local), skin_faces(len(height), AROUND)

@@ -1,0 +1,112 @@
+"""What movers are made of: closed skins over rings of points, rotations, smooth steps, materials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from t2d_rt.errors import InputError
+from t2d_rt.types import Material, MovingMesh
+from t2d_rt.types.fields import Number
+from t2d_rt.types.mesh import Track
+
+Length = Annotated[Number, Field(gt=0, le=20)]
+Seconds = Annotated[Number, Field(gt=0, le=3600)]
+Angle = Annotated[Number, Field(ge=-360, le=360)]
+
+Substance = str | Material
+"""A `Material`, "plastic", "fabric", a body's material or an ITU name."""
+MATERIALS = {
+    # Polypropylene, n = 1.50 and hardly lossy (Lamb, Int. J. Infrared Millim. Waves 17, 1996); moulded, so nearly smooth.
+    "plastic": Material(name="plastic", relative_permittivity=2.25, scattering_coefficient=0.1),
+    # A half-space that reflects like 0.5 mm of curtain cotton, eps' = 1.47 at 2.45 GHz (Sankaralingam and Gupta, IEEE Trans.
+    # Instrum. Meas. 59, 2010): -16 dB by physics.md, eq. 23. Woven threads are taken to be as rough as clothing.
+    "fabric": Material(name="fabric", relative_permittivity=1.9, scattering_coefficient=0.6),
+}
+
+
+def moving(
+    track: Track, faces: np.ndarray, start_s: float, stop_s: float, *, material: Substance, name: str,
+    sagitta_rad: float = 0.07,
+) -> MovingMesh:  # fmt: skip
+    """A mover's mesh between two times [s]."""
+    if not (math.isfinite(start_s) and math.isfinite(stop_s) and start_s < stop_s):
+        raise InputError(f"a mover's mesh needs finite start_s < stop_s, got {start_s} and {stop_s}")
+    substance = MATERIALS.get(material, material) if isinstance(material, str) else material
+    times_s = np.array([start_s, stop_s], float)
+    return MovingMesh.from_track(track, faces, times_s, material=substance, sagitta_rad=sagitta_rad, name=name)
+
+
+def skin_faces(rings: int, around: int) -> np.ndarray:
+    """Triangles (F, 3) of a closed skin over rings of points, ring by ring, `around` (even) points in each.
+
+    Rings run counter-clockwise seen from the last one. Strips between points i and around - 1 - i close both ends.
+    """
+    here = np.arange(around)
+    there = np.roll(here, -1)
+    start = around * np.arange(rings - 1)[:, None]
+    a, b = start + here, start + there
+    sides = np.stack([np.stack([a, b, b + around], -1), np.stack([a, b + around, a + around], -1)]).reshape(-1, 3)
+    left = np.arange(around // 2 - 1)
+    right = around - 1 - left
+    low = np.concatenate([np.stack([left, right, left + 1], -1), np.stack([left + 1, right, right - 1], -1)])
+    high = low[:, ::-1] + around * (rings - 1)
+    return np.concatenate([sides, low, high])
+
+
+def ball_profile(rings: int) -> tuple[np.ndarray, np.ndarray]:
+    """Heights -1..1 and radii (rings,) of the unit sphere's rings, with a small flat at both ends."""
+    angle = np.linspace(-math.pi / 2, math.pi / 2, rings + 2)[1:-1]
+    return np.sin(angle) / np.sin(angle[-1]), np.cos(angle)
+
+
+def sheet(front: np.ndarray, back: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (..., V, 3) and faces of a closed sheet from grids (..., rows, columns, 3) of its two sides.
+
+    Seen from the front, rows run upwards and columns from left to right.
+    """
+    rows, columns = front.shape[-3:-1]
+    rings = np.concatenate([front, back[..., ::-1, :]], axis=-2)
+    return rings.reshape(*rings.shape[:-3], -1, 3), skin_faces(rows, 2 * columns)
+
+
+def together(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """One mesh of several: vertices (..., V, 3) and faces (F, 3)."""
+    first = np.cumsum([0, *(vertices.shape[-2] for vertices, _ in parts)])
+    faces = [faces + start for (_, faces), start in zip(parts, first, strict=False)]
+    return np.concatenate([vertices for vertices, _ in parts], axis=-2), np.concatenate(faces)
+
+
+def about_z(angle_rad: np.ndarray | float) -> np.ndarray:
+    """Rotations (..., 3, 3) about the vertical, counter-clockwise from above."""
+    return _rotation(angle_rad, 0, 1)
+
+
+def about_y(angle_rad: np.ndarray | float) -> np.ndarray:
+    """Rotations (..., 3, 3) about y, that turn z to x."""
+    return _rotation(angle_rad, 2, 0)
+
+
+def about_x(angle_rad: np.ndarray | float) -> np.ndarray:
+    """Rotations (..., 3, 3) about x, that turn y to z."""
+    return _rotation(angle_rad, 1, 2)
+
+
+def _rotation(angle_rad: np.ndarray | float, first: int, second: int) -> np.ndarray:
+    angle = np.asarray(angle_rad, float)
+    turn = np.zeros((*angle.shape, 3, 3))
+    turn[..., 3 - first - second, 3 - first - second] = 1
+    turn[..., first, first] = turn[..., second, second] = np.cos(angle)
+    turn[..., second, first] = np.sin(angle)
+    turn[..., first, second] = -turn[..., second, first]
+    return turn
+
+
+def ease(fraction: np.ndarray) -> np.ndarray:
+    """Step from 0 to 1 on 0..1 with no speed and no acceleration at its ends: 6 x^5 - 15 x^4 + 10 x^3; steepest 15/8."""
+    x = np.clip(fraction, 0.0, 1.0)
+    return x**3 * (10 + x * (6 * x - 15))
