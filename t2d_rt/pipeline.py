@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -15,6 +16,7 @@ from t2d_rt.backend import Device, select
 from t2d_rt.body import segments as fit_segments
 from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
+from t2d_rt.cubes import Cube, summed
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.echo.mesh import check_outside, joined, mesh_echoes
 from t2d_rt.echo.rate import needed_rate_hz
@@ -28,6 +30,11 @@ from t2d_rt.scene import Mover, Room
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
+
+SAME_PACE = 2.0
+"""Shapes whose surface rates differ by more are summed apart, each at its own."""
+SWIFT = 8.0
+"""Shapes that need more surface frames from one look at visibility to the next turn too fast to be looked at vertex by vertex."""
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids | Mover
@@ -85,57 +92,62 @@ def simulate(
     backend = select(device)
     around = _around(scene)
     shapes = _shapes(targets, method, body, material, radar)
-    times_s = _frames(shapes, radar, surface_rate_hz)
-    substances = [
-        _material(shape.material if material is None or isinstance(target, Mover) else material, radar)
-        for shape, target in zip(shapes, targets, strict=True)
-    ]
+    span_s = _shared_time(shapes)
+    needed_hz = [needed_rate_hz(shape, radar, *span_s) for shape in shapes]
+    paces = _paces(span_s, needed_hz if surface_rate_hz is None else [surface_rate_hz] * len(shapes))
     for shape in shapes:
-        _check_shape(shape, radar, times_s)
+        _check_shape(shape, radar, paces[0])
     ways = None
     if around is not None:
-        ways = find_ways(around, shapes, radar, times_s, order=reflections, range_db=dynamic_range_db, backend=backend)
-    common: dict[str, Any] = {"rate_hz": occlusion_rate_hz, "times_s": times_s}
+        ways = find_ways(around, shapes, radar, span_s, order=reflections, range_db=dynamic_range_db, backend=backend)
+    looked_at: dict[str, Any] = {"rate_hz": occlusion_rate_hz, "span_s": span_s}
+    swift = [
+        rate > SWIFT * occlusion_rate_hz and not isinstance(target, Motion)
+        for rate, target in zip(needed_hz, targets, strict=True)
+    ]
     strong = [None] if ways is None else ways.pairs[: ways.strong]
-    views = full_views(shapes, radar, strong, occlusion=occlusion, backend=backend, **common)
-    detail: dict[str, Any] = {"times_s": times_s, "seed": int(seed), "backend": backend}
+    views = full_views(shapes, radar, strong, swift=swift, occlusion=occlusion, backend=backend, **looked_at)
     streams: list[EchoStream] = []
-    for shape, substance, target, close in zip(shapes, substances, targets, views, strict=True):
+    for target, shape, times_s, turns, close in zip(targets, shapes, paces, swift, views, strict=True):
+        own = material is None or isinstance(target, Mover)
+        common: dict[str, Any] = {
+            "times_s": times_s, "material": _material(shape.material if own or material is None else material, radar),
+        }  # fmt: skip
         if isinstance(shape, Ellipsoids):
-            weak = [] if ways is None else coarse_views(shape, ways.pairs[ways.strong :], **common)
-            streams.append(
-                ellipsoid_echoes(
-                    shape, radar, times_s=times_s, material=substance, phase_from=phase_from, views=close + weak
-                )
-            )
+            weak = [] if ways is None else coarse_views(shape, ways.pairs[ways.strong :], **looked_at)
+            streams.append(ellipsoid_echoes(shape, radar, phase_from=phase_from, views=close + weak, **common))
             continue
+        detail: dict[str, Any] = {"seed": int(seed), "backend": backend, **common}
         bar = shape.sagitta_rad if sagitta_rad is None else sagitta_rad
-        streams.append(mesh_echoes(shape, radar, material=substance, sagitta_rad=bar, views=close, **detail))
+        streams.append(mesh_echoes(shape, radar, sagitta_rad=bar, views=close, **detail))
         if ways is None:
             continue
-        clear = ways.clear if isinstance(target, Motion) else len(ways.pairs)
-        if weak := coarse_views(shape, ways.pairs[ways.strong : clear], **common):
-            streams.append(mesh_echoes(shape, radar, material=substance, views=weak, **coarser(bar), **detail))
-        if isinstance(target, Motion) and (faint := ways.pairs[clear:]):
+        if weak := coarse_views(shape, ways.pairs[ways.strong : ways.clear], **looked_at):
+            streams.append(mesh_echoes(shape, radar, views=weak, **coarser(bar), **detail))
+        if not (faint := ways.pairs[ways.clear :]):
+            continue
+        if isinstance(target, Motion):
             limbs = segments(_placed(target, radar), body)
-            streams.append(
-                ellipsoid_echoes(
-                    limbs, radar, times_s=times_s, material=substance, views=coarse_views(limbs, faint, **common)
-                )
-            )
+            streams.append(ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, **looked_at), **common))
+        else:
+            if turns:
+                detail["times_s"] = np.linspace(*span_s, max(4, (len(times_s) + 1) // 2))
+            views_of_it = coarse_views(shape, faint, **looked_at)
+            streams.append(mesh_echoes(shape, radar, views=views_of_it, **coarser(bar, 2), **detail))
     static: dict[str, object] = {}
     if around is not None and clutter != "none":
+        steady = [shape for shape, turns in zip(shapes, swift, strict=True) if not turns]
         still, static = clutter_streams(
-            clutter, around, shapes, radar, times_s,
-            occlusion=occlusion, rate_hz=occlusion_rate_hz, seed=int(seed), backend=backend,
+            clutter, around, steady if occlusion else [], radar, min(paces, key=len),
+            rate_hz=occlusion_rate_hz, seed=int(seed), backend=backend,
         )  # fmt: skip
         streams += still
-    cube = synthesize(joined(streams), radar, device=device, progress=progress)
+    cube = _synthesized(streams, radar, device, progress)
     settings: dict[str, Any] = {
         "method": method, "scene": "free_space" if around is None else around.name,
         "seed": int(seed), "body": body, "occlusion": occlusion,
         "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
-        "occlusion_rate_hz": float(occlusion_rate_hz), "surface_rate_hz": (len(times_s) - 1) / float(times_s[-1] - times_s[0]),
+        "occlusion_rate_hz": float(occlusion_rate_hz), "surface_rate_hz": [float((len(t) - 1) / (t[-1] - t[0])) for t in paces],
         "sagitta_rad": "default" if sagitta_rad is None else float(sagitta_rad), "phase_from": phase_from, "device": backend.name,
         "targets": [_describe(each) for each in targets],
     }  # fmt: skip
@@ -212,12 +224,26 @@ def _shared_time(shapes: Sequence[MovingMesh | Ellipsoids]) -> tuple[float, floa
     return start, stop
 
 
-def _frames(shapes: Sequence[MovingMesh | Ellipsoids], radar: Radar, rate_hz: float | None) -> np.ndarray:
-    """Surface frames over the time that all targets share [s]."""
-    start, stop = _shared_time(shapes)
-    if rate_hz is None:
-        rate_hz = max(needed_rate_hz(shape, radar, start, stop) for shape in shapes)
-    return np.linspace(start, stop, max(4, int(np.ceil((stop - start) * rate_hz)) + 1))
+def _paces(span_s: tuple[float, float], rates_hz: Sequence[float]) -> list[np.ndarray]:
+    """Surface frames of each shape [s] at its rate or more; those that need about the same rate share them."""
+    paces: dict[float, np.ndarray] = {}
+    for rate in sorted(rates_hz, reverse=True):
+        if not paces or rate < min(paces) / SAME_PACE:
+            paces[rate] = np.linspace(*span_s, max(4, math.ceil((span_s[1] - span_s[0]) * rate) + 1))
+    return [paces[min(pace for pace in paces if pace >= rate)] for rate in rates_hz]
+
+
+def _synthesized(streams: Sequence[EchoStream], radar: Radar, device: Device, progress: Progress | None) -> Cube:
+    """The sum of streams, those of one pace together."""
+    groups: dict[int, list[EchoStream]] = {}
+    for stream in streams:
+        groups.setdefault(len(stream.times_s), []).append(stream)
+
+    def part(number: int) -> Progress | None:
+        return None if progress is None else lambda share: progress((number + share) / len(groups))
+
+    found = enumerate(groups.values())
+    return summed(synthesize(joined(group), radar, device=device, progress=part(n)) for n, group in found)
 
 
 def _check_shape(shape: MovingMesh | Ellipsoids, radar: Radar, times_s: np.ndarray) -> None:

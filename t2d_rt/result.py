@@ -46,7 +46,8 @@ def versions() -> dict[str, str]:
 class Simulation:
     """ADC cube and what follows from it.
 
-    `processing` holds options of `signal.spectrogram` (mti, range_gate_m, n_window, ...); `processed` changes them.
+    `processing` holds options of `signal.spectrogram` (mti, range_gate_m, n_window, ...); `processed` changes them. With clutter
+    mti is "mean" unless another one is asked for.
     """
 
     def __init__(
@@ -108,10 +109,15 @@ class Simulation:
     def spectrogram(self) -> xr.DataArray:
         """Micro-Doppler spectrogram, power [dB re 1 W] (velocity_mps, time_s), positive speed = approaching."""
         if self._spectrogram is None:
-            result = spectrogram(self.cube, self.radar, **self.processing)
+            result = spectrogram(self.cube, self.radar, **{**self.processing, "mti": self._mti})
             axes = {"velocity_mps": result.velocity_mps, "time_s": result.time_s}
             self._spectrogram = self._labelled("spectrogram", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
         return self._spectrogram
+
+    @property
+    def _mti(self) -> str:
+        """That asked for; by default what still surfaces return is taken away where there are any."""
+        return self.processing.get("mti") or ("mean" if self.settings.get("clutter", "none") != "none" else "none")
 
     @property
     def range_doppler(self) -> xr.DataArray:

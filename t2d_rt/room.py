@@ -65,14 +65,14 @@ def find_ways(
     scene: Scene,
     shapes: Sequence[Shape],
     radar: Radar,
-    times_s: np.ndarray,
+    span_s: tuple[float, float],
     *,
     order: int,
     range_db: float,
     backend: Backend,
 ) -> ChosenPairs:
     """Pairs of legs of up to `order` reflections in all that lead to the targets within `range_db` of the strongest one."""
-    points = probes(shapes, float(times_s[0]), float(times_s[-1]))
+    points = probes(shapes, *span_s)
     out, back = radar_legs(scene, radar, points, order=order, backend=backend)
     ranked = ranked_pairs(radar, out, back, points, order=order)
     if not ranked:
@@ -95,10 +95,10 @@ def ways_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int
     return [(leg.name, leg.way(point_m)) for leg in legs]
 
 
-def coarser(sagitta_rad: float | np.ndarray) -> dict[str, Any]:
-    """Options of `mesh_echoes` for weak pairs."""
-    sagitta = np.maximum(sagitta_rad, np.minimum(COARSER * np.asarray(sagitta_rad), COARSEST_RAD))
-    return {"sagitta_rad": sagitta, "turns_per_step": COARSE_TURNS, "points": COARSE_POINTS}
+def coarser(sagitta_rad: float | np.ndarray, times: int = 1) -> dict[str, Any]:
+    """Options of `mesh_echoes` for weak pairs; for faint ones `times` as coarse again."""
+    sagitta = np.maximum(sagitta_rad, np.minimum(times * COARSER * np.asarray(sagitta_rad), times * COARSEST_RAD))
+    return {"sagitta_rad": sagitta, "turns_per_step": times * COARSE_TURNS, "points": COARSE_POINTS // times**2}
 
 
 def full_views(
@@ -106,16 +106,18 @@ def full_views(
     radar: Radar,
     pairs: Sequence[LegPair | None],
     *,
+    swift: Sequence[bool],
     occlusion: bool,
     rate_hz: float,
-    times_s: np.ndarray,
+    span_s: tuple[float, float],
     backend: Backend,
 ) -> list[list[View]]:
     """For each shape its views over the pairs, None being free space: what hides each vertex from either leg.
 
-    Looks are shared: pairs have their legs in common, and transmitters and receivers that stand close together see the same.
+    What turns too fast to be looked at, `swift`, hides nothing and is seen as much at all of its vertices as in the mean. Looks are
+    shared: pairs have their legs in common, and transmitters and receivers that stand close together see the same.
     """
-    meshes = [shape for shape in shapes if isinstance(shape, MovingMesh)]
+    meshes = [s for s, turns in zip(shapes, swift, strict=True) if isinstance(s, MovingMesh) and not turns]
     one = len(radar.views_m) == 1
     looks: dict[tuple[object, ...], Occlusion] = {}
 
@@ -127,34 +129,31 @@ def full_views(
             looks[key] = Occlusion(meshes, place, rate_hz=rate_hz, backend=backend, past=past, solid=occlusion)
         return looks[key]
 
-    def seen(pair: LegPair | None, index: int) -> Share | None:
+    def seen(pair: LegPair | None, shape: MovingMesh) -> Share | None:
         if pair is None and not occlusion:
             return None
         legs = (None, None) if pair is None else (pair.out, pair.back)
         views = list({id(found): found for found in (look(leg, end) for end, leg in enumerate(legs))}.values())
-        return lambda times: np.asarray(np.prod([view.visibility(times)[index] for view in views], axis=0))
+        index = next((index for index, mesh in enumerate(meshes) if mesh is shape), None)
+        shares = [view.of_swift(shape, *span_s) if index is None else _of_mesh(view, index) for view in views]
+        return lambda times: np.asarray(np.prod([share(times) for share in shares], axis=0))
 
     found = []
     for shape in shapes:
         if isinstance(shape, MovingMesh):
-            index = next(index for index, mesh in enumerate(meshes) if mesh is shape)
-            found.append([View(legs=pair, seen=seen(pair, index)) for pair in pairs])
+            found.append([View(legs=pair, seen=seen(pair, shape)) for pair in pairs])
         else:
-            found.append(
-                [View()]
-                if list(pairs) == [None]
-                else coarse_views(shape, [pair for pair in pairs if pair is not None], rate_hz=rate_hz, times_s=times_s)
-            )
+            kept = [pair for pair in pairs if pair is not None]
+            found.append(coarse_views(shape, kept, rate_hz=rate_hz, span_s=span_s) if kept else [View()])
     return found
 
 
-def coarse_views(shape: Shape, pairs: Sequence[LegPair], *, rate_hz: float, times_s: np.ndarray) -> list[View]:
+def coarse_views(shape: Shape, pairs: Sequence[LegPair], *, rate_hz: float, span_s: tuple[float, float]) -> list[View]:
     """Views of one shape over pairs, each with what stands still in the way of a few of its points; it does not hide itself."""
-    start, stop = float(times_s[0]), float(times_s[-1])
     if isinstance(shape, Ellipsoids):
-        passed = Passed.to_ellipsoids(shape, start, stop, rate_hz)
+        passed = Passed.to_ellipsoids(shape, *span_s, rate_hz)
     else:
-        passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), start, stop, rate_hz)
+        passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), *span_s, rate_hz)
     # By leg and not by chain: antennas that stand apart have legs of their own over the same mirrors.
     legs = {id(leg): leg for pair in pairs for leg in (pair.out, pair.back)}
     shares = {number: _remembered(passed.over(leg)) for number, leg in legs.items()}
@@ -166,6 +165,10 @@ def coarse_views(shape: Shape, pairs: Sequence[LegPair], *, rate_hz: float, time
     if isinstance(shape, Ellipsoids):
         return [View(legs=pair, seen=both(pair)) for pair in pairs]
     return [View(legs=pair, passed=both(pair)) for pair in pairs]
+
+
+def _of_mesh(look: Occlusion, index: int) -> Share:
+    return lambda times: look.visibility(times)[index]
 
 
 def _remembered(share: Share) -> Share:
@@ -187,19 +190,18 @@ def clutter_streams(
     radar: Radar,
     times_s: np.ndarray,
     *,
-    occlusion: bool,
     rate_hz: float,
     seed: int,
     backend: Backend,
 ) -> tuple[list[EchoStream], dict[str, object]]:
-    """Echoes of what stands still, in the shadow of the targets, and how many, for a result's settings."""
+    """Echoes of what stands still, in the shadow of shapes, and how many, for a result's settings."""
     if kind == "diffuse":
         scene = roughened(scene, SCATTERING_COEFFICIENT, radar.mid_frequency_hz)
     mirrors = Mirrors.of(scene, backend)
     streams = []
 
     def shares(ways_m: Sequence[np.ndarray], **fineness: int) -> Share | None:
-        if not occlusion:
+        if not shapes:
             return None
         return Shadows(shapes, ways_m, radar.wavelength_m, rate_hz=rate_hz, backend=backend, **fineness).shares
 

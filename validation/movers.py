@@ -91,7 +91,7 @@ def frame_error_db() -> float:
     """NMSE of the moving part of a fan's field at its own surface rate, beside 5 times that."""
     fan = t2d.TableFan(position_m=(1.5, 0.5, 1), heading_deg=120).mesh(0, RECORD_S)
     usual = t2d.simulate(fan, radar=RADAR, occlusion=False)
-    finer = t2d.simulate(fan, radar=RADAR, occlusion=False, surface_rate_hz=5 * usual.settings["surface_rate_hz"])
+    finer = t2d.simulate(fan, radar=RADAR, occlusion=False, surface_rate_hz=5 * usual.settings["surface_rate_hz"][0])
     field, truth = (each.adc.values - each.adc.values.mean(axis=0) for each in (usual, finer))
     return float(10 * np.log10(np.sum(np.abs(field - truth) ** 2) / np.sum(np.abs(truth) ** 2)))
 

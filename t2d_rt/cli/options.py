@@ -39,7 +39,7 @@ EXAMPLES = {
 SIGNAL_HELP = {
     "range_window": "window over the samples of a chirp",
     "range_gate_m": "nearest and farthest range to use, [1, 5]; all by default",
-    "mti": "none, mean, highpass or canceller",
+    "mti": "none, mean, highpass or canceller; by default mean where there is clutter",
     "cutoff_mps": "of mti highpass",
     "kernel": "taps of mti canceller",
     "combine": "range bins: noncoherent (powers) or coherent (fields)",

@@ -13,8 +13,8 @@ from t2d_rt.backend import Backend, aligned_empty
 from t2d_rt.echo.facets import Weights
 from t2d_rt.types import EchoArrays, Leg, LegPair, Radar
 
-ANCHORS = 150
-"""Points of a body at which coefficients are worked out: a hand's breadth apart."""
+ANCHORS, APART_M = 150, 0.07
+"""Points of a target at which coefficients are worked out: at most so many, and no nearer to each other than needed."""
 NEIGHBOURS = 3
 """Anchors that an echo takes its coefficient from."""
 
@@ -35,10 +35,10 @@ class View:
 
 
 def anchor_vertices(rest: np.ndarray) -> np.ndarray:
-    """Numbers of a few vertices (V, 3) that stand for those around them, each as far as may be from the others."""
+    """Numbers of a few vertices of (V, 3) m that stand for those around them, each as far as may be from the others."""
     chosen = [0]
     nearest = np.linalg.norm(rest - rest[0], axis=1)
-    while len(chosen) < min(ANCHORS, len(rest)) and nearest.max() > 1e-6:
+    while len(chosen) < min(ANCHORS, len(rest)) and nearest.max() > APART_M:
         # Rounded: of vertices as far the first one is taken, whichever way the mesh lies.
         chosen.append(int(np.argmax(np.round(nearest, 6))))
         nearest = np.minimum(nearest, np.linalg.norm(rest - rest[chosen[-1]], axis=1))

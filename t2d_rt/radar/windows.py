@@ -17,7 +17,7 @@ INTERVALS = 32
 # A spline's end conditions fade by 0.268 per frame: 1e-7 after 12 frames.
 HALO_FRAMES = 12
 # Echoes x frames read at once, 24 bytes each.
-READ_ECHO_FRAMES = 1_000_000
+READ_ECHO_FRAMES = 2_000_000
 
 Delay = tuple[np.ndarray, np.ndarray]
 """[s] and its slope [s per frame], both (n + 3, N)."""

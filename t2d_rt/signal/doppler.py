@@ -55,7 +55,7 @@ def spectrogram(
     *,
     range_window: str = "hann",
     range_gate_m: tuple[float, float] | None = None,
-    mti: str = "none",
+    mti: str | None = None,
     cutoff_mps: float = 0.1,
     kernel: Sequence[float] = PAPER_KERNEL,
     combine: str = "noncoherent",
@@ -66,8 +66,8 @@ def spectrogram(
 ) -> Spectrogram:
     """Micro-Doppler spectrogram of a cube (chirp, antenna, sample).
 
-    Range FFT, MTI (see `mti`; `cutoff_mps` for "highpass", `kernel` for "canceller"), STFT per range bin, and the bins
-    within `range_gate_m` (nearest, farthest; all by default) combined:
+    Range FFT, MTI (see `mti`; None is "none"; `cutoff_mps` for "highpass", `kernel` for "canceller"), STFT per range bin, and the
+    bins within `range_gate_m` (nearest, farthest; all by default) combined:
 
     - "noncoherent": powers added and divided by the range window's noise bandwidth, so that a target of power P reads P
       in its peak cell wherever it stands between bins. Antennas are averaged.
@@ -102,7 +102,9 @@ def spectrogram(
             return part * (fast * np.sqrt(radar.samples)).astype(part.real.dtype)
         return range_fft(part, window=range_window, bins=bins)
 
-    for first, windows, cells in _filtered(adc, radar, burst, starts, n_window, cells_of, mti, cutoff_mps, kernel):
+    for first, windows, cells in _filtered(
+        adc, radar, burst, starts, n_window, cells_of, mti or "none", cutoff_mps, kernel
+    ):
         if combine == "coherent":
             cells = cells.sum(axis=-1, keepdims=True)
         powers.append(_summed_power(cells.reshape(len(cells), -1), windows - first, slow, n_fft))

@@ -64,6 +64,10 @@ class Occlusion:
         self._meshes = tuple(meshes)
         self._past, self._solid = past, solid
         self._viewpoint = np.asarray(viewpoint_m, np.float64)
+        self._rate_hz = rate_hz
+        self._copies = 64
+        if not meshes:
+            return
         start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
         self._keys = key_times(float(start), float(stop), rate_hz)
         self._sizes = [len(m.rest) for m in meshes]
@@ -92,6 +96,30 @@ class Occlusion:
                 self._chunks.popitem(last=False)
         self._chunks.move_to_end(number)
         return self._chunks[number]
+
+    def of_swift(self, mesh: MovingMesh, start_s: float, stop_s: float) -> Past:
+        """What share of another mesh is seen at times [s] (K,), the same for all of its vertices (K, V): of one that turns too fast
+        to be looked at vertex by vertex, and hides nothing itself."""
+        keys = key_times(start_s, stop_s, self._rate_hz)
+        known: list[np.ndarray] = []
+
+        def at_keys(numbers: np.ndarray) -> np.ndarray:
+            if not known:
+                parts = [keys[first : first + self._copies] for first in range(0, len(keys), self._copies)]
+                known.append(np.concatenate([self._share(mesh.at(part), part) for part in parts]))
+            return known[0][numbers]
+
+        return lambda times_s: np.broadcast_to(faded(times_s, keys, at_keys), (len(times_s), len(mesh.rest)))
+
+    def _share(self, points: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+        """Mean share (K, 1) of points (K, Q, 3) at these times that is seen."""
+        seen = np.ones(points.shape[:2], np.float32)
+        if self._solid and self._meshes:
+            vertices = np.concatenate([mesh.at(times_s) for mesh in self._meshes], axis=1)
+            seen *= self.clear(vertices, points, np.zeros_like(points))
+        if self._past is not None:
+            seen[seen > 0] *= self._past(points[seen > 0])
+        return seen.mean(axis=1, keepdims=True)
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
