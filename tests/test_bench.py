@@ -20,7 +20,8 @@ def made_up(case: Case) -> dict[str, object]:
     seconds = 1 + 2 * case.duration_s
     return {
         "name": case.name, "method": case.method, "duration_s": case.duration_s, "prf_hz": 1e3, "antennas": 1,
-        "facets": 10, "echoes": 5, "facet_terms": 100, "echo_terms": 50, "seconds": seconds, "peak_gb": 1.0, "yardstick_s": 2.0,
+        "pairs": 1, "facets": 10, "echoes": 5, "facet_terms": 100, "echo_terms": 50, "seconds": seconds, "peak_gb": 1.0,
+        "yardstick_s": 2.0,
         "stages": {**dict.fromkeys(STAGES, 0.1), SYNTHESIS: 2 * case.duration_s},
     }  # fmt: skip
 
@@ -52,9 +53,12 @@ def test_a_sweep_is_judged_by_its_exponent(durations: tuple[Sweep, Found]) -> No
 
 
 def test_slow_cases_miss_their_bars() -> None:
-    section, _ = walk(lambda case: {**made_up(case), "seconds": 9.0}, quick=False)
+    section, _ = walk(lambda case: {**made_up(case), "seconds": 21.0}, quick=False)
     missed = {check.what for check in section.checks if not check.passed}
-    assert missed == {"ellipsoid, table2-uniform", "ellipsoid, table2", "mesh, table2-uniform", "mesh, table2"}
+    assert missed == {
+        "ellipsoid, table2-uniform", "ellipsoid, table2", "mesh, table2-uniform", "mesh, table2",
+        "mesh, table2-uniform, living_room",
+    }  # fmt: skip
 
 
 def test_antennas_are_those_asked_for() -> None:

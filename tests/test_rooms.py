@@ -294,7 +294,7 @@ def test_antennas_apart_have_looks_of_their_own() -> None:
     one, half = leg(0.5), leg(0.25)
     times = np.linspace(0, 0.1, 5)
     pairs = [LegPair(out=one, back=half), LegPair(out=one, back=one)]
-    views = coarse_views(target, pairs, rate_hz=25.0, times_s=times)
+    views = coarse_views(target, pairs, rate_hz=25.0, span_s=(0.0, 0.1))
     assert [float(view.passed(times).max()) for view in views if view.passed is not None] == [0.125, 0.5]
 
 

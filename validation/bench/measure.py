@@ -22,9 +22,11 @@ import t2d_rt as t2d
 from t2d_rt import cubes, pipeline, result
 from t2d_rt.backend import select
 from t2d_rt.echo import mesh
+from t2d_rt.echo.legs import Arrivals
 from t2d_rt.radar import synthesize, windows
 from t2d_rt.radar.windows import Window
 from t2d_rt.resources import resource as shipped
+from t2d_rt.trace.surroundings import Passed
 from t2d_rt.trace.visibility import Occlusion
 from t2d_rt.types import Ellipsoids, Motion, MovingMesh, Radar
 
@@ -32,19 +34,25 @@ ENOUGH_S = 15.0
 """A case is not run again once its runs have taken that long."""
 SPHERE_RADIUS_M, SPHERE_SPEED_MPS = 0.15, 1.0
 SINCOS_LANES, SINCOS_EACH = 1 << 22, 64
-MOTION, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST = (
-    "motion and body", "refinement, patches, points", "occlusion", "facets and points", "synthesis", "spectrogram", "rest"
+MOTION, WAYS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST = (
+    "motion and body", "ways in a room", "refinement, patches, points", "occlusion", "facets and points", "synthesis",
+    "spectrogram", "rest",
 )  # fmt: skip
-STAGES = (MOTION, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST)
+STAGES = (MOTION, WAYS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST)
 ENTRIES: tuple[tuple[str, Any, str], ...] = (
     (MOTION, pipeline, "_shape"),
     (MOTION, MovingMesh, "at"),
     (MOTION, Ellipsoids, "at"),
+    (WAYS, pipeline, "find_ways"),
+    (WAYS, pipeline, "clutter_streams"),
+    (WAYS, Arrivals, "weight"),
     (SETUP, mesh._Model, "of"),
     (OCCLUSION, Occlusion, "__init__"),
     (OCCLUSION, Occlusion, "visibility"),
+    (OCCLUSION, Passed, "over"),
     (FACETS, mesh, "_carried"),
-    (FACETS, mesh._Model, "echoes"),
+    (FACETS, mesh._Model, "put"),
+    (FACETS, mesh.Block, "arrays"),
     (FACETS, mesh._Model, "places"),
     (SYNTHESIS, pipeline, "synthesize"),
     (SYNTHESIS, synthesize, "_sums"),
@@ -70,6 +78,9 @@ class Case:
     """The best of so many counts."""
     on_disk: bool = False
     """Whether the cube goes to disk however small it is."""
+    scene: str = "free_space"
+    """In a room the walk is on the spot, 3 m before the radar."""
+    dynamic_range_db: float = 60.0
 
 
 def apart(case: Case) -> dict[str, Any]:
@@ -90,12 +101,20 @@ def measure(case: Case) -> dict[str, Any]:
     radar = Radar.preset(case.preset, **case.changes)
     if case.on_disk:
         cubes.LARGE_BYTES = 0
-    target = _sphere(case.duration_s) if case.target == "sphere" else _walk(case.duration_s)
+    if case.target == "sphere":
+        target: Motion | MovingMesh = _sphere(case.duration_s)
+    else:
+        target = _walk(case.duration_s, on_the_spot=case.scene != "free_space")
 
-    def run() -> None:
-        _ = t2d.simulate(target, radar=radar, method=case.method, sagitta_rad=case.sagitta_rad).spectrogram  # type: ignore[arg-type]
+    def run() -> int:
+        found = t2d.simulate(
+            target, radar=radar, method=case.method, sagitta_rad=case.sagitta_rad, scene=case.scene,  # type: ignore[arg-type]
+            dynamic_range_db=case.dynamic_range_db,
+        )  # fmt: skip
+        _ = found.spectrogram
+        return len(found.settings.get("pairs", [None]))
 
-    run()  # compiles the kernels
+    pairs = run()  # compiles the kernels
     peak_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
     taken: list[float] = []
     while len(taken) < case.runs and sum(taken) < ENOUGH_S:
@@ -107,6 +126,7 @@ def measure(case: Case) -> dict[str, Any]:
         "duration_s": case.duration_s,
         "prf_hz": radar.prf_hz,
         "antennas": radar.antennas,
+        "pairs": pairs,
         "seconds": min(taken),
         "peak_gb": peak_gb,
         "yardstick_s": _yardstick_s(),
@@ -118,7 +138,7 @@ def measure(case: Case) -> dict[str, Any]:
     }
 
 
-def stage_seconds(run: Callable[[], None]) -> tuple[dict[str, float], Counter[str]]:
+def stage_seconds(run: Callable[[], Any]) -> tuple[dict[str, float], Counter[str]]:
     """Each stage's seconds in one run, without those of stages called within it, and what the stages had to do.
 
     Echoes are otherwise made while earlier ones are summed; here each stage has all cores to itself.
@@ -163,8 +183,8 @@ class _AtOnce(ThreadPoolExecutor):
         return future
 
 
-def _facet_terms(model: Any, cage: np.ndarray, *_: Any) -> dict[str, int]:
-    return {"facet_terms": len(model.patches.corners) * len(cage), "frames": len(cage)}
+def _facet_terms(model: Any, block: Any, *_: Any) -> dict[str, int]:
+    return {"facet_terms": len(model.patches.corners) * block.shape[0], "frames": block.shape[0]}
 
 
 def _echo_terms(window: Window, radar: Radar, position: np.ndarray, *_: Any) -> dict[str, int]:
@@ -172,11 +192,14 @@ def _echo_terms(window: Window, radar: Radar, position: np.ndarray, *_: Any) -> 
     return {"echo_terms": window.delay.shape[1] * moments, "moments": moments}
 
 
-COUNTERS: dict[str, Callable[..., dict[str, int]]] = {"echoes": _facet_terms, "_sums": _echo_terms}
+COUNTERS: dict[str, Callable[..., dict[str, int]]] = {"put": _facet_terms, "_sums": _echo_terms}
 
 
-def _walk(duration_s: float) -> Motion:
-    return t2d.place(t2d.repeat(t2d.load_motion(shipped("motions", "12_01_walk.bvh")), duration_s))
+def _walk(duration_s: float, *, on_the_spot: bool) -> Motion:
+    walk = t2d.load_motion(shipped("motions", "12_01_walk.bvh"))
+    if on_the_spot:
+        return t2d.place(t2d.repeat(walk, duration_s, travel=False), distance_m=3.0)
+    return t2d.place(t2d.repeat(walk, duration_s))
 
 
 def _sphere(duration_s: float) -> MovingMesh:

@@ -25,6 +25,7 @@ WALK_BARS_S = {
     ("mesh", "table2-uniform"): 5.0,
     ("mesh", "table2"): 8.0,
 }
+ROOM, ROOM_BAR_S = "living_room", 20.0
 IMPORT_BAR_S, MEMORY_BAR_GB, ARRAY_BAR, MEMORY_GROWTH_BAR = 0.5, 2.0, 4.0, 1.1
 EXPONENT_BAR = 1.05
 SLOW_PRF_HZ, FAST_PRF_HZ, FAST_BAR = 1280.0, 12800.0, 3.0
@@ -80,6 +81,10 @@ def walk(run: Run, *, quick: bool) -> tuple[Section, Found]:
         Case(name=f"{method}, {preset}", method=method, preset=preset, duration_s=WALK_S, runs=3)
         for method, preset in bars
     ]
+    bars["mesh", ROOM] = ROOM_BAR_S
+    cases.append(
+        Case(name=f"mesh, table2-uniform, {ROOM}", preset="table2-uniform", scene=ROOM, duration_s=WALK_S, runs=3)
+    )
     array = Radar.preset("array-3x4")
     one = {"tx_offsets_m": [[0, 0, 0]], "rx_offsets_m": [[0, 0, 0]], "multiplexing": "simultaneous"}
     one["prf_hz"] = array.prf_hz / len(array.tx_offsets_m)
@@ -112,7 +117,7 @@ def walk(run: Run, *, quick: bool) -> tuple[Section, Found]:
         "From a 10 s walk (cycles of CMU 12_01, repeated without a jump) to ADC cube and spectrogram, kernels warm and the body's "
         f"refinement kept from a run before, best of {'one' if quick else 'three'}, each case in a process of its own. A "
         "yardstick is 1e8 complex exponentials in NumPy, float64, in the same process. The one antenna sends with every row of "
-        "the array's cube."
+        "the array's cube. In the room it is a walk on the spot, 3 m away, with all pairs of ways within 60 dB."
     )
     return Section(title="10 s walk", checks=checks, note=note, table=table), found
 
@@ -172,6 +177,15 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
             cases=[_antennas(*pair, duration_s=base_s / 8) for pair in pairs],
             note=f"Walk of {base_s / 8:g} s, transmitters and receivers spread over the layout of imaging-12x16, all at once, "
             "4 167 rows per second. One antenna alone has no aperture, so its patches are larger, and fewer.",
+        ),
+        "pairs": Sweep(
+            title="Pairs of ways",
+            variable="pairs",
+            cases=[
+                Case(name=f"{db:g} dB", preset="table2-uniform", scene=ROOM, dynamic_range_db=db, duration_s=base_s)
+                for db in of((5.0, 15.0, 20.0, 25.0, 30.0, 60.0), (10.0, 60.0))
+            ],
+            note=f"Walk of {base_s:g} s on the spot in the {ROOM}, table2-uniform, with all pairs of ways within more and more dB.",
         ),
     }  # fmt: skip
     if quick:
