@@ -39,6 +39,7 @@ def simulate(
     radar: Radar | None = None,
     scene: str | Path | Scene | Room = "free_space",
     reflections: int = 2,
+    transmissions: int = 0,
     dynamic_range_db: float = 60.0,
     clutter: Clutter = "specular",
     method: Method = "mesh",
@@ -62,6 +63,8 @@ def simulate(
     radar: the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     reflections: greatest number of them on the ways out and back together.
+    transmissions: greatest number of slabs passed on them, 2 for a target behind one partition; those that let through under -40 dB
+        end a way.
     dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out.
     clutter: of the room itself, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls too) or "none".
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
@@ -81,7 +84,7 @@ def simulate(
     radar = Radar.preset("table2") if radar is None else radar
     targets = [target] if isinstance(target, Target) else target
     _check(targets, radar, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
-    _check_room(reflections, dynamic_range_db, clutter)
+    _check_room(reflections, transmissions, dynamic_range_db, clutter)
     backend = select(device)
     around = _around(scene)
     shapes = _shapes(targets, method, body, material, radar)
@@ -94,7 +97,10 @@ def simulate(
         _check_shape(shape, radar, times_s)
     ways = None
     if around is not None:
-        ways = find_ways(around, shapes, radar, times_s, order=reflections, range_db=dynamic_range_db, backend=backend)
+        ways = find_ways(
+            around, shapes, radar, times_s,
+            order=reflections, transmissions=transmissions, range_db=dynamic_range_db, backend=backend,
+        )  # fmt: skip
     common: dict[str, Any] = {"rate_hz": occlusion_rate_hz, "times_s": times_s}
     strong = [None] if ways is None else ways.pairs[: ways.strong]
     views = full_views(shapes, radar, strong, occlusion=occlusion, backend=backend, **common)
@@ -142,6 +148,7 @@ def simulate(
     if ways is not None:
         settings |= {
             "reflections": int(reflections),
+            "transmissions": int(transmissions),
             "dynamic_range_db": float(dynamic_range_db),
             **ways.describe(),
             **static,
@@ -301,9 +308,11 @@ def _check(
         raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")
 
 
-def _check_room(reflections: Any, dynamic_range_db: Any, clutter: Any) -> None:
+def _check_room(reflections: Any, transmissions: Any, dynamic_range_db: Any, clutter: Any) -> None:
     if not isinstance(reflections, (int, np.integer)) or not 0 <= reflections <= 4:
         raise InputError(f"reflections must be an integer in 0..4, got {reflections!r}; 2 suits rooms")
+    if not isinstance(transmissions, (int, np.integer)) or not 0 <= transmissions <= 4:
+        raise InputError(f"transmissions must be an integer in 0..4, got {transmissions!r}; 2 sees behind a partition")
     if not isinstance(dynamic_range_db, (int, float)) or not 0 <= dynamic_range_db <= 200:
         raise InputError(f"dynamic_range_db must lie in 0..200 dB, got {dynamic_range_db!r}; 60 suits most uses")
     if clutter not in ("specular", "diffuse", "none"):

@@ -68,17 +68,20 @@ def find_ways(
     times_s: np.ndarray,
     *,
     order: int,
+    transmissions: int = 0,
     range_db: float,
     backend: Backend,
 ) -> ChosenPairs:
-    """Pairs of legs of up to `order` reflections in all that lead to the targets within `range_db` of the strongest one."""
+    """Pairs of legs of up to `order` reflections and `transmissions` in all that lead to the targets within `range_db` of the
+    strongest one."""
     points = probes(shapes, float(times_s[0]), float(times_s[-1]))
-    out, back = radar_legs(scene, radar, points, order=order, backend=backend)
-    ranked = ranked_pairs(radar, out, back, points, order=order)
+    most = {"order": order, "transmissions": transmissions}
+    out, back = radar_legs(scene, radar, points, **most, backend=backend)
+    ranked = ranked_pairs(radar, out, back, points, **most)
     if not ranked:
         raise InputError(
-            f"no way leads from the radar to the target in scene {scene.name} with up to {order} reflections; move the radar "
-            "or the target, or allow more reflections"
+            f"no way leads from the radar to the target in scene {scene.name} with up to {order} reflections and "
+            f"{transmissions} transmissions; move the radar or the target, or allow more of them"
         )
     kept = [each for each in ranked if each.best_db >= -range_db]
     return ChosenPairs(
