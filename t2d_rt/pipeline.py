@@ -23,7 +23,7 @@ from t2d_rt.motion import place, track
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
-from t2d_rt.room import Clutter, clutter_streams, coarse_views, coarser, find_ways, full_views
+from t2d_rt.room import Clutter, Collisions, checked_time, clutter_streams, coarse_views, coarser, find_ways, full_views
 from t2d_rt.scene import Mover, Room
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.scenes import load_scene
@@ -42,6 +42,7 @@ def simulate(
     transmissions: int = 0,
     dynamic_range_db: float = 60.0,
     clutter: Clutter = "specular",
+    collisions: Collisions = "warn",
     method: Method = "mesh",
     seed: int = 0,
     body: str = "adult",
@@ -67,6 +68,8 @@ def simulate(
         end a way.
     dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out.
     clutter: of the room itself, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls too) or "none".
+    collisions: for targets that go through walls or furniture, or start outside the room: "warn" says when and where, "stop" ends
+        the record just before, "ignore" lets them.
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.
@@ -84,11 +87,18 @@ def simulate(
     radar = Radar.preset("table2") if radar is None else radar
     targets = [target] if isinstance(target, Target) else target
     _check(targets, radar, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
-    _check_room(reflections, transmissions, dynamic_range_db, clutter)
+    _check_room(reflections, transmissions, dynamic_range_db, clutter, collisions)
     backend = select(device)
     around = _around(scene)
     shapes = _shapes(targets, method, body, material, radar)
-    times_s = _frames(shapes, radar, surface_rate_hz)
+    time_s = _shared_time(shapes)
+    if around is not None:
+        time_s = checked_time(
+            collisions, around,
+            [_placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, shapes, strict=True)],
+            [shape.name for shape in shapes], radar, time_s, outside=transmissions > 0, backend=backend,
+        )  # fmt: skip
+    times_s = _frames(shapes, radar, surface_rate_hz, time_s)
     substances = [
         _material(shape.material if material is None or isinstance(target, Mover) else material, radar)
         for shape, target in zip(shapes, targets, strict=True)
@@ -149,6 +159,7 @@ def simulate(
         settings |= {
             "reflections": int(reflections),
             "transmissions": int(transmissions),
+            "collisions": collisions,
             "dynamic_range_db": float(dynamic_range_db),
             **ways.describe(),
             **static,
@@ -219,9 +230,11 @@ def _shared_time(shapes: Sequence[MovingMesh | Ellipsoids]) -> tuple[float, floa
     return start, stop
 
 
-def _frames(shapes: Sequence[MovingMesh | Ellipsoids], radar: Radar, rate_hz: float | None) -> np.ndarray:
-    """Surface frames over the time that all targets share [s]."""
-    start, stop = _shared_time(shapes)
+def _frames(
+    shapes: Sequence[MovingMesh | Ellipsoids], radar: Radar, rate_hz: float | None, time_s: tuple[float, float]
+) -> np.ndarray:
+    """Surface frames from a first to a last moment [s]."""
+    start, stop = time_s
     if rate_hz is None:
         rate_hz = max(needed_rate_hz(shape, radar, start, stop) for shape in shapes)
     return np.linspace(start, stop, max(4, int(np.ceil((stop - start) * rate_hz)) + 1))
@@ -308,7 +321,7 @@ def _check(
         raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")
 
 
-def _check_room(reflections: Any, transmissions: Any, dynamic_range_db: Any, clutter: Any) -> None:
+def _check_room(reflections: Any, transmissions: Any, dynamic_range_db: Any, clutter: Any, collisions: Any) -> None:
     if not isinstance(reflections, (int, np.integer)) or not 0 <= reflections <= 4:
         raise InputError(f"reflections must be an integer in 0..4, got {reflections!r}; 2 suits rooms")
     if not isinstance(transmissions, (int, np.integer)) or not 0 <= transmissions <= 4:
@@ -317,6 +330,8 @@ def _check_room(reflections: Any, transmissions: Any, dynamic_range_db: Any, clu
         raise InputError(f"dynamic_range_db must lie in 0..200 dB, got {dynamic_range_db!r}; 60 suits most uses")
     if clutter not in ("specular", "diffuse", "none"):
         raise InputError(f"clutter must be 'specular', 'diffuse' or 'none', got {clutter!r}")
+    if collisions not in ("warn", "stop", "ignore"):
+        raise InputError(f"collisions must be 'warn', 'stop' or 'ignore', got {collisions!r}")
 
 
 def _describe(target: Target) -> str:
