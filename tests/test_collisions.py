@@ -16,7 +16,7 @@ from t2d_rt.resources import resource
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Room, TableFan
 from t2d_rt.trace.collisions import Collision, find_collisions, looks
 from t2d_rt.trace.scenes import load_scene
-from t2d_rt.types import Ellipsoids, Motion, MovingMesh, Radar, Scene, Surface
+from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene, Surface
 
 RADAR = Radar.preset("table2")
 ROOM = Room(name="cell", size_m=(5, 4, 2.5))
@@ -57,8 +57,7 @@ def with_wall(x: float) -> Scene:
 
 def test_a_walk_through_a_wall_is_found_in_each_form(backend: Backend, walk: Motion) -> None:
     pelvis = walk.joints[:, 0]
-    # A body reaches half its depth ahead of its pelvis.
-    frame = int(np.argmax(pelvis[:, 0] < 3.0 + 0.1))
+    frame = int(np.argmax(pelvis[:, 0] < 3.0))
     for form in (walk, t2d.skin(walk), t2d.segments(walk)):
         (collision,) = found(backend, with_wall(3.0), form)
         assert collision.surface == "partition"
@@ -94,6 +93,26 @@ def test_feet_may_dip_into_the_floor(backend: Backend, height_m: float, surface:
     """A sphere of 10 cm, whose lowest part's middle lies 9 cm under its own."""
     sinking = ball((2.0, 0.0, 0.3), (0, 0, height_m - 0.3), 1.0)
     assert [each.surface for each in found(backend, ROOM.scene(), sinking)] == surface
+
+
+def sitting_down(seat_m: tuple[float, float, float]) -> Motion:
+    """In two seconds, towards +x; thighs and shins of 42 cm."""
+    bend = np.pi / 2 * np.clip(np.linspace(-0.2, 1.2, 60), 0, 1)
+    seat, zero = np.array(seat_m), np.zeros(60)
+    ankle = np.broadcast_to([seat[0] + 0.42, seat[1], 0.08], (60, 3))
+    knee = ankle + [0, 0, 0.42]
+    pelvis = knee + 0.42 * np.stack([-np.sin(bend), zero, np.cos(bend)], axis=1)
+    pelvis[:, 2] = np.maximum(pelvis[:, 2], seat[2])
+    trunk = np.stack([0.25 * np.sin(2 * bend), zero, zero + 0.4], axis=1)
+    place = {"knee": knee, "ankle": ankle, "foot": ankle, "spine3": pelvis + trunk, "head": pelvis + 1.5 * trunk}
+    joints = np.stack([place.get(name.split("_")[-1], pelvis) for name in CANONICAL_JOINTS], axis=1)
+    return Motion(joints=joints, rotations=np.tile([0.0, 0, 0, 1], (60, 22, 1)), rate_hz=30.0)
+
+
+@pytest.mark.parametrize(("kind", "forward_m"), [("chair", 0.0), ("armchair", 0.1), ("sofa", 0.1), ("bed", 0.7)])
+def test_one_may_sit_down(backend: Backend, kind: str, forward_m: float) -> None:
+    room = Room(name="cell", size_m=(5, 4, 2.5), furniture=({"kind": kind, "x_m": 2.0, "y_m": 0},))
+    assert found(backend, room.scene(), sitting_down((2.0 + forward_m, 0.0, 0.52))) == []
 
 
 # --- movers ---
@@ -147,7 +166,7 @@ def test_simulate_warns_of_what_where_and_when() -> None:
         T2DWarning,
         match=r"ball goes through wall\+x of cell at 0\.2[0-5] s, at \(4\.50, 0\.[45]\d, 1\.[12]\d\) m; place it elsewhere, choose",
     ):
-        t2d.simulate(through, scene=ROOM, reflections=0)
+        t2d.simulate(through, scene=ROOM, reflections=0, clutter="none")
 
 
 def test_simulate_stops_before() -> None:
@@ -169,7 +188,7 @@ def test_nothing_is_said_of_what_stays_inside() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", T2DWarning)
         for collisions in ("warn", "stop"):
-            t2d.simulate(inside, scene=ROOM, reflections=0, collisions=collisions)
+            t2d.simulate(inside, scene=ROOM, reflections=0, clutter="none", collisions=collisions)
 
 
 def test_what_starts_outside_is_told() -> None:
@@ -182,12 +201,12 @@ def test_what_starts_outside_is_told() -> None:
     outside = ball((5.2, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2)
     message = r"ball starts at \(5\.20, 0\.20, 1\.20\) m, outside cell, which reaches from \(-0\.5, -2, 0\) to \(4\.5, 2, 2\.5\) m"
     with pytest.warns(T2DWarning, match=message):
-        t2d.simulate(outside, scene=room, reflections=0)
+        t2d.simulate(outside, scene=room, reflections=0, clutter="none")
     with pytest.raises(InputError, match=message + ", which leaves no record to stop at"):
-        t2d.simulate(outside, scene=room, reflections=0, collisions="stop")
+        t2d.simulate(outside, scene=room, reflections=0, clutter="none", collisions="stop")
     with warnings.catch_warnings():
         warnings.simplefilter("error", T2DWarning)
-        t2d.simulate(outside, scene=room, reflections=0, transmissions=2)
+        t2d.simulate(outside, scene=room, reflections=0, clutter="none", transmissions=2)
 
 
 def test_of_several_targets_the_one_is_told() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,11 +23,12 @@ PARTS = 12
 LOOKS_AT_ONCE = 50
 """Of a mesh, for memory."""
 MIDDLE = (
-    ("left_knee", "right_knee", "left_ankle", "right_ankle"), ("left_hip", "right_hip", "left_knee", "right_knee"), ("pelvis",),
-    ("spine3",), ("head",),
+    ("left_knee", "right_knee", "left_ankle", "right_ankle"), ("left_knee", "right_knee"), ("pelvis",), ("spine3",), ("head",),
 )  # fmt: skip
-"""Joints that a person's middle runs by, from between the shins to the head; arms and feet may touch what they like. Knees swing
-ahead while ankles are behind, so both count."""
+"""Joints that a person's middle runs by, from between the shins to the head; arms and feet may touch what they like."""
+KNEES = 1
+FLAT = 0.7
+"""A surface whose normal is that upright lies flat."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,14 +67,23 @@ def find_collisions(
         if around_radar and ((start < low - DEEP_M) | (start > high + DEEP_M)).any():
             found.append(Collision(number, start_s, start, None))
             continue
-        # Steps go through what stands in the way; what lies flat, as a table's top, goes through a person.
-        steps = first_crossing(mirrors, track.transpose(1, 0, 2), np.broadcast_to(times, track.shape[1::-1]))
-        across = None
-        if isinstance(target, Motion):
-            across = first_crossing(mirrors, track, np.broadcast_to(times[:, None], track.shape[:2]))
-        if crossings := [each for each in (steps, across) if each is not None]:
-            found.append(Collision(number, *min(crossings, key=lambda each: each[0])))
+        crossings = [first_crossing(mirrors, *each) for each in _lines(target, track, times)]
+        if met := [each for each in crossings if each is not None]:
+            found.append(Collision(number, *min(met, key=lambda each: each[0])))
     return found
+
+
+def _lines(
+    target: Motion | MovingMesh | Ellipsoids, track_m: np.ndarray, times_s: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+    """Lines (L, N, 3), their times (L, N), and how upright the normals of what they may go through are at least."""
+    if isinstance(target, Motion):
+        # Steps pass over and under what lies flat, as a table's top: it lies across the body.
+        bones = np.stack([track_m[:, :-1], track_m[:, 1:]], axis=2)
+        yield bones.reshape(-1, 2, 3), np.broadcast_to(times_s[:, None, None], bones.shape[:3]).reshape(-1, 2), FLAT
+        # Knees swing ahead of the body; they are there to lead around the seat of a chair.
+        track_m = np.delete(track_m, KNEES, axis=1)
+    yield track_m.transpose(1, 0, 2), np.broadcast_to(times_s, track_m.shape[1::-1]), 0.0
 
 
 def looks(start_s: float, stop_s: float) -> np.ndarray:
@@ -116,9 +126,11 @@ def _parts(rest: np.ndarray) -> np.ndarray:
     return np.unique(part, return_inverse=True)[1].ravel()
 
 
-def first_crossing(mirrors: Mirrors, lines_m: np.ndarray, times_s: np.ndarray) -> tuple[float, np.ndarray, str] | None:
-    """When and where any of lines from point to point (L, N, 3), whose times are (L, N), first goes through a surface, and its
-    name."""
+def first_crossing(
+    mirrors: Mirrors, lines_m: np.ndarray, times_s: np.ndarray, least_upright: float = 0.0
+) -> tuple[float, np.ndarray, str] | None:
+    """When and where any of lines from point to point (L, N, 3), whose times are (L, N), first goes through a surface whose normal
+    is that upright, and its name."""
     line, point = np.nonzero(~mirrors.free(lines_m[:, :-1], lines_m[:, 1:]))
     if not len(line):
         return None
@@ -127,8 +139,10 @@ def first_crossing(mirrors: Mirrors, lines_m: np.ndarray, times_s: np.ndarray) -
     way, met = mirrors.first(start, step / length[:, None])
     share = way / length
     when = times_s[line, point] + share * (times_s[line, point + 1] - times_s[line, point])
-    for number in np.argsort(when)[: np.count_nonzero(share <= 1)]:
+    for number in np.argsort(when):
         mirror = mirrors.each[met[number]]
+        if share[number] > 1 or abs(mirror.normal[2]) < least_upright:
+            continue
         if _through(lines_m[line[number]] @ mirror.normal - mirror.offset_m, int(point[number])):
             place = start[number] + share[number] * step[number]
             return float(when[number]), place, mirrors.scene.surfaces[mirror.surface].name
