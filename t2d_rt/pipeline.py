@@ -64,12 +64,10 @@ def simulate(
     radar: the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     reflections: greatest number of them on the ways out and back together.
-    transmissions: greatest number of slabs passed on them, 2 for a target behind one partition; those that let through under -40 dB
-        end a way.
+    transmissions: greatest number of thin slabs passed on them; 2 for a target behind a partition.
     dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out.
     clutter: of the room itself, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls too) or "none".
-    collisions: for targets that go through walls or furniture, or start outside the room: "warn" says when and where, "stop" ends
-        the record just before, "ignore" lets them.
+    collisions: "warn" of targets that go through walls or furniture or start outside the room, "stop" just before, or "ignore" it.
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.
