@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from numbers import Real
 from pathlib import Path
@@ -18,6 +18,7 @@ from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.cubes import Cube, summed
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
+from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import check_outside, joined, mesh_echoes
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.errors import InputError, T2DWarning
@@ -25,7 +26,7 @@ from t2d_rt.motion import place, track
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
-from t2d_rt.room import Clutter, clutter_streams, coarse_views, coarser, find_ways, full_views
+from t2d_rt.room import Clutter, Collisions, checked_time, clutter_streams, coarse_views, coarser, find_ways, full_views
 from t2d_rt.scene import Mover, Room
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.scenes import load_scene
@@ -46,8 +47,10 @@ def simulate(
     radar: Radar | None = None,
     scene: str | Path | Scene | Room = "free_space",
     reflections: int = 2,
+    transmissions: int = 0,
     dynamic_range_db: float = 60.0,
     clutter: Clutter = "specular",
+    collisions: Collisions = "warn",
     method: Method = "mesh",
     seed: int = 0,
     body: str = "adult",
@@ -69,8 +72,10 @@ def simulate(
     radar: the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     reflections: greatest number of them on the ways out and back together.
+    transmissions: greatest number of thin slabs passed on them; 2 for a target behind a partition.
     dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out.
     clutter: of the room itself, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls too) or "none".
+    collisions: "warn" of targets that go through walls or furniture or start outside the room, "stop" just before, or "ignore" it.
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.
@@ -88,18 +93,27 @@ def simulate(
     radar = Radar.preset("table2") if radar is None else radar
     targets = [target] if isinstance(target, Target) else target
     _check(targets, radar, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
-    _check_room(reflections, dynamic_range_db, clutter)
+    _check_room(reflections, transmissions, dynamic_range_db, clutter, collisions)
     backend = select(device)
     around = _around(scene)
     shapes = _shapes(targets, method, body, material, radar)
     span_s = _shared_time(shapes)
+    if around is not None:
+        span_s = checked_time(
+            collisions, around,
+            [_placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, shapes, strict=True)],
+            [shape.name for shape in shapes], radar, span_s, outside=transmissions > 0, backend=backend,
+        )  # fmt: skip
     needed_hz = [needed_rate_hz(shape, radar, *span_s) for shape in shapes]
     paces = _paces(span_s, needed_hz if surface_rate_hz is None else [surface_rate_hz] * len(shapes))
     for shape in shapes:
         _check_shape(shape, radar, paces[0])
     ways = None
     if around is not None:
-        ways = find_ways(around, shapes, radar, span_s, order=reflections, range_db=dynamic_range_db, backend=backend)
+        ways = find_ways(
+            around, shapes, radar, span_s,
+            order=reflections, transmissions=transmissions, range_db=dynamic_range_db, backend=backend,
+        )  # fmt: skip
     looked_at: dict[str, Any] = {"rate_hz": occlusion_rate_hz, "span_s": span_s}
     swift = [
         rate > SWIFT * occlusion_rate_hz and not isinstance(target, Motion)
@@ -107,33 +121,33 @@ def simulate(
     ]
     strong = [None] if ways is None else ways.pairs[: ways.strong]
     views = full_views(shapes, radar, strong, swift=swift, occlusion=occlusion, backend=backend, **looked_at)
-    streams: list[EchoStream] = []
-    for target, shape, times_s, turns, close in zip(targets, shapes, paces, swift, views, strict=True):
-        own = material is None or isinstance(target, Mover)
-        common: dict[str, Any] = {
-            "times_s": times_s, "material": _material(shape.material if own or material is None else material, radar),
-        }  # fmt: skip
+
+    def echoes(
+        target: Target, shape: MovingMesh | Ellipsoids, times_s: np.ndarray, turns: bool, close: list[View]
+    ) -> Iterator[EchoStream]:
+        made_of = shape.material if material is None or isinstance(target, Mover) else material
+        common: dict[str, Any] = {"times_s": times_s, "material": _material(made_of, radar)}
         if isinstance(shape, Ellipsoids):
             weak = [] if ways is None else coarse_views(shape, ways.pairs[ways.strong :], **looked_at)
-            streams.append(ellipsoid_echoes(shape, radar, phase_from=phase_from, views=close + weak, **common))
-            continue
+            yield ellipsoid_echoes(shape, radar, phase_from=phase_from, views=close + weak, **common)
+            return
         detail: dict[str, Any] = {"seed": int(seed), "backend": backend, **common}
         bar = shape.sagitta_rad if sagitta_rad is None else sagitta_rad
-        streams.append(mesh_echoes(shape, radar, sagitta_rad=bar, views=close, **detail))
+        yield mesh_echoes(shape, radar, sagitta_rad=bar, views=close, **detail)
         if ways is None:
-            continue
+            return
         if weak := coarse_views(shape, ways.pairs[ways.strong : ways.clear], **looked_at):
-            streams.append(mesh_echoes(shape, radar, views=weak, **coarser(bar), **detail))
-        if not (faint := ways.pairs[ways.clear :]):
-            continue
-        if isinstance(target, Motion):
+            yield mesh_echoes(shape, radar, views=weak, **coarser(bar), **detail)
+        faint = ways.pairs[ways.clear :]
+        if faint and isinstance(target, Motion):
             limbs = segments(_placed(target, radar), body)
-            streams.append(ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, **looked_at), **common))
-        else:
-            if turns:
+            yield ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, **looked_at), **common)
+        elif faint:
+            if turns:  # less often, too
                 detail["times_s"] = np.linspace(*span_s, max(4, (len(times_s) + 1) // 2))
-            views_of_it = coarse_views(shape, faint, **looked_at)
-            streams.append(mesh_echoes(shape, radar, views=views_of_it, **coarser(bar, 2), **detail))
+            yield mesh_echoes(shape, radar, views=coarse_views(shape, faint, **looked_at), **coarser(bar, 2), **detail)
+
+    streams = [stream for each in zip(targets, shapes, paces, swift, views, strict=True) for stream in echoes(*each)]
     static: dict[str, object] = {}
     if around is not None and clutter != "none":
         steady = [shape for shape, turns in zip(shapes, swift, strict=True) if not turns]
@@ -154,6 +168,8 @@ def simulate(
     if ways is not None:
         settings |= {
             "reflections": int(reflections),
+            "transmissions": int(transmissions),
+            "collisions": collisions,
             "dynamic_range_db": float(dynamic_range_db),
             **ways.describe(),
             **static,
@@ -327,13 +343,17 @@ def _check(
         raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")
 
 
-def _check_room(reflections: Any, dynamic_range_db: Any, clutter: Any) -> None:
+def _check_room(reflections: Any, transmissions: Any, dynamic_range_db: Any, clutter: Any, collisions: Any) -> None:
     if not isinstance(reflections, (int, np.integer)) or not 0 <= reflections <= 4:
         raise InputError(f"reflections must be an integer in 0..4, got {reflections!r}; 2 suits rooms")
+    if not isinstance(transmissions, (int, np.integer)) or not 0 <= transmissions <= 4:
+        raise InputError(f"transmissions must be an integer in 0..4, got {transmissions!r}; 2 sees behind a partition")
     if not isinstance(dynamic_range_db, (int, float)) or not 0 <= dynamic_range_db <= 200:
         raise InputError(f"dynamic_range_db must lie in 0..200 dB, got {dynamic_range_db!r}; 60 suits most uses")
     if clutter not in ("specular", "diffuse", "none"):
         raise InputError(f"clutter must be 'specular', 'diffuse' or 'none', got {clutter!r}")
+    if collisions not in ("warn", "stop", "ignore"):
+        raise InputError(f"collisions must be 'warn', 'stop' or 'ignore', got {collisions!r}")
 
 
 def _describe(target: Target) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -11,16 +12,19 @@ import numpy as np
 from t2d_rt.backend import Backend, select
 from t2d_rt.echo.clutter import mirror_echoes, rough_echoes
 from t2d_rt.echo.legs import Share, View, anchor_vertices, ranked_pairs
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.trace.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
+from t2d_rt.trace.collisions import Collision, find_collisions
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.surroundings import Passed, probes, radar_legs
 from t2d_rt.trace.visibility import Occlusion
-from t2d_rt.types import EchoStream, Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene
+from t2d_rt.types import EchoStream, Ellipsoids, Leg, LegPair, Motion, MovingMesh, Radar, Scene
 
 Shape = MovingMesh | Ellipsoids
 Clutter = Literal["specular", "diffuse", "none"]
 """What still surfaces return by themselves: mirrors' paths, these and the scatter of rough walls, nothing."""
+Collisions = Literal["warn", "stop", "ignore"]
+"""What becomes of a target that goes through something: a warning, the end of the record just before, nothing."""
 
 STRONG_DB, FAINT_DB = -6.0, -15.0
 """Pairs weaker than the strongest one by more than the first, in the mean over the targets, are modelled in less detail, of a body
@@ -33,6 +37,56 @@ CLUTTER_ORDER = 3
 """Reflections of static clutter: a trihedral corner takes three."""
 SCATTERING_COEFFICIENT = 0.2
 """Of walls whose material has none, with "diffuse": the low end of what Degli-Esposti et al. (2007) fitted to buildings."""
+
+
+LEAST_S = 0.1
+"""A record that ends before that is none."""
+
+
+def checked_time(
+    collisions: Collisions,
+    scene: Scene,
+    targets: Sequence[Motion | Shape],
+    names: Sequence[str],
+    radar: Radar,
+    time_s: tuple[float, float],
+    *,
+    outside: bool,
+    backend: Backend,
+) -> tuple[float, float]:
+    """First and last moment of the record [s]: all of it, or up to where a target goes through something.
+
+    `outside`: whether a target may start outside the room.
+    """
+    if collisions == "ignore":
+        return time_s
+    start, stop = time_s
+    for found in find_collisions(scene, targets, radar, start, stop, backend=backend):
+        if found.surface is None and outside:
+            continue
+        told = _told(found, scene, names, start)
+        if collisions == "warn":
+            hint = " (distance_m, angle_deg)" if isinstance(targets[found.target], Motion) else ""
+            warnings.warn(
+                f"{told}; place it elsewhere{hint}, choose another room, or end the record there (collisions 'stop')",
+                T2DWarning,
+                stacklevel=3,
+            )
+        elif found.time_s - start < LEAST_S:
+            raise InputError(f"{told}, which leaves no record to stop at; place it elsewhere or choose another room")
+        else:
+            stop = min(stop, found.time_s)
+    return start, stop
+
+
+def _told(found: Collision, scene: Scene, names: Sequence[str], start_s: float) -> str:
+    """Half a sentence."""
+    name = names[found.target] + (f" (target {found.target + 1} of {len(names)})" if len(names) > 1 else "")
+    where = f"({', '.join(f'{x:.2f}' for x in found.place_m)}) m"
+    if found.surface is None:
+        low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in scene.bounds_m)
+        return f"{name} starts at {where}, outside {scene.name}, which reaches from ({low}) to ({high}) m"
+    return f"{name} goes through {found.surface} of {scene.name} at {found.time_s - start_s:.2f} s, at {where}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,17 +122,20 @@ def find_ways(
     span_s: tuple[float, float],
     *,
     order: int,
+    transmissions: int = 0,
     range_db: float,
     backend: Backend,
 ) -> ChosenPairs:
-    """Pairs of legs of up to `order` reflections in all that lead to the targets within `range_db` of the strongest one."""
+    """Pairs of legs of up to `order` reflections and `transmissions` in all that lead to the targets within `range_db` of the
+    strongest one."""
     points = probes(shapes, *span_s)
-    out, back = radar_legs(scene, radar, points, order=order, backend=backend)
-    ranked = ranked_pairs(radar, out, back, points, order=order)
+    most = {"order": order, "transmissions": transmissions}
+    out, back = radar_legs(scene, radar, points, **most, backend=backend)
+    ranked = ranked_pairs(radar, out, back, points, **most)
     if not ranked:
         raise InputError(
-            f"no way leads from the radar to the target in scene {scene.name} with up to {order} reflections; move the radar "
-            "or the target, or allow more reflections"
+            f"no way leads from the radar to the target in scene {scene.name} with up to {order} reflections and "
+            f"{transmissions} transmissions; move the radar or the target, or allow more of them"
         )
     kept = [each for each in ranked if each.best_db >= -range_db]
     return ChosenPairs(

@@ -224,9 +224,8 @@ def _recorded(
     from t2d_rt.types import Motion
 
     names = (
-        "scene", "reflections", "dynamic_range_db", "clutter", "seed", "body", "material", "occlusion", "occlusion_rate_hz",
-        "surface_rate_hz", "sagitta_rad",
-        "phase_from", "device",
+        "scene", "reflections", "transmissions", "dynamic_range_db", "clutter", "collisions", "seed", "body",
+        "material", "occlusion", "occlusion_rate_hz", "surface_rate_hz", "sagitta_rad", "phase_from", "device",
     )  # fmt: skip
     processing = options.signal.as_dict()
     targets = [motion, *(each.motion(radar) if isinstance(each, Person) else each for each in added)]

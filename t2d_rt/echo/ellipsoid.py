@@ -67,7 +67,8 @@ def ellipsoid_echoes(
         parts = []
         for number, view in enumerate(views):
             mine = slice(number * count, (number + 1) * count)
-            found = EchoArrays(path[:, mine] / SPEED_OF_LIGHT, amplitude[:, mine])
+            past = 0.0 if view.legs is None else view.legs.delay_s
+            found = EchoArrays(path[:, mine] / SPEED_OF_LIGHT + past, amplitude[:, mine])
             departure, arrival = (end[:, mine] for end in ends)
             if view.legs is None:
                 parts.append(seen_by(radar, found, departure, arrival))

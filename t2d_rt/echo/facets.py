@@ -32,6 +32,8 @@ class Pair:
     """At mid-sweep."""
     link_amplitude: float
     """sqrt(W) m: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
+    delay_s: float = 0.0
+    """Beside that of the distances: of slabs passed."""
 
     @classmethod
     def of(cls, radar: Radar, legs: LegPair | None = None) -> Pair:
@@ -44,7 +46,12 @@ class Pair:
             views_m=one_view(*places),
             frequency_hz=radar.mid_frequency_hz,
             link_amplitude=radar.link_amplitude,
+            delay_s=0.0 if legs is None else legs.delay_s,
         )
+
+    def delays(self, at: _Gather, ranges: list[Any]) -> Any:
+        """[s], of distances from the places [m]."""
+        return (ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT) + at.constant(self.delay_s)
 
 
 THIRDS = [1 / 3, 1 / 3, 1 / 3]
@@ -110,7 +117,7 @@ def patch_delays(
     at = _Gather(centres, block.shape[0], len(patches), backend)
     centre = at.points([at.per_lane(patches)])[0]
     ranges = [_norm(_minus(at.place(antenna), centre)) for antenna in pair.places_m]
-    block.put(at, columns, delay=(ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT))
+    block.put(at, columns, delay=pair.delays(at, ranges))
 
 
 def patch_echoes(
@@ -219,7 +226,7 @@ def diffuse_echoes(
     if visibility is not None:
         weight *= at.corner_mean(at.field(visibility), index)
     sin, cos = at.dr.sincos(backend.Float32(at.per_item(phase_rad)))
-    delay, amplitude, slope = (ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT), (cos * weight, sin * weight), None
+    delay, amplitude, slope = pair.delays(at, ranges), (cos * weight, sin * weight), None
     if weights is not None:
         none = at.dr.zeros(backend.Float32, at.dr.width(at.item))
         number = at.item + at.dr.opaque(backend.UInt32, first)

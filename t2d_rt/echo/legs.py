@@ -13,7 +13,7 @@ from t2d_rt.backend import Backend, aligned_empty
 from t2d_rt.echo.facets import Weights
 from t2d_rt.types import EchoArrays, Leg, LegPair, Radar
 
-ANCHORS, APART_M = 150, 0.07
+ANCHORS, APART_M = 150, 0.04
 """Points of a target at which coefficients are worked out: at most so many, and no nearer to each other than needed."""
 NEIGHBOURS = 3
 """Anchors that an echo takes its coefficient from."""
@@ -149,9 +149,10 @@ class Ranked(NamedTuple):
 
 
 def ranked_pairs(
-    radar: Radar, out: Sequence[Leg], back: Sequence[Leg], probes_m: np.ndarray, *, order: int
+    radar: Radar, out: Sequence[Leg], back: Sequence[Leg], probes_m: np.ndarray, *, order: int, transmissions: int = 0
 ) -> list[Ranked]:
-    """Pairs of legs of up to `order` reflections in all that see any of points (P, 3), strongest in the mean first.
+    """Pairs of legs of up to `order` reflections and `transmissions` in all that see any of points (P, 3), strongest in the mean
+    first.
 
     Out and back may be swapped where one antenna does both: then one pair stands for two.
     """
@@ -163,9 +164,9 @@ def ranked_pairs(
     ]
     for i, first in enumerate(out):
         for j, second in enumerate(back):
-            if first.order + second.order > order or (joined and j < i):
-                continue
             pair = LegPair(out=first, back=second, copies=2 if joined and j > i else 1)
+            if pair.order > order or pair.transmissions > transmissions or (joined and j < i):
+                continue
             both = amounts[0][i] * amounts[1][j]
             if both.any():
                 power = (np.abs(arrivals.weight(pair)[0]) * both) ** 2

@@ -1,24 +1,45 @@
 """Ways between an antenna and a target in a room: which there are, and what each does to the field (docs/physics.md, eq. 24).
 
 Rays from the antenna find the chains of mirrors that exist at all; from then on a chain is exact for every point: an image of the
-antenna, a product of slab coefficients in the two polarisations, reflection points inside the mirrors' outlines, free segments.
+antenna, a product of slab coefficients in the two polarisations, points inside the mirrors' outlines, free segments. A mirror
+reflects, or it lets the way through as it is.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.trace.materials import resolved
 from t2d_rt.trace.mirrors import Mirror, Mirrors
 from t2d_rt.trace.slabs import slab
 from t2d_rt.types import Leg, Material
 
-Reflection = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Coefficients = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """TE and TM coefficients (F, ...) at angles of incidence given by their cosine (...), at frequencies [Hz] (F,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Met:
+    """A mirror as a chain meets it: it reflects, or lets through."""
+
+    mirror: Mirror
+    through: bool
+    coefficients: Coefficients
+    """Of reflection, or of transmission without the phase of `delay_s`."""
+    delay_s: float
+    """Of what passes it straight on, from face to face; 0 for a reflection."""
+
+    @property
+    def name(self) -> str:
+        """Of the mirror, with "(through)" for a passage."""
+        return f"{self.mirror.name} (through)" if self.through else self.mirror.name
 
 
 def find_legs(
@@ -28,47 +49,58 @@ def find_legs(
     frequency_hz: float,
     *,
     order: int,
+    transmissions: int = 0,
     probes_m: np.ndarray,
 ) -> list[Leg]:
-    """Legs of up to `order` reflections between an antenna at `place_m`, of that polarisation (3,), and any of points (P, 3)."""
-    each = reflections(mirrors, frequency_hz)
+    """Legs of up to `order` reflections and passages through `transmissions` slabs between an antenna at `place_m`, of that
+    polarisation (3,), and any of points (P, 3)."""
+    materials = [resolved(surface.material, frequency_hz) for surface in mirrors.scene.surfaces]
+    loss_db = _losses_db(mirrors, materials, frequency_hz) if transmissions else None
     found = []
-    for chain in mirrors.chains(place_m, order):
-        leg = _leg(mirrors, chain, np.asarray(place_m, float), polarization, [each[k] for k in chain])
+    for chain in mirrors.chains(place_m, order, transmissions=transmissions, loss_db=loss_db):
+        met = [_met(mirrors, k, materials) for k in chain]
+        leg = _leg(mirrors, met, np.asarray(place_m, float), polarization)
         if leg.clear(probes_m).any():
             found.append(leg)
     return found
 
 
-def reflections(mirrors: Mirrors, frequency_hz: float) -> list[Reflection]:
-    """Of each mirror; what a rough one scatters is missing from what it reflects (docs/physics.md, eq. 9)."""
-
-    def of(material: Material, thickness_m: float) -> Reflection:
-        smooth = math.sqrt(1 - material.scattering_coefficient**2)
-
-        def reflection(cosine: np.ndarray, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            found = [slab(material, thickness_m, cosine, float(frequency))[:2] for frequency in frequencies_hz]
-            te, tm = smooth * np.stack(found, axis=1)
-            return te, tm
-
-        return reflection
-
-    surfaces = mirrors.scene.surfaces
-    materials = [resolved(surface.material, frequency_hz) for surface in surfaces]
-    each = [of(material, surface.thickness_m) for material, surface in zip(materials, surfaces, strict=True)]
-    return [each[mirror.surface] for mirror in mirrors.each]
+def _losses_db(mirrors: Mirrors, materials: Sequence[Material], frequency_hz: float) -> np.ndarray:
+    """What each mirror (M,) takes from a wave that passes it at normal incidence."""
+    slabs = zip(materials, mirrors.scene.surfaces, strict=True)
+    passed = [slab(material, surface.thickness_m, np.array(1.0), frequency_hz)[2] for material, surface in slabs]
+    return -20 * np.log10(np.maximum(np.abs(passed), 1e-30))[[mirror.surface for mirror in mirrors.each]]
 
 
-def _leg(
-    mirrors: Mirrors,
-    chain: tuple[int, ...],
-    place: np.ndarray,
-    polarization: np.ndarray,
-    reflections: Sequence[Reflection],
-) -> Leg:
-    used = [mirrors.each[k] for k in chain]
+def _met(mirrors: Mirrors, number: int, materials: Sequence[Material]) -> Met:
+    """An element of a chain."""
+    through = number < 0
+    mirror = mirrors.each[~number if through else number]
+    material, thickness_m = materials[mirror.surface], mirrors.scene.surfaces[mirror.surface].thickness_m
+    delay_s = thickness_m * math.sqrt(material.relative_permittivity) / SPEED_OF_LIGHT if through else 0.0
+    # What a rough surface scatters is missing from what it reflects (docs/physics.md, eq. 9), not from what passes.
+    smooth = math.sqrt(1 - material.scattering_coefficient**2)
+
+    def coefficients(cosine: np.ndarray, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = []
+        for frequency in map(float, frequencies_hz):
+            r_te, r_tm, t_te, t_tm = slab(material, thickness_m, cosine, frequency)
+            turn = cmath.exp(2j * math.pi * frequency * delay_s)
+            found.append((turn * t_te, turn * t_tm) if through else (smooth * r_te, smooth * r_tm))
+        te, tm = np.stack(found, axis=1)
+        return te, tm
+
+    return Met(mirror, through, coefficients, delay_s)
+
+
+def _leg(mirrors: Mirrors, chain: Sequence[Met], place: np.ndarray, polarization: np.ndarray) -> Leg:
+    used = [met.mirror for met in chain]
     images, turn, shift = [place], np.eye(3), np.zeros(3)
-    for mirror in used:
+    for met in chain:
+        if met.through:
+            images.append(images[-1])
+            continue
+        mirror = met.mirror
         images.append(mirror.reflected(images[-1]))
         shift = shift + turn @ (2 * mirror.offset_m * mirror.normal)
         turn = turn @ (np.eye(3) - 2 * np.outer(mirror.normal, mirror.normal))
@@ -80,8 +112,8 @@ def _leg(
         wave = (polarization - (ahead @ polarization)[..., None] * ahead).astype(complex)
         wave /= np.maximum(np.linalg.norm(wave, axis=-1, keepdims=True), 1e-12)
         wave = np.repeat(wave[None], len(frequencies_hz), axis=0)
-        for mirror, coefficients in zip(used, reflections, strict=True):
-            wave, ahead = _reflected(wave, ahead, mirror.normal, coefficients, frequencies_hz)
+        for met in chain:
+            wave, ahead = _after(wave, ahead, met, frequencies_hz)
         return wave
 
     def clear(points: np.ndarray) -> np.ndarray:
@@ -98,24 +130,26 @@ def _leg(
         return inside.astype(np.float32)
 
     return Leg(
-        chain=tuple(mirror.name for mirror in used),
+        chain=tuple(met.name for met in chain),
         image_m=images[-1],
         turn=turn,
         shift_m=shift,
         field=field,
         way=lambda points: np.stack(_way(points, images, used)[1]),
         clear=clear,
+        transmissions=sum(met.through for met in chain),
+        delay_s=sum(met.delay_s for met in chain),
     )
 
 
 def _way(points: np.ndarray, images: list[np.ndarray], used: list[Mirror]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """For which points (..., 3) every reflection lies between its neighbours, and the way: antenna, reflections, points."""
+    """For which points (..., 3) every mirror is met between its neighbours, and the way: antenna, where it meets them, points."""
     stops = [points]
     good = np.ones(points.shape[:-1], bool)
     for image, mirror in zip(images[:0:-1], used[::-1], strict=True):
         here = stops[-1]
         before, after = image @ mirror.normal - mirror.offset_m, here @ mirror.normal - mirror.offset_m
-        # The image lies behind the mirror, the point before it.
+        # The image lies on one side of the mirror, the point on the other.
         good &= before * after < 0
         share = after / np.where(after == before, 1, after - before)
         stops.append(here + share[..., None] * (image - here))
@@ -123,21 +157,21 @@ def _way(points: np.ndarray, images: list[np.ndarray], used: list[Mirror]) -> tu
     return good, stops[::-1]
 
 
-def _reflected(
-    wave: np.ndarray, ahead: np.ndarray, normal: np.ndarray, coefficients: Reflection, frequencies_hz: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _after(wave: np.ndarray, ahead: np.ndarray, met: Met, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The field (F, ..., 3) and its direction (..., 3) after a plane mirror.
 
-    TE is across the plane of incidence, TM = TE x direction before and after: at normal incidence R_TE = -R_TM is one and the same.
+    TE is across the plane of incidence, TM = TE x direction before and after: at normal incidence R_TE = -R_TM is one and the same,
+    and so is T_TE = T_TM.
     """
+    normal = met.mirror.normal
     cosine = ahead @ normal
-    onward = ahead - 2 * cosine[..., None] * normal
+    onward = ahead if met.through else ahead - 2 * cosine[..., None] * normal
     across = _cross(ahead, normal)
     length = np.sqrt(np.einsum("...i,...i->...", across, across))[..., None]
     # At normal incidence any direction across will do.
     helper = np.cross(normal, [1.0, 0, 0] if abs(normal[0]) < 0.6 else [0, 1.0, 0])
     across = np.where(length > 1e-9, across / np.maximum(length, 1e-12), helper / np.linalg.norm(helper))
-    te, tm = coefficients(np.abs(cosine), frequencies_hz)
+    te, tm = met.coefficients(np.abs(cosine), frequencies_hz)
     before, after = _cross(across, ahead), _cross(across, onward)
     te *= np.einsum("f...i,...i->f...", wave, across)
     tm *= np.einsum("f...i,...i->f...", wave, before)

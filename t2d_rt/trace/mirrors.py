@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,8 @@ from t2d_rt.backend import Backend, aligned
 from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.types import Scene
 
+Chain = tuple[int, ...]
+"""What a ray meets: k is a reflection by mirror k, ~k (that is -1 - k) a passage through it."""
 RAYS = 1 << 20
 """Rays that look for chains: one for each 1.2e-5 sr, 1 cm^2 at 3 m."""
 SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
@@ -19,6 +21,8 @@ OUTLINE_M = 1e-7
 """A reflection that far outside an outline is still inside: none may fall between two triangles."""
 SKIN_M = 1e-4
 """Rays start and end that far from what they are reflected at."""
+MOST_LOSS_DB = 40.0
+"""Slabs that together take more than that from a ray at normal incidence stop it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,35 +94,55 @@ class Mirrors:
         body = mitsuba_mesh(mi, np.concatenate(corners).reshape(-1, 3))
         return cls(scene, each, np.concatenate(of_face), backend, mi.load_dict({"type": "scene", "room": body}))
 
-    def chains(self, place_m: np.ndarray, order: int) -> list[tuple[int, ...]]:
-        """Sequences of up to `order` mirrors that rays from a place meet; () comes first, shorter ones before longer ones."""
+    def chains(
+        self, place_m: np.ndarray, order: int, *, transmissions: int = 0, loss_db: np.ndarray | None = None
+    ) -> list[Chain]:
+        """Chains that rays from a place can take, () first, shorter ones before longer ones: up to `order` reflections, and
+        passages through up to `transmissions` mirrors, each of which takes its `loss_db` (M,) from a ray."""
+        mi = mitsuba(self.backend)
+        directions = sphere(RAYS)
+        origin, direction = np.broadcast_to(np.asarray(place_m, float), directions.shape), directions
+        waiting = [
+            _Rays(
+                mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)), mi.Bool(True),
+                mi.Float(MOST_LOSS_DB), np.zeros(RAYS, np.int64), [()], order, transmissions,
+            )
+        ]  # fmt: skip
+        found: list[Chain] = []
+        while waiting:
+            rays = waiting.pop()
+            found += rays.chains
+            if rays.reflections or rays.passages:
+                waiting += self._onward(rays, np.zeros(len(self.each)) if loss_db is None else loss_db)
+        return sorted(found, key=len)
+
+    def _onward(self, rays: _Rays, loss_db: np.ndarray) -> list[_Rays]:
+        """Rays after the next mirror: those reflected and those let through."""
         import drjit as dr
 
         mi = mitsuba(self.backend)
         normals = mi.Float(aligned(np.array([mirror.normal for mirror in self.each]), np.float32))
         of_face = mi.UInt32(aligned(self.of_face, np.uint32))
-        directions = sphere(RAYS)
-        direction = mi.Vector3f(*columns(mi, directions))
-        origin = mi.Point3f(*columns(mi, np.broadcast_to(np.asarray(place_m, float), directions.shape)))
-        latest: list[tuple[int, ...]] = [()]
-        found, path, inside = list(latest), np.zeros(RAYS, np.int64), mi.Bool(True)
-        for _ in range(order):
-            hit = self.traced.ray_intersect_preliminary(mi.Ray3f(origin, direction), active=inside)
-            inside &= hit.is_valid()
-            mirror = dr.gather(mi.UInt32, of_face, hit.prim_index, inside)
-            normal = dr.gather(mi.Vector3f, normals, mirror, inside)
-            cosine = dr.dot(direction, normal)
-            origin += dr.select(inside, hit.t, 0) * direction - SKIN_M * dr.sign(cosine) * normal
-            direction -= 2 * cosine * normal
-            dr.eval(origin, direction, mirror, inside)
-            going = inside.numpy()
-            if not going.any():
-                break
-            # A chain as one number, that of its beginning and that of its last mirror, is found sooner than a row of them.
-            codes, path[going] = np.unique(path[going] * len(self.each) + mirror.numpy()[going], return_inverse=True)
-            latest = [(*latest[code // len(self.each)], code % len(self.each)) for code in codes.tolist()]
-            found += latest
-        return found
+        hit = self.traced.ray_intersect_preliminary(mi.Ray3f(rays.origin, rays.direction), active=rays.inside)
+        inside = rays.inside & hit.is_valid()
+        mirror = dr.gather(mi.UInt32, of_face, hit.prim_index, inside)
+        normal = dr.gather(mi.Vector3f, normals, mirror, inside)
+        cosine = dr.dot(rays.direction, normal)
+        place, off = rays.origin + dr.select(inside, hit.t, 0) * rays.direction, SKIN_M * dr.sign(cosine) * normal
+        dr.eval(place, off, mirror, inside)
+        met, found = mirror.numpy(), []
+        if rays.reflections:
+            ahead = rays.direction - 2 * cosine * normal
+            dr.eval(ahead)
+            on = replace(rays, origin=place - off, direction=ahead, inside=inside, reflections=rays.reflections - 1)
+            found.append(on.over(met, through=False))
+        if rays.passages:
+            bearable = rays.bearable_db - dr.gather(mi.Float, mi.Float(aligned(loss_db, np.float32)), mirror, inside)
+            passing = inside & (bearable >= 0)
+            dr.eval(bearable, passing)
+            on = replace(rays, origin=place + off, inside=passing, bearable_db=bearable, passages=rays.passages - 1)
+            found.append(on.over(met, through=True))
+        return [each for each in found if each.chains]
 
     def first(self, origin_m: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far along rays (R, 3) the first mirror stands, infinite where there is none, and which one it is, (R,)."""
@@ -156,6 +180,35 @@ class Mirrors:
         )
         ray.maxt = mi.Float(aligned(np.maximum(length - 2 * SKIN_M, 0), np.float32))
         return ~self.traced.ray_test(ray).numpy().reshape(start.shape[:-1])
+
+
+@dataclass(frozen=True, slots=True)
+class _Rays:
+    """Rays on their way, and what they have met."""
+
+    origin: Any
+    direction: Any
+    inside: Any
+    """Whether they have met as much, Bool (R,)."""
+    bearable_db: Any
+    """What slabs may still take from them, Float (R,)."""
+    path: np.ndarray
+    """Which of the chains each has taken, (R,)."""
+    chains: list[Chain]
+    reflections: int
+    """How many may still follow."""
+    passages: int
+
+    def over(self, mirror: np.ndarray, *, through: bool) -> _Rays:
+        """The same with their chains longer by a mirror (R,) each."""
+        going = self.inside.numpy()
+        # A chain as one number, that of its beginning and that of its last mirror, is found sooner than a row of them.
+        most = int(mirror.max(initial=0)) + 1
+        codes, numbers = np.unique(self.path[going] * most + mirror[going], return_inverse=True)
+        path = np.zeros(len(going), np.int64)
+        path[going] = numbers
+        ended = (divmod(code, most) for code in codes.tolist())
+        return replace(self, path=path, chains=[(*self.chains[begun], ~k if through else k) for begun, k in ended])
 
 
 def _winding(corners: np.ndarray) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ def probes(shapes: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: fl
 
 
 def radar_legs(
-    scene: Scene, radar: Radar, probes_m: np.ndarray, *, order: int, backend: Backend
+    scene: Scene, radar: Radar, probes_m: np.ndarray, *, order: int, transmissions: int = 0, backend: Backend
 ) -> tuple[list[Leg], list[Leg]]:
     """Legs of the transmitters' and of the receivers' centre; one list twice where these are one antenna."""
     mirrors = Mirrors.of(scene, backend)
@@ -42,10 +43,11 @@ def radar_legs(
     ):
         found.append((place, polarization(radar, angle_deg)))
     (tx, tx_across), (rx, rx_across) = found
-    out = find_legs(mirrors, tx, tx_across, radar.mid_frequency_hz, order=order, probes_m=probes_m)
+    common: dict[str, Any] = {"order": order, "transmissions": transmissions, "probes_m": probes_m}
+    out = find_legs(mirrors, tx, tx_across, radar.mid_frequency_hz, **common)
     if np.array_equal(tx, rx) and np.array_equal(tx_across, rx_across):
         return out, out
-    return out, find_legs(mirrors, rx, rx_across, radar.mid_frequency_hz, order=order, probes_m=probes_m)
+    return out, find_legs(mirrors, rx, rx_across, radar.mid_frequency_hz, **common)
 
 
 def polarization(radar: Radar, angle_deg: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""`Leg`: one way between an antenna and a target, straight or by way of mirrors; `StaticPath`: one between antennas."""
+"""`Leg`: one way between an antenna and a target, straight, over mirrors or through slabs; `StaticPath`: one between antennas."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leg:
-    """A chain of plane reflectors, seen from the target as an antenna that stands at its image.
+    """A chain of plane reflectors and of slabs passed, seen from the target as an antenna that stands at its image.
 
     From the antenna, targets seem to stand where the mirrors put them: at `turn @ x + shift_m`, as far from the antenna as x is
     from the image.
     """
 
     chain: tuple[str, ...]
-    """Names of the reflectors from the antenna on; () is the line of sight."""
+    """Names of the reflectors, and of slabs "(through)", from the antenna on; () is the line of sight."""
     image_m: np.ndarray
     """(3,)."""
     turn: np.ndarray
@@ -26,20 +26,24 @@ class Leg:
     """(3,)."""
     field: Callable[[np.ndarray, np.ndarray], np.ndarray]
     """The field that an antenna of gain 1 brings to points (..., 3) m at frequencies [Hz] (F,), without distance and phase of the
-    way: complex (F, ..., 3), of length 1 in the line of sight."""
+    way and of `delay_s`: complex (F, ..., 3), of length 1 in the line of sight."""
     way: Callable[[np.ndarray], np.ndarray]
-    """Antenna, reflections and points of the ways to points (..., 3) m: (order + 2, ..., 3)."""
+    """Antenna, what the chain meets, and points of the ways to points (..., 3) m: (chain + 2, ..., 3)."""
     clear: Callable[[np.ndarray], np.ndarray]
     """What share of the field reaches points (..., 3) m past outlines and obstacles: float32 (...), 0..1."""
+    transmissions: int = 0
+    """Number of slabs passed."""
+    delay_s: float = 0.0
+    """What these add to the delay of the way."""
 
     @property
     def order(self) -> int:
         """Number of reflections."""
-        return len(self.chain)
+        return len(self.chain) - self.transmissions
 
     @property
     def name(self) -> str:
-        """For people: "direct", "floor", "wall+y > floor", from the antenna on."""
+        """For people: "direct", "floor", "door (through) > floor", from the antenna on."""
         return " > ".join(self.chain) or "direct"
 
     def unfolded(self, points: np.ndarray) -> np.ndarray:
@@ -60,6 +64,16 @@ class LegPair:
     def order(self) -> int:
         """Number of reflections on both ways."""
         return self.out.order + self.back.order
+
+    @property
+    def transmissions(self) -> int:
+        """Number of slabs passed on both ways."""
+        return self.out.transmissions + self.back.transmissions
+
+    @property
+    def delay_s(self) -> float:
+        """What these add to the delay."""
+        return self.out.delay_s + self.back.delay_s
 
     @property
     def name(self) -> str:

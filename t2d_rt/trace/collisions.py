@@ -1,0 +1,160 @@
+"""Targets that go through what stands still, or start outside the room: which, when and where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
+
+LOOK_RATE_HZ = 25.0
+"""A walker goes 6 cm between two looks, in the mean."""
+GOLDEN = 0.6180339887
+"""Looks are uneven by this share of their distance, again and again: in even ones a fan of 1500 rpm would stand still."""
+DEEP_M = 0.05
+"""As far on both sides of a surface a point has gone through it: feet dip into floors, doors close flush with their wall, people
+sink into a sofa."""
+PARTS = 12
+"""Of a mesh, whose middles are looked at: a hand that touches a table is not through it."""
+LOOKS_AT_ONCE = 50
+"""Of a mesh, for memory."""
+MIDDLE = (
+    ("left_knee", "right_knee", "left_ankle", "right_ankle"), ("left_knee", "right_knee"), ("pelvis",), ("spine3",), ("head",),
+)  # fmt: skip
+"""Joints that a person's middle runs by, from between the shins to the head; arms and feet may touch what they like."""
+KNEES = 1
+FLAT = 0.7
+"""A surface whose normal is that upright lies flat."""
+
+
+@dataclass(frozen=True, slots=True)
+class Collision:
+    """Where a target first goes through something, or stands at the start if that is outside the room."""
+
+    target: int
+    time_s: float
+    place_m: np.ndarray
+    """(3,)."""
+    surface: str | None
+    """What it goes through; None for a target that starts outside."""
+
+
+def find_collisions(
+    scene: Scene,
+    targets: Sequence[Motion | MovingMesh | Ellipsoids],
+    radar: Radar,
+    start_s: float,
+    stop_s: float,
+    *,
+    backend: Backend,
+) -> list[Collision]:
+    """The first of each target that has any, between two times.
+
+    Outside is what lies beyond the box around a scene that has the antennas inside.
+    """
+    mirrors = Mirrors.of(scene, backend)
+    times = looks(start_s, stop_s)
+    low, high = scene.bounds_m
+    around_radar = all(((low < place) & (place < high)).all() for place in (radar.tx_position_m, radar.rx_position_m))
+    found = []
+    for number, target in enumerate(targets):
+        track = middles(target, times)
+        start = track[0].mean(axis=0)
+        if around_radar and ((start < low - DEEP_M) | (start > high + DEEP_M)).any():
+            found.append(Collision(number, start_s, start, None))
+            continue
+        crossings = [first_crossing(mirrors, *each) for each in _lines(target, track, times)]
+        if met := [each for each in crossings if each is not None]:
+            found.append(Collision(number, *min(met, key=lambda each: each[0])))
+    return found
+
+
+def _lines(
+    target: Motion | MovingMesh | Ellipsoids, track_m: np.ndarray, times_s: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+    """Lines (L, N, 3), their times (L, N), and how upright the normals of what they may go through are at least."""
+    if isinstance(target, Motion):
+        # Steps pass over and under what lies flat, as a table's top: it lies across the body.
+        bones = np.stack([track_m[:, :-1], track_m[:, 1:]], axis=2)
+        yield bones.reshape(-1, 2, 3), np.broadcast_to(times_s[:, None, None], bones.shape[:3]).reshape(-1, 2), FLAT
+        # Knees swing ahead of the body; they are there to lead around the seat of a chair.
+        track_m = np.delete(track_m, KNEES, axis=1)
+    yield track_m.transpose(1, 0, 2), np.broadcast_to(times_s, track_m.shape[1::-1]), 0.0
+
+
+def looks(start_s: float, stop_s: float) -> np.ndarray:
+    """Moments [s] at which targets are looked at, the first and the last of them the times given."""
+    count = max(2, int(np.ceil((stop_s - start_s) * LOOK_RATE_HZ)) + 1)
+    uneven = np.arange(count) + np.arange(count) * GOLDEN % 1
+    return start_s + (stop_s - start_s) * uneven / uneven[-1]
+
+
+def middles(target: Motion | MovingMesh | Ellipsoids, times_s: np.ndarray) -> np.ndarray:
+    """Points that stand for a target (K, P, 3) m: a person's middle, the middles of a mesh's parts, ellipsoids' centres."""
+    if isinstance(target, Motion):
+        joints = target.joints
+        line = np.stack(
+            [joints[:, [CANONICAL_JOINTS.index(n) for n in names]].mean(axis=1) for names in MIDDLE], axis=1
+        )
+        frame = np.clip(times_s * target.rate_hz, 0, len(line) - 1)
+        before = np.minimum(frame.astype(int), len(line) - 2)
+        share = (frame - before)[:, None, None]
+        return np.asarray((1 - share) * line[before] + share * line[before + 1])
+    if isinstance(target, Ellipsoids):
+        return target.at(times_s)[0]
+    part = _parts(target.rest)
+    members = [np.flatnonzero(part == number) for number in range(part.max() + 1)]
+    found = []
+    for first in range(0, len(times_s), LOOKS_AT_ONCE):
+        vertices = target.at(times_s[first : first + LOOKS_AT_ONCE])
+        found.append(np.stack([vertices[:, some].mean(axis=1) for some in members], axis=1))
+    return np.concatenate(found)
+
+
+def _parts(rest: np.ndarray) -> np.ndarray:
+    """Number of the part of each vertex (V,): whichever is nearest of a few, each as far as may be from the others."""
+    nearest, part = np.full(len(rest), np.inf), np.zeros(len(rest), int)
+    for number in range(min(PARTS, len(rest))):
+        farthest = rest[np.argmax(nearest)] if number else rest.mean(axis=0)
+        distance = np.linalg.norm(rest - farthest, axis=1)
+        part[distance < nearest] = number
+        nearest = np.minimum(nearest, distance)
+    return np.unique(part, return_inverse=True)[1].ravel()
+
+
+def first_crossing(
+    mirrors: Mirrors, lines_m: np.ndarray, times_s: np.ndarray, least_upright: float = 0.0
+) -> tuple[float, np.ndarray, str] | None:
+    """When and where any of lines from point to point (L, N, 3), whose times are (L, N), first goes through a surface whose normal
+    is that upright, and its name."""
+    line, point = np.nonzero(~mirrors.free(lines_m[:, :-1], lines_m[:, 1:]))
+    if not len(line):
+        return None
+    start, step = lines_m[line, point], lines_m[line, point + 1] - lines_m[line, point]
+    length = np.linalg.norm(step, axis=1)
+    way, met = mirrors.first(start, step / length[:, None])
+    share = way / length
+    when = times_s[line, point] + share * (times_s[line, point + 1] - times_s[line, point])
+    for number in np.argsort(when):
+        mirror = mirrors.each[met[number]]
+        if share[number] > 1 or abs(mirror.normal[2]) < least_upright:
+            continue
+        if _through(lines_m[line[number]] @ mirror.normal - mirror.offset_m, int(point[number])):
+            place = start[number] + share[number] * step[number]
+            return float(when[number]), place, mirrors.scene.surfaces[mirror.surface].name
+    return None
+
+
+def _through(depth_m: np.ndarray, point: int) -> bool:
+    """Whether a line with those signed distances from a plane (N,) comes from well before it and goes to well behind it."""
+    return _reach(depth_m[point::-1]) > DEEP_M and _reach(depth_m[point + 1 :]) > DEEP_M
+
+
+def _reach(depth_m: np.ndarray) -> float:
+    """How far from a plane a line gets before it first changes sides."""
+    sides = np.flatnonzero(np.sign(depth_m) != np.sign(depth_m[0]))
+    return float(np.abs(depth_m[: sides[0] if len(sides) else None]).max())

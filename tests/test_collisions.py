@@ -1,0 +1,221 @@
+"""Targets that go through walls and furniture: found when and where it happens, and nothing else found."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from trimesh.creation import icosphere
+
+import t2d_rt as t2d
+from t2d_rt.backend import Backend
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.resources import resource
+from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Room, TableFan
+from t2d_rt.trace.collisions import Collision, find_collisions, looks
+from t2d_rt.trace.scenes import load_scene
+from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene, Surface
+
+RADAR = Radar.preset("table2")
+ROOM = Room(name="cell", size_m=(5, 4, 2.5))
+"""From (-0.5, -2) to (4.5, 2)."""
+
+
+@pytest.fixture(scope="module")
+def walk() -> Motion:
+    return t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")), distance_m=4.3)
+
+
+def found(backend: Backend, scene: Scene, target: Motion | MovingMesh | Ellipsoids) -> list[Collision]:
+    return find_collisions(scene, [target], RADAR, float(target.times_s[0]), float(target.times_s[-1]), backend=backend)
+
+
+def ball(start_m: tuple[float, float, float], velocity_mps: tuple[float, float, float], time_s: float) -> MovingMesh:
+    sphere = icosphere(subdivisions=2, radius=0.1)
+    times = np.linspace(0, time_s, 5)
+    way = np.array(start_m) + np.array(velocity_mps) * times[:, None]
+    return MovingMesh(sphere.vertices + way[:, None], sphere.faces, times, material="pec", name="ball")
+
+
+def with_wall(x: float) -> Scene:
+    """The room with one more wall across."""
+    corners = np.array([(x, -2, 0), (x, 2, 0), (x, 2, 2.5), (x, -2, 2.5)])
+    wall = Surface(
+        name="partition",
+        vertices=corners,
+        faces=np.array([[0, 1, 2], [0, 2, 3]]),
+        material="plasterboard",
+        thickness_m=0.0125,
+    )
+    return replace(ROOM.scene(), surfaces=(*ROOM.scene().surfaces, wall))
+
+
+# --- where and when ---
+
+
+def test_a_walk_through_a_wall_is_found_in_each_form(backend: Backend, walk: Motion) -> None:
+    pelvis = walk.joints[:, 0]
+    frame = int(np.argmax(pelvis[:, 0] < 3.0))
+    for form in (walk, t2d.skin(walk), t2d.segments(walk)):
+        (collision,) = found(backend, with_wall(3.0), form)
+        assert collision.surface == "partition"
+        # Of a mesh and of ellipsoids a foot or a hand goes first.
+        ahead_s, ahead_m = (0.1, 0.2) if isinstance(form, Motion) else (0.4, 1.0)
+        assert abs(collision.time_s - walk.times_s[frame]) < ahead_s
+        assert np.linalg.norm(collision.place_m[:2] - pelvis[frame, :2]) < ahead_m
+        assert abs(collision.place_m[0] - 3.0) < 1e-3
+
+
+def test_a_walk_inside_is_left_alone(backend: Backend, walk: Motion) -> None:
+    for form in (walk, t2d.skin(walk), t2d.segments(walk)):
+        assert found(backend, ROOM.scene(), form) == []
+
+
+@pytest.mark.parametrize(("scene", "inside"), [("living_room", True), ("corridor", True), ("bedroom", False)])
+def test_the_walk_where_it_is_placed_by_itself(backend: Backend, scene: str, inside: bool) -> None:
+    """It starts 5.5 m ahead: in the living room and in the corridor there is room for that, the bedroom ends at 4.5 m."""
+    motion = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")))
+    collisions = found(backend, load_scene(scene), motion)
+    assert [each.surface for each in collisions] == ([] if inside else [None])
+
+
+def test_furniture_too_low_for_the_pelvis_is_furniture(backend: Backend, walk: Motion) -> None:
+    room = Room(name="cell", size_m=(5, 4, 2.5), furniture=({"kind": "coffee_table", "x_m": 2.5, "y_m": 0},))
+    (collision,) = found(backend, room.scene(), walk)
+    assert str(collision.surface).startswith("coffee_table")
+    assert np.linalg.norm(collision.place_m[:2] - [2.5, 0]) < 0.7
+
+
+@pytest.mark.parametrize(("height_m", "surface"), [(0.06, []), (-0.2, ["floor"])])
+def test_feet_may_dip_into_the_floor(backend: Backend, height_m: float, surface: list[str]) -> None:
+    """A sphere of 10 cm, whose lowest part's middle lies 9 cm under its own."""
+    sinking = ball((2.0, 0.0, 0.3), (0, 0, height_m - 0.3), 1.0)
+    assert [each.surface for each in found(backend, ROOM.scene(), sinking)] == surface
+
+
+def sitting_down(seat_m: tuple[float, float, float]) -> Motion:
+    """In two seconds, towards +x; thighs and shins of 42 cm."""
+    bend = np.pi / 2 * np.clip(np.linspace(-0.2, 1.2, 60), 0, 1)
+    seat, zero = np.array(seat_m), np.zeros(60)
+    ankle = np.broadcast_to([seat[0] + 0.42, seat[1], 0.08], (60, 3))
+    knee = ankle + [0, 0, 0.42]
+    pelvis = knee + 0.42 * np.stack([-np.sin(bend), zero, np.cos(bend)], axis=1)
+    pelvis[:, 2] = np.maximum(pelvis[:, 2], seat[2])
+    trunk = np.stack([0.25 * np.sin(2 * bend), zero, zero + 0.4], axis=1)
+    place = {"knee": knee, "ankle": ankle, "foot": ankle, "spine3": pelvis + trunk, "head": pelvis + 1.5 * trunk}
+    joints = np.stack([place.get(name.split("_")[-1], pelvis) for name in CANONICAL_JOINTS], axis=1)
+    return Motion(joints=joints, rotations=np.tile([0.0, 0, 0, 1], (60, 22, 1)), rate_hz=30.0)
+
+
+@pytest.mark.parametrize(("kind", "forward_m"), [("chair", 0.0), ("armchair", 0.1), ("sofa", 0.1), ("bed", 0.7)])
+def test_one_may_sit_down(backend: Backend, kind: str, forward_m: float) -> None:
+    room = Room(name="cell", size_m=(5, 4, 2.5), furniture=({"kind": kind, "x_m": 2.0, "y_m": 0},))
+    assert found(backend, room.scene(), sitting_down((2.0 + forward_m, 0.0, 0.52))) == []
+
+
+# --- movers ---
+
+DOORWAY = {"name": "doorway", "wall": "-y", "along_m": 0.0, "width_m": 0.8, "height_m": 2.0}
+
+
+@pytest.mark.parametrize("slab", [None, {"material": "wood", "thickness_m": 0.04}])
+def test_movers_near_their_wall_cry_no_wolf(backend: Backend, slab: object) -> None:
+    """A door that swings in its frame, open or drawn closed, a curtain before a wall, fans in the free."""
+    room = Room(name="cell", size_m=(5, 4, 2.5), openings=({**DOORWAY, "slab": slab},))
+    movers: list[Mover] = [
+        Door(position_m=(1.6, -2.0, 0.0), heading_deg=0),
+        Curtain(position_m=(4.45, 0.0, 2.3)),
+        TableFan(position_m=(3.0, 1.0, 1.0)),
+        CeilingFan(position_m=(2.0, 0.0, 2.3)),
+    ]
+    for mover in movers:
+        assert found(backend, room.scene(), mover.mesh(0, 6)) == [], mover.noun
+
+
+@pytest.mark.parametrize(
+    "mover",
+    [
+        TableFan(position_m=(3.0, 1.95, 1.0), radius_m=0.25, heading_deg=180),
+        TableFan(position_m=(3.0, 1.95, 1.0), radius_m=0.25, heading_deg=180, rpm=1500),
+        CeilingFan(position_m=(2.0, 1.7, 2.3)),
+    ],
+)
+def test_a_fan_that_cuts_into_a_wall_is_found(backend: Backend, mover: Mover) -> None:
+    (collision,) = found(backend, ROOM.scene(), mover.mesh(0, 4))
+    assert collision.surface == "wall+y"
+
+
+def test_looks_are_uneven_and_in_order() -> None:
+    """In even ones what turns as often as they are would stand still."""
+    times = looks(1.0, 5.0)
+    assert (times[0], times[-1]) == (1.0, 5.0)
+    steps = np.diff(times)
+    assert 0 < steps.min() < 0.8 * steps.max()
+    assert steps.max() < 2 / 25
+
+
+# --- what simulate makes of it ---
+
+
+def test_simulate_warns_of_what_where_and_when() -> None:
+    """The sphere's middle is in the wall after 0.25 s; its front is 4.5 cm ahead."""
+    through = ball((4.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.4)
+    with pytest.warns(
+        T2DWarning,
+        match=r"ball goes through wall\+x of cell at 0\.2[0-5] s, at \(4\.50, 0\.[45]\d, 1\.[12]\d\) m; place it elsewhere, choose",
+    ):
+        t2d.simulate(through, scene=ROOM, reflections=0, clutter="none")
+
+
+def test_simulate_stops_before() -> None:
+    through = ball((4.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.4)
+    options = {"scene": ROOM, "reflections": 0, "clutter": "none"}
+    stopped = t2d.simulate(through, **options, collisions="stop")
+    lasted = stopped.cube.shape[0] / RADAR.prf_hz
+    assert 0.15 < lasted < 0.25
+    assert stopped.settings["collisions"] == "stop"
+    # Up to there it is the same record: the frames lie elsewhere, so to the model's accuracy.
+    whole = t2d.simulate(through, **options, collisions="ignore")
+    first = whole.adc.values[: stopped.cube.shape[0] - 100]
+    same = stopped.adc.values[: len(first)]
+    assert np.sum(np.abs(same - first) ** 2) < 1e-3 * np.sum(np.abs(first) ** 2)
+
+
+def test_nothing_is_said_of_what_stays_inside() -> None:
+    inside = ball((3.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", T2DWarning)
+        for collisions in ("warn", "stop"):
+            t2d.simulate(inside, scene=ROOM, reflections=0, clutter="none", collisions=collisions)
+
+
+def test_what_starts_outside_is_told() -> None:
+    """It is seen through an open window."""
+    room = Room(
+        name="cell",
+        size_m=(5, 4, 2.5),
+        openings=({"name": "window", "wall": "+x", "width_m": 2, "height_m": 1.5, "sill_m": 0.5},),
+    )
+    outside = ball((5.2, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2)
+    message = r"ball starts at \(5\.20, 0\.20, 1\.20\) m, outside cell, which reaches from \(-0\.5, -2, 0\) to \(4\.5, 2, 2\.5\) m"
+    with pytest.warns(T2DWarning, match=message):
+        t2d.simulate(outside, scene=room, reflections=0, clutter="none")
+    with pytest.raises(InputError, match=message + ", which leaves no record to stop at"):
+        t2d.simulate(outside, scene=room, reflections=0, clutter="none", collisions="stop")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", T2DWarning)
+        t2d.simulate(outside, scene=room, reflections=0, clutter="none", transmissions=2)
+
+
+def test_of_several_targets_the_one_is_told() -> None:
+    targets = [ball((3.0, -0.5, 1.2), (0.1, 0, 0), 0.4), ball((4.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.4)]
+    with pytest.warns(T2DWarning, match=r"ball \(target 2 of 2\) goes through wall\+x") as told:
+        t2d.simulate(targets, scene=ROOM, reflections=0, clutter="none")
+    assert len(told) == 1
+
+
+def test_what_may_become_of_collisions() -> None:
+    with pytest.raises(InputError, match="collisions must be 'warn', 'stop' or 'ignore', got 'bounce'"):
+        t2d.simulate(ball((3, 0, 1), (0, 0, 0), 0.1), scene=ROOM, collisions="bounce")  # type: ignore[arg-type]
