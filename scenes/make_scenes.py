@@ -23,7 +23,7 @@ PANE = Slab(material="glass", thickness_m=0.006)
 ROOMS = (
     Room(
         name="empty_room",
-        size_m=(6.0, 5.0, 2.6),
+        size_m=(7.0, 5.0, 2.6),
         walls=PARTITION,
         floor=CONCRETE,
         ceiling=CONCRETE,
@@ -81,7 +81,7 @@ ROOMS = (
     ),
     Room(
         name="hospital_room",
-        size_m=(6.0, 4.6, 2.7),
+        size_m=(7.0, 4.6, 2.7),
         walls=PARTITION,
         floor=CONCRETE,
         ceiling=TILES,

@@ -11,6 +11,8 @@ from trimesh.creation import icosphere
 import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.echo.ellipsoid import ellipsoid_echoes
+from t2d_rt.echo.legs import View
 from t2d_rt.errors import InputError
 from t2d_rt.resources import resource
 from t2d_rt.room import coarse_views
@@ -19,7 +21,8 @@ from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
 from t2d_rt.trace.scenes import load_scene
-from t2d_rt.types import Leg, LegPair, MovingMesh, Radar, Scene, Surface
+from t2d_rt.trace.surroundings import radar_legs
+from t2d_rt.types import PEC, Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene, Surface
 
 UP = np.array([0.0, 0.0, 1.0])
 ANTENNA_M = np.array([0.0, 0.0, 1.0])
@@ -277,6 +280,18 @@ def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
     fast = np.abs(there.velocity_mps.values) > 6
     beyond = [10 * math.log10(np.max(np.mean(10 ** (s.values[fast] / 10), axis=0))) for s in (alone, there)]
     assert beyond[1] < beyond[0] + 3
+
+
+def test_echoes_are_finite_wherever_a_body_stands_between_antennas_and_images() -> None:
+    times = np.linspace(0, 1, 50)
+    centres = np.random.default_rng(5).uniform((0.5, -0.8, 0.3), (5.5, 0.8, 2.2), (50, 40, 3))
+    axes = np.tile(np.eye(3), (50, 40, 1, 1))
+    limbs = Ellipsoids(np.tile([0.05, 0.06, 0.25], (40, 1)), centres, times, axes=axes)
+    out, _ = radar_legs(load_scene("corridor"), Radar.preset("table2"), centres[0], order=2, backend=select("cpu"))
+    views = [View(legs=LegPair(out=first, back=second)) for first in out[:8] for second in out[:8]]
+    echoes = ellipsoid_echoes(limbs, Radar.preset("table2"), times_s=times, material=PEC, views=views).gather()
+    assert np.isfinite(echoes.amplitude).all()
+    assert np.isfinite(echoes.delay_s).all()
 
 
 def test_antennas_apart_have_looks_of_their_own() -> None:

@@ -57,10 +57,15 @@ def ellipsoid_echoes(
         # Between an antenna and an image is a shadow and no reflection: it fades, and in line with both there is none to look for.
         aside = np.linalg.norm(_bisector(own, tx, rx), axis=-1)
         share = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
-        lit = np.nonzero(near & (share > 0))
+        lit = np.nonzero(near & (aside > FORWARD[0] / 2))
         ends = [own.copy(), own.copy()]
         semi_axes = ellipsoids.semi_axes_m[lit[1] % count]
-        path[lit], field[lit], ends[0][lit], ends[1][lit] = model(own[lit], axes[lit], semi_axes, tx[lit], rx[lit])
+        with np.errstate(invalid="ignore"):
+            found = model(own[lit], axes[lit], semi_axes, tx[lit], rx[lit])
+        # Almost in line with both the search may end nowhere: what has faded out is dark.
+        known = np.isfinite(found[0] + found[1])
+        lit = (lit[0][known], lit[1][known])
+        path[lit], field[lit], ends[0][lit], ends[1][lit] = (each[known] for each in found)
         field *= radar.link_amplitude * share * share * (3 - 2 * share)
         amplitude = (reflection * field * shown).astype(np.complex64)
         arrivals = Arrivals(radar, centres)
@@ -68,13 +73,13 @@ def ellipsoid_echoes(
         for number, view in enumerate(views):
             mine = slice(number * count, (number + 1) * count)
             past = 0.0 if view.legs is None else view.legs.delay_s
-            found = EchoArrays(path[:, mine] / SPEED_OF_LIGHT + past, amplitude[:, mine])
+            echoes = EchoArrays(path[:, mine] / SPEED_OF_LIGHT + past, amplitude[:, mine])
             departure, arrival = (end[:, mine] for end in ends)
             if view.legs is None:
-                parts.append(seen_by(radar, found, departure, arrival))
+                parts.append(seen_by(radar, echoes, departure, arrival))
             else:
-                found = weighted(found, *arrivals.weight(view.legs))
-                parts.append(unfolded(radar, found, view.legs, departure, arrival))
+                echoes = weighted(echoes, *arrivals.weight(view.legs))
+                parts.append(unfolded(radar, echoes, view.legs, departure, arrival))
         return side_by_side(parts)
 
     return EchoStream(times_s=times_s, frames=frames)
