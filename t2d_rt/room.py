@@ -123,7 +123,7 @@ def full_views(
         key = (() if leg is None else leg.chain, 0 if one else end)
         if key not in looks:
             place = radar.views_m[0 if one else end] if leg is None else leg.image_m
-            past = None if leg is None else leg.clear
+            past = None if leg is None else leg.share
             looks[key] = Occlusion(meshes, place, rate_hz=rate_hz, backend=backend, past=past, solid=occlusion)
         return looks[key]
 

@@ -12,6 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.trace.edges import Edges
 from t2d_rt.trace.materials import resolved
 from t2d_rt.trace.mirrors import Mirror, Mirrors
 from t2d_rt.trace.slabs import slab
@@ -32,9 +34,10 @@ def find_legs(
 ) -> list[Leg]:
     """Legs of up to `order` reflections between an antenna at `place_m`, of that polarisation (3,), and any of points (P, 3)."""
     each = reflections(mirrors, frequency_hz)
+    edges = Edges.of(mirrors, SPEED_OF_LIGHT / frequency_hz)
     found = []
     for chain in mirrors.chains(place_m, order):
-        leg = _leg(mirrors, chain, np.asarray(place_m, float), polarization, [each[k] for k in chain])
+        leg = _leg(mirrors, edges, chain, np.asarray(place_m, float), polarization, [each[k] for k in chain])
         if leg.clear(probes_m).any():
             found.append(leg)
     return found
@@ -61,6 +64,7 @@ def reflections(mirrors: Mirrors, frequency_hz: float) -> list[Reflection]:
 
 def _leg(
     mirrors: Mirrors,
+    edges: Edges,
     chain: tuple[int, ...],
     place: np.ndarray,
     polarization: np.ndarray,
@@ -105,6 +109,7 @@ def _leg(
         field=field,
         way=lambda points: np.stack(_way(points, images, used)[1]),
         clear=clear,
+        share=lambda points: edges.share(points, lambda some: _way(some, images, used), used),
     )
 
 

@@ -1,0 +1,203 @@
+"""How the field of a leg fades at the edges of its mirrors and of what stands in its way (docs/physics.md, eq. 28)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.trace.fresnel import bundle, disc, zone
+from t2d_rt.trace.mirrors import OUTLINE_M, SKIN_M, Mirror, Mirrors
+
+FEW = 0.9 * np.array([(0.0, 0.0), (0.9, 0.37), (-0.37, 0.9), (-0.9, -0.37), (0.37, -0.9)])
+"""Rays that go first: upright and level edges, which most are, pass between no two of them that are far apart."""
+MANY = 0.9 * disc(20)
+"""Rays where the few disagree."""
+PIECES = 4
+"""Chords that a way's rays are bent by, at least; each straight part has as many as any other."""
+CELL_M = 0.15
+"""Points of one such cell are known to be free together."""
+POINTS_AT_ONCE = 4096
+STOPPED, LEFT_OUT = 1, 2
+
+Way = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""For which points (..., 3) a chain of mirrors has a way, bool (...), and the way (stop, ..., 3) m, antenna first."""
+
+
+DIRECTIONS = np.array([d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)]) - 1.0
+DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+"""What lies apart along one of these 13, the axes and the diagonals of a cube, does not touch (Klosowski et al. 1998)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edges:
+    """Of all mirrors of a scene."""
+
+    mirrors: Mirrors
+    wavelength_m: float
+    normals: np.ndarray
+    """(M, 3)."""
+    offsets_m: np.ndarray
+    """(M,)."""
+    spans_m: np.ndarray
+    """From where to where each lies along `DIRECTIONS`, (2, M, D)."""
+    outlines_m: dict[int, np.ndarray]
+    """Edges of each mirror, by its id, that no two of its triangles share, (E, 2, 3)."""
+
+    @classmethod
+    def of(cls, mirrors: Mirrors, wavelength_m: float) -> Edges:
+        """Of the scene that these are of."""
+        along = [mirror.triangles.reshape(-1, 3) @ DIRECTIONS.T for mirror in mirrors.each]
+        return cls(
+            mirrors,
+            wavelength_m,
+            np.array([mirror.normal for mirror in mirrors.each]),
+            np.array([mirror.offset_m for mirror in mirrors.each]),
+            np.array([[each.min(axis=0) for each in along], [each.max(axis=0) for each in along]]),
+            {id(mirror): _outline(mirror.triangles) for mirror in mirrors.each},
+        )
+
+    def share(self, points: np.ndarray, way: Way, used: Sequence[Mirror]) -> np.ndarray:
+        """Of the field that reaches points (..., 3) m over mirrors, float32 (...)."""
+        flat = points.reshape(-1, 3)
+        corner, cell = np.unique(_codes(flat), return_inverse=True)
+        found, near, rims = self._cells((_places(corner) + 0.5) * CELL_M, way, used)
+        share = found[cell]
+        doubtful = np.flatnonzero(np.isnan(share))
+        for first in range(0, len(doubtful), POINTS_AT_ONCE):
+            some = doubtful[first : first + POINTS_AT_ONCE]
+            share[some] = self._points(flat[some], near[:, cell[some]], rims[:, cell[some]], way, used)
+        return share.reshape(points.shape[:-1])
+
+    def _points(
+        self, points: np.ndarray, near: np.ndarray, rims: np.ndarray, way: Way, used: Sequence[Mirror]
+    ) -> np.ndarray:
+        """Of points (P, 3), whose ways have something `near` at these of their pieces, (S, P), and meet mirrors near `rims` (m, P)."""
+        asked, stops = way(points)
+        share = np.zeros(len(points), np.float32)
+        for places in (FEW, MANY):
+            if asked.any():
+                some = np.stack([stop[asked] for stop in stops])
+                share[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, used)
+            asked = (share > 0) & (share < 1)
+        return share
+
+    def _free_rays(
+        self, stops: np.ndarray, near: np.ndarray, rims: np.ndarray, places: np.ndarray, used: Sequence[Mirror]
+    ) -> np.ndarray:
+        """The free share of the rays around ways (stop, P, 3), (P,).
+
+        A plane that both ends of a straight part stand before cuts no way from one to the other, and what it reflects has an image
+        of its own: rays bent into it are left out.
+        """
+        pieces = _pieces(used)
+        rays = bundle(stops, self.wavelength_m, places, pieces)
+        fate = np.zeros((len(near), *rays.shape[2:4]), np.int8)
+        piece, point = np.nonzero(near)
+        for k, mirror in enumerate(used):
+            ahead = stops[k + 1] - stops[k]
+            height = (rays[k, -1] @ mirror.normal - mirror.offset_m) / (ahead @ mirror.normal)[:, None]
+            rays[k, -1] = rays[k + 1, 0] = rays[k, -1] - height[..., None] * ahead[:, None]
+        starts, ends = (each.reshape(-1, *rays.shape[2:])[piece, point] for each in (rays[:, :-1], rays[:, 1:]))
+        if len(piece):
+            hit, mirror = self._first(starts, ends, piece % pieces == 0, piece % pieces == pieces - 1)
+            which, ray = np.nonzero(hit)
+            mirror, piece, point = mirror[which, ray], piece[which], point[which]
+            before, after = (
+                np.einsum("hi,hi->h", self.normals[mirror], stops[piece // pieces + k, point]) - self.offsets_m[mirror]
+                for k in (0, 1)
+            )
+            parted = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > OUTLINE_M)
+            fate[piece, point, ray] = np.where(parted, STOPPED, LEFT_OUT)
+        for k, mirror in enumerate(used):
+            some = np.flatnonzero(rims[k])
+            fate[pieces * (k + 1), some] = np.where(mirror.holds(rays[k, -1, some]), fate[pieces * (k + 1), some], STOPPED)
+        first = np.take_along_axis(fate, np.argmax(fate > 0, axis=0)[None], axis=0)[0]
+        return np.asarray((first == 0).sum(axis=1) / np.maximum((first != LEFT_OUT).sum(axis=1), 1))
+
+    def _first(
+        self, starts: np.ndarray, ends: np.ndarray, begins: np.ndarray, stops: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Which pieces of rays (Q, rays, 3) meet something, and what they meet first, (Q, rays).
+
+        Pieces overlap, but touch nothing at the beginning and at the end of a straight part.
+        """
+        ahead = ends - starts
+        length = np.sqrt(np.einsum("qri,qri->qr", ahead, ahead))
+        ahead /= np.maximum(length, 1e-12)[..., None]
+        skin, other = (np.where(each, SKIN_M, -SKIN_M)[:, None] for each in (begins, stops))
+        distance, mirror = self.mirrors.first(starts + skin[..., None] * ahead, ahead, length - skin - other)
+        return np.isfinite(distance), mirror
+
+    def _cells(self, centres: np.ndarray, way: Way, used: Sequence[Mirror]) -> tuple[np.ndarray, ...]:
+        """The share in all of a cell where no ray is needed to know it, else NaN, float32 (C,); which pieces of ways to it may meet
+        something, bool (S, C); which mirrors of the chain they may miss, bool (m, C)."""
+        good, stops = way(centres)
+        stops = np.stack(stops)
+        pieces = _pieces(used)
+        middle, share, radius = zone(stops, self.wavelength_m, pieces)
+        wide = share * (CELL_M * np.sqrt(3) / 2)  # a ball around the cell, seen from the antenna's image
+        dark, rims = np.zeros(len(centres), bool), np.zeros((len(used), len(centres)), bool)
+        for k, mirror in enumerate(used):
+            ahead = stops[k + 1] - stops[k]
+            aslant = np.linalg.norm(ahead, axis=1) / np.maximum(np.abs(ahead @ mirror.normal), 1e-9)
+            for at in ((k, -1), (k + 1, 0)):
+                wide[at] *= aslant
+                radius[at] *= aslant
+            inside = mirror.holds(stops[k + 1])
+            rims[k] = _distance(stops[k + 1], self.outlines_m[id(mirror)]) < wide[k, -1] + radius[k, -1]
+            dark |= ~inside & ~rims[k]
+        # Which planes may part the ends: those of ways that meet a mirror lie in its plane, the cell is a cube.
+        height = stops @ self.normals.T - self.offsets_m
+        slack = np.zeros(height.shape)
+        for k, mirror in enumerate(used):
+            slack[k + 1] = wide[k, -1, :, None] * np.linalg.norm(np.cross(self.normals, mirror.normal), axis=1)
+        slack[-1] = CELL_M / 2 * np.abs(self.normals).sum(axis=1)
+        below, above = height - slack, height + slack
+        parting = (np.minimum(below[:-1], below[1:]) < -OUTLINE_M) & (np.maximum(above[:-1], above[1:]) > OUTLINE_M)
+        parting[:, dark] = False
+        part, cell, mirror = np.nonzero(parting)
+        touched = np.ones((pieces, len(part)), bool)
+        for direction, low, high in zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True):
+            away, reach = middle @ direction, wide + radius
+            below, above = away - reach, away + reach
+            below, above = np.minimum(below[:, :-1], below[:, 1:]), np.maximum(above[:, :-1], above[:, 1:])
+            touched &= (below[part, :, cell].T <= high[mirror]) & (above[part, :, cell].T >= low[mirror])
+        near = np.zeros((len(used) + 1, pieces, len(centres)), bool)
+        piece, which = np.nonzero(touched)
+        near[part[which], piece, cell[which]] = True
+        near = near.reshape(-1, len(centres))
+        found = np.where(rims.any(axis=0) | near.any(axis=0) | ~good, np.nan, 1)
+        return np.where(dark, 0, found).astype(np.float32), near, rims
+
+
+def _codes(points: np.ndarray) -> np.ndarray:
+    """The cells of points (P, 3) as one number each."""
+    x, y, z = np.floor(points / CELL_M).astype(np.int64).T + (1 << 20)
+    return np.asarray((x << 42) | (y << 21) | z)
+
+
+def _places(codes: np.ndarray) -> np.ndarray:
+    """Of cells, in cells, (C, 3)."""
+    return np.stack([codes >> 42, (codes >> 21) & ((1 << 21) - 1), codes & ((1 << 21) - 1)], axis=1) - (1 << 20)
+
+
+def _pieces(used: Sequence[Mirror]) -> int:
+    return -(-PIECES // (len(used) + 1))
+
+
+def _outline(triangles: np.ndarray) -> np.ndarray:
+    """Edges (E, 2, 3) of triangles (F, 3, 3) that belong to one of them alone."""
+    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+    same = np.round(np.concatenate([edges.sum(axis=1), np.abs(edges[:, 1] - edges[:, 0])], axis=1), 6)
+    _, first, count = np.unique(same, axis=0, return_index=True, return_counts=True)
+    return np.asarray(edges[first[count == 1]])
+
+
+def _distance(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """From points (P, 3) to the nearest of edges (E, 2, 3), (P,) m."""
+    start, way = edges[:, 0], edges[:, 1] - edges[:, 0]
+    offset = points[:, None] - start
+    along = np.clip(np.einsum("pei,ei->pe", offset, way) / np.einsum("ei,ei->e", way, way), 0, 1)
+    return np.asarray(np.linalg.norm(offset - along[..., None] * way, axis=2).min(axis=1))
