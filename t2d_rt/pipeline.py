@@ -23,7 +23,7 @@ from t2d_rt.motion import place, track
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
-from t2d_rt.room import Clutter, clutter_streams, coarse_views, coarser, find_ways, full_views
+from t2d_rt.room import COARSE_RATE, Clutter, clutter_streams, coarse_views, coarser, find_ways, full_views
 from t2d_rt.scene import Mover, Room
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.scenes import load_scene
@@ -113,14 +113,15 @@ def simulate(
         streams.append(mesh_echoes(shape, radar, material=substance, sagitta_rad=bar, views=close, **detail))
         if ways is None:
             continue
+        seldom = {**common, "rate_hz": COARSE_RATE * occlusion_rate_hz}
         clear = ways.clear if isinstance(target, Motion) else len(ways.pairs)
-        if weak := coarse_views(shape, ways.pairs[ways.strong : clear], **common):
+        if weak := coarse_views(shape, ways.pairs[ways.strong : clear], **seldom):
             streams.append(mesh_echoes(shape, radar, material=substance, views=weak, **coarser(bar), **detail))
         if isinstance(target, Motion) and (faint := ways.pairs[clear:]):
             limbs = segments(_placed(target, radar), body)
             streams.append(
                 ellipsoid_echoes(
-                    limbs, radar, times_s=times_s, material=substance, views=coarse_views(limbs, faint, **common)
+                    limbs, radar, times_s=times_s, material=substance, views=coarse_views(limbs, faint, **seldom)
                 )
             )
     static: dict[str, object] = {}

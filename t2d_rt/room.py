@@ -29,6 +29,8 @@ COARSER, COARSEST_RAD = 4.0, 1.5
 """By how much the phase sagitta of these facets is larger, and its limit."""
 COARSE_TURNS, COARSE_POINTS = 1.0, 1000
 """Their patches and diffuse points."""
+COARSE_RATE = 0.5
+"""How much of the rate at which strong pairs' shadows are looked at is enough for weak ones: the field fades over a hand's breadth."""
 CLUTTER_ORDER = 3
 """Reflections of static clutter: a trihedral corner takes three."""
 SCATTERING_COEFFICIENT = 0.2

@@ -209,7 +209,10 @@ def test_a_rough_wall_returns_what_lamberts_law_says(monkeypatch: pytest.MonkeyP
         assert total == pytest.approx(2 * math.pi * share**2 / distance**2, rel=0.01)
     # What is scattered is missing from the mirror's path.
     (path,), (smooth,) = static_paths(mirrors, radar, order=1), found(ahead(distance), order=1)
-    ratio = path.coefficients(np.array([radar.mid_frequency_hz]))[0] / smooth.coefficients(np.array([radar.mid_frequency_hz]))[0]
+    ratio = (
+        path.coefficients(np.array([radar.mid_frequency_hz]))[0]
+        / smooth.coefficients(np.array([radar.mid_frequency_hz]))[0]
+    )
     assert abs(ratio) == pytest.approx(math.sqrt(1 - share**2), rel=1e-9)
 
 

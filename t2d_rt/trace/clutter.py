@@ -121,7 +121,7 @@ class Shadows:
         before = np.cumsum([0, *(count for *_, count in solids)])
         self._faces = np.concatenate([faces + first for (_, faces, _), first in zip(solids, before[:-1], strict=True)])
         self._at_once = int(np.clip(FACES_PER_SCENE // len(self._faces), 1, 64))
-        bundles = [bundle(way, wavelength_m, disc(rays), pieces) for way in ways_m]
+        bundles = [bundle(np.asarray(way, float), wavelength_m, disc(rays), pieces) for way in ways_m]
         self._way = np.repeat(np.arange(len(bundles)), [len(each) * pieces for each in bundles])
         self._starts = np.concatenate([each[:, :-1].reshape(-1, rays, 3) for each in bundles])
         self._stops = np.concatenate([each[:, 1:].reshape(-1, rays, 3) for each in bundles])

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.trace.fresnel import bundle, disc, zone
-from t2d_rt.trace.mirrors import OUTLINE_M, SKIN_M, Mirror, Mirrors
+from t2d_rt.trace.mirrors import OUTLINE_M, SKIN_M, Mirrors
 
-FEW = 0.9 * np.array([(0.0, 0.0), (0.9, 0.37), (-0.37, 0.9), (-0.9, -0.37), (0.37, -0.9)])
+RIM = 0.9
+"""How much of the zone's radius the rays fill: with so much, the lit side of a knife edge is met best."""
+FEW = RIM * np.array([(0.0, 0.0), (0.9, 0.37), (-0.37, 0.9), (-0.9, -0.37), (0.37, -0.9)], np.float32)
 """Rays that go first: upright and level edges, which most are, pass between no two of them that are far apart."""
-MANY = 0.9 * disc(20)
+MANY = (RIM * disc(20)).astype(np.float32)
 """Rays where the few disagree."""
 PIECES = 4
 """Chords that a way's rays are bent by, at least; each straight part has as many as any other."""
@@ -42,8 +44,8 @@ class Edges:
     """(M,)."""
     spans_m: np.ndarray
     """From where to where each lies along `DIRECTIONS`, (2, M, D)."""
-    outlines_m: dict[int, np.ndarray]
-    """Edges of each mirror, by its id, that no two of its triangles share, (E, 2, 3)."""
+    outlines_m: list[np.ndarray]
+    """Edges of each that no two of its triangles share, (E, 2, 3)."""
 
     @classmethod
     def of(cls, mirrors: Mirrors, wavelength_m: float) -> Edges:
@@ -55,49 +57,49 @@ class Edges:
             np.array([mirror.normal for mirror in mirrors.each]),
             np.array([mirror.offset_m for mirror in mirrors.each]),
             np.array([[each.min(axis=0) for each in along], [each.max(axis=0) for each in along]]),
-            {id(mirror): _outline(mirror.triangles) for mirror in mirrors.each},
+            [_outline(mirror.triangles) for mirror in mirrors.each],
         )
 
-    def share(self, points: np.ndarray, way: Way, used: Sequence[Mirror]) -> np.ndarray:
+    def share(self, points: np.ndarray, way: Way, chain: Sequence[int]) -> np.ndarray:
         """Of the field that reaches points (..., 3) m over mirrors, float32 (...)."""
         flat = points.reshape(-1, 3)
         corner, cell = np.unique(_codes(flat), return_inverse=True)
-        found, near, rims = self._cells((_places(corner) + 0.5) * CELL_M, way, used)
+        found, near, rims = self._cells((_places(corner) + 0.5) * CELL_M, way, chain)
         share = found[cell]
         doubtful = np.flatnonzero(np.isnan(share))
         for first in range(0, len(doubtful), POINTS_AT_ONCE):
             some = doubtful[first : first + POINTS_AT_ONCE]
-            share[some] = self._points(flat[some], near[:, cell[some]], rims[:, cell[some]], way, used)
+            share[some] = self._points(flat[some], near[:, cell[some]], rims[:, cell[some]], way, chain)
         return share.reshape(points.shape[:-1])
 
     def _points(
-        self, points: np.ndarray, near: np.ndarray, rims: np.ndarray, way: Way, used: Sequence[Mirror]
+        self, points: np.ndarray, near: np.ndarray, rims: np.ndarray, way: Way, chain: Sequence[int]
     ) -> np.ndarray:
         """Of points (P, 3), whose ways have something `near` at these of their pieces, (S, P), and meet mirrors near `rims` (m, P)."""
         asked, stops = way(points)
         share = np.zeros(len(points), np.float32)
         for places in (FEW, MANY):
             if asked.any():
-                some = np.stack([stop[asked] for stop in stops])
-                share[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, used)
+                some = np.stack([stop[asked] for stop in stops]).astype(np.float32)  # a wavelength is 4 mm
+                share[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, chain)
             asked = (share > 0) & (share < 1)
         return share
 
     def _free_rays(
-        self, stops: np.ndarray, near: np.ndarray, rims: np.ndarray, places: np.ndarray, used: Sequence[Mirror]
+        self, stops: np.ndarray, near: np.ndarray, rims: np.ndarray, places: np.ndarray, chain: Sequence[int]
     ) -> np.ndarray:
         """The free share of the rays around ways (stop, P, 3), (P,).
 
         A plane that both ends of a straight part stand before cuts no way from one to the other, and what it reflects has an image
         of its own: rays bent into it are left out.
         """
-        pieces = _pieces(used)
+        pieces = _pieces(chain)
         rays = bundle(stops, self.wavelength_m, places, pieces)
         fate = np.zeros((len(near), *rays.shape[2:4]), np.int8)
         piece, point = np.nonzero(near)
-        for k, mirror in enumerate(used):
-            ahead = stops[k + 1] - stops[k]
-            height = (rays[k, -1] @ mirror.normal - mirror.offset_m) / (ahead @ mirror.normal)[:, None]
+        for k, mirror in enumerate(self.mirrors.each[number] for number in chain):
+            ahead, normal = stops[k + 1] - stops[k], mirror.normal.astype(np.float32)
+            height = ((rays[k, -1] - stops[k + 1, :, None]) @ normal) / (ahead @ normal)[:, None]
             rays[k, -1] = rays[k + 1, 0] = rays[k, -1] - height[..., None] * ahead[:, None]
         starts, ends = (each.reshape(-1, *rays.shape[2:])[piece, point] for each in (rays[:, :-1], rays[:, 1:]))
         if len(piece):
@@ -108,11 +110,13 @@ class Edges:
                 np.einsum("hi,hi->h", self.normals[mirror], stops[piece // pieces + k, point]) - self.offsets_m[mirror]
                 for k in (0, 1)
             )
-            parted = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > OUTLINE_M)
+            parted = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > SKIN_M)
             fate[piece, point, ray] = np.where(parted, STOPPED, LEFT_OUT)
-        for k, mirror in enumerate(used):
+        for k, mirror in enumerate(self.mirrors.each[number] for number in chain):
             some = np.flatnonzero(rims[k])
-            fate[pieces * (k + 1), some] = np.where(mirror.holds(rays[k, -1, some]), fate[pieces * (k + 1), some], STOPPED)
+            fate[pieces * (k + 1), some] = np.where(
+                mirror.holds(rays[k, -1, some]), fate[pieces * (k + 1), some], STOPPED
+            )
         first = np.take_along_axis(fate, np.argmax(fate > 0, axis=0)[None], axis=0)[0]
         return np.asarray((first == 0).sum(axis=1) / np.maximum((first != LEFT_OUT).sum(axis=1), 1))
 
@@ -126,50 +130,54 @@ class Edges:
         ahead = ends - starts
         length = np.sqrt(np.einsum("qri,qri->qr", ahead, ahead))
         ahead /= np.maximum(length, 1e-12)[..., None]
-        skin, other = (np.where(each, SKIN_M, -SKIN_M)[:, None] for each in (begins, stops))
+        skin, other = (np.where(each, SKIN_M, -SKIN_M).astype(np.float32)[:, None] for each in (begins, stops))
         distance, mirror = self.mirrors.first(starts + skin[..., None] * ahead, ahead, length - skin - other)
         return np.isfinite(distance), mirror
 
-    def _cells(self, centres: np.ndarray, way: Way, used: Sequence[Mirror]) -> tuple[np.ndarray, ...]:
+    def _cells(self, centres: np.ndarray, way: Way, chain: Sequence[int]) -> tuple[np.ndarray, ...]:
         """The share in all of a cell where no ray is needed to know it, else NaN, float32 (C,); which pieces of ways to it may meet
         something, bool (S, C); which mirrors of the chain they may miss, bool (m, C)."""
         good, stops = way(centres)
         stops = np.stack(stops)
-        pieces = _pieces(used)
+        pieces = _pieces(chain)
         middle, share, radius = zone(stops, self.wavelength_m, pieces)
         wide = share * (CELL_M * np.sqrt(3) / 2)  # a ball around the cell, seen from the antenna's image
-        dark, rims = np.zeros(len(centres), bool), np.zeros((len(used), len(centres)), bool)
-        for k, mirror in enumerate(used):
+        dark, rims = np.zeros(len(centres), bool), np.zeros((len(chain), len(centres)), bool)
+        for k, mirror in enumerate(self.mirrors.each[number] for number in chain):
             ahead = stops[k + 1] - stops[k]
             aslant = np.linalg.norm(ahead, axis=1) / np.maximum(np.abs(ahead @ mirror.normal), 1e-9)
             for at in ((k, -1), (k + 1, 0)):
                 wide[at] *= aslant
                 radius[at] *= aslant
             inside = mirror.holds(stops[k + 1])
-            rims[k] = _distance(stops[k + 1], self.outlines_m[id(mirror)]) < wide[k, -1] + radius[k, -1]
+            rims[k] = _distance(stops[k + 1], self.outlines_m[chain[k]]) < wide[k, -1] + radius[k, -1]
             dark |= ~inside & ~rims[k]
         # Which planes may part the ends: those of ways that meet a mirror lie in its plane, the cell is a cube.
         height = stops @ self.normals.T - self.offsets_m
         slack = np.zeros(height.shape)
-        for k, mirror in enumerate(used):
+        for k, mirror in enumerate(self.mirrors.each[number] for number in chain):
             slack[k + 1] = wide[k, -1, :, None] * np.linalg.norm(np.cross(self.normals, mirror.normal), axis=1)
         slack[-1] = CELL_M / 2 * np.abs(self.normals).sum(axis=1)
         below, above = height - slack, height + slack
         parting = (np.minimum(below[:-1], below[1:]) < -OUTLINE_M) & (np.maximum(above[:-1], above[1:]) > OUTLINE_M)
-        parting[:, dark] = False
-        part, cell, mirror = np.nonzero(parting)
+        # Near a rim rays may be left out, by whichever plane.
+        asked = (parting | rims.any(axis=0)[:, None]) & ~dark[:, None]
+        for k, number in enumerate(chain):
+            asked[k : k + 2, :, number] &= parting[k : k + 2, :, number]
+        part, cell, mirror = np.nonzero(asked)
         touched = np.ones((pieces, len(part)), bool)
         for direction, low, high in zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True):
             away, reach = middle @ direction, wide + radius
             below, above = away - reach, away + reach
             below, above = np.minimum(below[:, :-1], below[:, 1:]), np.maximum(above[:, :-1], above[:, 1:])
             touched &= (below[part, :, cell].T <= high[mirror]) & (above[part, :, cell].T >= low[mirror])
-        near = np.zeros((len(used) + 1, pieces, len(centres)), bool)
+        near = np.zeros((len(chain) + 1, pieces, len(centres)), bool)
         piece, which = np.nonzero(touched)
         near[part[which], piece, cell[which]] = True
         near = near.reshape(-1, len(centres))
-        found = np.where(rims.any(axis=0) | near.any(axis=0) | ~good, np.nan, 1)
-        return np.where(dark, 0, found).astype(np.float32), near, rims
+        near[:, ~good], rims[:, ~good] = True, True
+        found = np.where(rims.any(axis=0) | near.any(axis=0), np.nan, 1)
+        return np.where(dark & good, 0, found).astype(np.float32), near, rims
 
 
 def _codes(points: np.ndarray) -> np.ndarray:
@@ -183,8 +191,8 @@ def _places(codes: np.ndarray) -> np.ndarray:
     return np.stack([codes >> 42, (codes >> 21) & ((1 << 21) - 1), codes & ((1 << 21) - 1)], axis=1) - (1 << 20)
 
 
-def _pieces(used: Sequence[Mirror]) -> int:
-    return -(-PIECES // (len(used) + 1))
+def _pieces(chain: Sequence[int]) -> int:
+    return -(-PIECES // (len(chain) + 1))
 
 
 def _outline(triangles: np.ndarray) -> np.ndarray:

@@ -8,9 +8,10 @@ import numpy as np
 
 
 def disc(count: int) -> np.ndarray:
-    """Points (count, 2) spread evenly over the unit disc: a Fibonacci lattice."""
+    """Points (count, 2) spread evenly over the unit disc: a Fibonacci lattice, turned so that upright and level edges meet its
+    points one by one."""
     index = np.arange(count)
-    radius, turn = np.sqrt((index + 0.5) / count), np.pi * (3 - np.sqrt(5)) * index
+    radius, turn = np.sqrt((index + 0.5) / count), np.pi * (3 - np.sqrt(5)) * index + 0.56
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
 
 
@@ -19,7 +20,8 @@ def zone(way_m: np.ndarray, wavelength_m: float, pieces: int) -> tuple[np.ndarra
     lies before each, and the zone's radius there [m]: sqrt(lambda d1 d2 / (d1 + d2)), both (part, piece + 1, ...).
     """
     parts = np.diff(way_m, axis=0)[:, None]
-    cuts = np.linspace(0, 1, pieces + 1).reshape(-1, *[1] * (way_m.ndim - 1))
+    cuts = np.sin(np.linspace(0, np.pi / 2, pieces + 1)) ** 2  # closer where the zone opens and closes
+    cuts = cuts.astype(way_m.dtype).reshape(-1, *[1] * (way_m.ndim - 1))
     lengths = np.linalg.norm(parts, axis=-1)
     done = np.cumsum(lengths, axis=0)
     total = np.maximum(done[-1:], 1e-12)
@@ -46,6 +48,6 @@ def bundle(way_m: np.ndarray, wavelength_m: float, places: np.ndarray, pieces: i
 def _across(ahead: np.ndarray) -> np.ndarray:
     """Two unit vectors (..., 2, 3) across directions (..., 3), the first of them level."""
     steep = np.abs(ahead[..., 2:]) > 0.99
-    level = np.cross(ahead, np.where(steep, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]))
+    level = np.cross(ahead, np.where(steep, *np.eye(3, dtype=ahead.dtype)[[0, 2]]))
     level /= np.linalg.norm(level, axis=-1, keepdims=True)
     return np.stack([level, np.cross(level, ahead)], axis=-2)

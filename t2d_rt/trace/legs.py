@@ -109,7 +109,7 @@ def _leg(
         field=field,
         way=lambda points: np.stack(_way(points, images, used)[1]),
         clear=clear,
-        share=lambda points: edges.share(points, lambda some: _way(some, images, used), used),
+        share=lambda points: edges.share(points, lambda some: _way(some, images, used), chain),
     )
 
 
