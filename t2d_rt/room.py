@@ -30,7 +30,7 @@ COARSER, COARSEST_RAD = 4.0, 1.5
 COARSE_TURNS, COARSE_POINTS = 1.0, 1000
 """Their patches and diffuse points."""
 COARSE_RATE = 0.5
-"""How much of the rate at which strong pairs' shadows are looked at is enough for weak ones: the field fades over a hand's breadth."""
+"""Shadows of weak pairs are looked at less often, by this factor: fields fade over a hand's breadth."""
 CLUTTER_ORDER = 3
 """Reflections of static clutter: a trihedral corner takes three."""
 SCATTERING_COEFFICIENT = 0.2

@@ -37,12 +37,13 @@ def run() -> Section:
         checks=[
             Check(what="lit side of a knife edge", measured=float(np.abs(level - exact)[v <= 0].max()), limit=2, unit="dB"),
             Check(what="at the edge itself", measured=abs(float(level[np.argmin(np.abs(v))]) + 6.02), limit=1, unit="dB"),
-            Check(what="walk hidden by a metal cupboard, down by", measured=float(loss_db[hidden].min()), limit=20, unit="dB", at_least=True),
+            Check(what="walk hidden by a metal cupboard, down by", measured=float(loss_db[hidden].min()), limit=20, unit="dB",
+                  at_least=True),
             Check(what=f"its power beyond {FAST_MPS:g} m/s beside the walk in sight", measured=beyond_db, limit=3, unit="dB"),
         ],
-        note=f"A point {BEFORE_M + BEYOND_M:g} m away passes behind a screen half-way; v is the edge's height over the way in units of "
-        "sqrt(lambda d1 d2 / (2 (d1 + d2))). The walk (CMU 12_01, mesh, `table2`) goes across, 3 m away, behind a cupboard 1.5 m away and 0.8 m wide that "
-        "stands free; its side face is a mirror by which the walker is seen before.",
+        note=f"A point {BEFORE_M + BEYOND_M:g} m away passes behind a screen half-way; v is the edge's height over the way "
+        "in units of sqrt(lambda d1 d2 / (2 (d1 + d2))). The walk (CMU 12_01, mesh, `table2`) goes across, 3 m away, behind a "
+        "cupboard 1.5 m away and 0.8 m wide that stands free; before, its side face mirrors the walker.",
         charts=[_chart(v, level, exact, there, float(alone.values.max()))],
     )  # fmt: skip
 

@@ -22,14 +22,12 @@ CELL_M = 0.15
 """Points of one such cell are known to be free together."""
 POINTS_AT_ONCE = 4096
 STOPPED, LEFT_OUT = 1, 2
-
-Way = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""For which points (..., 3) a chain of mirrors has a way, bool (...), and the way (stop, ..., 3) m, antenna first."""
-
-
+"""What may happen to a ray."""
 DIRECTIONS = np.array([d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)]) - 1.0
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 """What lies apart along one of these 13, the axes and the diagonals of a cube, does not touch (Klosowski et al. 1998)."""
+Way = Callable[[np.ndarray], tuple[np.ndarray, list[np.ndarray]]]
+"""For which points (..., 3) a chain of mirrors has a way, bool (...), and its stops (..., 3) m, antenna first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +73,7 @@ class Edges:
     def _points(
         self, points: np.ndarray, near: np.ndarray, rims: np.ndarray, way: Way, chain: Sequence[int]
     ) -> np.ndarray:
-        """Of points (P, 3), whose ways have something `near` at these of their pieces, (S, P), and meet mirrors near `rims` (m, P)."""
+        """Of points (P, 3): pieces of their ways that have something `near` (S, P), mirrors met near their `rims` (m, P)."""
         asked, stops = way(points)
         share = np.zeros(len(points), np.float32)
         for places in (FEW, MANY):
@@ -93,30 +91,29 @@ class Edges:
         A plane that both ends of a straight part stand before cuts no way from one to the other, and what it reflects has an image
         of its own: rays bent into it are left out.
         """
-        pieces = _pieces(chain)
+        pieces, used = _pieces(chain), [self.mirrors.each[number] for number in chain]
         rays = bundle(stops, self.wavelength_m, places, pieces)
-        fate = np.zeros((len(near), *rays.shape[2:4]), np.int8)
-        piece, point = np.nonzero(near)
-        for k, mirror in enumerate(self.mirrors.each[number] for number in chain):
+        for k, mirror in enumerate(used):  # from the cross-section on to the mirror's plane
             ahead, normal = stops[k + 1] - stops[k], mirror.normal.astype(np.float32)
             height = ((rays[k, -1] - stops[k + 1, :, None]) @ normal) / (ahead @ normal)[:, None]
             rays[k, -1] = rays[k + 1, 0] = rays[k, -1] - height[..., None] * ahead[:, None]
-        starts, ends = (each.reshape(-1, *rays.shape[2:])[piece, point] for each in (rays[:, :-1], rays[:, 1:]))
+        fate = np.zeros((len(near), *rays.shape[2:4]), np.int8)
+        piece, point = np.nonzero(near)
         if len(piece):
-            hit, mirror = self._first(starts, ends, piece % pieces == 0, piece % pieces == pieces - 1)
+            starts, ends = (each.reshape(-1, *rays.shape[2:])[piece, point] for each in (rays[:, :-1], rays[:, 1:]))
+            hit, met = self._first(starts, ends, piece % pieces == 0, piece % pieces == pieces - 1)
             which, ray = np.nonzero(hit)
-            mirror, piece, point = mirror[which, ray], piece[which], point[which]
+            piece, point, met = piece[which], point[which], met[which, ray]
             before, after = (
-                np.einsum("hi,hi->h", self.normals[mirror], stops[piece // pieces + k, point]) - self.offsets_m[mirror]
+                np.einsum("hi,hi->h", self.normals[met], stops[piece // pieces + k, point]) - self.offsets_m[met]
                 for k in (0, 1)
             )
             parted = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > SKIN_M)
             fate[piece, point, ray] = np.where(parted, STOPPED, LEFT_OUT)
-        for k, mirror in enumerate(self.mirrors.each[number] for number in chain):
-            some = np.flatnonzero(rims[k])
-            fate[pieces * (k + 1), some] = np.where(
-                mirror.holds(rays[k, -1, some]), fate[pieces * (k + 1), some], STOPPED
-            )
+        for k, mirror in enumerate(used):
+            some, after_it = np.flatnonzero(rims[k]), fate[pieces * (k + 1)]
+            after_it[some] = np.where(mirror.holds(rays[k, -1, some]), after_it[some], STOPPED)
+        # What happens to a ray first counts.
         first = np.take_along_axis(fate, np.argmax(fate > 0, axis=0)[None], axis=0)[0]
         return np.asarray((first == 0).sum(axis=1) / np.maximum((first != LEFT_OUT).sum(axis=1), 1))
 
@@ -134,50 +131,60 @@ class Edges:
         distance, mirror = self.mirrors.first(starts + skin[..., None] * ahead, ahead, length - skin - other)
         return np.isfinite(distance), mirror
 
-    def _cells(self, centres: np.ndarray, way: Way, chain: Sequence[int]) -> tuple[np.ndarray, ...]:
+    def _cells(self, centres: np.ndarray, way: Way, chain: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The share in all of a cell where no ray is needed to know it, else NaN, float32 (C,); which pieces of ways to it may meet
-        something, bool (S, C); which mirrors of the chain they may miss, bool (m, C)."""
-        good, stops = way(centres)
-        stops = np.stack(stops)
-        pieces = _pieces(chain)
-        middle, share, radius = zone(stops, self.wavelength_m, pieces)
+        something, bool (S, C); which mirrors of the chain may be met outside, bool (m, C)."""
+        good, found = way(centres)
+        stops = np.stack(found)
+        middle, share, radius = zone(stops, self.wavelength_m, _pieces(chain))
         wide = share * (CELL_M * np.sqrt(3) / 2)  # a ball around the cell, seen from the antenna's image
         dark, rims = np.zeros(len(centres), bool), np.zeros((len(chain), len(centres)), bool)
-        for k, mirror in enumerate(self.mirrors.each[number] for number in chain):
-            ahead = stops[k + 1] - stops[k]
+        for k, number in enumerate(chain):
+            mirror, ahead = self.mirrors.each[number], stops[k + 1] - stops[k]
             aslant = np.linalg.norm(ahead, axis=1) / np.maximum(np.abs(ahead @ mirror.normal), 1e-9)
             for at in ((k, -1), (k + 1, 0)):
                 wide[at] *= aslant
                 radius[at] *= aslant
-            inside = mirror.holds(stops[k + 1])
-            rims[k] = _distance(stops[k + 1], self.outlines_m[chain[k]]) < wide[k, -1] + radius[k, -1]
-            dark |= ~inside & ~rims[k]
-        # Which planes may part the ends: those of ways that meet a mirror lie in its plane, the cell is a cube.
-        height = stops @ self.normals.T - self.offsets_m
-        slack = np.zeros(height.shape)
-        for k, mirror in enumerate(self.mirrors.each[number] for number in chain):
-            slack[k + 1] = wide[k, -1, :, None] * np.linalg.norm(np.cross(self.normals, mirror.normal), axis=1)
-        slack[-1] = CELL_M / 2 * np.abs(self.normals).sum(axis=1)
-        below, above = height - slack, height + slack
-        parting = (np.minimum(below[:-1], below[1:]) < -OUTLINE_M) & (np.maximum(above[:-1], above[1:]) > OUTLINE_M)
-        # Near a rim rays may be left out, by whichever plane.
-        asked = (parting | rims.any(axis=0)[:, None]) & ~dark[:, None]
+            rims[k] = _distance(stops[k + 1], self.outlines_m[number]) < wide[k, -1] + radius[k, -1]
+            dark |= ~mirror.holds(stops[k + 1]) & ~rims[k]
+        parting = self._parting(stops, wide[:, -1], chain)
+        # Near a rim any plane may have rays left out, but for the mirror itself.
+        asked = (parting | np.asarray(rims.any(axis=0))[:, None]) & ~dark[:, None]
         for k, number in enumerate(chain):
             asked[k : k + 2, :, number] &= parting[k : k + 2, :, number]
-        part, cell, mirror = np.nonzero(asked)
-        touched = np.ones((pieces, len(part)), bool)
-        for direction, low, high in zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True):
-            away, reach = middle @ direction, wide + radius
-            below, above = away - reach, away + reach
-            below, above = np.minimum(below[:, :-1], below[:, 1:]), np.maximum(above[:, :-1], above[:, 1:])
-            touched &= (below[part, :, cell].T <= high[mirror]) & (above[part, :, cell].T >= low[mirror])
-        near = np.zeros((len(chain) + 1, pieces, len(centres)), bool)
-        piece, which = np.nonzero(touched)
-        near[part[which], piece, cell[which]] = True
-        near = near.reshape(-1, len(centres))
+        near = self._touched(middle, wide + radius, asked).reshape(-1, len(centres))
         near[:, ~good], rims[:, ~good] = True, True
-        found = np.where(rims.any(axis=0) | near.any(axis=0), np.nan, 1)
-        return np.where(dark & good, 0, found).astype(np.float32), near, rims
+        known = np.where(rims.any(axis=0) | near.any(axis=0), np.nan, 1)
+        return np.where(dark & good, 0, known).astype(np.float32), near, rims
+
+    def _parting(self, stops: np.ndarray, wide: np.ndarray, chain: Sequence[int]) -> np.ndarray:
+        """Which mirrors' planes may stand between the ends of straight parts of ways to cells, bool (part, C, M).
+
+        Stops (stop, C, 3) are off by up to `wide` (part, C) at their ends, though not off the mirrors, and by half a cell at last.
+        """
+        height = stops @ self.normals.T - self.offsets_m
+        slack = np.zeros(height.shape)
+        for k, number in enumerate(chain):
+            slack[k + 1] = wide[k, :, None] * np.linalg.norm(np.cross(self.normals, self.normals[number]), axis=1)
+        slack[-1] = CELL_M / 2 * np.abs(self.normals).sum(axis=1)
+        low, high = height - slack, height + slack
+        least, most = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])
+        return np.asarray((least < -OUTLINE_M) & (most > OUTLINE_M))
+
+    def _touched(self, places: np.ndarray, reach: np.ndarray, asked: np.ndarray) -> np.ndarray:
+        """Which pieces between places (part, piece + 1, C, 3), that wide (part, piece + 1, C), may touch any of the mirrors `asked`
+        for (part, C, M): bool (part, piece, C)."""
+        part, cell, mirror = np.nonzero(asked)
+        touching = np.ones((places.shape[1] - 1, len(part)), bool)
+        for direction, least, most in zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True):
+            along = places @ direction
+            low, high = along - reach, along + reach
+            low, high = np.minimum(low[:, :-1], low[:, 1:]), np.maximum(high[:, :-1], high[:, 1:])
+            touching &= (most[mirror] >= low[part, :, cell].T) & (least[mirror] <= high[part, :, cell].T)
+        touched = np.zeros((len(places), *places.shape[1:3]), bool)[:, 1:]
+        piece, which = np.nonzero(touching)
+        touched[part[which], piece, cell[which]] = True
+        return touched
 
 
 def _codes(points: np.ndarray) -> np.ndarray:

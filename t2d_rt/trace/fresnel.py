@@ -16,8 +16,8 @@ def disc(count: int) -> np.ndarray:
 
 
 def zone(way_m: np.ndarray, wavelength_m: float, pieces: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (part, piece + 1, ..., 3) [m] that cut each straight part of ways (stop, ..., 3) into pieces, what share of the whole way
-    lies before each, and the zone's radius there [m]: sqrt(lambda d1 d2 / (d1 + d2)), both (part, piece + 1, ...).
+    """Places (part, piece + 1, ..., 3) [m] that cut each straight part of ways (stop, ..., 3) into pieces, the share of the way
+    before each, and the zone's radius there [m]: sqrt(lambda d1 d2 / (d1 + d2)), both (part, piece + 1, ...).
     """
     parts = np.diff(way_m, axis=0)[:, None]
     cuts = np.sin(np.linspace(0, np.pi / 2, pieces + 1)) ** 2  # closer where the zone opens and closes

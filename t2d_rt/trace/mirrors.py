@@ -124,7 +124,7 @@ class Mirrors:
     def first(
         self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """How far along rays (..., 3), of some length, the first mirror stands, infinite where there is none, and which one, (...)."""
+        """How far along rays (..., 3) the first mirror stands, infinite where none within their length, and which, (...)."""
         mi = mitsuba(self.backend)
         ray = mi.Ray3f(mi.Point3f(*columns(mi, origin_m)), mi.Vector3f(*columns(mi, direction)))
         if length_m is not None:
