@@ -23,7 +23,9 @@ CELL_M = 0.15
 POINTS_AT_ONCE = 4096
 STOPPED, LEFT_OUT = 1, 2
 """What may happen to a ray."""
-DIRECTIONS = np.array([d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)]) - 1.0
+DIRECTIONS = (
+    np.array(sorted((d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)), key=lambda d: d.count(1), reverse=True)) - 1.0
+)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 """What lies apart along one of these 13, the axes and the diagonals of a cube, does not touch (Klosowski et al. 1998)."""
 Way = Callable[[np.ndarray], tuple[np.ndarray, list[np.ndarray]]]
@@ -176,7 +178,12 @@ class Edges:
         for (part, C, M): bool (part, piece, C)."""
         part, cell, mirror = np.nonzero(asked)
         touching = np.ones((places.shape[1] - 1, len(part)), bool)
-        for direction, least, most in zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True):
+        for number, (direction, least, most) in enumerate(
+            zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True)
+        ):
+            if number == 3:  # the axes leave few for the diagonals
+                few = touching.any(axis=0)
+                part, cell, mirror, touching = part[few], cell[few], mirror[few], touching[:, few]
             along = places @ direction
             low, high = along - reach, along + reach
             low, high = np.minimum(low[:, :-1], low[:, 1:]), np.maximum(high[:, :-1], high[:, 1:])

@@ -21,7 +21,7 @@ from t2d_rt.types import MovingMesh
 FACES_PER_SCENE = 250_000
 # Rays start this far off the surface, so that the triangles they start from do not stop them.
 LIFT_M = 2e-3
-MARK_M = 0.04
+MARK_M = 0.06
 """What stands still is looked past from vertices that far apart: its shadows have soft edges."""
 
 
