@@ -26,7 +26,17 @@ from t2d_rt.motion import place, track
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
-from t2d_rt.room import Clutter, Collisions, checked_time, clutter_streams, coarse_views, coarser, find_ways, full_views
+from t2d_rt.room import (
+    COARSE_RATE,
+    Clutter,
+    Collisions,
+    checked_time,
+    clutter_streams,
+    coarse_views,
+    coarser,
+    find_ways,
+    full_views,
+)
 from t2d_rt.scene import Mover, Room
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.scenes import load_scene
@@ -136,16 +146,17 @@ def simulate(
         yield mesh_echoes(shape, radar, sagitta_rad=bar, views=close, **detail)
         if ways is None:
             return
-        if weak := coarse_views(shape, ways.pairs[ways.strong : ways.clear], **looked_at):
+        seldom = {**looked_at, "rate_hz": COARSE_RATE * occlusion_rate_hz}
+        if weak := coarse_views(shape, ways.pairs[ways.strong : ways.clear], **seldom):
             yield mesh_echoes(shape, radar, views=weak, **coarser(bar), **detail)
         faint = ways.pairs[ways.clear :]
         if faint and isinstance(target, Motion):
             limbs = segments(_placed(target, radar), body)
-            yield ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, **looked_at), **common)
+            yield ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, **seldom), **common)
         elif faint:
             if turns:  # less often, too
                 detail["times_s"] = np.linspace(*span_s, max(4, (len(times_s) + 1) // 2))
-            yield mesh_echoes(shape, radar, views=coarse_views(shape, faint, **looked_at), **coarser(bar, 2), **detail)
+            yield mesh_echoes(shape, radar, views=coarse_views(shape, faint, **seldom), **coarser(bar, 2), **detail)
 
     streams = [stream for each in zip(targets, shapes, paces, swift, views, strict=True) for stream in echoes(*each)]
     static: dict[str, object] = {}

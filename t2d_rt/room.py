@@ -33,6 +33,8 @@ COARSER, COARSEST_RAD = 4.0, 1.5
 """By how much the phase sagitta of these facets is larger, and its limit."""
 COARSE_TURNS, COARSE_POINTS = 1.0, 1000
 """Their patches and diffuse points."""
+COARSE_RATE = 0.5
+"""Shadows of weak pairs are looked at less often, by this factor: fields fade over a hand's breadth."""
 CLUTTER_ORDER = 3
 """Reflections of static clutter: a trihedral corner takes three."""
 SCATTERING_COEFFICIENT = 0.2
@@ -182,7 +184,7 @@ def full_views(
         key = (() if leg is None else leg.chain, 0 if one else end)
         if key not in looks:
             place = radar.views_m[0 if one else end] if leg is None else leg.image_m
-            past = None if leg is None else leg.clear
+            past = None if leg is None else leg.share
             looks[key] = Occlusion(meshes, place, rate_hz=rate_hz, backend=backend, past=past, solid=occlusion)
         return looks[key]
 

@@ -17,7 +17,8 @@ from t2d_rt.echo.clutter import mirror_echoes
 from t2d_rt.errors import InputError
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.resources import resource
-from t2d_rt.trace.clutter import Shadows, bundle, rough_points, roughened, static_paths
+from t2d_rt.trace.clutter import Shadows, rough_points, roughened, static_paths
+from t2d_rt.trace.fresnel import bundle, disc
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
 from t2d_rt.trace.scenes import load_scene
@@ -271,8 +272,8 @@ def test_a_wide_plate_fades_a_path_as_a_knife_edge_does() -> None:
 
 def test_the_fresnel_zone_is_bent_at_mirrors() -> None:
     way, wavelength = np.array([(0.0, 0.0, 1.0), (2.0, 2.0, 1.3), (5.0, -1.0, 1.75)]), 0.004
-    starts, stops = bundle(way, wavelength, 32, 4)
-    before, after = stops[3] - way[1], starts[4] - way[1]
+    rays = bundle(way, wavelength, disc(32), 4)
+    before, after = rays[0, -1] - way[1], rays[1, 0] - way[1]
     assert np.abs(before * [1, -1, 1] - after).max() < 1e-12
     first, second = np.linalg.norm(np.diff(way, axis=0), axis=1)
     radius = math.sqrt(wavelength * first * second / (first + second))

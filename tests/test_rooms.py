@@ -303,7 +303,7 @@ def test_antennas_apart_have_looks_of_their_own() -> None:
 
         return Leg(
             chain=("wall",), image_m=np.zeros(3), turn=np.eye(3), shift_m=np.zeros(3), field=nothing, way=nothing,
-            clear=lambda points: np.full(points.shape[:-1], share, np.float32),
+            clear=nothing, share=lambda points: np.full(points.shape[:-1], share, np.float32),
         )  # fmt: skip
 
     one, half = leg(0.5), leg(0.25)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned
+from t2d_rt.trace.fresnel import bundle, disc
 from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.materials import resolved
 from t2d_rt.trace.mirrors import Mirrors, sphere
@@ -120,9 +121,10 @@ class Shadows:
         before = np.cumsum([0, *(count for *_, count in solids)])
         self._faces = np.concatenate([faces + first for (_, faces, _), first in zip(solids, before[:-1], strict=True)])
         self._at_once = int(np.clip(FACES_PER_SCENE // len(self._faces), 1, 64))
-        bundles = [bundle(way, wavelength_m, rays, pieces) for way in ways_m]
-        self._way = np.repeat(np.arange(len(bundles)), [len(starts) for starts, _ in bundles])
-        self._starts, self._stops = (np.concatenate(each) for each in zip(*bundles, strict=True))
+        bundles = [bundle(np.asarray(way, float), wavelength_m, disc(rays), pieces) for way in ways_m]
+        self._way = np.repeat(np.arange(len(bundles)), [len(each) * pieces for each in bundles])
+        self._starts = np.concatenate([each[:, :-1].reshape(-1, rays, 3) for each in bundles])
+        self._stops = np.concatenate([each[:, 1:].reshape(-1, rays, 3) for each in bundles])
         self._mitsuba = mitsuba(backend)
 
     def shares(self, times_s: np.ndarray) -> np.ndarray:
@@ -165,35 +167,6 @@ class Shadows:
         ray = mi.Ray3f(mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)))
         ray.maxt = mi.Float(aligned(length, np.float32))
         return np.asarray(mi.load_dict({"type": "scene", "bodies": bodies}).ray_test(ray).numpy().reshape(length.shape))
-
-
-def bundle(way_m: np.ndarray, wavelength_m: float, rays: int, pieces: int) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and ends (S, rays, 3) of the parts of rays that fill the first Fresnel zone along a way (stop, 3) [m].
-
-    A ray keeps its place on the zone's cross-section, whose radius is sqrt(lambda d1 d2 / (d1 + d2)), at mirrors too.
-    """
-    parts = np.diff(way_m, axis=0)
-    lengths = np.linalg.norm(parts, axis=1)
-    ahead = parts / lengths[:, None]
-    across = np.linalg.svd(ahead[:1])[2][1:]
-    done = np.concatenate([[0.0], np.cumsum(lengths)])
-    places = []
-    for number, start in enumerate(way_m[:-1]):
-        if number:
-            normal = ahead[number] - ahead[number - 1]
-            across = across - 2 * np.outer(across @ normal, normal) / (normal @ normal)
-        share = np.linspace(0, 1, pieces + 1)[:, None, None]
-        along = done[number] + share * lengths[number]
-        radius = np.sqrt(wavelength_m * along * np.maximum(done[-1] - along, 0) / done[-1])
-        places.append(start + share * parts[number] + radius * (_disc(rays) @ across))
-    return np.concatenate([each[:-1] for each in places]), np.concatenate([each[1:] for each in places])
-
-
-def _disc(count: int) -> np.ndarray:
-    """Points (count, 2) spread evenly over the unit disc: a Fibonacci lattice."""
-    index = np.arange(count)
-    radius, turn = np.sqrt((index + 0.5) / count), np.pi * (3 - np.sqrt(5)) * index
-    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
 
 
 def _solid(shape: MovingMesh | Ellipsoids) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, int]:

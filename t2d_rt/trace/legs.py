@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.trace.edges import Edges
 from t2d_rt.trace.materials import resolved
 from t2d_rt.trace.mirrors import Mirror, Mirrors
 from t2d_rt.trace.slabs import slab
@@ -29,6 +30,8 @@ Coefficients = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 class Met:
     """A mirror as a chain meets it: it reflects, or lets through."""
 
+    number: int
+    """Of the mirror, among all."""
     mirror: Mirror
     through: bool
     coefficients: Coefficients
@@ -56,10 +59,11 @@ def find_legs(
     polarisation (3,), and any of points (P, 3)."""
     materials = [resolved(surface.material, frequency_hz) for surface in mirrors.scene.surfaces]
     loss_db = _losses_db(mirrors, materials, frequency_hz) if transmissions else None
+    edges = Edges.of(mirrors, SPEED_OF_LIGHT / frequency_hz)
     found = []
     for chain in mirrors.chains(place_m, order, transmissions=transmissions, loss_db=loss_db):
         met = [_met(mirrors, k, materials) for k in chain]
-        leg = _leg(mirrors, met, np.asarray(place_m, float), polarization)
+        leg = _leg(mirrors, edges, met, np.asarray(place_m, float), polarization)
         if leg.clear(probes_m).any():
             found.append(leg)
     return found
@@ -75,7 +79,8 @@ def _losses_db(mirrors: Mirrors, materials: Sequence[Material], frequency_hz: fl
 def _met(mirrors: Mirrors, number: int, materials: Sequence[Material]) -> Met:
     """An element of a chain."""
     through = number < 0
-    mirror = mirrors.each[~number if through else number]
+    number = ~number if through else number
+    mirror = mirrors.each[number]
     material, thickness_m = materials[mirror.surface], mirrors.scene.surfaces[mirror.surface].thickness_m
     delay_s = thickness_m * math.sqrt(material.relative_permittivity) / SPEED_OF_LIGHT if through else 0.0
     # What a rough surface scatters is missing from what it reflects (docs/physics.md, eq. 9), not from what passes.
@@ -90,11 +95,11 @@ def _met(mirrors: Mirrors, number: int, materials: Sequence[Material]) -> Met:
         te, tm = np.stack(found, axis=1)
         return te, tm
 
-    return Met(mirror, through, coefficients, delay_s)
+    return Met(number, mirror, through, coefficients, delay_s)
 
 
-def _leg(mirrors: Mirrors, chain: Sequence[Met], place: np.ndarray, polarization: np.ndarray) -> Leg:
-    used = [met.mirror for met in chain]
+def _leg(mirrors: Mirrors, edges: Edges, chain: Sequence[Met], place: np.ndarray, polarization: np.ndarray) -> Leg:
+    used, numbers = [met.mirror for met in chain], [met.number for met in chain]
     images, turn, shift = [place], np.eye(3), np.zeros(3)
     for met in chain:
         if met.through:
@@ -137,6 +142,7 @@ def _leg(mirrors: Mirrors, chain: Sequence[Met], place: np.ndarray, polarization
         field=field,
         way=lambda points: np.stack(_way(points, images, used)[1]),
         clear=clear,
+        share=lambda points: edges.share(points, lambda some: _way(some, images, used), numbers),
         transmissions=sum(met.through for met in chain),
         delay_s=sum(met.delay_s for met in chain),
     )

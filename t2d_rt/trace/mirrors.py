@@ -57,8 +57,9 @@ class Mirror:
     def holds(self, points: np.ndarray) -> np.ndarray:
         """Which of points (..., 3) of its plane lie inside its outline, bool (...)."""
         inward, offset = self.edges
-        within = points @ inward.T >= offset
-        return np.asarray(within.reshape(*points.shape[:-1], -1, 3).all(axis=-1).any(axis=-1))
+        within = inward @ points.reshape(-1, 3).T >= offset[:, None]  # sums over rows of points, not within each
+        triangles = within.reshape(len(inward) // 3, 3, within.shape[1])
+        return np.asarray(triangles.all(axis=1).any(axis=0).reshape(points.shape[:-1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,13 +145,18 @@ class Mirrors:
             found.append(on.over(met, through=True))
         return [each for each in found if each.chains]
 
-    def first(self, origin_m: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far along rays (R, 3) the first mirror stands, infinite where there is none, and which one it is, (R,)."""
+    def first(
+        self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """How far along rays (..., 3) the first mirror stands, infinite where none within their length, and which, (...)."""
         mi = mitsuba(self.backend)
         ray = mi.Ray3f(mi.Point3f(*columns(mi, origin_m)), mi.Vector3f(*columns(mi, direction)))
+        if length_m is not None:
+            ray.maxt = mi.Float(aligned(np.maximum(length_m, 0), np.float32))
         hit = self.traced.ray_intersect_preliminary(ray)
-        distance = hit.t.numpy()
-        return distance, self.of_face[np.where(np.isfinite(distance), hit.prim_index.numpy(), 0)]
+        distance = hit.t.numpy().reshape(origin_m.shape[:-1])
+        number = hit.prim_index.numpy().reshape(distance.shape)
+        return distance, self.of_face[np.where(np.isfinite(distance), number, 0)]
 
     def around(self, place_m: np.ndarray) -> str | None:
         """Name of a surface that holds a place within itself or its thickness, None if none does."""

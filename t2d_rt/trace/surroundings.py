@@ -86,13 +86,14 @@ class Passed:
 
     @classmethod
     def to_ellipsoids(cls, ellipsoids: Ellipsoids, start_s: float, stop_s: float, rate_hz: float) -> Passed:
-        """Of ellipsoids: their centres and ends."""
+        """Of ellipsoids: their centres and far ends; across them, the field fades over as much as they measure."""
+        number = np.arange(len(ellipsoids.semi_axes_m))
+        longest = ellipsoids.semi_axes_m.argmax(axis=1)
 
         def points_at(times_s: np.ndarray) -> np.ndarray:
             centres, axes = ellipsoids.at(times_s)
-            ends = np.einsum("knij,nj->knji", axes, ellipsoids.semi_axes_m)
-            middle = centres[:, :, None]
-            return np.concatenate([middle, middle + ends, middle - ends], axis=2)
+            end = axes[:, number, :, longest].swapaxes(0, 1) * ellipsoids.semi_axes_m.max(axis=1)[:, None]
+            return np.stack([centres, centres + end, centres - end], axis=2)
 
         return cls(points_at, start_s, stop_s, rate_hz)
 
@@ -102,7 +103,7 @@ class Passed:
 
         def at_keys(numbers: np.ndarray) -> np.ndarray:
             if not known:  # all at once: a kernel's start costs as much as some thousand rays
-                known.append(leg.clear(self._points).mean(axis=2))
+                known.append(leg.share(self._points).mean(axis=2))
             return known[0][numbers]
 
         return lambda times_s: faded(times_s, self._keys, at_keys)

@@ -21,6 +21,8 @@ from t2d_rt.types import MovingMesh
 FACES_PER_SCENE = 250_000
 # Rays start this far off the surface, so that the triangles they start from do not stop them.
 LIFT_M = 2e-3
+MARK_M = 0.06
+"""What stands still is looked past from vertices that far apart: its shadows have soft edges."""
 
 
 Past = Callable[[np.ndarray], np.ndarray]
@@ -78,6 +80,7 @@ class Occlusion:
         self._copies = int(np.clip(FACES_PER_SCENE // len(self._faces), 1, 64))
         self._incidence = _incidence(self._faces, sum(self._sizes))
         self._neighbours = _adjacency(self._incidence)
+        self._marks = None if past is None else _marks(meshes, offsets)
         self._mitsuba = mitsuba(backend)
 
     def visibility(self, times_s: np.ndarray) -> list[np.ndarray]:
@@ -125,17 +128,23 @@ class Occlusion:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
         vertices = np.concatenate([mesh.at(times_s) for mesh in self._meshes], axis=1)
         if not self._solid:
-            return np.ones(vertices.shape[:2], np.float32) if self._past is None else self._past(vertices)
+            return self._let_past(vertices)
         normal = _vertex_normals(vertices, self._faces, self._incidence)
         front = np.einsum("kvi,kvi->kv", normal, self._viewpoint - vertices) > 0
         seen = (self.clear(vertices, vertices, normal) & front).astype(np.float32)
-        if self._past is not None:
-            seen[seen > 0] *= self._past(vertices[seen > 0])
+        seen *= self._let_past(vertices)
         # A vertex just beyond the horizon takes over from its neighbours this side of it: the horizon itself is the
         # facets' own cosine, not a shadow.
         count = (self._neighbours @ front.T.astype(np.float32)).T
         beyond = (self._neighbours @ seen.T).T / np.maximum(count, 1)
         return np.where(front, seen, beyond).astype(np.float32)
+
+    def _let_past(self, vertices: np.ndarray) -> np.ndarray:
+        """What share reaches vertices (K, V, 3) past what stands still, float32 (K, V)."""
+        if self._past is None or self._marks is None:
+            return np.ones(vertices.shape[:2], np.float32)
+        marks, carried = self._marks
+        return np.asarray((carried @ self._past(vertices[:, marks]).T).T)
 
     def clear(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Whether nothing at vertices (K, V, 3) stands between points (K, Q, 3) on it, of given normals, and here: (K, Q)."""
@@ -203,6 +212,28 @@ def _incidence(faces: np.ndarray, count: int) -> Any:
     rows = faces.ravel()
     columns = np.repeat(np.arange(len(faces)), 3)
     return csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, len(faces)))
+
+
+def _marks(meshes: Sequence[MovingMesh], offsets: np.ndarray) -> tuple[np.ndarray, Any]:
+    """Numbers (M,) of vertices at least `MARK_M` apart in each mesh, and how all take after the nearest ones: sparse (V, M)."""
+    from scipy.sparse import block_diag, csr_array
+    from scipy.spatial import cKDTree
+
+    numbers, carried = [], []
+    for mesh, offset in zip(meshes, offsets, strict=True):
+        near = cKDTree(mesh.rest).query_ball_point(mesh.rest, MARK_M)
+        free, mine = np.ones(len(mesh.rest), bool), []
+        for vertex, around in enumerate(near):
+            if free[vertex]:
+                mine.append(vertex)
+                free[around] = False
+        away, nearest = cKDTree(mesh.rest[mine]).query(mesh.rest, k=min(3, len(mine)))
+        weight = 1 / np.maximum(away.reshape(len(mesh.rest), -1), 1e-6)
+        weight /= weight.sum(axis=1, keepdims=True)
+        row = np.repeat(np.arange(len(weight)), weight.shape[1])
+        carried.append(csr_array((weight.ravel(), (row, nearest.ravel())), shape=(len(weight), len(mine))))
+        numbers.append(np.array(mine) + offset)
+    return np.concatenate(numbers), block_diag(carried, format="csr").astype(np.float32)
 
 
 def _adjacency(incidence: Any) -> Any:

@@ -30,7 +30,9 @@ class Leg:
     way: Callable[[np.ndarray], np.ndarray]
     """Antenna, what the chain meets, and points of the ways to points (..., 3) m: (chain + 2, ..., 3)."""
     clear: Callable[[np.ndarray], np.ndarray]
-    """What share of the field reaches points (..., 3) m past outlines and obstacles: float32 (...), 0..1."""
+    """Which points (..., 3) m the way exists to, inside outlines and past obstacles: float32 (...), 0 or 1."""
+    share: Callable[[np.ndarray], np.ndarray]
+    """What share of the field reaches points (..., 3) m, faded at the edges of both: float32 (...), 0..1."""
     transmissions: int = 0
     """Number of slabs passed."""
     delay_s: float = 0.0

@@ -1,0 +1,225 @@
+"""How the field of a leg fades at the edges of its mirrors and of what stands in its way (docs/physics.md, eq. 28)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.trace.fresnel import bundle, disc, zone
+from t2d_rt.trace.mirrors import OUTLINE_M, SKIN_M, Mirrors
+
+RIM = 0.9
+"""How much of the zone's radius the rays fill: with so much, the lit side of a knife edge is met best."""
+FEW = RIM * np.array([(0.0, 0.0), (0.9, 0.37), (-0.37, 0.9), (-0.9, -0.37), (0.37, -0.9)], np.float32)
+"""Rays that go first: upright and level edges, which most are, pass between no two of them that are far apart."""
+MANY = (RIM * disc(20)).astype(np.float32)
+"""Rays where the few disagree."""
+PIECES = 4
+"""Chords that a way's rays are bent by, at least; each straight part has as many as any other."""
+CELL_M = 0.15
+"""Points of one such cell are known to be free together."""
+POINTS_AT_ONCE = 4096
+STOPPED, LEFT_OUT = 1, 2
+"""What may happen to a ray."""
+DIRECTIONS = (
+    np.array(sorted((d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)), key=lambda d: d.count(1), reverse=True)) - 1.0
+)
+DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+"""What lies apart along one of these 13, the axes and the diagonals of a cube, does not touch (Klosowski et al. 1998)."""
+Way = Callable[[np.ndarray], tuple[np.ndarray, list[np.ndarray]]]
+"""For which points (..., 3) a chain of mirrors has a way, bool (...), and its stops (..., 3) m, antenna first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edges:
+    """Of all mirrors of a scene."""
+
+    mirrors: Mirrors
+    wavelength_m: float
+    normals: np.ndarray
+    """(M, 3)."""
+    offsets_m: np.ndarray
+    """(M,)."""
+    spans_m: np.ndarray
+    """From where to where each lies along `DIRECTIONS`, (2, M, D)."""
+    outlines_m: list[np.ndarray]
+    """Edges of each that no two of its triangles share, (E, 2, 3)."""
+
+    @classmethod
+    def of(cls, mirrors: Mirrors, wavelength_m: float) -> Edges:
+        """Of the scene that these are of."""
+        along = [mirror.triangles.reshape(-1, 3) @ DIRECTIONS.T for mirror in mirrors.each]
+        return cls(
+            mirrors,
+            wavelength_m,
+            np.array([mirror.normal for mirror in mirrors.each]),
+            np.array([mirror.offset_m for mirror in mirrors.each]),
+            np.array([[each.min(axis=0) for each in along], [each.max(axis=0) for each in along]]),
+            [_outline(mirror.triangles) for mirror in mirrors.each],
+        )
+
+    def share(self, points: np.ndarray, way: Way, chain: Sequence[int]) -> np.ndarray:
+        """Of the field that reaches points (..., 3) m over mirrors, float32 (...)."""
+        flat = points.reshape(-1, 3)
+        corner, cell = np.unique(_codes(flat), return_inverse=True)
+        found, near, rims = self._cells((_places(corner) + 0.5) * CELL_M, way, chain)
+        share = found[cell]
+        doubtful = np.flatnonzero(np.isnan(share))
+        for first in range(0, len(doubtful), POINTS_AT_ONCE):
+            some = doubtful[first : first + POINTS_AT_ONCE]
+            share[some] = self._points(flat[some], near[:, cell[some]], rims[:, cell[some]], way, chain)
+        return share.reshape(points.shape[:-1])
+
+    def _points(
+        self, points: np.ndarray, near: np.ndarray, rims: np.ndarray, way: Way, chain: Sequence[int]
+    ) -> np.ndarray:
+        """Of points (P, 3): pieces of their ways that have something `near` (S, P), mirrors met near their `rims` (m, P)."""
+        asked, stops = way(points)
+        share = np.zeros(len(points), np.float32)
+        for places in (FEW, MANY):
+            if asked.any():
+                some = np.stack([stop[asked] for stop in stops]).astype(np.float32)  # a wavelength is 4 mm
+                share[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, chain)
+            asked = (share > 0) & (share < 1)
+        return share
+
+    def _free_rays(
+        self, stops: np.ndarray, near: np.ndarray, rims: np.ndarray, places: np.ndarray, chain: Sequence[int]
+    ) -> np.ndarray:
+        """The free share of the rays around ways (stop, P, 3), (P,).
+
+        A plane that both ends of a straight part stand before cuts no way from one to the other, and what it reflects has an image
+        of its own: rays bent into it are left out.
+        """
+        pieces, used = _pieces(chain), [self.mirrors.each[number] for number in chain]
+        rays = bundle(stops, self.wavelength_m, places, pieces)
+        for k, mirror in enumerate(used):  # from the cross-section on to the mirror's plane
+            ahead, normal = stops[k + 1] - stops[k], mirror.normal.astype(np.float32)
+            height = ((rays[k, -1] - stops[k + 1, :, None]) @ normal) / (ahead @ normal)[:, None]
+            rays[k, -1] = rays[k + 1, 0] = rays[k, -1] - height[..., None] * ahead[:, None]
+        fate = np.zeros((len(near), *rays.shape[2:4]), np.int8)
+        piece, point = np.nonzero(near)
+        if len(piece):
+            starts, ends = (each.reshape(-1, *rays.shape[2:])[piece, point] for each in (rays[:, :-1], rays[:, 1:]))
+            hit, met = self._first(starts, ends, piece % pieces == 0, piece % pieces == pieces - 1)
+            which, ray = np.nonzero(hit)
+            piece, point, met = piece[which], point[which], met[which, ray]
+            before, after = (
+                np.einsum("hi,hi->h", self.normals[met], stops[piece // pieces + k, point]) - self.offsets_m[met]
+                for k in (0, 1)
+            )
+            parted = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > SKIN_M)
+            fate[piece, point, ray] = np.where(parted, STOPPED, LEFT_OUT)
+        for k, mirror in enumerate(used):
+            some, after_it = np.flatnonzero(rims[k]), fate[pieces * (k + 1)]
+            after_it[some] = np.where(mirror.holds(rays[k, -1, some]), after_it[some], STOPPED)
+        # What happens to a ray first counts.
+        first = np.take_along_axis(fate, np.argmax(fate > 0, axis=0)[None], axis=0)[0]
+        return np.asarray((first == 0).sum(axis=1) / np.maximum((first != LEFT_OUT).sum(axis=1), 1))
+
+    def _first(
+        self, starts: np.ndarray, ends: np.ndarray, begins: np.ndarray, stops: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Which pieces of rays (Q, rays, 3) meet something, and what they meet first, (Q, rays).
+
+        Pieces overlap, but touch nothing at the beginning and at the end of a straight part.
+        """
+        ahead = ends - starts
+        length = np.sqrt(np.einsum("qri,qri->qr", ahead, ahead))
+        ahead /= np.maximum(length, 1e-12)[..., None]
+        skin, other = (np.where(each, SKIN_M, -SKIN_M).astype(np.float32)[:, None] for each in (begins, stops))
+        distance, mirror = self.mirrors.first(starts + skin[..., None] * ahead, ahead, length - skin - other)
+        return np.isfinite(distance), mirror
+
+    def _cells(self, centres: np.ndarray, way: Way, chain: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The share in all of a cell where no ray is needed to know it, else NaN, float32 (C,); which pieces of ways to it may meet
+        something, bool (S, C); which mirrors of the chain may be met outside, bool (m, C)."""
+        good, found = way(centres)
+        stops = np.stack(found)
+        middle, share, radius = zone(stops, self.wavelength_m, _pieces(chain))
+        wide = share * (CELL_M * np.sqrt(3) / 2)  # a ball around the cell, seen from the antenna's image
+        dark, rims = np.zeros(len(centres), bool), np.zeros((len(chain), len(centres)), bool)
+        for k, number in enumerate(chain):
+            mirror, ahead = self.mirrors.each[number], stops[k + 1] - stops[k]
+            aslant = np.linalg.norm(ahead, axis=1) / np.maximum(np.abs(ahead @ mirror.normal), 1e-9)
+            for at in ((k, -1), (k + 1, 0)):
+                wide[at] *= aslant
+                radius[at] *= aslant
+            rims[k] = _distance(stops[k + 1], self.outlines_m[number]) < wide[k, -1] + radius[k, -1]
+            dark |= ~mirror.holds(stops[k + 1]) & ~rims[k]
+        parting = self._parting(stops, wide[:, -1], chain)
+        # Near a rim any plane may have rays left out, but for the mirror itself.
+        asked = (parting | np.asarray(rims.any(axis=0))[:, None]) & ~dark[:, None]
+        for k, number in enumerate(chain):
+            asked[k : k + 2, :, number] &= parting[k : k + 2, :, number]
+        near = self._touched(middle, wide + radius, asked).reshape(-1, len(centres))
+        near[:, ~good], rims[:, ~good] = True, True
+        known = np.where(rims.any(axis=0) | near.any(axis=0), np.nan, 1)
+        return np.where(dark & good, 0, known).astype(np.float32), near, rims
+
+    def _parting(self, stops: np.ndarray, wide: np.ndarray, chain: Sequence[int]) -> np.ndarray:
+        """Which mirrors' planes may stand between the ends of straight parts of ways to cells, bool (part, C, M).
+
+        Stops (stop, C, 3) are off by up to `wide` (part, C) at their ends, though not off the mirrors, and by half a cell at last.
+        """
+        height = stops @ self.normals.T - self.offsets_m
+        slack = np.zeros(height.shape)
+        for k, number in enumerate(chain):
+            slack[k + 1] = wide[k, :, None] * np.linalg.norm(np.cross(self.normals, self.normals[number]), axis=1)
+        slack[-1] = CELL_M / 2 * np.abs(self.normals).sum(axis=1)
+        low, high = height - slack, height + slack
+        least, most = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])
+        return np.asarray((least < -OUTLINE_M) & (most > OUTLINE_M))
+
+    def _touched(self, places: np.ndarray, reach: np.ndarray, asked: np.ndarray) -> np.ndarray:
+        """Which pieces between places (part, piece + 1, C, 3), that wide (part, piece + 1, C), may touch any of the mirrors `asked`
+        for (part, C, M): bool (part, piece, C)."""
+        part, cell, mirror = np.nonzero(asked)
+        touching = np.ones((places.shape[1] - 1, len(part)), bool)
+        for number, (direction, least, most) in enumerate(
+            zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True)
+        ):
+            if number == 3:  # the axes leave few for the diagonals
+                few = touching.any(axis=0)
+                part, cell, mirror, touching = part[few], cell[few], mirror[few], touching[:, few]
+            along = places @ direction
+            low, high = along - reach, along + reach
+            low, high = np.minimum(low[:, :-1], low[:, 1:]), np.maximum(high[:, :-1], high[:, 1:])
+            touching &= (most[mirror] >= low[part, :, cell].T) & (least[mirror] <= high[part, :, cell].T)
+        touched = np.zeros((len(places), *places.shape[1:3]), bool)[:, 1:]
+        piece, which = np.nonzero(touching)
+        touched[part[which], piece, cell[which]] = True
+        return touched
+
+
+def _codes(points: np.ndarray) -> np.ndarray:
+    """The cells of points (P, 3) as one number each."""
+    x, y, z = np.floor(points / CELL_M).astype(np.int64).T + (1 << 20)
+    return np.asarray((x << 42) | (y << 21) | z)
+
+
+def _places(codes: np.ndarray) -> np.ndarray:
+    """Of cells, in cells, (C, 3)."""
+    return np.stack([codes >> 42, (codes >> 21) & ((1 << 21) - 1), codes & ((1 << 21) - 1)], axis=1) - (1 << 20)
+
+
+def _pieces(chain: Sequence[int]) -> int:
+    return -(-PIECES // (len(chain) + 1))
+
+
+def _outline(triangles: np.ndarray) -> np.ndarray:
+    """Edges (E, 2, 3) of triangles (F, 3, 3) that belong to one of them alone."""
+    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+    same = np.round(np.concatenate([edges.sum(axis=1), np.abs(edges[:, 1] - edges[:, 0])], axis=1), 6)
+    _, first, count = np.unique(same, axis=0, return_index=True, return_counts=True)
+    return np.asarray(edges[first[count == 1]])
+
+
+def _distance(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """From points (P, 3) to the nearest of edges (E, 2, 3), (P,) m."""
+    start, way = edges[:, 0], edges[:, 1] - edges[:, 0]
+    offset = points[:, None] - start
+    along = np.clip(np.einsum("pei,ei->pe", offset, way) / np.einsum("ei,ei->e", way, way), 0, 1)
+    return np.asarray(np.linalg.norm(offset - along[..., None] * way, axis=2).min(axis=1))

@@ -1,0 +1,158 @@
+"""How fields fade at edges: against the knife edge, invariants of mirrors side by side, and a walk behind a cupboard."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.special import fresnel
+from trimesh.creation import box
+
+import t2d_rt as t2d
+from t2d_rt.backend import select
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.resources import resource
+from t2d_rt.trace.edges import Edges
+from t2d_rt.trace.legs import find_legs
+from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.trace.scenes import load_scene
+from t2d_rt.types import Leg, Radar, Scene, Surface
+
+FREQUENCY_HZ = 77.87e9
+WAVELENGTH_M = SPEED_OF_LIGHT / FREQUENCY_HZ
+ANTENNA_M, UP = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0])
+
+
+def plate(name: str, corners: list[tuple[float, float, float]]) -> Surface:
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    return Surface(name=name, vertices=np.array(corners, float), faces=faces, material="metal", thickness_m=0.01)
+
+
+def block(name: str, low_m: tuple[float, float, float], high_m: tuple[float, float, float]) -> Surface:
+    solid = box(bounds=np.array([low_m, high_m]))
+    return Surface(
+        name=name,
+        vertices=np.asarray(solid.vertices),
+        faces=np.asarray(solid.faces),
+        material="metal",
+        thickness_m=0.01,
+    )
+
+
+def legs(points: np.ndarray, *surfaces: Surface, order: int = 1) -> dict[str, Leg]:
+    mirrors = Mirrors.of(Scene(name="test", surfaces=surfaces), select("cpu"))
+    return {leg.name: leg for leg in find_legs(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=order, probes_m=points)}
+
+
+def knife_edge_db(v: np.ndarray) -> np.ndarray:
+    """Field behind a half-plane beside that without it [dB], v its height over the ray (ITU-R P.526)."""
+    sine, cosine = fresnel(v)
+    return 20 * np.log10(np.hypot(1 - cosine - sine, cosine - sine) / 2)
+
+
+def check_knife_edge(share: np.ndarray, v: np.ndarray) -> None:
+    level = 20 * np.log10(np.maximum(share, 1e-6))
+    lit = v <= 0
+    assert np.abs(level - knife_edge_db(v))[lit].max() < 2
+    assert level[np.argmin(np.abs(v))] == pytest.approx(-6, abs=1)  # one ray of twenty
+    assert (level[v > 1.4] < -20).all()
+    assert (share[v < -1.4] == 1).all()
+    assert (np.diff(share[np.argsort(v)]) <= 1e-6).all()
+
+
+@pytest.mark.parametrize("beyond", [0.2, 0.5, 1.5, 3.0])
+def test_behind_a_screen_the_field_is_that_of_a_knife_edge(beyond: float) -> None:
+    """The narrower, the closer the target stands."""
+    before = 1.5
+    screen = plate("screen", [(before, -3, -2), (before, 0, -2), (before, 0, 4), (before, -3, 4)])
+    v = np.linspace(-2.5, 2.5, 101)
+    height = -v * math.sqrt(WAVELENGTH_M / 2 * before * beyond / (before + beyond))
+    points = np.array([before + beyond, 0, 1]) + np.outer(height * (before + beyond) / before, [0, 1, 0])
+    check_knife_edge(legs(points, screen)["direct"].share(points), v)
+
+
+def test_at_a_mirrors_edge_as_well() -> None:
+    wall, end = 1.0, 1.5
+    mirror = plate("mirror", [(-2, wall, -2), (end, wall, -2), (end, wall, 4), (-2, wall, 4)])
+    x = np.linspace(2.6, 3.4, 101)
+    points = np.column_stack([x, np.zeros_like(x), np.ones_like(x)])
+    # In the picture with the mirror's image the edge stands across a straight way, aslant by the angle of incidence.
+    length = np.hypot(x, 2 * wall)
+    aside = (x / 2 - end) * 2 * wall / length
+    v = aside * np.sqrt(2 / WAVELENGTH_M * 4 / length)
+    check_knife_edge(legs(points, mirror)["mirror"].share(points), v)
+
+
+def test_mirrors_side_by_side_share_the_field() -> None:
+    wall = plate("wall", [(-2, 1, -2), (1.5, 1, -2), (1.5, 1, 4), (-2, 1, 4)])
+    window = plate("window", [(1.5, 1, -2), (9, 1, -2), (9, 1, 4), (1.5, 1, 4)])
+    rng = np.random.default_rng(1)
+    points = rng.uniform((2, -1, 0.5), (4, 0.5, 1.5), (2000, 3))
+    both = [leg.share(points) for name, leg in legs(points, wall, window).items() if name != "direct"]
+    assert len(both) == 2
+    assert ((both[0] > 0.1) & (both[1] > 0.1)).sum() > 50
+    assert np.abs(sum(both) - 1).max() < 1e-6
+
+
+def test_where_walls_meet_no_field_is_lost() -> None:
+    """Images in a right angle are exact: what stands at the floor, at a wall or in the corner is seen in full over each."""
+    floor = plate("floor", [(-3, -5, 0), (9, -5, 0), (9, 2, 0), (-3, 2, 0)])
+    wall = plate("wall", [(-3, 2, 0), (9, 2, 0), (9, 2, 5), (-3, 2, 5)])
+    aside, up = np.meshgrid([-1.0, 0.0, 1.9, 1.99], [0.002, 0.02, 0.1, 0.5])
+    points = np.column_stack([np.full(aside.size, 3.5), aside.ravel(), up.ravel()])
+    found = legs(points, floor, wall)
+    assert sorted(found) == ["direct", "floor", "wall"]
+    for leg in found.values():
+        assert (leg.share(points) == 1).all(), leg.name
+
+
+def test_what_stands_beside_furniture_is_not_in_its_shadow() -> None:
+    sofa = block("sofa", (2.0, 0.05, 0.0), (4.0, 1.0, 0.7))
+    points = np.array([[3.0, 0.0, z] for z in (0.05, 0.3, 0.68, 0.9)])
+    assert (legs(points, sofa, order=0)["direct"].share(points) == 1).all()
+    behind = np.array([[3.0, 1.2, 0.3]])
+    lit = np.array([[5.0, -1.0, 0.3]])
+    assert legs(np.concatenate([behind, lit]), sofa, order=0)["direct"].share(behind) == 0
+
+
+def test_cells_of_points_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform((0.8, -2, 0.01), (5.5, 1.5, 1.9), (1000, 3))
+    mirrors = Mirrors.of(load_scene("living_room"), select("cpu"))
+    found = find_legs(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=1, probes_m=points)
+    shares = np.array([leg.share(points) for leg in found])
+    cells = Edges._cells
+
+    def none_known(*given: object) -> tuple[np.ndarray, ...]:
+        known, near, rims = cells(*given)  # type: ignore[arg-type]
+        return np.full_like(known, np.nan), np.ones_like(near), np.ones_like(rims)
+
+    monkeypatch.setattr(Edges, "_cells", none_known)
+    traced = np.array([leg.share(points) for leg in found])
+    assert ((shares > 0) & (shares < 1)).mean() > 0.03
+    # Where planes meet, rays that both leave the room and meet an edge may count either way.
+    assert (np.abs(shares - traced) > 1e-6).mean() < 1e-3
+    # Soft edges take as much as they give.
+    clear = np.array([leg.clear(points) for leg in found])
+    assert shares.sum() == pytest.approx(clear.sum(), rel=0.02)
+
+
+def test_a_walk_behind_a_cupboard() -> None:
+    """Hidden it is gone, and it neither comes nor goes with a click."""
+    cupboard = block("cupboard", (1.5, 0.6, 0), (1.9, 1.4, 2.2))
+    motion = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")), distance_m=3, angle_deg=-90)
+    radar = Radar.preset("table2", prf_hz=6400.0)
+    alone, there = (
+        t2d.simulate(motion, radar=radar, scene=scene, method="ellipsoid", clutter="none").spectrogram
+        for scene in ("free_space", Scene(name="cupboard", surfaces=(cupboard,)))
+    )
+    power = [10 ** (each.values / 10) for each in (alone, there)]
+    loss_db = 10 * np.log10(power[0].sum(axis=0) / power[1].sum(axis=0))
+    time_s = alone.time_s.values
+    hidden = (time_s > 1.4) & (time_s < 2.4)
+    assert (loss_db[hidden] > 20).all()
+    assert np.abs(loss_db[time_s > 3.6]).max() < 0.5
+    fast = np.abs(alone.velocity_mps.values) > 4.5
+    beyond = [each[fast].mean() for each in power]
+    assert 10 * math.log10(beyond[1] / beyond[0]) < 3
