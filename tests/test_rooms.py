@@ -282,6 +282,14 @@ def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
     assert beyond[1] < beyond[0] + 3
 
 
+def test_nothing_rings_where_ways_come_and_go() -> None:
+    """A delay that leaps, even of an echo that is dark there, turns its group's other echoes: lines at multiples of the surface rate."""
+    walk = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")))
+    image = t2d.simulate(t2d.trim(walk, 1.5, 2.1), scene="living_room", sagitta_rad=1.0).spectrogram
+    fast = np.abs(image.velocity_mps.values) > 6
+    assert image.values[fast].max() < image.values.max() - 55
+
+
 def test_echoes_are_finite_wherever_a_body_stands_between_antennas_and_images() -> None:
     times = np.linspace(0, 1, 50)
     centres = np.random.default_rng(5).uniform((0.5, -0.8, 0.3), (5.5, 0.8, 2.2), (50, 40, 3))

@@ -16,8 +16,8 @@ from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
 
 FORWARD = 0.08, 0.2
 """Lengths of the sum of the unit vectors to both antennas from which to which an echo fades in; at 0 it is in line with them."""
-REACH_FRAMES = 16
-"""How far a delay's spline reaches: a frame's share in it falls to a quarter from each to the next."""
+REACH_FRAMES = 48
+"""How far from where an echo is seen its delay must be right: as far as a window of the sum and the splines around it."""
 CONVERGED_RAD, MOST_STEPS = 1e-10, 40
 """Last turn of the normal: the path's error is of second order. Only what has all but faded out takes long."""
 PhaseFrom = Literal["specular", "centre"]
@@ -89,7 +89,7 @@ def _shown(
     views: Sequence[View], times_s: np.ndarray, start: int, stop: int, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """What share of each ellipsoid each view sees at frames start..stop - 1, (T, views x count), and whether any of it shortly
-    before or after, as far as the delays' splines reach."""
+    before or after."""
     from scipy.ndimage import maximum_filter1d
 
     first, last = max(0, start - REACH_FRAMES), min(len(times_s), stop + REACH_FRAMES)
