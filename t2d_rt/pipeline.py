@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import KW_ONLY, asdict, dataclass
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from t2d_rt.backend import Device, select
+from t2d_rt.backend import Backend, Device, select
 from t2d_rt.body import segments as fit_segments
 from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
@@ -28,6 +28,7 @@ from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
 from t2d_rt.room import (
     COARSE_RATE,
+    ChosenPairs,
     Clutter,
     Collisions,
     checked_time,
@@ -49,6 +50,7 @@ SWIFT = 8.0
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids | Mover
+Shape = MovingMesh | Ellipsoids
 
 
 def simulate(
@@ -104,68 +106,40 @@ def simulate(
     targets = [target] if isinstance(target, Target) else target
     _check(targets, radar, method, phase_from, surface_rate_hz, occlusion_rate_hz, sagitta_rad, seed)
     _check_room(reflections, transmissions, dynamic_range_db, clutter, collisions)
-    backend = select(device)
-    around = _around(scene)
+    backend, around = select(device), _around(scene)
     shapes = _shapes(targets, method, body, material, radar)
     span_s = _shared_time(shapes)
     if around is not None:
-        span_s = checked_time(
-            collisions, around,
-            [_placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, shapes, strict=True)],
-            [shape.name for shape in shapes], radar, span_s, outside=transmissions > 0, backend=backend,
-        )  # fmt: skip
+        moving = [_placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, shapes, strict=True)]
+        names = [shape.name for shape in shapes]
+        outside = transmissions > 0
+        span_s = checked_time(collisions, around, moving, names, radar, span_s, outside=outside, backend=backend)
     needed_hz = [needed_rate_hz(shape, radar, *span_s) for shape in shapes]
     paces = _paces(span_s, needed_hz if surface_rate_hz is None else [surface_rate_hz] * len(shapes))
-    for shape in shapes:
-        _check_shape(shape, radar, paces[0])
+    for shape, times_s in zip(shapes, paces, strict=True):
+        _check_shape(shape, radar, times_s)
     ways = None
     if around is not None:
         ways = find_ways(
             around, shapes, radar, span_s,
             order=reflections, transmissions=transmissions, range_db=dynamic_range_db, backend=backend,
         )  # fmt: skip
-    looked_at: dict[str, Any] = {"rate_hz": occlusion_rate_hz, "span_s": span_s}
+    model = _Model(
+        radar, span_s, ways, material=material, body=body, phase_from=phase_from, sagitta_rad=sagitta_rad, seed=int(seed),
+        occlusion=occlusion, rate_hz=occlusion_rate_hz, backend=backend,
+    )  # fmt: skip
     swift = [
         rate > SWIFT * occlusion_rate_hz and not isinstance(target, Motion)
         for rate, target in zip(needed_hz, targets, strict=True)
     ]
-    strong = [None] if ways is None else ways.pairs[: ways.strong]
-    views = full_views(shapes, radar, strong, swift=swift, occlusion=occlusion, backend=backend, **looked_at)
-
-    def echoes(
-        target: Target, shape: MovingMesh | Ellipsoids, times_s: np.ndarray, turns: bool, close: list[View]
-    ) -> Iterator[EchoStream]:
-        made_of = shape.material if material is None or isinstance(target, Mover) else material
-        common: dict[str, Any] = {"times_s": times_s, "material": _material(made_of, radar)}
-        if isinstance(shape, Ellipsoids):
-            weak = [] if ways is None else coarse_views(shape, ways.pairs[ways.strong :], **looked_at)
-            yield ellipsoid_echoes(shape, radar, phase_from=phase_from, views=close + weak, **common)
-            return
-        detail: dict[str, Any] = {"seed": int(seed), "backend": backend, **common}
-        bar = shape.sagitta_rad if sagitta_rad is None else sagitta_rad
-        yield mesh_echoes(shape, radar, sagitta_rad=bar, views=close, **detail)
-        if ways is None:
-            return
-        seldom = {**looked_at, "rate_hz": COARSE_RATE * occlusion_rate_hz}
-        if weak := coarse_views(shape, ways.pairs[ways.strong : ways.clear], **seldom):
-            yield mesh_echoes(shape, radar, views=weak, **coarser(bar), **detail)
-        faint = ways.pairs[ways.clear :]
-        if faint and isinstance(target, Motion):
-            limbs = segments(_placed(target, radar), body)
-            yield ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, **seldom), **common)
-        elif faint:
-            if turns:  # less often, too
-                detail["times_s"] = np.linspace(*span_s, max(4, (len(times_s) + 1) // 2))
-            yield mesh_echoes(shape, radar, views=coarse_views(shape, faint, **seldom), **coarser(bar, 2), **detail)
-
-    streams = [stream for each in zip(targets, shapes, paces, swift, views, strict=True) for stream in echoes(*each)]
+    streams = model.streams(targets, shapes, paces, swift)
     static: dict[str, object] = {}
     if around is not None and clutter != "none":
-        steady = [shape for shape, turns in zip(shapes, swift, strict=True) if not turns]
+        steady = [shape for shape, turns in zip(shapes, swift, strict=True) if occlusion and not turns]
+        frames = min(paces, key=len)
         still, static = clutter_streams(
-            clutter, around, steady if occlusion else [], radar, min(paces, key=len),
-            rate_hz=occlusion_rate_hz, seed=int(seed), backend=backend,
-        )  # fmt: skip
+            clutter, around, steady, radar, frames, rate_hz=occlusion_rate_hz, seed=int(seed), backend=backend
+        )
         streams += still
     cube = _synthesized(streams, radar, device, progress)
     settings: dict[str, Any] = {
@@ -178,14 +152,68 @@ def simulate(
     }  # fmt: skip
     if ways is not None:
         settings |= {
-            "reflections": int(reflections),
-            "transmissions": int(transmissions),
-            "collisions": collisions,
-            "dynamic_range_db": float(dynamic_range_db),
-            **ways.describe(),
-            **static,
-        }
+            "reflections": int(reflections), "transmissions": int(transmissions), "collisions": collisions,
+            "dynamic_range_db": float(dynamic_range_db), **ways.describe(), **static,
+        }  # fmt: skip
     return Simulation(cube, radar, settings=settings, versions=versions())
+
+
+@dataclass(frozen=True)
+class _Model:
+    """How targets become echoes; weak pairs of ways in less detail than strong ones."""
+
+    radar: Radar
+    span_s: tuple[float, float]
+    ways: ChosenPairs | None
+    """None in free space."""
+    _: KW_ONLY
+    material: str | Material | None
+    body: str
+    phase_from: PhaseFrom
+    sagitta_rad: float | None
+    seed: int
+    occlusion: bool
+    rate_hz: float
+    """Of visibility."""
+    backend: Backend
+
+    def streams(
+        self, targets: Sequence[Target], shapes: Sequence[Shape], paces: Sequence[np.ndarray], swift: Sequence[bool]
+    ) -> list[EchoStream]:
+        """Echoes of all targets at surface frames of their own, `paces` [s]; `swift` ones turn too fast to be looked at."""
+        strong = [None] if self.ways is None else self.ways.pairs[: self.ways.strong]
+        views = full_views(
+            shapes, self.radar, strong,
+            swift=swift, occlusion=self.occlusion, rate_hz=self.rate_hz, span_s=self.span_s, backend=self.backend,
+        )  # fmt: skip
+        return [s for each in zip(targets, shapes, paces, swift, views, strict=True) for s in self._of(*each)]
+
+    def _of(
+        self, target: Target, shape: Shape, times_s: np.ndarray, swift: bool, close: list[View]
+    ) -> Iterator[EchoStream]:
+        radar, ways = self.radar, self.ways
+        material = shape.material if self.material is None or isinstance(target, Mover) else self.material
+        common: dict[str, Any] = {"times_s": times_s, "material": _material(material, radar)}
+        if isinstance(shape, Ellipsoids):
+            weak = [] if ways is None else coarse_views(shape, ways.pairs[ways.strong :], self.rate_hz, self.span_s)
+            yield ellipsoid_echoes(shape, radar, phase_from=self.phase_from, views=close + weak, **common)
+            return
+        detail: dict[str, Any] = {"seed": self.seed, "backend": self.backend, **common}
+        bar = shape.sagitta_rad if self.sagitta_rad is None else self.sagitta_rad
+        yield mesh_echoes(shape, radar, sagitta_rad=bar, views=close, **detail)
+        if ways is None:
+            return
+        seldom = COARSE_RATE * self.rate_hz, self.span_s
+        if weak := coarse_views(shape, ways.pairs[ways.strong : ways.clear], *seldom):
+            yield mesh_echoes(shape, radar, views=weak, **coarser(bar), **detail)
+        faint = ways.pairs[ways.clear :]
+        if faint and isinstance(target, Motion):
+            limbs = segments(_placed(target, radar), self.body)
+            yield ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, *seldom), **common)
+        elif faint:
+            if swift:  # less often, too
+                detail["times_s"] = np.linspace(*self.span_s, max(4, (len(times_s) + 1) // 2))
+            yield mesh_echoes(shape, radar, views=coarse_views(shape, faint, *seldom), **coarser(bar, 2), **detail)
 
 
 def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:
@@ -211,7 +239,7 @@ def _around(scene: Any) -> Scene | None:
 
 def _shapes(
     targets: Sequence[Target], method: Method, body: str, material: str | Material | None, radar: Radar
-) -> list[MovingMesh | Ellipsoids]:
+) -> list[Shape]:
     """The targets' shapes; those of movers over the time that the others share."""
     lasting = {n: _shape(t, method, body, material, radar) for n, t in enumerate(targets) if not isinstance(t, Mover)}
     if not lasting:
@@ -224,7 +252,7 @@ def _shapes(
 
 def _shape(
     target: Motion | MovingMesh | Ellipsoids, method: Method, body: str, material: str | Material | None, radar: Radar
-) -> MovingMesh | Ellipsoids:
+) -> Shape:
     if not isinstance(target, Motion):
         if isinstance(target, MovingMesh) and method == "ellipsoid":
             raise InputError(
@@ -240,7 +268,7 @@ def _placed(motion: Motion, radar: Radar) -> Motion:
     return motion if motion.placed else place(motion, radar_position_m=radar.position_m, boresight=radar.boresight)
 
 
-def _shared_time(shapes: Sequence[MovingMesh | Ellipsoids]) -> tuple[float, float]:
+def _shared_time(shapes: Sequence[Shape]) -> tuple[float, float]:
     """First and last moment that all targets share [s]."""
     start = max(float(s.times_s[0]) for s in shapes)
     stop = min(float(s.times_s[-1]) for s in shapes)
@@ -273,7 +301,7 @@ def _synthesized(streams: Sequence[EchoStream], radar: Radar, device: Device, pr
     return summed(synthesize(joined(group), radar, device=device, progress=part(n)) for n, group in found)
 
 
-def _check_shape(shape: MovingMesh | Ellipsoids, radar: Radar, times_s: np.ndarray) -> None:
+def _check_shape(shape: Shape, radar: Radar, times_s: np.ndarray) -> None:
     step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
     times = np.linspace(times_s[0], times_s[-1] - step, min(len(times_s), 200))
     if isinstance(shape, MovingMesh):

@@ -203,11 +203,11 @@ def full_views(
             found.append([View(legs=pair, seen=seen(pair, shape)) for pair in pairs])
         else:
             kept = [pair for pair in pairs if pair is not None]
-            found.append(coarse_views(shape, kept, rate_hz=rate_hz, span_s=span_s) if kept else [View()])
+            found.append(coarse_views(shape, kept, rate_hz, span_s) if kept else [View()])
     return found
 
 
-def coarse_views(shape: Shape, pairs: Sequence[LegPair], *, rate_hz: float, span_s: tuple[float, float]) -> list[View]:
+def coarse_views(shape: Shape, pairs: Sequence[LegPair], rate_hz: float, span_s: tuple[float, float]) -> list[View]:
     """Views of one shape over pairs, each with what stands still in the way of a few of its points; it does not hide itself."""
     if isinstance(shape, Ellipsoids):
         passed = Passed.to_ellipsoids(shape, *span_s, rate_hz)

@@ -283,7 +283,7 @@ def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
 
 
 def test_nothing_rings_where_ways_come_and_go() -> None:
-    """A delay that leaps, even of an echo that is dark there, turns its group's other echoes: lines at multiples of the surface rate."""
+    """A delay that leaps, even of an echo that is dark there, turns its group's others: lines at multiples of the surface rate."""
     walk = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")))
     image = t2d.simulate(t2d.trim(walk, 1.5, 2.1), scene="living_room", sagitta_rad=1.0).spectrogram
     fast = np.abs(image.velocity_mps.values) > 6
@@ -317,7 +317,7 @@ def test_antennas_apart_have_looks_of_their_own() -> None:
     one, half = leg(0.5), leg(0.25)
     times = np.linspace(0, 0.1, 5)
     pairs = [LegPair(out=one, back=half), LegPair(out=one, back=one)]
-    views = coarse_views(target, pairs, rate_hz=25.0, span_s=(0.0, 0.1))
+    views = coarse_views(target, pairs, 25.0, (0.0, 0.1))
     assert [float(view.passed(times).max()) for view in views if view.passed is not None] == [0.125, 0.5]
 
 
