@@ -92,8 +92,8 @@ def simulate(
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.
     material: of everything but movers; by default a body's is "skin" and a mesh's its own.
-    occlusion: whether what stands in front hides what is behind: traced at the meshes' own vertices at `occlusion_rate_hz`, faded
-        in between. A wall needs vertices where a shadow may end; gaps under 4 mm are not seen.
+    occlusion: whether targets hide themselves and one another (a room's furniture does so anyway): traced at the meshes' own
+        vertices at `occlusion_rate_hz`, faded in between. Gaps under 4 mm are not seen.
     occlusion_rate_hz: how often visibility is traced; 25 suits walking.
     surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines. By default what the motion asks
         for.
@@ -204,7 +204,7 @@ class _Model:
         if ways is None:
             return
         seldom = COARSE_RATE * self.rate_hz, self.span_s
-        if weak := coarse_views(shape, ways.pairs[ways.strong : ways.clear], *seldom):
+        if weak := coarse_views(shape, ways.pairs[ways.strong : ways.clear], *seldom, swift=swift):
             yield mesh_echoes(shape, radar, views=weak, **coarser(bar), **detail)
         faint = ways.pairs[ways.clear :]
         if faint and isinstance(target, Motion):
@@ -213,7 +213,8 @@ class _Model:
         elif faint:
             if swift:  # less often, too
                 detail["times_s"] = np.linspace(*self.span_s, max(4, (len(times_s) + 1) // 2))
-            yield mesh_echoes(shape, radar, views=coarse_views(shape, faint, *seldom), **coarser(bar, 2), **detail)
+            views = coarse_views(shape, faint, *seldom, swift=swift)
+            yield mesh_echoes(shape, radar, views=views, **coarser(bar, 2), **detail)
 
 
 def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:

@@ -38,7 +38,7 @@ COARSE_RATE = 0.5
 CLUTTER_ORDER = 3
 """Reflections of static clutter: a trihedral corner takes three."""
 SCATTERING_COEFFICIENT = 0.2
-"""Of walls whose material has none, with "diffuse": the low end of what Degli-Esposti et al. (2007) fitted to buildings."""
+"""Of walls whose material has none, with "diffuse": a choice, 4 % of what is reflected."""
 
 
 LEAST_S = 0.1
@@ -63,9 +63,7 @@ def checked_time(
     if collisions == "ignore":
         return time_s
     start, stop = time_s
-    for found in find_collisions(scene, targets, radar, start, stop, backend=backend):
-        if found.surface is None and outside:
-            continue
+    for found in find_collisions(scene, targets, radar, start, stop, outside=outside, backend=backend):
         told = _told(found, scene, names, start)
         if collisions == "warn":
             hint = " (distance_m, angle_deg)" if isinstance(targets[found.target], Motion) else ""
@@ -140,11 +138,12 @@ def find_ways(
             f"{transmissions} transmissions; move the radar or the target, or allow more of them"
         )
     kept = [each for each in ranked if each.best_db >= -range_db]
+    strong = max(1, sum(each.mean_db >= STRONG_DB for each in kept))
     return ChosenPairs(
         pairs=[each.pair for each in kept],
         left_out_db=[each.best_db for each in ranked if each.best_db < -range_db],
-        strong=sum(each.mean_db >= STRONG_DB for each in kept),
-        clear=sum(each.mean_db >= FAINT_DB for each in kept),
+        strong=strong,
+        clear=max(strong, sum(each.mean_db >= FAINT_DB for each in kept)),
     )
 
 
@@ -180,50 +179,67 @@ def full_views(
     one = len(radar.views_m) == 1
     looks: dict[tuple[object, ...], Occlusion] = {}
 
-    def look(leg: Leg | None, end: int) -> Occlusion:
-        key = (() if leg is None else leg.chain, 0 if one else end)
-        if key not in looks:
+    def looks_of(pair: LegPair | None) -> list[Occlusion]:
+        """From both ends. One look does where both see the same; past what stands still the field has to come twice, though."""
+        ends: dict[tuple[object, ...], tuple[np.ndarray, Leg | None]] = {}
+        for end, leg in enumerate((None, None) if pair is None else (pair.out, pair.back)):
             place = radar.views_m[0 if one else end] if leg is None else leg.image_m
-            past = None if leg is None else leg.share
-            looks[key] = Occlusion(meshes, place, rate_hz=rate_hz, backend=backend, past=past, solid=occlusion)
-        return looks[key]
+            ends[() if leg is None else leg.chain, 0 if one else end] = place, leg
+        found = []
+        for key, (place, leg) in ends.items():
+            times = 2 if len(ends) == 1 else 1
+            if (*key, times) not in looks:
+                past = None if leg is None else _power(leg.share, times)
+                looks[*key, times] = Occlusion(
+                    meshes, place, rate_hz=rate_hz, backend=backend, past=past, solid=occlusion
+                )
+            found.append(looks[*key, times])
+        return found
 
     def seen(pair: LegPair | None, shape: MovingMesh) -> Share | None:
         if pair is None and not occlusion:
             return None
-        legs = (None, None) if pair is None else (pair.out, pair.back)
-        views = list({id(found): found for found in (look(leg, end) for end, leg in enumerate(legs))}.values())
         index = next((index for index, mesh in enumerate(meshes) if mesh is shape), None)
-        shares = [view.of_swift(shape, *span_s) if index is None else _of_mesh(view, index) for view in views]
+        shares = [look.of_swift(shape, *span_s) if index is None else _of_mesh(look, index) for look in looks_of(pair)]
         return lambda times: np.asarray(np.prod([share(times) for share in shares], axis=0))
 
     found = []
-    for shape in shapes:
+    for shape, turns in zip(shapes, swift, strict=True):
         if isinstance(shape, MovingMesh):
             found.append([View(legs=pair, seen=seen(pair, shape)) for pair in pairs])
+        elif list(pairs) == [None]:
+            found.append([View()])
         else:
-            kept = [pair for pair in pairs if pair is not None]
-            found.append(coarse_views(shape, kept, rate_hz, span_s) if kept else [View()])
+            found.append(coarse_views(shape, [pair for pair in pairs if pair], rate_hz, span_s, swift=turns))
     return found
 
 
-def coarse_views(shape: Shape, pairs: Sequence[LegPair], rate_hz: float, span_s: tuple[float, float]) -> list[View]:
-    """Views of one shape over pairs, each with what stands still in the way of a few of its points; it does not hide itself."""
+def coarse_views(
+    shape: Shape, pairs: Sequence[LegPair], rate_hz: float, span_s: tuple[float, float], *, swift: bool = False
+) -> list[View]:
+    """Views of one shape over pairs, each with what stands still in the way of a few of its points; it does not hide itself.
+
+    A `swift` one turns too fast to be looked at: all of its points are seen as much as in the mean.
+    """
     if isinstance(shape, Ellipsoids):
         passed = Passed.to_ellipsoids(shape, *span_s, rate_hz)
     else:
         passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), *span_s, rate_hz)
     # By leg and not by chain: antennas that stand apart have legs of their own over the same mirrors.
     legs = {id(leg): leg for pair in pairs for leg in (pair.out, pair.back)}
-    shares = {number: _remembered(passed.over(leg)) for number, leg in legs.items()}
+    shares = {number: _remembered(passed.over(leg, in_the_mean=swift)) for number, leg in legs.items()}
 
     def both(pair: LegPair) -> Share:
-        ways = [shares[number] for number in {id(pair.out), id(pair.back)}]
-        return lambda times: np.asarray(np.prod([way(times) for way in ways], axis=0))
+        ways = shares[id(pair.out)], shares[id(pair.back)]
+        return lambda times: np.asarray(ways[0](times) * ways[1](times))
 
     if isinstance(shape, Ellipsoids):
         return [View(legs=pair, seen=both(pair)) for pair in pairs]
     return [View(legs=pair, passed=both(pair)) for pair in pairs]
+
+
+def _power(share: Share, times: int) -> Share:
+    return share if times == 1 else lambda points: np.asarray(share(points) ** times)
 
 
 def _of_mesh(look: Occlusion, index: int) -> Share:

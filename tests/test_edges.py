@@ -14,6 +14,7 @@ from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.resources import resource
 from t2d_rt.trace.edges import Edges
+from t2d_rt.trace.fresnel import bundle
 from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.scenes import load_scene
@@ -156,3 +157,32 @@ def test_a_walk_behind_a_cupboard() -> None:
     fast = np.abs(alone.velocity_mps.values) > 4.5
     beyond = [each[fast].mean() for each in power]
     assert 10 * math.log10(beyond[1] / beyond[0]) < 3
+
+
+def test_a_bundle_goes_straight_on_through_a_slab() -> None:
+    """In single precision the way's turn there is rounding, which must not turn the cross-section over."""
+    start = np.tile([0.0, 0.0, 1.0], (200, 1))
+    end = np.random.default_rng(0).uniform((3, -1, 0), (5, 1, 2), (200, 3))
+    way = np.stack([start, start + 2 / end[:, :1] * (end - start), end]).astype(np.float32)
+    rays = bundle(way, 0.004, np.array([(0.9, 0.0), (0.0, 0.9)], np.float32), 2)
+    at_slab, beyond = rays[1, 0] - way[1, :, None], rays[1, 1] - way[1:].mean(axis=0)[:, None]
+    lengths = np.linalg.norm(at_slab, axis=-1) * np.linalg.norm(beyond, axis=-1)
+    np.testing.assert_allclose(rays[0, -1], rays[1, 0], atol=1e-6)
+    assert (np.einsum("pri,pri->pr", at_slab, beyond) / lengths).min() > 0.999
+
+
+def test_a_surface_of_triangles_given_twice_is_one() -> None:
+    single = plate_of("wall", [[0, 1, 2], [0, 2, 3]])
+    double = plate_of("wall", [[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])
+    one, two = (Mirrors.of(Scene(name="s", surfaces=(each,)), select("cpu")).each[0] for each in (single, double))
+    np.testing.assert_array_equal(one.triangles, two.triangles)
+
+
+def test_mirrors_of_one_surface_have_names_of_their_own() -> None:
+    names = [mirror.name for mirror in Mirrors.of(load_scene("hospital_room"), select("cpu")).each]
+    assert len(set(names)) == len(names)
+
+
+def plate_of(name: str, faces: list[list[int]]) -> Surface:
+    corners = np.array([(2.0, -1, 0), (2, 1, 0), (2, 1, 2), (2, -1, 2)])
+    return Surface(name=name, vertices=corners, faces=np.array(faces), material="metal", thickness_m=0.01)

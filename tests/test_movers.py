@@ -242,6 +242,7 @@ def test_a_mover_from_a_text() -> None:
         ("fan:1,2", "fan key position_m must be three numbers x, y, z"),
         ("fan:1,2,3,rpms=4", "unknown fan key 'rpms'; did you mean rpm?"),
         ("fan:1,2,3,rpm=4,rpm=5", "gives a key twice"),
+        ("fan:1,2,3,position_m=4", "gives position_m twice"),
         ("fan:1,2,3,rpm=fast", "fan key rpm: got 'fast'"),
         ("fan:1,2,3,blades=0", "fan key blades: got '0'"),
         ("pet:1,2,0,animal=cow", "pet key animal: got 'cow', should be 'dog' or 'cat'"),

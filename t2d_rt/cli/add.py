@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from t2d_rt.scene.movers import Mover, mover, parsed
+from t2d_rt.scene.movers import Mover, mover, parsed, with_words
 from t2d_rt.types.fields import Fields, Number
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def additions(entries: Sequence[str | Mapping[str, Any]]) -> list[Mover | Person
     for entry in entries:
         kind, words, fields = parsed(entry)
         if kind == "person":
-            found.append(Person(**({"file": ",".join(words)} if words else {}), **fields))
+            found.append(Person(**with_words(entry, "file", ",".join(words), fields)))
         else:
             found.append(mover(entry))
     return found

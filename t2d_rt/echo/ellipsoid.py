@@ -32,7 +32,7 @@ def ellipsoid_echoes(
     phase_from: PhaseFrom = "specular",
     views: Sequence[View] = (View(),),
 ) -> EchoStream:
-    """One echo per ellipsoid at surface frames `times_s`; nothing hides anything.
+    """One echo per ellipsoid and view at surface frames `times_s`; ellipsoids do not hide one another.
 
     "specular" takes phase, range and curvature from the point of shortest path, exact also in the near field; "centre" is the
     Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `views` say over

@@ -26,8 +26,9 @@ from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 POINT_SAGITTA_RAD = 0.7
 POINTS_PER_MESH = 4_000
 """At least about this many diffuse points; their number does not change the power."""
-FACING_RATE_HZ, FACING_AT_ONCE = 10.0, 20
-"""How often it is looked at which faces ever face an image of an antenna."""
+FACING_RATE_HZ, FACING_AT_ONCE, FACING_MOST_HZ = 10.0, 20, 200.0
+"""How often it is looked at which faces ever face an image of an antenna; what needs more surface frames than the last turns too
+fast for that."""
 PROBE_EVERY = 6
 """Frames between looks at which faces face the antennas."""
 BEND_RAD = 0.2
@@ -151,9 +152,11 @@ class _Model:
     ) -> Iterator[_Look]:
         """Each view with the patches that ever face both of its antennas; in free space, where there is but one, all."""
         lit = np.zeros((len(pairs), len(self.cage_faces)), bool)
+        if (len(times_s) - 1) / (times_s[-1] - times_s[0]) > FACING_MOST_HZ:
+            lit[:] = True
         probes = np.linspace(times_s[0], times_s[-1], max(2, math.ceil((times_s[-1] - times_s[0]) * FACING_RATE_HZ)))
         in_room = [view.legs is not None for view in views]
-        for first in range(0, len(probes) - 1 if any(in_room) else 0, FACING_AT_ONCE):
+        for first in range(0, len(probes) - 1 if any(in_room) and not lit.all() else 0, FACING_AT_ONCE):
             turned = _Turned.of(surface.at(probes[first : first + FACING_AT_ONCE + 1]), self.cage_faces)
             for number, pair in enumerate(pairs):
                 lit[number] |= self.lit(turned, pair)
@@ -290,7 +293,7 @@ class _Posed:
         carrier = (
             None if model.points is None else _on_device(_carried(model.points.carrier.operator, cage), backend.Float64)
         )
-        moments = np.unique(np.linspace(0, len(cage) - 1, max(2, len(cage) // PROBE_EVERY)).astype(int))
+        moments = np.unique(np.linspace(0, len(cage) - 1, math.ceil((len(cage) - 1) / PROBE_EVERY) + 1).astype(int))
         turned = _Turned.of(cage[moments], model.cage_faces)
         return cls(
             model, cage, cage.mean(axis=1), centre, _on_device(centre, backend.Float64), carrier, turned, backend

@@ -13,7 +13,7 @@ TOLERANCE_DB = -38.0
 """What the splines may add to the field's error."""
 TURN_RAD = 0.1
 """By how much a mesh's edges may turn between frames, root mean square, for the cubics of facets' amplitudes: a fan's moving
-field errs by -24 dB at 0.1 rad, by -18 dB at 0.2 (validation/report, movers). A walker's delays ask for more than that."""
+field errs by -23.6 dB at 0.1 rad, by -18 dB at 0.2 (validation/report, movers). A walker's delays ask for more than that."""
 LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 10_000.0, 5.0
 PROBE_RATE_HZ, FINER = 240.0, 4.0
 """How often motion is looked at, unless the record is shorter than a look; by how much more often what needs a higher rate."""

@@ -50,11 +50,12 @@ def find_collisions(
     start_s: float,
     stop_s: float,
     *,
+    outside: bool = False,
     backend: Backend,
 ) -> list[Collision]:
     """The first of each target that has any, between two times.
 
-    Outside is what lies beyond the box around a scene that has the antennas inside.
+    Outside, where targets may start or not, is what lies beyond the box around a scene that has the antennas inside.
     """
     mirrors = Mirrors.of(scene, backend)
     times = looks(start_s, stop_s)
@@ -64,7 +65,7 @@ def find_collisions(
     for number, target in enumerate(targets):
         track = middles(target, times)
         start = track[0].mean(axis=0)
-        if around_radar and ((start < low - DEEP_M) | (start > high + DEEP_M)).any():
+        if around_radar and not outside and ((start < low - DEEP_M) | (start > high + DEEP_M)).any():
             found.append(Collision(number, start_s, start, None))
             continue
         crossings = [first_crossing(mirrors, *each) for each in _lines(target, track, times)]

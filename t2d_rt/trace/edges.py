@@ -222,4 +222,4 @@ def _distance(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     start, way = edges[:, 0], edges[:, 1] - edges[:, 0]
     offset = points[:, None] - start
     along = np.clip(np.einsum("pei,ei->pe", offset, way) / np.einsum("ei,ei->e", way, way), 0, 1)
-    return np.asarray(np.linalg.norm(offset - along[..., None] * way, axis=2).min(axis=1))
+    return np.asarray(np.linalg.norm(offset - along[..., None] * way, axis=2).min(axis=1, initial=np.inf))

@@ -6,6 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
+STRAIGHT = 1e-8
+"""Squared turns of a way below which it goes straight on, as through a slab: what is less is rounding."""
+
 
 def disc(count: int) -> np.ndarray:
     """Points (count, 2) spread evenly over the unit disc: a Fibonacci lattice, turned so that upright and level edges meet its
@@ -39,7 +42,8 @@ def bundle(way_m: np.ndarray, wavelength_m: float, places: np.ndarray, pieces: i
     sides = [_across(ahead[0])]
     for before, after in pairwise(ahead):
         normal = (after - before)[..., None, :]
-        turn = 2 / np.maximum(np.sum(normal**2, axis=-1, keepdims=True), 1e-24)
+        size = np.sum(normal**2, axis=-1, keepdims=True)
+        turn = np.where(size > STRAIGHT, 2 / np.maximum(size, STRAIGHT), 0)
         sides.append(sides[-1] - turn * np.sum(sides[-1] * normal, axis=-1, keepdims=True) * normal)
     middle, _, radius = zone(way_m, wavelength_m, pieces)
     return middle[..., None, :] + radius[..., None, None] * (places @ np.stack(sides))[:, None]

@@ -83,11 +83,14 @@ class Mirrors:
             triangles = surface.vertices[surface.faces]
             normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
             area = np.linalg.norm(normal, axis=1)
-            triangles, normal = triangles[area > 1e-12], normal[area > 1e-12] / area[area > 1e-12, None]
+            kept = _once(triangles) & (area > 1e-12)
+            triangles, normal = triangles[kept], normal[kept] / area[kept, None]
             plane = _plane_of(triangles, normal)
             for index in range(plane.max(initial=-1) + 1):
                 some = np.flatnonzero(plane == index)
                 name = surface.name if plane.max() == 0 else f"{surface.name} {_side(normal[some[0]])}"
+                alike = sum(mirror.name == name or mirror.name.startswith(f"{name} ") for mirror in each)
+                name = f"{name} {alike + 1}" if alike and plane.max() else name
                 each.append(Mirror.of(name, number, normal[some[0]], triangles[some]))
             corners.append(triangles)
             of_face.append(plane + len(each) - (plane.max(initial=-1) + 1))
@@ -234,6 +237,16 @@ def _plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:
     # Round numbers, of which there are many, must not lie between two cells.
     cell = np.round(np.column_stack([normal / SAME_NORMAL, offset / SAME_PLANE_M]) + 0.37)
     return np.unique(cell, axis=0, return_inverse=True)[1].ravel() if len(cell) else np.zeros(0, np.int64)
+
+
+def _once(triangles: np.ndarray) -> np.ndarray:
+    """The first of triangles (F, 3, 3) that have the same corners, bool (F,): a second one would be a second side."""
+    corners = np.round(triangles, 6)
+    order = np.lexsort(corners.transpose(2, 0, 1)[::-1], axis=1)
+    sorted_corners = np.take_along_axis(corners, order[..., None], axis=1).reshape(len(corners), 9)
+    first = np.zeros(len(corners), bool)
+    first[np.unique(sorted_corners, axis=0, return_index=True)[1]] = True
+    return first
 
 
 def _side(normal: np.ndarray) -> str:

@@ -17,6 +17,8 @@ from t2d_rt.types import Ellipsoids, Leg, MovingMesh, Radar, Scene
 
 PROBE_RATE_HZ, PROBES = 5.0, 40
 """Legs are looked for at so many points of a target, so often."""
+KEYS_AT_ONCE = 50
+"""All of a mesh's vertices are held for so many moments."""
 
 
 def probes(shapes: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: float) -> np.ndarray:
@@ -24,9 +26,11 @@ def probes(shapes: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: fl
     times = key_times(start_s, stop_s, PROBE_RATE_HZ)
     found = []
     for shape in shapes:
-        points = shape.at(times) if isinstance(shape, MovingMesh) else shape.at(times)[0]
-        every = max(1, points.shape[1] // PROBES)
-        found.append(points[:, ::every].reshape(-1, 3))
+        for first in range(0, len(times), KEYS_AT_ONCE):
+            some = times[first : first + KEYS_AT_ONCE]
+            points = shape.at(some) if isinstance(shape, MovingMesh) else shape.at(some)[0]
+            every = max(1, points.shape[1] // PROBES)
+            found.append(points[:, ::every].reshape(-1, 3))
     return np.concatenate(found)
 
 
@@ -75,7 +79,8 @@ class Passed:
     ) -> None:
         """`points_at`: points (K, N, Q, 3) [m] at times [s] (K,), Q of them for each of the N values."""
         self._keys = key_times(start_s, stop_s, rate_hz)
-        self._points = points_at(self._keys)
+        some = range(0, len(self._keys), KEYS_AT_ONCE)
+        self._points = np.concatenate([points_at(self._keys[first : first + KEYS_AT_ONCE]) for first in some])
 
     @classmethod
     def to_vertices(
@@ -97,13 +102,16 @@ class Passed:
 
         return cls(points_at, start_s, stop_s, rate_hz)
 
-    def over(self, leg: Leg) -> Callable[[np.ndarray], np.ndarray]:
-        """Shares (K, N) at times [s] (K,)."""
+    def over(self, leg: Leg, *, in_the_mean: bool = False) -> Callable[[np.ndarray], np.ndarray]:
+        """Shares (K, N) at times [s] (K,); `in_the_mean` over the N the same for all."""
         known: list[np.ndarray] = []
 
         def at_keys(numbers: np.ndarray) -> np.ndarray:
             if not known:  # all at once: a kernel's start costs as much as some thousand rays
-                known.append(leg.share(self._points).mean(axis=2))
+                share = leg.share(self._points).mean(axis=2)
+                if in_the_mean:
+                    share[:] = share.mean(axis=1, keepdims=True)
+                known.append(share)
             return known[0][numbers]
 
         return lambda times_s: faded(times_s, self._keys, at_keys)

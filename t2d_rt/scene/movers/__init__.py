@@ -31,7 +31,14 @@ def mover(entry: str | Mapping[str, Any]) -> Mover:
         close = difflib.get_close_matches(kind, KINDS, n=1)
         hint = f"did you mean {close[0]}?" if close else f"choose one of {', '.join(KINDS)}"
         raise InputError(f"unknown mover {kind!r}; {hint}")
-    return KINDS[kind](**({"position_m": place} if place else {}), **fields)
+    return KINDS[kind](**with_words(entry, "position_m", place, fields))
+
+
+def with_words(entry: Any, key: str, value: Any, fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields with the one that is given without its key, where it is."""
+    if value and key in fields:
+        raise InputError(f"{entry!r:.100} gives {key} twice; give it once")
+    return {**fields, key: value} if value else dict(fields)
 
 
 def parsed(entry: str | Mapping[str, Any]) -> tuple[str, list[str], dict[str, Any]]:
