@@ -119,7 +119,8 @@ def _simulate(options: Namespace) -> None:
     radar = _radar(options)
     motion = _motion(options, source, radar)
     result = _recorded(motion, options, radar, options.method, added)
-    with _picture(result.plot(title=f"{source.name}, {options.method}"), picture):
+    where = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
+    with _picture(result.plot(title=f"{source.name}, {options.method}{where}"), picture):
         result.save(target, overwrite=options.overwrite)
     print(f"wrote {target} and {picture}")
 
