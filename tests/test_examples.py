@@ -61,7 +61,22 @@ def check_picture(path: Path) -> None:
 
 
 def test_every_example_is_tested() -> None:
-    assert [path.name for path in sorted((ROOT / "examples").glob("*.py"))] == ["demo.py", "point_cloud.py"]
+    assert [path.name for path in sorted((ROOT / "examples").glob("*.py"))] == [
+        "demo.py",
+        "point_cloud.py",
+        "room_interference.py",
+    ]
+
+
+def test_room_interference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recordings = runpy.run_path(str(ROOT / "examples" / "room_interference.py"))["recordings"]
+    pictures = recordings("empty_room", "fan:3,-1,1,rpm=300", tmp_path / "out", duration_s=0.3)
+    assert [path.name for path in pictures] == ["walk_alone.png", "walk_empty_room.png", "walk_empty_room_company.png"]
+    for path in pictures:
+        check_picture(path)
+    alone, room, company = (float(line.split(": ")[1].split()[0]) for line in capsys.readouterr().out.splitlines())
+    assert alone == 0
+    assert 0 < room < company
 
 
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
