@@ -321,6 +321,42 @@ def test_antennas_apart_have_looks_of_their_own() -> None:
     assert [float(view.passed(times).max()) for view in views if view.passed is not None] == [0.125, 0.25]
 
 
+def test_a_fan_in_step_with_the_looks_keeps_its_faces() -> None:
+    """At 540 rpm and ten looks over 1 s it would seem to stand still."""
+    fan = t2d.TableFan(position_m=(3.0, 0.0, 1.0), rpm=540, heading_deg=90).mesh(0.0, 1.0)
+    far = Scene(name="far", surfaces=(plate("far", [(30, -1, 0), (30, 1, 0), (30, 1, 2), (30, -1, 2)]),))
+    alone, there = (
+        t2d.simulate(
+            fan,
+            radar=Radar.preset("table2", prf_hz=11_000),
+            scene=scene,
+            reflections=0,
+            clutter="none",
+            occlusion=False,
+            sagitta_rad=0.5,
+        ).adc.values
+        for scene in ("free_space", far)
+    )
+    assert nmse_db(there, alone) < -40
+
+
+def test_what_turns_fast_is_seen_in_the_mean_in_weak_pairs() -> None:
+    target = ball(0.1, (3.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.1)
+    leg = Leg(
+        chain=(), image_m=np.zeros(3), turn=np.eye(3), shift_m=np.zeros(3), field=np.zeros, way=np.zeros, clear=np.zeros,
+        share=lambda points: (points[..., 1] > 0).astype(np.float32),
+    )  # fmt: skip
+    apart, alike = (
+        coarse_views(target, [LegPair(out=leg, back=leg)], 25.0, (0.0, 0.1), swift=swift)[0].passed
+        for swift in (False, True)
+    )
+    times = np.linspace(0, 0.1, 3)
+    assert apart is not None
+    assert alike is not None
+    assert set(np.unique(apart(times))) == {0.0, 1.0}
+    np.testing.assert_allclose(alike(times), np.mean(apart(times)) ** 2)
+
+
 def test_a_room_of_ones_own() -> None:
     room = t2d.Room(name="cell", size_m=(5, 4, 2.5))
     target = ball(0.1, (3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
