@@ -187,8 +187,11 @@ def test_nothing_is_said_of_what_stays_inside() -> None:
     inside = ball((3.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.1)
     with warnings.catch_warnings():
         warnings.simplefilter("error", T2DWarning)
-        for collisions in ("warn", "stop"):
-            t2d.simulate(inside, scene=ROOM, reflections=0, clutter="none", collisions=collisions)
+        chirps = [
+            len(t2d.simulate(inside, scene=ROOM, reflections=0, clutter="none", collisions=collisions).cube)
+            for collisions in ("warn", "stop", "ignore")
+        ]
+    assert chirps == [chirps[2]] * 3
 
 
 def test_what_starts_outside_is_told() -> None:
