@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
     from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
-    from t2d_rt.pipeline import segments, simulate, skin
+    from t2d_rt.pipeline import plan, segments, simulate, skin
     from t2d_rt.radar.synthesize import synthesize
     from t2d_rt.result import Simulation
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
@@ -30,7 +30,7 @@ _HOMES = {
     "t2d_rt.result": ("Simulation",),
     "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
     "t2d_rt.signal": ("load_recording",),
-    "t2d_rt.pipeline": ("segments", "simulate", "skin"),
+    "t2d_rt.pipeline": ("plan", "segments", "simulate", "skin"),
     "t2d_rt.trace.scenes": ("load_scene",),
     "t2d_rt.types": (
         *("EchoStream", "Echoes", "Ellipsoids", "Material", "Motion", "MovingMesh", "Radar", "Scene", "Surface"),
@@ -66,6 +66,7 @@ __all__ = [
     "motion_from_joints",
     "mover",
     "place",
+    "plan",
     "repeat",
     "resample",
     "save_scene",

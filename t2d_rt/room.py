@@ -5,19 +5,19 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from t2d_rt.backend import Backend, select
 from t2d_rt.echo.clutter import mirror_echoes, rough_echoes
-from t2d_rt.echo.legs import Share, View, anchor_vertices, ranked_pairs
+from t2d_rt.echo.legs import Look, Ranked, Share, View, anchor_vertices, ranked_pairs
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.trace.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
 from t2d_rt.trace.collisions import Collision, find_collisions
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.surroundings import Passed, probes, radar_legs
-from t2d_rt.trace.visibility import Occlusion
+from t2d_rt.trace.visibility import FacetLook, Occlusion
 from t2d_rt.types import EchoStream, Ellipsoids, Leg, LegPair, Motion, MovingMesh, Radar, Scene
 
 Shape = MovingMesh | Ellipsoids
@@ -26,15 +26,6 @@ Clutter = Literal["specular", "diffuse", "none"]
 Collisions = Literal["warn", "stop", "ignore"]
 """What becomes of a target that goes through something: a warning, the end of the record just before, nothing."""
 
-STRONG_DB, FAINT_DB = -6.0, -15.0
-"""Pairs weaker than the strongest one by more than the first, in the mean over the targets, are modelled in less detail, of a body
-those weaker by more than the second by ellipsoids: there are many, and each is a shadow among echoes."""
-COARSER, COARSEST_RAD = 4.0, 1.5
-"""By how much the phase sagitta of these facets is larger, and its limit."""
-COARSE_TURNS, COARSE_POINTS = 1.0, 1000
-"""Their patches and diffuse points."""
-COARSE_RATE = 0.5
-"""Shadows of weak pairs are looked at less often, by this factor: fields fade over a hand's breadth."""
 CLUTTER_ORDER = 3
 """Reflections of static clutter: a trihedral corner takes three."""
 SCATTERING_COEFFICIENT = 0.2
@@ -94,12 +85,31 @@ class ChosenPairs:
     """Pairs of legs in use, strongest first, and those left out."""
 
     pairs: list[LegPair]
+    levels_db: list[float]
+    """Theirs in the mean over the targets, beside the strongest pair's [dB]."""
     left_out_db: list[float]
-    """Levels of those left out at their best points, beside the strongest pair's [dB]."""
+    """Levels of those left out at their best points, likewise."""
     strong: int
     """How many of the pairs are strong."""
     clear: int
     """How many are not faint."""
+
+    @classmethod
+    def of(
+        cls, ranked: Sequence[Ranked], *, strong_db: float, faint_db: float, range_db: float, least_db: float
+    ) -> ChosenPairs:
+        """Those within `range_db` of the strongest one at their best points and not below `least_db` in the mean, where strong and
+        faint ones are told apart, too."""
+        keep = [each.best_db >= -range_db and each.mean_db >= least_db for each in ranked]
+        kept = [each for each, good in zip(ranked, keep, strict=True) if good]
+        strong = max(1, sum(each.mean_db >= strong_db for each in kept))
+        return cls(
+            pairs=[each.pair for each in kept],
+            levels_db=[each.mean_db for each in kept],
+            left_out_db=[each.best_db for each, good in zip(ranked, keep, strict=True) if not good],
+            strong=strong,
+            clear=max(strong, sum(each.mean_db >= faint_db for each in kept)),
+        )
 
     def bound_db(self) -> float | None:
         """What those left out amount to at most, were they all in phase, beside the strongest one [dB]."""
@@ -123,11 +133,9 @@ def find_ways(
     *,
     order: int,
     transmissions: int = 0,
-    range_db: float,
     backend: Backend,
-) -> ChosenPairs:
-    """Pairs of legs of up to `order` reflections and `transmissions` in all that lead to the targets within `range_db` of the
-    strongest one."""
+) -> list[Ranked]:
+    """Pairs of legs of up to `order` reflections and `transmissions` in all that lead to the targets, strongest first."""
     points = probes(shapes, *span_s)
     most = {"order": order, "transmissions": transmissions}
     out, back = radar_legs(scene, radar, points, **most, backend=backend)
@@ -137,26 +145,13 @@ def find_ways(
             f"no way leads from the radar to the target in scene {scene.name} with up to {order} reflections and "
             f"{transmissions} transmissions; move the radar or the target, or allow more of them"
         )
-    kept = [each for each in ranked if each.best_db >= -range_db]
-    strong = max(1, sum(each.mean_db >= STRONG_DB for each in kept))
-    return ChosenPairs(
-        pairs=[each.pair for each in kept],
-        left_out_db=[each.best_db for each in ranked if each.best_db < -range_db],
-        strong=strong,
-        clear=max(strong, sum(each.mean_db >= FAINT_DB for each in kept)),
-    )
+    return ranked
 
 
 def ways_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int) -> list[tuple[str, np.ndarray]]:
     """Names of the legs from the transmitters to a point, and their ways (P, 3) [m]."""
     legs, _ = radar_legs(scene, radar, point_m[None], order=reflections, backend=select("auto"))
     return [(leg.name, leg.way(point_m)) for leg in legs]
-
-
-def coarser(sagitta_rad: float | np.ndarray, times: int = 1) -> dict[str, Any]:
-    """Options of `mesh_echoes` for weak pairs; for faint ones `times` as coarse again."""
-    sagitta = np.maximum(sagitta_rad, np.minimum(times * COARSER * np.asarray(sagitta_rad), times * COARSEST_RAD))
-    return {"sagitta_rad": sagitta, "turns_per_step": times * COARSE_TURNS, "points": COARSE_POINTS // times**2}
 
 
 def full_views(
@@ -166,16 +161,18 @@ def full_views(
     *,
     swift: Sequence[bool],
     occlusion: bool,
-    rate_hz: float,
-    span_s: tuple[float, float],
+    keys_s: np.ndarray,
+    occluders: Sequence[MovingMesh] | None = None,
     backend: Backend,
 ) -> list[list[View]]:
-    """For each shape its views over the pairs, None being free space: what hides each vertex from either leg.
+    """For each shape its views over the pairs, None being free space: what hides each vertex from either leg, looked at `keys_s`.
 
     What turns too fast to be looked at, `swift`, hides nothing and is seen as much at all of its vertices as in the mean. Looks are
     shared: pairs have their legs in common, and transmitters and receivers that stand close together see the same.
+    With `occluders`, the shapes' facets, bodies are looked past from every facet's vertices at every moment asked for.
     """
     meshes = [s for s, turns in zip(shapes, swift, strict=True) if isinstance(s, MovingMesh) and not turns]
+    solid = occlusion and occluders is None
     one = len(radar.views_m) == 1
     looks: dict[tuple[object, ...], Occlusion] = {}
 
@@ -190,41 +187,52 @@ def full_views(
             times = 2 if len(ends) == 1 else 1
             if (*key, times) not in looks:
                 past = None if leg is None else _power(leg.share, times)
-                looks[*key, times] = Occlusion(
-                    meshes, place, rate_hz=rate_hz, backend=backend, past=past, solid=occlusion
-                )
+                looks[*key, times] = Occlusion(meshes, place, keys_s=keys_s, backend=backend, past=past, solid=solid)
             found.append(looks[*key, times])
         return found
 
     def seen(pair: LegPair | None, shape: MovingMesh) -> Share | None:
-        if pair is None and not occlusion:
+        if pair is None and not solid:
             return None
         index = next((index for index, mesh in enumerate(meshes) if mesh is shape), None)
-        shares = [look.of_swift(shape, *span_s) if index is None else _of_mesh(look, index) for look in looks_of(pair)]
+        shares = [look.of_swift(shape) if index is None else _of_mesh(look, index) for look in looks_of(pair)]
         return lambda times: np.asarray(np.prod([share(times) for share in shares], axis=0))
+
+    finer: dict[bytes, FacetLook] = {}
+
+    def looked(pair: LegPair | None) -> Look | None:
+        if not occluders or not occlusion:
+            return None
+        places = radar.views_m if pair is None else [pair.out.image_m, pair.back.image_m]
+        for place in places:
+            if place.tobytes() not in finer:
+                finer[place.tobytes()] = FacetLook(occluders, place, backend=backend)
+        shares = [finer[key].share for key in {place.tobytes(): None for place in places}]
+        return lambda *where: np.asarray(np.prod([share(*where) for share in shares], axis=0))
 
     found = []
     for shape, turns in zip(shapes, swift, strict=True):
         if isinstance(shape, MovingMesh):
-            found.append([View(legs=pair, seen=seen(pair, shape)) for pair in pairs])
+            found.append(
+                [View(legs=pair, seen=seen(pair, shape), looked=None if turns else looked(pair)) for pair in pairs]
+            )
         elif list(pairs) == [None]:
             found.append([View()])
         else:
-            found.append(coarse_views(shape, [pair for pair in pairs if pair], rate_hz, span_s, swift=turns))
+            found.append(coarse_views(shape, [pair for pair in pairs if pair], keys_s, swift=turns))
     return found
 
 
-def coarse_views(
-    shape: Shape, pairs: Sequence[LegPair], rate_hz: float, span_s: tuple[float, float], *, swift: bool = False
-) -> list[View]:
-    """Views of one shape over pairs, each with what stands still in the way of a few of its points; it does not hide itself.
+def coarse_views(shape: Shape, pairs: Sequence[LegPair], keys_s: np.ndarray, *, swift: bool = False) -> list[View]:
+    """Views of one shape over pairs, each with what stands still in the way of a few of its points, looked at `keys_s`; it does not
+    hide itself.
 
     A `swift` one turns too fast to be looked at: all of its points are seen as much as in the mean.
     """
     if isinstance(shape, Ellipsoids):
-        passed = Passed.to_ellipsoids(shape, *span_s, rate_hz)
+        passed = Passed.to_ellipsoids(shape, keys_s)
     else:
-        passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), *span_s, rate_hz)
+        passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), keys_s)
     # By leg and not by chain: antennas that stand apart have legs of their own over the same mirrors.
     legs = {id(leg): leg for pair in pairs for leg in (pair.out, pair.back)}
     shares = {number: _remembered(passed.over(leg, in_the_mean=swift)) for number, leg in legs.items()}
@@ -265,7 +273,7 @@ def clutter_streams(
     radar: Radar,
     times_s: np.ndarray,
     *,
-    rate_hz: float,
+    keys_s: np.ndarray,
     seed: int,
     backend: Backend,
 ) -> tuple[list[EchoStream], dict[str, object]]:
@@ -278,7 +286,7 @@ def clutter_streams(
     def shares(ways_m: Sequence[np.ndarray], **fineness: int) -> Share | None:
         if not shapes:
             return None
-        return Shadows(shapes, ways_m, radar.wavelength_m, rate_hz=rate_hz, backend=backend, **fineness).shares
+        return Shadows(shapes, ways_m, radar.wavelength_m, keys_s=keys_s, backend=backend, **fineness).shares
 
     paths = static_paths(mirrors, radar, order=CLUTTER_ORDER)
     if paths:

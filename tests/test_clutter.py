@@ -22,6 +22,7 @@ from t2d_rt.trace.fresnel import bundle, disc
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
 from t2d_rt.trace.scenes import load_scene
+from t2d_rt.trace.visibility import key_times
 from t2d_rt.types import PEC, Ellipsoids, Material, MovingMesh, Radar, Scene, StaticPath, Surface
 
 Corners = list[tuple[float, float, float]]
@@ -248,7 +249,8 @@ def knife_edge_db(v: np.ndarray) -> np.ndarray:
 
 
 def shadows(body: MovingMesh | Ellipsoids, way_m: list[tuple[float, float, float]], rate_hz: float = 25.0) -> Shadows:
-    return Shadows([body], [np.array(way_m)], 0.00385, rate_hz=rate_hz, backend=select("cpu"))
+    keys = key_times(body.times_s[0], body.times_s[-1], rate_hz)
+    return Shadows([body], [np.array(way_m)], 0.00385, keys_s=keys, backend=select("cpu"))
 
 
 def test_a_wide_plate_fades_a_path_as_a_knife_edge_does() -> None:

@@ -22,6 +22,7 @@ from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.trace.surroundings import radar_legs
+from t2d_rt.trace.visibility import key_times
 from t2d_rt.types import PEC, Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene, Surface
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -317,7 +318,7 @@ def test_antennas_apart_have_looks_of_their_own() -> None:
     one, half = leg(0.5), leg(0.25)
     times = np.linspace(0, 0.1, 5)
     pairs = [LegPair(out=one, back=half), LegPair(out=one, back=one)]
-    views = coarse_views(target, pairs, 25.0, (0.0, 0.1))
+    views = coarse_views(target, pairs, key_times(0.0, 0.1, 25.0))
     assert [float(view.passed(times).max()) for view in views if view.passed is not None] == [0.125, 0.25]
 
 
@@ -347,7 +348,7 @@ def test_what_turns_fast_is_seen_in_the_mean_in_weak_pairs() -> None:
         share=lambda points: (points[..., 1] > 0).astype(np.float32),
     )  # fmt: skip
     apart, alike = (
-        coarse_views(target, [LegPair(out=leg, back=leg)], 25.0, (0.0, 0.1), swift=swift)[0].passed
+        coarse_views(target, [LegPair(out=leg, back=leg)], key_times(0.0, 0.1, 25.0), swift=swift)[0].passed
         for swift in (False, True)
     )
     times = np.linspace(0, 0.1, 3)

@@ -15,7 +15,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.body.template import template
 from t2d_rt.errors import T2DWarning
 from t2d_rt.resources import resource
-from t2d_rt.trace.visibility import Occlusion
+from t2d_rt.trace.visibility import Occlusion, key_times
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -39,7 +39,8 @@ def moving_sphere(
 
 
 def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
-    return Occlusion(meshes, at, rate_hz=rate_hz, backend=backend)
+    start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
+    return Occlusion(meshes, at, keys_s=key_times(start, stop, rate_hz), backend=backend)
 
 
 def facing(mesh: MovingMesh, time_s: float = 0.0) -> np.ndarray:

@@ -16,7 +16,7 @@ from t2d_rt.echo.ellipsoid import specular_points
 from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.signal import PointCloud, point_cloud, range_angle, steering_vectors, unit_vectors
-from t2d_rt.trace.visibility import Occlusion
+from t2d_rt.trace.visibility import Occlusion, key_times
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 from t2d_rt.types.motion import CANONICAL_JOINTS
 from validation.bodies import walking
@@ -268,7 +268,7 @@ def _torso(body: MovingMesh, position: np.ndarray, times_s: np.ndarray) -> np.nd
 
 def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     """Mean of the echoes' places weighted with their powers, (T, 3)."""
-    view = Occlusion([body], radar.tx_position_m, rate_hz=25.0, backend=select("auto"))
+    view = Occlusion([body], radar.tx_position_m, keys_s=key_times(*body.times_s[[0, -1]], 25.0), backend=select("auto"))
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, sagitta_rad=body.sagitta_rad, seed=0,

@@ -21,6 +21,8 @@ NEIGHBOURS = 3
 
 Share = Callable[[np.ndarray], np.ndarray]
 """0..1 (K, N) at times [s] (K,)."""
+Look = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""0..1 (K, Q) at times [s] (K,), of vertices (K, Q, 3) of triangles (F, 3)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +34,8 @@ class View:
     """Of each vertex of a mesh, or of each ellipsoid; None: all that faces the antennas."""
     passed: Share | None = None
     """Of the field that reaches a mesh's anchors; None: all of it."""
+    looked: Look | None = None
+    """Of the facets' own vertices, beside `seen`."""
 
 
 def anchor_vertices(rest: np.ndarray) -> np.ndarray:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import os
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,8 @@ KEPT_FACETS = 1_000_000
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many moments fit the cache."""
 _kept: OrderedDict[tuple[object, ...], list[Refinement]] = OrderedDict()
+Looked = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Share (K, Q) that is seen of vertices (K, Q, 3) of triangles (F, 3)."""
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
 
@@ -82,7 +85,8 @@ def mesh_echoes(
                 passed = None if view.passed is None else view.passed(times)
                 weights = anchors.weights(*arrivals.weight(view.legs), passed, backend)
             seen = None if view.seen is None else view.seen(times)
-            model.put(block, posed, look, seen, weights, backend)
+            looked = None if view.looked is None else partial(view.looked, times)
+            model.put(block, posed, look, seen, looked, weights, backend)
         found = block.arrays()
         if not (radar.is_array or radar.directional):
             return found
@@ -90,6 +94,18 @@ def mesh_echoes(
         return side_by_side([look.with_ends(radar, found, places) for look in looks])
 
     return EchoStream(times_s=times_s, frames=frames)
+
+
+def facets(surface: MovingMesh, radar: Radar, sagitta_rad: Sagitta, *, span_s: tuple[float, float]) -> MovingMesh:
+    """The facets that `mesh_echoes` would sum in free space, as a mesh of their own."""
+    places = radar.tx_position_m, radar.rx_position_m
+    wavenumber = 2 * math.pi / radar.wavelength_m
+    range_m = least_range_m(surface, [places], np.array(span_s))
+    fine, _ = _refinements(surface, wavenumber, range_m, [sagitta_rad, POINT_SAGITTA_RAD])
+    return MovingMesh.from_track(
+        lambda times_s: _carried(fine.operator, surface.at(times_s)).swapaxes(0, 1),
+        fine.faces, surface.times_s, surface.material, rest=fine.operator @ surface.rest, name=surface.name,
+    )  # fmt: skip
 
 
 def joined(streams: list[EchoStream]) -> EchoStream:
@@ -175,10 +191,12 @@ class _Model:
         posed: _Posed,
         look: _Look,
         seen: np.ndarray | None,
+        looked: Looked | None,
         weights: Weights | None,
         backend: Backend,
     ) -> None:
-        """Writes the echoes of one look to its columns; `seen` (K, V) is what share of the cage's vertices it sees."""
+        """Writes the echoes of one look to its columns; `seen` (K, V) is what share of the cage's vertices it sees, `looked` of
+        finer ones."""
         pair, patches = look.pair, look.echoes[: look.patches]
         columns = look.first + np.arange(len(look.echoes))
         if len(patches):
@@ -192,20 +210,24 @@ class _Model:
         lit = np.flatnonzero(lit)
         if len(lit):
             parts = self.patches.only(patches[lit])
-            if seen is None:
+            if seen is None and looked is None:
                 vertices = posed.vertices
             else:
                 used = np.zeros(self.operator.shape[0], bool)
                 used[parts.corners] = True
                 parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
-                vertices = _on_device(_carried(self.operator[used], posed.local(seen)), backend.Float32)
+                values = _carried(self.operator[used], posed.local(seen))
+                if looked is not None:
+                    values[..., 3] *= _looked_at(looked, values[..., :3] + posed.origin, parts.corners)
+                vertices = _on_device(values, backend.Float32)
             patch_echoes(
                 vertices, posed.centres, posed.origin, parts, patches[lit], pair, self.reflection, weights, block,
                 columns[lit], backend,
             )  # fmt: skip
         if self.points is not None:
+            fraction = self.points.fraction(seen, looked, posed.cage)
             self.points.put(
-                block, posed.carrier, seen, pair, weights, len(self.patches), columns[len(patches) :], backend
+                block, posed.carrier, fraction, pair, weights, len(self.patches), columns[len(patches) :], backend
             )
 
     def _around(self, vertices: np.ndarray) -> np.ndarray:
@@ -369,23 +391,35 @@ class _Points:
         vertices = _carried(self.carrier.operator, cage)
         return sum(vertices[self.corners[:, i]] * self.barycentric[:, i, None, None] for i in range(3))
 
+    def fraction(self, seen: np.ndarray | None, looked: Looked | None, cage: np.ndarray) -> np.ndarray | None:
+        """What share of the carrier's vertices is seen (Vp, T, 1); None: all."""
+        share = None if seen is None else _carried(self.carrier.linear, seen[..., None])
+        if looked is None:
+            return share
+        found = _looked_at(looked, _carried(self.carrier.operator, cage), self.corners)[..., None]
+        return found if share is None else share * found
+
     def put(
         self,
         block: Block,
         vertices: Any,
-        seen: np.ndarray | None,
+        fraction: np.ndarray | None,
         pair: Pair,
         weights: Weights | None,
         first: int,
         columns: np.ndarray,
         backend: Backend,
     ) -> None:
-        """Writes the points' echoes; `vertices` are the carrier's, flat Float64 (Vp, T, 3) m."""
-        fraction = None if seen is None else _carried(self.carrier.linear, seen[..., None])
+        """Writes the points' echoes; `vertices` are the carrier's, flat Float64 (Vp, T, 3) m, of which a `fraction` is seen."""
         diffuse_echoes(
             vertices, self.corners, self.barycentric, self.area_m2, self.phase_rad, fraction, pair, self.scattered, weights,
             first, block, columns, backend,
         )  # fmt: skip
+
+
+def _looked_at(looked: Looked, vertices: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """What share is seen of vertices (Vf, K, 3) m of triangles `corners` (F, 3): (Vf, K) float32."""
+    return looked(np.ascontiguousarray(vertices.swapaxes(0, 1)), corners).T
 
 
 def _carried(operator: Csr, values: np.ndarray) -> np.ndarray:

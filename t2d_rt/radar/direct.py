@@ -6,7 +6,10 @@ import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
-from t2d_rt.types import Echoes, Radar
+from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar
+
+FRAMES_AROUND = 12
+"""So many frames around a chirp are right to what all of them would give: a spline forgets what is farther away."""
 
 
 def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray, *, every: int = 1, antenna: int = 0) -> np.ndarray:
@@ -15,29 +18,78 @@ def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray, *, every: int =
     s(t) = sum A(f) exp(j 2 pi (f_c tau + S tau t - S tau^2/2)), tau and A at the moment of each sample, f = f_c + S t.
     """
     starts = radar.chirp_times_s(float(echoes.times_s[-1] - echoes.times_s[0]))[chirps]
-    receivers = len(radar.rx_offsets_m)
+    receivers, samples = len(radar.rx_offsets_m), np.arange(0, radar.samples, every)
     if radar.multiplexing == "ddm":
         phases = radar.tx_phase(chirps)
-        pairs = [_pair(echoes, radar, starts, tx, antenna, every) for tx in range(phases.shape[1])]
+        pairs = [_pair(echoes, radar, starts, tx, antenna, samples) for tx in range(phases.shape[1])]
         return np.asarray(np.einsum("kct,ck->ct", np.stack(pairs), phases))
-    return _pair(echoes, radar, starts + radar.antenna_delays_s[antenna], *divmod(antenna, receivers), every)
+    return _pair(echoes, radar, starts + radar.antenna_delays_s[antenna], *divmod(antenna, receivers), samples)
 
 
-def _pair(echoes: Echoes, radar: Radar, starts: np.ndarray, tx: int, rx: int, every: int) -> np.ndarray:
+def chirp_samples(ends: EchoArrays, radar: Radar, rows: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Given samples (K, S) complex128 of the first antenna at the cube's `rows` (K,), from echoes (2 K, N) at each chirp's ends.
+
+    Delays are straight lines from end to end, over 40 us right to 1 nm; amplitudes are means.
+    """
+    amplitude, delay = ends.amplitude.reshape(len(rows), 2, -1), ends.delay_s.reshape(len(rows), 2, -1)
+    slope = None if ends.slope is None else ends.slope.reshape(amplitude.shape).mean(axis=1)
+    out = np.zeros((len(rows), len(samples)), np.complex128)
+    ddm = radar.multiplexing == "ddm"
+    senders = len(radar.tx_positions_m) if ddm else 1
+    phase = radar.tx_phase(rows) if ddm else np.ones((len(rows), 1))
+    for tx in range(senders):
+        extra = _seen_from(ends, radar, tx, 0).reshape(len(rows), 2, -1) if ends.departure_m is not None else 0.0
+        ways = delay + extra
+        for k in range(len(rows)):
+            lit = np.flatnonzero(amplitude[k].any(axis=0))
+            value = amplitude[k][:, lit].mean(axis=0).astype(np.complex128)
+            per_hz = 0.0 if slope is None else slope[k, lit]
+            for number, sample in enumerate(samples):
+                t = sample / radar.sample_rate_hz
+                frequency = radar.carrier_hz + radar.slope_hz_per_s * t
+                tau = ways[k, 0, lit] + (ways[k, 1, lit] - ways[k, 0, lit]) * (t / radar.sweep_time_s)
+                turns = frequency * tau - 0.5 * radar.slope_hz_per_s * tau**2
+                whole = value + per_hz * (frequency - radar.mid_frequency_hz)
+                out[k, number] += phase[k, tx] * np.sum(whole * np.exp(2j * np.pi * (turns % 1.0)))
+    return out
+
+
+def between(
+    source: EchoStream, radar: Radar, starts_s: np.ndarray, rows: np.ndarray, samples: np.ndarray
+) -> np.ndarray:
+    """The same of a stream at surface frames, for chirps that start at `starts_s` [s] after its first one."""
+    out = np.zeros((len(rows), len(samples)), np.complex128)
+    step = float(source.times_s[1] - source.times_s[0])
+    for k, (start, row) in enumerate(zip(starts_s, rows, strict=True)):
+        first = int(np.clip(start / step - FRAMES_AROUND // 2, 0, max(0, len(source.times_s) - FRAMES_AROUND)))
+        part = source.times_s[first : first + FRAMES_AROUND]
+        echoes = Echoes(times_s=part, **source.frames(first, first + len(part))._asdict())
+        pick = np.array([start - (part[0] - source.times_s[0])])
+        if radar.multiplexing == "ddm":
+            phases = radar.tx_phase(np.array([row]))
+            pairs = [_pair(echoes, radar, pick, tx, 0, samples) for tx in range(phases.shape[1])]
+            out[k] = np.einsum("kct,ck->ct", np.stack(pairs), phases)[0]
+        else:
+            out[k] = _pair(echoes, radar, pick, 0, 0, samples)[0]
+    return out
+
+
+def _seen_from(echoes: Echoes | EchoArrays, radar: Radar, tx: int, rx: int) -> np.ndarray:
+    """By how much delays differ from those of the arrays' centres (T, N) [s]."""
+    if echoes.departure_m is None or echoes.arrival_m is None:
+        return np.zeros(echoes.delay_s.shape)
+    return (
+        _extra_m(echoes.departure_m, radar.tx_position_m, radar.tx_positions_m[tx])
+        + _extra_m(echoes.arrival_m, radar.rx_position_m, radar.rx_positions_m[rx])
+    ) / SPEED_OF_LIGHT
+
+
+def _pair(echoes: Echoes, radar: Radar, starts: np.ndarray, tx: int, rx: int, samples: np.ndarray) -> np.ndarray:
     """The same of one transmitter and one receiver, for chirps that start at `starts` [s]."""
     frames = len(echoes.times_s)
     step = 1 / echoes.rate_hz
-    fast_time = radar.sample_times_s[::every]
-    delay_s = echoes.delay_s
-    if echoes.departure_m is not None and echoes.arrival_m is not None:
-        delay_s = (
-            delay_s
-            + (
-                _extra_m(echoes.departure_m, radar.tx_position_m, radar.tx_positions_m[tx])
-                + _extra_m(echoes.arrival_m, radar.rx_position_m, radar.rx_positions_m[rx])
-            )
-            / SPEED_OF_LIGHT
-        )
+    fast_time = radar.sample_times_s[samples]
+    delay_s = echoes.delay_s + _seen_from(echoes, radar, tx, rx)
     slopes = np.zeros_like(echoes.amplitude) if echoes.slope is None else echoes.slope
     tau_slopes = spline_slopes(frames) @ delay_s
     a_slopes = central_slopes(echoes.amplitude.astype(np.complex128))

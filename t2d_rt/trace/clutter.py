@@ -15,7 +15,7 @@ from t2d_rt.trace.mirrors import Mirrors, sphere
 from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.trace.slabs import slab
 from t2d_rt.trace.surroundings import polarization
-from t2d_rt.trace.visibility import FACES_PER_SCENE, faded, key_times, side_by_side
+from t2d_rt.trace.visibility import FACES_PER_SCENE, faded, side_by_side
 from t2d_rt.types import Ellipsoids, Leg, Material, MovingMesh, Radar, Scene, StaticPath
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
@@ -109,12 +109,11 @@ class Shadows:
         *,
         rays: int = RAYS,
         pieces: int = PIECES,
-        rate_hz: float,
+        keys_s: np.ndarray,
         backend: Backend,
     ) -> None:
-        """`ways_m`: places (stop, 3) [m] along each of the P ways, from one antenna to the other."""
-        start, stop = (max(s.times_s[0] for s in shapes), min(s.times_s[-1] for s in shapes))
-        self._keys = key_times(float(start), float(stop), rate_hz)
+        """`ways_m`: places (stop, 3) [m] along each of the P ways, from one antenna to the other; looked at `keys_s`."""
+        self._keys = keys_s
         self._known = np.full((len(self._keys), len(ways_m)), np.nan, np.float32)
         solids = [_solid(shape) for shape in shapes]
         self._vertices_at = [vertices_at for vertices_at, _, _ in solids]

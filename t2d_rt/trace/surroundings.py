@@ -74,23 +74,19 @@ def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar) -> None:
 class Passed:
     """What legs let pass to points of a target, past what stands still: looked at now and then, faded in between."""
 
-    def __init__(
-        self, points_at: Callable[[np.ndarray], np.ndarray], start_s: float, stop_s: float, rate_hz: float
-    ) -> None:
+    def __init__(self, points_at: Callable[[np.ndarray], np.ndarray], keys_s: np.ndarray) -> None:
         """`points_at`: points (K, N, Q, 3) [m] at times [s] (K,), Q of them for each of the N values."""
-        self._keys = key_times(start_s, stop_s, rate_hz)
+        self._keys = keys_s
         some = range(0, len(self._keys), KEYS_AT_ONCE)
         self._points = np.concatenate([points_at(self._keys[first : first + KEYS_AT_ONCE]) for first in some])
 
     @classmethod
-    def to_vertices(
-        cls, mesh: MovingMesh, vertices: np.ndarray, start_s: float, stop_s: float, rate_hz: float
-    ) -> Passed:
+    def to_vertices(cls, mesh: MovingMesh, vertices: np.ndarray, keys_s: np.ndarray) -> Passed:
         """Of some vertices of a mesh."""
-        return cls(lambda times_s: mesh.at(times_s)[:, vertices, None], start_s, stop_s, rate_hz)
+        return cls(lambda times_s: mesh.at(times_s)[:, vertices, None], keys_s)
 
     @classmethod
-    def to_ellipsoids(cls, ellipsoids: Ellipsoids, start_s: float, stop_s: float, rate_hz: float) -> Passed:
+    def to_ellipsoids(cls, ellipsoids: Ellipsoids, keys_s: np.ndarray) -> Passed:
         """Of ellipsoids: their centres and far ends; across them, the field fades over as much as they measure."""
         number = np.arange(len(ellipsoids.semi_axes_m))
         longest = ellipsoids.semi_axes_m.argmax(axis=1)
@@ -100,7 +96,7 @@ class Passed:
             end = axes[:, number, :, longest].swapaxes(0, 1) * ellipsoids.semi_axes_m.max(axis=1)[:, None]
             return np.stack([centres, centres + end, centres - end], axis=2)
 
-        return cls(points_at, start_s, stop_s, rate_hz)
+        return cls(points_at, keys_s)
 
     def over(self, leg: Leg, *, in_the_mean: bool = False) -> Callable[[np.ndarray], np.ndarray]:
         """Shares (K, N) at times [s] (K,); `in_the_mean` over the N the same for all."""

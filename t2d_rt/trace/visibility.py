@@ -49,8 +49,8 @@ class Occlusion:
     """Visibility of the vertices of `meshes` from one point, self-occlusion and one another's shadow included.
 
     `past` says what share reaches points (..., 3) past what stands still; with `solid` False only that counts.
-    The keys lie at `rate_hz` from the meshes' first common time; the shadow's edge moves a hand's breadth between the keys of a
-    fast limb at 25 Hz.
+    It is looked at `keys_s` [s] (`key_times`) and fades in between; the shadow's edge moves a hand's breadth between the keys of
+    a fast limb at 25 Hz.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Occlusion:
         meshes: Sequence[MovingMesh],
         viewpoint_m: np.ndarray,
         *,
-        rate_hz: float,
+        keys_s: np.ndarray,
         backend: Backend,
         past: Past | None = None,
         solid: bool = True,
@@ -66,12 +66,10 @@ class Occlusion:
         self._meshes = tuple(meshes)
         self._past, self._solid = past, solid
         self._viewpoint = np.asarray(viewpoint_m, np.float64)
-        self._rate_hz = rate_hz
+        self._keys = keys_s
         self._copies = 64
         if not meshes:
             return
-        start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
-        self._keys = key_times(float(start), float(stop), rate_hz)
         self._sizes = [len(m.rest) for m in meshes]
         self._chunks: OrderedDict[int, np.ndarray] = OrderedDict()
         offsets = np.cumsum([0, *self._sizes[:-1]])
@@ -100,10 +98,10 @@ class Occlusion:
         self._chunks.move_to_end(number)
         return self._chunks[number]
 
-    def of_swift(self, mesh: MovingMesh, start_s: float, stop_s: float) -> Past:
+    def of_swift(self, mesh: MovingMesh) -> Past:
         """What share of another mesh is seen at times [s] (K,), the same for all of its vertices (K, V): of one that turns too fast
         to be looked at vertex by vertex, and hides nothing itself."""
-        keys = key_times(start_s, stop_s, self._rate_hz)
+        keys = self._keys
         known: list[np.ndarray] = []
 
         def at_keys(numbers: np.ndarray) -> np.ndarray:
@@ -154,6 +152,35 @@ class Occlusion:
         vertices = vertices - self._viewpoint
         moment, face = np.nonzero(_looks_here(vertices, self._faces) | ~self._closed)
         return _clear(self._mitsuba, vertices, self._faces[face] + moment[:, None] * vertices.shape[1], origins)
+
+
+class FacetLook:
+    """Visibility of facets' own vertices at just the moments asked for, traced through `occluders`: no keys, no cage.
+
+    Moments less than `SAME_S` apart share one look.
+    """
+
+    SAME_S = 1e-3
+
+    def __init__(self, occluders: Sequence[MovingMesh], viewpoint_m: np.ndarray, *, backend: Backend) -> None:
+        self._meshes = tuple(occluders)
+        self._viewpoint = viewpoint_m
+        self._solid = Occlusion(occluders, viewpoint_m, keys_s=np.zeros(0), backend=backend)
+
+    def share(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+        """1 where vertices (K, V, 3) m of triangles (F, 3) are seen at times [s] (K,), else 0: float32 (K, V)."""
+        fresh = np.append(True, np.diff(times_s) > self.SAME_S)
+        incidence = _incidence(faces, vertices.shape[1])
+        looks = []
+        for moment in np.flatnonzero(fresh):
+            here = vertices[moment : moment + 1]
+            normal = _vertex_normals(here, faces, incidence)
+            front = np.flatnonzero(np.einsum("vi,vi->v", normal[0], self._viewpoint - here[0]) > 0)
+            seen = np.ones(vertices.shape[1], np.float32)  # beyond the horizon facets show their back
+            occluders = np.concatenate([mesh.at(times_s[moment : moment + 1]) for mesh in self._meshes], axis=1)
+            seen[front] = self._solid.clear(occluders, here[:, front], normal[:, front])[0]
+            looks.append(seen)
+        return np.stack(looks)[np.cumsum(fresh) - 1]
 
 
 def _clear(mi: Any, vertices: np.ndarray, faces: np.ndarray, origins: np.ndarray) -> np.ndarray:

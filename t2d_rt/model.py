@@ -1,0 +1,301 @@
+"""Targets before a radar as streams of echoes, in any detail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.body import segments as fit_segments
+from t2d_rt.body import skin as skin_body
+from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
+from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
+from t2d_rt.echo.legs import Ranked, View
+from t2d_rt.echo.mesh import Sagitta, facets, mesh_echoes
+from t2d_rt.echo.patches import TURNS_PER_STEP
+from t2d_rt.echo.rate import TOLERANCE_DB as SPLINES_DB
+from t2d_rt.echo.rate import needed_rate_hz
+from t2d_rt.errors import InputError
+from t2d_rt.motion import place, track
+from t2d_rt.room import ChosenPairs, Clutter, Shape, clutter_streams, coarse_views, full_views
+from t2d_rt.scene import Mover
+from t2d_rt.trace.materials import itu_material
+from t2d_rt.trace.visibility import key_times
+from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
+
+Method = Literal["mesh", "ellipsoid"]
+Target = Motion | MovingMesh | Ellipsoids | Mover
+
+SAME_PACE = 2.0
+"""Shapes whose surface rates differ by more are summed apart, each at its own."""
+SWIFT = 8.0
+"""Shapes that need more surface frames from one look at visibility to the next turn too fast to be looked at vertex by vertex."""
+COARSER, COARSEST_RAD = 4.0, 1.5
+"""By how much the phase sagitta of weak pairs' facets is larger, and its limit."""
+COARSE_TURNS, COARSE_POINTS = 1.0, 1000
+"""Their patches and diffuse points."""
+COARSE_RATE = 0.5
+"""Shadows of weak pairs are looked at less often, by this factor: fields fade over a hand's breadth."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detail:
+    """How finely targets are modelled."""
+
+    coarser: float = 1.0
+    """Phase sagitta of the facets over the meshes' own."""
+    splines_db: float = SPLINES_DB
+    """What the splines between surface frames may add to the field's error; sets the surface rate."""
+    surface_rate_hz: float | None = None
+    """Of all shapes, in place of that."""
+    occlusion_hz: float = 25.0
+    """How often visibility is looked at."""
+    occlusion: bool = True
+    """Whether targets hide themselves and one another."""
+    strong_db: float = -6.0
+    faint_db: float = -15.0
+    """Pairs of ways weaker than the strongest one by more than the first, in the mean over the targets, are modelled in less
+    detail, of a body those weaker by more than the second by ellipsoids: there are many, and each is a shadow among echoes."""
+    range_db: float = 60.0
+    """Weaker ones, at their best points, are left out."""
+    least_db: float = -math.inf
+    """So are those that are weaker in the mean."""
+    synthesis_db: float = -50.0
+    """What the sum of echoes may add."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """How targets become echoes; weak pairs of ways in less detail than strong ones."""
+
+    radar: Radar
+    targets: Sequence[Target]
+    shapes: Sequence[Shape]
+    span_s: tuple[float, float]
+    around: Scene | None
+    """None in free space."""
+    ranked: Sequence[Ranked]
+    """Pairs of ways to the targets, where there is a scene."""
+    _: KW_ONLY
+    method: Method
+    material: str | Material | None
+    body: str
+    phase_from: PhaseFrom
+    sagitta_rad: float | None
+    seed: int
+    backend: Backend
+    needed_hz: dict[float, list[float]] = field(default_factory=dict)
+    """Surface rates of the shapes that were asked for, by `Detail.splines_db`."""
+
+    def rates_hz(self, detail: Detail) -> list[float]:
+        """Surface rate of each shape."""
+        if detail.surface_rate_hz is not None:
+            return [detail.surface_rate_hz] * len(self.shapes)
+        return self._needed(detail.splines_db)
+
+    def _needed(self, splines_db: float) -> list[float]:
+        if splines_db not in self.needed_hz:
+            found = [needed_rate_hz(shape, self.radar, *self.span_s, splines_db) for shape in self.shapes]
+            self.needed_hz[splines_db] = found
+        return self.needed_hz[splines_db]
+
+    def paces(self, detail: Detail) -> list[np.ndarray]:
+        """Surface frames of each shape [s] at its rate or more; those that need about the same rate share them."""
+        rates = self.rates_hz(detail)
+        length = self.span_s[1] - self.span_s[0]
+        paces: dict[float, np.ndarray] = {}
+        for rate in sorted(rates, reverse=True):
+            if not paces or rate < min(paces) / SAME_PACE:
+                paces[rate] = np.linspace(*self.span_s, max(4, math.ceil(length * rate) + 1))
+        return [paces[min(pace for pace in paces if pace >= rate)] for rate in rates]
+
+    def facets(self, shape: MovingMesh, coarser: float) -> MovingMesh:
+        """The facets that stand for a shape in free space."""
+        return facets(shape, self.radar, self._sagitta_rad(shape, coarser), span_s=self.span_s)
+
+    def _sagitta_rad(self, shape: MovingMesh, coarser: float) -> Sagitta:
+        return np.multiply(coarser, shape.sagitta_rad if self.sagitta_rad is None else self.sagitta_rad)
+
+    def farthest_and_fastest(self, shape: Shape) -> tuple[float, float]:
+        """Greatest range [m] and speed towards or from the antennas [m/s] of any point of a shape."""
+        start, stop = self.span_s
+        step = min(1e-3, (stop - start) / 10)
+        times = np.linspace(start, stop - step, int(np.clip(60 * (stop - start), 4, 200)))
+        points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
+        places = (self.radar.tx_position_m, self.radar.rx_position_m)
+        ranges = [np.mean([np.linalg.norm(p - place, axis=2) for place in places], axis=0) for p in points]
+        return float(ranges[0].max()), float(np.abs(ranges[1] - ranges[0]).max() / step)
+
+    def pairs(self, detail: Detail) -> ChosenPairs | None:
+        """Pairs of ways in use; None in free space."""
+        if self.around is None:
+            return None
+        return ChosenPairs.of(
+            self.ranked, strong_db=detail.strong_db, faint_db=detail.faint_db, range_db=detail.range_db,
+            least_db=detail.least_db,
+        )  # fmt: skip
+
+    def swift(self, detail: Detail) -> list[bool]:
+        """Which shapes turn too fast to be looked at vertex by vertex; a body's limbs never do."""
+        most_hz = SWIFT * detail.occlusion_hz
+        return [
+            rate > most_hz and not isinstance(target, Motion)
+            for rate, target in zip(self._needed(SPLINES_DB), self.targets, strict=True)
+        ]
+
+    def streams(
+        self, detail: Detail, moments_s: np.ndarray | None = None, keys_s: np.ndarray | None = None
+    ) -> list[EchoStream]:
+        """Echoes of all targets at surface frames of their own, or at just these moments.
+
+        At moments visibility is traced just then, from every facet's vertices, through the facets; or as in a run, at `keys_s`.
+        """
+        paces = self.paces(detail) if moments_s is None else [moments_s] * len(self.shapes)
+        swift, pairs = self.swift(detail), self.pairs(detail)
+        keys, seldom = (
+            key_times(*self.span_s, rate * detail.occlusion_hz) if moments_s is None else moments_s
+            for rate in (1.0, COARSE_RATE)
+        )
+        if keys_s is not None:
+            keys = keys_s
+        occluders = None
+        if moments_s is not None and keys_s is None and detail.occlusion:
+            still = [s for s, turns in zip(self.shapes, swift, strict=True) if isinstance(s, MovingMesh) and not turns]
+            occluders = [self.facets(s, max(1.0, detail.coarser)) for s in still]
+        strong = [None] if pairs is None else pairs.pairs[: pairs.strong]
+        views = full_views(
+            self.shapes, self.radar, strong,
+            swift=swift, occlusion=detail.occlusion, keys_s=keys, occluders=occluders, backend=self.backend,
+        )  # fmt: skip
+        each = zip(self.targets, self.shapes, paces, swift, views, strict=True)
+        return [s for one in each for s in self._of(*one, pairs, detail, (keys, seldom), moments_s is not None)]
+
+    def _of(
+        self,
+        target: Target,
+        shape: Shape,
+        times_s: np.ndarray,
+        swift: bool,
+        close: list[View],
+        ways: ChosenPairs | None,
+        detail: Detail,
+        keys_s: tuple[np.ndarray, np.ndarray],
+        at_moments: bool,
+    ) -> Iterator[EchoStream]:
+        """Echoes of one target, with `close` views over the strong pairs; visibility is looked at `keys_s`, for weak pairs at the
+        second ones."""
+        radar = self.radar
+        material = shape.material if self.material is None or isinstance(target, Mover) else self.material
+        common: dict[str, Any] = {"times_s": times_s, "material": resolved(material, radar)}
+        weak, faint = ([], []) if ways is None else (ways.pairs[ways.strong : ways.clear], ways.pairs[ways.clear :])
+        if isinstance(shape, Ellipsoids):
+            views = close + coarse_views(shape, weak + faint, keys_s[0])
+            yield ellipsoid_echoes(shape, radar, phase_from=self.phase_from, views=views, **common)
+            return
+        # At moments frames lie far apart, and phases from one to the next mean nothing.
+        turns = math.inf if at_moments else TURNS_PER_STEP
+        fine: dict[str, Any] = {"seed": self.seed, "backend": self.backend, **common}
+        bar = self._sagitta_rad(shape, detail.coarser)
+        yield mesh_echoes(shape, radar, sagitta_rad=bar, views=close, turns_per_step=turns, **fine)
+        if weak:
+            views = coarse_views(shape, weak, keys_s[1], swift=swift)
+            yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns), **fine)
+        if faint and isinstance(target, Motion):
+            limbs = segments(placed(target, radar), self.body)
+            yield ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, keys_s[1]), **common)
+        elif faint:
+            if swift and not at_moments:  # less often, too
+                fine["times_s"] = np.linspace(*self.span_s, max(4, (len(times_s) + 1) // 2))
+            views = coarse_views(shape, faint, keys_s[1], swift=swift)
+            yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns, 2), **fine)
+
+    def clutter(self, kind: Clutter, detail: Detail) -> tuple[list[EchoStream], dict[str, object]]:
+        """Echoes of what stands still, in the targets' shadow, and how many, for a result's settings."""
+        if self.around is None or kind == "none":
+            return [], {}
+        steady = [s for s, turns in zip(self.shapes, self.swift(detail), strict=True) if detail.occlusion and not turns]
+        return clutter_streams(
+            kind, self.around, steady, self.radar, min(self.paces(detail), key=len),
+            keys_s=key_times(*self.span_s, detail.occlusion_hz), seed=self.seed, backend=self.backend,
+        )  # fmt: skip
+
+
+def _coarser(sagitta_rad: Sagitta, turns: float, times: int = 1) -> dict[str, Any]:
+    """Options of `mesh_echoes` for weak pairs; for faint ones `times` as coarse again."""
+    sagitta = np.maximum(sagitta_rad, np.minimum(times * COARSER * np.asarray(sagitta_rad), times * COARSEST_RAD))
+    turns = max(turns, times * COARSE_TURNS)
+    return {"sagitta_rad": sagitta, "turns_per_step": turns, "points": COARSE_POINTS // times**2}
+
+
+def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:
+    """The motion's skinned body: `vertices` (T, V, 3) m, `faces` (F, 3), `times_s` (T,)."""
+    return skin_body(motion, body, material=material, track=track(motion))
+
+
+def segments(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> Ellipsoids:
+    """One ellipsoid for each segment of the same body."""
+    return fit_segments(motion, body, material=material, track=track(motion))
+
+
+def placed(motion: Motion, radar: Radar) -> Motion:
+    """A motion as it is where somebody placed it, else before the radar."""
+    return motion if motion.placed else place(motion, radar_position_m=radar.position_m, boresight=radar.boresight)
+
+
+def shapes_of(
+    targets: Sequence[Target], method: Method, body: str, material: str | Material | None, radar: Radar
+) -> list[Shape]:
+    """The targets' shapes; those of movers over the time that the others share."""
+    lasting = {n: _shape(t, method, body, material, radar) for n, t in enumerate(targets) if not isinstance(t, Mover)}
+    if not lasting:
+        raise InputError(
+            f"movers alone have no end, got {targets!r:.60}; give one of them as its mesh, mover.mesh(0, 5) for 5 s"
+        )
+    time_s = shared_time(list(lasting.values()))
+    return [t.mesh(*time_s) if isinstance(t, Mover) else lasting[n] for n, t in enumerate(targets)]
+
+
+def _shape(
+    target: Motion | MovingMesh | Ellipsoids, method: Method, body: str, material: str | Material | None, radar: Radar
+) -> Shape:
+    if not isinstance(target, Motion):
+        if isinstance(target, MovingMesh) and method == "ellipsoid":
+            raise InputError(
+                f"method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh {target.name}; use method 'mesh'"
+            )
+        return target
+    make = skin if method == "mesh" else segments
+    return make(placed(target, radar), body, material="skin" if material is None else material)
+
+
+def shared_time(shapes: Sequence[Shape]) -> tuple[float, float]:
+    """First and last moment that all targets share [s]."""
+    start = max(float(s.times_s[0]) for s in shapes)
+    stop = min(float(s.times_s[-1]) for s in shapes)
+    if not stop > start:
+        raise InputError(
+            f"the targets share no time (last start {start:.6g} s, first end {stop:.6g} s); give overlapping times_s"
+        )
+    return start, stop
+
+
+def resolved(material: str | Material, radar: Radar) -> Material:
+    """Values at mid-sweep: a body's material, or an ITU one by name."""
+    if isinstance(material, Material) or material in BODY_MATERIALS:
+        return resolve_material(material, radar.mid_frequency_hz)
+    if not isinstance(material, str):
+        raise InputError(f"material must be a name or a Material, got {material!r}")
+    try:
+        return itu_material(material, radar.mid_frequency_hz)
+    except InputError as error:
+        raise InputError(f"{error}; or one of {', '.join(BODY_MATERIALS)}") from None
+
+
+def with_method(model: Model, method: Method) -> Model:
+    """The same targets by another echo model."""
+    shapes = shapes_of(model.targets, method, model.body, model.material, model.radar)
+    return replace(model, shapes=shapes, method=method, needed_hz={})

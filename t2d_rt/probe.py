@@ -1,0 +1,94 @@
+"""The targets' field at a few random chirps, in any detail and without interpolation in time: what a run is measured against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2d_rt.cubes import Cube
+from t2d_rt.model import Detail, Model, with_method
+from t2d_rt.radar.direct import between, chirp_samples
+from t2d_rt.trace.visibility import key_times
+from t2d_rt.types import EchoStream, Motion, Radar
+
+CHIRPS, SAMPLES = 16, 8
+"""So many chirps are looked at, at so many places of the sweep."""
+FINER = 0.5
+"""Phase sagitta of the facets that a run is measured against, over its own: they err by a sixth of its power."""
+FINER_DB = 15.0
+"""Pairs of ways down to that far below the run's error are summed, all of them by full facets."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chirps:
+    """Some chirps of a record and some samples of each."""
+
+    rows: np.ndarray
+    """Of the cube, ascending (K,)."""
+    starts_s: np.ndarray
+    """When they begin, on the targets' clock (K,)."""
+    samples: np.ndarray
+    """(S,)."""
+
+    @classmethod
+    def random(cls, radar: Radar, span_s: tuple[float, float], *, seed: int, count: int = CHIRPS) -> Chirps:
+        """One anywhere in each of `count` equal parts of the record."""
+        starts = radar.chirp_times_s(span_s[1] - span_s[0])
+        count = min(count, len(starts))
+        edges = np.linspace(0, len(starts), count + 1)
+        rows = (edges[:-1] + np.random.default_rng([seed, count]).random(count) * np.diff(edges)).astype(int)
+        step = max(1, radar.samples // SAMPLES)
+        return cls(rows, span_s[0] + starts[rows], np.arange(step // 2, radar.samples, step))
+
+    def moments_s(self, radar: Radar) -> np.ndarray:
+        """First and last moment of each chirp [s] (2 K,)."""
+        return np.stack([self.starts_s, self.starts_s + radar.sweep_time_s], axis=1).ravel()
+
+
+def field(model: Model, detail: Detail, chirps: Chirps, *, looks_hz: float | None = None) -> np.ndarray:
+    """Samples (K, S) complex128 [sqrt(W)] of the first antenna, of the targets alone.
+
+    Visibility is traced just then from the facets, or as in a run at so many looks a second.
+    """
+    radar, keys = model.radar, None
+    if looks_hz is not None:
+        every = key_times(*model.span_s, looks_hz)
+        after = np.clip(np.searchsorted(every, chirps.starts_s, side="right"), 1, len(every) - 1)
+        keys = every[np.unique([after - 1, after])]
+    total = np.zeros((len(chirps.rows), len(chirps.samples)), complex)
+    for stream in model.streams(detail, chirps.moments_s(radar), keys):
+        total += chirp_samples(stream.frames(0, 2 * len(chirps.rows)), radar, chirps.rows, chirps.samples)
+    return total
+
+
+def measured_db(model: Model, detail: Detail, cube: Cube, still: Sequence[EchoStream]) -> float:
+    """Field NMSE [dB] of a run's targets, by random chirps made again at far finer settings.
+
+    `still` are the echoes of what stands still in the cube.
+    """
+    # Not those by which settings were chosen.
+    chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1)
+    bodies = any(isinstance(target, Motion) for target in model.targets)
+    converged = with_method(model, "mesh") if bodies and model.method == "ellipsoid" else model
+    expected = field(converged, finer(detail), chirps)
+    found = np.array([np.asarray(cube[int(row)])[0, chirps.samples] for row in chirps.rows], complex)
+    times_s = chirps.starts_s - model.span_s[0]
+    for stream in still:
+        found -= between(stream, model.radar, times_s, chirps.rows, chirps.samples)
+    return nmse_db(found, expected)
+
+
+def finer(detail: Detail) -> Detail:
+    """What a run of that detail is measured against."""
+    return replace(
+        detail, coarser=FINER * min(1.0, detail.coarser), occlusion=True, strong_db=-np.inf, faint_db=-np.inf,
+        range_db=detail.range_db + 20, least_db=detail.least_db - FINER_DB,
+    )  # fmt: skip
+
+
+def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
+    """Energy of the difference over that of what was expected [dB]."""
+    wrong, all_of_it = (float(np.sum(np.abs(each) ** 2)) for each in (found - expected, expected))
+    return 10 * float(np.log10(max(wrong, 1e-300) / max(all_of_it, 1e-300)))
