@@ -15,7 +15,7 @@ from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.echo.legs import Ranked, View
-from t2d_rt.echo.mesh import Sagitta, facets, mesh_echoes
+from t2d_rt.echo.mesh import POINTS_PER_MESH, Sagitta, facets, mesh_echoes
 from t2d_rt.echo.patches import TURNS_PER_STEP
 from t2d_rt.echo.rate import TOLERANCE_DB as SPLINES_DB
 from t2d_rt.echo.rate import needed_rate_hz
@@ -30,14 +30,16 @@ from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, R
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids | Mover
 
+WEAK_COARSER, WEAK_DB = 3.0, -14.0
+"""Phase sagitta of weak pairs' facets where a tolerance is to be kept, and their error over those pairs' power."""
 SAME_PACE = 2.0
 """Shapes whose surface rates differ by more are summed apart, each at its own."""
 SWIFT = 8.0
 """Shapes that need more surface frames from one look at visibility to the next turn too fast to be looked at vertex by vertex."""
-COARSER, COARSEST_RAD = 4.0, 1.5
-"""By how much the phase sagitta of weak pairs' facets is larger, and its limit."""
-COARSE_TURNS, COARSE_POINTS = 1.0, 1000
-"""Their patches and diffuse points."""
+COARSEST_RAD = 1.5
+"""Greatest phase sagitta of weak pairs' facets."""
+COARSE_TURNS = 1.0
+"""Their patches."""
 COARSE_RATE = 0.5
 """Shadows of weak pairs are looked at less often, by this factor: fields fade over a hand's breadth."""
 
@@ -60,6 +62,12 @@ class Detail:
     faint_db: float = -15.0
     """Pairs of ways weaker than the strongest one by more than the first, in the mean over the targets, are modelled in less
     detail, of a body those weaker by more than the second by ellipsoids: there are many, and each is a shadow among echoes."""
+    weak_coarser: float = 4.0
+    """Phase sagitta of weak pairs' facets over that of the strong ones'."""
+    weak_points: int = 1000
+    """Diffuse points over weak pairs; another number is another realisation."""
+    weak_hidden: bool = False
+    """Whether targets hide themselves and one another over weak pairs, too."""
     range_db: float = 60.0
     """Weaker ones, at their best points, are left out."""
     least_db: float = -math.inf
@@ -139,6 +147,21 @@ class Model:
             least_db=detail.least_db,
         )  # fmt: skip
 
+    def ways_within(self, left_out: float, coarse: float) -> dict[str, Any]:
+        """Settings of a `Detail` by which pairs of ways left out cost that share of the field's energy, those by coarse facets that
+        one."""
+        levels = np.sort([each.mean_db for each in self.ranked])
+        if not len(levels):
+            return {}
+        power = 10 ** (levels / 10)
+        least = int(np.searchsorted(np.cumsum(power[:-1]) / power.sum(), left_out, side="right"))
+        cost = np.cumsum(power[least:-1]) / power.sum() * 10 ** (WEAK_DB / 10)
+        strong = least + int(np.searchsorted(cost, coarse, side="right"))
+        return {
+            "least_db": float(levels[least]), "strong_db": float(levels[strong]), "faint_db": -math.inf,
+            "weak_coarser": WEAK_COARSER, "weak_points": POINTS_PER_MESH, "weak_hidden": True,
+        }  # fmt: skip
+
     def swift(self, detail: Detail) -> list[bool]:
         """Which shapes turn too fast to be looked at vertex by vertex; a body's limbs never do."""
         most_hz = SWIFT * detail.occlusion_hz
@@ -152,7 +175,8 @@ class Model:
     ) -> list[EchoStream]:
         """Echoes of all targets at surface frames of their own, or at just these moments.
 
-        At moments visibility is traced just then, from every facet's vertices, through the facets; or as in a run, at `keys_s`.
+        At moments visibility is traced just then, over the strongest pair from every facet's vertices, through the facets; or as in
+        a run, at `keys_s`.
         """
         paces = self.paces(detail) if moments_s is None else [moments_s] * len(self.shapes)
         swift, pairs = self.swift(detail), self.pairs(detail)
@@ -162,14 +186,16 @@ class Model:
         )
         if keys_s is not None:
             keys = keys_s
-        occluders = None
+        occluders: list[MovingMesh] = []
+        finer = 0
         if moments_s is not None and keys_s is None and detail.occlusion:
+            finer = 1
             still = [s for s, turns in zip(self.shapes, swift, strict=True) if isinstance(s, MovingMesh) and not turns]
             occluders = [self.facets(s, max(1.0, detail.coarser)) for s in still]
-        strong = [None] if pairs is None else pairs.pairs[: pairs.strong]
+        looked_at = [None] if pairs is None else pairs.pairs[: pairs.clear if detail.weak_hidden else pairs.strong]
         views = full_views(
-            self.shapes, self.radar, strong,
-            swift=swift, occlusion=detail.occlusion, keys_s=keys, occluders=occluders, backend=self.backend,
+            self.shapes, self.radar, looked_at,
+            swift=swift, occlusion=detail.occlusion, keys_s=keys, occluders=occluders, finer=finer, backend=self.backend,
         )  # fmt: skip
         each = zip(self.targets, self.shapes, paces, swift, views, strict=True)
         return [s for one in each for s in self._of(*one, pairs, detail, (keys, seldom), moments_s is not None)]
@@ -200,10 +226,11 @@ class Model:
         turns = math.inf if at_moments else TURNS_PER_STEP
         fine: dict[str, Any] = {"seed": self.seed, "backend": self.backend, **common}
         bar = self._sagitta_rad(shape, detail.coarser)
-        yield mesh_echoes(shape, radar, sagitta_rad=bar, views=close, turns_per_step=turns, **fine)
+        strong = 1 if ways is None else ways.strong
+        yield mesh_echoes(shape, radar, sagitta_rad=bar, views=close[:strong], turns_per_step=turns, **fine)
         if weak:
-            views = coarse_views(shape, weak, keys_s[1], swift=swift)
-            yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns), **fine)
+            views = close[strong:] or coarse_views(shape, weak, keys_s[1], swift=swift)
+            yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns, detail), **fine)
         if faint and isinstance(target, Motion):
             limbs = segments(placed(target, radar), self.body)
             yield ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, keys_s[1]), **common)
@@ -211,7 +238,7 @@ class Model:
             if swift and not at_moments:  # less often, too
                 fine["times_s"] = np.linspace(*self.span_s, max(4, (len(times_s) + 1) // 2))
             views = coarse_views(shape, faint, keys_s[1], swift=swift)
-            yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns, 2), **fine)
+            yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns, detail, 2), **fine)
 
     def clutter(self, kind: Clutter, detail: Detail) -> tuple[list[EchoStream], dict[str, object]]:
         """Echoes of what stands still, in the targets' shadow, and how many, for a result's settings."""
@@ -224,11 +251,13 @@ class Model:
         )  # fmt: skip
 
 
-def _coarser(sagitta_rad: Sagitta, turns: float, times: int = 1) -> dict[str, Any]:
+def _coarser(sagitta_rad: Sagitta, turns: float, detail: Detail, times: int = 1) -> dict[str, Any]:
     """Options of `mesh_echoes` for weak pairs; for faint ones `times` as coarse again."""
-    sagitta = np.maximum(sagitta_rad, np.minimum(times * COARSER * np.asarray(sagitta_rad), times * COARSEST_RAD))
+    most = np.minimum(times * detail.weak_coarser * np.asarray(sagitta_rad), times * COARSEST_RAD)
     turns = max(turns, times * COARSE_TURNS)
-    return {"sagitta_rad": sagitta, "turns_per_step": turns, "points": COARSE_POINTS // times**2}
+    return {
+        "sagitta_rad": np.maximum(sagitta_rad, most), "turns_per_step": turns, "points": detail.weak_points // times**2,
+    }  # fmt: skip
 
 
 def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:

@@ -18,13 +18,13 @@ from t2d_rt.echo.ellipsoid import PhaseFrom
 from t2d_rt.echo.mesh import check_outside, joined
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.model import Detail, Method, Model, Target, placed, segments, shapes_of, shared_time, skin
-from t2d_rt.tolerance import Plan, planned
 from t2d_rt.probe import measured_db
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
 from t2d_rt.room import Clutter, Collisions, Shape, checked_time, find_ways
 from t2d_rt.scene import Room
+from t2d_rt.tolerance import Plan, planned
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 
@@ -117,7 +117,8 @@ def simulate(
     if chosen is not None:
         settings["tolerance_db"] = float(chosen.tolerance_db)
     if measure_error or (measure_error is None and chosen is not None):
-        settings["error_db"] = measured_db(model, detail, cube, still)
+        error_db = -20.0 if chosen is None else chosen.error_db
+        settings["error_db"] = measured_db(model, detail, cube, still, error_db=error_db)
     return Simulation(cube, model.radar, settings=settings, versions=versions())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,8 +18,8 @@ CHIRPS, SAMPLES = 16, 8
 """So many chirps are looked at, at so many places of the sweep."""
 FINER = 0.5
 """Phase sagitta of the facets that a run is measured against, over its own: they err by a sixth of its power."""
-FINER_DB = 15.0
-"""Pairs of ways down to that far below the run's error are summed, all of them by full facets."""
+WAYS_BELOW_DB = 12.0
+"""What pairs of ways cost that are left out there, or modelled in less detail, lies that far below the error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,16 +64,18 @@ def field(model: Model, detail: Detail, chirps: Chirps, *, looks_hz: float | Non
     return total
 
 
-def measured_db(model: Model, detail: Detail, cube: Cube, still: Sequence[EchoStream]) -> float:
+def measured_db(
+    model: Model, detail: Detail, cube: Cube, still: Sequence[EchoStream], *, error_db: float = -20.0
+) -> float:
     """Field NMSE [dB] of a run's targets, by random chirps made again at far finer settings.
 
-    `still` are the echoes of what stands still in the cube.
+    `still` are the echoes of what stands still in the cube, `error_db` is about what is expected.
     """
     # Not those by which settings were chosen.
     chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1)
     bodies = any(isinstance(target, Motion) for target in model.targets)
     converged = with_method(model, "mesh") if bodies and model.method == "ellipsoid" else model
-    expected = field(converged, finer(detail), chirps)
+    expected = field(converged, finer(converged, detail, error_db), chirps)
     found = np.array([np.asarray(cube[int(row)])[0, chirps.samples] for row in chirps.rows], complex)
     times_s = chirps.starts_s - model.span_s[0]
     for stream in still:
@@ -80,12 +83,16 @@ def measured_db(model: Model, detail: Detail, cube: Cube, still: Sequence[EchoSt
     return nmse_db(found, expected)
 
 
-def finer(detail: Detail) -> Detail:
-    """What a run of that detail is measured against."""
+def finer(model: Model, detail: Detail, error_db: float) -> Detail:
+    """What a run of that detail, whose error may be `error_db`, is measured against."""
+    share = 10 ** ((error_db - WAYS_BELOW_DB) / 10)
     return replace(
-        detail, coarser=FINER * min(1.0, detail.coarser), occlusion=True, strong_db=-np.inf, faint_db=-np.inf,
-        range_db=detail.range_db + 20, least_db=detail.least_db - FINER_DB,
-    )  # fmt: skip
+        detail,
+        coarser=FINER * min(1.0, detail.coarser),
+        occlusion=True,
+        range_db=math.inf,
+        **model.ways_within(share, share),
+    )
 
 
 def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:

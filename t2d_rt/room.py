@@ -162,21 +162,23 @@ def full_views(
     swift: Sequence[bool],
     occlusion: bool,
     keys_s: np.ndarray,
-    occluders: Sequence[MovingMesh] | None = None,
+    occluders: Sequence[MovingMesh] = (),
+    finer: int = 0,
     backend: Backend,
 ) -> list[list[View]]:
     """For each shape its views over the pairs, None being free space: what hides each vertex from either leg, looked at `keys_s`.
 
     What turns too fast to be looked at, `swift`, hides nothing and is seen as much at all of its vertices as in the mean. Looks are
     shared: pairs have their legs in common, and transmitters and receivers that stand close together see the same.
-    With `occluders`, the shapes' facets, bodies are looked past from every facet's vertices at every moment asked for.
+    Over the `finer` first pairs bodies are looked past from every facet's vertices, at every moment asked for, through `occluders`:
+    the shapes' facets.
     """
     meshes = [s for s, turns in zip(shapes, swift, strict=True) if isinstance(s, MovingMesh) and not turns]
-    solid = occlusion and occluders is None
+    past_bodies = [occlusion and number >= finer for number in range(len(pairs))]
     one = len(radar.views_m) == 1
     looks: dict[tuple[object, ...], Occlusion] = {}
 
-    def looks_of(pair: LegPair | None) -> list[Occlusion]:
+    def looks_of(pair: LegPair | None, solid: bool) -> list[Occlusion]:
         """From both ends. One look does where both see the same; past what stands still the field has to come twice, though."""
         ends: dict[tuple[object, ...], tuple[np.ndarray, Leg | None]] = {}
         for end, leg in enumerate((None, None) if pair is None else (pair.out, pair.back)):
@@ -185,36 +187,40 @@ def full_views(
         found = []
         for key, (place, leg) in ends.items():
             times = 2 if len(ends) == 1 else 1
-            if (*key, times) not in looks:
+            if (*key, times, solid) not in looks:
                 past = None if leg is None else _power(leg.share, times)
-                looks[*key, times] = Occlusion(meshes, place, keys_s=keys_s, backend=backend, past=past, solid=solid)
-            found.append(looks[*key, times])
+                looks[*key, times, solid] = Occlusion(
+                    meshes, place, keys_s=keys_s, backend=backend, past=past, solid=solid
+                )
+            found.append(looks[*key, times, solid])
         return found
 
-    def seen(pair: LegPair | None, shape: MovingMesh) -> Share | None:
+    def seen(pair: LegPair | None, solid: bool, shape: MovingMesh) -> Share | None:
         if pair is None and not solid:
             return None
         index = next((index for index, mesh in enumerate(meshes) if mesh is shape), None)
-        shares = [look.of_swift(shape) if index is None else _of_mesh(look, index) for look in looks_of(pair)]
+        shares = [look.of_swift(shape) if index is None else _of_mesh(look, index) for look in looks_of(pair, solid)]
         return lambda times: np.asarray(np.prod([share(times) for share in shares], axis=0))
 
-    finer: dict[bytes, FacetLook] = {}
+    facet_looks: dict[bytes, FacetLook] = {}
 
-    def looked(pair: LegPair | None) -> Look | None:
-        if not occluders or not occlusion:
-            return None
+    def looked(pair: LegPair | None) -> Look:
         places = radar.views_m if pair is None else [pair.out.image_m, pair.back.image_m]
         for place in places:
-            if place.tobytes() not in finer:
-                finer[place.tobytes()] = FacetLook(occluders, place, backend=backend)
-        shares = [finer[key].share for key in {place.tobytes(): None for place in places}]
-        return lambda *where: np.asarray(np.prod([share(*where) for share in shares], axis=0))
+            if place.tobytes() not in facet_looks:
+                facet_looks[place.tobytes()] = FacetLook(occluders, place, backend=backend)
+        ends = [facet_looks[key] for key in {place.tobytes(): None for place in places}]
+        return lambda *where: np.asarray(np.prod([end.share(*where) for end in ends], axis=0))
 
     found = []
     for shape, turns in zip(shapes, swift, strict=True):
         if isinstance(shape, MovingMesh):
+            finest = 0 if turns or not occlusion else finer
             found.append(
-                [View(legs=pair, seen=seen(pair, shape), looked=None if turns else looked(pair)) for pair in pairs]
+                [
+                    View(legs=pair, seen=seen(pair, solid, shape), looked=looked(pair) if number < finest else None)
+                    for number, (pair, solid) in enumerate(zip(pairs, past_bodies, strict=True))
+                ]
             )
         elif list(pairs) == [None]:
             found.append([View()])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.model import Detail, Model, with_method
+from t2d_rt.model import COARSE_DB, FAINT_DB, Detail, Model, with_method
 from t2d_rt.probe import Chirps, field, nmse_db
 from t2d_rt.types import Ellipsoids, Motion, MovingMesh
 
@@ -32,8 +32,6 @@ SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
 """What the splines and the sum may add lies that far below the tolerance."""
 SYNTHESIS_DB = -80.0, -40.0
 """Least and greatest error of the sum."""
-COARSE_DB, FAINT_DB = -6.0, 1.0
-"""Error of a pair of ways by coarse facets and by ellipsoids, over its own power (validation/report, tolerance)."""
 FACETS_SHARE, PAIRS_SHARE = 0.6, 0.1
 """Of the error allowed: that of the facets, and that of pairs of ways of each kind, faint, weak and left out."""
 
@@ -79,7 +77,7 @@ def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan
             "much error as signal"
         )
     allowed = 10 ** ((tolerance_db - MARGIN_DB) / 10)
-    ways = _ways(model, allowed * PAIRS_SHARE)
+    ways = model.bars_db(allowed * PAIRS_SHARE)
     detail = Detail(
         **{
             "splines_db": tolerance_db - SPLINES_BELOW_DB,
@@ -116,21 +114,6 @@ def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan
             stacklevel=3,
         )
     return chosen
-
-
-def _ways(model: Model, share: float) -> dict[str, float]:
-    """Bars in the mean level [dB] below which pairs of ways are left out, faint, and weak; each kind costs at most `share`."""
-    levels = np.sort([each.mean_db for each in model.ranked])
-    if not len(levels):
-        return {}
-    power = 10 ** (levels / 10)
-    bars: dict[str, float] = {}
-    first = 0
-    for name, each_db in (("least_db", 0.0), ("faint_db", FAINT_DB), ("strong_db", COARSE_DB)):
-        cost = np.cumsum(power[first:-1]) / power.sum() * 10 ** (each_db / 10)
-        first += int(np.searchsorted(cost, share, side="right"))
-        bars[name] = float(levels[first])
-    return bars
 
 
 def _fewer_ways(model: Model, detail: Detail) -> list[Omission]:

@@ -268,7 +268,7 @@ def _torso(body: MovingMesh, position: np.ndarray, times_s: np.ndarray) -> np.nd
 
 def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     """Mean of the echoes' places weighted with their powers, (T, 3)."""
-    view = Occlusion([body], radar.tx_position_m, keys_s=key_times(*body.times_s[[0, -1]], 25.0), backend=select("auto"))
+    view = Occlusion([body], radar.tx_position_m, keys_s=key_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0), backend=select("auto"))
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, sagitta_rad=body.sagitta_rad, seed=0,

@@ -212,14 +212,15 @@ class _Model:
             parts = self.patches.only(patches[lit])
             if seen is None and looked is None:
                 vertices = posed.vertices
+            elif looked is not None:
+                values = _carried(self.operator, posed.local(seen))
+                values[..., 3] *= _looked_at(looked, values[..., :3] + posed.origin, self.patches.corners)
+                vertices = _on_device(values, backend.Float32)
             else:
                 used = np.zeros(self.operator.shape[0], bool)
                 used[parts.corners] = True
                 parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
-                values = _carried(self.operator[used], posed.local(seen))
-                if looked is not None:
-                    values[..., 3] *= _looked_at(looked, values[..., :3] + posed.origin, parts.corners)
-                vertices = _on_device(values, backend.Float32)
+                vertices = _on_device(_carried(self.operator[used], posed.local(seen)), backend.Float32)
             patch_echoes(
                 vertices, posed.centres, posed.origin, parts, patches[lit], pair, self.reflection, weights, block,
                 columns[lit], backend,

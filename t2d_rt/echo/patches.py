@@ -99,7 +99,7 @@ def patches(
     allowed_mps = radar.wavelength_m * rate_hz * turns_per_step
     centroid = _mean_rows(fine.faces[filled], np.arange(len(filled) + 1), fine.linear).astype(np.float32)
     widest = np.zeros(len(corners))
-    for speeds in _path_speeds(surface, seen_from, times_s):
+    for speeds in _path_speeds(surface, seen_from, times_s) if allowed_mps < math.inf else ():
         turns = speeds / allowed_mps
         _cut(first, centroid @ turns)
         starts = np.append(np.flatnonzero(first[: len(order)]), len(order))
@@ -119,6 +119,7 @@ def patches(
             T2DWarning,
             stacklevel=5,
         )
+    starts = np.append(np.flatnonzero(first[: len(order)]), len(order))
     return Patches(corners=corners, base_face=fine.base_face[order], starts=starts)
 
 

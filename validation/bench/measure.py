@@ -19,7 +19,7 @@ from unittest import mock
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import cubes, pipeline, result
+from t2d_rt import cubes, model, pipeline, result
 from t2d_rt.backend import select
 from t2d_rt.echo import mesh
 from t2d_rt.echo.legs import Arrivals
@@ -40,11 +40,11 @@ MOTION, WAYS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST = (
 )  # fmt: skip
 STAGES = (MOTION, WAYS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST)
 ENTRIES: tuple[tuple[str, Any, str], ...] = (
-    (MOTION, pipeline, "_shape"),
+    (MOTION, model, "_shape"),
     (MOTION, MovingMesh, "at"),
     (MOTION, Ellipsoids, "at"),
     (WAYS, pipeline, "find_ways"),
-    (WAYS, pipeline, "clutter_streams"),
+    (WAYS, model, "clutter_streams"),
     (WAYS, Arrivals, "weight"),
     (SETUP, mesh._Model, "of"),
     (OCCLUSION, Occlusion, "__init__"),
