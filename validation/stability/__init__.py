@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from validation.report import Section
-from validation.stability import facets
+from validation.stability import facets, signals
 
-THEMES = (facets,)
+THEMES = (facets, signals)
 
 
 def run() -> Section:

@@ -9,7 +9,7 @@ from validation.report import Check
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """Two methods on one problem, each with its error in the same unit."""
+    """Two methods on one problem, each with its error."""
 
     name: str
     failing: str
@@ -22,6 +22,8 @@ class Case:
     bar: float
     """Our error may reach it."""
     unit: str
+    failing_unit: str = ""
+    """Of the other's error, where it is not the same."""
 
     @property
     def checks(self) -> list[Check]:
@@ -31,7 +33,7 @@ class Case:
                 what=f"{self.name}: {self.failing}, fails by",
                 measured=self.failing_error,
                 limit=self.fails_by,
-                unit=self.unit,
+                unit=self.failing_unit or self.unit,
                 at_least=True,
             ),
             Check(what=f"{self.name}: {self.ours}", measured=self.error, limit=self.bar, unit=self.unit),
@@ -45,7 +47,7 @@ class Case:
         return {
             "case": self.name,
             "failing method": self.failing,
-            "its error": f"{self.failing_error:.3g} {self.unit}",
+            "its error": f"{self.failing_error:.3g} {self.failing_unit or self.unit}",
             "ours": self.ours,
             "our error": f"{self.error:.2g} {self.unit}",
             "bar": f"{self.bar:g} {self.unit}",
