@@ -203,10 +203,17 @@ def near_field(radar: Radar) -> tuple[list[Case], str]:
     ]
     ranges = np.geomspace(0.3, 30, 120)
     figure, axis = new_figure()
-    axis.semilogx(ranges, [decibel(plate_rcs(r, radar.wavelength_m)) for r in ranges], "k-", label="physical optics, 0.25 mm cells")
+    axis.semilogx(
+        ranges,
+        [decibel(plate_rcs(r, radar.wavelength_m)) for r in ranges],
+        "k-",
+        label="physical optics, 0.25 mm cells",
+    )
     axis.axhline(decibel(far), color="C1", linestyle="--", label="far field: 4 pi A^2 / lambda^2")
     axis.semilogx(PLATE_RANGES_M, [decibel(x) for x in ours], "o", label="t2d_rt, from ADC samples")
-    axis.axvline(2 * 2 * PLATE_M**2 / radar.wavelength_m, color="grey", linestyle=":", label="2 D^2 / lambda, D the diagonal")
+    axis.axvline(
+        2 * 2 * PLATE_M**2 / radar.wavelength_m, color="grey", linestyle=":", label="2 D^2 / lambda, D the diagonal"
+    )
     axis.set(xlabel="range [m]", ylabel="RCS [dBsm]", title="plate of 10 cm, broadside")
     axis.legend(fontsize=8, loc="lower right")
     axis.grid(alpha=0.3, which="both")
@@ -215,7 +222,8 @@ def near_field(radar: Radar) -> tuple[list[Case], str]:
 
 def close_by(radar: Radar) -> Case:
     errors = [
-        abs(decibel(measured_rcs(still(*ball(radar, SPHERE_M, r)), radar, r) / ball_rcs(SPHERE_M, r))) for r in NEAR_RANGES_M
+        abs(decibel(measured_rcs(still(*ball(radar, SPHERE_M, r)), radar, r) / ball_rcs(SPHERE_M, r)))
+        for r in NEAR_RANGES_M
     ]
     nearest = NEAR_RANGES_M[0]
     return Case(
@@ -267,7 +275,11 @@ def bowl(range_m: float, radar: Radar, rings: int = 12) -> tuple[np.ndarray, np.
             across = BOWL_M * math.sin(angle)
             points.append([-BOWL_M * (1 - math.cos(angle)), across * math.cos(turn), across * math.sin(turn)])
             here, there = 1 + (ring - 1) * spokes + spoke, 1 + (ring - 1) * spokes + (spoke + 1) % spokes
-            faces += [[0, there, here]] if ring == 1 else [[here - spokes, there, here], [here - spokes, there - spokes, there]]
+            faces += (
+                [[0, there, here]]
+                if ring == 1
+                else [[here - spokes, there, here], [here - spokes, there - spokes, there]]
+            )
     return np.array(points) + radar.tx_position_m + [range_m, 0, 0], np.array(faces)
 
 
@@ -301,13 +313,17 @@ def caustic(radar: Radar) -> tuple[Case, str]:
         failing_error=decibel(bowl_rays_rcs(BOWL_M + 1e-3) / closed),
         fails_by=20,
         ours="facets at the centre, against 4 pi A^2 / lambda^2, and at eight ranges about it",
-        error=max(abs(decibel(ours[middle] / closed)), *(abs(decibel(m / e)) for m, e in zip(ours, exact, strict=True))),
+        error=max(
+            abs(decibel(ours[middle] / closed)), *(abs(decibel(m / e)) for m, e in zip(ours, exact, strict=True))
+        ),
         bar=0.3,
         unit="dB",
     )
     ranges = np.linspace(0.45, 2.1, 800)
     figure, axis = new_figure()
-    axis.plot(ranges, [decibel(bowl_rcs(r, radar.wavelength_m)) for r in ranges], "k-", label="physical optics, by rings")
+    axis.plot(
+        ranges, [decibel(bowl_rcs(r, radar.wavelength_m)) for r in ranges], "k-", label="physical optics, by rings"
+    )
     axis.plot(ranges, decibel(bowl_rays_rcs(ranges)), "C1--", label="geometrical optics")
     axis.plot(BOWL_RANGES_M, [decibel(x) for x in ours], "o", label="t2d_rt, from ADC samples")
     axis.axhline(decibel(closed), color="grey", linestyle=":", label="4 pi A^2 / lambda^2")
