@@ -146,7 +146,8 @@ class Mirrors:
         """The same with no place of a plane in two of the mirrors that the chains meet, so that none reflects twice: the first one
         has it; and the chains, with one over each of the others for those over any that overlap."""
         met = sorted({max(k, ~k) for chain in chains for k in chain})
-        each, overlapping = list(self.each), {}
+        each = list(self.each)
+        overlapping: dict[int, list[int]] = {}
         for place, number in enumerate(met):
             before = [k for k in met[:place] if self.each[number].overlaps(self.each[k])]
             each[number] = replace(each[number], covers=tuple(self.each[k] for k in before))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from validation.report import Section
-from validation.stability import facets, signals
+from validation.stability import facets, rooms, signals
 
-THEMES = (facets, signals)
+THEMES = (facets, rooms, signals)
 
 
 def run() -> Section:
