@@ -267,7 +267,7 @@ def touching(radar: Radar) -> Case:
         failing="Sionna RT's solver, missing of 4 paths",
         failing_error=float(counts[-1][0] - counts[0][0]),
         fails_by=3,
-        ours=f"missing of 4 at {GAPS_M[0] * 1e3:g} to {GAPS_M[-1] * 1e3:g} mm; samples of a sphere at the wall and in it are finite",
+        ours=f"missing of 4 at {GAPS_M[0] * 1e3:g} to {GAPS_M[-1] * 1e3:g} mm; samples of a sphere in the wall are finite",
         error=float(4 - min(ours for _, ours in counts)) if all(finite) else math.nan,
         bar=0,
         unit="paths",
