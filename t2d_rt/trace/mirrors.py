@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned
-from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
+from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import Scene
 
 Chain = tuple[int, ...]
@@ -118,7 +118,7 @@ class Mirrors:
             of_face.append(plane + len(each) - (plane.max(initial=-1) + 1))
         mi = mitsuba(backend)
         body = mitsuba_mesh(mi, np.concatenate(corners).reshape(-1, 3))
-        return cls(scene, each, np.concatenate(of_face), backend, mi.load_dict({"type": "scene", "room": body}))
+        return cls(scene, each, np.concatenate(of_face), backend, traceable(mi, body))
 
     def chains(
         self, place_m: np.ndarray, order: int, *, transmissions: int = 0, loss_db: np.ndarray | None = None
