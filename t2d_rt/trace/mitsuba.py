@@ -30,7 +30,7 @@ def mitsuba_mesh(mi: Any, vertices: np.ndarray, faces: np.ndarray | None = None)
 
 
 def traceable(mi: Any, mesh: Any) -> Any:
-    """A scene of one mesh that lets no ray through between two triangles: Embree's usual test may where a ray runs on to an edge."""
+    """A scene of one mesh that lets no ray through between its triangles: Embree's usual test may, where one runs on to an edge."""
     return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from validation.report import Section
-from validation.stability import facets, rooms, signals
+from validation.stability import bodies, facets, motions, rooms, signals
 
-THEMES = (facets, rooms, signals)
+THEMES = (facets, signals, motions, bodies, rooms)
 
 
 def run() -> Section:

@@ -153,7 +153,7 @@ def small_differences() -> tuple[list[Case], str]:
 def _plain(p0: np.ndarray, p1: np.ndarray, p2: np.ndarray) -> np.ndarray:
     """The textbook's form of eq. 4."""
     z = [1j * p for p in (p0, p1, p2)]
-    return sum(np.exp(z[i]) / ((z[i] - z[i - 1]) * (z[i] - z[i - 2])) for i in range(3))
+    return np.sum([np.exp(z[i]) / ((z[i] - z[i - 1]) * (z[i] - z[i - 2])) for i in range(3)], axis=0)
 
 
 def _exact(phases: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +12,8 @@ from t2d_rt.types import PEC, MovingMesh, Radar
 from validation.rcs import TIMES_S, read_rcs, sphere
 
 
-def decibel(ratio: float | np.ndarray) -> float | np.ndarray:
-    """Of a power ratio."""
+def decibel(ratio: Any) -> Any:
+    """Of a power ratio, or of many."""
     return 10 * np.log10(ratio)
 
 
