@@ -49,7 +49,7 @@ class Case:
             "failing method": self.failing,
             "its error": f"{self.failing_error:.3g} {self.failing_unit or self.unit}",
             "ours": self.ours,
-            "our error": f"{self.error:.2g} {self.unit}",
+            "our error": f"{self.error:.3g} {self.unit}",
             "bar": f"{self.bar:g} {self.unit}",
             "verdict": verdict if fails.passed else f"{verdict}, and so does the other",
         }

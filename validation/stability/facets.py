@@ -80,7 +80,7 @@ def facet_size(radar: Radar) -> tuple[Case, str]:
     axis.set(
         xlabel="mean edge of the mesh [wavelengths]", ylabel="RMS error of RCS [dB]", xlim=(0.3, 8), ylim=(5e-3, 1e3)
     )
-    axis.set_title(f"sphere of {SPHERE_M * 100:g} cm radius at {RANGE_M:g} m, {TURNS} orientations")
+    axis.set_title(f"sphere of {SPHERE_M * 100:g} cm radius at {RANGE_M:g} m, up to {TURNS} orientations")
     axis.legend(fontsize=8, loc="upper left", ncols=2)
     axis.grid(alpha=0.3, which="both")
     return case, save_chart(figure, "stability_facets.png")

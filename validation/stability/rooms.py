@@ -147,6 +147,7 @@ def diffuse_paths(radar: Radar) -> tuple[Case, str]:
         RAYS, [decibel(x) for x in theirs], "o--", label="Sionna RT's diffuse paths summed as fields, over rays"
     )
     axis.semilogx(POINTS, [decibel(x) for x in ours], "s-", label="t2d_rt, mean of its diffuse points, over points")
+    axis.axhline(decibel(mean), color="grey", linestyle=":", label="mean by integration")
     axis.set(
         xlabel="rays or points", ylabel="RCS [dBsm]", title=f"Lambertian sphere of {ROUGH_M * 100:g} cm at {NEAR_M:g} m"
     )
