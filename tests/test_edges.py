@@ -186,3 +186,20 @@ def test_mirrors_of_one_surface_have_names_of_their_own() -> None:
 def plate_of(name: str, faces: list[list[int]]) -> Surface:
     corners = np.array([(2.0, -1, 0), (2, 1, 0), (2, 1, 2), (2, -1, 2)])
     return Surface(name=name, vertices=corners, faces=np.array(faces), material="metal", thickness_m=0.01)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [((-2, 12), (-2, 12)), ((-2, 2), (1, 12)), ((-2, 12), (1, 2)), ((1, 2), (-2, 12)), ((-2, 1.5), (1.5, 12))]
+)  # fmt: skip
+def test_walls_that_overlap_reflect_once(first: tuple[float, float], second: tuple[float, float]) -> None:
+    """Twice the same, in part, a panel on a wall, and side by side: the shares of one plane add up to one everywhere."""
+    pieces = [
+        plate(name, [(x0, 2, -2), (x1, 2, -2), (x1, 2, 4), (x0, 2, 4)])
+        for name, (x0, x1) in (("one", first), ("two", second))
+    ]
+    x = np.linspace(1.2, 6, 200)
+    points = np.column_stack([x, 0 * x, 0 * x + 1])
+    found = [leg for leg in legs(points, *pieces).values() if leg.order == 1]
+    shares = sum(leg.share(points) for leg in found)
+    np.testing.assert_allclose(shares, 1, atol=1e-6)
+    assert sum(leg.clear(points) for leg in found).max() <= (2 if first[1] == second[0] else 1)

@@ -24,7 +24,7 @@ from t2d_rt.radar import groups
 from t2d_rt.radar import synthesize as module
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.radar.synthesize import synthesize
-from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar
+from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, stream
 from t2d_rt.types.radar import preset_names
 
 TABLE2 = Radar.preset("table2")
@@ -204,6 +204,24 @@ def test_what_is_read_at_once_does_not_matter(read_frames: int) -> None:
     assert (asked[0][0], asked[-1][1]) == (0, 161)
     assert shares == sorted(shares)
     assert shares[-1] == 1
+
+
+def test_few_echoes_of_many_vertices_are_not_read_all_at_once() -> None:
+    """A sphere that breathes is one or two echoes and 30 000 vertices: a minute of them would be over a gigabyte."""
+    echoes = random_echoes(TABLE2.replace(prf_hz=1000.0), frames=400)
+    most: list[int] = []
+    for vertices in (0, 100_000):
+        asked: list[int] = []
+        whole = stream(echoes)
+
+        def frames(start: int, stop: int, whole: EchoStream = whole, asked: list[int] = asked) -> EchoArrays:
+            asked.append(stop - start)
+            return whole.frames(start, stop)
+
+        synthesize(EchoStream(times_s=echoes.times_s, frames=frames, vertices=vertices), TABLE2.replace(prf_hz=1000.0))
+        most.append(max(asked))
+    assert most[0] > 300
+    assert most[1] * 100_000 * 16 < 150e6
 
 
 def test_same_echoes_same_bits() -> None:

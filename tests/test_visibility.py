@@ -93,6 +93,17 @@ def test_a_sphere_behind_another_is_hidden_and_beside_it_is_seen(backend: Backen
     assert (alone[0, facing(behind)] == 1).all()
 
 
+def test_rays_that_run_on_to_edges_and_corners_do_not_slip_through(backend: Backend) -> None:
+    """Meshes that are symmetric about the way: rays along it meet the one in front between its triangles."""
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    front, behind = (
+        MovingMesh(np.stack([radius * ball.vertices + [x, 0, 1]] * 2), ball.faces, np.array(LONG_S), "pec")
+        for radius, x in ((0.15, 3.15), (0.04, 3.75))
+    )
+    _, seen = occlusion([front, behind], backend).visibility(np.array([0.0]))
+    assert not seen.any()
+
+
 @pytest.mark.parametrize("towards", ["y", "z"])
 def test_half_behind_is_half_seen(towards: str, backend: Backend) -> None:
     # The small sphere's centre lies on the ray that grazes the big one: half of what would be seen is in its shadow.

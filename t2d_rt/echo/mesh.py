@@ -93,7 +93,7 @@ def mesh_echoes(
         places = model.places(cage, posed.centre)
         return side_by_side([look.with_ends(radar, found, places) for look in looks])
 
-    return EchoStream(times_s=times_s, frames=frames)
+    return EchoStream(times_s=times_s, frames=frames, vertices=model.operator.shape[0])
 
 
 def facets(surface: MovingMesh, radar: Radar, sagitta_rad: Sagitta, *, span_s: tuple[float, float]) -> MovingMesh:
@@ -115,6 +115,7 @@ def joined(streams: list[EchoStream]) -> EchoStream:
     return EchoStream(
         times_s=streams[0].times_s,
         frames=lambda start, stop: side_by_side([stream.frames(start, stop) for stream in streams]),
+        vertices=max(stream.vertices for stream in streams),
     )
 
 

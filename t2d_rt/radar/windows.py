@@ -18,6 +18,8 @@ INTERVALS = 32
 HALO_FRAMES = 12
 # Echoes x frames read at once, 24 bytes each.
 READ_ECHO_FRAMES = 2_000_000
+# Vertices x frames that these are made from, 16 bytes each.
+READ_VERTEX_FRAMES = 8_000_000
 
 Delay = tuple[np.ndarray, np.ndarray]
 """[s] and its slope [s per frame], both (n + 3, N)."""
@@ -84,7 +86,9 @@ def windows(source: EchoStream, read_frames: int | None = None) -> Iterator[Wind
                 held.append((come, EchoArrays(*coming.result())))
                 come = asked
                 if asked < total:
-                    frames = read_frames or READ_ECHO_FRAMES // max(1, held[0][1][0].shape[1])
+                    echoes = held[0][1].delay_s.shape[1]
+                    fit = min(READ_ECHO_FRAMES // max(1, echoes), READ_VERTEX_FRAMES // max(1, source.vertices))
+                    frames = read_frames or fit
                     asked = min(total, asked + max(1, frames // INTERVALS) * INTERVALS)
                     coming = pool.submit(source.frames, come, asked)
             held = [part for part in held if part[0] + len(part[1][0]) > low]

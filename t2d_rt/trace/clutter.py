@@ -12,7 +12,7 @@ from t2d_rt.trace.fresnel import bundle, disc
 from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.materials import resolved
 from t2d_rt.trace.mirrors import Mirrors, sphere
-from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
+from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.trace.slabs import slab
 from t2d_rt.trace.surroundings import polarization
 from t2d_rt.trace.visibility import FACES_PER_SCENE, faded, side_by_side
@@ -165,7 +165,7 @@ class Shadows:
         origin = self._starts[piece] + shift[moment]
         ray = mi.Ray3f(mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)))
         ray.maxt = mi.Float(aligned(length, np.float32))
-        return np.asarray(mi.load_dict({"type": "scene", "bodies": bodies}).ray_test(ray).numpy().reshape(length.shape))
+        return np.asarray(traceable(mi, bodies).ray_test(ray).numpy().reshape(length.shape))
 
 
 def _solid(shape: MovingMesh | Ellipsoids) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, int]:

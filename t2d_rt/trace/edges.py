@@ -57,7 +57,10 @@ class Edges:
             np.array([mirror.normal for mirror in mirrors.each]),
             np.array([mirror.offset_m for mirror in mirrors.each]),
             np.array([[each.min(axis=0) for each in along], [each.max(axis=0) for each in along]]),
-            [_outline(mirror.triangles) for mirror in mirrors.each],
+            [
+                np.concatenate([_outline(part.triangles) for part in (mirror, *mirror.covers)])
+                for mirror in mirrors.each
+            ],
         )
 
     def share(self, points: np.ndarray, way: Way, chain: Sequence[int]) -> np.ndarray:

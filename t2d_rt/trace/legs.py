@@ -59,9 +59,11 @@ def find_legs(
     polarisation (3,), and any of points (P, 3)."""
     materials = [resolved(surface.material, frequency_hz) for surface in mirrors.scene.surfaces]
     loss_db = _losses_db(mirrors, materials, frequency_hz) if transmissions else None
+    chains = mirrors.chains(place_m, order, transmissions=transmissions, loss_db=loss_db)
+    mirrors, chains = mirrors.parted(chains)
     edges = Edges.of(mirrors, SPEED_OF_LIGHT / frequency_hz)
     found = []
-    for chain in mirrors.chains(place_m, order, transmissions=transmissions, loss_db=loss_db):
+    for chain in chains:
         met = [_met(mirrors, k, materials) for k in chain]
         leg = _leg(mirrors, edges, met, np.asarray(place_m, float), polarization)
         if leg.clear(probes_m).any():

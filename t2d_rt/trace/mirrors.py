@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned
-from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
+from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import Scene
 
 Chain = tuple[int, ...]
@@ -19,6 +20,8 @@ SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
 """Triangles of a surface that lie in one plane to within these are one mirror."""
 OUTLINE_M = 1e-7
 """A reflection that far outside an outline is still inside: none may fall between two triangles."""
+ONE_PLANE_M = 1e-5
+"""Mirrors of different surfaces that near to one plane, and that far into one another, overlap there."""
 SKIN_M = 1e-4
 """Rays start and end that far from what they are reflected at."""
 MOST_LOSS_DB = 40.0
@@ -39,6 +42,8 @@ class Mirror:
     """(F, 3, 3) m."""
     edges: tuple[np.ndarray, np.ndarray]
     """Of each triangle's three edges: which way is inward (3 F, 3), and how far along that the edge lies (3 F,)."""
+    covers: tuple[Mirror, ...] = ()
+    """Others of its plane that count instead where they overlap it."""
 
     @classmethod
     def of(cls, name: str, surface: int, normal: np.ndarray, triangles: np.ndarray) -> Mirror:
@@ -59,7 +64,24 @@ class Mirror:
         inward, offset = self.edges
         within = inward @ points.reshape(-1, 3).T >= offset[:, None]  # sums over rows of points, not within each
         triangles = within.reshape(len(inward) // 3, 3, within.shape[1])
-        return np.asarray(triangles.all(axis=1).any(axis=0).reshape(points.shape[:-1]))
+        held = np.asarray(triangles.all(axis=1).any(axis=0).reshape(points.shape[:-1]))
+        for cover in self.covers:
+            held &= ~cover.holds(points)
+        return held
+
+    def overlaps(self, other: Mirror) -> bool:
+        """Whether both lie in one plane and have a part of it in common."""
+        aside = (other.triangles.reshape(-1, 3) @ self.normal) - self.offset_m
+        if np.abs(aside).max() > ONE_PLANE_M:
+            return False
+        mine, others = (
+            np.einsum("fei,gci->fgec", each.edges[0].reshape(-1, 3, 3), them.triangles)
+            - each.edges[1].reshape(-1, 1, 3, 1)
+            for each, them in ((self, other), (other, self))
+        )
+        # Triangles are apart where all corners of the one lie outside an edge of the other.
+        apart = [(each < ONE_PLANE_M).all(axis=3).any(axis=2) for each in (mine, others)]
+        return not (apart[0] | apart[1].T).all()
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +118,7 @@ class Mirrors:
             of_face.append(plane + len(each) - (plane.max(initial=-1) + 1))
         mi = mitsuba(backend)
         body = mitsuba_mesh(mi, np.concatenate(corners).reshape(-1, 3))
-        return cls(scene, each, np.concatenate(of_face), backend, mi.load_dict({"type": "scene", "room": body}))
+        return cls(scene, each, np.concatenate(of_face), backend, traceable(mi, body))
 
     def chains(
         self, place_m: np.ndarray, order: int, *, transmissions: int = 0, loss_db: np.ndarray | None = None
@@ -119,6 +141,30 @@ class Mirrors:
             if rays.reflections or rays.passages:
                 waiting += self._onward(rays, np.zeros(len(self.each)) if loss_db is None else loss_db)
         return sorted(found, key=len)
+
+    def parted(self, chains: Sequence[Chain]) -> tuple[Mirrors, list[Chain]]:
+        """The same with no place of a plane in two of the mirrors that the chains meet, so that none reflects twice: the first one
+        has it; and the chains, with one over each of the others for those over any that overlap."""
+        met = sorted({max(k, ~k) for chain in chains for k in chain})
+        each = list(self.each)
+        overlapping: dict[int, list[int]] = {}
+        for place, number in enumerate(met):
+            before = [k for k in met[:place] if self.each[number].overlaps(self.each[k])]
+            each[number] = replace(each[number], covers=tuple(self.each[k] for k in before))
+            for k in before:
+                overlapping.setdefault(number, []).append(k)
+                overlapping.setdefault(k, []).append(number)
+        found = dict.fromkeys(chains)
+        waiting = list(chains) if overlapping else []
+        while waiting:
+            chain = waiting.pop()
+            for place, k in enumerate(chain):
+                for other in overlapping.get(max(k, ~k), ()):
+                    swapped = (*chain[:place], other if k >= 0 else ~other, *chain[place + 1 :])
+                    if swapped not in found:
+                        found[swapped] = None
+                        waiting.append(swapped)
+        return replace(self, each=each), sorted(found, key=len)
 
     def _onward(self, rays: _Rays, loss_db: np.ndarray) -> list[_Rays]:
         """Rays after the next mirror: those reflected and those let through."""

@@ -29,6 +29,11 @@ def mitsuba_mesh(mi: Any, vertices: np.ndarray, faces: np.ndarray | None = None)
     return mesh
 
 
+def traceable(mi: Any, mesh: Any) -> Any:
+    """A scene of one mesh that lets no ray through between its triangles: Embree's usual test may, where one runs on to an edge."""
+    return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
+
+
 def columns(mi: Any, points: np.ndarray) -> list[Any]:
     """x, y, z of points (..., 3)."""
     return [mi.Float(aligned(points[..., axis], np.float32)) for axis in range(3)]

@@ -15,7 +15,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend, aligned
 from t2d_rt.geometry import topology
-from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
+from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import MovingMesh
 
 FACES_PER_SCENE = 250_000
@@ -207,7 +207,7 @@ def _clear(mi: Any, vertices: np.ndarray, faces: np.ndarray, origins: np.ndarray
 
     ray = mi.Ray3f(mi.Point3f(*columns(mi, origins + shift)), mi.Vector3f(*columns(mi, -origins / distance[..., None])))
     ray.maxt = mi.Float(aligned(distance, np.float32))
-    return ~mi.load_dict({"type": "scene", "body": mesh}).ray_test(ray).numpy().reshape(distance.shape)
+    return ~traceable(mi, mesh).ray_test(ray).numpy().reshape(distance.shape)
 
 
 def side_by_side(moments: int, reach_m: float) -> np.ndarray:

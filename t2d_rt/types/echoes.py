@@ -88,6 +88,8 @@ class EchoStream:
     """Frame times of the whole record [s], uniform, float64 (T,)."""
     frames: Callable[[int, int], EchoArrays]
     """`frames(start, stop)`: the arrays of `Echoes` for frames start..stop-1; the scatterers are the same in every call."""
+    vertices: int = 0
+    """How many of them each frame is made from: a few echoes may be those of many facets."""
 
     def gather(self) -> Echoes:
         """All frames at once; for short records."""
