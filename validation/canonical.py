@@ -411,6 +411,8 @@ def _corner_chart(patterns: list[Pattern]) -> str:
         )
         axis.set(title=p.name, xlabel="off the axis [deg]", ylim=(-80, 30))
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=7, **({"loc": "lower center"} if many else {"loc": "center", "bbox_to_anchor": (0.5, 0.65)}))
+        axis.legend(
+            fontsize=7, **({"loc": "lower center"} if many else {"loc": "center", "bbox_to_anchor": (0.5, 0.65)})
+        )
     axes[0].set_ylabel("RCS [dBsm]")
     return save_chart(figure, "canonical_corners.png")

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+import t2d_rt as t2d
 from t2d_rt.backend import select
+from t2d_rt.body.fit import fit
 from t2d_rt.body.materials import resolve_material
+from t2d_rt.body.segments import segment_of_faces
+from t2d_rt.body.template import template
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.trace.visibility import Occlusion
-from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, MovingMesh, Radar
+from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Motion, MovingMesh, Radar
 
 STEP_S = 0.01
 """From one aspect to the next; only tells them apart."""
@@ -153,3 +158,60 @@ def _turns(angles_rad: np.ndarray) -> np.ndarray:
     """Rotations about the vertical (K, 3, 3)."""
     cos, sin, zero, one = np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(angles_rad)), np.ones(len(angles_rad))
     return np.array([[cos, -sin, zero], [sin, cos, zero], [zero, zero, one]]).transpose(2, 0, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """The adult of one moment of a recording, standing on z = 0, its pelvis over the origin, looking at the radar (-x)."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    sagitta_rad: float | np.ndarray
+    crease_deg: float
+    segment: np.ndarray
+    """Which segment each face belongs to, (F,)."""
+    names: tuple[str, ...]
+    semi_axes_m: np.ndarray
+    centres: np.ndarray
+    axes: np.ndarray
+
+    @classmethod
+    def at(cls, motion: Motion, time_s: float) -> Body:
+        """Of a motion's moment."""
+        skin, limbs = t2d.skin(motion), t2d.segments(motion)
+        frame = int(np.argmin(np.abs(motion.times_s - time_s)))
+        hips = [motion.joints[frame, motion.index(f"{side}_hip")] for side in ("left", "right")]
+        # Left of who looks along -x is -y.
+        turn = _turns(np.array([-math.pi / 2 - math.atan2(*(hips[0] - hips[1])[[1, 0]])]))[0]
+        pelvis = motion.joints[frame, motion.index("pelvis")] * [1, 1, 0]
+        moment = motion.times_s[frame : frame + 1]
+        centres, axes = (values[0] for values in limbs.at(moment))
+        return cls(
+            vertices=(skin.at(moment)[0] - pelvis) @ turn.T,
+            faces=skin.faces,
+            sagitta_rad=skin.sagitta_rad,
+            crease_deg=skin.crease_deg,
+            segment=segment_of_faces(fit(template("adult"), motion)),
+            names=limbs.names,
+            semi_axes_m=limbs.semi_axes_m,
+            centres=(centres - pelvis) @ turn.T,
+            axes=turn @ axes,
+        )
+
+    def mesh(self, angles_rad: np.ndarray, range_m: float, material: str) -> MovingMesh:
+        """On a turntable `range_m` before a radar at x = 0; at 0 it looks at the radar, at 90 degrees it shows its right side."""
+        return on_turntable(
+            self.vertices, self.faces, angles_rad, np.array([range_m, 0, 0]), material,
+            sagitta_rad=self.sagitta_rad, crease_deg=self.crease_deg,
+        )  # fmt: skip
+
+    def ellipsoids(self, angles_rad: np.ndarray, range_m: float, material: str) -> Ellipsoids:
+        """The same of ellipsoids."""
+        place = np.array([range_m, 0, 0])
+        return ellipsoids_on_turntable(self.semi_axes_m, self.centres, self.axes, angles_rad, place, material)
+
+    def part(self, number: int) -> np.ndarray:
+        """Share of each vertex in a segment, (V,): 1 inside and fading out over one row of faces."""
+        share = np.zeros(len(self.vertices))
+        np.maximum.at(share, self.faces[self.segment == number].ravel(), 1.0)
+        return share
