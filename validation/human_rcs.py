@@ -1,0 +1,172 @@
+"""RCS of the standing adult over 360 degrees at 77 GHz, against 3GPP TR 38.901 and published measurements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.types import Motion, Radar
+from validation.bodies import WALK, recorded
+from validation.report import Check, Section, new_figure, save_chart
+from validation.turntable import Body, aspects, db, mesh_fields, rcs
+
+STANDING, STRIDES = ("14_14_jumping_jacks.bvh", 0.0), ((WALK, 1.0), (WALK, 1.5), (WALK, 2.0), (WALK, 2.5))
+"""Recording and moment [s]: standing with arms down, and four moments of a stride."""
+MATERIALS = ("skin", "clothed")
+RANGE_M = 10.0
+ASPECTS = 720
+BANDS_HZ = np.linspace(-0.8e9, 0.8e9, 9)
+"""Frequencies beside mid-sweep: those of the sweep; 0.2 GHz apart a body 0.5 m deep is another speckle pattern."""
+SECTOR_DEG = 10
+MEAN_3GPP_DBSM, SPREAD_3GPP_DB = -1.37, 3.94
+PUBLISHED_DBSM = (-10.0, 0.0)
+SIDES = {"front": 0, "right": 90, "back": 180, "left": 270}
+SIDE_DEG = 20
+"""Half of the sector that a side's mean is taken over."""
+
+
+def run() -> Section:
+    radar = Radar.preset("table2")
+    found = {material: [_cuts(radar, material, *pose) for pose in (STANDING, *STRIDES)] for material in MATERIALS}
+    rows = [row for material in MATERIALS for row in _rows(material, found[material])]
+    standing = {material: cuts[0] for material, cuts in found.items()}
+    means = {material: float(db(np.mean([cut.rcs_m2.mean() for cut in cuts]))) for material, cuts in found.items()}
+    skin = standing["skin"]
+    checks = []
+    for material in MATERIALS:
+        mean = means[material]
+        checks += [
+            Check(what=f"{material}: mean RCS over 360 degrees, 9 frequencies and 5 poses, at least", measured=mean, limit=PUBLISHED_DBSM[0], unit="dBsm", at_least=True),
+            Check(what=f"{material}: the same, at most", measured=mean, limit=PUBLISHED_DBSM[1], unit="dBsm"),
+            Check(what=f"{material}: mean RCS from 3GPP TR 38.901's, within one of its spreads", measured=abs(mean - MEAN_3GPP_DBSM), limit=SPREAD_3GPP_DB, unit="dB"),
+        ]  # fmt: skip
+    checks += [
+        Check(what="skin: spread of single looks, at least 3GPP's", measured=skin.single_db, limit=SPREAD_3GPP_DB, unit="dB", at_least=True),
+        Check(what=f"skin: spread of means over the sweep and {SECTOR_DEG} degrees, at most 3GPP's", measured=skin.sector_db, limit=SPREAD_3GPP_DB, unit="dB"),
+    ]  # fmt: skip
+    return Section(
+        title="RCS of the standing adult",
+        checks=checks,
+        note=_note(means, standing),
+        table=rows,
+        charts=[_polar_chart(standing), _spread_chart(skin)],
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cut:
+    """RCS [m^2] of one pose over aspect and frequency (aspects, bands); 0 is its front, 90 degrees its right side."""
+
+    pose: str
+    angle_deg: np.ndarray
+    rcs_m2: np.ndarray
+
+    @property
+    def over_sweep_m2(self) -> np.ndarray:
+        """Means over the frequencies (aspects,)."""
+        return np.asarray(self.rcs_m2.mean(axis=1))
+
+    @property
+    def sectors_m2(self) -> np.ndarray:
+        """Means over the frequencies and sectors of SECTOR_DEG (360 / SECTOR_DEG,)."""
+        return np.asarray(self.over_sweep_m2.reshape(360 // SECTOR_DEG, -1).mean(axis=1))
+
+    @property
+    def single_db(self) -> float:
+        """Standard deviation [dB] over single aspects and frequencies."""
+        return float(db(self.rcs_m2).std())
+
+    @property
+    def sweep_db(self) -> float:
+        """Over aspects, of means over the sweep."""
+        return float(db(self.over_sweep_m2).std())
+
+    @property
+    def sector_db(self) -> float:
+        """Over sectors, of means over the sweep and the sector."""
+        return float(db(self.sectors_m2).std())
+
+    def side_dbsm(self, middle_deg: float) -> float:
+        """Mean over SIDE_DEG either way of a side."""
+        away = (self.angle_deg - middle_deg + 180) % 360 - 180
+        return float(db(self.over_sweep_m2[np.abs(away) <= SIDE_DEG].mean()))
+
+
+def _cuts(radar: Radar, material: str, recording: str, time_s: float) -> Cut:
+    body = Body.at(_whole(recording), time_s)
+    angles = aspects(0, 360 - 360 / ASPECTS, ASPECTS)
+    fields = mesh_fields(body.mesh(angles, RANGE_M, material), radar, bands_hz=BANDS_HZ)[0]
+    return Cut(pose=f"{recording} {time_s:g} s", angle_deg=np.degrees(angles), rcs_m2=rcs(fields, RANGE_M))
+
+
+def _whole(recording: str) -> Motion:
+    return recorded(recording)
+
+
+def _rows(material: str, cuts: list[Cut]) -> list[dict[str, object]]:
+    return [
+        {
+            "material": material,
+            "pose": cut.pose,
+            "mean dBsm": float(db(cut.rcs_m2.mean())),
+            "median dBsm": float(np.median(db(cut.rcs_m2))),
+            "spread of single looks dB": cut.single_db,
+            "of means over the sweep dB": cut.sweep_db,
+            f"of these over {SECTOR_DEG} degrees dB": cut.sector_db,
+            **{f"{side} dBsm": cut.side_dbsm(middle) for side, middle in SIDES.items()},
+        }
+        for cut in cuts
+    ]
+
+
+def _note(means: dict[str, float], standing: dict[str, Cut]) -> str:
+    return "TODO"
+
+
+def _polar_chart(standing: dict[str, Cut]) -> str:
+    figure, axis = new_figure(figsize=(6.5, 6), subplot_kw={"projection": "polar"})
+    for number, (material, cut) in enumerate(standing.items()):
+        angle = np.radians(np.append(cut.angle_deg, 360))
+        single = db(cut.rcs_m2[:, len(BANDS_HZ) // 2])
+        axis.plot(angle, np.append(single, single[0]), color=f"C{number}", linewidth=0.3, alpha=0.4)
+        middle = np.radians(np.append(np.arange(0, 360, SECTOR_DEG), 360) + SECTOR_DEG / 2)
+        sectors = db(cut.sectors_m2)
+        axis.plot(middle, np.append(sectors, sectors[0]), color=f"C{number}", label=f"{material}, means over sweep and {SECTOR_DEG} degrees")
+    circle = np.linspace(0, 2 * np.pi, 361)
+    axis.plot(circle, np.full(361, MEAN_3GPP_DBSM), "k--", linewidth=1, label=f"3GPP TR 38.901, mean {MEAN_3GPP_DBSM} dBsm")
+    axis.fill_between(circle, *PUBLISHED_DBSM, color="C2", alpha=0.12, label="published at 77 GHz, -10 to 0 dBsm")
+    axis.set_theta_zero_location("N")
+    axis.set_theta_direction(-1)
+    axis.set_thetagrids(range(0, 360, 30), [{0: "front", 90: "right", 180: "back", 270: "left"}.get(a, f"{a}") for a in range(0, 360, 30)])
+    axis.set_rlim(-35, 10)
+    axis.set_rticks([-30, -20, -10, 0, 10])
+    axis.set_rlabel_position(22)
+    axis.set_title("standing adult at 10 m, 78 GHz, RCS [dBsm]")
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, -0.24), fontsize=8)
+    return save_chart(figure, "human_rcs_polar.png")
+
+
+def _spread_chart(skin: Cut) -> str:
+    figure, axis = new_figure()
+    for values, label in (
+        (skin.rcs_m2.ravel(), "single looks"),
+        (skin.over_sweep_m2, "means over the sweep"),
+        (skin.sectors_m2, f"means over sweep and {SECTOR_DEG} degrees"),
+    ):
+        level = np.sort(db(values))
+        axis.plot(level, (np.arange(len(level)) + 0.5) / len(level), label=f"{label}: {level.std():.1f} dB")
+    level = np.linspace(-25, 10, 200)
+    # A log-normal RCS of a given mean power has its median below that mean.
+    median = MEAN_3GPP_DBSM - np.log(10) / 20 * SPREAD_3GPP_DB**2
+    axis.plot(level, _normal((level - median) / SPREAD_3GPP_DB), "k--", label=f"3GPP TR 38.901: {SPREAD_3GPP_DB} dB")
+    axis.set(xlim=(-25, 8), xlabel="RCS [dBsm]", ylabel="share of looks below", title="standing adult, skin: spread over aspect")
+    axis.legend(fontsize=8)
+    axis.grid(alpha=0.3)
+    return save_chart(figure, "human_rcs_spread.png")
+
+
+def _normal(x: np.ndarray) -> np.ndarray:
+    from scipy.special import ndtr
+
+    return np.asarray(ndtr(x))
