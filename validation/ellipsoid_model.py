@@ -41,20 +41,17 @@ JACKS, STYLISED = "14_14_jumping_jacks.bvh", "131_01_walk_300frames.bvh"
 BODY_RANGE_M, BODY_ASPECTS = 10.0, 720
 SECTOR_DEG = 5
 SEGMENTS = (
-    "head",
-    "neck",
-    "chest",
-    "abdomen",
-    "pelvis",
-    "left_upper_arm",
-    "left_forearm",
-    "left_hand",
-    "left_thigh",
-    "left_shank",
+    "head", "neck", "chest", "abdomen", "pelvis", "left_upper_arm", "left_forearm", "left_hand", "left_thigh", "left_shank",
     "left_foot",
-)
+)  # fmt: skip
+"""That are drawn."""
 BODY_LIMIT_DB, SEGMENT_LIMIT_DB = 3.0, 3.0
-ACTIVITIES = (("walk", WALK, 1.0, 3.0), ("run", RUN, 0.0, 1.4), ("jumping jacks", JACKS, 0.5, 2.5), ("stylised walk", STYLISED, 0.2, 1.8))  # fmt: skip
+ACTIVITIES = (
+    ("walk", WALK, 1.0, 3.0),
+    ("run", RUN, 0.0, 1.4),
+    ("jumping jacks", JACKS, 0.5, 2.5),
+    ("stylised walk", STYLISED, 0.2, 1.8),
+)
 """Name, recording, start and end [s]; at 1.96 s a hand of the stylised walk flips over at 16 m/s, which aliases."""
 NEAR_PEAK_DB, FLOOR_DB = 40.0, 60.0
 TORSO_LIMIT_MPS, ENVELOPE_LIMIT = 0.15, 0.7
@@ -69,13 +66,47 @@ def run() -> Section:
     activities = [_activity(radar, *each) for each in ACTIVITIES]
     differences = [row["difference dB"] for row in turned.rows[:-2]]
     checks = [
-        Check(what="ellipsoid against converged facets, spheroids at 1, 3, 10 m, 0 to 180 degrees, amplitude", measured=max(float(np.abs(s.level_db).max()) for s in spheroids), limit=LIMIT_DB, unit="dB"),
-        Check(what="the same, phase", measured=max(float(np.abs(s.phase_deg).max()) for s in spheroids), limit=LIMIT_DEG, unit="degrees"),
-        Check(what="mean RCS of the standing body, ellipsoids against mesh, nothing hidden", measured=abs(float(turned.rows[-2]["difference dB"])), limit=BODY_LIMIT_DB, unit="dB"),
-        Check(what="mean RCS of a segment, ellipsoid against its part of the mesh, median over 17", measured=float(np.median(np.abs(np.array(differences, float)))), limit=SEGMENT_LIMIT_DB, unit="dB"),
-        Check(what="torso speed of four activities, median over time, difference, worst", measured=max(a.torso_mps for a in activities), limit=TORSO_LIMIT_MPS, unit="m/s"),
-        *(Check(what=f"envelope of the {a.name}, correlation", measured=a.envelope_correlation, limit=ENVELOPE_LIMIT, unit="", at_least=True) for a in activities),
-    ]  # fmt: skip
+        Check(
+            what="ellipsoid against converged facets, spheroids at 1, 3, 10 m, 0 to 180 degrees, amplitude",
+            measured=max(float(np.abs(s.level_db).max()) for s in spheroids),
+            limit=LIMIT_DB,
+            unit="dB",
+        ),
+        Check(
+            what="the same, phase",
+            measured=max(float(np.abs(s.phase_deg).max()) for s in spheroids),
+            limit=LIMIT_DEG,
+            unit="degrees",
+        ),
+        Check(
+            what="mean RCS of the standing body, ellipsoids against mesh, nothing hidden",
+            measured=abs(float(turned.rows[-2]["difference dB"])),
+            limit=BODY_LIMIT_DB,
+            unit="dB",
+        ),
+        Check(
+            what="mean RCS of a segment, ellipsoid against its part of the mesh, median over 17",
+            measured=float(np.median(np.abs(np.array(differences, float)))),
+            limit=SEGMENT_LIMIT_DB,
+            unit="dB",
+        ),
+        Check(
+            what="torso speed of four activities, median over time, difference, worst",
+            measured=max(a.torso_mps for a in activities),
+            limit=TORSO_LIMIT_MPS,
+            unit="m/s",
+        ),
+        *(
+            Check(
+                what=f"envelope of the {a.name}, correlation",
+                measured=a.envelope_correlation,
+                limit=ENVELOPE_LIMIT,
+                unit="",
+                at_least=True,
+            )
+            for a in activities
+        ),
+    ]
     return Section(
         title="The ellipsoid model against the mesh",
         checks=checks,
@@ -329,27 +360,36 @@ def _note(spheroids: list[Spheroid], turned: Turned, activities: list[Activity])
     cells = [a.difference_db("ellipsoid") for a in activities]
     lines = [a.torso_line_mps for a in activities]
     return (
-        f"Spheroids: conductor, the long axis horizontal, turned in steps of 1 degree; facets of {CONVERGED_RAD} rad, sum of the echoes "
-        f"at mid-sweep. The nearest point is right within {worst:.2f} dB; what is left is the facets' own error (at 0.01 rad one aspect of the 1086 still reads 0.15 dB) and, at 0 and 180 degrees, "
-        "the shadow line's return, which all of the rim sends in phase (eq. 6 with k c for k a: 0.01 to 0.02 dB). From the centre (the paper's baseline) "
-        f"the range is too long by what the spheroid reaches towards the radar, so that a limb that swings at {SWING_RAD_PER_S:g} rad/s has a "
-        f"speed wrong by up to {max(s.centre_mps for s in spheroids):.1f} m/s, and the level is that of another range. "
-        f"Standing body: the first moment of {JACKS}, conductor, at {BODY_RANGE_M:g} m, {BODY_ASPECTS} aspects; a segment's part of the mesh "
-        "is the whole mesh's surface, fading out over one row of faces where others take over. "
-        f"Where they agree: speeds (torso, envelope), for both hang on the same bones, and mean levels of limbs (thigh "
-        f"{rows['left_thigh']:+.1f} and {rows['right_thigh']:+.1f} dB, shank {rows['left_shank']:+.1f} dB, forearm {rows['left_forearm']:+.1f} dB, head {rows['head']:+.1f} dB, ellipsoid less mesh). "
-        "Where not: over aspect. A limb's skin is nearly straight along the bone, so the mesh returns in a sheet across the bone, 5 to 10 dB "
-        "above its mean there and 20 dB below it elsewhere; an ellipsoid as long as the bone is bent all along and spreads the same power smoothly. "
-        f"The trunk is one tall, flat surface, cut into three ellipsoids that are each bent in height: they return too little (abdomen {rows['abdomen']:+.1f} dB, "
-        f"pelvis {rows['pelvis']:+.1f}, chest {rows['chest']:+.1f}), and so the whole body does ({rows['body, nothing hidden']:+.1f} dB with nothing hidden, "
-        f"{rows['body, mesh with its shadows']:+.1f} dB against the mesh with its shadows). Feet are no ellipsoids either ({rows['left_foot']:+.1f} dB): soles and insteps are flat. "
-        f"In spectrograms the cells within {NEAR_PEAK_DB:g} dB of the peak differ by {min(cells):.0f} to {max(cells):.0f} dB RMS, where two speckle patterns of one mean "
-        "would by 7.9: seventeen lines cannot fill what a skin fills. The line of the torso, the centre of the power within 10 dB of the strongest cell, "
-        f"parts by {min(lines):.2f} to {max(lines):.2f} m/s RMS from moment to moment: beside a trunk that is too weak the limbs pull the ellipsoids' line to and fro. Its median does not. "
-        f"Shadows: who faces the radar hides little of himself (walk {hidden['walk']:.1f} dB RMS, jumping jacks {hidden['jumping jacks']:.1f}); arms and knees that swing across the body "
-        f"do (run {hidden['run']:.1f}, stylised walk {hidden['stylised walk']:.1f}), and from the side one leg hides the other (chart). The ellipsoids of one body do not hide one another. "
-        "White lines in the spectrograms: the envelope, 35 dB below the ridge."
-    )  # fmt: skip
+        f"Spheroids: conductor, the long axis horizontal, turned in steps of 1 degree; facets of {CONVERGED_RAD} "
+        f"rad, sum of the echoes at mid-sweep. The nearest point is right within {worst:.2f} dB; what is left is the "
+        "facets' own error (at 0.01 rad one aspect of the 1086 still reads 0.15 dB) and, at 0 and 180 degrees, the "
+        "shadow line's return, which all of the rim sends in phase (eq. 6 with k c for k a: 0.01 to 0.02 dB). From "
+        "the centre (the paper's baseline) the range is too long by what the spheroid reaches towards the radar, so "
+        f"that a limb that swings at {SWING_RAD_PER_S:g} rad/s has a speed wrong by up to "
+        f"{max(s.centre_mps for s in spheroids):.1f} m/s, and the level is that of another range. Standing body: the "
+        f"first moment of {JACKS}, conductor, at {BODY_RANGE_M:g} m, {BODY_ASPECTS} aspects; a segment's part of the "
+        "mesh is the whole mesh's surface, fading out over one row of faces where others take over. Where they "
+        "agree: speeds (torso, envelope), for both hang on the same bones, and mean levels of limbs (thigh "
+        f"{rows['left_thigh']:+.1f} and {rows['right_thigh']:+.1f} dB, shank {rows['left_shank']:+.1f} dB, forearm "
+        f"{rows['left_forearm']:+.1f} dB, head {rows['head']:+.1f} dB, ellipsoid less mesh). Where not: over aspect. "
+        "A limb's skin is nearly straight along the bone, so the mesh returns in a sheet across the bone, 5 to 10 "
+        "dB above its mean there and 20 dB below it elsewhere; an ellipsoid as long as the bone is bent all along "
+        "and spreads the same power smoothly. The trunk is one tall, flat surface, cut into three ellipsoids that "
+        f"are each bent in height: they return too little (abdomen {rows['abdomen']:+.1f} dB, pelvis "
+        f"{rows['pelvis']:+.1f}, chest {rows['chest']:+.1f}), and so the whole body does "
+        f"({rows['body, nothing hidden']:+.1f} dB with nothing hidden, {rows['body, mesh with its shadows']:+.1f} dB "
+        f"against the mesh with its shadows). Feet are no ellipsoids either ({rows['left_foot']:+.1f} dB): soles and "
+        f"insteps are flat. In spectrograms the cells within {NEAR_PEAK_DB:g} dB of the peak differ by "
+        f"{min(cells):.0f} to {max(cells):.0f} dB RMS, where two speckle patterns of one mean would by 7.9: "
+        "seventeen lines cannot fill what a skin fills. The line of the torso, the centre of the power within 10 dB "
+        f"of the strongest cell, parts by {min(lines):.2f} to {max(lines):.2f} m/s RMS from moment to moment: beside "
+        "a trunk that is too weak the limbs pull the ellipsoids' line to and fro. Its median does not. Shadows: who "
+        f"faces the radar hides little of himself (walk {hidden['walk']:.1f} dB RMS, jumping jacks "
+        f"{hidden['jumping jacks']:.1f}); arms and knees that swing across the body do (run {hidden['run']:.1f}, "
+        f"stylised walk {hidden['stylised walk']:.1f}), and from the side one leg hides the other (chart). The "
+        "ellipsoids of one body do not hide one another. White lines in the spectrograms: the envelope, 35 dB below "
+        "the ridge."
+    )
 
 
 def _spheroid_chart(spheroids: list[Spheroid]) -> str:

@@ -27,7 +27,7 @@ def sphere_optics(ka: np.ndarray | float) -> np.ndarray:
 
 
 def plate_rcs(width_m: float, height_m: float, angle_rad: np.ndarray, wavelength_m: float) -> np.ndarray:
-    """Physical optics of a plate far away, `angle_rad` off its normal in the plane of its width [m^2]: 4 pi A^2/lambda^2 broadside."""
+    """Physical optics of a plate far away [m^2], `angle_rad` off its normal in the plane of its width: 4 pi A^2/lambda^2 at 0."""
     u = 2 * math.pi / wavelength_m * width_m * np.sin(angle_rad)
     lobes = np.cos(angle_rad) * np.sinc(u / math.pi)
     return np.asarray(4 * math.pi * (width_m * height_m / wavelength_m) ** 2 * lobes**2)

@@ -6,16 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.types import Motion, Radar
+from t2d_rt.body.materials import resolve_material
+from t2d_rt.types import Radar
 from validation.bodies import WALK, recorded
 from validation.report import Check, Section, new_figure, save_chart
 from validation.turntable import Body, aspects, db, mesh_fields, rcs
 
-STANDING, STRIDES = ("14_14_jumping_jacks.bvh", 0.0), ((WALK, 1.0), (WALK, 1.5), (WALK, 2.0), (WALK, 2.5))
-"""Recording and moment [s]: standing with arms down, and four moments of a stride."""
+STANDING, STRIDES = ("14_14_jumping_jacks.bvh", 0.0), ((WALK, 1.0), (WALK, 1.5), (WALK, 2.0))
+"""Recording and moment [s]: standing with arms down, and three moments of a stride."""
 MATERIALS = ("skin", "clothed")
 RANGE_M = 10.0
-ASPECTS = 720
+ASPECTS = 360
 BANDS_HZ = np.linspace(-0.8e9, 0.8e9, 9)
 """Frequencies beside mid-sweep: those of the sweep; 0.2 GHz apart a body 0.5 m deep is another speckle pattern."""
 SECTOR_DEG = 10
@@ -24,6 +25,10 @@ PUBLISHED_DBSM = (-10.0, 0.0)
 SIDES = {"front": 0, "right": 90, "back": 180, "left": 270}
 SIDE_DEG = 20
 """Half of the sector that a side's mean is taken over."""
+SIDE_LIMIT_DB = 3.0
+"""3GPP's human has no angle dependence."""
+LOWER_HZ = 28e9
+"""Of measurements behind 3GPP's figures, which are given for all frequencies."""
 
 
 def run() -> Section:
@@ -37,14 +42,45 @@ def run() -> Section:
     for material in MATERIALS:
         mean = means[material]
         checks += [
-            Check(what=f"{material}: mean RCS over 360 degrees, 9 frequencies and 5 poses, at least", measured=mean, limit=PUBLISHED_DBSM[0], unit="dBsm", at_least=True),
+            Check(
+                what=f"{material}: mean RCS over 360 degrees, 9 frequencies and 4 poses, at least",
+                measured=mean,
+                limit=PUBLISHED_DBSM[0],
+                unit="dBsm",
+                at_least=True,
+            ),
             Check(what=f"{material}: the same, at most", measured=mean, limit=PUBLISHED_DBSM[1], unit="dBsm"),
-            Check(what=f"{material}: mean RCS from 3GPP TR 38.901's, within one of its spreads", measured=abs(mean - MEAN_3GPP_DBSM), limit=SPREAD_3GPP_DB, unit="dB"),
-        ]  # fmt: skip
+            Check(
+                what=f"{material}: mean RCS from 3GPP TR 38.901's, within one of its spreads",
+                measured=abs(mean - MEAN_3GPP_DBSM),
+                limit=SPREAD_3GPP_DB,
+                unit="dB",
+            ),
+        ]
     checks += [
-        Check(what="skin: spread of single looks, at least 3GPP's", measured=skin.single_db, limit=SPREAD_3GPP_DB, unit="dB", at_least=True),
-        Check(what=f"skin: spread of means over the sweep and {SECTOR_DEG} degrees, at most 3GPP's", measured=skin.sector_db, limit=SPREAD_3GPP_DB, unit="dB"),
-    ]  # fmt: skip
+        Check(
+            what="skin: spread of single looks, at least 3GPP's",
+            measured=skin.single_db,
+            limit=SPREAD_3GPP_DB,
+            unit="dB",
+            at_least=True,
+        ),
+        Check(
+            what=f"skin: spread of means over the sweep and {SECTOR_DEG} degrees, at most 3GPP's",
+            measured=skin.sector_db,
+            limit=SPREAD_3GPP_DB,
+            unit="dB",
+        ),
+    ]
+    checks += [
+        Check(
+            what=f"{material}: standing, a side's mean from the mean over 360 degrees, worst of front, right, back, left",
+            measured=cut.worst_side_db,
+            limit=SIDE_LIMIT_DB,
+            unit="dB",
+        )
+        for material, cut in standing.items()
+    ]
     return Section(
         title="RCS of the standing adult",
         checks=checks,
@@ -92,16 +128,17 @@ class Cut:
         away = (self.angle_deg - middle_deg + 180) % 360 - 180
         return float(db(self.over_sweep_m2[np.abs(away) <= SIDE_DEG].mean()))
 
+    @property
+    def worst_side_db(self) -> float:
+        """How far the mean of one of SIDES is from that of all around."""
+        return max(abs(self.side_dbsm(middle) - float(db(self.rcs_m2.mean()))) for middle in SIDES.values())
+
 
 def _cuts(radar: Radar, material: str, recording: str, time_s: float) -> Cut:
-    body = Body.at(_whole(recording), time_s)
+    body = Body.at(recorded(recording), time_s)
     angles = aspects(0, 360 - 360 / ASPECTS, ASPECTS)
     fields = mesh_fields(body.mesh(angles, RANGE_M, material), radar, bands_hz=BANDS_HZ)[0]
     return Cut(pose=f"{recording} {time_s:g} s", angle_deg=np.degrees(angles), rcs_m2=rcs(fields, RANGE_M))
-
-
-def _whole(recording: str) -> Motion:
-    return recorded(recording)
 
 
 def _rows(material: str, cuts: list[Cut]) -> list[dict[str, object]]:
@@ -121,7 +158,31 @@ def _rows(material: str, cuts: list[Cut]) -> list[dict[str, object]]:
 
 
 def _note(means: dict[str, float], standing: dict[str, Cut]) -> str:
-    return "TODO"
+    skin = standing["skin"]
+    median = float(np.median(db(skin.rcs_m2)))
+    lower, here = (float(db(abs(resolve_material("skin", f).reflection(f)) ** 2)) for f in (LOWER_HZ, 77.9e9))
+    sides = ", ".join(f"{side} {skin.side_dbsm(middle):.1f}" for side, middle in SIDES.items())
+    return (
+        f"The mesh with its shadows on a turntable {RANGE_M:g} m away, the radar 1 m high; {ASPECTS} aspects, "
+        f"{len(BANDS_HZ)} frequencies over the sweep of 77.1 to 78.7 GHz, means of power. (No chamber is in a body's "
+        f"far field at 77 GHz, which begins beyond 1 km.) Where the model lies: {means['skin']:.1f} dBsm for skin "
+        f"and {means['clothed']:.1f} clothed, in the middle of the -10 to 0 dBsm that are commonly given for adults "
+        f"at 77 GHz and {MEAN_3GPP_DBSM - means['skin']:.1f} dB below 3GPP TR 38.901 (sensing, RCS model 1 of a "
+        f"human: {MEAN_3GPP_DBSM} dBsm times a log-normal factor of {SPREAD_3GPP_DB} dB, no angle dependence). Part "
+        f"of that is frequency: 3GPP's figure is one for all bands, and skin reflects {lower - here:.1f} dB more at "
+        f"{LOWER_HZ / 1e9:g} GHz than here; the rest may be what the model lacks: bounces between limbs and trunk, "
+        "seams, buckles, phones, shoes; and the recorded actors are 1.57 and 1.67 m tall. Clothed differs from skin "
+        "only by its roughness (S = 0.6 for 0.3), which moves power from glints to the diffuse part and keeps the "
+        "sum: cloth's own reflection and loss are not modelled. Spread of dB values over aspect: "
+        f"{skin.single_db:.1f} dB of single looks (speckle alone has 5.6), {skin.sweep_db:.1f} dB of means over the "
+        f"sweep, {skin.sector_db:.1f} dB of these over sectors of {SECTOR_DEG} degrees; 3GPP's {SPREAD_3GPP_DB} dB "
+        "lies between looks at one frequency and means over a wide band, and holds other people and clothes "
+        f"besides. Standing in skin, means over {2 * SIDE_DEG} degrees: {sides} dBsm; median of single looks "
+        f"{median:.1f} dBsm. A flat front returns most, where it squarely faces the radar. Sources: 3GPP TR 38.901, "
+        "release 19, section 7.9; Fortuny-Guasch and Chareau, Radar Cross Section Measurements of Pedestrian "
+        "Dummies and Humans in the 24/77 GHz Frequency Bands, JRC report EUR 25762 (2013), who find the means over "
+        "azimuth and frequency of both bands close to each other, and a marked effect of stature."
+    )
 
 
 def _polar_chart(standing: dict[str, Cut]) -> str:
@@ -132,17 +193,27 @@ def _polar_chart(standing: dict[str, Cut]) -> str:
         axis.plot(angle, np.append(single, single[0]), color=f"C{number}", linewidth=0.3, alpha=0.4)
         middle = np.radians(np.append(np.arange(0, 360, SECTOR_DEG), 360) + SECTOR_DEG / 2)
         sectors = db(cut.sectors_m2)
-        axis.plot(middle, np.append(sectors, sectors[0]), color=f"C{number}", label=f"{material}, means over sweep and {SECTOR_DEG} degrees")
+        axis.plot(
+            middle,
+            np.append(sectors, sectors[0]),
+            color=f"C{number}",
+            label=f"{material}, means over sweep and {SECTOR_DEG} degrees",
+        )
     circle = np.linspace(0, 2 * np.pi, 361)
-    axis.plot(circle, np.full(361, MEAN_3GPP_DBSM), "k--", linewidth=1, label=f"3GPP TR 38.901, mean {MEAN_3GPP_DBSM} dBsm")
+    axis.plot(
+        circle, np.full(361, MEAN_3GPP_DBSM), "k--", linewidth=1, label=f"3GPP TR 38.901, mean {MEAN_3GPP_DBSM} dBsm"
+    )
     axis.fill_between(circle, *PUBLISHED_DBSM, color="C2", alpha=0.12, label="published at 77 GHz, -10 to 0 dBsm")
     axis.set_theta_zero_location("N")
     axis.set_theta_direction(-1)
-    axis.set_thetagrids(range(0, 360, 30), [{0: "front", 90: "right", 180: "back", 270: "left"}.get(a, f"{a}") for a in range(0, 360, 30)])
+    axis.set_thetagrids(
+        range(0, 360, 30),
+        [{0: "front", 90: "right", 180: "back", 270: "left"}.get(a, f"{a}") for a in range(0, 360, 30)],
+    )
     axis.set_rlim(-35, 10)
     axis.set_rticks([-30, -20, -10, 0, 10])
     axis.set_rlabel_position(22)
-    axis.set_title("standing adult at 10 m, 78 GHz, RCS [dBsm]")
+    axis.set_title("standing adult at 10 m, RCS [dBsm], single looks at 77.9 GHz")
     axis.legend(loc="lower center", bbox_to_anchor=(0.5, -0.24), fontsize=8)
     return save_chart(figure, "human_rcs_polar.png")
 
@@ -160,7 +231,12 @@ def _spread_chart(skin: Cut) -> str:
     # A log-normal RCS of a given mean power has its median below that mean.
     median = MEAN_3GPP_DBSM - np.log(10) / 20 * SPREAD_3GPP_DB**2
     axis.plot(level, _normal((level - median) / SPREAD_3GPP_DB), "k--", label=f"3GPP TR 38.901: {SPREAD_3GPP_DB} dB")
-    axis.set(xlim=(-25, 8), xlabel="RCS [dBsm]", ylabel="share of looks below", title="standing adult, skin: spread over aspect")
+    axis.set(
+        xlim=(-25, 8),
+        xlabel="RCS [dBsm]",
+        ylabel="share of looks below",
+        title="standing adult, skin: spread over aspect",
+    )
     axis.legend(fontsize=8)
     axis.grid(alpha=0.3)
     return save_chart(figure, "human_rcs_spread.png")
