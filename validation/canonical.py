@@ -432,7 +432,7 @@ def _ka_chart(mie: np.ndarray, optics_error: np.ndarray, facets: np.ndarray, fac
     error.text(
         math.sqrt(BODY_KA[0] * BODY_KA[1]), 14, "wrist to chest\nat 77 GHz", ha="center", va="center", fontsize=8
     )
-    error.set(xlabel="ka", ylabel="|error| [dB]", ylim=(1e-4, 40))
+    error.set(xlabel="ka", ylabel="|error| [dB]", ylim=(2e-5, 40))
     error.legend(loc="lower left", fontsize=8)
     for axis in (level, error):
         axis.grid(alpha=0.3, which="both", linewidth=0.5)
@@ -458,12 +458,12 @@ def _width_chart(error: dict[bool, np.ndarray]) -> str:
 def _pattern_chart(*patterns: Pattern) -> str:
     figure, axes = new_figure(nrows=len(patterns), figsize=(7, 8.5))
     for axis, p in zip(axes, patterns, strict=True):
-        axis.plot(p.angle_deg, db(p.optics), "k-", linewidth=1.6, alpha=0.5, label="closed form")
+        axis.plot(p.angle_deg, db(p.optics), "k-", linewidth=1.6, alpha=0.5, label="exact integral")
         axis.plot(p.angle_deg, db(p.facets), "C1-", linewidth=0.6, label="facets, default")
         top = float(db(p.optics.max()))
         axis.set(ylim=(top - 55, top + 6), ylabel="RCS [dBsm]", title=p.name, xlim=(p.angle_deg[0], p.angle_deg[-1]))
         axis.grid(alpha=0.3)
-        axis.legend(loc="upper right", fontsize=8)
+        axis.legend(loc="upper center" if axis is axes[-1] else "upper right", fontsize=8)
     for axis in axes[:2]:
         axis.set_xlabel("off the normal [deg]")
     axes[-1].set_xlabel("off broadside [deg]: 90 sees the end")
