@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from t2d_rt.body import segments, skin, template
 from t2d_rt.body.fit import fit
-from t2d_rt.body.segments import SEGMENTS, _ellipsoid, fit_ellipsoids
+from t2d_rt.body.segments import SEGMENTS, _ellipsoid, fit_ellipsoids, segment_of_faces
 from t2d_rt.errors import InputError
 from t2d_rt.motion import load_motion, track
 from t2d_rt.resources import resource
@@ -35,6 +35,21 @@ def test_segments_have_the_bodys_volume_and_extents(name):
     reach = np.linalg.norm(axes * semi_axes[:, None, :], axis=2)
     np.testing.assert_allclose((centres + reach).max(0), body.vertices.max(0), atol=0.04)
     np.testing.assert_allclose((centres - reach).min(0), body.vertices.min(0), atol=0.04)
+
+
+def test_each_face_belongs_to_the_segment_it_lies_in(walk):
+    body = fit(template(), walk)
+    owner, middle = segment_of_faces(body), body.vertices[body.template.faces].mean(axis=1)
+    assert owner.shape == (len(body.template.faces),)
+    places = {name: middle[owner == number] for number, name in enumerate(SEGMENTS)}
+    assert all(len(found) > 20 for found in places.values())
+    storeys = ("pelvis", "abdomen", "chest", "neck", "head")
+    heights = [places[name][:, 2].mean() for name in storeys]
+    assert heights == sorted(heights)
+    for part in ("thigh", "shank", "forearm", "hand", "foot"):
+        left, right = places[f"left_{part}"], places[f"right_{part}"]
+        np.testing.assert_allclose(left.mean(0), right.mean(0) * [1, -1, 1], atol=0.02)
+        assert (left[:, 1] > 0).all()
 
 
 def test_a_segments_surface_lies_near_the_bodys():

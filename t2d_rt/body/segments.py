@@ -78,6 +78,17 @@ def segments(
     return Ellipsoids.from_track(places, semi_axes, motion.times_s, material, names=tuple(SEGMENTS))
 
 
+def segment_of_faces(body: Fitted) -> np.ndarray:
+    """The number among SEGMENTS of the segment that each face belongs to, (F,)."""
+    columns = [[CANONICAL_JOINTS.index(joint) for joint in part.joints] for part in SEGMENTS.values()]
+    share = np.stack([body.template.weights[:, group].sum(1) for group in columns], axis=1)
+    faces = body.template.faces
+    owner = share[faces].sum(1).argmax(1)
+    trunk = [i for i, part in enumerate(SEGMENTS.values()) if part.joints == TRUNK]
+    storey = np.searchsorted([body.joints[joint][2] for joint in TRUNK_CUTS], body.vertices[faces].mean(1)[:, 2])
+    return np.where(np.isin(owner, trunk), np.array(trunk)[storey], owner)
+
+
 def fit_ellipsoids(body: Fitted) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Semi-axes (N, 3) m, rest centres (N, 3) m and rest axes (N, 3, 3) of the segments.
 
@@ -85,13 +96,7 @@ def fit_ellipsoids(body: Fitted) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     is as long as they are; across, half way (geometric mean) between as thick as they are and as thick as gives the
     segment's volume.
     """
-    columns = [[CANONICAL_JOINTS.index(joint) for joint in part.joints] for part in SEGMENTS.values()]
-    share = np.stack([body.template.weights[:, group].sum(1) for group in columns], axis=1)
-    faces = body.template.faces
-    owner = share[faces].sum(1).argmax(1)
-    trunk = [i for i, part in enumerate(SEGMENTS.values()) if part.joints == TRUNK]
-    storey = np.searchsorted([body.joints[joint][2] for joint in TRUNK_CUTS], body.vertices[faces].mean(1)[:, 2])
-    owner = np.where(np.isin(owner, trunk), np.array(trunk)[storey], owner)
+    faces, owner = body.template.faces, segment_of_faces(body)
     fits = [
         _ellipsoid(body.vertices[faces[owner == i]], *_axes(body, part)) for i, part in enumerate(SEGMENTS.values())
     ]
