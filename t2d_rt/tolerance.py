@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.model import COARSE_DB, FAINT_DB, Detail, Model, with_method
+from t2d_rt.model import WEAK_DB, Detail, Model, with_method
 from t2d_rt.probe import Chirps, field, nmse_db
 from t2d_rt.types import Ellipsoids, Motion, MovingMesh
 
@@ -32,8 +32,10 @@ SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
 """What the splines and the sum may add lies that far below the tolerance."""
 SYNTHESIS_DB = -80.0, -40.0
 """Least and greatest error of the sum."""
-FACETS_SHARE, PAIRS_SHARE = 0.6, 0.1
-"""Of the error allowed: that of the facets, and that of pairs of ways of each kind, faint, weak and left out."""
+LOOKED_AT_DB = -10.0
+"""Pairs of ways down to that level show what hides what."""
+FACETS_SHARE, LEFT_OUT_SHARE, WEAK_SHARE = 0.6, 0.1, 0.15
+"""Of the error allowed: that of the facets, and those of pairs of ways left out and by coarser facets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +79,7 @@ def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan
             "much error as signal"
         )
     allowed = 10 ** ((tolerance_db - MARGIN_DB) / 10)
-    ways = model.bars_db(allowed * PAIRS_SHARE)
+    ways = model.ways_within(allowed * LEFT_OUT_SHARE, allowed * WEAK_SHARE)
     detail = Detail(
         **{
             "splines_db": tolerance_db - SPLINES_BELOW_DB,
@@ -91,7 +93,7 @@ def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan
         detail = replace(detail, coarser=1.0 if model.sagitta_rad else _coarser(model, allowed * FACETS_SHARE))
         # What hides what shows over the strong pairs.
         chirps = Chirps.random(model.radar, model.span_s, seed=model.seed)
-        strong = replace(detail, least_db=detail.strong_db)
+        strong = replace(detail, least_db=max(detail.strong_db, LOOKED_AT_DB))
         fine = field(model, strong, chirps)
         simpler = _as_ellipsoids(model, strong, chirps, fine, allowed, asked)
         omissions.append(simpler)
@@ -124,8 +126,7 @@ def _fewer_ways(model: Model, detail: Detail) -> list[Omission]:
     kept = 10 ** (np.array(pairs.levels_db) / 10)
     parts = (
         (len(model.ranked) - len(kept), max(0.0, total - kept.sum()), 0.0, "pairs of ways left out"),
-        (len(kept) - pairs.clear, kept[pairs.clear :].sum(), FAINT_DB, "faint pairs of ways by ellipsoids"),
-        (pairs.clear - pairs.strong, kept[pairs.strong : pairs.clear].sum(), COARSE_DB, "weak pairs of ways by coarse facets"),
+        (len(kept) - pairs.strong, kept[pairs.strong :].sum(), WEAK_DB, "weak pairs of ways by coarser facets"),
     )  # fmt: skip
     return [
         Omission(f"{count} {what}", _db(power / total) + each_db, True)
@@ -203,10 +204,8 @@ def _told(plan: Plan) -> list[str]:
         lines.append(f"  {shape.name}: {kind} at {rate_hz:.0f} surface frames a second")
     pairs = model.pairs(detail)
     if pairs is not None:
-        near, weak = pairs.strong, pairs.clear - pairs.strong
-        lines.append(
-            f"  {len(pairs.pairs)} pairs of ways: {near} in full, {weak} coarse, {len(pairs.pairs) - pairs.clear} faint"
-        )
+        coarse = len(pairs.pairs) - pairs.strong
+        lines.append(f"  {len(pairs.pairs)} pairs of ways: {pairs.strong} in full, {coarse} by coarser facets")
     lines.append(
         "  what hides what: " + (f"{detail.occlusion_hz:g} looks a second" if detail.occlusion else "not looked at")
     )
