@@ -83,7 +83,7 @@ def mesh_fields(
     times_s = mesh.times_s
     views = [View()]
     if occlusion:
-        traced = Occlusion([mesh], radar.tx_position_m, rate_hz=1 / STEP_S, backend=backend)
+        traced = Occlusion([mesh], radar.tx_position_m, keys_s=times_s, backend=backend)
         views = [View(seen=lambda at: traced.visibility(at)[0])]
     views += [View(seen=_constant(share)) for share in only]
     stream = mesh_echoes(
