@@ -270,11 +270,6 @@ def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     """Mean of the echoes' places weighted with their powers, (T, 3)."""
     keys = key_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0)
     view = Occlusion([body], radar.tx_position_m, keys_s=keys, backend=select("auto"))
-        [body],
-        radar.tx_position_m,
-        keys_s=key_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0),
-        backend=select("auto"),
-    )
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, sagitta_rad=body.sagitta_rad, seed=0,
