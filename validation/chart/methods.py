@@ -156,7 +156,8 @@ def _ellipsoids(phase_from: str) -> Callable[[Case, float], Simulation]:
     return lambda case, rate: simulated(case, method="ellipsoid", phase_from=phase_from, surface_rate_hz=rate)
 
 
-DEFAULT = "facets in closed form", 1.0
+DEFAULT = "facets in closed form", "1"
+"""Method and setting, in words, of what `simulate` does when nothing is asked for."""
 METHODS = (
     Method("ellipsoids from the centre", "Hz", _ellipsoids("centre"), (25.0, 60.0, 200.0), (60.0,)),
     Method("ellipsoids from the specular point", "Hz", _ellipsoids("specular"), (25.0, 60.0, 200.0), (60.0,)),
