@@ -9,7 +9,6 @@ polarisation is worked out at each unrefined vertex, and linear in between. Whic
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
