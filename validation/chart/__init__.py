@@ -107,15 +107,15 @@ def _faster(points: Sequence[Point]) -> Check:
 def _note(found: dict[tuple[str, str], list[Point]], fine_db: dict[tuple[str, str], float]) -> str:
     own = ", ".join(f"{scene} {motion} {db:.1f} dB" for (scene, motion), db in fine_db.items())
     return (
-        f"Preset `table2`, body of skin, {STRETCH_S:g} s in free space and {ROOM_STRETCH_S:g} s in rooms, without static clutter. Seconds "
-        "from the motion to the spectrogram, kernels warm and refinements kept, best of two runs or of one long one; what a record "
-        "needs once, about 0.3 s, weighs more in so short ones than in the bench's 10 s. Field NMSE at "
-        f"{CHIRPS} random chirps ({ROOM_CHIRPS} in rooms) and three places of the sweep against the float64 reference with facets of "
-        f"{REFERENCE_RAD} rad. The other figures are beside the mesh at far finer settings, whose own field NMSE is: {own}. "
-        "One point per facet: the closed form's value where its phases do not differ, facets cut to even edges (m), which is the best "
-        "for it: with facets of the default's shapes it needs more of them. Closed form: the default's phase sagitta times the knob; "
-        "1e6 leaves the body's 6 402 faces. Full mesh: what is hidden traced at the facets' own vertices. "
-        f"Sionna RT: its specular and diffuse paths off the posed cage, {POSE_RATE_HZ:g} poses per second, which is no spectrogram yet. "
+        f"Preset `table2`, body of skin, {STRETCH_S:g} s in free space and {ROOM_STRETCH_S:g} s in rooms, without static clutter. "
+        "Seconds from the motion to the spectrogram, kernels warm and refinements kept, best of two runs or of one long one; what "
+        "a record needs once, about 0.3 s, weighs more in so short ones than in the bench's 10 s. Field NMSE at "
+        f"{CHIRPS} random chirps ({ROOM_CHIRPS} in rooms) and three places of the sweep against the float64 reference with "
+        f"facets of {REFERENCE_RAD} rad. The other figures are beside the mesh at far finer settings, whose own field NMSE is: "
+        f"{own}. One point per facet: the closed form's value where its phases do not differ, facets cut to even edges (m), which "
+        "is the best for it: with facets of the default's shapes it needs more of them. Closed form: the default's phase sagitta "
+        "times the knob; 1e+06 leaves the body's 6 402 faces. Full mesh: what is hidden traced at the facets' own vertices. Sionna "
+        f"RT: its specular and diffuse paths off the posed cage, {POSE_RATE_HZ:g} poses per second, which is no spectrogram yet. "
         "Float64 at every sample: a few chirps' time, for all chirps of a second.\n\n" + _exponents()
     )
 

@@ -48,7 +48,7 @@ def speed_accuracy(points: Sequence[Point]) -> None:
     far = [p for p in points if p.seconds_per_second > FAR]
     if far:
         best = min(far, key=lambda p: p.nmse_db)
-        low, high = axis.get_xlim()
+        high = axis.get_xlim()[1]
         axis.annotate(
             f"float64, every sample:\n{best.seconds_per_second:.0e} s, {best.nmse_db:.0f} dB", (high, best.nmse_db),
             xytext=(-130, 0), textcoords="offset points", va="center", fontsize=8, arrowprops={"arrowstyle": "->"},

@@ -52,14 +52,14 @@ def float64(case: Case) -> list[Point]:
                 knob=f"{scale:g} x sagitta",
                 seconds_per_second=radar.prf_hz * (each_chirp + each_sample * (radar.samples - len(SAMPLES))),
                 nmse_db=nmse_db(found, case.truth[: len(chirps)]),
-            )  # fmt: skip
+            )
         )
     return points
 
 
 def sionna_paths(case: Case) -> list[Point]:
-    """The posed mesh in a scene of Sionna RT, its paths summed, at the very moments looked at; the seconds are those of 50 poses per
-    second, the record of `prf_hz` chirps per second that a spectrogram needs takes 200 times as long."""
+    """The posed mesh in a scene of Sionna RT, its paths summed, at the very moments looked at; the seconds are those of 50 poses a
+    second. A spectrogram needs a pose for every chirp, 200 times as many."""
     radar = case.radar
     scene, body = _scene(radar)
     poses = case.surface.at(case.surface.times_s[0] + radar.chirp_times_s(case.surface.duration_s)[case.chirps[:POSES]])
@@ -79,7 +79,7 @@ def sionna_paths(case: Case) -> list[Point]:
                 seconds_per_second=POSE_RATE_HZ * float(np.median(taken[1:])),
                 nmse_db=nmse_db(np.array(found[1:]), case.truth[:POSES]),
                 power_db=10 * math.log10(np.mean(np.abs(found[1:]) ** 2) / np.mean(np.abs(case.truth[:POSES]) ** 2)),
-            )  # fmt: skip
+            )
         )
     return points
 
