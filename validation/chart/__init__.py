@@ -22,8 +22,8 @@ START_M = 4.2
 """Distance at which the stretches begin, which leaves them inside the rooms."""
 STRETCHES = {"walk": (WALK, 1.9), "run": (RUN, 0.4)}
 """Recording, start [s]."""
-STRETCH_S, ROOM_STRETCH_S = 1.0, 0.5
-CHIRPS, ROOM_CHIRPS = 16, 8
+STRETCH_S, ROOM_STRETCH_S = 1.0, 0.4
+CHIRPS, ROOM_CHIRPS = 16, 6
 FASTER_BAR = 10.0
 FINE_BAR_DB = -30.0
 BENCH = Path(__file__).parents[1] / "bench" / "results.json"

@@ -10,12 +10,16 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.compare import envelope
+from t2d_rt.echo import mesh
+from t2d_rt.echo.patches import Patches, patches
+from t2d_rt.geometry import Refinement
 from t2d_rt.result import Simulation
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation import reference
@@ -24,13 +28,15 @@ from validation.reference import nmse_db, reference_samples
 
 CACHE = Path(__file__).parents[1] / ".cache"
 SAMPLES = np.array([20, 128, 236])
-REFERENCE_RAD = 0.08
+REFERENCE_RAD, ROOM_REFERENCE_RAD, WEAK_RAD = 0.08, 0.12, 0.3
+"""Facets of the reference, in rooms, and there over pairs of ways weaker than the strongest by 12 dB."""
 LONG_S = 3.0
 """A run that takes longer than that is not repeated once kernels are warm."""
 NEAR_PEAK_DB = 40.0
-FINE: dict[str, Any] = {"surface_rate_hz": 150.0, "occlusion_rate_hz": 100.0}
-FINE_SCALE = 0.4
-"""The stand-in for the reference over the whole record: facets of that much less sagitta."""
+FINE: dict[str, Any] = {"surface_rate_hz": 100.0, "occlusion_rate_hz": 100.0}
+FINE_SCALE, ROOM_FINE_SCALE, FINE_DETAIL_DB = 0.4, 0.7, -24.0
+"""The stand-in for the reference over the whole record: facets of that much less sagitta, and
+in rooms full detail for pairs of ways as weak as that."""
 
 
 @dataclass(frozen=True)
@@ -57,14 +63,16 @@ class Case:
     @cached_property
     def truth(self) -> np.ndarray:
         """Samples (chirps, SAMPLES) of the converged float64 reference, kept on disk."""
-        return kept(self, REFERENCE_RAD)
+        return kept(self, REFERENCE_RAD if self.scene == "free_space" else ROOM_REFERENCE_RAD)
 
     @cached_property
     def fine(self) -> Simulation:
         """The stand-in for the reference over the whole record: the mesh at far finer settings."""
-        from validation.chart.methods import simulated
+        from validation.chart.methods import detailed, simulated
 
-        return simulated(self, scale=FINE_SCALE, **FINE)
+        if self.scene == "free_space":
+            return simulated(self, scale=FINE_SCALE, **FINE)
+        return detailed(self, FINE_DETAIL_DB, scale=ROOM_FINE_SCALE, **FINE)
 
     def settings(self) -> dict[str, Any]:
         """What all methods have in common; static clutter is no part of the reference."""
@@ -83,6 +91,8 @@ class Point:
     motion: str
     method: str
     knob: str
+    facets: int | str = ""
+    """Of the finest mesh."""
     seconds_per_second: float
     nmse_db: float
     spectrogram_db: float | str = ""
@@ -117,9 +127,16 @@ def measured(case: Case, method: str, knob: str, action: Callable[[], Simulation
         _ = found.spectrogram
         return found
 
-    seconds, found = best_seconds(run)
+    cut: list[int] = []
+
+    def counted(surface: MovingMesh, fine: Refinement, *args: Any, **options: Any) -> Patches:
+        cut.append(len(fine.faces))
+        return patches(surface, fine, *args, **options)
+
+    with mock.patch.object(mesh, "patches", counted):
+        seconds, found = best_seconds(run)
     return Point(
-        scene=case.scene, motion=case.name, method=method, knob=knob,
+        scene=case.scene, motion=case.name, method=method, knob=knob, facets=max(cut, default=""),
         seconds_per_second=seconds / case.surface.duration_s,
         nmse_db=case.error_db(found.cube),
         **compared(found, case.fine),
@@ -149,15 +166,17 @@ def kept(case: Case, sagitta_rad: float) -> np.ndarray:
     surface, radar = case.surface, case.radar
     material = resolve_material("skin", radar.mid_frequency_hz)
     inputs = (
-        case.scene, radar.model_dump_json(), repr(material), sagitta_rad, SAMPLES.tolist(), case.chirps.tolist(),
+        case.scene, radar.model_dump_json(), repr(material), sagitta_rad, WEAK_RAD, SAMPLES.tolist(), case.chirps.tolist(),
         surface.at(surface.times_s[0] + radar.chirp_times_s(surface.duration_s)[case.chirps]).round(9).tobytes(),
         inspect.getsource(reference),
     )  # fmt: skip
     file = CACHE / f"reference_{hashlib.sha256(repr(inputs).encode()).hexdigest()[:20]}.npy"
     if file.exists():
         return np.asarray(np.load(file, allow_pickle=False))
-    more = {} if case.scene == "free_space" else {"scene": case.scene}
-    found = reference_samples(surface, radar, case.chirps, SAMPLES, material=material, sagitta_rad=sagitta_rad, **more)
+    found = reference_samples(
+        surface, radar, case.chirps, SAMPLES,
+        material=material, scene=case.scene, sagitta_rad=sagitta_rad, weak_sagitta_rad=WEAK_RAD,
+    )  # fmt: skip
     CACHE.mkdir(exist_ok=True)
     np.save(file, found)
     return found

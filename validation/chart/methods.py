@@ -22,6 +22,7 @@ from validation.chart.measure import Case
 
 FLAT = 1e6
 """A phase sagitta [rad] that asks for no refinement."""
+FAINT_BELOW_DB = room.FAINT_DB - room.STRONG_DB
 SHRUNK, NEAR = 0.9, 1.15
 """Ellipsoids that hide are smaller by the first, and hide nothing of what lies within them enlarged by the second."""
 
@@ -82,6 +83,15 @@ def one_point(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> tuple[Parts
     sin, cos = ops.sincos(phase)
     sin, cos = sin / 2, cos / 2
     return (cos, sin), (cos - phase * sin, sin + phase * cos)
+
+
+def detailed(case: Case, down_to_db: float, **options: Any) -> Simulation:
+    """Pairs of ways no weaker than the strongest one by more than that in full detail, the others left as they are."""
+    with (
+        mock.patch.object(room, "STRONG_DB", down_to_db),
+        mock.patch.object(room, "FAINT_DB", down_to_db + FAINT_BELOW_DB),
+    ):
+        return simulated(case, **options)
 
 
 def seen_by(case: Case, how: str) -> Simulation:
@@ -160,18 +170,19 @@ DEFAULT = "facets in closed form", "1"
 METHODS = (
     Method("ellipsoids from the centre", "Hz", _ellipsoids("centre"), (25.0, 60.0, 200.0), (60.0,)),
     Method("ellipsoids from the specular point", "Hz", _ellipsoids("specular"), (25.0, 60.0, 200.0), (60.0,)),
-    Method("facets with one point each", "m edge", one_point_each, (0.016, 0.008, 0.004, 0.003, 0.002), (0.008, 0.004)),
+    Method("facets with one point each", "m edge", one_point_each, (0.016, 0.008, 0.004, 0.003, 0.0025, 0.002), (0.008,)),
     Method(
         "facets in closed form", "x sagitta", lambda case, scale: simulated(case, scale=scale),
         (FLAT, 16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25), (FLAT, 4.0, 1.0, 0.5),
     ),
     Method(
         "surface rate", "Hz", lambda case, rate: simulated(case, surface_rate_hz=rate),
-        (25.0, 40.0, 100.0, 200.0, 400.0), (30.0, 120.0),
+        (25.0, 40.0, 100.0, 200.0, 400.0), (30.0,),
     ),
     Method("visibility", "", seen_by, ("none", "capsules", "full mesh"), ("none", "capsules")),
     Method(
         "wall order", "reflections", lambda case, order: simulated(case, reflections=order), (0, 1, 2, 3), (0, 1, 3),
         rooms_only=True,
     ),
+    Method("pairs in full detail", "dB", detailed, (-12.0, -18.0, -24.0), (-12.0, -24.0), rooms_only=True),
 )  # fmt: skip

@@ -21,6 +21,7 @@ STYLES = {
     "surface rate": ("C1", "D"),
     "visibility": ("C2", "X"),
     "wall order": ("C4", "p"),
+    "pairs in full detail": ("C6", "*"),
     "float64 at every sample": ("k", "d"),
 }
 """Colour and marker."""
@@ -37,29 +38,33 @@ def default_of(points: Sequence[Point]) -> Point:
 
 def speed_accuracy(points: Sequence[Point]) -> None:
     """The README's chart."""
-    figure, axis = new_figure(figsize=(7.75, 5))
-    _panel(axis, points, labelled=True)
-    default = default_of(points)
-    axis.annotate(
-        f"default: {default.seconds_per_second:.2g} s, {default.nmse_db:.0f} dB",
-        (default.seconds_per_second, default.nmse_db), xytext=(-12, -26), textcoords="offset points", ha="right",
-        arrowprops={"arrowstyle": "-", "color": "0.4"},
-    )  # fmt: skip
-    far = [p for p in points if p.seconds_per_second > FAR]
-    if far:
-        best = min(far, key=lambda p: p.nmse_db)
-        high = axis.get_xlim()[1]
+    figure, axis = new_figure(figsize=(7.75, 6))
+    _panel(axis, points)
+    default, finest = default_of(points), _finest(points, "facets with one point each")
+    for p, offset in ((default, (-14, -34)), (finest, (-14, -6)), (_finest(points, "facets in closed form"), (8, -10))):
+        name = "default: " if p is default else ""
         axis.annotate(
-            f"float64, every sample:\n{best.seconds_per_second:.0e} s, {best.nmse_db:.0f} dB", (high, best.nmse_db),
-            xytext=(-130, 0), textcoords="offset points", va="center", fontsize=8, arrowprops={"arrowstyle": "->"},
+            f"{name}{int(p.facets) / 1e3:,.0f} 000 facets", (p.seconds_per_second, p.nmse_db), xytext=offset,
+            textcoords="offset points", ha="left" if offset[0] > 0 else "right", fontsize=8,
         )  # fmt: skip
-    axis.set(
-        xlabel=TIME_AXIS + " (2 cores)",
-        ylabel=ERROR_AXIS,
-        title="a walk in free space, `table2`: faster is left, better is down",
-    )
-    axis.legend(fontsize=8, loc="lower left")
+    for p in points:
+        if p.method == "visibility" and p.knob == "full mesh":
+            axis.annotate(p.knob, (p.seconds_per_second, p.nmse_db), xytext=(0, 6), textcoords="offset points", ha="center",
+                          fontsize=8)  # fmt: skip
+    for p in points:
+        if p.seconds_per_second > FAR and p.knob == "1 x sagitta":
+            axis.annotate(
+                f"float64, every sample:\n{p.seconds_per_second:,.0f} s, {p.nmse_db:.0f} dB", (1, 0.62),
+                xytext=(-14, 0), xycoords="axes fraction", textcoords="offset points", va="center", ha="right", fontsize=8,
+                arrowprops={"arrowstyle": "->"},
+            )  # fmt: skip
+    axis.set(xlabel=TIME_AXIS, ylabel=ERROR_AXIS, title="A walk in free space: left is faster, down is more accurate")
+    figure.legend(fontsize=8.5, loc="outside lower center", ncols=3)
     save_chart(figure, "speed_accuracy.png", IMAGES)
+
+
+def _finest(points: Sequence[Point], method: str) -> Point:
+    return max((p for p in points if p.method == method), key=lambda p: int(p.facets))
 
 
 def small_charts(cases: dict[tuple[str, str], list[Point]]) -> str:
@@ -72,7 +77,7 @@ def small_charts(cases: dict[tuple[str, str], list[Point]]) -> str:
     for row, scene in zip(axes, scenes, strict=True):
         for axis, motion in zip(row, motions, strict=True):
             points = cases[scene, motion]
-            _panel(axis, points, labelled=False)
+            _panel(axis, points)
             db, share = gap(points, default_of(points))
             axis.set_title(f"{scene}, {motion}: default off the front {db:.1f} dB, {100 * share:.0f} %", fontsize=9)
     handles: dict[str, Any] = {}
@@ -84,27 +89,34 @@ def small_charts(cases: dict[tuple[str, str], list[Point]]) -> str:
     return save_chart(figure, "chart_scenes.png")
 
 
-def _panel(axis: Any, points: Sequence[Point], *, labelled: bool) -> None:
+def _panel(axis: Any, points: Sequence[Point]) -> None:
     shown = [p for p in points if p.seconds_per_second <= FAR]
-    for method, (colour, marker) in STYLES.items():
-        line = sorted((p for p in shown if p.method == method), key=lambda p: p.seconds_per_second)
-        if line:
-            joined = "" if method == "visibility" else "-"
-            axis.plot(
-                [p.seconds_per_second for p in line], [p.nmse_db for p in line], joined, color=colour, marker=marker,
-                markersize=5, linewidth=1.2, label=method,
-            )  # fmt: skip
-            if labelled and method == "visibility":
-                for p in line:
-                    axis.annotate(
-                        p.knob, (p.seconds_per_second, p.nmse_db), xytext=(6, 3), textcoords="offset points", fontsize=7
-                    )
     best = front(shown)
     times, errors = [p.seconds_per_second for p in best], [p.nmse_db for p in best]
-    axis.step([*times, max(p.seconds_per_second for p in shown)], [*errors, errors[-1]], where="post", color="0.6",
-              linestyle=":", linewidth=2, zorder=0, label="Pareto front")  # fmt: skip
+    axis.step(
+        [*times, max(p.seconds_per_second for p in shown)], [*errors, errors[-1]], where="post", color="0.75", linewidth=5,
+        zorder=0, label="Pareto front",
+    )  # fmt: skip
+    for method, (colour, marker) in STYLES.items():
+        line = sorted((p for p in shown if p.method == method), key=lambda p: _order(p.knob))
+        if line:
+            axis.plot(
+                [p.seconds_per_second for p in line], [p.nmse_db for p in line], "none" if method == "visibility" else "-",
+                color=colour, marker=marker, markersize=5, linewidth=1.2, label=method,
+            )  # fmt: skip
     default = default_of(points)
-    axis.plot(default.seconds_per_second, default.nmse_db, "*", color="C0", markeredgecolor="k", markersize=15, label="default",
-              linestyle="")  # fmt: skip
+    axis.plot(
+        default.seconds_per_second, default.nmse_db, "*", color="gold", markeredgecolor="k", markersize=15, linestyle="none",
+        label="default", zorder=5,
+    )  # fmt: skip
     axis.set_xscale("log")
+    axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axis.grid(alpha=0.3, which="both")
+
+
+def _order(knob: str) -> float:
+    """Along its line."""
+    try:
+        return float(knob.split()[0])
+    except ValueError:
+        return 0.0
