@@ -15,6 +15,7 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.echo import facets, mesh
 from t2d_rt.echo.phase_integral import Ops, Parts
 from t2d_rt.geometry import Refinement, refine
+from t2d_rt.pipeline import skin
 from t2d_rt.result import Simulation
 from t2d_rt.trace.visibility import Occlusion
 from t2d_rt.types import Ellipsoids, MovingMesh
@@ -45,7 +46,7 @@ def simulated(case: Case, *, scale: float = 1.0, **options: Any) -> Simulation:
     """`simulate` with the body's phase sagitta scaled: 1 is the default setting."""
 
     def skinned(*args: Any, **more: Any) -> MovingMesh:
-        body = t2d.skin(*args, **more)
+        body = skin(*args, **more)
         body.sagitta_rad = scale * np.asarray(body.sagitta_rad)
         return body
 
@@ -111,11 +112,11 @@ def _through_the_fine_mesh(case: Case) -> Simulation:
 
     Diffuse points belong to the cage, so they are made by themselves, and both are added.
     """
-    skin = resolve_material("skin", case.radar.mid_frequency_hz)
-    rough = skin.scattering_coefficient
+    material = resolve_material("skin", case.radar.mid_frequency_hz)
+    rough = material.scattering_coefficient
 
     def fine(*args: Any, **more: Any) -> MovingMesh:
-        cage = t2d.skin(*args, **more)
+        cage = skin(*args, **more)
         cut = mesh.least_range_m(cage, [(case.radar.tx_position_m, case.radar.rx_position_m)], cage.times_s)
         (found,) = _refinements(cage, 2 * np.pi / case.radar.wavelength_m, cut, [cage.sagitta_rad])
         return MovingMesh.from_track(
@@ -124,8 +125,8 @@ def _through_the_fine_mesh(case: Case) -> Simulation:
         )  # fmt: skip
 
     with mock.patch.object(pipeline, "skin", fine):
-        smooth = t2d.simulate(case.motion, **case.settings(), material=replace(skin, scattering_coefficient=0.0))
-    points = simulated(case, scale=FLAT, material=replace(skin, scattering_coefficient=1.0))
+        smooth = t2d.simulate(case.motion, **case.settings(), material=replace(material, scattering_coefficient=0.0))
+    points = simulated(case, scale=FLAT, material=replace(material, scattering_coefficient=1.0))
     cube = np.sqrt(1 - rough**2) * smooth.cube[:] + rough * points.cube[:]
     return Simulation(cube.astype(np.complex64), case.radar, settings=smooth.settings)
 
