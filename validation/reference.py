@@ -26,7 +26,7 @@ from t2d_rt.trace.scenes import load_scene
 from t2d_rt.trace.surroundings import polarization, probes, radar_legs
 from t2d_rt.types import Leg, LegPair, Material, MovingMesh, Radar, Scene
 
-WEAK_DB, WEAK_SAGITTA_RAD = -12.0, 0.15
+WEAK_DB, WEAK_SAGITTA_RAD = -15.0, 0.12
 """Pairs of ways that much weaker than the strongest one, in the mean over the target, are summed over coarser facets."""
 LIFT_M = 2e-3
 """Rays start that far off the surface, along its normal and ahead."""
