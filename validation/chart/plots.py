@@ -64,7 +64,7 @@ def speed_accuracy(points: Sequence[Point]) -> None:
 
 
 def _finest(points: Sequence[Point], method: str) -> Point:
-    return max((p for p in points if p.method == method), key=lambda p: int(p.facets))
+    return max((p for p in points if p.method == method), key=lambda p: int(p.facets or 0))
 
 
 def small_charts(cases: dict[tuple[str, str], list[Point]]) -> str:
