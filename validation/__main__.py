@@ -12,7 +12,7 @@ from validation.report import record, summary, write_report
 
 SECTIONS = (
     "rcs", "lambertian", "moving", "synthesis", "multilevel", "accuracy", "refinement", "rates", "arrays", "body_fit", "rooms",
-    "edges", "ghosts", "movers", "chart",
+    "edges", "ghosts", "movers", "accuracy_rooms", "chart",
 )  # fmt: skip
 
 

@@ -29,10 +29,10 @@ def gap(points: Sequence[Point], default: Point) -> tuple[float, float]:
 
 
 def seconds_at(points: Sequence[Point], error_db: float) -> float:
-    """Time at which a method, finer and finer, reaches an error: log of time over dB between the two settings around it; infinite
-    where none of them does."""
+    """Time at which a method, finer and finer, reaches an error: log of time over dB between the two settings around it; NaN where
+    none of them does."""
     line = front(points)
     errors = np.array([p.nmse_db for p in line])
     if not (errors.min() <= error_db <= errors.max()):
-        return float("inf") if errors.min() > error_db else line[0].seconds_per_second
+        return float("nan") if errors.min() > error_db else line[0].seconds_per_second
     return float(np.exp(np.interp(-error_db, -errors, np.log([p.seconds_per_second for p in line]))))

@@ -143,7 +143,7 @@ def measured(case: Case, method: str, knob: str, action: Callable[[], Simulation
     )  # fmt: skip
 
 
-def compared(found: Simulation, fine: Simulation) -> dict[str, float]:
+def compared(found: Simulation, fine: Simulation) -> dict[str, float | str]:
     """Figures of a whole record beside the stand-in's."""
     one, two = found.spectrogram.values, fine.spectrogram.values
     speeds = fine.spectrogram.velocity_mps.values
@@ -152,7 +152,7 @@ def compared(found: Simulation, fine: Simulation) -> dict[str, float]:
     upper = [envelope(image, speeds)[0] for image in (one, two)]
     return {
         "spectrogram_db": float(np.sqrt(np.mean((np.maximum(one, floor) - two)[near] ** 2))),
-        "envelope_r": float(np.corrcoef(*upper)[0, 1]) if np.ptp(upper[0]) and np.ptp(upper[1]) else float("nan"),
+        "envelope_r": float(np.corrcoef(*upper)[0, 1]) if np.ptp(upper[0]) and np.ptp(upper[1]) else "",
         "power_db": 10 * float(np.log10(_power(found.cube) / _power(fine.cube))),
     }
 

@@ -40,16 +40,17 @@ def speed_accuracy(points: Sequence[Point]) -> None:
     """The README's chart."""
     figure, axis = new_figure(figsize=(7.75, 6))
     _panel(axis, points)
+    db, share = gap(points, default_of(points))
     default, finest = default_of(points), _finest(points, "facets with one point each")
-    for p, offset in ((default, (-14, -34)), (finest, (-14, -6)), (_finest(points, "facets in closed form"), (8, -10))):
-        name = "default: " if p is default else ""
+    for p, offset in ((default, (-24, -38)), (finest, (-14, -6)), (_finest(points, "facets in closed form"), (8, -10))):
+        name = f"default, {db:.1f} dB and {100 * share:.0f} %\noff the front: " if p is default else ""
         axis.annotate(
             f"{name}{int(p.facets) / 1e3:,.0f} 000 facets", (p.seconds_per_second, p.nmse_db), xytext=offset,
             textcoords="offset points", ha="left" if offset[0] > 0 else "right", fontsize=8,
         )  # fmt: skip
     for p in points:
         if p.method == "visibility" and p.knob == "full mesh":
-            axis.annotate(p.knob, (p.seconds_per_second, p.nmse_db), xytext=(0, 6), textcoords="offset points", ha="center",
+            axis.annotate(p.knob, (p.seconds_per_second, p.nmse_db), xytext=(0, -14), textcoords="offset points", ha="center",
                           fontsize=8)  # fmt: skip
     for p in points:
         if p.seconds_per_second > FAR and p.knob == "1 x sagitta":
@@ -84,7 +85,8 @@ def small_charts(cases: dict[tuple[str, str], list[Point]]) -> str:
     for axis in axes.flat:
         handles |= dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, fontsize=9)
-    figure.supxlabel(TIME_AXIS, fontsize=10)
+    for axis in axes[-1]:
+        axis.set_xlabel(TIME_AXIS, fontsize=9)
     figure.supylabel(ERROR_AXIS, fontsize=10)
     return save_chart(figure, "chart_scenes.png")
 
@@ -101,7 +103,7 @@ def _panel(axis: Any, points: Sequence[Point]) -> None:
         line = sorted((p for p in shown if p.method == method), key=lambda p: _order(p.knob))
         if line:
             axis.plot(
-                [p.seconds_per_second for p in line], [p.nmse_db for p in line], "none" if method == "visibility" else "-",
+                [p.seconds_per_second for p in line], [p.nmse_db for p in line], "-",
                 color=colour, marker=marker, markersize=5, linewidth=1.2, label=method,
             )  # fmt: skip
     default = default_of(points)
