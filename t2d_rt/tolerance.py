@@ -17,9 +17,9 @@ from t2d_rt.types import Ellipsoids, Motion, MovingMesh
 
 LEAST_DB, MOST_DB = -40.0, 6.0
 """Tolerances that there are settings for."""
-MARGIN_DB = 1.0
+MARGIN_DB = 0.7
 """What is planned lies that far below what is asked."""
-FACETS_DB, FACETS_SLOPE_DB = -21.5, 24.0
+FACETS_DB, FACETS_SLOPE_DB = -22.3, 24.0
 """Error of a body's facets at their own phase sagitta, and per decade of it (validation/report, tolerance)."""
 BODY_SAGITTA_RAD = 0.3
 FINEST, COARSEST = 0.1, 6.0
@@ -34,7 +34,7 @@ SYNTHESIS_DB = -80.0, -40.0
 """Least and greatest error of the sum."""
 LOOKED_AT_DB = -10.0
 """Pairs of ways down to that level show what hides what."""
-FACETS_SHARE, LEFT_OUT_SHARE, WEAK_SHARE = 0.6, 0.1, 0.15
+FACETS_SHARE, LEFT_OUT_SHARE, WEAK_SHARE = 0.7, 0.15, 0.2
 """Of the error allowed: that of the facets, and those of pairs of ways left out and by coarser facets."""
 
 

@@ -11,8 +11,9 @@ from t2d_rt.errors import T2DWarning
 from validation.report import record, summary, write_report
 
 SECTIONS = (
-    "rcs", "canonical", "lambertian", "moving", "synthesis", "multilevel", "accuracy", "accuracy_rooms", "refinement", "rates",
-    "arrays", "body_fit", "rooms", "edges", "ghosts", "movers", "ellipsoid_model", "human_rcs", "stability",
+    "chart", "tolerance", "rcs", "canonical", "lambertian", "moving", "synthesis", "multilevel", "accuracy", "accuracy_rooms",
+    "refinement", "rates", "arrays", "body_fit", "rooms", "edges", "ghosts", "movers", "ellipsoid_model", "human_rcs",
+    "stability",
 )  # fmt: skip
 
 

@@ -1,0 +1,78 @@
+"""The chart of speed against accuracy, in small."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from t2d_rt.echo import facets
+from t2d_rt.echo.phase_integral import NUMPY_OPS, divided_differences
+from t2d_rt.types import Radar
+from validation.bodies import WALK
+from validation.chart import measure as measures
+from validation.chart import point, stretch
+from validation.chart.front import front, gap, seconds_at
+from validation.chart.measure import Case, Point
+from validation.chart.methods import METHODS, one_point, seen_by, simulated
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    with mock.patch.multiple(measures, CACHE=tmp_path_factory.mktemp("cache"), REFERENCE_RAD=0.15, FINE_SCALE=1.0):
+        found = Case("free_space", "walk", stretch(WALK, 1.9, 0.2), Radar.preset("table2", prf_hz=5120), count=4)
+        _ = found.truth, found.fine
+    return found
+
+
+def test_one_point_is_the_closed_form_without_phase_differences() -> None:
+    phase = np.array([-2.0, 0.3, 1.7])
+    closed = divided_differences(phase, phase, phase, ops=NUMPY_OPS, terms=10)
+    for ours, theirs in zip(one_point(phase, phase, phase, ops=NUMPY_OPS, terms=10), closed, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-12)
+
+
+def test_finer_facets_and_the_closed_form_err_less(case: Case) -> None:
+    coarse, default = (case.error_db(simulated(case, scale=scale).cube) for scale in (6.0, 1.0))
+    with mock.patch.object(facets, "divided_differences", one_point):
+        alone = case.error_db(simulated(case).cube)
+    assert default < coarse - 5 < alone - 5
+    assert default < -18
+
+
+def test_methods_in_order_of_their_error(case: Case) -> None:
+    ellipsoids, one_each, closed = (point(case, METHODS[i], METHODS[i].few[-1]) for i in (1, 2, 3))
+    assert ellipsoids.seconds_per_second < closed.seconds_per_second
+    assert closed.nmse_db < min(one_each.nmse_db, ellipsoids.nmse_db) - 10
+    assert int(one_each.facets) > 50_000
+
+
+def test_ways_to_find_what_is_hidden_agree_where_little_is(case: Case) -> None:
+    default = simulated(case).cube
+    for how in ("capsules", "none"):
+        cube = seen_by(case, how).cube
+        assert not np.array_equal(cube, default)
+        assert measures.nmse_db(cube, default) < -20
+
+
+def test_a_kept_reference_is_read_again(case: Case, tmp_path: Path) -> None:
+    with mock.patch.object(measures, "CACHE", tmp_path), mock.patch.object(measures, "reference_samples") as sums:
+        sums.return_value = np.ones((2, 3), complex)
+        for _ in range(2):
+            np.testing.assert_array_equal(measures.kept(case, 0.5), np.ones((2, 3)))
+    sums.assert_called_once()
+
+
+def test_front_and_gaps() -> None:
+    def at(seconds: float, error: float) -> Point:
+        return Point(scene="", motion="", method="", knob="", seconds_per_second=seconds, nmse_db=error)
+
+    points = [at(1, -10), at(2, -9), at(4, -20), at(3, -20)]
+    assert front(points) == [points[0], points[3]]
+    assert gap(points, points[3]) == (0, 0)
+    assert gap(points, points[1]) == (1, 1)
+    assert seconds_at(points, -15) == pytest.approx(3**0.5)
+    assert math.isnan(seconds_at(points, -30))
