@@ -111,9 +111,7 @@ def _chart(rows: list[dict[str, Any]]) -> str:
     axis.axvline(LIMIT_DB, color="C3", linestyle=":", label="bar")
     axis.set_yticks(range(len(SETTINGS)), SETTINGS)
     axis.invert_yaxis()
-    axis.set(
-        xlabel="field NMSE against the reference [dB]", title="a walk in rooms: what weak pairs of ways are spared"
-    )
-    axis.legend(fontsize=8, loc="upper left")
+    axis.set(xlabel="field NMSE against the reference [dB]", title="walk in rooms, weak pairs in more detail")
+    axis.legend(fontsize=8, loc="lower right")
     axis.grid(alpha=0.3)
     return save_chart(figure, "accuracy_rooms.png")
