@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import inspect
+import math
+import time
 import warnings
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from resource import RUSAGE_SELF, getrusage
+from typing import Any, TypeVar
 
 import numpy as np
 
 from t2d_rt.backend import Device, select
-from t2d_rt.cubes import Cube, summed
+from t2d_rt.cubes import Cube, is_large, summed
 from t2d_rt.echo.ellipsoid import PhaseFrom
 from t2d_rt.echo.mesh import check_outside, joined
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.model import Detail, Method, Model, Target, placed, segments, shapes_of, shared_time, skin
-from t2d_rt.probe import measured_db
+from t2d_rt.probe import converged, measured_db
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Simulation, versions
@@ -28,12 +31,16 @@ from t2d_rt.tolerance import Plan, planned
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 
+T = TypeVar("T")
+
 __all__ = ["plan", "segments", "simulate", "skin"]
 
 PREPARING = (
     "radar", "scene", "reflections", "transmissions", "clutter", "collisions", "method", "seed", "body", "material",
     "sagitta_rad", "phase_from", "device",
 )  # fmt: skip
+PILOT_S = 0.5, 2.0
+"""Lengths of the pieces that a plan tries."""
 DETAILS = "dynamic_range_db", "occlusion", "occlusion_rate_hz", "surface_rate_hz"
 """Options of `simulate` that say what there is, and how finely it is modelled."""
 
@@ -118,7 +125,14 @@ def simulate(
         settings["tolerance_db"] = float(chosen.tolerance_db)
     if measure_error or (measure_error is None and chosen is not None):
         error_db = -20.0 if chosen is None else chosen.error_db
-        settings["error_db"] = measured_db(model, detail, cube, still, error_db=error_db)
+        settings["error_db"] = measured = measured_db(model, detail, cube, still, error_db=error_db)
+        if chosen is not None and measured > chosen.tolerance_db + 1:
+            warnings.warn(
+                f"the measured error of {measured:.1f} dB misses the tolerance of {chosen.tolerance_db:g} dB; ask for "
+                f"{2 * chosen.tolerance_db - measured:.0f} dB, or see with plan what costs most",
+                T2DWarning,
+                stacklevel=2,
+            )
     return Simulation(cube, model.radar, settings=settings, versions=versions())
 
 
@@ -130,8 +144,47 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
     if unknown:
         raise InputError(f"unknown option {unknown[0]!r} of plan; choose from {', '.join(known)}")
     given = known | options
-    model = _prepared(target, **{name: given[name] for name in PREPARING})
-    return planned(model, tolerance_db, _asked(**{name: given[name] for name in DETAILS}))
+    model, preparing = _timed(lambda: _prepared(target, **{name: given[name] for name in PREPARING}))
+    asked = _asked(**{name: given[name] for name in DETAILS})
+    planned(model, tolerance_db, asked)  # compiles kernels
+    chosen, planning = _timed(lambda: planned(model, tolerance_db, asked))
+    tried = [_tried(chosen, length, given["clutter"], given["device"]) for length in (PILOT_S[1], *PILOT_S)]
+    (short, first), (long, second) = tried[1:]
+    per_second = max(0.0, second - first) / (long - short) if long > short else 0.0
+    length = model.span_s[1] - model.span_s[0]
+    running = second + per_second * (length - long)
+    once = lambda: converged(chosen.model, chosen.detail, chosen.error_db)  # noqa: E731
+    once()
+    _, measuring = _timed(once)
+    seconds = {"preparing": preparing, "planning": planning, "running": running, "measuring": measuring}
+    return replace(chosen, seconds=seconds, memory_bytes=_memory_bytes(model.radar, length))
+
+
+def _tried(chosen: Plan, length_s: float, clutter: Clutter, device: Device) -> tuple[float, float]:
+    """What a piece in the middle of the record is long, and takes with its spectrogram [s]."""
+    start, stop = chosen.model.span_s
+    length_s = min(length_s, stop - start)
+    middle = (start + stop - length_s) / 2
+    model, detail = replace(chosen.model, span_s=(middle, middle + length_s)), chosen.detail
+
+    def run() -> None:
+        still, _ = model.clutter(clutter, detail)
+        cube = _synthesized([*model.streams(detail), *still], model.radar, detail.synthesis_db, device, None)
+        Simulation(cube, model.radar).spectrogram  # noqa: B018
+
+    return length_s, _timed(run)[1]
+
+
+def _timed(work: Callable[[], T]) -> tuple[T, float]:
+    """What it gives, and how long it takes [s]."""
+    begin = time.perf_counter()
+    return work(), time.perf_counter() - begin
+
+
+def _memory_bytes(radar: Radar, length_s: float) -> float:
+    """Greatest memory to be expected: what the process has held so far, and the cube."""
+    shape = (len(radar.chirp_times_s(length_s)), radar.antennas, radar.samples)
+    return getrusage(RUSAGE_SELF).ru_maxrss * 1024.0 + (0.0 if is_large(shape) else 8.0 * math.prod(shape))
 
 
 def _prepared(

@@ -34,16 +34,19 @@ def plot_spectrogram(
     power_db: np.ndarray,
     *,
     title: str | None = None,
+    note: str | None = None,
     dynamic_range_db: float = 50.0,
     cmap: str = "viridis",
 ) -> Figure:
-    """Micro-Doppler spectrogram; `power_db` (velocity, time)."""
+    """Micro-Doppler spectrogram; `power_db` (velocity, time). `note` stands in a corner of it."""
     figure = _figure(7.0, 3.6)
     axes = figure.subplots()
     time_s, power_db = _thin(time_s, power_db)
     _image(axes, time_s, velocity_mps, power_db, dynamic_range_db, cmap)
     axes.set_ylim(occupied_speeds(velocity_mps, power_db, dynamic_range_db))
     _label(axes, "Time (s)", VELOCITY_LABEL, title)
+    if note is not None:
+        axes.text(0.01, 0.02, note, transform=axes.transAxes, color="white", fontsize=8)
     return figure
 
 

@@ -14,7 +14,7 @@ from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.trace.visibility import key_times
 from t2d_rt.types import EchoStream, Motion, Radar
 
-CHIRPS, SAMPLES = 16, 8
+CHIRPS, SAMPLES = 20, 8
 """So many chirps are looked at, at so many places of the sweep."""
 FINER = 0.5
 """Phase sagitta of the facets that a run is measured against, over its own: they err by a sixth of its power."""
@@ -71,16 +71,20 @@ def measured_db(
 
     `still` are the echoes of what stands still in the cube, `error_db` is about what is expected.
     """
-    # Not those by which settings were chosen.
-    chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1)
-    bodies = any(isinstance(target, Motion) for target in model.targets)
-    converged = with_method(model, "mesh") if bodies and model.method == "ellipsoid" else model
-    expected = field(converged, finer(converged, detail, error_db), chirps)
+    chirps, expected = converged(model, detail, error_db)
     found = np.array([np.asarray(cube[int(row)])[0, chirps.samples] for row in chirps.rows], complex)
     times_s = chirps.starts_s - model.span_s[0]
     for stream in still:
         found -= between(stream, model.radar, times_s, chirps.rows, chirps.samples)
     return nmse_db(found, expected)
+
+
+def converged(model: Model, detail: Detail, error_db: float) -> tuple[Chirps, np.ndarray]:
+    """Random chirps, not those by which settings were chosen, and their samples far finer."""
+    chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1)
+    bodies = any(isinstance(target, Motion) for target in model.targets)
+    full = with_method(model, "mesh") if bodies and model.method == "ellipsoid" else model
+    return chirps, field(full, finer(full, detail, error_db), chirps)
 
 
 def finer(model: Model, detail: Detail, error_db: float) -> Detail:

@@ -74,6 +74,11 @@ class Simulation:
         self._spectrogram: xr.DataArray | None = None
 
     @property
+    def error_db(self) -> float | None:
+        """Error of the targets' field, its energy over that of a converged model's [dB], where it was measured."""
+        return self.settings.get("error_db")
+
+    @property
     def attributes(self) -> dict[str, str]:
         """Everything needed to make the result again, as JSON texts."""
         return {
@@ -151,7 +156,8 @@ class Simulation:
         from t2d_rt.plots import plot_spectrogram
 
         image = self.spectrogram
-        return plot_spectrogram(image.velocity_mps.values, image.time_s.values, image.values, title=title)
+        note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
+        return plot_spectrogram(image.velocity_mps.values, image.time_s.values, image.values, title=title, note=note)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were."""

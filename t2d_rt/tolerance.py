@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.model import WEAK_DB, Detail, Model, with_method
-from t2d_rt.probe import Chirps, field, nmse_db
+from t2d_rt.probe import Chirps, nmse_db
+from t2d_rt.probe import field as probed
 from t2d_rt.types import Ellipsoids, Motion, MovingMesh
 
+CHIRPS = 8
+"""What hides what is judged by so many."""
 LEAST_DB, MOST_DB = -40.0, 6.0
 """Tolerances that there are settings for."""
 MARGIN_DB = 0.7
@@ -24,7 +27,7 @@ FACETS_DB, FACETS_SLOPE_DB = -22.3, 24.0
 BODY_SAGITTA_RAD = 0.3
 FINEST, COARSEST = 0.1, 6.0
 """Of that sagitta."""
-STEPS_PER_OCTAVE = 4
+STEPS_PER_OCTAVE = 8
 """It is taken in steps, so that recordings of about the same tolerance have their facets in common."""
 LOOKS_HZ = (5.0, 12.5, 25.0, 50.0, 100.0)
 """Rates of looks at what hides what, the first that does is taken."""
@@ -34,8 +37,11 @@ SYNTHESIS_DB = -80.0, -40.0
 """Least and greatest error of the sum."""
 LOOKED_AT_DB = -10.0
 """Pairs of ways down to that level show what hides what."""
-FACETS_SHARE, LEFT_OUT_SHARE, WEAK_SHARE = 0.7, 0.15, 0.2
-"""Of the error allowed: that of the facets, and those of pairs of ways left out and by coarser facets."""
+LEAST_SHARE = 0.2
+"""Facets are not made finer than that asks for."""
+FACETS_SHARE, LOOKS_SHARE, LEFT_OUT_SHARE, WEAK_SHARE = 0.7, 0.2, 0.15, 0.2
+"""Of the error allowed: that of the facets, of what hides what, and of pairs of ways left out and by coarser facets. They may come
+to more than all of it: estimates of pairs are high."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +63,10 @@ class Plan:
     tolerance_db: float
     detail: Detail
     omissions: Sequence[Omission]
-    seconds: float = math.nan
-    """What `simulate` and the spectrogram take, predicted."""
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    """What the parts of `simulate` and the spectrogram will take, as far as it was tried."""
     memory_bytes: float = math.nan
-    """Greatest memory of the process, predicted."""
+    """Greatest memory of the process, likewise."""
 
     @property
     def error_db(self) -> float:
@@ -92,18 +98,22 @@ def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan
     if model.method == "mesh":
         detail = replace(detail, coarser=1.0 if model.sagitta_rad else _coarser(model, allowed * FACETS_SHARE))
         # What hides what shows over the strong pairs.
-        chirps = Chirps.random(model.radar, model.span_s, seed=model.seed)
+        chirps = Chirps.random(model.radar, model.span_s, seed=model.seed, count=CHIRPS)
         strong = replace(detail, least_db=max(detail.strong_db, LOOKED_AT_DB))
-        fine = field(model, strong, chirps)
+        fine = probed(model, strong, chirps)
         simpler = _as_ellipsoids(model, strong, chirps, fine, allowed, asked)
         omissions.append(simpler)
         if simpler.taken:
             return Plan(with_method(model, "ellipsoid"), float(tolerance_db), detail, omissions)
-        omissions.append(_facets(model, detail))
-        spent = sum(10 ** (each.error_db / 10) for each in omissions if each.taken)
-        rate_hz, found = _looks(model, strong, chirps, fine, allowed - spent, asked)
+        looks, found = _looks(model, strong, chirps, fine, allowed * LOOKS_SHARE, asked)
         omissions += found
-        detail = replace(detail, **rate_hz)
+        detail = replace(detail, **looks)
+        # Where looks cannot do what they should, facets make up for it.
+        spent = sum(10 ** (each.error_db / 10) for each in found if each.taken)
+        share = np.clip(0.9 - spent / allowed, LEAST_SHARE, FACETS_SHARE) * allowed
+        if not model.sagitta_rad:
+            detail = replace(detail, coarser=_coarser(model, share))
+        omissions.append(_facets(model, detail))
     omissions.append(Omission("motion between surface frames, by splines", detail.splines_db, True))
     omissions.append(Omission("the sum of echoes, merged", detail.synthesis_db, True))
     chosen = Plan(model, float(tolerance_db), detail, omissions)
@@ -142,7 +152,7 @@ def _as_ellipsoids(
     what = "the skin: limbs by ellipsoids"
     if not any(bodies) or not all(bodies):
         return Omission(what, math.inf, False)
-    error = nmse_db(field(with_method(model, "ellipsoid"), detail, chirps), fine)
+    error = nmse_db(probed(with_method(model, "ellipsoid"), detail, chirps), fine)
     return Omission(what, error, error <= _db(allowed) and not asked)
 
 
@@ -172,15 +182,15 @@ def _facets(model: Model, detail: Detail) -> Omission:
 def _looks(
     model: Model, detail: Detail, chirps: Chirps, fine: np.ndarray, left: float, asked: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[Omission]]:
-    """Whether and how often to look at what hides what, with what is left of the error allowed."""
+    """Whether and how often to look at what hides what, at an error of `left`."""
     found: list[Omission] = []
-    nothing = nmse_db(field(model, replace(detail, occlusion=False), chirps), fine)
+    nothing = nmse_db(probed(model, replace(detail, occlusion=False), chirps), fine)
     enough = nothing <= _db(left) and "occlusion_hz" not in asked
     found.append(Omission("what hides what", nothing, enough or not detail.occlusion))
     if found[0].taken:
         return {"occlusion": False}, found
     for rate_hz in (detail.occlusion_hz,) if "occlusion_hz" in asked else LOOKS_HZ:
-        error = nmse_db(field(model, detail, chirps, looks_hz=rate_hz), fine)
+        error = nmse_db(probed(model, detail, chirps, looks_hz=rate_hz), fine)
         found.append(Omission(f"shadows' edges between corners and looks, {rate_hz:g} a second", error, False))
         if error <= _db(left):
             break
@@ -219,8 +229,10 @@ def _told(plan: Plan) -> list[str]:
     kept = [each for each in plan.omissions if not each.taken and each.error_db < math.inf]
     if kept:
         lines += ["not left out, for it would cost:", *(f"  {each.error_db:6.1f} dB  {each.what}" for each in kept)]
-    if plan.seconds == plan.seconds:
-        lines.append(f"predicted: {plan.seconds:.1f} s, {plan.memory_bytes / 1e9:.1f} GB")
+    if plan.seconds:
+        parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in plan.seconds.items())
+        total = sum(plan.seconds.values())
+        lines.append(f"predicted: {total:.1f} s once kernels are compiled ({parts}), {plan.memory_bytes / 1e9:.1f} GB")
     return lines
 
 

@@ -1,4 +1,4 @@
-"""The command line: t2d-rt simulate | compare | scene | info."""
+"""The command line: t2d-rt simulate | plan | compare | scene | info."""
 
 from __future__ import annotations
 
@@ -12,7 +12,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.cli.options import compare_parser, info_parser, one_sentence, resolved, scene_parser, simulate_parser
+from t2d_rt.cli.options import (
+    compare_parser,
+    info_parser,
+    one_sentence,
+    plan_parser,
+    resolved,
+    scene_parser,
+    simulate_parser,
+)
 from t2d_rt.errors import InputError, T2DError, T2DWarning
 
 if TYPE_CHECKING:
@@ -26,6 +34,14 @@ if TYPE_CHECKING:
     from t2d_rt.result import Simulation
     from t2d_rt.scene import Mover
     from t2d_rt.types import Motion, Radar
+
+
+MODEL = (
+    "method", "scene", "tolerance_db", "reflections", "transmissions", "dynamic_range_db", "clutter", "collisions", "seed",
+    "body", "material", "occlusion", "occlusion_rate_hz", "surface_rate_hz", "sagitta_rad", "phase_from", "measure_error",
+    "device",
+)  # fmt: skip
+"""Options that go to the pipeline by their names."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -81,6 +97,7 @@ def _run(arguments: list[str]) -> int:
 def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], None]]:
     commands: dict[str, tuple[Callable[[], ArgumentParser], Callable[[Namespace], None]]] = {
         "simulate": (simulate_parser, _simulate),
+        "plan": (plan_parser, _plan),
         "compare": (compare_parser, _compare),
         "scene": (scene_parser, _scene),
         "info": (info_parser, _info),
@@ -95,6 +112,7 @@ def _overview() -> str:
     return (
         "t2d-rt: ray-traced human micro-Doppler; skeleton motion in, coherent FMCW radar data out\n\n"
         "  t2d-rt simulate FILE   radar recording and spectrogram of a motion file\n"
+        "  t2d-rt plan FILE       what that would model, leave out and take to keep to a tolerance\n"
         "  t2d-rt compare FILE    ellipsoid model against mesh, with figures\n"
         "  t2d-rt scene NAME      plan and view of a room, with the ways to a walker\n"
         "  t2d-rt info FILE       what a motion, result or radar file holds\n\n"
@@ -122,7 +140,18 @@ def _simulate(options: Namespace) -> None:
     where = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
     with _picture(result.plot(title=f"{source.name}, {options.method}{where}"), picture):
         result.save(target, overwrite=options.overwrite)
+    if result.error_db is not None:
+        print(f"measured error {result.error_db:.1f} dB")
     print(f"wrote {target} and {picture}")
+
+
+def _plan(options: Namespace) -> None:
+    from t2d_rt.pipeline import plan
+
+    radar = _radar(options)
+    motion = _motion(options, Path(options.file), radar)
+    names = [name for name in MODEL if name != "measure_error"]
+    print(plan(motion, radar=radar, **{name: options[name] for name in names}))
 
 
 def _compare(options: Namespace) -> None:
@@ -224,10 +253,7 @@ def _recorded(
     from t2d_rt.pipeline import simulate
     from t2d_rt.types import Motion
 
-    names = (
-        "scene", "reflections", "transmissions", "dynamic_range_db", "clutter", "collisions", "seed", "body",
-        "material", "occlusion", "occlusion_rate_hz", "surface_rate_hz", "sagitta_rad", "phase_from", "device",
-    )  # fmt: skip
+    names = [name for name in MODEL if name in options and name != "method"]
     processing = options.signal.as_dict()
     targets = [motion, *(each.motion(radar) if isinstance(each, Person) else each for each in added)]
     _check_processing(processing, radar, min(each.duration_s for each in targets if isinstance(each, Motion)))

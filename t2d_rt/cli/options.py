@@ -22,7 +22,11 @@ EXAMPLES = {
   t2d-rt simulate walk.bvh --radar my_radar.yaml --signal.mti highpass --overwrite
   t2d-rt simulate walk.bvh --scene living_room --add fan:2,1,1,rpm=300 --add person:other.bvh,distance_m=3
   t2d-rt simulate walk.bvh --print_config > walk.yaml        # every option with its value
-  t2d-rt simulate --config walk.yaml""",
+  t2d-rt simulate --config walk.yaml
+  t2d-rt simulate walk.bvh --tolerance-db -25                # as finely as that asks for; the error is measured afterwards""",
+    "plan": """examples:
+  t2d-rt plan walk.bvh --tolerance-db -25                    # what simulate would model, leave out, and take
+  t2d-rt plan walk.bvh --scene living_room --radar ci4r""",
     "compare": """examples:
   t2d-rt compare walk.bvh                                    # writes walk_compare.png, prints the figures
   t2d-rt compare walk.bvh --radar text2doppler-code --angle-deg 45 -o oblique.png""",
@@ -82,11 +86,22 @@ def simulate_parser() -> ArgumentParser:
     return parser
 
 
+def plan_parser() -> ArgumentParser:
+    """Options of `t2d-rt plan`."""
+    parser = _parser(
+        "plan", "What simulate would model to keep to a tolerance, what it would leave out, and what that costs."
+    )
+    _add_piece(parser)
+    parser.add_argument("--tolerance_db", type=float, default=-20.0, help="field NMSE to keep to")
+    _add_model(parser, skip={"tolerance_db", "measure_error"}, signal=False)
+    return parser
+
+
 def compare_parser() -> ArgumentParser:
     """Options of `t2d-rt compare`."""
     parser = _parser("compare", "Ellipsoid model against mesh: both spectrograms, their difference, and figures.")
     _add_run(parser, output="picture (.png, .pdf, .svg); FILE's name with _compare.png by default")
-    _add_model(parser, skip={"method"})
+    _add_model(parser, skip={"method", "tolerance_db", "measure_error"})
     return parser
 
 
@@ -137,6 +152,10 @@ def _parser(command: str, description: str, *, config: bool = True, noun: str = 
 def _add_run(parser: ArgumentParser, *, output: str) -> None:
     parser.add_argument("-o", "--output", type=str | None, help=output)
     parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help="replace what is there")
+    _add_piece(parser)
+
+
+def _add_piece(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--distance_m", type=float | None, help="of the start; by default the closest approach is 1.5 m"
     )
@@ -145,7 +164,7 @@ def _add_run(parser: ArgumentParser, *, output: str) -> None:
     parser.add_argument("--stop_s", type=float | None, help="last moment of the motion to use")
 
 
-def _add_model(parser: ArgumentParser, skip: Collection[str] = ()) -> None:
+def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bool = True) -> None:
     from t2d_rt.motion import load_motion
     from t2d_rt.pipeline import simulate
     from t2d_rt.signal import spectrogram
@@ -166,7 +185,8 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = ()) -> None:
     _add_parameters(
         parser.add_argument_group("reading the file, where it is not understood by itself"), load_motion, "motion."
     )
-    _add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
+    if signal:
+        _add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
 
 
 def _add_radar(parser: ArgumentParser) -> None:

@@ -12,9 +12,9 @@ from t2d_rt.types import Motion, Radar
 from validation.bodies import RUN, WALK, falling
 from validation.chart.front import gap, seconds_at
 from validation.chart.measure import REFERENCE_RAD, ROOM_REFERENCE_RAD, Case, Point, measured
-from validation.chart.methods import DEFAULT, METHODS, Method
+from validation.chart.methods import DEFAULT, METHODS, SUMMED, Method
 from validation.chart.plots import default_of, small_charts, speed_accuracy
-from validation.chart.slow import POSE_RATE_HZ, float64, sionna_paths
+from validation.chart.slow import POSE_RATE_HZ, float64, point_sums, sionna_paths
 from validation.report import Check, Section
 
 SCENES = ("free_space", "empty_room", "living_room")
@@ -26,7 +26,8 @@ FALL_S = 0.5
 """Start of the stretch of the fall."""
 STRETCH_S, ROOM_STRETCH_S = 1.0, 0.4
 CHIRPS, ROOM_CHIRPS = 16, 6
-FASTER_BAR = 10.0
+FASTER_BAR, MERGED_BAR = 10.0, 3.0
+"""The second is for points that our own merging of echoes sums."""
 FINE_BAR_DB = -30.0
 BENCH = Path(__file__).parents[1] / "bench" / "results.json"
 
@@ -77,8 +78,8 @@ def run() -> Section:
         first = not found
         points = sweep(case, few=not first)
         if first:
-            points += sionna_paths(case) + float64(case)
-            checks.append(_faster(points))
+            points += sionna_paths(case) + float64(case) + point_sums(case, points)
+            checks += _faster(points)
         fine_db[case.scene, case.name] = case.error_db(case.fine.cube)
         found[case.scene, case.name] = points
     checks.append(
@@ -99,13 +100,17 @@ def run() -> Section:
     )
 
 
-def _faster(points: Sequence[Point]) -> Check:
+def _faster(points: Sequence[Point]) -> list[Check]:
+    """One point per facet at the default's error: summed chirp by chirp as usual, and by this engine's own merging of echoes."""
     default = default_of(points)
-    slow = seconds_at([p for p in points if p.method == "facets with one point each"], default.nmse_db)
-    return Check(
-        what="walk in free space: time of facets with one point each, at the default's error, against the default's",
-        measured=slow / default.seconds_per_second, limit=FASTER_BAR, unit="times", at_least=True,
-    )  # fmt: skip
+    return [
+        Check(
+            what=f"walk in free space: time of {method}, at the default's error, against the default's",
+            measured=seconds_at([p for p in points if p.method == method], default.nmse_db) / default.seconds_per_second,
+            limit=bar, unit="times", at_least=True,
+        )
+        for method, bar in ((SUMMED, FASTER_BAR), ("facets with one point each", MERGED_BAR))
+    ]  # fmt: skip
 
 
 def _note(found: dict[tuple[str, str], list[Point]], fine_db: dict[tuple[str, str], float]) -> str:
@@ -116,13 +121,15 @@ def _note(found: dict[tuple[str, str], list[Point]], fine_db: dict[tuple[str, st
         "a record needs once, about 0.3 s, weighs more in so short ones than in the bench's 10 s. Field NMSE at "
         f"{CHIRPS} random chirps ({ROOM_CHIRPS} in rooms) and three places of the sweep against the float64 reference with "
         f"facets of {REFERENCE_RAD} rad, in rooms {ROOM_REFERENCE_RAD} rad and up to two reflections, so that wall order 3 is held "
-        "against less than it has. Rooms' default is limited by pairs of ways weaker than -6 dB, which it models coarsely on "
-        "purpose: the line of pairs in full detail shows what that saves. "
+        "against less than it has. Rooms' default models pairs of ways weaker than -6 dB coarsely: their power is right, their "
+        "phases are not. `tolerance_db` has them as fine as it asks for (the line by tolerance; its planning is in the time). "
         f"The other figures are beside the mesh at far finer settings, whose own field NMSE is: "
         f"{own}. One point per facet: the closed form's value where its phases do not differ, facets cut to even edges (m), which "
         "is the best for it: with facets of the default's shapes it needs more of them. Closed form: the default's phase sagitta "
         "times the knob; 1e+06 leaves the body's 6 402 faces. Full mesh: what is hidden traced at the facets' own vertices. Sionna "
         f"RT: its specular and diffuse paths off the posed cage, {POSE_RATE_HZ:g} poses per second, which is no spectrogram yet. "
+        "Summed chirp by chirp: the same points, moved to each chirp and summed in float64 with one exponential each, which is "
+        "one sample of a chirp, not a range profile; a few chirps' time, for all chirps of a second. "
         "Float64 at every sample: a few chirps' time, for all chirps of a second.\n\n" + _exponents()
     )
 

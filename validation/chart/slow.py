@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.trace.mitsuba import mitsuba, mitsuba_mesh
 from t2d_rt.types import Radar
 from validation.chart.measure import SAMPLES, Case, Point
+from validation.chart.methods import SUMMED, cut_to
 from validation.reference import nmse_db, reference_samples
 
 FLOAT64_SCALES = (4.0, 1.0)
@@ -55,6 +58,42 @@ def float64(case: Case) -> list[Point]:
             )
         )
     return points
+
+
+def point_sums(case: Case, points: Sequence[Point]) -> list[Point]:
+    """One point per facet as it is mostly summed: all of them moved to every chirp, an exponential for each. Errors are those of
+    the same facets (`points`) by this engine's sums; the seconds those of a few chirps, for all of a second."""
+    return [
+        replace(each, method=SUMMED, seconds_per_second=case.radar.prf_hz * _seconds_per_chirp(case, float(each.knob)),
+                spectrogram_db="", envelope_r="", power_db="")
+        for each in points
+        if each.method == "facets with one point each"
+    ]  # fmt: skip
+
+
+def _seconds_per_chirp(case: Case, edge_m: float) -> float:
+    import drjit as dr
+
+    radar, surface, backend = case.radar, case.surface, select("cpu")
+    fine = cut_to(surface, edge_m, 2 * math.pi / radar.wavelength_m, float(np.linalg.norm(surface.rest, axis=1).min()))
+    corner = [backend.lanes(fine.faces[:, i]) for i in range(3)]
+    Float64, Array3 = backend.Float64, backend.arrays.Array3d
+    turns_per_m = 2 * radar.mid_frequency_hz / SPEED_OF_LIGHT
+    taken = []
+    for start_s in surface.times_s[0] + radar.chirp_times_s(surface.duration_s)[case.chirps[: FLOAT64_CHIRPS + 1]]:
+        begin = time.perf_counter()
+        vertices = Float64((fine.operator @ surface.at(np.array([start_s]))[0] - radar.tx_position_m).ravel())
+        a, b, c = (dr.gather(Array3, vertices, place) for place in corner)
+        middle, across = (a + b + c) / 3, dr.cross(b - a, c - a)
+        squared = dr.dot(middle, middle)
+        range_m = dr.sqrt(squared)
+        weight = dr.maximum(-dr.dot(across, middle) / range_m, 0) / squared
+        turns = turns_per_m * range_m
+        sine, cosine = dr.sincos(2 * math.pi * (turns - dr.floor(turns)))
+        dr.eval(dr.sum(weight * sine), dr.sum(weight * cosine))
+        dr.sync_thread()
+        taken.append(time.perf_counter() - begin)
+    return float(np.median(taken[1:]))  # the first one compiles
 
 
 def sionna_paths(case: Case) -> list[Point]:
