@@ -32,6 +32,8 @@ Target = Motion | MovingMesh | Ellipsoids | Mover
 
 WEAK_COARSER, WEAK_DB = 3.0, -14.0
 """Phase sagitta of weak pairs' facets where a tolerance is to be kept, and their error over those pairs' power."""
+OCCLUDERS_COARSER = 2.0
+"""Phase sagitta over the meshes' own of facets that hide what is behind them, where it is looked at finely: below -45 dB."""
 SAME_PACE = 2.0
 """Shapes whose surface rates differ by more are summed apart, each at its own."""
 SWIFT = 8.0
@@ -191,7 +193,7 @@ class Model:
         if moments_s is not None and keys_s is None and detail.occlusion:
             finer = 1
             still = [s for s, turns in zip(self.shapes, swift, strict=True) if isinstance(s, MovingMesh) and not turns]
-            occluders = [self.facets(s, max(1.0, detail.coarser)) for s in still]
+            occluders = [self.facets(s, max(OCCLUDERS_COARSER, detail.coarser)) for s in still]
         looked_at = [None] if pairs is None else pairs.pairs[: pairs.clear if detail.weak_hidden else pairs.strong]
         views = full_views(
             self.shapes, self.radar, looked_at,

@@ -124,8 +124,8 @@ def simulate(
     if chosen is not None:
         settings["tolerance_db"] = float(chosen.tolerance_db)
     if measure_error or (measure_error is None and chosen is not None):
-        error_db = -20.0 if chosen is None else chosen.error_db
-        settings["error_db"] = measured = measured_db(model, detail, cube, still, error_db=error_db)
+        error_db, hidden = (-20.0, True) if chosen is None else (chosen.error_db, chosen.hidden)
+        settings["error_db"] = measured = measured_db(model, detail, cube, still, error_db=error_db, hidden=hidden)
         if chosen is not None and measured > chosen.tolerance_db + 1:
             warnings.warn(
                 f"the measured error of {measured:.1f} dB misses the tolerance of {chosen.tolerance_db:g} dB; ask for "
@@ -153,9 +153,8 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
     per_second = max(0.0, second - first) / (long - short) if long > short else 0.0
     length = model.span_s[1] - model.span_s[0]
     running = second + per_second * (length - long)
-    once = lambda: converged(chosen.model, chosen.detail, chosen.error_db)  # noqa: E731
-    once()
-    _, measuring = _timed(once)
+    for _ in range(2):  # the first one compiles
+        _, measuring = _timed(lambda: converged(chosen.model, chosen.detail, chosen.error_db, hidden=chosen.hidden))
     seconds = {"preparing": preparing, "planning": planning, "running": running, "measuring": measuring}
     return replace(chosen, seconds=seconds, memory_bytes=_memory_bytes(model.radar, length))
 

@@ -14,7 +14,7 @@ from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.trace.visibility import key_times
 from t2d_rt.types import EchoStream, Motion, Radar
 
-CHIRPS, SAMPLES = 20, 8
+CHIRPS, SAMPLES = 32, 8
 """So many chirps are looked at, at so many places of the sweep."""
 FINER = 0.5
 """Phase sagitta of the facets that a run is measured against, over its own: they err by a sixth of its power."""
@@ -65,13 +65,20 @@ def field(model: Model, detail: Detail, chirps: Chirps, *, looks_hz: float | Non
 
 
 def measured_db(
-    model: Model, detail: Detail, cube: Cube, still: Sequence[EchoStream], *, error_db: float = -20.0
+    model: Model,
+    detail: Detail,
+    cube: Cube,
+    still: Sequence[EchoStream],
+    *,
+    error_db: float = -20.0,
+    hidden: bool = True,
 ) -> float:
     """Field NMSE [dB] of a run's targets, by random chirps made again at far finer settings.
 
-    `still` are the echoes of what stands still in the cube, `error_db` is about what is expected.
+    `still` are the echoes of what stands still in the cube, `error_db` is about what is expected; `hidden`: whether what hides what
+    matters.
     """
-    chirps, expected = converged(model, detail, error_db)
+    chirps, expected = converged(model, detail, error_db, hidden=hidden)
     found = np.array([np.asarray(cube[int(row)])[0, chirps.samples] for row in chirps.rows], complex)
     times_s = chirps.starts_s - model.span_s[0]
     for stream in still:
@@ -79,21 +86,21 @@ def measured_db(
     return nmse_db(found, expected)
 
 
-def converged(model: Model, detail: Detail, error_db: float) -> tuple[Chirps, np.ndarray]:
+def converged(model: Model, detail: Detail, error_db: float, *, hidden: bool) -> tuple[Chirps, np.ndarray]:
     """Random chirps, not those by which settings were chosen, and their samples far finer."""
     chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1)
     bodies = any(isinstance(target, Motion) for target in model.targets)
     full = with_method(model, "mesh") if bodies and model.method == "ellipsoid" else model
-    return chirps, field(full, finer(full, detail, error_db), chirps)
+    return chirps, field(full, finer(full, detail, error_db, hidden=hidden), chirps)
 
 
-def finer(model: Model, detail: Detail, error_db: float) -> Detail:
+def finer(model: Model, detail: Detail, error_db: float, *, hidden: bool = True) -> Detail:
     """What a run of that detail, whose error may be `error_db`, is measured against."""
     share = 10 ** ((error_db - WAYS_BELOW_DB) / 10)
     return replace(
         detail,
         coarser=FINER * min(1.0, detail.coarser),
-        occlusion=True,
+        occlusion=hidden,
         range_db=math.inf,
         **model.ways_within(share, share),
     )

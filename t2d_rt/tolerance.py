@@ -16,6 +16,9 @@ from t2d_rt.probe import Chirps, nmse_db
 from t2d_rt.probe import field as probed
 from t2d_rt.types import Ellipsoids, Motion, MovingMesh
 
+HIDDEN = "what hides what"
+NEGLIGIBLE_DB = 14.0
+"""What is that far below the error does not count."""
 CHIRPS = 8
 """What hides what is judged by so many."""
 LEAST_DB, MOST_DB = -40.0, 6.0
@@ -67,6 +70,12 @@ class Plan:
     """What the parts of `simulate` and the spectrogram will take, as far as it was tried."""
     memory_bytes: float = math.nan
     """Greatest memory of the process, likewise."""
+
+    @property
+    def hidden(self) -> bool:
+        """Whether what hides what matters to a measurement of the error."""
+        nothing = [each.error_db for each in self.omissions if each.what == HIDDEN]
+        return not nothing or nothing[0] > self.error_db - NEGLIGIBLE_DB
 
     @property
     def error_db(self) -> float:
@@ -186,7 +195,7 @@ def _looks(
     found: list[Omission] = []
     nothing = nmse_db(probed(model, replace(detail, occlusion=False), chirps), fine)
     enough = nothing <= _db(left) and "occlusion_hz" not in asked
-    found.append(Omission("what hides what", nothing, enough or not detail.occlusion))
+    found.append(Omission(HIDDEN, nothing, enough or not detail.occlusion))
     if found[0].taken:
         return {"occlusion": False}, found
     for rate_hz in (detail.occlusion_hz,) if "occlusion_hz" in asked else LOOKS_HZ:
