@@ -40,8 +40,8 @@ SWIFT = 8.0
 """Shapes that need more surface frames from one look at visibility to the next turn too fast to be looked at vertex by vertex."""
 COARSEST_RAD = 1.5
 """Greatest phase sagitta of weak pairs' facets."""
-COARSE_TURNS = 1.0
-"""Their patches."""
+COARSE_TURNS, FAINT_POINTS = 1.0, 250
+"""Their patches, and diffuse points of meshes over faint pairs."""
 COARSE_RATE = 0.5
 """Shadows of weak pairs are looked at less often, by this factor: fields fade over a hand's breadth."""
 
@@ -66,8 +66,6 @@ class Detail:
     detail, of a body those weaker by more than the second by ellipsoids: there are many, and each is a shadow among echoes."""
     weak_coarser: float = 4.0
     """Phase sagitta of weak pairs' facets over that of the strong ones'."""
-    weak_points: int = 1000
-    """Diffuse points over weak pairs; another number is another realisation."""
     weak_hidden: bool = False
     """Whether targets hide themselves and one another over weak pairs, too."""
     range_db: float = 60.0
@@ -161,7 +159,7 @@ class Model:
         strong = least + int(np.searchsorted(cost, coarse, side="right"))
         return {
             "least_db": float(levels[least]), "strong_db": float(levels[strong]), "faint_db": -math.inf,
-            "weak_coarser": WEAK_COARSER, "weak_points": POINTS_PER_MESH, "weak_hidden": True,
+            "weak_coarser": WEAK_COARSER, "weak_hidden": True,
         }  # fmt: skip
 
     def swift(self, detail: Detail) -> list[bool]:
@@ -256,9 +254,10 @@ class Model:
 def _coarser(sagitta_rad: Sagitta, turns: float, detail: Detail, times: int = 1) -> dict[str, Any]:
     """Options of `mesh_echoes` for weak pairs; for faint ones `times` as coarse again."""
     most = np.minimum(times * detail.weak_coarser * np.asarray(sagitta_rad), times * COARSEST_RAD)
-    turns = max(turns, times * COARSE_TURNS)
+    # Another number of diffuse points is another realisation, so weak pairs have all of them.
+    points = POINTS_PER_MESH if times == 1 else FAINT_POINTS
     return {
-        "sagitta_rad": np.maximum(sagitta_rad, most), "turns_per_step": turns, "points": detail.weak_points // times**2,
+        "sagitta_rad": np.maximum(sagitta_rad, most), "turns_per_step": max(turns, times * COARSE_TURNS), "points": points,
     }  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -552,3 +553,22 @@ def test_scene_draws_a_room(run: Command, tmp_path: Path) -> None:
 )
 def test_rooms_that_are_refused(refused: Callable[..., str], arguments: tuple[str, ...], message: str) -> None:
     assert message in refused(*arguments)
+
+
+def test_plan_prints_what_would_be_modelled(run: Command, tmp_path: Path) -> None:
+    done = run("plan", "walk.bvh", "--tolerance-db", "-12", "--stop-s", "0.4")
+    assert done.code == 0
+    assert "tolerance -12 dB" in done.out
+    assert "predicted" in done.out
+    assert [path.name for path in tmp_path.iterdir()] == ["walk.bvh"]
+
+
+def test_simulate_to_a_tolerance_tells_the_measured_error(run: Command) -> None:
+    done = run("simulate", "walk.bvh", "--tolerance-db", "-12", "--stop-s", "0.4")
+    assert done.code == 0
+    assert re.search(r"measured error -\d\d\.\d dB", done.out)
+    assert t2d.Simulation.load("walk.zarr").error_db < -11
+
+
+def test_plan_refuses_a_tolerance_that_makes_no_sense(refused: Callable[..., str]) -> None:
+    assert "tolerance_db must lie in -40..6 dB" in refused("plan", "walk.bvh", "--tolerance-db", "-90")

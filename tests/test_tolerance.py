@@ -1,0 +1,167 @@
+"""A tolerance: what follows from it, whether it is kept, and what a run's measurement of its own error is worth."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import t2d_rt as t2d
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.model import Detail
+from t2d_rt.radar.direct import between, direct_sum
+from t2d_rt.types import Echoes, Motion, MovingMesh, Radar
+from t2d_rt.types.echoes import stream
+
+WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
+RADAR = Radar.preset("table2")
+
+
+@pytest.fixture(scope="module")
+def walk() -> Motion:
+    return t2d.place(t2d.trim(t2d.load_motion(WALK), 2.0, 2.5), distance_m=3.0)
+
+
+def balls(*places_m: tuple[float, float, float], speed_mps: float = 1.0) -> list[MovingMesh]:
+    shape, times = trimesh.creation.icosphere(subdivisions=3, radius=0.15), np.array([0.0, 0.1, 0.2, 0.3])
+    moved = speed_mps * times[:, None, None] * [-1.0, 0, 0]
+    return [MovingMesh(shape.vertices + place + moved, shape.faces, times, "pec") for place in places_m]
+
+
+def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
+    return float(10 * np.log10(np.sum(np.abs(found - expected) ** 2) / np.sum(np.abs(expected) ** 2)))
+
+
+# --- measuring --------------------------------------------------------------------------------------------------------
+
+
+def test_the_measured_error_is_that_against_a_much_finer_run(walk: Motion) -> None:
+    coarse = t2d.simulate(walk, radar=RADAR, sagitta_rad=0.8, measure_error=True)
+    fine = t2d.simulate(walk, radar=RADAR, sagitta_rad=0.1, surface_rate_hz=200)
+    assert coarse.error_db is not None
+    assert coarse.error_db == pytest.approx(nmse_db(coarse.cube, fine.cube), abs=2)
+    assert fine.error_db is None
+    assert json_number(coarse, "error_db") == coarse.error_db
+
+
+def json_number(result: t2d.Simulation, name: str) -> float:
+    import json
+
+    return float(json.loads(result.attributes["settings"])[name])
+
+
+def test_a_spoilt_record_shows_in_the_measurement() -> None:
+    """What is measured is the cube and not the plan: a surface rate that is far too low."""
+    turning = t2d.TableFan(position_m=(2.5, 0, 1), rpm=300).mesh(0.0, 0.3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", T2DWarning)
+        good, bad = (
+            t2d.simulate(turning, radar=RADAR, sagitta_rad=0.5, surface_rate_hz=rate, measure_error=True, occlusion=False)
+            for rate in (400, 20)
+        )  # fmt: skip
+    assert good.error_db is not None
+    assert bad.error_db is not None
+    assert good.error_db < -12
+    assert bad.error_db > good.error_db + 8
+
+
+def test_clutter_is_no_part_of_the_error(walk: Motion) -> None:
+    options = {"radar": RADAR, "scene": "empty_room", "reflections": 0, "measure_error": True}
+    alone, cluttered = (t2d.simulate(walk, clutter=kind, **options) for kind in ("none", "specular"))
+    assert np.abs(cluttered.cube).mean() > 3 * np.abs(alone.cube).mean()
+    assert cluttered.error_db == pytest.approx(alone.error_db, abs=1)
+
+
+def test_chirps_between_frames_are_those_of_the_direct_sum() -> None:
+    rng = np.random.default_rng(0)
+    times = np.linspace(0, 0.5, 41)
+    delay = 2e-8 + 1e-9 * np.cumsum(rng.normal(size=(41, 5)) * 1e-2, axis=0)
+    echoes = Echoes(times_s=times, delay_s=delay, amplitude=rng.normal(size=(41, 5)) + 1j)
+    rows = np.array([10, 2000, 4900])
+    samples = np.array([3, 130])
+    found = between(stream(echoes), RADAR, RADAR.chirp_times_s(0.5)[rows], rows, samples)
+    np.testing.assert_allclose(found, direct_sum(echoes, RADAR, rows)[:, samples], rtol=1e-5)
+
+
+# --- planning ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_tolerance_is_kept_and_asks_for_no_more_than_it_needs(walk: Motion) -> None:
+    loose, tight = (t2d.simulate(walk, radar=RADAR, tolerance_db=db) for db in (-12.0, -26.0))
+    assert loose.error_db is not None
+    assert tight.error_db is not None
+    assert tight.error_db < -25 < -21 < loose.error_db < -11
+    assert loose.settings["coarser"] > 1.3 > 0.9 > tight.settings["coarser"]
+    assert loose.settings["occlusion"] is False, "a walk towards the radar hides nothing that counts"
+    assert loose.settings["tolerance_db"] == -12.0
+
+
+def test_ellipsoids_where_they_suffice(walk: Motion) -> None:
+    assert t2d.simulate(walk, radar=RADAR, tolerance_db=5.0, measure_error=False).settings["method"] == "ellipsoid"
+
+
+def test_what_stands_behind_is_looked_at() -> None:
+    """Of two balls in line one hides the other; side by side they do not."""
+    behind, beside = balls((2, 0, 1), (3, 0, 1)), balls((2, 0, 1), (3, 0.8, 1))
+    settings = [
+        t2d.simulate(each, radar=RADAR, tolerance_db=-20.0, measure_error=False).settings for each in (behind, beside)
+    ]
+    assert [each["occlusion"] for each in settings] == [True, False]
+
+
+def test_the_plan_says_what_is_modelled_left_out_and_predicted(walk: Motion) -> None:
+    plan = t2d.plan(walk, radar=RADAR, tolerance_db=-15.0)
+    told = str(plan)
+    for part in (
+        "facets",
+        "surface frames",
+        "what hides what",
+        "left out",
+        "predicted",
+        "ellipsoids",
+        "chirps a second",
+    ):
+        assert part in told
+    assert plan.error_db <= -15
+    assert 0.1 < sum(plan.seconds.values()) < 120
+    assert 1e8 < plan.memory_bytes < 2e10
+
+
+def test_pairs_of_ways_are_left_out_by_what_they_cost(walk: Motion) -> None:
+    options = {"radar": RADAR, "scene": "empty_room", "reflections": 1, "clutter": "none", "measure_error": False}
+    few, many = (t2d.simulate(walk, tolerance_db=db, **options).settings for db in (-3.0, -15.0))
+    assert len(few["pairs"]) < len(many["pairs"])
+    assert few["left_out"] > many["left_out"]
+
+
+def test_what_a_user_gives_stays(walk: Motion) -> None:
+    options = {"occlusion_rate_hz": 7.0, "surface_rate_hz": 90.0, "sagitta_rad": 0.9}
+    settings = t2d.simulate(walk, radar=RADAR, tolerance_db=-15.0, measure_error=False, **options).settings
+    assert settings["occlusion_rate_hz"] == 7.0
+    assert settings["surface_rate_hz"][0] == pytest.approx(90, rel=0.05)
+    assert (settings["sagitta_rad"], settings["coarser"]) == (0.9, 1.0)
+
+
+def test_a_tolerance_out_of_reach_is_told(walk: Motion) -> None:
+    with pytest.warns(T2DWarning, match="not in reach"):
+        t2d.simulate(walk, radar=RADAR, tolerance_db=-25.0, sagitta_rad=1.5, measure_error=False)
+
+
+@pytest.mark.parametrize("wrong", [-60, 20, "-20", math.nan])
+def test_a_tolerance_that_makes_no_sense_is_refused(walk: Motion, wrong: object) -> None:
+    with pytest.raises(InputError, match="tolerance_db must lie in"):
+        t2d.simulate(walk, tolerance_db=wrong)  # type: ignore[arg-type]
+
+
+def test_unknown_options_of_a_plan_are_refused(walk: Motion) -> None:
+    with pytest.raises(InputError, match="unknown option 'faces'"):
+        t2d.plan(walk, faces=3)
+
+
+def test_more_is_not_modelled_than_a_detail_says() -> None:
+    """Defaults of `Detail` are those of `simulate` without a tolerance."""
+    assert (Detail().coarser, Detail().occlusion_hz, Detail().range_db) == (1.0, 25.0, 60.0)
