@@ -395,7 +395,7 @@ def test_radar_file_that_cannot_be_used(refused: Callable[..., str]) -> None:
 
 
 def test_commands_that_are_none(refused: Callable[..., str]) -> None:
-    assert "unknown command 'foo'; choose one of simulate, compare, scene, info" in refused("foo")
+    assert "unknown command 'foo'; choose one of simulate, plan, compare, scene, info" in refused("foo")
     assert "no file given" in refused("simulate")
     assert "unknown option --method" in refused("compare", "walk.bvh", "--method", "mesh")
 
