@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from t2d_rt.result import versions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,9 +82,23 @@ def record(name: str, section: Section, folder: Path = FOLDER) -> None:
         for c in section.checks
     ]
     table = [{key: _short(value) for key, value in row.items()} for row in section.table]
-    results[name] = {**asdict(section), "checks": checks, "table": table}
+    results[name] = {**asdict(section), "checks": checks, "table": table, "made": made()}
     folder.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+
+
+def made() -> str:
+    """Day, machine and versions, for a section that was just measured."""
+    names = ", ".join(f"{name} {version}" for name, version in versions().items())
+    return f"{date.today().isoformat()}, {os.cpu_count()} cores ({processor()}), {names}"
+
+
+def processor() -> str:
+    """Its name."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
+    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(models, "") or platform.processor() or platform.machine()
 
 
 def write_report(
@@ -117,6 +136,8 @@ def _section(result: Mapping[str, Any]) -> list[str]:
         for c in result["checks"]
     ]
     parts = [f"## {result['title']}", "", *_table(checks), ""]
+    if "made" in result:
+        parts += [f"Made {result['made']}; random draws have fixed seeds.", ""]
     if result["note"]:
         parts += [result["note"], ""]
     if result["table"]:

@@ -7,7 +7,6 @@ import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import date
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from t2d_rt.result import versions
 from t2d_rt.types import Radar
 from t2d_rt.types.radar import preset_names
 from validation.bench.measure import FACETS, STAGES, SYNTHESIS, Case, import_seconds, sincos_rate
-from validation.report import Check, Section
+from validation.report import Check, Section, processor
 
 WALK_S = 10.0
 WALK_BARS_S = {
@@ -64,7 +63,7 @@ def machine() -> Section:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     memory_gb = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
     facts = {
-        "CPU": f"{_cpu()}, {cores} cores",
+        "CPU": f"{processor()}, {cores} cores",
         "memory": f"{memory_gb:.0f} GB",
         "load before the run": f"{os.getloadavg()[0]:.1f}",
         "system": platform.platform(),
@@ -339,10 +338,3 @@ def _work(found: dict[str, Any]) -> dict[str, int]:
 
 def _per_second(terms: int, seconds: float) -> float:
     return terms / seconds / 1e6 if terms else 0.0
-
-
-def _cpu() -> str:
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
-    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(models, "") or platform.processor() or platform.machine()
