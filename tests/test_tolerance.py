@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import warnings
 from pathlib import Path
@@ -45,13 +46,7 @@ def test_the_measured_error_is_that_against_a_much_finer_run(walk: Motion) -> No
     assert coarse.error_db is not None
     assert coarse.error_db == pytest.approx(nmse_db(coarse.cube, fine.cube), abs=2)
     assert fine.error_db is None
-    assert json_number(coarse, "error_db") == coarse.error_db
-
-
-def json_number(result: t2d.Simulation, name: str) -> float:
-    import json
-
-    return float(json.loads(result.attributes["settings"])[name])
+    assert json.loads(coarse.attributes["settings"])["error_db"] == coarse.error_db
 
 
 def test_a_spoilt_record_shows_in_the_measurement() -> None:
@@ -79,12 +74,12 @@ def test_clutter_is_no_part_of_the_error(walk: Motion) -> None:
 def test_chirps_between_frames_are_those_of_the_direct_sum() -> None:
     rng = np.random.default_rng(0)
     times = np.linspace(0, 0.5, 41)
-    delay = 2e-8 + 1e-9 * np.cumsum(rng.normal(size=(41, 5)) * 1e-2, axis=0)
+    delay = 2e-8 + 1e-10 * np.sin(2 * np.pi * (2 * times[:, None] + rng.random(5)))
     echoes = Echoes(times_s=times, delay_s=delay, amplitude=rng.normal(size=(41, 5)) + 1j)
     rows = np.array([10, 2000, 4900])
     samples = np.array([3, 130])
     found = between(stream(echoes), RADAR, RADAR.chirp_times_s(0.5)[rows], rows, samples)
-    np.testing.assert_allclose(found, direct_sum(echoes, RADAR, rows)[:, samples], rtol=1e-5)
+    np.testing.assert_allclose(found, direct_sum(echoes, RADAR, rows)[:, samples], rtol=1e-4)
 
 
 # --- planning ---------------------------------------------------------------------------------------------------------
@@ -139,11 +134,11 @@ def test_pairs_of_ways_are_left_out_by_what_they_cost(walk: Motion) -> None:
 
 
 def test_what_a_user_gives_stays(walk: Motion) -> None:
-    options = {"occlusion_rate_hz": 7.0, "surface_rate_hz": 90.0, "sagitta_rad": 0.9}
+    options = {"occlusion_rate_hz": 7.0, "surface_rate_hz": 90.0, "sagitta_rad": 0.3}
     settings = t2d.simulate(walk, radar=RADAR, tolerance_db=-15.0, measure_error=False, **options).settings
     assert settings["occlusion_rate_hz"] == 7.0
     assert settings["surface_rate_hz"][0] == pytest.approx(90, rel=0.05)
-    assert (settings["sagitta_rad"], settings["coarser"]) == (0.9, 1.0)
+    assert (settings["sagitta_rad"], settings["coarser"]) == (0.3, 1.0)
 
 
 def test_a_tolerance_out_of_reach_is_told(walk: Motion) -> None:
