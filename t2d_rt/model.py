@@ -34,10 +34,12 @@ WEAK_COARSER, WEAK_DB = 3.0, -14.0
 """Phase sagitta of weak pairs' facets where a tolerance is to be kept, and their error over those pairs' power."""
 OCCLUDERS_COARSER = 2.0
 """Phase sagitta over the meshes' own of facets that hide what is behind them, where it is looked at finely: below -45 dB."""
+SPEED_LOOKS = 200
+"""Moments at which speeds are looked at."""
 SAME_PACE = 2.0
 """Shapes whose surface rates differ by more are summed apart, each at its own."""
 SWIFT = 8.0
-"""Shapes that need more surface frames from one look at visibility to the next turn too fast to be looked at vertex by vertex."""
+"""From one look at visibility to the next so many surface frames can be followed vertex by vertex."""
 COARSEST_RAD = 1.5
 """Greatest phase sagitta of weak pairs' facets."""
 COARSE_TURNS, FAINT_POINTS = 1.0, 250
@@ -58,6 +60,8 @@ class Detail:
     """Of all shapes, in place of that."""
     occlusion_hz: float = 25.0
     """How often visibility is looked at."""
+    swift_hz: float = 25.0 * SWIFT
+    """Shapes that need more surface frames a second turn too fast to be looked at vertex by vertex."""
     occlusion: bool = True
     """Whether targets hide themselves and one another."""
     strong_db: float = -6.0
@@ -128,16 +132,6 @@ class Model:
     def _sagitta_rad(self, shape: MovingMesh, coarser: float) -> Sagitta:
         return np.multiply(coarser, shape.sagitta_rad if self.sagitta_rad is None else self.sagitta_rad)
 
-    def farthest_and_fastest(self, shape: Shape) -> tuple[float, float]:
-        """Greatest range [m] and speed towards or from the antennas [m/s] of any point of a shape."""
-        start, stop = self.span_s
-        step = min(1e-3, (stop - start) / 10)
-        times = np.linspace(start, stop - step, int(np.clip(60 * (stop - start), 4, 200)))
-        points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
-        places = (self.radar.tx_position_m, self.radar.rx_position_m)
-        ranges = [np.mean([np.linalg.norm(p - place, axis=2) for place in places], axis=0) for p in points]
-        return float(ranges[0].max()), float(np.abs(ranges[1] - ranges[0]).max() / step)
-
     def pairs(self, detail: Detail) -> ChosenPairs | None:
         """Pairs of ways in use; None in free space."""
         if self.around is None:
@@ -164,9 +158,8 @@ class Model:
 
     def swift(self, detail: Detail) -> list[bool]:
         """Which shapes turn too fast to be looked at vertex by vertex; a body's limbs never do."""
-        most_hz = SWIFT * detail.occlusion_hz
         return [
-            rate > most_hz and not isinstance(target, Motion)
+            rate > detail.swift_hz and not isinstance(target, Motion)
             for rate, target in zip(self._needed(SPLINES_DB), self.targets, strict=True)
         ]
 
@@ -219,7 +212,8 @@ class Model:
         common: dict[str, Any] = {"times_s": times_s, "material": resolved(material, radar)}
         weak, faint = ([], []) if ways is None else (ways.pairs[ways.strong : ways.clear], ways.pairs[ways.clear :])
         if isinstance(shape, Ellipsoids):
-            views = close + coarse_views(shape, weak + faint, keys_s[0])
+            others = [] if ways is None else ways.pairs[len(close) :]
+            views = close + (coarse_views(shape, others, keys_s[0]) if others else [])
             yield ellipsoid_echoes(shape, radar, phase_from=self.phase_from, views=views, **common)
             return
         # At moments frames lie far apart, and phases from one to the next mean nothing.
@@ -240,15 +234,28 @@ class Model:
             views = coarse_views(shape, faint, keys_s[1], swift=swift)
             yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns, detail, 2), **fine)
 
-    def clutter(self, kind: Clutter, detail: Detail) -> tuple[list[EchoStream], dict[str, object]]:
-        """Echoes of what stands still, in the targets' shadow, and how many, for a result's settings."""
+    def clutter(
+        self, kind: Clutter, detail: Detail, *, shadowed: bool = True
+    ) -> tuple[list[EchoStream], dict[str, object]]:
+        """Echoes of what stands still, by default in the targets' shadow, and how many, for a result's settings."""
         if self.around is None or kind == "none":
             return [], {}
-        steady = [s for s, turns in zip(self.shapes, self.swift(detail), strict=True) if detail.occlusion and not turns]
+        steady = [s for s, turns in zip(self.shapes, self.swift(detail), strict=True) if shadowed and not turns]
         return clutter_streams(
             kind, self.around, steady, self.radar, min(self.paces(detail), key=len),
             keys_s=key_times(*self.span_s, detail.occlusion_hz), seed=self.seed, backend=self.backend,
         )  # fmt: skip
+
+
+def farthest_and_fastest(shape: Shape, radar: Radar, span_s: tuple[float, float]) -> tuple[float, float]:
+    """Greatest range [m] and speed towards or from the antennas [m/s] of any point of a shape."""
+    start, stop = span_s
+    step = min(1e-3, (stop - start) / 10)
+    times = np.linspace(start, stop - step, SPEED_LOOKS)
+    points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
+    places = (radar.tx_position_m, radar.rx_position_m)
+    ranges = [np.mean([np.linalg.norm(p - place, axis=2) for place in places], axis=0) for p in points]
+    return float(ranges[0].max()), float(np.abs(ranges[1] - ranges[0]).max() / step)
 
 
 def _coarser(sagitta_rad: Sagitta, turns: float, detail: Detail, times: int = 1) -> dict[str, Any]:

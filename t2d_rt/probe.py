@@ -14,7 +14,7 @@ from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.trace.visibility import key_times
 from t2d_rt.types import EchoStream, Motion, Radar
 
-CHIRPS, SAMPLES = 32, 8
+CHIRPS, SAMPLES = 48, 8
 """So many chirps are looked at, at so many places of the sweep."""
 FINER = 0.5
 """Phase sagitta of the facets that a run is measured against, over its own: they err by a sixth of its power."""
@@ -45,13 +45,14 @@ class Chirps:
 
     def moments_s(self, radar: Radar) -> np.ndarray:
         """First and last moment of each chirp [s] (2 K,)."""
-        return np.stack([self.starts_s, self.starts_s + radar.sweep_time_s], axis=1).ravel()
+        return np.stack([self.starts_s, self.starts_s + radar.sample_times_s[-1]], axis=1).ravel()
 
 
 def field(model: Model, detail: Detail, chirps: Chirps, *, looks_hz: float | None = None) -> np.ndarray:
     """Samples (K, S) complex128 [sqrt(W)] of the first antenna, of the targets alone.
 
-    Visibility is traced just then from the facets, or as in a run at so many looks a second.
+    Visibility is traced just then, over the strongest pair of ways from every facet's vertices; or as in a run at so many looks a
+    second.
     """
     radar, keys = model.radar, None
     if looks_hz is not None:
@@ -108,5 +109,7 @@ def finer(model: Model, detail: Detail, error_db: float, *, hidden: bool = True)
 
 def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
     """Energy of the difference over that of what was expected [dB]."""
+    if np.array_equal(found, expected):
+        return -math.inf
     wrong, all_of_it = (float(np.sum(np.abs(each) ** 2)) for each in (found - expected, expected))
     return 10 * float(np.log10(max(wrong, 1e-300) / max(all_of_it, 1e-300)))

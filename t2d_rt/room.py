@@ -174,7 +174,6 @@ def full_views(
     the shapes' facets.
     """
     meshes = [s for s, turns in zip(shapes, swift, strict=True) if isinstance(s, MovingMesh) and not turns]
-    past_bodies = [occlusion and number >= finer for number in range(len(pairs))]
     one = len(radar.views_m) == 1
     looks: dict[tuple[object, ...], Occlusion] = {}
 
@@ -218,8 +217,12 @@ def full_views(
             finest = 0 if turns or not occlusion else finer
             found.append(
                 [
-                    View(legs=pair, seen=seen(pair, solid, shape), looked=looked(pair) if number < finest else None)
-                    for number, (pair, solid) in enumerate(zip(pairs, past_bodies, strict=True))
+                    View(
+                        legs=pair,
+                        seen=seen(pair, occlusion and number >= finest, shape),
+                        looked=looked(pair) if number < finest else None,
+                    )
+                    for number, pair in enumerate(pairs)
                 ]
             )
         elif list(pairs) == [None]:

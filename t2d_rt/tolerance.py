@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.model import WEAK_DB, Detail, Model, with_method
+from t2d_rt.model import SPLINES_DB, WEAK_DB, Detail, Model, farthest_and_fastest, with_method
 from t2d_rt.probe import Chirps, nmse_db
 from t2d_rt.probe import field as probed
 from t2d_rt.types import Ellipsoids, Motion, MovingMesh
@@ -19,11 +19,11 @@ from t2d_rt.types import Ellipsoids, Motion, MovingMesh
 HIDDEN = "what hides what"
 NEGLIGIBLE_DB = 14.0
 """What is that far below the error does not count."""
-CHIRPS = 8
+CHIRPS = 16
 """What hides what is judged by so many."""
 LEAST_DB, MOST_DB = -40.0, 6.0
 """Tolerances that there are settings for."""
-MARGIN_DB = 0.7
+MARGIN_DB = 1.5
 """What is planned lies that far below what is asked."""
 FACETS_DB, FACETS_SLOPE_DB = -22.3, 24.0
 """Error of a body's facets at their own phase sagitta, and per decade of it (validation/report, tolerance)."""
@@ -36,8 +36,10 @@ LOOKS_HZ = (5.0, 12.5, 25.0, 50.0, 100.0)
 """Rates of looks at what hides what, the first that does is taken."""
 SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
 """What the splines and the sum may add lies that far below the tolerance."""
-SYNTHESIS_DB = -80.0, -40.0
-"""Least and greatest error of the sum."""
+SYNTHESIS_MOST_DB = -40.0
+"""Greatest error of the sum."""
+OVER_DB = 1.0
+"""A plan may expect that much more than the tolerance before it warns: its estimates are rather high."""
 LOOKED_AT_DB = -10.0
 """Pairs of ways down to that level show what hides what."""
 LEAST_SHARE = 0.2
@@ -86,55 +88,77 @@ class Plan:
         return "\n".join(_told(self))
 
 
-def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan:
-    """The cheapest detail that keeps to the tolerance, but for what the user `asked` for."""
+def check_tolerance(tolerance_db: float) -> None:
+    """Refuses one for which there are no settings."""
     if not isinstance(tolerance_db, (int, float)) or not LEAST_DB <= tolerance_db <= MOST_DB:
         raise InputError(
             f"tolerance_db must lie in {LEAST_DB:g}..{MOST_DB:g} dB, got {tolerance_db!r}; -20 suits most uses, at 0 there is as "
             "much error as signal"
         )
+
+
+def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan:
+    """The cheapest detail that keeps to the tolerance, but for what the user `asked` for."""
+    check_tolerance(tolerance_db)
     allowed = 10 ** ((tolerance_db - MARGIN_DB) / 10)
-    ways = model.ways_within(allowed * LEFT_OUT_SHARE, allowed * WEAK_SHARE)
-    detail = Detail(
-        **{
-            "splines_db": tolerance_db - SPLINES_BELOW_DB,
-            "synthesis_db": max(SYNTHESIS_DB[0], min(SYNTHESIS_DB[1], tolerance_db - SYNTHESIS_BELOW_DB)),
-            **ways,
-            **asked,
-        }
-    )
-    omissions = _fewer_ways(model, detail)
-    if model.method == "mesh":
-        detail = replace(detail, coarser=1.0 if model.sagitta_rad else _coarser(model, allowed * FACETS_SHARE))
+    settings: dict[str, Any] = {
+        "splines_db": tolerance_db - SPLINES_BELOW_DB,
+        "synthesis_db": min(SYNTHESIS_MOST_DB, tolerance_db - SYNTHESIS_BELOW_DB),
+        **model.ways_within(allowed * LEFT_OUT_SHARE, allowed * WEAK_SHARE),
+    }
+    detail = Detail(**(settings | dict(asked)))
+    bodies = any(isinstance(target, Motion) for target in model.targets)
+    full = with_method(model, "mesh") if bodies and model.method == "ellipsoid" else model
+    omissions = _in_time(model, detail, asked)
+    if any(isinstance(shape, MovingMesh) for shape in full.shapes):
+        detail = replace(detail, coarser=_coarser(full, allowed * FACETS_SHARE))
         # What hides what shows over the strong pairs.
         chirps = Chirps.random(model.radar, model.span_s, seed=model.seed, count=CHIRPS)
-        strong = replace(detail, least_db=max(detail.strong_db, LOOKED_AT_DB))
-        fine = probed(model, strong, chirps)
-        simpler = _as_ellipsoids(model, strong, chirps, fine, allowed, asked)
-        omissions.append(simpler)
-        if simpler.taken:
-            return Plan(with_method(model, "ellipsoid"), float(tolerance_db), detail, omissions)
-        looks, found = _looks(model, strong, chirps, fine, allowed * LOOKS_SHARE, asked)
-        omissions += found
+        strong = replace(detail, occlusion=True, least_db=max(detail.strong_db, LOOKED_AT_DB))
+        fine = probed(full, strong, chirps)
+        if bodies:
+            error = nmse_db(probed(with_method(full, "ellipsoid"), strong, chirps), fine)
+            free = not asked and model.sagitta_rad is None and all(isinstance(t, Motion) for t in model.targets)
+            simpler = Omission(
+                "the skin: limbs by ellipsoids", error, full is not model or (free and error <= _db(allowed))
+            )
+            omissions.append(simpler)
+            if simpler.taken:
+                return _checked(Plan(with_method(full, "ellipsoid"), float(tolerance_db), detail, omissions))
+        looks, found = _looks(full, strong, chirps, fine, allowed * LOOKS_SHARE, asked)
         detail = replace(detail, **looks)
         # Where looks cannot do what they should, facets make up for it.
         spent = sum(10 ** (each.error_db / 10) for each in found if each.taken)
-        share = np.clip(0.9 - spent / allowed, LEAST_SHARE, FACETS_SHARE) * allowed
-        if not model.sagitta_rad:
-            detail = replace(detail, coarser=_coarser(model, share))
-        omissions.append(_facets(model, detail))
-    omissions.append(Omission("motion between surface frames, by splines", detail.splines_db, True))
-    omissions.append(Omission("the sum of echoes, merged", detail.synthesis_db, True))
-    chosen = Plan(model, float(tolerance_db), detail, omissions)
-    if chosen.error_db > tolerance_db:
-        worst = max((each for each in omissions if each.taken), key=lambda each: each.error_db)
+        share = float(np.clip(0.9 - spent / allowed, LEAST_SHARE, FACETS_SHARE)) * allowed
+        detail = replace(detail, coarser=_coarser(full, share))
+        omissions += [_facets(full, detail), *found]
+    return _checked(Plan(model, float(tolerance_db), detail, omissions + _fewer_ways(model, detail)))
+
+
+def _checked(plan: Plan) -> Plan:
+    """Warns where a tolerance is not in reach."""
+    if plan.error_db > plan.tolerance_db + OVER_DB:
+        worst = max((each for each in plan.omissions if each.taken), key=lambda each: each.error_db)
         warnings.warn(
-            f"a tolerance of {tolerance_db:g} dB is not in reach, {chosen.error_db:.1f} dB is: {worst.what} alone cost "
+            f"a tolerance of {plan.tolerance_db:g} dB is not in reach, {plan.error_db:.1f} dB is: {worst.what} alone cost "
             f"{worst.error_db:.1f} dB; ask for less, or leave the settings to the tolerance",
             T2DWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
-    return chosen
+    return plan
+
+
+def _in_time(model: Model, detail: Detail, asked: Mapping[str, Any]) -> list[Omission]:
+    """What interpolation between surface frames and the merging of echoes may add."""
+    splines_db = detail.splines_db
+    if (given_hz := asked.get("surface_rate_hz")) is not None:
+        # A cubic's error falls with the fourth power of its step.
+        needed_hz = max(model.rates_hz(Detail()))
+        splines_db = SPLINES_DB + 80 * math.log10(needed_hz / given_hz)
+    return [
+        Omission("motion between surface frames, by splines", splines_db, True),
+        Omission("the sum of echoes, merged", detail.synthesis_db, True),
+    ]
 
 
 def _fewer_ways(model: Model, detail: Detail) -> list[Omission]:
@@ -154,19 +178,10 @@ def _fewer_ways(model: Model, detail: Detail) -> list[Omission]:
     ]
 
 
-def _as_ellipsoids(
-    model: Model, detail: Detail, chirps: Chirps, fine: np.ndarray, allowed: float, asked: Mapping[str, Any]
-) -> Omission:
-    bodies = [isinstance(target, Motion) for target in model.targets]
-    what = "the skin: limbs by ellipsoids"
-    if not any(bodies) or not all(bodies):
-        return Omission(what, math.inf, False)
-    error = nmse_db(probed(with_method(model, "ellipsoid"), detail, chirps), fine)
-    return Omission(what, error, error <= _db(allowed) and not asked)
-
-
 def _coarser(model: Model, share: float) -> float:
-    """Phase sagitta over the meshes' own at which facets err by that share of the field's energy."""
+    """Phase sagitta over the meshes' own at which facets err by that share of the field's energy; 1 where it is the user's."""
+    if model.sagitta_rad is not None:
+        return 1.0
     octaves = math.log2(10 ** ((_db(share) - _own_db(model)) / FACETS_SLOPE_DB))
     return float(np.clip(2 ** (math.floor(STEPS_PER_OCTAVE * octaves) / STEPS_PER_OCTAVE), FINEST, COARSEST))
 
@@ -192,21 +207,22 @@ def _looks(
     model: Model, detail: Detail, chirps: Chirps, fine: np.ndarray, left: float, asked: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[Omission]]:
     """Whether and how often to look at what hides what, at an error of `left`."""
-    found: list[Omission] = []
     nothing = nmse_db(probed(model, replace(detail, occlusion=False), chirps), fine)
-    enough = nothing <= _db(left) and "occlusion_hz" not in asked
-    found.append(Omission(HIDDEN, nothing, enough or not detail.occlusion))
+    unwanted = not asked.get("occlusion", True)
+    found = [Omission(HIDDEN, nothing, unwanted or (nothing <= _db(left) and "occlusion_hz" not in asked))]
     if found[0].taken:
         return {"occlusion": False}, found
-    for rate_hz in (detail.occlusion_hz,) if "occlusion_hz" in asked else LOOKS_HZ:
+    rates_hz = (detail.occlusion_hz,) if "occlusion_hz" in asked else LOOKS_HZ
+    for rate_hz in rates_hz:
         error = nmse_db(probed(model, detail, chirps, looks_hz=rate_hz), fine)
         found.append(Omission(f"shadows' edges between corners and looks, {rate_hz:g} a second", error, False))
         if error <= _db(left):
+            best = len(found) - 1
             break
-    best = min(range(1, len(found)), key=lambda n: found[n].error_db) if error > _db(left) else len(found) - 1
+    else:
+        best = min(range(1, len(found)), key=lambda n: found[n].error_db)
     found[best] = replace(found[best], taken=True)
-    rate_hz = detail.occlusion_hz if "occlusion_hz" in asked else LOOKS_HZ[best - 1]
-    return {"occlusion_hz": rate_hz}, found
+    return {"occlusion_hz": rates_hz[best - 1]}, found
 
 
 def _told(plan: Plan) -> list[str]:
@@ -225,13 +241,13 @@ def _told(plan: Plan) -> list[str]:
     if pairs is not None:
         coarse = len(pairs.pairs) - pairs.strong
         lines.append(f"  {len(pairs.pairs)} pairs of ways: {pairs.strong} in full, {coarse} by coarser facets")
+    if model.method == "mesh":
+        looks = f"{detail.occlusion_hz:g} looks a second" if detail.occlusion else "not looked at"
+        lines.append(f"  {HIDDEN}: {looks}")
+    fastest = max(farthest_and_fastest(shape, radar, model.span_s)[1] for shape in model.shapes)
+    asked_hz, sent_hz = (4 * speed / radar.wavelength_m for speed in (fastest, radar.max_speed_mps))
     lines.append(
-        "  what hides what: " + (f"{detail.occlusion_hz:g} looks a second" if detail.occlusion else "not looked at")
-    )
-    fastest = max(model.farthest_and_fastest(shape)[1] for shape in model.shapes)
-    lines.append(
-        f"  slow time: up to {fastest:.1f} m/s asks for {4 * fastest / radar.wavelength_m:.0f} chirps a second, "
-        f"{radar.prf_hz / len(radar.tx_positions_m if radar.multiplexing == 'tdm' else [0]):.0f} are sent"
+        f"  slow time: up to {fastest:.1f} m/s asks for {asked_hz:.0f} chirps a second, {sent_hz:.0f} are sent"
     )
     lines.append("left out, and what that costs:")
     lines += [f"  {each.error_db:6.1f} dB  {each.what}" for each in plan.omissions if each.taken]

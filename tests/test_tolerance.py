@@ -6,6 +6,7 @@ import json
 import math
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -152,11 +153,39 @@ def test_a_tolerance_that_makes_no_sense_is_refused(walk: Motion, wrong: object)
         t2d.simulate(walk, tolerance_db=wrong)  # type: ignore[arg-type]
 
 
+def test_every_kind_of_target_takes_a_tolerance(walk: Motion) -> None:
+    """Ellipsoids by name and as targets, a fan beside them, an array, and a sum that stops at a wall."""
+    by_name = t2d.simulate(walk, radar=RADAR, tolerance_db=3.0, method="ellipsoid")
+    assert by_name.error_db == pytest.approx(1, abs=3)
+    limbs = t2d.segments(walk)
+    itself = t2d.simulate(limbs, radar=RADAR, tolerance_db=-20.0, scene="empty_room", reflections=1, clutter="none")
+    assert itself.error_db is not None
+    assert itself.error_db < -20
+    fan = t2d.TableFan(position_m=(3.5, -1, 1), rpm=120)
+    for radar in (Radar.preset("array-3x4"), Radar.preset("automotive-79")):
+        several = t2d.simulate([balls((2, 0, 1))[0], fan], radar=radar, tolerance_db=-12.0)
+        assert several.error_db is not None
+        assert several.error_db < -11
+
+
+def test_a_tolerance_leaves_the_shadow_on_the_wall(walk: Motion) -> None:
+    """Also where what hides what does not count for the walker's own echoes."""
+    options = {"radar": RADAR, "scene": "empty_room", "reflections": 0, "measure_error": False}
+
+    def wall(**more: Any) -> np.ndarray:
+        alone, cluttered = (t2d.simulate(walk, clutter=kind, **options, **more).cube for kind in ("none", "specular"))
+        return np.asarray(cluttered - alone)
+
+    shadowed = wall()
+    assert nmse_db(wall(occlusion=False), shadowed) > -35
+    assert nmse_db(wall(tolerance_db=-12.0), shadowed) < -45
+
+
 def test_unknown_options_of_a_plan_are_refused(walk: Motion) -> None:
     with pytest.raises(InputError, match="unknown option 'faces'"):
         t2d.plan(walk, faces=3)
 
 
-def test_more_is_not_modelled_than_a_detail_says() -> None:
+def test_defaults_are_those_of_before() -> None:
     """Defaults of `Detail` are those of `simulate` without a tolerance."""
     assert (Detail().coarser, Detail().occlusion_hz, Detail().range_db) == (1.0, 25.0, 60.0)

@@ -26,7 +26,7 @@ from validation.report import Check, Section, new_figure, save_chart
 
 SAMPLES = np.array([20, 236])
 JACKS, STYLISED = "14_14_jumping_jacks.bvh", "131_01_walk_300frames.bvh"
-CHIRPS, ROOM_CHIRPS = 40, 8
+CHIRPS, ROOM_CHIRPS = 48, 6
 LONG_S, LONG_DB = 10.0, -20.0
 SAME_DB = 0.3
 """Errors that far apart are the same."""
@@ -77,7 +77,7 @@ def run() -> Section:
         checks=checks,
         note="`simulate(tolerance_db=...)` on pieces of recordings, `table2`. True error: field NMSE of "
         f"{CHIRPS} random chirps ({ROOM_CHIRPS} in rooms) at {len(SAMPLES)} places of the sweep against the converged float64 "
-        "reference. Measured: by `simulate` itself, from 16 other chirps at finer settings. Expected: by the plan, before. "
+        "reference. Measured: by `simulate` itself, from 48 other chirps at finer settings. Expected: by the plan, before. "
         "Predicted and taken times are of `simulate` and the spectrogram, kernels compiled.\n\n" + manual,
         table=[_row(each) for each in found],
         charts=[_chart(found)],
@@ -106,6 +106,7 @@ def _against_manual() -> tuple[float, float, str]:
         )
         if error <= bar + SAME_DB:
             best = min(best, took)
+    best = best if math.isfinite(best) else math.nan
     return automatic, best, "\n".join(["| walk on the spot, 10 s | seconds | field NMSE, dB |", "|---|---|---|", *rows])
 
 

@@ -133,6 +133,8 @@ class _Model:
     """Sparse: the patches' reference points from the cage's vertices."""
     reflection: complex
     points: _Points | None
+    at_moments: bool
+    """Whether frames are moments that have nothing to do with one another."""
 
     @classmethod
     def of(
@@ -162,6 +164,7 @@ class _Model:
             centre=centres(parts, fine),
             reflection=reflection * math.sqrt(1 - rough**2),
             points=points,
+            at_moments=math.isinf(turns_per_step),
         )
 
     def looks(
@@ -169,7 +172,7 @@ class _Model:
     ) -> Iterator[_Look]:
         """Each view with the patches that ever face both of its antennas; in free space, where there is but one, all."""
         lit = np.zeros((len(pairs), len(self.cage_faces)), bool)
-        if (len(times_s) - 1) / (times_s[-1] - times_s[0]) > FACING_MOST_HZ:
+        if self.at_moments or (len(times_s) - 1) / (times_s[-1] - times_s[0]) > FACING_MOST_HZ:
             lit[:] = True
         probes = np.linspace(times_s[0], times_s[-1], max(2, math.ceil((times_s[-1] - times_s[0]) * FACING_RATE_HZ)))
         in_room = [view.legs is not None for view in views]
@@ -202,7 +205,7 @@ class _Model:
         columns = look.first + np.arange(len(look.echoes))
         if len(patches):
             patch_delays(posed.centres, patches, pair, block, columns[: len(patches)], backend)
-        faces = self.lit(posed.turned, pair)
+        faces = np.ones(len(self.cage_faces), bool) if self.at_moments else self.lit(posed.turned, pair)
         if seen is not None:
             faces &= self._around(np.asarray(seen.any(axis=0)))
         lit = self.patches.any_of(faces)[patches]

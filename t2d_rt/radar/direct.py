@@ -47,7 +47,7 @@ def chirp_samples(ends: EchoArrays, radar: Radar, rows: np.ndarray, samples: np.
             for number, sample in enumerate(samples):
                 t = sample / radar.sample_rate_hz
                 frequency = radar.carrier_hz + radar.slope_hz_per_s * t
-                tau = ways[k, 0, lit] + (ways[k, 1, lit] - ways[k, 0, lit]) * (t / radar.sweep_time_s)
+                tau = ways[k, 0, lit] + (ways[k, 1, lit] - ways[k, 0, lit]) * (t / radar.sample_times_s[-1])
                 turns = frequency * tau - 0.5 * radar.slope_hz_per_s * tau**2
                 whole = value + per_hz * (frequency - radar.mid_frequency_hz)
                 out[k, number] += phase[k, tx] * np.sum(whole * np.exp(2j * np.pi * (turns % 1.0)))

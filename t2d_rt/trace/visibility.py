@@ -181,7 +181,11 @@ class FacetLook:
         return self._known[key]
 
     def _share(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-        fresh = np.append(True, np.diff(times_s) > self.SAME_S)
+        fresh = np.zeros(len(times_s), bool)
+        last = -np.inf
+        for number, time_s in enumerate(times_s):
+            if time_s - last > self.SAME_S:
+                fresh[number], last = True, time_s
         incidence = _incidence(faces, vertices.shape[1])
         looks = []
         for moment in np.flatnonzero(fresh):

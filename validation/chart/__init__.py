@@ -17,7 +17,7 @@ from validation.chart.plots import default_of, small_charts, speed_accuracy
 from validation.chart.slow import POSE_RATE_HZ, float64, point_sums, sionna_paths
 from validation.report import Check, Section
 
-SCENES = ("free_space", "empty_room", "living_room")
+SCENES = ("free_space", "empty_room")
 START_M = 4.2
 """Distance at which the stretches begin, which leaves them inside the rooms."""
 STRETCHES = {"walk": (WALK, 1.9), "run": (RUN, 0.4)}
@@ -33,16 +33,14 @@ BENCH = Path(__file__).parents[1] / "bench" / "results.json"
 
 
 def cases(radar: Radar) -> list[Case]:
-    """Scenes and motions."""
-    found = []
-    for scene in SCENES:
-        free = scene == "free_space"
-        for name, (recording, start_s) in STRETCHES.items():
-            motion = stretch(recording, start_s, STRETCH_S if free else ROOM_STRETCH_S)
-            found.append(Case(scene, name, motion, radar, CHIRPS if free else ROOM_CHIRPS))
-        fall = t2d.trim(falling(), FALL_S, FALL_S + (STRETCH_S if free else ROOM_STRETCH_S))
-        found.append(Case(scene, "fall", fall, radar, CHIRPS if free else ROOM_CHIRPS))
-    return found
+    """Motions in free space, and the walk in rooms."""
+    walk, run_ = (stretch(*part, STRETCH_S) for part in STRETCHES.values())
+    fall = t2d.trim(falling(), FALL_S, FALL_S + STRETCH_S)
+    found = [
+        Case("free_space", name, each, radar, CHIRPS) for name, each in (("walk", walk), ("run", run_), ("fall", fall))
+    ]
+    short = stretch(*STRETCHES["walk"], ROOM_STRETCH_S)
+    return found + [Case(scene, "walk", short, radar, ROOM_CHIRPS) for scene in SCENES[1:]]
 
 
 def stretch(recording: str, start_s: float, length_s: float) -> Motion:

@@ -190,5 +190,5 @@ METHODS = (
         "wall order", "reflections", lambda case, order: simulated(case, reflections=order), (0, 1, 2, 3), (0, 1, 3),
         rooms_only=True,
     ),
-    Method("by tolerance", "dB", by_tolerance, (-10.0, -15.0, -20.0, -25.0, -30.0), (-12.0, -16.0, -20.0)),
+    Method("by tolerance", "dB", by_tolerance, (-10.0, -15.0, -20.0, -25.0, -30.0), (-12.0, -18.0)),
 )  # fmt: skip

@@ -83,6 +83,9 @@ def small_charts(cases: dict[tuple[str, str], list[Point]]) -> str:
     )  # fmt: skip
     for row, scene in zip(axes, scenes, strict=True):
         for axis, motion in zip(row, motions, strict=True):
+            if (scene, motion) not in cases:
+                axis.set_axis_off()
+                continue
             points = cases[scene, motion]
             _panel(axis, points)
             db, share = gap(points, default_of(points))

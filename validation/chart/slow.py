@@ -77,7 +77,7 @@ def _seconds_per_chirp(case: Case, edge_m: float) -> float:
     radar, surface, backend = case.radar, case.surface, select("cpu")
     fine = cut_to(surface, edge_m, 2 * math.pi / radar.wavelength_m, float(np.linalg.norm(surface.rest, axis=1).min()))
     corner = [backend.lanes(fine.faces[:, i]) for i in range(3)]
-    Float64, Array3 = backend.Float64, backend.arrays.Array3d
+    Float64, Array3 = backend.Float64, backend.arrays.Array3f64
     turns_per_m = 2 * radar.mid_frequency_hz / SPEED_OF_LIGHT
     taken = []
     for start_s in surface.times_s[0] + radar.chirp_times_s(surface.duration_s)[case.chirps[: FLOAT64_CHIRPS + 1]]:
