@@ -94,8 +94,10 @@ def small_charts(cases: dict[tuple[str, str], list[Point]]) -> str:
     for axis in axes.flat:
         handles |= dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, fontsize=9)
-    for axis in axes[-1]:
-        axis.set_xlabel(TIME_AXIS, fontsize=9)
+    for column in axes.T:
+        lowest = [axis for axis in column if axis.axison][-1]
+        lowest.set_xlabel(TIME_AXIS, fontsize=9)
+        lowest.tick_params(labelbottom=True)
     figure.supylabel(ERROR_AXIS, fontsize=10)
     return save_chart(figure, "chart_scenes.png")
 
