@@ -51,7 +51,8 @@ def test_the_measured_error_is_that_against_a_much_finer_run(walk: Motion) -> No
 
 def test_a_spoilt_record_shows_in_the_measurement(walk: Motion) -> None:
     """What is measured is the cube and not the plan: a surface rate that is far too low."""
-    bad = t2d.simulate(walk, radar=RADAR, surface_rate_hz=12, measure_error=True)
+    with pytest.warns(T2DWarning, match="turns too fast"):
+        bad = t2d.simulate(walk, radar=RADAR, surface_rate_hz=12, measure_error=True)
     assert bad.error_db is not None
     assert bad.error_db > -8
 
