@@ -45,7 +45,7 @@ def speed_accuracy(points: Sequence[Point]) -> None:
     for p, offset in ((default, (-24, -38)), (finest, (-14, -6)), (_finest(points, "facets in closed form"), (8, -10))):
         name = f"default, {db:.1f} dB and {100 * share:.0f} %\noff the front: " if p is default else ""
         axis.annotate(
-            f"{name}{int(p.facets) / 1e3:,.0f} 000 facets", (p.seconds_per_second, p.nmse_db), xytext=offset,
+            f"{name}{round(int(p.facets), -3):,} facets".replace(",", " "), (p.seconds_per_second, p.nmse_db), xytext=offset,
             textcoords="offset points", ha="left" if offset[0] > 0 else "right", fontsize=8,
         )  # fmt: skip
     for p in points:
