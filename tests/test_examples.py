@@ -14,6 +14,7 @@ import pytest
 
 import t2d_rt as t2d
 from t2d_rt.cli import main
+from t2d_rt.errors import T2DWarning
 
 ROOT = Path(__file__).parents[1]
 WALK = ROOT / "examples" / "motions" / "12_01_walk.bvh"
@@ -118,9 +119,11 @@ def test_programs_of_the_readme(walk_folder: Path) -> None:
     programs = blocks("python")
     assert programs
     names: dict[str, object] = {}
-    for line, text in programs:
-        # Blank lines before it, so that a failure names the README's own line.
-        exec(compile("\n" * (line - 1) + text, "README.md", "exec"), names)
+    # With a tenth of the facets no tolerance is kept, and the measured error tells.
+    with pytest.warns(T2DWarning, match="misses the tolerance of -25 dB"):
+        for line, text in programs:
+            # Blank lines before it, so that a failure names the README's own line.
+            exec(compile("\n" * (line - 1) + text, "README.md", "exec"), names)
     saved = t2d.Simulation.load(walk_folder / "walk.zarr")
     assert np.abs(saved.cube).max() > 0
     assert saved.spectrogram.dims == ("velocity_mps", "time_s")
