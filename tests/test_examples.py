@@ -120,7 +120,7 @@ def test_programs_of_the_readme(walk_folder: Path) -> None:
     assert programs
     names: dict[str, object] = {}
     # With a tenth of the facets no tolerance is kept, and the measured error tells.
-    with pytest.warns(T2DWarning, match="misses the tolerance of -25 dB"):
+    with pytest.warns(T2DWarning, match="misses the tolerance of -25 dB"):  # noqa: PT031
         for line, text in programs:
             # Blank lines before it, so that a failure names the README's own line.
             exec(compile("\n" * (line - 1) + text, "README.md", "exec"), names)
