@@ -50,12 +50,12 @@ PREPARING = (
     "radar", "scene", "reflections", "transmissions", "clutter", "collisions", "method", "seed", "body", "material",
     "sagitta_rad", "phase_from", "device",
 )  # fmt: skip
+DETAILS = "dynamic_range_db", "occlusion", "occlusion_rate_hz", "surface_rate_hz"
+"""Options of `simulate` that say what there is, and how finely it is modelled."""
 PILOT_S = 0.5, 2.0
 """Lengths of the pieces that a plan tries."""
 BESIDE_CLUTTER_DB = -50.0
 """Error of the sum where there is clutter, at most."""
-DETAILS = "dynamic_range_db", "occlusion", "occlusion_rate_hz", "surface_rate_hz"
-"""Options of `simulate` that say what there is, and how finely it is modelled."""
 
 
 def simulate(

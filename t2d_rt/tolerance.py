@@ -26,7 +26,7 @@ LEAST_DB, MOST_DB = -40.0, 6.0
 MARGIN_DB = 1.5
 """What is planned lies that far below what is asked."""
 FACETS_DB, FACETS_SLOPE_DB = -22.3, 24.0
-"""Error of a body's facets at their own phase sagitta, and per decade of it (validation/report, tolerance)."""
+"""Error of a body's facets at their own phase sagitta, and per decade of it (docs/decisions.md)."""
 BODY_SAGITTA_RAD = 0.3
 FINEST, COARSEST = 0.1, 6.0
 """Of that sagitta."""

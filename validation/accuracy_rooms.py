@@ -72,8 +72,8 @@ def run() -> Section:
         "0.08 rad (0.12 rad for those 15 dB below the strongest and more), traces what the body hides of itself from each image "
         "and works out shares and polarisation at every unrefined vertex. Without a tolerance `simulate` models the direct way "
         "and what comes within 6 dB of it in full; weaker pairs have coarser facets and no self-occlusion, the faintest still "
-        "coarser ones and a speckle of their own: their power is right, their phases are not, and together they are a third of "
-        "the field. The table changes that step by step.",
+        "coarser ones and a speckle of their own: their power is right, their phases are not, and together they are over a "
+        "third of the field. The table changes that step by step.",
         table=rows,
         charts=[_chart(rows)],
     )

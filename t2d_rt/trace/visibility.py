@@ -166,21 +166,9 @@ class FacetLook:
         self._meshes = tuple(occluders)
         self._viewpoint = viewpoint_m
         self._solid = Occlusion(occluders, viewpoint_m, keys_s=np.zeros(0), backend=backend)
-        self._known: dict[bytes, np.ndarray] = {}
 
     def share(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-        """1 where vertices (K, V, 3) m of triangles (F, 3) are seen at times [s] (K,), else 0: float32 (K, V).
-
-        Pairs of ways have legs in common, so the last answers are kept.
-        """
-        key = vertices[:, :: max(1, vertices.shape[1] // 50)].tobytes()
-        if key not in self._known:
-            while len(self._known) > 1:  # of facets and of diffuse points
-                self._known.pop(next(iter(self._known)))
-            self._known[key] = self._share(times_s, vertices, faces)
-        return self._known[key]
-
-    def _share(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+        """1 where vertices (K, V, 3) m of triangles (F, 3) are seen at times [s] (K,), else 0: float32 (K, V)."""
         fresh = np.zeros(len(times_s), bool)
         last = -np.inf
         for number, time_s in enumerate(times_s):
