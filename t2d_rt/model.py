@@ -60,6 +60,8 @@ class Detail:
     """Of all shapes, in place of that."""
     occlusion_hz: float = 25.0
     """How often visibility is looked at."""
+    occlusion_halved: int = 0
+    """From where: from the meshes' vertices, their edges halved so many times."""
     swift_hz: float = 25.0 * SWIFT
     """Shapes that need more surface frames a second turn too fast to be looked at vertex by vertex."""
     occlusion: bool = True
@@ -188,7 +190,8 @@ class Model:
         looked_at = [None] if pairs is None else pairs.pairs[: pairs.clear if detail.weak_hidden else pairs.strong]
         views = full_views(
             self.shapes, self.radar, looked_at,
-            swift=swift, occlusion=detail.occlusion, keys_s=keys, occluders=occluders, finer=finer, backend=self.backend,
+            swift=swift, occlusion=detail.occlusion, keys_s=keys, occluders=occluders, finer=finer,
+            halved=detail.occlusion_halved, backend=self.backend,
         )  # fmt: skip
         each = zip(self.targets, self.shapes, paces, swift, views, strict=True)
         return [s for one in each for s in self._of(*one, pairs, detail, (keys, seldom), moments_s is not None)]

@@ -163,7 +163,8 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
         planned(model, tolerance_db, asked)  # compiles kernels
     chosen, planning = _timed(lambda: planned(model, tolerance_db, asked))
     chosen.model.paces(chosen.detail), chosen.model.swift(chosen.detail)  # of the whole record, before pieces are tried
-    tried = [_tried(chosen, length, given["clutter"], given["device"]) for length in (PILOT_S[1], *PILOT_S)]
+    clutter = given["clutter"], given["occlusion"]
+    tried = [_tried(chosen, length, *clutter, given["device"]) for length in (PILOT_S[1], *PILOT_S)]
     (short, first), (long, second) = tried[1:]
     per_second = max(0.0, second - first) / (long - short) if long > short else 0.0
     length = model.span_s[1] - model.span_s[0]
@@ -174,7 +175,7 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
     return replace(chosen, seconds=seconds, memory_bytes=_memory_bytes(model.radar, length))
 
 
-def _tried(chosen: Plan, length_s: float, clutter: Clutter, device: Device) -> tuple[float, float]:
+def _tried(chosen: Plan, length_s: float, clutter: Clutter, shadowed: bool, device: Device) -> tuple[float, float]:
     """What a piece in the middle of the record is long, and takes with its spectrogram [s]."""
     start, stop = chosen.model.span_s
     length_s = min(length_s, stop - start)
@@ -182,7 +183,7 @@ def _tried(chosen: Plan, length_s: float, clutter: Clutter, device: Device) -> t
     model, detail = replace(chosen.model, span_s=(middle, middle + length_s)), chosen.detail
 
     def run() -> None:
-        still, _ = model.clutter(clutter, detail)
+        still, _ = model.clutter(clutter, detail, shadowed=shadowed)
         cube = _synthesized([*model.streams(detail), *still], model.radar, _sum_db(detail, still), device, None)
         Simulation(cube, model.radar).spectrogram  # noqa: B018
 
@@ -221,14 +222,15 @@ def _prepared(
     backend, around = select(device), _around(scene)
     shapes = shapes_of(targets, method, body, material, radar)
     span_s = shared_time(shapes)
-    for shape in shapes:
-        _check_shape(shape, radar, span_s)
-    ranked = []
     if around is not None:
         moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, shapes, strict=True)]
         names = [shape.name for shape in shapes]
         outside = transmissions > 0
         span_s = checked_time(collisions, around, moving, names, radar, span_s, outside=outside, backend=backend)
+    for shape in shapes:
+        _check_shape(shape, radar, span_s)
+    ranked = []
+    if around is not None:
         ranked = find_ways(
             around, shapes, radar, span_s, order=reflections, transmissions=transmissions, backend=backend
         )

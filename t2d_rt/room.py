@@ -164,10 +164,12 @@ def full_views(
     keys_s: np.ndarray,
     occluders: Sequence[MovingMesh] = (),
     finer: int = 0,
+    halved: int = 0,
     backend: Backend,
 ) -> list[list[View]]:
     """For each shape its views over the pairs, None being free space: what hides each vertex from either leg, looked at `keys_s`.
 
+    Looks are from the meshes' vertices and those of their edges `halved` so many times.
     What turns too fast to be looked at, `swift`, hides nothing and is seen as much at all of its vertices as in the mean. Looks are
     shared: pairs have their legs in common, and transmitters and receivers that stand close together see the same.
     Over the `finer` first pairs bodies are looked past from every facet's vertices, at every moment asked for, through `occluders`:
@@ -189,7 +191,7 @@ def full_views(
             if (*key, times, solid) not in looks:
                 past = None if leg is None else _power(leg.share, times)
                 looks[*key, times, solid] = Occlusion(
-                    meshes, place, keys_s=keys_s, backend=backend, past=past, solid=solid
+                    meshes, place, keys_s=keys_s, backend=backend, past=past, solid=solid, halved=halved if solid else 0
                 )
             found.append(looks[*key, times, solid])
         return found
@@ -220,6 +222,7 @@ def full_views(
                     View(
                         legs=pair,
                         seen=seen(pair, occlusion and number >= finest, shape),
+                        halved=halved if occlusion and number >= finest and not turns else 0,
                         looked=looked(pair) if number < finest else None,
                     )
                     for number, pair in enumerate(pairs)

@@ -23,17 +23,17 @@ CHIRPS = 16
 """What hides what is judged by so many."""
 LEAST_DB, MOST_DB = -40.0, 6.0
 """Tolerances that there are settings for."""
-MARGIN_DB = 1.5
+MARGIN_DB = 2.0
 """What is planned lies that far below what is asked."""
-FACETS_DB, FACETS_SLOPE_DB = -22.3, 24.0
+FACETS_DB, FACETS_SLOPE_DB = -21.5, 24.0
 """Error of a body's facets at their own phase sagitta, and per decade of it (docs/decisions.md)."""
 BODY_SAGITTA_RAD = 0.3
 FINEST, COARSEST = 0.1, 6.0
 """Of that sagitta."""
 STEPS_PER_OCTAVE = 8
 """It is taken in steps, so that recordings of about the same tolerance have their facets in common."""
-LOOKS_HZ = (5.0, 12.5, 25.0, 50.0, 100.0)
-"""Rates of looks at what hides what, the first that does is taken."""
+LOOKS = (5.0, 0), (12.5, 0), (25.0, 0), (50.0, 1), (100.0, 1), (100.0, 2)
+"""Rates [Hz] of looks at what hides what, and how often edges are halved for them; the first that does is taken."""
 SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
 """What the splines and the sum may add lies that far below the tolerance."""
 SYNTHESIS_MOST_DB = -40.0
@@ -44,7 +44,7 @@ LOOKED_AT_DB = -10.0
 """Pairs of ways down to that level show what hides what."""
 LEAST_SHARE = 0.2
 """Facets are not made finer than that asks for."""
-FACETS_SHARE, LOOKS_SHARE, LEFT_OUT_SHARE, WEAK_SHARE = 0.7, 0.2, 0.15, 0.2
+FACETS_SHARE, LOOKS_SHARE, LEFT_OUT_SHARE, WEAK_SHARE = 0.7, 0.3, 0.15, 0.2
 """Of the error allowed: that of the facets, of what hides what, and of pairs of ways left out and by coarser facets. They may come
 to more than all of it: estimates of pairs are high."""
 
@@ -212,17 +212,18 @@ def _looks(
     found = [Omission(HIDDEN, nothing, unwanted or (nothing <= _db(left) and "occlusion_hz" not in asked))]
     if found[0].taken:
         return {"occlusion": False}, found
-    rates_hz = (detail.occlusion_hz,) if "occlusion_hz" in asked else LOOKS_HZ
-    for rate_hz in rates_hz:
-        error = nmse_db(probed(model, detail, chirps, looks_hz=rate_hz), fine)
-        found.append(Omission(f"shadows' edges between corners and looks, {rate_hz:g} a second", error, False))
+    ladder = [(detail.occlusion_hz, halved) for halved in (0, 1, 2)] if "occlusion_hz" in asked else LOOKS
+    for rate_hz, halved in ladder:
+        error = nmse_db(probed(model, replace(detail, occlusion_halved=halved), chirps, looks_hz=rate_hz), fine)
+        found.append(Omission(f"shadows' edges, {_looked(rate_hz, halved)}", error, False))
         if error <= _db(left):
             best = len(found) - 1
             break
     else:
         best = min(range(1, len(found)), key=lambda n: found[n].error_db)
     found[best] = replace(found[best], taken=True)
-    return {"occlusion_hz": rates_hz[best - 1]}, found
+    rate_hz, halved = ladder[best - 1]
+    return {"occlusion_hz": rate_hz, "occlusion_halved": halved}, found
 
 
 def _told(plan: Plan) -> list[str]:
@@ -242,7 +243,7 @@ def _told(plan: Plan) -> list[str]:
         coarse = len(pairs.pairs) - pairs.strong
         lines.append(f"  {len(pairs.pairs)} pairs of ways: {pairs.strong} in full, {coarse} by coarser facets")
     if model.method == "mesh":
-        looks = f"{detail.occlusion_hz:g} looks a second" if detail.occlusion else "not looked at"
+        looks = _looked(detail.occlusion_hz, detail.occlusion_halved) if detail.occlusion else "not looked at"
         lines.append(f"  {HIDDEN}: {looks}")
     fastest = max(farthest_and_fastest(shape, radar, model.span_s)[1] for shape in model.shapes)
     asked_hz, sent_hz = (4 * speed / radar.wavelength_m for speed in (fastest, radar.max_speed_mps))
@@ -259,6 +260,11 @@ def _told(plan: Plan) -> list[str]:
         total = sum(plan.seconds.values())
         lines.append(f"predicted: {total:.1f} s once kernels are compiled ({parts}), {plan.memory_bytes / 1e9:.1f} GB")
     return lines
+
+
+def _looked(rate_hz: float, halved: int) -> str:
+    corners = ("", ", edges halved", ", edges quartered")[halved]
+    return f"{rate_hz:g} looks a second from meshes' corners{corners}"
 
 
 def _db(ratio: float) -> float:

@@ -32,6 +32,8 @@ class View:
     legs: LegPair | None = None
     seen: Share | None = None
     """Of each vertex of a mesh, or of each ellipsoid; None: all that faces the antennas."""
+    halved: int = 0
+    """`seen` is of the vertices of the mesh's edges halved so many times (`geometry.Halved`), too."""
     passed: Share | None = None
     """Of the field that reaches a mesh's anchors; None: all of it."""
     looked: Look | None = None

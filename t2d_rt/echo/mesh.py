@@ -19,7 +19,7 @@ from t2d_rt.echo.facets import Block, Pair, Weights, diffuse_echoes, patch_delay
 from t2d_rt.echo.legs import Anchors, Arrivals, View, anchor_vertices, unfolded
 from t2d_rt.echo.patches import TURNS_PER_STEP, Csr, Ends, Patches, centres, least_range_m, normals, patches, tilts
 from t2d_rt.errors import InputError
-from t2d_rt.geometry import Refinement, point_spacing, refinements, surface_points
+from t2d_rt.geometry import Halved, Refinement, point_spacing, refinements, surface_points
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
@@ -64,7 +64,8 @@ def mesh_echoes(
     """
     pairs = [Pair.of(radar, view.legs) for view in views]
     ends = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]
-    model = _Model.of(surface, radar, ends, times_s, material, sagitta_rad, seed, turns_per_step, points)
+    halved = {view.halved for view in views}
+    model = _Model.of(surface, radar, ends, times_s, material, sagitta_rad, seed, turns_per_step, points, halved)
     looks = list(model.looks(surface, times_s, pairs, views))
     echoes = sum(len(look.echoes) for look in looks)
     anchors = None
@@ -133,6 +134,8 @@ class _Model:
     """Sparse: the patches' reference points from the cage's vertices."""
     reflection: complex
     points: _Points | None
+    lookouts: dict[int, _Lookout]
+    """What visibility is known of, by how often the cage's edges are halved."""
     at_moments: bool
     """Whether frames are moments that have nothing to do with one another."""
 
@@ -148,6 +151,7 @@ class _Model:
         seed: int,
         turns_per_step: float,
         point_count: int,
+        halved: set[int],
     ) -> _Model:
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
@@ -156,6 +160,7 @@ class _Model:
         fine, *carriers = _refinements(surface, wavenumber, least_range_m(surface, seen_from, times_s), sagittas)
         parts = patches(surface, fine, radar, times_s, seen_from=seen_from, turns_per_step=turns_per_step)
         points = _Points.spread(surface, carriers[0], seed, rough * abs(reflection), point_count) if carriers else None
+        lookouts = {times: _Lookout.of(surface, fine, points, times) for times in halved}
         return cls(
             cage_faces=surface.faces,
             tilt_rad=tilts(surface, fine),
@@ -164,6 +169,7 @@ class _Model:
             centre=centres(parts, fine),
             reflection=reflection * math.sqrt(1 - rough**2),
             points=points,
+            lookouts=lookouts,
             at_moments=math.isinf(turns_per_step),
         )
 
@@ -201,13 +207,13 @@ class _Model:
     ) -> None:
         """Writes the echoes of one look to its columns; `seen` (K, V) is what share of the cage's vertices it sees, `looked` of
         finer ones."""
-        pair, patches = look.pair, look.echoes[: look.patches]
+        pair, patches, lookout = look.pair, look.echoes[: look.patches], self.lookouts[look.view.halved]
         columns = look.first + np.arange(len(look.echoes))
         if len(patches):
             patch_delays(posed.centres, patches, pair, block, columns[: len(patches)], backend)
         faces = np.ones(len(self.cage_faces), bool) if self.at_moments else self.lit(posed.turned, pair)
         if seen is not None:
-            faces &= self._around(np.asarray(seen.any(axis=0)))
+            faces &= self._around(lookout, np.asarray(seen.any(axis=0)))
         lit = self.patches.any_of(faces)[patches]
         if weights is not None:
             lit &= weights.reach[patches]
@@ -217,28 +223,37 @@ class _Model:
             if seen is None and looked is None:
                 vertices = posed.vertices
             elif looked is not None:
-                values = _carried(self.operator, posed.local(seen))
+                values = self._seen(posed, seen, lookout, slice(None))
                 values[..., 3] *= _looked_at(looked, values[..., :3] + posed.origin, self.patches.corners)
                 vertices = _on_device(values, backend.Float32)
             else:
                 used = np.zeros(self.operator.shape[0], bool)
                 used[parts.corners] = True
                 parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
-                vertices = _on_device(_carried(self.operator[used], posed.local(seen)), backend.Float32)
+                vertices = _on_device(self._seen(posed, seen, lookout, used), backend.Float32)
             patch_echoes(
                 vertices, posed.centres, posed.origin, parts, patches[lit], pair, self.reflection, weights, block,
                 columns[lit], backend,
             )  # fmt: skip
         if self.points is not None:
-            fraction = self.points.fraction(seen, looked, posed.cage)
+            fraction = self.points.fraction(seen, lookout, looked, posed.cage)
             self.points.put(
                 block, posed.carrier, fraction, pair, weights, len(self.patches), columns[len(patches) :], backend
             )
 
-    def _around(self, vertices: np.ndarray) -> np.ndarray:
-        """Cage faces whose facets' vertices hang on any of some of the cage's, bool (V,): theirs and their neighbours'."""
-        wider = np.zeros_like(vertices)
-        wider[self.cage_faces[vertices[self.cage_faces].any(axis=1)]] = True
+    def _seen(self, posed: _Posed, seen: np.ndarray | None, lookout: _Lookout, used: np.ndarray | slice) -> np.ndarray:
+        """The `used` facets' vertices and what share of them is seen, float32 (Vf, T, 4)."""
+        if lookout.facets is None or seen is None:
+            return _carried(self.operator[used], posed.local(seen))
+        values = _carried(self.operator[used], posed.local(None))
+        values[..., 3] = _carried(lookout.facets[used], seen[..., None])[..., 0]
+        return values
+
+    def _around(self, lookout: _Lookout, seen: np.ndarray) -> np.ndarray:
+        """Cage faces whose facets' vertices hang on any of those that are looked from and seen, bool (V,): theirs and their
+        neighbours'."""
+        wider = np.zeros(self.operator.shape[1], bool)
+        wider[self.cage_faces[seen[lookout.faces].reshape(len(self.cage_faces), -1).any(axis=1)]] = True
         return np.asarray(wider[self.cage_faces].any(axis=1))
 
     def places(self, cage: np.ndarray, centre: np.ndarray) -> np.ndarray:
@@ -258,6 +273,27 @@ class _Model:
         # What turns from moment to moment may turn as much again in between.
         margin = self.tilt_rad + BEND_RAD + np.abs(np.diff(angle, axis=0)).max(axis=0, initial=0)
         return angle.min(axis=0) < math.pi / 2 + margin
+
+
+@dataclass(frozen=True, slots=True)
+class _Lookout:
+    """Vertices of the cage, its edges halved some times, from which it is looked what hides what."""
+
+    faces: np.ndarray
+    """Those of each cage face together."""
+    facets: Csr | None
+    """Sparse: what is known of the facets' vertices from these; None: the cage's own, carried as they are."""
+    points: Csr | None
+    """Sparse: the same of vertices that hold the diffuse points."""
+
+    @classmethod
+    def of(cls, surface: MovingMesh, fine: Refinement, points: _Points | None, times: int) -> _Lookout:
+        """With edges halved so many times."""
+        if not times:
+            return cls(surface.faces, None, None if points is None else points.carrier.linear[points.used])
+        halved = Halved.of(surface.faces, len(surface.rest), times)
+        held = None if points is None else halved.to(points.carrier, surface.faces)[points.used]
+        return cls(halved.faces, halved.to(fine, surface.faces), held)
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,7 +354,7 @@ class _Posed:
     def of(cls, model: _Model, cage: np.ndarray, backend: Backend) -> _Posed:
         centre = _carried(model.centre, cage)
         carrier = (
-            None if model.points is None else _on_device(_carried(model.points.carrier.operator, cage), backend.Float64)
+            None if model.points is None else _on_device(_carried(model.points.operator, cage), backend.Float64)
         )
         moments = np.unique(np.linspace(0, len(cage) - 1, math.ceil((len(cage) - 1) / PROBE_EVERY) + 1).astype(int))
         turned = _Turned.of(cage[moments], model.cage_faces)
@@ -369,7 +405,9 @@ class _Points:
     """Diffuse points on the triangles that hold them."""
 
     carrier: Refinement
-    """Only the vertices that hold points."""
+    used: np.ndarray
+    """Numbers of its vertices that hold points, and these from the cage's."""
+    operator: Csr
     corners: np.ndarray
     barycentric: np.ndarray
     area_m2: np.ndarray
@@ -383,25 +421,24 @@ class _Points:
         area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
         points = surface_points(rest, carrier.faces, seed=seed, spacing_m=point_spacing(area, count))
         used, corners = np.unique(carrier.faces[points.face], return_inverse=True)
-        held = Refinement(
-            operator=carrier.operator[used],
-            faces=carrier.faces,
-            base_face=carrier.base_face,
-            linear=carrier.linear[used],
-        )
-        return cls(held, corners.reshape(-1, 3), points.barycentric, points.area_m2, points.phase_rad, scattered)
+        return cls(
+            carrier, used, carrier.operator[used], corners.reshape(-1, 3), points.barycentric, points.area_m2,
+            points.phase_rad, scattered,
+        )  # fmt: skip
 
     def places(self, cage: np.ndarray) -> np.ndarray:
         """Where the points stand (Q, K, 3), for cage vertices (K, V, 3)."""
-        vertices = _carried(self.carrier.operator, cage)
+        vertices = _carried(self.operator, cage)
         return sum(vertices[self.corners[:, i]] * self.barycentric[:, i, None, None] for i in range(3))
 
-    def fraction(self, seen: np.ndarray | None, looked: Looked | None, cage: np.ndarray) -> np.ndarray | None:
+    def fraction(
+        self, seen: np.ndarray | None, lookout: _Lookout, looked: Looked | None, cage: np.ndarray
+    ) -> np.ndarray | None:
         """What share of the carrier's vertices is seen (Vp, T, 1); None: all."""
-        share = None if seen is None else _carried(self.carrier.linear, seen[..., None])
+        share = None if seen is None else _carried(lookout.points, seen[..., None])
         if looked is None:
             return share
-        found = _looked_at(looked, _carried(self.carrier.operator, cage), self.corners)[..., None]
+        found = _looked_at(looked, _carried(self.operator, cage), self.corners)[..., None]
         return found if share is None else share * found
 
     def put(

@@ -1,10 +1,12 @@
 """Surfaces as arrays: refinement on one fixed curved surface, and points spread over it."""
 
+from t2d_rt.geometry.halved import Halved
 from t2d_rt.geometry.refine import Refinement, curvature, refine, refinements
 from t2d_rt.geometry.subdivide import Subdivision, crease_corners, sharp_edges, subdivide, topology
 from t2d_rt.geometry.surface_points import SurfacePoints, hash_uniform, point_spacing, surface_points
 
 __all__ = [
+    "Halved",
     "Refinement",
     "Subdivision",
     "SurfacePoints",

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned
-from t2d_rt.geometry import topology
+from t2d_rt.geometry import Halved, topology
 from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import MovingMesh
 
@@ -50,7 +50,8 @@ class Occlusion:
 
     `past` says what share reaches points (..., 3) past what stands still; with `solid` False only that counts.
     It is looked at `keys_s` [s] (`key_times`) and fades in between; the shadow's edge moves a hand's breadth between the keys of
-    a fast limb at 25 Hz.
+    a fast limb at 25 Hz. Edges `halved` so many times add vertices to look from, 25 mm apart on a body's own; those follow the
+    mesh's own, as of `geometry.Halved`.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class Occlusion:
         backend: Backend,
         past: Past | None = None,
         solid: bool = True,
+        halved: int = 0,
     ) -> None:
         self._meshes = tuple(meshes)
         self._past, self._solid = past, solid
@@ -70,19 +72,22 @@ class Occlusion:
         self._copies = 64
         if not meshes:
             return
-        self._sizes = [len(m.rest) for m in meshes]
+        self._faces = _side_by_side([m.faces for m in meshes], [len(m.rest) for m in meshes])
+        lookouts = [Halved.of(m.faces, len(m.rest), halved) for m in meshes]
+        self._lookouts = lookouts if halved else None
+        self._sizes = [each.operator.shape[0] for each in lookouts]
         self._chunks: OrderedDict[int, np.ndarray] = OrderedDict()
-        offsets = np.cumsum([0, *self._sizes[:-1]])
-        self._faces = np.concatenate([m.faces + offset for m, offset in zip(meshes, offsets, strict=True)])
         self._closed = np.concatenate([np.full(len(m.faces), _is_closed(m)) for m in meshes])
-        self._copies = int(np.clip(FACES_PER_SCENE // len(self._faces), 1, 64))
-        self._incidence = _incidence(self._faces, sum(self._sizes))
+        self._copies = int(np.clip(FACES_PER_SCENE // (len(self._faces) << halved), 1, 64))
+        self._looking = _side_by_side([each.faces for each in lookouts], self._sizes)
+        self._incidence = _incidence(self._looking, sum(self._sizes))
         self._neighbours = _adjacency(self._incidence)
-        self._marks = None if past is None else _marks(meshes, offsets)
+        rest = [each.operator @ m.rest for each, m in zip(lookouts, meshes, strict=True)]
+        self._marks = None if past is None else _marks(rest)
         self._mitsuba = mitsuba(backend)
 
     def visibility(self, times_s: np.ndarray) -> list[np.ndarray]:
-        """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh."""
+        """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh, of its vertices and those of halved edges."""
         return np.split(faded(times_s, self._keys, self._at_keys), np.cumsum(self._sizes)[:-1], axis=1)
 
     def _at_keys(self, keys: np.ndarray) -> np.ndarray:
@@ -124,13 +129,16 @@ class Occlusion:
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
-        vertices = np.concatenate([mesh.at(times_s) for mesh in self._meshes], axis=1)
+        posed = [mesh.at(times_s) for mesh in self._meshes]
+        vertices = points = np.concatenate(posed, axis=1)
+        if self._lookouts is not None:
+            points = np.concatenate([_of_each(each.operator, p) for each, p in zip(self._lookouts, posed, strict=True)], axis=1)
         if not self._solid:
-            return self._let_past(vertices)
-        normal = _vertex_normals(vertices, self._faces, self._incidence)
-        front = np.einsum("kvi,kvi->kv", normal, self._viewpoint - vertices) > 0
-        seen = (self.clear(vertices, vertices, normal) & front).astype(np.float32)
-        seen *= self._let_past(vertices)
+            return self._let_past(points)
+        normal = _vertex_normals(points, self._looking, self._incidence)
+        front = np.einsum("kvi,kvi->kv", normal, self._viewpoint - points) > 0
+        seen = (self.clear(vertices, points, normal) & front).astype(np.float32)
+        seen *= self._let_past(points)
         # A vertex just beyond the horizon takes over from its neighbours this side of it: the horizon itself is the
         # facets' own cosine, not a shadow.
         count = (self._neighbours @ front.T.astype(np.float32)).T
@@ -245,25 +253,40 @@ def _incidence(faces: np.ndarray, count: int) -> Any:
     return csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, len(faces)))
 
 
-def _marks(meshes: Sequence[MovingMesh], offsets: np.ndarray) -> tuple[np.ndarray, Any]:
-    """Numbers (M,) of vertices at least `MARK_M` apart in each mesh, and how all take after the nearest ones: sparse (V, M)."""
+def _side_by_side(faces: Sequence[np.ndarray], sizes: Sequence[int]) -> np.ndarray:
+    """Faces of meshes of so many vertices as those of one."""
+    offsets = np.cumsum([0, *sizes[:-1]])
+    return np.concatenate([each + offset for each, offset in zip(faces, offsets, strict=True)])
+
+
+def _of_each(operator: Any, vertices: np.ndarray) -> np.ndarray:
+    """Applies a sparse (V', V) to vertices (K, V, 3)."""
+    flat = operator @ np.ascontiguousarray(vertices.swapaxes(0, 1)).reshape(vertices.shape[1], -1)
+    return np.asarray(flat.reshape(-1, len(vertices), 3).swapaxes(0, 1))
+
+
+def _marks(rest: Sequence[np.ndarray]) -> tuple[np.ndarray, Any]:
+    """Numbers (M,) of vertices at least `MARK_M` apart in each of some (V, 3), and how all take after the nearest ones: sparse
+    (V, M)."""
     from scipy.sparse import block_diag, csr_array
     from scipy.spatial import cKDTree
 
     numbers, carried = [], []
-    for mesh, offset in zip(meshes, offsets, strict=True):
-        near = cKDTree(mesh.rest).query_ball_point(mesh.rest, MARK_M)
-        free, mine = np.ones(len(mesh.rest), bool), []
+    offset = 0
+    for points in rest:
+        near = cKDTree(points).query_ball_point(points, MARK_M)
+        free, mine = np.ones(len(points), bool), []
         for vertex, around in enumerate(near):
             if free[vertex]:
                 mine.append(vertex)
                 free[around] = False
-        away, nearest = cKDTree(mesh.rest[mine]).query(mesh.rest, k=min(3, len(mine)))
-        weight = 1 / np.maximum(away.reshape(len(mesh.rest), -1), 1e-6)
+        away, nearest = cKDTree(points[mine]).query(points, k=min(3, len(mine)))
+        weight = 1 / np.maximum(away.reshape(len(points), -1), 1e-6)
         weight /= weight.sum(axis=1, keepdims=True)
         row = np.repeat(np.arange(len(weight)), weight.shape[1])
         carried.append(csr_array((weight.ravel(), (row, nearest.ravel())), shape=(len(weight), len(mine))))
         numbers.append(np.array(mine) + offset)
+        offset += len(points)
     return np.concatenate(numbers), block_diag(carried, format="csr").astype(np.float32)
 
 
