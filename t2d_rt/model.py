@@ -230,7 +230,8 @@ class Model:
             yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns, detail), **fine)
         if faint and isinstance(target, Motion):
             limbs = segments(placed(target, radar), self.body)
-            yield ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, keys_s[1]), **common)
+            seldom = keys_s[1] if at_moments else np.append(keys_s[1][:-1:2], keys_s[1][-1])
+            yield ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, seldom, faint=True), **common)
         elif faint:
             if swift and not at_moments:  # less often, too
                 fine["times_s"] = np.linspace(*self.span_s, max(4, (len(times_s) + 1) // 2))

@@ -235,14 +235,17 @@ def full_views(
     return found
 
 
-def coarse_views(shape: Shape, pairs: Sequence[LegPair], keys_s: np.ndarray, *, swift: bool = False) -> list[View]:
+def coarse_views(
+    shape: Shape, pairs: Sequence[LegPair], keys_s: np.ndarray, *, swift: bool = False, faint: bool = False
+) -> list[View]:
     """Views of one shape over pairs, each with what stands still in the way of a few of its points, looked at `keys_s`; it does not
     hide itself.
 
-    A `swift` one turns too fast to be looked at: all of its points are seen as much as in the mean.
+    A `swift` one turns too fast to be looked at: all of its points are seen as much as in the mean. Over `faint` pairs ellipsoids
+    are seen as much as their centres.
     """
     if isinstance(shape, Ellipsoids):
-        passed = Passed.to_ellipsoids(shape, keys_s)
+        passed = (Passed.to_centres if faint else Passed.to_ellipsoids)(shape, keys_s)
     else:
         passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), keys_s)
     # By leg and not by chain: antennas that stand apart have legs of their own over the same mirrors.

@@ -183,6 +183,17 @@ def test_simulate_stops_before() -> None:
     assert np.sum(np.abs(same - first) ** 2) < 1e-3 * np.sum(np.abs(first) ** 2)
 
 
+def test_nothing_is_said_of_what_comes_after_the_stop() -> None:
+    leaving = ball((3.0, 0.0, 1.0), (9.0, 0.0, 0.0), 3.0)
+    options = {"radar": RADAR, "scene": ROOM, "reflections": 0, "clutter": "none"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", T2DWarning)
+        stopped = t2d.simulate(leaving, **options, collisions="stop")
+    assert stopped.cube.shape[0] / RADAR.prf_hz < 0.2
+    with pytest.warns(T2DWarning, match="beyond the unambiguous"):
+        t2d.simulate(leaving, **options, collisions="ignore")
+
+
 def test_nothing_is_said_of_what_stays_inside() -> None:
     inside = ball((3.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.1)
     with warnings.catch_warnings():

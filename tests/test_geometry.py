@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull, Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
 from t2d_rt.errors import InputError
-from t2d_rt.geometry import Refinement, crease_corners, curvature, refine, refinements, sharp_edges, subdivide
+from t2d_rt.geometry import Halved, Refinement, crease_corners, curvature, refine, refinements, sharp_edges, subdivide
 
 WAVENUMBER = 1613.8
 NO_EDGES = np.zeros((0, 2), int)
@@ -400,3 +400,23 @@ def test_curvature_does_not_depend_on_place_and_scales_with_size() -> None:
     # Of this ellipsoid's ends the long one is bent most: 3/1 and 3/4 about its two directions, against 1/4 and 1/9.
     ends = [int(np.argmax(stretched[:, axis])) for axis in (2, 0)]
     assert reference[ends[0]] > 5 * reference[ends[1]]
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_halved_edges_move_nothing_and_hold_finer_fields(times: int) -> None:
+    vertices, faces = uneven_sphere(60, 0.1, 0.3)
+    fine = refine(vertices, faces, wavenumber=WAVENUMBER, range_m=3, sagitta_rad=0.5)
+    halved = Halved.of(faces, len(vertices), times)
+    carried = halved.to(fine, faces)
+    assert len(halved.faces) == 4**times * len(faces)
+    # What is linear over the mesh's faces stays so; children lie in their parents' planes, turned as they are.
+    places = halved.operator @ vertices
+    np.testing.assert_allclose(carried @ places, fine.linear @ vertices, atol=1e-6)
+    area = np.cross(*(places[halved.faces[:, k]] - places[halved.faces[:, 0]] for k in (1, 2)))
+    whole = np.cross(*(vertices[faces[:, k]] - vertices[faces[:, 0]] for k in (1, 2)))
+    np.testing.assert_allclose(area, np.repeat(whole, 4**times, axis=0) / 4**times, atol=1e-6)
+    # A field of the new vertices alone comes through: at a vertex of both it is that vertex's own.
+    field = np.random.default_rng(0).random(len(places))
+    away, same = cKDTree(places).query(fine.linear @ vertices)
+    np.testing.assert_allclose((carried @ field)[away < 1e-7], field[same[away < 1e-7]], atol=1e-6)
+    assert (away < 1e-7).sum() > len(vertices)

@@ -23,6 +23,7 @@ from t2d_rt.geometry import Refinement, refinements
 from t2d_rt.radar import groups
 from t2d_rt.radar import synthesize as module
 from t2d_rt.radar.direct import direct_sum
+from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, stream
 from t2d_rt.types.radar import preset_names
@@ -454,3 +455,17 @@ def test_merged_echoes_far_apart_across_range_before_a_wide_array() -> None:
     for antenna in (0, 1):
         expected = direct_sum(echoes, radar, chirps, every=9, antenna=antenna)
         assert nmse_db(cube[chirps, antenna, ::9], expected) < -50
+
+
+@pytest.mark.parametrize("frames", [4, 5, 9, 40])
+def test_ends_of_splines_follow_a_quartic(frames: int) -> None:
+    t = np.arange(frames) - 1.5
+    order = min(4, frames - 1)
+    values = t**order
+    slopes = spline_slopes(frames) @ values
+    assert slopes[[0, -1]] == pytest.approx(order * t[[0, -1]] ** (order - 1), rel=1e-9)
+    # Inside its second derivative has no jump.
+    rise = np.diff(values)
+    left = -6 * rise[:-1] + 2 * slopes[:-2] + 4 * slopes[1:-1]
+    right = 6 * rise[1:] - 4 * slopes[1:-1] - 2 * slopes[2:]
+    assert left == pytest.approx(right, abs=1e-9 * np.abs(values).max())

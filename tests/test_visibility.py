@@ -14,6 +14,7 @@ import t2d_rt as t2d
 from t2d_rt.backend import Backend
 from t2d_rt.body.template import template
 from t2d_rt.errors import T2DWarning
+from t2d_rt.geometry import Halved
 from t2d_rt.resources import resource
 from t2d_rt.trace.visibility import Occlusion, key_times
 from t2d_rt.types import MovingMesh
@@ -329,3 +330,30 @@ def test_the_far_leg_and_arm_pass_behind_the_body(walker: MovingMesh, backend: B
     assert shares("left_elbow").max() > 0.9
     assert shares("right_knee").min() > 0.9
     assert shares("right_elbow").min() > 0.9
+
+
+@pytest.mark.filterwarnings("ignore:.*is not watertight")
+def test_halved_edges_place_a_shadows_edge_more_closely(backend: Backend) -> None:
+    # A strip, half as far away as a floor of 10 cm squares, shades twice its own width of that.
+    side = np.linspace(-0.5, 0.5, 11)
+    places = np.stack([np.full((11, 11), 4.0), *np.meshgrid(side, side + 1.0, indexing="ij")], axis=-1).reshape(-1, 3)
+    corner = (np.arange(10)[:, None] * 11 + np.arange(10)).ravel()
+    faces = np.concatenate([corner[:, None] + np.array(three) for three in ((0, 1, 12), (0, 12, 11))])
+    floor = MovingMesh(np.stack([places, places]), faces, np.array(LONG_S), "pec", name="floor")
+    low, high = -0.087, 0.061
+    strip = np.array([(2.0, low, 0.0), (2.0, high, 0.0), (2.0, high, 2.0), (2.0, low, 2.0)])
+    shade = MovingMesh(np.stack([strip, strip]), [[0, 2, 1], [0, 3, 2]], np.array(LONG_S), "pec", name="strip")
+    keys = key_times(*LONG_S, 2.0)
+    across = np.linspace(-0.4, 0.4, 2001)
+    lit = (across < 2 * low) | (across > 2 * high)
+    errors = []
+    for halved in range(3):
+        look = Occlusion([floor, shade], HERE, keys_s=keys, backend=backend, halved=halved)
+        seen = look.visibility(np.array([0.5]))[0][0]
+        stands = Halved.of(faces, len(places), halved).operator @ places
+        row = np.abs(stands[:, 2] - 1.0) < 1e-6
+        order = np.argsort(stands[row, 1])
+        errors.append(np.mean(np.abs(np.interp(across, stands[row, 1][order], seen[row][order]) - lit)))
+    # Each of two edges becomes a ramp as wide as a square, whose error is a quarter to a half of its width.
+    for halved, error in enumerate(errors):
+        assert 0.9 < error / (0.1 / 2**halved / 2 / 0.8) < 2.1

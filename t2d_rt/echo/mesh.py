@@ -353,9 +353,7 @@ class _Posed:
     @classmethod
     def of(cls, model: _Model, cage: np.ndarray, backend: Backend) -> _Posed:
         centre = _carried(model.centre, cage)
-        carrier = (
-            None if model.points is None else _on_device(_carried(model.points.operator, cage), backend.Float64)
-        )
+        carrier = None if model.points is None else _on_device(_carried(model.points.operator, cage), backend.Float64)
         moments = np.unique(np.linspace(0, len(cage) - 1, math.ceil((len(cage) - 1) / PROBE_EVERY) + 1).astype(int))
         turned = _Turned.of(cage[moments], model.cage_faces)
         return cls(

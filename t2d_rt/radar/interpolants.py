@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 
-
 END_FRAMES = 5
 """So many frames give the delay's slope at either end. Recorded limbs are no polynomials: seven do worse than a not-a-knot end, by
 7 dB in the walk's first interval, five better by 6 dB."""

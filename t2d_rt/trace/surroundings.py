@@ -86,6 +86,11 @@ class Passed:
         return cls(lambda times_s: mesh.at(times_s)[:, vertices, None], keys_s)
 
     @classmethod
+    def to_centres(cls, ellipsoids: Ellipsoids, keys_s: np.ndarray) -> Passed:
+        """Of ellipsoids' centres alone."""
+        return cls(lambda times_s: ellipsoids.at(times_s)[0][:, :, None], keys_s)
+
+    @classmethod
     def to_ellipsoids(cls, ellipsoids: Ellipsoids, keys_s: np.ndarray) -> Passed:
         """Of ellipsoids: their centres and far ends; across them, the field fades over as much as they measure."""
         number = np.arange(len(ellipsoids.semi_axes_m))

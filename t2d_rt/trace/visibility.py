@@ -87,7 +87,7 @@ class Occlusion:
         self._mitsuba = mitsuba(backend)
 
     def visibility(self, times_s: np.ndarray) -> list[np.ndarray]:
-        """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh, of its vertices and those of halved edges."""
+        """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, halved edges' too."""
         return np.split(faded(times_s, self._keys, self._at_keys), np.cumsum(self._sizes)[:-1], axis=1)
 
     def _at_keys(self, keys: np.ndarray) -> np.ndarray:
@@ -132,7 +132,9 @@ class Occlusion:
         posed = [mesh.at(times_s) for mesh in self._meshes]
         vertices = points = np.concatenate(posed, axis=1)
         if self._lookouts is not None:
-            points = np.concatenate([_of_each(each.operator, p) for each, p in zip(self._lookouts, posed, strict=True)], axis=1)
+            points = np.concatenate(
+                [_of_each(each.operator, p) for each, p in zip(self._lookouts, posed, strict=True)], axis=1
+            )
         if not self._solid:
             return self._let_past(points)
         normal = _vertex_normals(points, self._looking, self._incidence)

@@ -3,29 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
 from validation.chart.measure import Point
 
+Error = Literal["nmse_db", "spectrogram_db"]
+"""Which figure of a point is its error."""
+
 GAP_DB, GAP_TIME = 1.0, 0.2
 """What the default setting may be off the front: in error, or in time."""
 
 
-def front(points: Sequence[Point]) -> list[Point]:
+def error_of(point: Point, error: Error) -> float:
+    """[dB]; infinite where it is not known."""
+    value = getattr(point, error)
+    return float(value) if value != "" else float("inf")
+
+
+def front(points: Sequence[Point], error: Error = "nmse_db") -> list[Point]:
     """Points that no other one beats in both time and error, fastest first."""
     best: list[Point] = []
-    for point in sorted(points, key=lambda p: (p.seconds_per_second, p.nmse_db)):
-        if not best or point.nmse_db < best[-1].nmse_db:
+    for point in sorted(points, key=lambda p: (p.seconds_per_second, error_of(p, error))):
+        if error_of(point, error) < (error_of(best[-1], error) if best else float("inf")):
             best.append(point)
     return best
 
 
-def gap(points: Sequence[Point], default: Point) -> tuple[float, float]:
+def gap(points: Sequence[Point], default: Point, error: Error = "nmse_db") -> tuple[float, float]:
     """By how much the default errs more than what is as fast [dB], and takes longer than what is as good [share of that]."""
-    as_fast = min(p.nmse_db for p in points if p.seconds_per_second <= default.seconds_per_second)
-    as_good = min(p.seconds_per_second for p in points if p.nmse_db <= default.nmse_db)
-    return default.nmse_db - as_fast, default.seconds_per_second / as_good - 1
+    own = error_of(default, error)
+    as_fast = min(error_of(p, error) for p in points if p.seconds_per_second <= default.seconds_per_second)
+    as_good = min(p.seconds_per_second for p in points if error_of(p, error) <= own)
+    return own - as_fast, default.seconds_per_second / as_good - 1
 
 
 def seconds_at(points: Sequence[Point], error_db: float) -> float:

@@ -38,6 +38,8 @@ class Method:
     values: tuple[Any, ...]
     few: tuple[Any, ...] = ()
     """Values for the small charts."""
+    brief: tuple[Any, ...] = ()
+    """Values where other motions are in rooms."""
     rooms_only: bool = False
 
 
@@ -175,11 +177,11 @@ SUMMED = "facets with one point each, summed chirp by chirp"
 """A method that makes no record (`slow.point_sums`)."""
 METHODS = (
     Method("ellipsoids from the centre", "Hz", _ellipsoids("centre"), (25.0, 60.0, 200.0), (60.0,)),
-    Method("ellipsoids from the specular point", "Hz", _ellipsoids("specular"), (25.0, 60.0, 200.0), (60.0,)),
+    Method("ellipsoids from the specular point", "Hz", _ellipsoids("specular"), (25.0, 60.0, 200.0), (60.0,), (60.0,)),
     Method("facets with one point each", "m edge", one_point_each, (0.016, 0.008, 0.004, 0.003, 0.0025, 0.002), (0.008,)),
     Method(
         "facets in closed form", "x sagitta", lambda case, scale: simulated(case, scale=scale),
-        (FLAT, 16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25), (FLAT, 4.0, 1.0, 0.5),
+        (FLAT, 16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25), (FLAT, 4.0, 1.0, 0.5), (4.0, 1.0),
     ),
     Method(
         "surface rate", "Hz", lambda case, rate: simulated(case, surface_rate_hz=rate),
@@ -188,7 +190,7 @@ METHODS = (
     Method("visibility", "", seen_by, ("none", "capsules", "full mesh"), ("none", "capsules")),
     Method(
         "wall order", "reflections", lambda case, order: simulated(case, reflections=order), (0, 1, 2, 3), (0, 1, 3),
-        rooms_only=True,
+        (0, 1), rooms_only=True,
     ),
-    Method("by tolerance", "dB", by_tolerance, (-10.0, -15.0, -20.0, -25.0, -30.0), (-12.0, -18.0)),
+    Method("by tolerance", "dB", by_tolerance, (-10.0, -15.0, -20.0, -25.0, -30.0), (-12.0, -18.0), (-12.0,)),
 )  # fmt: skip

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from validation.chart.front import front, gap
+from validation.chart.front import Error, error_of, front, gap
 from validation.chart.measure import Point
 from validation.chart.methods import DEFAULT, SUMMED
 from validation.report import new_figure, save_chart
@@ -28,6 +29,9 @@ STYLES = {
 FAR = 100.0
 """Points slower than that are named at the panel's right edge."""
 ERROR_AXIS = "field error (NMSE) against the float64 reference [dB]"
+ERROR_AXES: dict[Error, str] = {
+    "nmse_db": ERROR_AXIS, "spectrogram_db": "RMS difference of spectrograms within 40 dB of the peak [dB]",
+}  # fmt: skip
 TIME_AXIS = "seconds of computing per second of radar data"
 
 
@@ -74,7 +78,7 @@ def _finest(points: Sequence[Point], method: str) -> Point:
     return max((p for p in points if p.method == method), key=lambda p: int(p.facets or 0))
 
 
-def small_charts(cases: dict[tuple[str, str], list[Point]]) -> str:
+def small_charts(cases: dict[tuple[str, str], list[Point]], error: Error) -> str:
     """Scenes in rows, motions in columns."""
     scenes, motions = (list(dict.fromkeys(names)) for names in zip(*cases, strict=True))
     figure, axes = new_figure(
@@ -87,8 +91,8 @@ def small_charts(cases: dict[tuple[str, str], list[Point]]) -> str:
                 axis.set_axis_off()
                 continue
             points = cases[scene, motion]
-            _panel(axis, points)
-            db, share = gap(points, default_of(points))
+            _panel(axis, points, error)
+            db, share = gap(points, default_of(points), error)
             axis.set_title(f"{scene}, {motion}: default off the front {db:.1f} dB, {100 * share:.0f} %", fontsize=9)
     handles: dict[str, Any] = {}
     for axis in axes.flat:
@@ -98,14 +102,14 @@ def small_charts(cases: dict[tuple[str, str], list[Point]]) -> str:
         lowest = [axis for axis in column if axis.axison][-1]
         lowest.set_xlabel(TIME_AXIS, fontsize=9)
         lowest.tick_params(labelbottom=True)
-    figure.supylabel(ERROR_AXIS, fontsize=10)
-    return save_chart(figure, "chart_scenes.png")
+    figure.supylabel(ERROR_AXES[error], fontsize=10)
+    return save_chart(figure, "chart_scenes.png" if error == "nmse_db" else "chart_spectrograms.png")
 
 
-def _panel(axis: Any, points: Sequence[Point]) -> None:
-    shown = [p for p in points if p.seconds_per_second <= FAR]
-    best = front(shown)
-    times, errors = [p.seconds_per_second for p in best], [p.nmse_db for p in best]
+def _panel(axis: Any, points: Sequence[Point], error: Error = "nmse_db") -> None:
+    shown = [p for p in points if p.seconds_per_second <= FAR and math.isfinite(error_of(p, error))]
+    best = front(shown, error)
+    times, errors = [p.seconds_per_second for p in best], [error_of(p, error) for p in best]
     axis.step(
         [*times, max(p.seconds_per_second for p in shown)], [*errors, errors[-1]], where="post", color="0.75", linewidth=5,
         zorder=0, label="Pareto front",
@@ -114,13 +118,13 @@ def _panel(axis: Any, points: Sequence[Point]) -> None:
         line = sorted((p for p in shown if p.method == method), key=lambda p: _order(p.knob))
         if line:
             axis.plot(
-                [p.seconds_per_second for p in line], [p.nmse_db for p in line], "-",
+                [p.seconds_per_second for p in line], [error_of(p, error) for p in line], "-",
                 color=colour, marker=marker, markersize=5, linewidth=1.2, label=method,
             )  # fmt: skip
     default = default_of(points)
     axis.plot(
-        default.seconds_per_second, default.nmse_db, "*", color="gold", markeredgecolor="k", markersize=15, linestyle="none",
-        label="default", zorder=5,
+        default.seconds_per_second, error_of(default, error), "*", color="gold", markeredgecolor="k", markersize=15,
+        linestyle="none", label="default", zorder=5,
     )  # fmt: skip
     axis.set_xscale("log")
     axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
