@@ -28,6 +28,8 @@ class Chirps:
 
     rows: np.ndarray
     """Of the cube, ascending (K,)."""
+    antennas: np.ndarray
+    """Of the cube, one for each (K,)."""
     starts_s: np.ndarray
     """When they begin, on the targets' clock (K,)."""
     samples: np.ndarray
@@ -35,13 +37,16 @@ class Chirps:
 
     @classmethod
     def random(cls, radar: Radar, span_s: tuple[float, float], *, seed: int, count: int = CHIRPS) -> Chirps:
-        """One anywhere in each of `count` equal parts of the record."""
+        """One anywhere in each of `count` equal parts of the record, each of any antenna."""
         starts = radar.chirp_times_s(span_s[1] - span_s[0])
         count = min(count, len(starts))
         edges = np.linspace(0, len(starts), count + 1)
-        rows = (edges[:-1] + np.random.default_rng([seed, count]).random(count) * np.diff(edges)).astype(int)
+        rng = np.random.default_rng([seed, count])
+        rows = (edges[:-1] + rng.random(count) * np.diff(edges)).astype(int)
+        antennas = rng.integers(radar.antennas, size=count)
+        begin = span_s[0] + starts[rows] + radar.antenna_delays_s[antennas]
         step = max(1, radar.samples // SAMPLES)
-        return cls(rows, span_s[0] + starts[rows], np.arange(step // 2, radar.samples, step))
+        return cls(rows, antennas, begin, np.arange(step // 2, radar.samples, step))
 
     def moments_s(self, radar: Radar) -> np.ndarray:
         """First and last moment of each chirp [s] (2 K,)."""
@@ -49,7 +54,7 @@ class Chirps:
 
 
 def field(model: Model, detail: Detail, chirps: Chirps, *, looks_hz: float | None = None) -> np.ndarray:
-    """Samples (K, S) complex128 [sqrt(W)] of the first antenna, of the targets alone.
+    """Samples (K, S) complex128 [sqrt(W)] of the targets alone.
 
     Visibility is traced just then, over the strongest pair of ways from every facet's vertices; or as in a run at so many looks a
     second.
@@ -61,7 +66,8 @@ def field(model: Model, detail: Detail, chirps: Chirps, *, looks_hz: float | Non
         keys = every[np.unique([after - 1, after])]
     total = np.zeros((len(chirps.rows), len(chirps.samples)), complex)
     for stream in model.streams(detail, chirps.moments_s(radar), keys):
-        total += chirp_samples(stream.frames(0, 2 * len(chirps.rows)), radar, chirps.rows, chirps.samples)
+        ends = stream.frames(0, 2 * len(chirps.rows))
+        total += chirp_samples(ends, radar, chirps.rows, chirps.antennas, chirps.samples)
     return total
 
 
@@ -80,10 +86,11 @@ def measured_db(
     matters.
     """
     chirps, expected = converged(model, detail, error_db, hidden=hidden)
-    found = np.array([np.asarray(cube[int(row)])[0, chirps.samples] for row in chirps.rows], complex)
+    where = zip(chirps.rows, chirps.antennas, strict=True)
+    found = np.array([np.asarray(cube[int(row)])[antenna, chirps.samples] for row, antenna in where], complex)
     times_s = chirps.starts_s - model.span_s[0]
     for stream in still:
-        found -= between(stream, model.radar, times_s, chirps.rows, chirps.samples)
+        found -= between(stream, model.radar, times_s, chirps.rows, chirps.antennas, chirps.samples)
     return nmse_db(found, expected)
 
 

@@ -71,8 +71,19 @@ def test_chirps_between_frames_are_those_of_the_direct_sum() -> None:
     echoes = Echoes(times_s=times, delay_s=delay, amplitude=rng.normal(size=(41, 5)) + 1j)
     rows = np.array([10, 2000, 4900])
     samples = np.array([3, 130])
-    found = between(stream(echoes), RADAR, RADAR.chirp_times_s(0.5)[rows], rows, samples)
+    found = between(stream(echoes), RADAR, RADAR.chirp_times_s(0.5)[rows], rows, np.zeros(3, int), samples)
     np.testing.assert_allclose(found, direct_sum(echoes, RADAR, rows)[:, samples], rtol=1e-4)
+
+
+@pytest.mark.parametrize("preset", ["array-3x4", "automotive-79"])
+def test_chirps_are_of_any_antenna(preset: str) -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=3, radius=0.15)
+    times = np.linspace(0, 0.1, 5)
+    ball = sphere.vertices + np.array([3.0, 0.8, 1.2]) + times[:, None, None] * np.array([1.0, 0.5, 0.0])
+    target = MovingMesh(ball, sphere.faces, times, "pec")
+    found = t2d.simulate(target, radar=Radar.preset(preset), measure_error=True)
+    assert len(found.cube[0]) > 1
+    assert found.error_db < -30
 
 
 # --- planning ---------------------------------------------------------------------------------------------------------

@@ -26,52 +26,57 @@ def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray, *, every: int =
     return _pair(echoes, radar, starts + radar.antenna_delays_s[antenna], *divmod(antenna, receivers), samples)
 
 
-def chirp_samples(ends: EchoArrays, radar: Radar, rows: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """Given samples (K, S) complex128 of the first antenna at the cube's `rows` (K,), from echoes (2 K, N) at each chirp's ends.
+def chirp_samples(
+    ends: EchoArrays, radar: Radar, rows: np.ndarray, antennas: np.ndarray, samples: np.ndarray
+) -> np.ndarray:
+    """Given samples (K, S) complex128 at the cube's `rows` and `antennas` (K,), from echoes (2 K, N) at each chirp's ends.
 
     Delays are straight lines from end to end, over 40 us right to 1 nm; amplitudes are means.
     """
-    amplitude, delay = ends.amplitude.reshape(len(rows), 2, -1), ends.delay_s.reshape(len(rows), 2, -1)
-    slope = None if ends.slope is None else ends.slope.reshape(amplitude.shape).mean(axis=1)
     out = np.zeros((len(rows), len(samples)), np.complex128)
-    ddm = radar.multiplexing == "ddm"
-    senders = len(radar.tx_positions_m) if ddm else 1
-    phase = radar.tx_phase(rows) if ddm else np.ones((len(rows), 1))
-    for tx in range(senders):
-        extra = _seen_from(ends, radar, tx, 0).reshape(len(rows), 2, -1) if ends.departure_m is not None else 0.0
-        ways = delay + extra
-        for k in range(len(rows)):
-            lit = np.flatnonzero(amplitude[k].any(axis=0))
-            value = amplitude[k][:, lit].mean(axis=0).astype(np.complex128)
-            per_hz = 0.0 if slope is None else slope[k, lit]
+    for k, (row, antenna) in enumerate(zip(rows, antennas, strict=True)):
+        both = EchoArrays(*(None if values is None else values[2 * k : 2 * k + 2] for values in ends))  # type: ignore[arg-type]
+        lit = np.flatnonzero(both.amplitude.any(axis=0))
+        value = both.amplitude[:, lit].mean(axis=0).astype(np.complex128)
+        per_hz = 0.0 if both.slope is None else both.slope[:, lit].mean(axis=0)
+        for tx, rx, factor in _heard(radar, row, antenna):
+            start, end = (both.delay_s + _seen_from(both, radar, tx, rx))[:, lit]
             for number, sample in enumerate(samples):
                 t = sample / radar.sample_rate_hz
                 frequency = radar.carrier_hz + radar.slope_hz_per_s * t
-                tau = ways[k, 0, lit] + (ways[k, 1, lit] - ways[k, 0, lit]) * (t / radar.sample_times_s[-1])
+                tau = start + (end - start) * (t / radar.sample_times_s[-1])
                 turns = frequency * tau - 0.5 * radar.slope_hz_per_s * tau**2
                 whole = value + per_hz * (frequency - radar.mid_frequency_hz)
-                out[k, number] += phase[k, tx] * np.sum(whole * np.exp(2j * np.pi * (turns % 1.0)))
+                out[k, number] += factor * np.sum(whole * np.exp(2j * np.pi * (turns % 1.0)))
     return out
 
 
 def between(
-    source: EchoStream, radar: Radar, starts_s: np.ndarray, rows: np.ndarray, samples: np.ndarray
+    source: EchoStream,
+    radar: Radar,
+    starts_s: np.ndarray,
+    rows: np.ndarray,
+    antennas: np.ndarray,
+    samples: np.ndarray,
 ) -> np.ndarray:
     """The same of a stream at surface frames, for chirps that start at `starts_s` [s] after its first one."""
     out = np.zeros((len(rows), len(samples)), np.complex128)
     step = float(source.times_s[1] - source.times_s[0])
-    for k, (start, row) in enumerate(zip(starts_s, rows, strict=True)):
+    for k, (start, row, antenna) in enumerate(zip(starts_s, rows, antennas, strict=True)):
         first = int(np.clip(start / step - FRAMES_AROUND // 2, 0, max(0, len(source.times_s) - FRAMES_AROUND)))
         part = source.times_s[first : first + FRAMES_AROUND]
         echoes = Echoes(times_s=part, **source.frames(first, first + len(part))._asdict())
         pick = np.array([start - (part[0] - source.times_s[0])])
-        if radar.multiplexing == "ddm":
-            phases = radar.tx_phase(np.array([row]))
-            pairs = [_pair(echoes, radar, pick, tx, 0, samples) for tx in range(phases.shape[1])]
-            out[k] = np.einsum("kct,ck->ct", np.stack(pairs), phases)[0]
-        else:
-            out[k] = _pair(echoes, radar, pick, 0, 0, samples)[0]
+        for tx, rx, factor in _heard(radar, row, antenna):
+            out[k] += factor * _pair(echoes, radar, pick, tx, rx, samples)[0]
     return out
+
+
+def _heard(radar: Radar, row: int, antenna: int) -> list[tuple[int, int, complex]]:
+    """Transmitters and the receiver that an antenna of the cube hears in a row, and each one's factor."""
+    if radar.multiplexing == "ddm":
+        return [(tx, int(antenna), factor) for tx, factor in enumerate(radar.tx_phase(np.array([row]))[0])]
+    return [(*divmod(int(antenna), len(radar.rx_offsets_m)), 1.0)]
 
 
 def _seen_from(echoes: Echoes | EchoArrays, radar: Radar, tx: int, rx: int) -> np.ndarray:

@@ -16,7 +16,7 @@ class Echoes:
     """Returns of N scatterers at T surface frames.
 
     Between frames the amplitude (and its slope) is a cubic through four frames (Catmull-Rom: the derivative at a frame
-    is the central difference, one-sided at the ends), the delay a C2 cubic spline with not-a-knot ends.
+    is the central difference, one-sided at the ends), the delay a C2 cubic spline (physics.md, eq. 14).
     """
 
     times_s: np.ndarray
