@@ -34,6 +34,8 @@ WEAK_COARSER, WEAK_DB = 3.0, -14.0
 """Phase sagitta of weak pairs' facets where a tolerance is to be kept, and their error over those pairs' power."""
 OCCLUDERS_COARSER = 2.0
 """Phase sagitta over the meshes' own of facets that hide what is behind them, where it is looked at finely: below -45 dB."""
+MOST_HALVED = 2
+"""So often edges may be halved to look from at what hides what."""
 SPEED_LOOKS = 200
 """Moments at which speeds are looked at."""
 SAME_PACE = 2.0

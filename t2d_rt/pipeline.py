@@ -103,8 +103,8 @@ def simulate(
     body: the template to skin.
     material: of everything but movers; by default a body's is "skin" and a mesh's its own.
     occlusion: whether targets hide themselves and one another (a room's furniture does so anyway): traced at the meshes' own
-        vertices at `occlusion_rate_hz`, faded in between. Gaps under 4 mm are not seen.
-    occlusion_rate_hz: how often visibility is traced; by default 25, which suits walking.
+        vertices, or closer where a tolerance asks for it, at `occlusion_rate_hz`, faded in between. Gaps under 4 mm are not seen.
+    occlusion_rate_hz: how often visibility is traced; by default 25, which suits walking, or what a tolerance asks for.
     surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines. By default what the motion asks
         for.
     sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (a body's 0.3 at a radius of 0.1 m, 0.07 for others).
@@ -247,7 +247,7 @@ def _settings(model: Model, detail: Detail) -> dict[str, Any]:
         "method": model.method, "scene": "free_space" if model.around is None else model.around.name,
         "seed": model.seed, "body": model.body, "occlusion": detail.occlusion,
         "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
-        "occlusion_rate_hz": float(detail.occlusion_hz),
+        "occlusion_rate_hz": float(detail.occlusion_hz), "occlusion_halved": int(detail.occlusion_halved),
         "surface_rate_hz": [float((len(t) - 1) / (t[-1] - t[0])) for t in model.paces(detail)],
         "sagitta_rad": "default" if model.sagitta_rad is None else float(model.sagitta_rad),
         "coarser": float(detail.coarser), "phase_from": model.phase_from, "device": model.backend.name,

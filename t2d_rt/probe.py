@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.cubes import Cube
-from t2d_rt.model import Detail, Model, with_method
+from t2d_rt.model import MOST_HALVED, Detail, Model, with_method
 from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.trace.visibility import key_times
 from t2d_rt.types import EchoStream, Motion, Radar
@@ -42,8 +42,8 @@ class Chirps:
         count = min(count, len(starts))
         edges = np.linspace(0, len(starts), count + 1)
         rng = np.random.default_rng([seed, count])
-        rows = (edges[:-1] + rng.random(count) * np.diff(edges)).astype(int)
-        antennas = rng.integers(radar.antennas, size=count)
+        rows = np.unique((edges[:-1] + rng.random(count) * np.diff(edges)).astype(int))
+        antennas = rng.integers(radar.antennas, size=len(rows))
         begin = span_s[0] + starts[rows] + radar.antenna_delays_s[antennas]
         step = max(1, radar.samples // SAMPLES)
         return cls(rows, antennas, begin, np.arange(step // 2, radar.samples, step))
@@ -109,6 +109,7 @@ def finer(model: Model, detail: Detail, error_db: float, *, hidden: bool = True)
         detail,
         coarser=FINER * min(1.0, detail.coarser),
         occlusion=hidden,
+        occlusion_halved=MOST_HALVED,
         range_db=math.inf,
         **model.ways_within(share, share),
     )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.model import SPLINES_DB, WEAK_DB, Detail, Model, farthest_and_fastest, with_method
+from t2d_rt.model import MOST_HALVED, SPLINES_DB, WEAK_DB, Detail, Model, farthest_and_fastest, with_method
 from t2d_rt.probe import Chirps, nmse_db
 from t2d_rt.probe import field as probed
 from t2d_rt.types import Ellipsoids, Motion, MovingMesh
@@ -32,8 +32,11 @@ FINEST, COARSEST = 0.1, 6.0
 """Of that sagitta."""
 STEPS_PER_OCTAVE = 8
 """It is taken in steps, so that recordings of about the same tolerance have their facets in common."""
-LOOKS = (5.0, 0), (12.5, 0), (25.0, 0), (50.0, 1), (100.0, 1), (100.0, 2)
-"""Rates [Hz] of looks at what hides what, and how often edges are halved for them; the first that does is taken."""
+LOOKS = (5.0, 0), (12.5, 0), (25.0, 0), (50.0, 1), (100.0, 1), (100.0, MOST_HALVED)
+"""Rates [Hz] of looks at what hides what, and how often edges are halved for them; the first that does is taken, else the best."""
+FIRST_LOOK_HZ, CLEARLY_DB = 25.0, 6.0
+"""Whether it matters at all is asked of looks at that rate; only where it may, at every facet's vertex. It does not where it costs
+that much less than it may."""
 SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
 """What the splines and the sum may add lies that far below the tolerance."""
 SYNTHESIS_MOST_DB = -40.0
@@ -114,8 +117,14 @@ def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan
         detail = replace(detail, coarser=_coarser(full, allowed * FACETS_SHARE))
         # What hides what shows over the strong pairs.
         chirps = Chirps.random(model.radar, model.span_s, seed=model.seed, count=CHIRPS)
-        strong = replace(detail, occlusion=True, least_db=max(detail.strong_db, LOOKED_AT_DB))
-        fine = probed(full, strong, chirps)
+        strong = replace(
+            detail, occlusion=True, occlusion_halved=MOST_HALVED, least_db=max(detail.strong_db, LOOKED_AT_DB)
+        )
+        left = allowed * LOOKS_SHARE
+        nothing = probed(full, replace(strong, occlusion=False), chirps)
+        fine = probed(full, replace(strong, occlusion_halved=0), chirps, looks_hz=FIRST_LOOK_HZ)
+        if nmse_db(nothing, fine) > _db(left) - CLEARLY_DB:
+            fine = probed(full, strong, chirps)
         if bodies:
             error = nmse_db(probed(with_method(full, "ellipsoid"), strong, chirps), fine)
             free = not asked and model.sagitta_rad is None and all(isinstance(t, Motion) for t in model.targets)
@@ -125,7 +134,7 @@ def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan
             omissions.append(simpler)
             if simpler.taken:
                 return _checked(Plan(with_method(full, "ellipsoid"), float(tolerance_db), detail, omissions))
-        looks, found = _looks(full, strong, chirps, fine, allowed * LOOKS_SHARE, asked)
+        looks, found = _looks(full, strong, chirps, nmse_db(nothing, fine), fine, left, asked)
         detail = replace(detail, **looks)
         # Where looks cannot do what they should, facets make up for it.
         spent = sum(10 ** (each.error_db / 10) for each in found if each.taken)
@@ -204,15 +213,20 @@ def _facets(model: Model, detail: Detail) -> Omission:
 
 
 def _looks(
-    model: Model, detail: Detail, chirps: Chirps, fine: np.ndarray, left: float, asked: Mapping[str, Any]
+    model: Model,
+    detail: Detail,
+    chirps: Chirps,
+    nothing_db: float,
+    fine: np.ndarray,
+    left: float,
+    asked: Mapping[str, Any],
 ) -> tuple[dict[str, Any], list[Omission]]:
-    """Whether and how often to look at what hides what, at an error of `left`."""
-    nothing = nmse_db(probed(model, replace(detail, occlusion=False), chirps), fine)
+    """Whether, how often and from where to look at what hides what, at an error of `left`; not to look costs `nothing_db`."""
     unwanted = not asked.get("occlusion", True)
-    found = [Omission(HIDDEN, nothing, unwanted or (nothing <= _db(left) and "occlusion_hz" not in asked))]
+    found = [Omission(HIDDEN, nothing_db, unwanted or (nothing_db <= _db(left) and "occlusion_hz" not in asked))]
     if found[0].taken:
         return {"occlusion": False}, found
-    ladder = [(detail.occlusion_hz, halved) for halved in (0, 1, 2)] if "occlusion_hz" in asked else LOOKS
+    ladder = [(detail.occlusion_hz, n) for n in range(MOST_HALVED + 1)] if "occlusion_hz" in asked else LOOKS
     for rate_hz, halved in ladder:
         error = nmse_db(probed(model, replace(detail, occlusion_halved=halved), chirps, looks_hz=rate_hz), fine)
         found.append(Omission(f"shadows' edges, {_looked(rate_hz, halved)}", error, False))

@@ -12,6 +12,7 @@ import pytest
 from t2d_rt.echo import facets
 from t2d_rt.echo.phase_integral import NUMPY_OPS, divided_differences
 from t2d_rt.types import Radar
+from validation import kept
 from validation.bodies import WALK
 from validation.chart import measure as measures
 from validation.chart import point, stretch
@@ -22,7 +23,10 @@ from validation.chart.methods import METHODS, one_point, seen_by, simulated
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
-    with mock.patch.multiple(measures, CACHE=tmp_path_factory.mktemp("cache"), REFERENCE_RAD=0.15, FINE_SCALE=1.0):
+    with (
+        mock.patch.object(kept, "CACHE", tmp_path_factory.mktemp("cache")),
+        mock.patch.multiple(measures, REFERENCE_RAD=0.15, FINE_SCALE=1.0),
+    ):
         found = Case("free_space", "walk", stretch(WALK, 1.9, 0.2), Radar.preset("table2", prf_hz=5120), count=4)
         _ = found.truth, found.fine
     return found
@@ -59,11 +63,14 @@ def test_ways_to_find_what_is_hidden_agree_where_little_is(case: Case) -> None:
 
 
 def test_a_kept_reference_is_read_again(case: Case, tmp_path: Path) -> None:
-    with mock.patch.object(measures, "CACHE", tmp_path), mock.patch.object(measures, "reference_samples") as sums:
+    asked = case.surface, case.radar, case.chirps, measures.SAMPLES
+    with mock.patch.object(kept, "CACHE", tmp_path), mock.patch.object(kept.reference, "reference_samples") as sums:
         sums.return_value = np.ones((2, 3), complex)
         for _ in range(2):
-            np.testing.assert_array_equal(measures.kept(case, 0.5), np.ones((2, 3)))
-    sums.assert_called_once()
+            np.testing.assert_array_equal(kept.kept_samples(*asked, sagitta_rad=0.5), np.ones((2, 3)))
+        sums.assert_called_once()
+        kept.kept_samples(*asked, sagitta_rad=0.4)
+        assert sums.call_count == 2
 
 
 def test_front_and_gaps() -> None:

@@ -20,8 +20,9 @@ from t2d_rt.model import Detail
 from t2d_rt.resources import resource
 from t2d_rt.types import MovingMesh, Radar
 from validation.bodies import RUN, WALK, falling, random_chirps, recorded
+from validation.kept import kept_samples
 from validation.rcs import sphere
-from validation.reference import nmse_db, reference_samples
+from validation.reference import nmse_db
 from validation.report import Check, Section, new_figure, save_chart
 
 SAMPLES = np.array([20, 236])
@@ -172,7 +173,7 @@ def _true_db(case: Case, radar: Radar, result: t2d.Simulation) -> float:
     expected = 0.0
     for surface in surfaces:
         material = resolve_material("pec" if len(surfaces) > 1 else "skin", radar.mid_frequency_hz)
-        expected = expected + reference_samples(
+        expected = expected + kept_samples(
             surface, radar, chirps, SAMPLES, material=material, scene=case.scene if in_room else None,
         )  # fmt: skip
     return nmse_db(result.cube[:, 0][np.ix_(chirps, SAMPLES)], expected)

@@ -205,7 +205,7 @@ class _Model:
         weights: Weights | None,
         backend: Backend,
     ) -> None:
-        """Writes the echoes of one look to its columns; `seen` (K, V) is what share of the cage's vertices it sees, `looked` of
+        """Writes the echoes of one look to its columns; `seen` (K, V') is what share of its lookout's vertices it sees, `looked` of
         finer ones."""
         pair, patches, lookout = look.pair, look.echoes[: look.patches], self.lookouts[look.view.halved]
         columns = look.first + np.arange(len(look.echoes))
@@ -250,8 +250,8 @@ class _Model:
         return values
 
     def _around(self, lookout: _Lookout, seen: np.ndarray) -> np.ndarray:
-        """Cage faces whose facets' vertices hang on any of those that are looked from and seen, bool (V,): theirs and their
-        neighbours'."""
+        """Cage faces, bool (F,), whose facets' vertices hang on any of those looked from, bool (V',), that are seen: theirs and
+        their neighbours'."""
         wider = np.zeros(self.operator.shape[1], bool)
         wider[self.cage_faces[seen[lookout.faces].reshape(len(self.cage_faces), -1).any(axis=1)]] = True
         return np.asarray(wider[self.cage_faces].any(axis=1))
@@ -404,8 +404,9 @@ class _Points:
 
     carrier: Refinement
     used: np.ndarray
-    """Numbers of its vertices that hold points, and these from the cage's."""
+    """Numbers of its vertices that hold points, (Vp,)."""
     operator: Csr
+    """Sparse: these from the cage's vertices, (Vp, V)."""
     corners: np.ndarray
     barycentric: np.ndarray
     area_m2: np.ndarray

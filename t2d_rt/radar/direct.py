@@ -35,12 +35,13 @@ def chirp_samples(
     """
     out = np.zeros((len(rows), len(samples)), np.complex128)
     for k, (row, antenna) in enumerate(zip(rows, antennas, strict=True)):
-        both = EchoArrays(*(None if values is None else values[2 * k : 2 * k + 2] for values in ends))  # type: ignore[arg-type]
-        lit = np.flatnonzero(both.amplitude.any(axis=0))
-        value = both.amplitude[:, lit].mean(axis=0).astype(np.complex128)
-        per_hz = 0.0 if both.slope is None else both.slope[:, lit].mean(axis=0)
+        mine = slice(2 * k, 2 * k + 2)
+        lit = np.flatnonzero(ends.amplitude[mine].any(axis=0))
+        both = EchoArrays(*(None if values is None else values[mine, lit] for values in ends))  # type: ignore[arg-type]
+        value = both.amplitude.mean(axis=0).astype(np.complex128)
+        per_hz = 0.0 if both.slope is None else both.slope.mean(axis=0)
         for tx, rx, factor in _heard(radar, row, antenna):
-            start, end = (both.delay_s + _seen_from(both, radar, tx, rx))[:, lit]
+            start, end = both.delay_s + _seen_from(both, radar, tx, rx)
             for number, sample in enumerate(samples):
                 t = sample / radar.sample_rate_hz
                 frequency = radar.carrier_hz + radar.slope_hz_per_s * t

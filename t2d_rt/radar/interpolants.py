@@ -12,8 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 END_FRAMES = 5
-"""So many frames give the delay's slope at either end. Recorded limbs are no polynomials: seven do worse than a not-a-knot end, by
-7 dB in the walk's first interval, five better by 6 dB."""
+"""So many frames, or all there are, give the delay's slope at either end; more would err more (docs/decisions.md)."""
 
 
 @lru_cache(maxsize=64)

@@ -50,8 +50,8 @@ class Occlusion:
 
     `past` says what share reaches points (..., 3) past what stands still; with `solid` False only that counts.
     It is looked at `keys_s` [s] (`key_times`) and fades in between; the shadow's edge moves a hand's breadth between the keys of
-    a fast limb at 25 Hz. Edges `halved` so many times add vertices to look from, 25 mm apart on a body's own; those follow the
-    mesh's own, as of `geometry.Halved`.
+    a fast limb at 25 Hz. It is looked from the meshes' vertices (a body's are 25 mm apart) and, with edges `halved` so many times,
+    from those that this adds, which follow the mesh's own (`geometry.Halved`).
     """
 
     def __init__(
@@ -67,6 +67,7 @@ class Occlusion:
     ) -> None:
         self._meshes = tuple(meshes)
         self._past, self._solid = past, solid
+        self._last: tuple[np.ndarray, list[np.ndarray]] | None = None
         self._viewpoint = np.asarray(viewpoint_m, np.float64)
         self._keys = keys_s
         self._copies = 64
@@ -78,17 +79,19 @@ class Occlusion:
         self._sizes = [each.operator.shape[0] for each in lookouts]
         self._chunks: OrderedDict[int, np.ndarray] = OrderedDict()
         self._closed = np.concatenate([np.full(len(m.faces), _is_closed(m)) for m in meshes])
-        self._copies = int(np.clip(FACES_PER_SCENE // (len(self._faces) << halved), 1, 64))
+        self._copies = int(np.clip(FACES_PER_SCENE // (len(self._faces) * 2**halved), 1, 64))
         self._looking = _side_by_side([each.faces for each in lookouts], self._sizes)
         self._incidence = _incidence(self._looking, sum(self._sizes))
         self._neighbours = _adjacency(self._incidence)
-        rest = [each.operator @ m.rest for each, m in zip(lookouts, meshes, strict=True)]
-        self._marks = None if past is None else _marks(rest)
+        self._marks = None if past is None else _marks([m.rest for m in meshes], [each.operator for each in lookouts])
         self._mitsuba = mitsuba(backend)
 
     def visibility(self, times_s: np.ndarray) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, halved edges' too."""
-        return np.split(faded(times_s, self._keys, self._at_keys), np.cumsum(self._sizes)[:-1], axis=1)
+        if self._last is None or not np.array_equal(self._last[0], times_s):  # meshes and pairs ask for the same
+            values = faded(times_s, self._keys, self._at_keys)
+            self._last = times_s, np.split(values, np.cumsum(self._sizes)[:-1], axis=1)
+        return self._last[1]
 
     def _at_keys(self, keys: np.ndarray) -> np.ndarray:
         return np.stack([self._chunk(int(key) // self._copies)[int(key) % self._copies] for key in keys])
@@ -142,7 +145,7 @@ class Occlusion:
         seen = (self.clear(vertices, points, normal) & front).astype(np.float32)
         seen *= self._let_past(points)
         # A vertex just beyond the horizon takes over from its neighbours this side of it: the horizon itself is the
-        # facets' own cosine, not a shadow.
+        # facets' own cosine, not a shadow. (To go on from there over as much as a whole edge was tried and changes nothing.)
         count = (self._neighbours @ front.T.astype(np.float32)).T
         beyond = (self._neighbours @ seen.T).T / np.maximum(count, 1)
         return np.where(front, seen, beyond).astype(np.float32)
@@ -267,15 +270,15 @@ def _of_each(operator: Any, vertices: np.ndarray) -> np.ndarray:
     return np.asarray(flat.reshape(-1, len(vertices), 3).swapaxes(0, 1))
 
 
-def _marks(rest: Sequence[np.ndarray]) -> tuple[np.ndarray, Any]:
-    """Numbers (M,) of vertices at least `MARK_M` apart in each of some (V, 3), and how all take after the nearest ones: sparse
-    (V, M)."""
+def _marks(rest: Sequence[np.ndarray], lookouts: Sequence[Any]) -> tuple[np.ndarray, Any]:
+    """Numbers (M,) of vertices at least `MARK_M` apart in each of some meshes (V, 3), and how all lookouts, sparse (V', V) of each
+    mesh, take after the nearest ones: sparse (V', M)."""
     from scipy.sparse import block_diag, csr_array
     from scipy.spatial import cKDTree
 
     numbers, carried = [], []
     offset = 0
-    for points in rest:
+    for points, lookout in zip(rest, lookouts, strict=True):
         near = cKDTree(points).query_ball_point(points, MARK_M)
         free, mine = np.ones(len(points), bool), []
         for vertex, around in enumerate(near):
@@ -286,9 +289,9 @@ def _marks(rest: Sequence[np.ndarray]) -> tuple[np.ndarray, Any]:
         weight = 1 / np.maximum(away.reshape(len(points), -1), 1e-6)
         weight /= weight.sum(axis=1, keepdims=True)
         row = np.repeat(np.arange(len(weight)), weight.shape[1])
-        carried.append(csr_array((weight.ravel(), (row, nearest.ravel())), shape=(len(weight), len(mine))))
+        carried.append(lookout @ csr_array((weight.ravel(), (row, nearest.ravel())), shape=(len(weight), len(mine))))
         numbers.append(np.array(mine) + offset)
-        offset += len(points)
+        offset += lookout.shape[0]
     return np.concatenate(numbers), block_diag(carried, format="csr").astype(np.float32)
 
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
-import inspect
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -22,11 +19,10 @@ from t2d_rt.echo.patches import Patches, patches
 from t2d_rt.geometry import Refinement
 from t2d_rt.result import Simulation
 from t2d_rt.types import Motion, MovingMesh, Radar
-from validation import reference
 from validation.bodies import random_chirps
-from validation.reference import nmse_db, reference_samples
+from validation.kept import kept_samples
+from validation.reference import nmse_db
 
-CACHE = Path(__file__).parents[1] / ".cache"
 SAMPLES = np.array([20, 128, 236])
 REFERENCE_RAD, ROOM_REFERENCE_RAD, WEAK_RAD = 0.08, 0.12, 0.3
 """Facets of the reference, in rooms, and there over pairs of ways weaker than the strongest by 12 dB."""
@@ -62,7 +58,12 @@ class Case:
     @cached_property
     def truth(self) -> np.ndarray:
         """Samples (chirps, SAMPLES) of the converged float64 reference, kept on disk."""
-        return kept(self, REFERENCE_RAD if self.scene == "free_space" else ROOM_REFERENCE_RAD)
+        free = self.scene == "free_space"
+        return kept_samples(
+            self.surface, self.radar, self.chirps, SAMPLES,
+            material=resolve_material("skin", self.radar.mid_frequency_hz), scene=None if free else self.scene,
+            sagitta_rad=REFERENCE_RAD if free else ROOM_REFERENCE_RAD, weak_sagitta_rad=WEAK_RAD,
+        )  # fmt: skip
 
     @cached_property
     def fine(self) -> Simulation:
@@ -158,24 +159,3 @@ def compared(found: Simulation, fine: Simulation) -> dict[str, float | str]:
 
 def _power(cube: Any) -> float:
     return float(np.mean(np.abs(cube[:]) ** 2, dtype=np.float64))
-
-
-def kept(case: Case, sagitta_rad: float) -> np.ndarray:
-    """The reference's samples of a case, from disk where the same ones have been worked out before."""
-    surface, radar = case.surface, case.radar
-    material = resolve_material("skin", radar.mid_frequency_hz)
-    inputs = (
-        case.scene, radar.model_dump_json(), repr(material), sagitta_rad, WEAK_RAD, SAMPLES.tolist(), case.chirps.tolist(),
-        surface.at(surface.times_s[0] + radar.chirp_times_s(surface.duration_s)[case.chirps]).round(9).tobytes(),
-        inspect.getsource(reference),
-    )  # fmt: skip
-    file = CACHE / f"reference_{hashlib.sha256(repr(inputs).encode()).hexdigest()[:20]}.npy"
-    if file.exists():
-        return np.asarray(np.load(file, allow_pickle=False))
-    found = reference_samples(
-        surface, radar, case.chirps, SAMPLES,
-        material=material, scene=case.scene, sagitta_rad=sagitta_rad, weak_sagitta_rad=WEAK_RAD,
-    )  # fmt: skip
-    CACHE.mkdir(exist_ok=True)
-    np.save(file, found)
-    return found

@@ -37,7 +37,7 @@ class Method:
     run: Callable[[Case, Any], Simulation]
     values: tuple[Any, ...]
     few: tuple[Any, ...] = ()
-    """Values for the small charts."""
+    """Values for other motions in free space and the walk in rooms."""
     brief: tuple[Any, ...] = ()
     """Values where other motions are in rooms."""
     rooms_only: bool = False

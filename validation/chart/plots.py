@@ -87,9 +87,6 @@ def small_charts(cases: dict[tuple[str, str], list[Point]], error: Error) -> str
     )  # fmt: skip
     for row, scene in zip(axes, scenes, strict=True):
         for axis, motion in zip(row, motions, strict=True):
-            if (scene, motion) not in cases:
-                axis.set_axis_off()
-                continue
             points = cases[scene, motion]
             _panel(axis, points, error)
             db, share = gap(points, default_of(points), error)
@@ -98,10 +95,8 @@ def small_charts(cases: dict[tuple[str, str], list[Point]], error: Error) -> str
     for axis in axes.flat:
         handles |= dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, fontsize=9)
-    for column in axes.T:
-        lowest = [axis for axis in column if axis.axison][-1]
-        lowest.set_xlabel(TIME_AXIS, fontsize=9)
-        lowest.tick_params(labelbottom=True)
+    for axis in axes[-1]:
+        axis.set_xlabel(TIME_AXIS, fontsize=9)
     figure.supylabel(ERROR_AXES[error], fontsize=10)
     return save_chart(figure, "chart_scenes.png" if error == "nmse_db" else "chart_spectrograms.png")
 
