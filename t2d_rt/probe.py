@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.cubes import Cube
-from t2d_rt.model import MOST_HALVED, Detail, Model, with_method
+from t2d_rt.model import Detail, Model, with_method
 from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.trace.visibility import key_times
 from t2d_rt.types import EchoStream, Motion, Radar
@@ -18,6 +18,8 @@ CHIRPS, SAMPLES = 48, 8
 """So many chirps are looked at, at so many places of the sweep."""
 FINER = 0.5
 """Phase sagitta of the facets that a run is measured against, over its own: they err by a sixth of its power."""
+HALVED = 1
+"""How often edges are halved, at least, to look over all pairs of ways but the strongest: there are many."""
 WAYS_BELOW_DB = 12.0
 """What pairs of ways cost that are left out there, or modelled in less detail, lies that far below the error."""
 
@@ -109,7 +111,7 @@ def finer(model: Model, detail: Detail, error_db: float, *, hidden: bool = True)
         detail,
         coarser=FINER * min(1.0, detail.coarser),
         occlusion=hidden,
-        occlusion_halved=MOST_HALVED,
+        occlusion_halved=max(HALVED, detail.occlusion_halved),
         range_db=math.inf,
         **model.ways_within(share, share),
     )

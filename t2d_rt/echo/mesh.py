@@ -34,7 +34,7 @@ PROBE_EVERY = 6
 """Frames between looks at which faces face the antennas."""
 BEND_RAD = 0.2
 """By how much more than at rest facets may be tilted against the face they lie in, where a joint bends."""
-KEPT_FACETS = 1_000_000
+KEPT_FACETS = 2_000_000
 """Refinements are kept, the last used ones, for as many facets."""
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many moments fit the cache."""
