@@ -92,7 +92,7 @@ def simulate(
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     tolerance_db: error to keep to, the field's energy of difference from a converged model of the targets over its energy: model,
         facets, surface rate, occlusion and pairs of ways follow from it (`plan` tells how), unless given here. Without it, settings
-        that come to about -22 dB for a walk in free space, to -6 to -9 dB in rooms.
+        that come to about -22 dB for a walk in free space, to -6 to -12 dB in rooms.
     reflections: greatest number of them on the ways out and back together.
     transmissions: greatest number of thin slabs passed on them; 2 for a target behind a partition.
     dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out; 60 by default.
