@@ -16,7 +16,7 @@ from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.echo.legs import Ranked, View
 from t2d_rt.echo.mesh import POINTS_PER_MESH, Sagitta, facets, mesh_echoes
-from t2d_rt.echo.patches import TURNS_PER_STEP
+from t2d_rt.echo.patches import SWEEP_TURNS, TURNS_PER_STEP
 from t2d_rt.echo.rate import TOLERANCE_DB as SPLINES_DB
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.errors import InputError
@@ -25,7 +25,7 @@ from t2d_rt.room import ChosenPairs, Clutter, Shape, clutter_streams, coarse_vie
 from t2d_rt.scene import Mover
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.visibility import key_times
-from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, ahead
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids | Mover
@@ -44,8 +44,10 @@ SWIFT = 8.0
 """From one look at visibility to the next so many surface frames can be followed vertex by vertex."""
 COARSEST_RAD = 1.5
 """Greatest phase sagitta of weak pairs' facets."""
-COARSE_TURNS, FAINT_POINTS = 1.0, 250
-"""Their patches, and diffuse points of meshes over faint pairs."""
+FAINT_POINTS = 250
+"""Diffuse points of meshes over faint pairs."""
+FAINT_FRAMES = 128
+"""Ellipsoids over faint pairs are worked out for so many frames at once: there are many small arrays."""
 COARSE_RATE = 0.5
 """Shadows of weak pairs are looked at less often, by this factor: fields fade over a hand's breadth."""
 
@@ -69,11 +71,13 @@ class Detail:
     occlusion: bool = True
     """Whether targets hide themselves and one another."""
     strong_db: float = -6.0
-    faint_db: float = -15.0
+    faint_db: float = -20.0
     """Pairs of ways weaker than the strongest one by more than the first, in the mean over the targets, are modelled in less
     detail, of a body those weaker by more than the second by ellipsoids: there are many, and each is a shadow among echoes."""
     weak_coarser: float = 4.0
     """Phase sagitta of weak pairs' facets over that of the strong ones'."""
+    weak_patches: float = 2.0
+    """Their patches may span so many times as much of the sweep as the strong ones', and turn by twice that from frame to frame."""
     weak_hidden: bool = False
     """Whether targets hide themselves and one another over weak pairs, too."""
     range_db: float = 60.0
@@ -157,7 +161,7 @@ class Model:
         strong = least + int(np.searchsorted(cost, coarse, side="right"))
         return {
             "least_db": float(levels[least]), "strong_db": float(levels[strong]), "faint_db": -math.inf,
-            "weak_coarser": WEAK_COARSER, "weak_hidden": True,
+            "weak_coarser": WEAK_COARSER, "weak_patches": 1.0, "weak_hidden": True,
         }  # fmt: skip
 
     def swift(self, detail: Detail) -> list[bool]:
@@ -233,7 +237,8 @@ class Model:
         if faint and isinstance(target, Motion):
             limbs = segments(placed(target, radar), self.body)
             seldom = keys_s[1] if at_moments else np.append(keys_s[1][:-1:2], keys_s[1][-1])
-            yield ellipsoid_echoes(limbs, radar, views=coarse_views(limbs, faint, seldom, faint=True), **common)
+            views = coarse_views(limbs, faint, seldom, faint=True)
+            yield ahead(ellipsoid_echoes(limbs, radar, views=views, **common), FAINT_FRAMES)
         elif faint:
             if swift and not at_moments:  # less often, too
                 fine["times_s"] = np.linspace(*self.span_s, max(4, (len(times_s) + 1) // 2))
@@ -269,8 +274,10 @@ def _coarser(sagitta_rad: Sagitta, turns: float, detail: Detail, times: int = 1)
     most = np.minimum(times * detail.weak_coarser * np.asarray(sagitta_rad), times * COARSEST_RAD)
     # Another number of diffuse points is another realisation, so weak pairs have all of them.
     points = POINTS_PER_MESH if times == 1 else FAINT_POINTS
+    wider = times * detail.weak_patches
     return {
-        "sagitta_rad": np.maximum(sagitta_rad, most), "turns_per_step": max(turns, times * COARSE_TURNS), "points": points,
+        "sagitta_rad": np.maximum(sagitta_rad, most), "turns_per_step": max(turns, 2 * wider * TURNS_PER_STEP),
+        "sweep_turns": wider * SWEEP_TURNS, "points": points,
     }  # fmt: skip
 
 

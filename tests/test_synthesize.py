@@ -20,12 +20,12 @@ from t2d_rt.echo.mesh import mesh_echoes
 from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, refinements
-from t2d_rt.radar import groups
+from t2d_rt.radar import groups, multilevel
 from t2d_rt.radar import synthesize as module
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.radar.synthesize import synthesize
-from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, stream
+from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, ahead, stream
 from t2d_rt.types.radar import preset_names
 
 TABLE2 = Radar.preset("table2")
@@ -436,6 +436,43 @@ def test_merged_echoes_of_any_number_of_receivers(multiplexing: str) -> None:
     for antenna in range(radar.antennas):
         expected = direct_sum(echoes, radar, chirps, every=19, antenna=antenna)
         assert nmse_db(cube[chirps, antenna, ::19], expected) < -50
+
+
+@pytest.mark.parametrize("preset", ["table2", "array-3x4"])
+def test_merged_echoes_use_no_interval_beyond_the_last(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Samples go on after a window's last interval; cubics read from there would be whatever lies in memory."""
+    looked: list[np.ndarray] = []
+    found = multilevel._places
+
+    def places(inner: Any, below: Any) -> tuple[np.ndarray, np.ndarray]:
+        interval, moment = found(inner, below)
+        place = inner.first + 2 + np.arange(inner.samples - 5)
+        np.testing.assert_allclose(interval - 1 + moment, place / below.rate, atol=1e-12)
+        assert interval.min() >= 0
+        assert interval.max() <= len(below.delay) - 2
+        looked.append(interval)
+        return interval, moment
+
+    monkeypatch.setattr(multilevel, "_places", places)
+    radar = Radar.preset(preset)
+    synthesize(swinging_sheet(radar, frames=40), radar)
+    assert looked
+
+
+def test_ahead_gives_the_same_frames() -> None:
+    echoes = random_echoes(TABLE2, frames=41)
+    asked: list[tuple[int, int]] = []
+    whole = stream(echoes)
+
+    def frames(start: int, stop: int) -> EchoArrays:
+        asked.append((start, stop))
+        return whole.frames(start, stop)
+
+    made = ahead(EchoStream(times_s=whole.times_s, frames=frames), 16)
+    for start, stop in ((0, 7), (7, 20), (12, 35), (35, 41)):
+        for one, two in zip(made.frames(start, stop), whole.frames(start, stop), strict=True):
+            np.testing.assert_array_equal(one, two)
+    assert asked == [(0, 16), (16, 32), (32, 41)]
 
 
 def test_merged_echoes_far_apart_across_range_before_a_wide_array() -> None:

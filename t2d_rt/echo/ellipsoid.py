@@ -18,7 +18,7 @@ FORWARD = 0.08, 0.2
 """Lengths of the sum of the unit vectors to both antennas from which to which an echo fades in; at 0 it is in line with them."""
 REACH_FRAMES = 48
 """How far from where an echo is seen its delay must be right: as far as a window of the sum and the splines around it."""
-CONVERGED_RAD, MOST_STEPS = 1e-10, 40
+CONVERGED_RAD, MOST_STEPS = 1e-6, 40
 """Last turn of the normal: the path's error is of second order. Only what has all but faded out takes long."""
 PhaseFrom = Literal["specular", "centre"]
 

@@ -90,8 +90,11 @@ class Arrivals:
     """What legs bring to points (..., 3) m, each leg worked out once."""
 
     def __init__(self, radar: Radar, points_m: np.ndarray) -> None:
-        self._radar, self._points = radar, points_m
+        self._radar, self._points, self._axes = radar, points_m, radar.axes
         self._band_hz = radar.bandwidth_hz / 2
+        self._one_end = radar.tx_pattern == radar.rx_pattern and np.array_equal(
+            radar.tx_position_m, radar.rx_position_m
+        )
         self._known: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def weight(self, legs: LegPair) -> tuple[np.ndarray, np.ndarray]:
@@ -110,13 +113,14 @@ class Arrivals:
 
     def _of(self, leg: Leg, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Directions to the image, gain, and the field at three frequencies; end 0 is the transmitters', 1 the receivers'."""
+        end = 0 if self._one_end else end
         if (id(leg), end) not in self._known:
             radar = self._radar
             place = (radar.tx_position_m, radar.rx_position_m)[end]
             pattern = (radar.tx_pattern, radar.rx_pattern)[end]
             towards = leg.image_m - self._points
             length = np.linalg.norm(towards, axis=-1, keepdims=True)
-            gain = pattern.gain((leg.unfolded(self._points) - place) / length @ radar.axes.T)
+            gain = pattern.gain((leg.unfolded(self._points) - place) / length @ self._axes.T)
             frequencies = radar.mid_frequency_hz + self._band_hz * np.array([-0.5, 0, 0.5])
             self._known[id(leg), end] = towards / length, gain, leg.field(self._points, frequencies)
         return self._known[id(leg), end]

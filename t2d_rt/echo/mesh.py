@@ -17,7 +17,18 @@ from t2d_rt.backend import Backend, aligned_empty
 from t2d_rt.echo.antennas import seen_by, side_by_side
 from t2d_rt.echo.facets import Block, Pair, Weights, diffuse_echoes, patch_delays, patch_echoes
 from t2d_rt.echo.legs import Anchors, Arrivals, View, anchor_vertices, unfolded
-from t2d_rt.echo.patches import TURNS_PER_STEP, Csr, Ends, Patches, centres, least_range_m, normals, patches, tilts
+from t2d_rt.echo.patches import (
+    SWEEP_TURNS,
+    TURNS_PER_STEP,
+    Csr,
+    Ends,
+    Patches,
+    centres,
+    least_range_m,
+    normals,
+    patches,
+    tilts,
+)
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Halved, Refinement, point_spacing, refinements, surface_points
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
@@ -57,6 +68,7 @@ def mesh_echoes(
     backend: Backend,
     turns_per_step: float = TURNS_PER_STEP,
     points: int = POINTS_PER_MESH,
+    sweep_turns: float = SWEEP_TURNS,
 ) -> EchoStream:
     """Echoes of `surface` at surface frames `times_s`: one of each patch and of each diffuse point, in each of `views`.
 
@@ -65,7 +77,9 @@ def mesh_echoes(
     pairs = [Pair.of(radar, view.legs) for view in views]
     ends = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]
     halved = {view.halved for view in views}
-    model = _Model.of(surface, radar, ends, times_s, material, sagitta_rad, seed, turns_per_step, points, halved)
+    model = _Model.of(
+        surface, radar, ends, times_s, material, sagitta_rad, seed, turns_per_step, sweep_turns, points, halved
+    )
     looks = list(model.looks(surface, times_s, pairs, views))
     echoes = sum(len(look.echoes) for look in looks)
     anchors = None
@@ -150,6 +164,7 @@ class _Model:
         sagitta_rad: Sagitta,
         seed: int,
         turns_per_step: float,
+        sweep_turns: float,
         point_count: int,
         halved: set[int],
     ) -> _Model:
@@ -158,7 +173,9 @@ class _Model:
         sagittas = [sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [sagitta_rad]
         wavenumber = 2 * math.pi / radar.wavelength_m
         fine, *carriers = _refinements(surface, wavenumber, least_range_m(surface, seen_from, times_s), sagittas)
-        parts = patches(surface, fine, radar, times_s, seen_from=seen_from, turns_per_step=turns_per_step)
+        parts = patches(
+            surface, fine, radar, times_s, seen_from=seen_from, turns_per_step=turns_per_step, sweep_turns=sweep_turns
+        )
         points = _Points.spread(surface, carriers[0], seed, rough * abs(reflection), point_count) if carriers else None
         lookouts = {times: _Lookout.of(surface, fine, points, times) for times in halved}
         return cls(

@@ -70,6 +70,7 @@ def patches(
     *,
     seen_from: Sequence[Ends] | None = None,
     turns_per_step: float = TURNS_PER_STEP,
+    sweep_turns: float = SWEEP_TURNS,
 ) -> Patches:
     """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough at all times.
 
@@ -83,7 +84,7 @@ def patches(
     filled = np.append(order, np.full(-len(order) % MOST_FACETS, order[-1]))
     first = np.arange(len(filled)) % MOST_FACETS == 0
     # In units of what is allowed: no column may spread by more than 1 over a patch.
-    per_m = 2 * radar.bandwidth_hz / SPEED_OF_LIGHT / SWEEP_TURNS
+    per_m = 2 * radar.bandwidth_hz / SPEED_OF_LIGHT / sweep_turns
     if radar.is_array:
         reach = sum(
             np.linalg.norm(places - centre, axis=1).max()

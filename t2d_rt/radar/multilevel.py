@@ -58,9 +58,8 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     children = UInt32(np.argsort(level.group, kind="stable").astype(np.uint32))
     bounds = UInt32(np.append(0, np.cumsum(np.bincount(level.group))).astype(np.uint32))
     steps = inner.samples - 5
-    place = inner.first + 2 + np.arange(steps)
-    interval = UInt32((place // below.rate + 1).astype(np.uint32))
-    moment = Float32((place % below.rate / below.rate).astype(np.float32))
+    places = _places(inner, below)
+    interval, moment = UInt32(places[0].astype(np.uint32)), Float32(places[1].astype(np.float32))
     lane = dr.arange(UInt32, len(level) * steps)
     width = dr.opaque(UInt32, steps)
     group = lane // width
@@ -101,6 +100,14 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     out = dr.ravel(backend.arrays.ArrayXf(sums))
     dr.eval(out)
     return Factors(out, 2 * steps, 2 * (inner.first + 2))
+
+
+def _places(inner: Factors, below: Level) -> tuple[np.ndarray, np.ndarray]:
+    """Interval, of those whose delays are known, in which each of the samples' places lies that have two before and three after
+    them, and where in it [frames]; those after the last interval go on with its cubics."""
+    place = inner.first + 2 + np.arange(inner.samples - 5)
+    interval = np.minimum(place // below.rate + 1, len(below.delay) - 2)
+    return interval, place / below.rate - (interval - 1)
 
 
 def at_moments(

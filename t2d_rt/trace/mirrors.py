@@ -259,9 +259,12 @@ class _Rays:
         going = self.inside.numpy()
         # A chain as one number, that of its beginning and that of its last mirror, is found sooner than a row of them.
         most = int(mirror.max(initial=0)) + 1
-        codes, numbers = np.unique(self.path[going] * most + mirror[going], return_inverse=True)
+        code = self.path[going] * most + mirror[going]
+        codes = np.flatnonzero(np.bincount(code))
+        number = np.zeros(int(codes.max(initial=0)) + 1, np.int64)
+        number[codes] = np.arange(len(codes))
         path = np.zeros(len(going), np.int64)
-        path[going] = numbers
+        path[going] = number[code]
         ended = (divmod(code, most) for code in codes.tolist())
         return replace(self, path=path, chains=[(*self.chains[begun], ~k if through else k) for begun, k in ended])
 

@@ -108,3 +108,27 @@ def stream(echoes: Echoes | EchoStream) -> EchoStream:
         return EchoArrays(*(None if field is None else field[part] for field in fields))  # type: ignore[arg-type]
 
     return EchoStream(times_s=whole.times_s, frames=frames)
+
+
+def ahead(source: EchoStream, block: int) -> EchoStream:
+    """The same, made `block` frames at once and kept until asked for: where a call costs more than its frames."""
+    kept: dict[int, EchoArrays] = {}
+
+    def made(number: int) -> EchoArrays:
+        if number not in kept:
+            for old in [k for k in kept if k < number - 1]:
+                del kept[old]
+            kept[number] = source.frames(number * block, min((number + 1) * block, len(source.times_s)))
+        return kept[number]
+
+    def frames(start: int, stop: int) -> EchoArrays:
+        parts = []
+        for number in range(start // block, (stop - 1) // block + 1):
+            cut = slice(max(start - number * block, 0), stop - number * block)
+            parts.append([None if field is None else field[cut] for field in made(number)])
+        one = all(kept[n].arrival_m is kept[n].departure_m for n in kept)
+        joint = [None if fields[0] is None else np.concatenate(fields) for fields in zip(*parts, strict=True)]  # type: ignore[arg-type]
+        found = EchoArrays(*joint)  # type: ignore[arg-type]
+        return found._replace(arrival_m=found.departure_m) if one else found
+
+    return EchoStream(times_s=source.times_s, frames=frames, vertices=source.vertices)
