@@ -72,7 +72,8 @@ def mesh_echoes(
 ) -> EchoStream:
     """Echoes of `surface` at surface frames `times_s`: one of each patch and of each diffuse point, in each of `views`.
 
-    `sagitta_rad` sets the facets' size (physics.md, eq. 5), `turns_per_step` that of patches, `points` how many diffuse ones.
+    `sagitta_rad` sets the facets' size (physics.md, eq. 5), `turns_per_step` and `sweep_turns` that of patches, `points` how many
+    diffuse ones there are at least.
     """
     pairs = [Pair.of(radar, view.legs) for view in views]
     ends = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]

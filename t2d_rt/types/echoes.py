@@ -111,7 +111,8 @@ def stream(echoes: Echoes | EchoStream) -> EchoStream:
 
 
 def ahead(source: EchoStream, block: int) -> EchoStream:
-    """The same, made `block` frames at once and kept until asked for: where a call costs more than its frames."""
+    """The same, made `block` frames at once and kept until asked for: where a call costs more than its frames. Frames are asked for
+    in order."""
     kept: dict[int, EchoArrays] = {}
 
     def made(number: int) -> EchoArrays:
