@@ -13,7 +13,17 @@ from scipy.spatial import ConvexHull, Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
 from t2d_rt.errors import InputError
-from t2d_rt.geometry import Halved, Refinement, crease_corners, curvature, refine, refinements, sharp_edges, subdivide
+from t2d_rt.geometry import (
+    Halved,
+    Refinement,
+    crease_corners,
+    curvature,
+    refine,
+    refinements,
+    sharp_edges,
+    subdivide,
+    winding,
+)
 
 WAVENUMBER = 1613.8
 NO_EDGES = np.zeros((0, 2), int)
@@ -420,3 +430,12 @@ def test_halved_edges_move_nothing_and_hold_finer_fields(times: int) -> None:
     away, same = cKDTree(places).query(fine.linear @ vertices)
     np.testing.assert_allclose((carried @ field)[away < 1e-7], field[same[away < 1e-7]], atol=1e-6)
     assert (away < 1e-7).sum() > len(vertices)
+
+
+def test_winding_is_1_inside_and_0_outside() -> None:
+    """Of a closed mesh wherever the point is, also of several points at once; turned inside out it is -1."""
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.5)
+    points = np.array([[0, 0, 0], [0.3, 0.2, -0.1], [0.6, 0, 0], [3, 2, 1]])
+    corners = ball.triangles - points[:, None, None]
+    np.testing.assert_allclose(winding(corners), [1, 1, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(winding(corners[0, :, ::-1]), -1, atol=1e-9)

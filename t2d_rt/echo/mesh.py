@@ -30,7 +30,7 @@ from t2d_rt.echo.patches import (
     tilts,
 )
 from t2d_rt.errors import InputError
-from t2d_rt.geometry import Halved, Refinement, point_spacing, refinements, surface_points
+from t2d_rt.geometry import Halved, Refinement, point_spacing, refinements, surface_points, winding
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
@@ -505,7 +505,7 @@ def check_outside(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> Non
     times = np.linspace(times_s[0], times_s[-1], 25)
     vertices = surface.at(times)
     for antenna in (radar.tx_position_m, radar.rx_position_m):
-        inside = np.abs(_winding(vertices, surface.faces, antenna)) > 0.5
+        inside = np.abs(winding(vertices[:, surface.faces] - antenna)) > 0.5
         touches = np.linalg.norm(vertices - antenna, axis=2).min(axis=1) < 1e-3
         if inside.any() or touches.any():
             where = ", ".join(f"{x:.3g}" for x in antenna)
@@ -514,12 +514,3 @@ def check_outside(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> Non
                 f"the radar at ({where}) m {'is inside' if inside.any() else 'touches'} {surface.name} at {moment:.3g} s; place "
                 "the target farther away (distance_m) or move the radar"
             )
-
-
-def _winding(vertices: np.ndarray, faces: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Winding number (K,) of meshes (K, V, 3) about a point: 1 inside, 0 outside (Van Oosterom & Strackee 1983)."""
-    a, b, c = (vertices[:, faces[:, i]] - point for i in range(3))
-    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-    triple = np.sum(a * np.cross(b, c), axis=2)
-    rest = la * lb * lc + np.sum(a * b, 2) * lc + np.sum(b * c, 2) * la + np.sum(c * a, 2) * lb
-    return 2 * np.arctan2(triple, rest).sum(axis=1) / (4 * math.pi)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned
+from t2d_rt.geometry import winding
 from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import Scene
 
@@ -212,7 +213,7 @@ class Mirrors:
         for number, surface in enumerate(self.scene.surfaces):
             mine = [mirror for mirror in self.each if mirror.surface == number]
             corners = np.concatenate([mirror.triangles for mirror in mine]) - place_m
-            if abs(_winding(corners)) > 0.5:
+            if abs(winding(corners)) > 0.5:
                 return surface.name
             for mirror in mine:
                 away = float(place_m @ mirror.normal - mirror.offset_m)
@@ -260,22 +261,11 @@ class _Rays:
         # A chain as one number, that of its beginning and that of its last mirror, is found sooner than a row of them.
         most = int(mirror.max(initial=0)) + 1
         code = self.path[going] * most + mirror[going]
-        codes = np.flatnonzero(np.bincount(code))
-        number = np.zeros(int(codes.max(initial=0)) + 1, np.int64)
-        number[codes] = np.arange(len(codes))
+        present = np.bincount(code) > 0  # sooner than to sort them
         path = np.zeros(len(going), np.int64)
-        path[going] = number[code]
-        ended = (divmod(code, most) for code in codes.tolist())
+        path[going] = (np.cumsum(present) - 1)[code]
+        ended = (divmod(code, most) for code in np.flatnonzero(present).tolist())
         return replace(self, path=path, chains=[(*self.chains[begun], ~k if through else k) for begun, k in ended])
-
-
-def _winding(corners: np.ndarray) -> float:
-    """Winding number of triangles (F, 3, 3) about the origin (Van Oosterom & Strackee 1983)."""
-    a, b, c = corners.transpose(1, 0, 2)
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    triple = np.sum(a * np.cross(b, c), axis=1)
-    rest = la * lb * lc + np.sum(a * b, 1) * lc + np.sum(b * c, 1) * la + np.sum(c * a, 1) * lb
-    return float(2 * np.arctan2(triple, rest).sum() / (4 * np.pi))
 
 
 def _plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:
