@@ -14,18 +14,18 @@ from t2d_rt.body import segments as fit_segments
 from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
-from t2d_rt.echo.legs import Ranked, View
+from t2d_rt.echo.legs import Ranked
 from t2d_rt.echo.mesh import POINTS_PER_MESH, Sagitta, facets, mesh_echoes
 from t2d_rt.echo.patches import SWEEP_TURNS, TURNS_PER_STEP
 from t2d_rt.echo.rate import TOLERANCE_DB as SPLINES_DB
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.errors import InputError
 from t2d_rt.motion import place, track
-from t2d_rt.room import ChosenPairs, Clutter, Shape, clutter_streams, coarse_views, full_views
+from t2d_rt.room import ChosenPairs, Clutter, Looks, Shape, clutter_streams, coarse_views
 from t2d_rt.scene import Mover
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.visibility import key_times
-from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, ahead
+from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, resampled
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids | Mover
@@ -46,8 +46,9 @@ COARSEST_RAD = 1.5
 """Greatest phase sagitta of weak pairs' facets."""
 FAINT_POINTS = 250
 """Diffuse points of meshes over faint pairs."""
-FAINT_FRAMES = 128
-"""Ellipsoids over faint pairs are worked out for so many frames at once: there are many small arrays."""
+FAINT_SELDOMER, FAINT_FRAMES = 2, 128
+"""Over faint pairs ellipsoids, and what turns swiftly, are worked out at every other surface frame or so; ellipsoids for that many
+at once: there are many small arrays."""
 COARSE_RATE = 0.5
 """Shadows of weak pairs are looked at less often, by this factor: fields fade over a hand's breadth."""
 
@@ -71,7 +72,7 @@ class Detail:
     occlusion: bool = True
     """Whether targets hide themselves and one another."""
     strong_db: float = -6.0
-    faint_db: float = -20.0
+    faint_db: float = -21.0
     """Pairs of ways weaker than the strongest one by more than the first, in the mean over the targets, are modelled in less
     detail, of a body those weaker by more than the second by ellipsoids: there are many, and each is a shadow among echoes."""
     weak_coarser: float = 4.0
@@ -79,7 +80,7 @@ class Detail:
     weak_patches: float = 2.0
     """Their patches may span so many times as much of the sweep as the strong ones', and turn by twice that from frame to frame."""
     weak_hidden: bool = False
-    """Whether targets hide themselves and one another over weak pairs, too."""
+    """Whether targets hide themselves and one another over all legs of weak pairs; else over those of strong ones alone."""
     range_db: float = 60.0
     """Weaker ones, at their best points, are left out."""
     least_db: float = -math.inf
@@ -194,13 +195,13 @@ class Model:
             still = [s for s, turns in zip(self.shapes, swift, strict=True) if isinstance(s, MovingMesh) and not turns]
             occluders = [self.facets(s, max(OCCLUDERS_COARSER, detail.coarser)) for s in still]
         looked_at = [None] if pairs is None else pairs.pairs[: pairs.clear if detail.weak_hidden else pairs.strong]
-        views = full_views(
+        looks = Looks(
             self.shapes, self.radar, looked_at,
             swift=swift, occlusion=detail.occlusion, keys_s=keys, occluders=occluders, finer=finer,
             halved=detail.occlusion_halved, backend=self.backend,
         )  # fmt: skip
-        each = zip(self.targets, self.shapes, paces, swift, views, strict=True)
-        return [s for one in each for s in self._of(*one, pairs, detail, (keys, seldom), moments_s is not None)]
+        each = zip(self.targets, self.shapes, paces, swift, strict=True)
+        return [s for one in each for s in self._of(*one, looks, pairs, detail, (keys, seldom), moments_s is not None)]
 
     def _of(
         self,
@@ -208,15 +209,15 @@ class Model:
         shape: Shape,
         times_s: np.ndarray,
         swift: bool,
-        close: list[View],
+        looks: Looks,
         ways: ChosenPairs | None,
         detail: Detail,
         keys_s: tuple[np.ndarray, np.ndarray],
         at_moments: bool,
     ) -> Iterator[EchoStream]:
-        """Echoes of one target, with `close` views over the strong pairs; visibility is looked at `keys_s`, for weak pairs at the
-        second ones."""
-        radar = self.radar
+        """Echoes of one target, whose views over the strong pairs are those of `looks`; visibility is looked at `keys_s`, for weak
+        pairs at the second ones."""
+        radar, close = self.radar, looks.views(shape)
         material = shape.material if self.material is None or isinstance(target, Mover) else self.material
         common: dict[str, Any] = {"times_s": times_s, "material": resolved(material, radar)}
         weak, faint = ([], []) if ways is None else (ways.pairs[ways.strong : ways.clear], ways.pairs[ways.clear :])
@@ -232,16 +233,20 @@ class Model:
         strong = 1 if ways is None else ways.strong
         yield mesh_echoes(shape, radar, sagitta_rad=bar, views=close[:strong], turns_per_step=turns, **fine)
         if weak:
-            views = close[strong:] or coarse_views(shape, weak, keys_s[1], swift=swift)
+            views = close[strong:] or looks.beside(shape, weak, keys_s[1])
             yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns, detail), **fine)
-        if faint and isinstance(target, Motion):
+        if not faint:
+            return
+        seldom = times_s if at_moments else np.linspace(*self.span_s, max(4, math.ceil(len(times_s) / FAINT_SELDOMER)))
+        if isinstance(target, Motion):
             limbs = segments(placed(target, radar), self.body)
-            seldom = keys_s[1] if at_moments else np.append(keys_s[1][:-1:2], keys_s[1][-1])
-            views = coarse_views(limbs, faint, seldom, faint=True)
-            yield ahead(ellipsoid_echoes(limbs, radar, views=views, **common), FAINT_FRAMES)
-        elif faint:
-            if swift and not at_moments:  # less often, too
-                fine["times_s"] = np.linspace(*self.span_s, max(4, (len(times_s) + 1) // 2))
+            keys = keys_s[1] if at_moments else np.append(keys_s[1][:-1:2], keys_s[1][-1])
+            views = coarse_views(limbs, faint, keys, faint=True)
+            echoes = ellipsoid_echoes(limbs, radar, views=views, **{**common, "times_s": seldom})
+            yield echoes if at_moments else resampled(echoes, times_s, FAINT_FRAMES)
+        else:
+            if swift:
+                fine["times_s"] = seldom
             views = coarse_views(shape, faint, keys_s[1], swift=swift)
             yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns, detail, 2), **fine)
 

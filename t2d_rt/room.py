@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -23,6 +24,8 @@ from t2d_rt.types import EchoStream, Ellipsoids, Leg, LegPair, Motion, MovingMes
 Shape = MovingMesh | Ellipsoids
 Clutter = Literal["specular", "diffuse", "none"]
 """What still surfaces return by themselves: mirrors' paths, these and the scatter of rough walls, nothing."""
+_Place = tuple[tuple[str, ...], int]
+"""A chain of mirrors, and from which end."""
 Collisions = Literal["warn", "stop", "ignore"]
 """What becomes of a target that goes through something: a warning, the end of the record just before, nothing."""
 
@@ -154,85 +157,102 @@ def ways_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int
     return [(leg.name, leg.way(point_m)) for leg in legs]
 
 
-def full_views(
-    shapes: Sequence[Shape],
-    radar: Radar,
-    pairs: Sequence[LegPair | None],
-    *,
-    swift: Sequence[bool],
-    occlusion: bool,
-    keys_s: np.ndarray,
-    occluders: Sequence[MovingMesh] = (),
-    finer: int = 0,
-    halved: int = 0,
-    backend: Backend,
-) -> list[list[View]]:
-    """For each shape its views over the pairs, None being free space: what hides each vertex from either leg, looked at `keys_s`.
+class Looks:
+    """What hides the vertices of shapes from the antennas over the legs of `pairs`, None being free space, looked at `keys_s`.
 
-    Looks are from the meshes' vertices and those of their edges `halved` so many times.
-    What turns too fast to be looked at, `swift`, hides nothing and is seen as much at all of its vertices as in the mean. Looks are
-    shared: pairs have their legs in common, and transmitters and receivers that stand close together see the same.
+    Looks are from the meshes' vertices and those of their edges `halved` so many times. They are shared: pairs have their legs in
+    common, and transmitters and receivers that stand close together see the same.
+    What turns too fast to be looked at, `swift`, hides nothing and is seen as much at all of its vertices as in the mean.
     Over the `finer` first pairs bodies are looked past from every facet's vertices, at every moment asked for, through `occluders`:
     the shapes' facets.
     """
-    meshes = [s for s, turns in zip(shapes, swift, strict=True) if isinstance(s, MovingMesh) and not turns]
-    one = len(radar.views_m) == 1
-    looks: dict[tuple[object, ...], Occlusion] = {}
 
-    def looks_of(pair: LegPair | None, solid: bool) -> list[Occlusion]:
-        """From both ends. One look does where both see the same; past what stands still the field has to come twice, though."""
-        ends: dict[tuple[object, ...], tuple[np.ndarray, Leg | None]] = {}
-        for end, leg in enumerate((None, None) if pair is None else (pair.out, pair.back)):
-            place = radar.views_m[0 if one else end] if leg is None else leg.image_m
-            ends[() if leg is None else leg.chain, 0 if one else end] = place, leg
+    def __init__(
+        self,
+        shapes: Sequence[Shape],
+        radar: Radar,
+        pairs: Sequence[LegPair | None],
+        *,
+        swift: Sequence[bool],
+        occlusion: bool,
+        keys_s: np.ndarray,
+        occluders: Sequence[MovingMesh] = (),
+        finer: int = 0,
+        halved: int = 0,
+        backend: Backend,
+    ) -> None:
+        self._views_m, self._pairs, self._keys, self._backend = radar.views_m, pairs, keys_s, backend
+        self._swift = {id(shape) for shape, turns in zip(shapes, swift, strict=True) if turns}
+        self._meshes = [s for s in shapes if isinstance(s, MovingMesh) and id(s) not in self._swift]
+        self._occlusion, self._occluders, self._finer, self._halved = occlusion, occluders, finer, halved
+        self._looks: dict[tuple[_Place, bool], Occlusion] = {}
+        self._facet_looks: dict[bytes, FacetLook] = {}
+        hidden = pairs[finer:] if occlusion else []
+        self._known = {self._place(end, leg) for pair in hidden for end, leg in enumerate(_legs(pair))}
+
+    def views(self, shape: Shape) -> list[View]:
+        """Of one shape, over the pairs."""
+        if not isinstance(shape, MovingMesh):
+            pairs = [pair for pair in self._pairs if pair]
+            return coarse_views(shape, pairs, self._keys, swift=id(shape) in self._swift) if pairs else [View()]
+        swift = id(shape) in self._swift
         found = []
-        for key, (place, leg) in ends.items():
-            times = 2 if len(ends) == 1 else 1
-            if (*key, times, solid) not in looks:
-                past = None if leg is None else _power(leg.share, times)
-                looks[*key, times, solid] = Occlusion(
-                    meshes, place, keys_s=keys_s, backend=backend, past=past, solid=solid, halved=halved if solid else 0
+        for number, pair in enumerate(self._pairs):
+            finest = self._occlusion and number < self._finer and not swift
+            solid = self._occlusion and not finest
+            # One look does where both ends see the same; past what stands still the field has to come twice, though.
+            ends = {self._place(end, leg): (end, leg) for end, leg in enumerate(_legs(pair)) if leg or solid}
+            found.append(
+                View(
+                    legs=pair,
+                    seen=_product([self._share(*end, shape, solid, 3 - len(ends)) for end in ends.values()]),
+                    halved=self._halved if solid and not swift else 0,
+                    looked=self._looked(pair) if finest else None,
                 )
-            found.append(looks[*key, times, solid])
+            )
         return found
 
-    def seen(pair: LegPair | None, solid: bool, shape: MovingMesh) -> Share | None:
-        if pair is None and not solid:
-            return None
-        index = next((index for index, mesh in enumerate(meshes) if mesh is shape), None)
-        shares = [look.of_swift(shape) if index is None else _of_mesh(look, index) for look in looks_of(pair, solid)]
-        return lambda times: np.asarray(np.prod([share(times) for share in shares], axis=0))
+    def beside(self, shape: MovingMesh, pairs: Sequence[LegPair], keys_s: np.ndarray) -> list[View]:
+        """Of one shape, over other pairs: as `coarse_views`, but hidden over legs that are looked over anyway."""
+        points = Passed.to_vertices(shape, anchor_vertices(shape.rest), keys_s)
+        passed = _passed(points, pairs, swift=id(shape) in self._swift)
+        found = []
+        for pair in pairs:
+            ends = [(self._place(end, leg), end, leg) for end, leg in enumerate((pair.out, pair.back))]
+            times = Counter(place for place, _, _ in ends if place in self._known)
+            known = {place: (end, leg) for place, end, leg in ends if place in times}
+            shares = [self._share(*end, shape, True, times[place]) for place, end in known.items()]
+            others = [passed[id(leg)] for place, _, leg in ends if place not in times]
+            found.append(View(legs=pair, seen=_product(shares), passed=_product(others)))
+        return found
 
-    facet_looks: dict[bytes, FacetLook] = {}
+    def _place(self, end: int, leg: Leg | None) -> _Place:
+        """From where an end's leg is looked over."""
+        return () if leg is None else leg.chain, 0 if len(self._views_m) == 1 else end
 
-    def looked(pair: LegPair | None) -> Look:
-        places = radar.views_m if pair is None else [pair.out.image_m, pair.back.image_m]
+    def _share(self, end: int, leg: Leg | None, shape: MovingMesh, solid: bool, times: int) -> Share:
+        """What is seen over an end's leg, of a field that comes so many times past what stands still; hidden if `solid`."""
+        key = self._place(end, leg), solid
+        if key not in self._looks:
+            place = self._views_m[key[0][1]] if leg is None else leg.image_m
+            self._looks[key] = Occlusion(
+                self._meshes, place, keys_s=self._keys, backend=self._backend, past=None if leg is None else leg.share,
+                solid=solid, halved=self._halved if solid else 0,
+            )  # fmt: skip
+        look = self._looks[key]
+        if id(shape) in self._swift:
+            return look.of_swift(shape, times)
+        index = next(index for index, mesh in enumerate(self._meshes) if mesh is shape)
+        return lambda times_s: look.visibility(times_s, times)[index]
+
+    def _looked(self, pair: LegPair | None) -> Look:
+        """From every facet's vertices."""
+        places = self._views_m if pair is None else [pair.out.image_m, pair.back.image_m]
         for place in places:
-            if place.tobytes() not in facet_looks:
-                facet_looks[place.tobytes()] = FacetLook(occluders, place, backend=backend)
-        ends = [facet_looks[key] for key in {place.tobytes(): None for place in places}]
+            if place.tobytes() not in self._facet_looks:
+                self._facet_looks[place.tobytes()] = FacetLook(self._occluders, place, backend=self._backend)
+        ends = [self._facet_looks[key] for key in {place.tobytes(): None for place in places}]
         return lambda *where: np.asarray(np.prod([end.share(*where) for end in ends], axis=0))
-
-    found = []
-    for shape, turns in zip(shapes, swift, strict=True):
-        if isinstance(shape, MovingMesh):
-            finest = 0 if turns or not occlusion else finer
-            found.append(
-                [
-                    View(
-                        legs=pair,
-                        seen=seen(pair, occlusion and number >= finest, shape),
-                        halved=halved if occlusion and number >= finest and not turns else 0,
-                        looked=looked(pair) if number < finest else None,
-                    )
-                    for number, pair in enumerate(pairs)
-                ]
-            )
-        elif list(pairs) == [None]:
-            found.append([View()])
-        else:
-            found.append(coarse_views(shape, [pair for pair in pairs if pair], keys_s, swift=turns))
-    return found
 
 
 def coarse_views(
@@ -248,25 +268,27 @@ def coarse_views(
         passed = (Passed.to_centres if faint else Passed.to_ellipsoids)(shape, keys_s)
     else:
         passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), keys_s)
+    shares = _passed(passed, pairs, swift=swift)
+    field = "seen" if isinstance(shape, Ellipsoids) else "passed"
+    return [View(legs=pair, **{field: _product([shares[id(leg)] for leg in _legs(pair)])}) for pair in pairs]  # type: ignore[arg-type]
+
+
+def _passed(passed: Passed, pairs: Sequence[LegPair], *, swift: bool) -> dict[int, Share]:
+    """What comes past what stands still, by leg."""
     # By leg and not by chain: antennas that stand apart have legs of their own over the same mirrors.
     legs = {id(leg): leg for pair in pairs for leg in (pair.out, pair.back)}
-    shares = {number: _remembered(passed.over(leg, in_the_mean=swift)) for number, leg in legs.items()}
-
-    def both(pair: LegPair) -> Share:
-        ways = shares[id(pair.out)], shares[id(pair.back)]
-        return lambda times: np.asarray(ways[0](times) * ways[1](times))
-
-    if isinstance(shape, Ellipsoids):
-        return [View(legs=pair, seen=both(pair)) for pair in pairs]
-    return [View(legs=pair, passed=both(pair)) for pair in pairs]
+    return {number: _remembered(passed.over(leg, in_the_mean=swift)) for number, leg in legs.items()}
 
 
-def _power(share: Share, times: int) -> Share:
-    return share if times == 1 else lambda points: np.asarray(share(points) ** times)
+def _legs(pair: LegPair | None) -> tuple[Leg | None, Leg | None]:
+    return (None, None) if pair is None else (pair.out, pair.back)
 
 
-def _of_mesh(look: Occlusion, index: int) -> Share:
-    return lambda times: look.visibility(times)[index]
+def _product(shares: Sequence[Share]) -> Share | None:
+    """Of what is seen over each leg; None where there is none."""
+    if len(shares) < 2:
+        return shares[0] if shares else None
+    return lambda times_s: np.asarray(np.prod([share(times_s) for share in shares], axis=0))
 
 
 def _remembered(share: Share) -> Share:

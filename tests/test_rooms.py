@@ -15,7 +15,7 @@ from t2d_rt.echo.ellipsoid import ellipsoid_echoes
 from t2d_rt.echo.legs import View
 from t2d_rt.errors import InputError
 from t2d_rt.resources import resource
-from t2d_rt.room import coarse_views
+from t2d_rt.room import Looks, coarse_views
 from t2d_rt.signal import range_doppler
 from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
@@ -303,23 +303,48 @@ def test_echoes_are_finite_wherever_a_body_stands_between_antennas_and_images() 
     assert np.isfinite(echoes.delay_s).all()
 
 
+def shared(share: float, *chain: str, image_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Leg:
+    """A leg that lets the same share of the field past to all points."""
+
+    def nothing(*_: object) -> np.ndarray:
+        raise AssertionError("not asked for")
+
+    return Leg(
+        chain=chain, image_m=np.array(image_m), turn=np.eye(3), shift_m=np.zeros(3), field=nothing, way=nothing,
+        clear=nothing, share=lambda points: np.full(points.shape[:-1], share, np.float32),
+    )  # fmt: skip
+
+
 def test_antennas_apart_have_looks_of_their_own() -> None:
     target = ball(0.1, (3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
-
-    def leg(share: float) -> Leg:
-        def nothing(*_: object) -> np.ndarray:
-            raise AssertionError("not asked for")
-
-        return Leg(
-            chain=("wall",), image_m=np.zeros(3), turn=np.eye(3), shift_m=np.zeros(3), field=nothing, way=nothing,
-            clear=nothing, share=lambda points: np.full(points.shape[:-1], share, np.float32),
-        )  # fmt: skip
-
-    one, half = leg(0.5), leg(0.25)
+    one, half = shared(0.5, "wall"), shared(0.25, "wall")
     times = np.linspace(0, 0.1, 5)
     pairs = [LegPair(out=one, back=half), LegPair(out=one, back=one)]
     views = coarse_views(target, pairs, key_times(0.0, 0.1, 25.0))
     assert [float(view.passed(times).max()) for view in views if view.passed is not None] == [0.125, 0.25]
+
+
+def test_weak_pairs_are_hidden_over_the_legs_of_strong_ones() -> None:
+    """The direct leg is looked over anyway; past what stands still it lets 0.5 of the field, and 0.25 there and back."""
+    target, screen = (ball(0.2, where, (0.0, 0.0, 0.0), 0.1) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
+    direct, wall = shared(0.5, image_m=(0.0, 0.0, 1.0)), shared(0.125, "wall", image_m=(0.0, 6.0, 1.0))
+    radar, keys, times = Radar.preset("table2"), key_times(0.0, 0.1, 25.0), np.linspace(0, 0.1, 3)
+    looks = Looks(
+        [target, screen], radar, [LegPair(out=direct, back=direct)],
+        swift=[False, False], occlusion=True, keys_s=keys, backend=select("cpu"),
+    )  # fmt: skip
+    strong = looks.views(target)[0].seen
+    weak, clear = looks.beside(target, [LegPair(out=direct, back=wall), LegPair(out=wall, back=wall)], keys)
+    assert strong is not None
+    assert weak.seen is not None
+    assert weak.passed is not None
+    np.testing.assert_allclose(weak.seen(times), 2 * strong(times), atol=1e-6)
+    assert strong(times).min() == 0
+    assert 0.2 < strong(times).max() <= 0.25
+    assert np.unique(weak.passed(times)).tolist() == [0.125]
+    assert clear.seen is None
+    assert clear.passed is not None
+    assert np.unique(clear.passed(times)).tolist() == [0.125**2]
 
 
 def test_a_fan_in_step_with_the_looks_keeps_its_faces() -> None:

@@ -505,7 +505,9 @@ def check_outside(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> Non
     times = np.linspace(times_s[0], times_s[-1], 25)
     vertices = surface.at(times)
     for antenna in (radar.tx_position_m, radar.rx_position_m):
-        inside = np.abs(winding(vertices[:, surface.faces] - antenna)) > 0.5
+        within = np.all((vertices.min(axis=1) < antenna) & (antenna < vertices.max(axis=1)), axis=1)
+        inside = np.zeros(len(times), bool)
+        inside[within] = np.abs(winding(vertices[within][:, surface.faces] - antenna)) > 0.5
         touches = np.linalg.norm(vertices - antenna, axis=2).min(axis=1) < 1e-3
         if inside.any() or touches.any():
             where = ", ".join(f"{x:.3g}" for x in antenna)

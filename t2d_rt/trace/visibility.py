@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,20 @@ def faded(times_s: np.ndarray, keys_s: np.ndarray, at_keys: Callable[[np.ndarray
     return np.asarray(values[first] * (1 - fade) + values[second] * fade)
 
 
+@dataclass(frozen=True, slots=True)
+class _Looked:
+    """What one point sees of vertices at a few moments, (K, V) each."""
+
+    front: np.ndarray | None
+    """Which turn towards it; None where meshes hide nothing."""
+    clear: np.ndarray | None
+    """Which of these no mesh hides."""
+    past: np.ndarray
+    """What share of the field reaches them past what stands still, float32."""
+    shares: dict[int, np.ndarray] = field(default_factory=dict)
+    """What of all this comes of a field, by how often it passes what stands still."""
+
+
 class Occlusion:
     """Visibility of the vertices of `meshes` from one point, self-occlusion and one another's shadow included.
 
@@ -67,7 +82,7 @@ class Occlusion:
     ) -> None:
         self._meshes = tuple(meshes)
         self._past, self._solid = past, solid
-        self._last: tuple[np.ndarray, list[np.ndarray]] | None = None
+        self._last: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}
         self._viewpoint = np.asarray(viewpoint_m, np.float64)
         self._keys = keys_s
         self._copies = 64
@@ -77,7 +92,7 @@ class Occlusion:
         lookouts = [Halved.of(m.faces, len(m.rest), halved) for m in meshes]
         self._lookouts = lookouts if halved else None
         self._sizes = [each.operator.shape[0] for each in lookouts]
-        self._chunks: OrderedDict[int, np.ndarray] = OrderedDict()
+        self._chunks: OrderedDict[int, _Looked] = OrderedDict()
         self._closed = np.concatenate([np.full(len(m.faces), _is_closed(m)) for m in meshes])
         self._copies = int(np.clip(FACES_PER_SCENE // (len(self._faces) * 2**halved), 1, 64))
         self._looking = _side_by_side([each.faces for each in lookouts], self._sizes)
@@ -86,27 +101,33 @@ class Occlusion:
         self._marks = None if past is None else _marks([m.rest for m in meshes], [each.operator for each in lookouts])
         self._mitsuba = mitsuba(backend)
 
-    def visibility(self, times_s: np.ndarray) -> list[np.ndarray]:
-        """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, halved edges' too."""
-        if self._last is None or not np.array_equal(self._last[0], times_s):  # meshes and pairs ask for the same
-            values = faded(times_s, self._keys, self._at_keys)
-            self._last = times_s, np.split(values, np.cumsum(self._sizes)[:-1], axis=1)
-        return self._last[1]
+    def visibility(self, times_s: np.ndarray, times_past: int = 1) -> list[np.ndarray]:
+        """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, halved edges' too.
 
-    def _at_keys(self, keys: np.ndarray) -> np.ndarray:
-        return np.stack([self._chunk(int(key) // self._copies)[int(key) % self._copies] for key in keys])
+        The field comes `times_past` what stands still.
+        """
+        last = self._last.get(times_past)
+        if last is None or not np.array_equal(last[0], times_s):  # meshes and pairs ask for the same
+            values = faded(times_s, self._keys, lambda keys: self._at_keys(keys, times_past))
+            last = self._last[times_past] = times_s, np.split(values, np.cumsum(self._sizes)[:-1], axis=1)
+        return last[1]
 
-    def _chunk(self, number: int) -> np.ndarray:
-        """Visibility float32 (copies or fewer, all vertices) of a chunk of keys; the last two chunks are kept."""
+    def _at_keys(self, keys: np.ndarray, times_past: int) -> np.ndarray:
+        return np.stack(
+            [self._shares(self._chunk(k // self._copies), times_past)[k % self._copies] for k in keys.tolist()]
+        )
+
+    def _chunk(self, number: int) -> _Looked:
+        """What is seen at a chunk of keys, `copies` or fewer; the last two chunks are kept."""
         if number not in self._chunks:
             first = number * self._copies
-            self._chunks[number] = self.traced(self._keys[first : first + self._copies])
+            self._chunks[number] = self._looked(self._keys[first : first + self._copies])
             while len(self._chunks) > 2:
                 self._chunks.popitem(last=False)
         self._chunks.move_to_end(number)
         return self._chunks[number]
 
-    def of_swift(self, mesh: MovingMesh) -> Past:
+    def of_swift(self, mesh: MovingMesh, times_past: int = 1) -> Past:
         """What share of another mesh is seen at times [s] (K,), the same for all of its vertices (K, V): of one that turns too fast
         to be looked at vertex by vertex, and hides nothing itself."""
         keys = self._keys
@@ -115,35 +136,49 @@ class Occlusion:
         def at_keys(numbers: np.ndarray) -> np.ndarray:
             if not known:
                 parts = [keys[first : first + self._copies] for first in range(0, len(keys), self._copies)]
-                known.append(np.concatenate([self._share(mesh.at(part), part) for part in parts]))
+                known.append(np.concatenate([self._share(mesh.at(part), part, times_past) for part in parts]))
             return known[0][numbers]
 
         return lambda times_s: np.broadcast_to(faded(times_s, keys, at_keys), (len(times_s), len(mesh.rest)))
 
-    def _share(self, points: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    def _share(self, points: np.ndarray, times_s: np.ndarray, times_past: int) -> np.ndarray:
         """Mean share (K, 1) of points (K, Q, 3) at these times that is seen."""
         seen = np.ones(points.shape[:2], np.float32)
         if self._solid and self._meshes:
             vertices = np.concatenate([mesh.at(times_s) for mesh in self._meshes], axis=1)
             seen *= self.clear(vertices, points, np.zeros_like(points))
         if self._past is not None:
-            seen[seen > 0] *= self._past(points[seen > 0])
+            seen[seen > 0] *= self._past(points[seen > 0]) ** times_past
         return seen.mean(axis=1, keepdims=True)
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
+        return self._shares(self._looked(times_s), 1)
+
+    def _looked(self, times_s: np.ndarray) -> _Looked:
         posed = [mesh.at(times_s) for mesh in self._meshes]
         vertices = points = np.concatenate(posed, axis=1)
         if self._lookouts is not None:
             points = np.concatenate(
                 [_of_each(each.operator, p) for each, p in zip(self._lookouts, posed, strict=True)], axis=1
             )
+        past = self._let_past(points)
         if not self._solid:
-            return self._let_past(points)
+            return _Looked(None, None, past)
         normal = _vertex_normals(points, self._looking, self._incidence)
         front = np.einsum("kvi,kvi->kv", normal, self._viewpoint - points) > 0
-        seen = (self.clear(vertices, points, normal) & front).astype(np.float32)
-        seen *= self._let_past(points)
+        return _Looked(front, self.clear(vertices, points, normal) & front, past)
+
+    def _shares(self, looked: _Looked, times_past: int) -> np.ndarray:
+        """Of a field that comes so many times past what stands still, float32 (K, all vertices)."""
+        if times_past not in looked.shares:
+            looked.shares[times_past] = self._beyond(looked, looked.past**times_past)
+        return looked.shares[times_past]
+
+    def _beyond(self, looked: _Looked, past: np.ndarray) -> np.ndarray:
+        if looked.front is None or looked.clear is None:
+            return past
+        front, seen = looked.front, looked.clear * past
         # A vertex just beyond the horizon takes over from its neighbours this side of it: the horizon itself is the
         # facets' own cosine, not a shadow. (To go on from there over as much as a whole edge was tried and changes nothing.)
         count = (self._neighbours @ front.T.astype(np.float32)).T

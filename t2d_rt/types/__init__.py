@@ -1,6 +1,6 @@
 """Frozen values that cross stages."""
 
-from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, ahead, stream
+from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, resampled, stream
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.legs import Leg, LegPair, StaticPath
 from t2d_rt.types.material import PEC, Material
@@ -27,6 +27,6 @@ __all__ = [
     "Scene",
     "StaticPath",
     "Surface",
-    "ahead",
+    "resampled",
     "stream",
 ]

@@ -110,26 +110,50 @@ def stream(echoes: Echoes | EchoStream) -> EchoStream:
     return EchoStream(times_s=whole.times_s, frames=frames)
 
 
-def ahead(source: EchoStream, block: int) -> EchoStream:
-    """The same, made `block` frames at once and kept until asked for: where a call costs more than its frames. Frames are asked for
-    in order."""
+def resampled(source: EchoStream, times_s: np.ndarray, block: int) -> EchoStream:
+    """The same at other frame times of the same record, uniform (T,), by cubics through four frames of the source.
+
+    Frames are asked for in order; the source is for `block` of its own at once, where a call costs more than its frames.
+    """
+    count = len(source.times_s)
+    places = np.linspace(0, count - 1, len(times_s))
+    begins = np.clip(places.astype(int) - 1, 0, count - 4)
+    u = (places - begins)[:, None]
+    weights = np.concatenate(
+        [
+            -(u - 1) * (u - 2) * (u - 3) / 6,
+            u * (u - 2) * (u - 3) / 2,
+            -u * (u - 1) * (u - 3) / 2,
+            u * (u - 1) * (u - 2) / 6,
+        ],
+        axis=1,
+    )
     kept: dict[int, EchoArrays] = {}
 
-    def made(number: int) -> EchoArrays:
-        if number not in kept:
-            for old in [k for k in kept if k < number - 1]:
-                del kept[old]
-            kept[number] = source.frames(number * block, min((number + 1) * block, len(source.times_s)))
-        return kept[number]
+    def blocks(numbers: range) -> list[EchoArrays]:
+        for old in [number for number in kept if number < numbers.start]:
+            del kept[old]
+        for number in numbers:
+            if number not in kept:
+                kept[number] = source.frames(number * block, min((number + 1) * block, count))
+        return [kept[number] for number in numbers]
 
     def frames(start: int, stop: int) -> EchoArrays:
-        parts = []
-        for number in range(start // block, (stop - 1) // block + 1):
-            cut = slice(max(start - number * block, 0), stop - number * block)
-            parts.append([None if field is None else field[cut] for field in made(number)])
-        one = all(kept[n].arrival_m is kept[n].departure_m for n in kept)
-        joint = [None if fields[0] is None else np.concatenate(fields) for fields in zip(*parts, strict=True)]  # type: ignore[arg-type]
-        found = EchoArrays(*joint)  # type: ignore[arg-type]
+        first, last = int(begins[start]), int(begins[stop - 1]) + 4
+        parts = blocks(range(first // block, (last - 1) // block + 1))
+        cut = slice(first % block, first % block + last - first)
+        matrix = np.zeros((stop - start, last - first))
+        row = np.arange(stop - start)[:, None]
+        matrix[row, (begins[start:stop] - first)[:, None] + np.arange(4)] = weights[start:stop]
+
+        def between(values: list[np.ndarray]) -> np.ndarray:
+            held = np.concatenate(values)[cut]
+            flat = matrix.astype(held.dtype) @ held.reshape(len(held), -1)
+            return np.asarray(flat.reshape(len(flat), *held.shape[1:]))
+
+        fields = dict(zip(EchoArrays._fields, zip(*parts, strict=True), strict=True))
+        found = EchoArrays(*(None if values[0] is None else between(values) for values in fields.values()))  # type: ignore[arg-type]
+        one = all(part.arrival_m is part.departure_m for part in parts)
         return found._replace(arrival_m=found.departure_m) if one else found
 
-    return EchoStream(times_s=source.times_s, frames=frames, vertices=source.vertices)
+    return EchoStream(times_s=times_s, frames=frames, vertices=source.vertices)
