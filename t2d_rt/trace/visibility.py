@@ -47,7 +47,7 @@ def faded(times_s: np.ndarray, keys_s: np.ndarray, at_keys: Callable[[np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
-class _Looked:
+class Looked:
     """What one point sees of vertices at a few moments, (K, V) each."""
 
     front: np.ndarray | None
@@ -92,7 +92,7 @@ class Occlusion:
         lookouts = [Halved.of(m.faces, len(m.rest), halved) for m in meshes]
         self._lookouts = lookouts if halved else None
         self._sizes = [each.operator.shape[0] for each in lookouts]
-        self._chunks: OrderedDict[int, _Looked] = OrderedDict()
+        self._chunks: OrderedDict[int, Looked] = OrderedDict()
         self._closed = np.concatenate([np.full(len(m.faces), _is_closed(m)) for m in meshes])
         self._copies = int(np.clip(FACES_PER_SCENE // (len(self._faces) * 2**halved), 1, 64))
         self._looking = _side_by_side([each.faces for each in lookouts], self._sizes)
@@ -117,11 +117,11 @@ class Occlusion:
             [self._shares(self._chunk(k // self._copies), times_past)[k % self._copies] for k in keys.tolist()]
         )
 
-    def _chunk(self, number: int) -> _Looked:
+    def _chunk(self, number: int) -> Looked:
         """What is seen at a chunk of keys, `copies` or fewer; the last two chunks are kept."""
         if number not in self._chunks:
             first = number * self._copies
-            self._chunks[number] = self._looked(self._keys[first : first + self._copies])
+            self._chunks[number] = self.looked(self._keys[first : first + self._copies])
             while len(self._chunks) > 2:
                 self._chunks.popitem(last=False)
         self._chunks.move_to_end(number)
@@ -153,9 +153,10 @@ class Occlusion:
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
-        return self._shares(self._looked(times_s), 1)
+        return self._shares(self.looked(times_s), 1)
 
-    def _looked(self, times_s: np.ndarray) -> _Looked:
+    def looked(self, times_s: np.ndarray) -> Looked:
+        """What is seen at just these times; at most as many as stand in one scene."""
         posed = [mesh.at(times_s) for mesh in self._meshes]
         vertices = points = np.concatenate(posed, axis=1)
         if self._lookouts is not None:
@@ -164,18 +165,18 @@ class Occlusion:
             )
         past = self._let_past(points)
         if not self._solid:
-            return _Looked(None, None, past)
+            return Looked(None, None, past)
         normal = _vertex_normals(points, self._looking, self._incidence)
         front = np.einsum("kvi,kvi->kv", normal, self._viewpoint - points) > 0
-        return _Looked(front, self.clear(vertices, points, normal) & front, past)
+        return Looked(front, self.clear(vertices, points, normal) & front, past)
 
-    def _shares(self, looked: _Looked, times_past: int) -> np.ndarray:
+    def _shares(self, looked: Looked, times_past: int) -> np.ndarray:
         """Of a field that comes so many times past what stands still, float32 (K, all vertices)."""
         if times_past not in looked.shares:
             looked.shares[times_past] = self._beyond(looked, looked.past**times_past)
         return looked.shares[times_past]
 
-    def _beyond(self, looked: _Looked, past: np.ndarray) -> np.ndarray:
+    def _beyond(self, looked: Looked, past: np.ndarray) -> np.ndarray:
         if looked.front is None or looked.clear is None:
             return past
         front, seen = looked.front, looked.clear * past

@@ -17,7 +17,7 @@ from t2d_rt.echo.phase_integral import Ops, Parts
 from t2d_rt.geometry import Refinement, refine
 from t2d_rt.model import skin
 from t2d_rt.result import Simulation
-from t2d_rt.trace.visibility import Occlusion
+from t2d_rt.trace.visibility import Looked, Occlusion
 from t2d_rt.types import Ellipsoids, MovingMesh
 from validation.chart.measure import Case
 
@@ -145,9 +145,9 @@ def _capsules(limbs: Ellipsoids) -> type[Occlusion]:
     """Visibility where the segments' ellipsoids hide what lies behind them, worked out and not traced."""
 
     class Capsules(Occlusion):
-        def traced(self, times_s: np.ndarray) -> np.ndarray:
+        def looked(self, times_s: np.ndarray) -> Looked:
             self.now = limbs.at(times_s)
-            return super().traced(times_s)
+            return super().looked(times_s)
 
         def clear(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
             free = np.ones(points.shape[:2], bool)
