@@ -71,9 +71,9 @@ def run() -> Section:
         f"random chirps at {len(SAMPLES)} places of the sweep. The reference sums every pair of ways within 80 dB over facets of "
         "0.08 rad (0.12 rad for those 15 dB below the strongest and more), traces what the body hides of itself from each image "
         "and works out shares and polarisation at every unrefined vertex. Without a tolerance `simulate` models the direct way "
-        "and what comes within 6 dB of it in full; weaker pairs have coarser facets and no self-occlusion, the faintest still "
-        "coarser ones and a speckle of their own: their power is right, their phases are not, and together they are over a "
-        "third of the field. The table changes that step by step.",
+        "and what comes within 6 dB of it in full; weaker pairs have coarser facets, hidden over legs of strong pairs alone, the "
+        "faintest still coarser ones and a speckle of their own: their power is right, their phases are not, and together they "
+        "are over a third of the field. The table changes that step by step.",
         table=rows,
         charts=[_chart(rows)],
     )
