@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -146,13 +146,13 @@ def resampled(source: EchoStream, times_s: np.ndarray, block: int) -> EchoStream
         row = np.arange(stop - start)[:, None]
         matrix[row, (begins[start:stop] - first)[:, None] + np.arange(4)] = weights[start:stop]
 
-        def between(values: list[np.ndarray]) -> np.ndarray:
+        def between(values: Sequence[np.ndarray]) -> np.ndarray:
             held = np.concatenate(values)[cut]
             flat = matrix.astype(held.dtype) @ held.reshape(len(held), -1)
             return np.asarray(flat.reshape(len(flat), *held.shape[1:]))
 
-        fields = dict(zip(EchoArrays._fields, zip(*parts, strict=True), strict=True))
-        found = EchoArrays(*(None if values[0] is None else between(values) for values in fields.values()))  # type: ignore[arg-type]
+        fields = zip(*parts, strict=True)
+        found = EchoArrays(*(None if values[0] is None else between(values) for values in fields))  # type: ignore[arg-type]
         one = all(part.arrival_m is part.departure_m for part in parts)
         return found._replace(arrival_m=found.departure_m) if one else found
 
