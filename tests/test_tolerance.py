@@ -122,6 +122,16 @@ def test_what_stands_behind_is_looked_at() -> None:
     assert [each["occlusion"] for each in settings] == [True, False]
 
 
+def test_what_only_a_wall_sees_behind_another_is_looked_at() -> None:
+    """Side by side before the radar, one behind the other before its image in the left wall, which is 11 dB weaker."""
+    beside, options = (
+        balls((2.4, 0.55, 1), (3, -0.6, 1)),
+        {"radar": RADAR, "tolerance_db": -20.0, "measure_error": False},
+    )
+    settings = [t2d.simulate(beside, scene="empty_room", reflections=n, **options).settings for n in (0, 1)]
+    assert [each["occlusion"] for each in settings] == [False, True]
+
+
 def test_the_plan_says_what_is_modelled_left_out_and_predicted(walk: Motion) -> None:
     plan = t2d.plan(walk, radar=RADAR, tolerance_db=-15.0)
     told = str(plan)
