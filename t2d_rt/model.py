@@ -109,20 +109,20 @@ class Model:
     sagitta_rad: float | None
     seed: int
     backend: Backend
-    needed_hz: dict[float, list[float]] = field(default_factory=dict)
-    """Surface rates of the shapes that were asked for, by `Detail.splines_db`."""
+    needed_hz: dict[tuple[int, float], float] = field(default_factory=dict)
+    """Surface rates that were asked for, by the shape's number and `Detail.splines_db`."""
 
     def rates_hz(self, detail: Detail) -> list[float]:
         """Surface rate of each shape."""
         if detail.surface_rate_hz is not None:
             return [detail.surface_rate_hz] * len(self.shapes)
-        return self._needed(detail.splines_db)
+        return [self._needed(number, detail.splines_db) for number in range(len(self.shapes))]
 
-    def _needed(self, splines_db: float) -> list[float]:
-        if splines_db not in self.needed_hz:
-            found = [needed_rate_hz(shape, self.radar, *self.span_s, splines_db) for shape in self.shapes]
-            self.needed_hz[splines_db] = found
-        return self.needed_hz[splines_db]
+    def _needed(self, number: int, splines_db: float) -> float:
+        key = number, splines_db
+        if key not in self.needed_hz:
+            self.needed_hz[key] = needed_rate_hz(self.shapes[number], self.radar, *self.span_s, splines_db)
+        return self.needed_hz[key]
 
     def paces(self, detail: Detail) -> list[np.ndarray]:
         """Surface frames of each shape [s] at its rate or more; those that need about the same rate share them."""
@@ -168,8 +168,8 @@ class Model:
     def swift(self, detail: Detail) -> list[bool]:
         """Which shapes turn too fast to be looked at vertex by vertex; a body's limbs never do."""
         return [
-            rate > detail.swift_hz and not isinstance(target, Motion)
-            for rate, target in zip(self._needed(SPLINES_DB), self.targets, strict=True)
+            not isinstance(target, Motion) and self._needed(number, SPLINES_DB) > detail.swift_hz
+            for number, target in enumerate(self.targets)
         ]
 
     def streams(

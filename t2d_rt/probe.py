@@ -16,6 +16,8 @@ from t2d_rt.types import EchoStream, Motion, Radar
 
 CHIRPS, SAMPLES = 48, 8
 """So many chirps are looked at, at so many places of the sweep."""
+CHIRPS_AT_ONCE = 16
+"""For -20 dB in a room all 48 at once take 7.8 GB, these 4.8."""
 FINER = 0.5
 """Phase sagitta of the facets that a run is measured against, over its own: they err by a sixth of its power."""
 HALVED = 1
@@ -68,8 +70,11 @@ def field(model: Model, detail: Detail, chirps: Chirps, *, looks_hz: float | Non
         keys = every[np.unique([after - 1, after])]
     total = np.zeros((len(chirps.rows), len(chirps.samples)), complex)
     for stream in model.streams(detail, chirps.moments_s(radar), keys):
-        ends = stream.frames(0, 2 * len(chirps.rows))
-        total += chirp_samples(ends, radar, chirps.rows, chirps.antennas, chirps.samples)
+        for first in range(0, len(total), CHIRPS_AT_ONCE):
+            some = slice(first, first + CHIRPS_AT_ONCE)
+            rows, antennas = chirps.rows[some], chirps.antennas[some]
+            ends = stream.frames(2 * first, 2 * (first + len(rows)))
+            total[some] += chirp_samples(ends, radar, rows, antennas, chirps.samples)
     return total
 
 
