@@ -47,7 +47,7 @@ LOOKED_AT_DB = -20.0
 """Pairs of ways down to that level show what hides what: in rooms they hold nine tenths of the power. Who walks towards the radar
 hides nothing from there, but much from a wall's image."""
 LOOKED_AT_COARSER = 1.0
-"""So do facets of the meshes' own phase sagitta, however fine those of the run are: to 0.9 dB the same, in a room in half the time."""
+"""So do facets of the meshes' own phase sagitta, however fine the run's are: to 0.9 dB the same, in rooms in half the time."""
 LEAST_SHARE = 0.2
 """Facets are not made finer than that asks for."""
 FACETS_SHARE, LOOKS_SHARE, LEFT_OUT_SHARE, WEAK_SHARE = 0.7, 0.3, 0.15, 0.2
