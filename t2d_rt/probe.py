@@ -101,11 +101,9 @@ def measured_db(
     return nmse_db(found, expected)
 
 
-def converged(
-    model: Model, detail: Detail, error_db: float, *, hidden: bool, count: int = CHIRPS
-) -> tuple[Chirps, np.ndarray]:
+def converged(model: Model, detail: Detail, error_db: float, *, hidden: bool) -> tuple[Chirps, np.ndarray]:
     """Random chirps, not those by which settings were chosen, and their samples far finer."""
-    chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=count)
+    chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1)
     bodies = any(isinstance(target, Motion) for target in model.targets)
     full = with_method(model, "mesh") if bodies and model.method == "ellipsoid" else model
     return chirps, field(full, finer(full, detail, error_db, hidden=hidden), chirps)

@@ -46,8 +46,8 @@ OVER_DB = 1.0
 LOOKED_AT_DB = -20.0
 """Pairs of ways down to that level show what hides what: in rooms they hold nine tenths of the power. Who walks towards the radar
 hides nothing from there, but much from a wall's image."""
-LOOKED_AT_COARSER = 1.0
-"""So do facets of the meshes' own phase sagitta, however fine the run's are: to 0.9 dB the same, in rooms in half the time."""
+LOOKED_AT_COARSER = 0.5
+"""So do facets of half the meshes' own phase sagitta, however fine the run's are: to 0.1 dB the same."""
 LEAST_SHARE = 0.2
 """Facets are not made finer than that asks for."""
 FACETS_SHARE, LOOKS_SHARE, LEFT_OUT_SHARE, WEAK_SHARE = 0.7, 0.3, 0.15, 0.2
