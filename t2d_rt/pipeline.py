@@ -8,13 +8,13 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from numbers import Real
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from t2d_rt.backend import Device, select
+from t2d_rt.checks import call, choice, flag, integer, number, shown, text
 from t2d_rt.cubes import Cube, is_large, summed
 from t2d_rt.echo.ellipsoid import PhaseFrom
 from t2d_rt.echo.mesh import check_outside, joined
@@ -32,6 +32,7 @@ from t2d_rt.model import (
     shared_time,
     skin,
 )
+from t2d_rt.motion import placement
 from t2d_rt.probe import converged, measured_db
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
@@ -41,6 +42,7 @@ from t2d_rt.scene import Room
 from t2d_rt.tolerance import Plan, check_tolerance, planned
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types.material import checked_material
 
 T = TypeVar("T")
 
@@ -54,6 +56,8 @@ DETAILS = "dynamic_range_db", "occlusion", "occlusion_rate_hz", "surface_rate_hz
 """Options of `simulate` that say what there is, and how finely it is modelled."""
 PILOT_S = 0.5, 2.0
 """Lengths of the pieces that a plan tries."""
+JUMP_MPS = 300.0
+"""Between two frames nobody moves faster; a jump of 2.5 m in a file of 120 frames a second does."""
 BESIDE_CLUTTER_DB = -50.0
 """Error of the sum where there is clutter, at most."""
 
@@ -86,7 +90,8 @@ def simulate(
 
     Parameters
     ----------
-    target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar where it has not been.
+    target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar (see `place`) where its
+        `placed` is False; where that is None, with a warning. The settings' "placement" tells what was done.
         The record is the time that all targets share, movers going on for as long; its own clock starts at 0.
     radar: the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
@@ -115,6 +120,10 @@ def simulate(
     progress: called with the share done, 0..1.
     """
     asked = _asked(dynamic_range_db, occlusion, occlusion_rate_hz, surface_rate_hz)
+    if measure_error is not None:
+        flag("measure_error", measure_error)
+    if progress is not None:
+        call("progress", progress, "a function of the fraction done")
     if tolerance_db is not None:
         check_tolerance(tolerance_db)
     model = _prepared(
@@ -219,6 +228,10 @@ def _prepared(
     targets = [target] if isinstance(target, Target) else target
     _check(targets, radar, method, phase_from, sagitta_rad, seed)
     _check_room(reflections, transmissions, clutter, collisions)
+    text("body", body)
+    if material is not None:
+        checked_material(material)
+    targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
     backend, around = select(device), _around(scene)
     shapes = shapes_of(targets, method, body, material, radar)
     span_s = shared_time(shapes)
@@ -240,6 +253,31 @@ def _prepared(
     )  # fmt: skip
 
 
+def _placed(motion: Motion, radar: Radar) -> Motion:
+    """The motion before the radar; a warning where that moves what may have stood in its place already."""
+    found = placed(motion, radar)
+    _check_steps(found)
+    if motion.placed is None:
+        warnings.warn(
+            f"the motion was moved: {placement(found)}, because nobody has said that its coordinates are the radar's; give "
+            "motion_from_joints placed=True to keep them, or placed=False where they are to be moved",
+            T2DWarning,
+            stacklevel=4,
+        )
+    return found
+
+
+def _check_steps(motion: Motion) -> None:
+    """Refuses a motion that jumps: between two frames nobody moves as fast, and a spline through the jump means nothing."""
+    speeds = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1) * motion.rate_hz
+    frame, joint = np.unravel_index(int(speeds.argmax()), speeds.shape)
+    if speeds[frame, joint] > JUMP_MPS:
+        raise InputError(
+            f"the motion jumps: {motion.names[joint]} moves by {speeds[frame, joint] / motion.rate_hz:.3g} m from frame {frame} to "
+            f"{frame + 1} ({frame / motion.rate_hz:.4g} s), at {speeds[frame, joint]:.3g} m/s; cut or repair the motion there"
+        )
+
+
 def _settings(model: Model, detail: Detail) -> dict[str, Any]:
     """What a result was made with."""
     pairs, material = model.pairs(detail), model.material
@@ -252,6 +290,7 @@ def _settings(model: Model, detail: Detail) -> dict[str, Any]:
         "sagitta_rad": "default" if model.sagitta_rad is None else float(model.sagitta_rad),
         "coarser": float(detail.coarser), "phase_from": model.phase_from, "device": model.backend.name,
         "targets": [each.report if isinstance(each, Motion) else repr(each) for each in model.targets],
+        "placement": [placement(each) if isinstance(each, Motion) else "own coordinates" for each in model.targets],
         **({} if pairs is None else {"dynamic_range_db": float(detail.range_db), **pairs.describe()}),
     }  # fmt: skip
 
@@ -263,7 +302,7 @@ def _around(scene: Any) -> Scene | None:
     if isinstance(scene, Scene):
         return scene
     if not isinstance(scene, (str, Path)):
-        raise InputError(f"scene must be a name, a path, a Room or a Scene, got {scene!r:.60}")
+        raise InputError(f"scene must be a name, a path, a Room or a Scene, got {shown(scene)}")
     return None if scene == "free_space" else load_scene(scene)
 
 
@@ -319,22 +358,16 @@ def _check_outside_ellipsoids(shape: Ellipsoids, radar: Radar, times_s: np.ndarr
 def _check(targets: Any, radar: Any, method: str, phase_from: str, sagitta_rad: Any, seed: int) -> None:
     if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, Target) for each in targets):
         raise InputError(
-            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {targets!r:.60}; "
+            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
             "load_motion reads a file"
         )
     if not isinstance(radar, Radar):
-        raise InputError(f"radar must be a Radar, got {radar!r:.60}; Radar.preset(name) makes one of a preset's name")
-    if method not in ("mesh", "ellipsoid"):
-        raise InputError(f"method must be 'mesh' or 'ellipsoid', got '{method}'")
-    _check_number("sagitta_rad", sagitta_rad)
-    if sagitta_rad is not None and not 0.01 <= sagitta_rad <= 2:
-        raise InputError(
-            f"sagitta_rad must lie in 0.01..2 rad, got {sagitta_rad}; 0.25 gives -22 dB, 0.07 gives 0.3 dB of RCS"
-        )
-    if phase_from not in ("specular", "centre"):
-        raise InputError(f"phase_from must be 'specular' or 'centre', got {phase_from!r}")
-    if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise InputError(f"seed must be an integer of 0 or more, got {seed!r}")
+        raise InputError(f"radar must be a Radar, got {shown(radar)}; Radar.preset(name) makes one of a preset's name")
+    choice("method", method, ("mesh", "ellipsoid"))
+    if sagitta_rad is not None:
+        number("sagitta_rad", sagitta_rad, 0.01, 2, unit="rad", hint="0.25 gives -22 dB, 0.07 gives 0.3 dB of RCS")
+    choice("phase_from", phase_from, ("specular", "centre"))
+    integer("seed", seed)
 
 
 def _asked(
@@ -346,10 +379,9 @@ def _asked(
         ("occlusion_rate_hz", occlusion_rate_hz, (1, 1_000), "25 suits walking"),
         ("dynamic_range_db", dynamic_range_db, (0, 200), "60 suits most uses"),
     ):
-        _check_number(name, value)
-        if value is not None and not low <= value <= high:
-            unit = "dB" if name.endswith("_db") else "Hz"
-            raise InputError(f"{name} must lie in {low}..{high} {unit}, got {value}; {hint}")
+        if value is not None:
+            number(name, value, low, high, unit="dB" if name.endswith("_db") else "Hz", hint=hint)
+    flag("occlusion", occlusion)
     given = {"range_db": dynamic_range_db, "occlusion_hz": occlusion_rate_hz, "surface_rate_hz": surface_rate_hz}
     if occlusion_rate_hz is not None:
         given["swift_hz"] = SWIFT * occlusion_rate_hz
@@ -358,17 +390,8 @@ def _asked(
     )
 
 
-def _check_number(name: str, value: Any) -> None:
-    if not isinstance(value, (Real, type(None))):
-        raise InputError(f"{name} must be a number, got {value!r}")
-
-
 def _check_room(reflections: Any, transmissions: Any, clutter: Any, collisions: Any) -> None:
-    if not isinstance(reflections, (int, np.integer)) or not 0 <= reflections <= 4:
-        raise InputError(f"reflections must be an integer in 0..4, got {reflections!r}; 2 suits rooms")
-    if not isinstance(transmissions, (int, np.integer)) or not 0 <= transmissions <= 4:
-        raise InputError(f"transmissions must be an integer in 0..4, got {transmissions!r}; 2 sees behind a partition")
-    if clutter not in ("specular", "diffuse", "none"):
-        raise InputError(f"clutter must be 'specular', 'diffuse' or 'none', got {clutter!r}")
-    if collisions not in ("warn", "stop", "ignore"):
-        raise InputError(f"collisions must be 'warn', 'stop' or 'ignore', got {collisions!r}")
+    integer("reflections", reflections, 0, 4, hint="2 suits rooms")
+    integer("transmissions", transmissions, 0, 4, hint="2 sees behind a partition")
+    choice("clutter", clutter, ("specular", "diffuse", "none"))
+    choice("collisions", collisions, ("warn", "stop", "ignore"))

@@ -402,7 +402,7 @@ def test_guards() -> None:
     for rate in (0.0, 0.9, np.nan):
         with pytest.raises(InputError, match=r"false_alarm_rate must lie in 1e-12..0.5"):
             point_cloud(cube, TDM, false_alarm_rate=rate)
-    with pytest.raises(InputError, match=r"dynamic_range_db must lie in 0..300 dB, got 0"):
+    with pytest.raises(InputError, match=r"dynamic_range_db must lie in 0.001..300 dB, got 0"):
         point_cloud(cube, TDM, dynamic_range_db=0)
     with pytest.raises(InputError, match="method of the CFAR must be 'ca' or 'os', got 'go'"):
         point_cloud(cube, TDM, method="go")

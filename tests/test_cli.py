@@ -347,7 +347,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--motion.flavour foo", "flavour 'foo' is unknown; choose one of"),
         ("--motion.smooth-hz soft", "option motion.smooth_hz must be a number or auto or null, got 'soft'"),
         ("--motion.up w", "option motion.up must be x or y or z or -x or -y or -z or null, got 'w'"),
-        ("--signal.mti foo", "unknown MTI method 'foo'"),
+        ("--signal.mti foo", "MTI method must be 'none', 'mean', 'highpass' or 'canceller', got 'foo'"),
         ("--signal.window foo", "unknown window 'foo'"),
         ("--signal.n-window 999999", "shorter than the STFT window of 999999"),
         ("--signal.range-gate-m [90,100]", "range gate 90..100 m holds no range bin"),

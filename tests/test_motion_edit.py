@@ -269,7 +269,7 @@ def test_a_person_on_the_spot_faces_the_radar() -> None:
     [
         ({"distance_m": 0.0}, "distance_m must be positive"),
         ({"boresight": (0.0, 0.0, 1.0)}, "not vertical"),
-        ({"angle_deg": float("nan")}, "angle_deg must be finite"),
+        ({"angle_deg": float("nan")}, "angle_deg must lie in"),
     ],
 )
 def test_place_refuses(walk: Motion, options: dict, match: str) -> None:
@@ -349,7 +349,7 @@ def test_describe_the_walk(walk: Motion) -> None:
     [
         (lambda m: sample(m, np.array([-0.1])), "within 0"),
         (lambda m: sample(m, np.array([99.0])), "repeat\\(\\) the motion"),
-        (lambda m: sample(m, np.array([np.nan])), "within 0"),
+        (lambda m: sample(m, np.array([np.nan])), "times must be finite"),
         (lambda m: resample(m, 0.0), "rate_hz must lie"),
         (lambda m: trim(m, 3.0, 2.0), "trim needs"),
         (lambda m: trim(m, 0.0, 99.0), "trim needs"),

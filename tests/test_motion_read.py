@@ -394,12 +394,12 @@ def test_bad_options(tmp_path: Path, momask_text: str) -> None:
     for options, match in (
         ({"units": "cubit"}, "units 'cubit' are unknown"),
         ({"units": 300.0}, "body would be .* m tall"),
-        ({"units": float("nan")}, "body would be nan m tall"),
+        ({"units": float("nan")}, "units must be finite, got nan"),
         ({"up": "w"}, "is no axis"),
         ({"flavour": "smpl"}, "flavour 'smpl' is unknown"),
         ({"flavour": "cmu-a"}, "lacks"),
         ({"smooth_hz": 40.0}, "cut-off must lie between"),
-        ({"floor": float("nan")}, "finite"),
+        ({"floor": float("nan")}, "floor must lie in .*, got nan"),
     ):
         with pytest.raises(InputError, match=match):
             load_motion(MOMASK, **options)  # type: ignore[arg-type]

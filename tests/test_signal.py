@@ -406,7 +406,7 @@ def test_guards() -> None:
     with pytest.raises(InputError, match="combine must be"):
         spectrogram(cube, TABLE2, combine="sum")
     for cutoff in (0.0, -1.0, 20.0, np.nan):
-        with pytest.raises(InputError, match=r"cutoff_mps must lie between 0 and 9.857 m/s"):
+        with pytest.raises(InputError, match=r"cutoff_mps must (lie between 0 and 9.857 m/s|be finite)"):
             spectrogram(cube, TABLE2, mti="highpass", cutoff_mps=cutoff)
     with pytest.raises(InputError, match="record of 100 chirps is shorter than the STFT window of 256"):
         spectrogram(cube[:100], TABLE2, n_window=256)
@@ -416,7 +416,7 @@ def test_guards() -> None:
         stft(cube[:, 0, 0], 1.0, n_window=1, overlap=0)
     with pytest.raises(InputError, match="n_fft must be at least n_window"):
         stft(cube[:, 0, 0], 1.0, n_fft=128)
-    with pytest.raises(InputError, match="unknown MTI method 'median'; choose one of none, mean"):
+    with pytest.raises(InputError, match="MTI method must be 'none', 'mean', .* got 'median'"):
         mti(cube, "median")
     for cutoff in (None, 0.0, 0.5, np.nan):
         with pytest.raises(InputError, match="highpass needs prf_hz and a cutoff_hz"):

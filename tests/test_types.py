@@ -244,5 +244,5 @@ def test_echoes_are_cast_to_what_synthesis_reads() -> None:
 def test_a_mesh_refuses_a_sagitta_that_is_none(sagitta: float | np.ndarray) -> None:
     vertices = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]] * 2)
     faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
-    with pytest.raises(InputError, match=r"sagitta_rad of mesh must be positive, one number or one per vertex \(4,\)"):
+    with pytest.raises(InputError, match=r"sagitta_rad of mesh must be .*one number or one per vertex \(4,\)"):
         MovingMesh(vertices, faces, [0.0, 1.0], sagitta_rad=sagitta)

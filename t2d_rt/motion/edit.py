@@ -7,11 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from t2d_rt.checks import LARGEST_M, array, flag, number, positive
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.interpolate import compose, decompose, trim
+from t2d_rt.motion.interpolate import MOST_NUMBERS, compose, decompose, trim
 from t2d_rt.motion.read import facing, stature_m
-from t2d_rt.types.motion import Motion
+from t2d_rt.types.motion import Motion, checked_motion
+
+FARTHEST_M = 10_000.0
+"""Farthest start that `place` takes."""
+
+PLACED = "placed "
+"""How the line in a motion's report begins that `place` writes."""
 
 CLOSEST_APPROACH_M = 1.5
 """Horizontal distance of the nearest joint to the radar that `place` keeps if no distance is given."""
@@ -46,6 +53,7 @@ class MotionInfo:
 
 def describe(motion: Motion) -> MotionInfo:
     """Duration, stature, way, mean and top speed of a motion."""
+    checked_motion(motion)
     # The way is taken at 10 Hz, that jitter does not lengthen it.
     stride = max(1, round(motion.rate_hz / 10.0))
     coarse = np.concatenate([motion.joints[:-1:stride, 0, :2], motion.joints[-1:, 0, :2]])
@@ -72,22 +80,35 @@ def place(
     the angle turns that about the vertical, counterclockwise from above. Without a distance, no joint comes nearer than
     1.5 m horizontally. z is kept.
     """
-    aim = np.array(boresight[:2], dtype=float)
-    if not (np.isfinite(boresight).all() and np.isfinite(radar_position_m).all() and np.linalg.norm(aim) > 1e-6):
+    checked_motion(motion)
+    aim = array("boresight", boresight, (3,), limit=LARGEST_M)[:2]
+    position = array("radar_position_m", radar_position_m, (3,), limit=LARGEST_M, unit="m")[:2]
+    if not np.linalg.norm(aim) > 1e-6:
         raise InputError(f"boresight must be finite and not vertical to place a motion before it, got {boresight}")
-    if distance_m is not None and not 0 < distance_m < 1e6:
-        raise InputError(f"distance_m must be positive, got {distance_m}")
-    if not math.isfinite(angle_deg):
-        raise InputError(f"angle_deg must be finite, got {angle_deg}")
-    aim /= np.linalg.norm(aim)
+    if distance_m is not None:
+        positive("distance_m", distance_m, FARTHEST_M, unit="m", hint="5 suits a room")
+    number("angle_deg", angle_deg, -1e6, 1e6)
+    aim = aim / np.linalg.norm(aim)
     heading = _main_direction(motion)
     turn = math.atan2(-aim[1], -aim[0]) - math.atan2(heading[1], heading[0]) + math.radians(angle_deg)
     start = motion.joints[0, 0] * np.array([1.0, 1.0, 0.0])
     joints, rotations = _turned(motion.joints - start, motion.rotations, np.array(turn))
+    found = distance_m
     if distance_m is None:
-        distance_m = _closest_start(joints[..., :2] @ aim, joints[..., :2] @ np.array([-aim[1], aim[0]]))
-    there = np.array([*(np.array(radar_position_m[:2]) + distance_m * aim), 0.0])
-    return replace(motion, joints=joints + there, rotations=rotations, placed=True)
+        found = _closest_start(joints[..., :2] @ aim, joints[..., :2] @ np.array([-aim[1], aim[0]]))
+    there = np.array([*(position + found * aim), 0.0])
+    note = f"placed {found:.3g} m before the radar" + (
+        f", {CLOSEST_APPROACH_M:g} m at closest approach" if distance_m is None else ""
+    )
+    note += f", turned by {angle_deg:g} degrees" if angle_deg else ""
+    kept = [each for each in motion.report.split("; ") if each and not each.startswith(PLACED)]
+    return replace(motion, joints=joints + there, rotations=rotations, placed=True, report="; ".join([*kept, note]))
+
+
+def placement(motion: Motion) -> str:
+    """Where a motion's coordinates come from: what `place` did, or that they are its own."""
+    notes = [each for each in motion.report.split("; ") if each.startswith(PLACED)]
+    return notes[-1] if notes else "own coordinates"
 
 
 def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: float = 0.2) -> Motion:
@@ -96,8 +117,17 @@ def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: f
     Each repetition starts where the last one ended, so a walk goes on walking (straight on, unless a cycle turns
     by more than 20 degrees). travel=False takes the cycles' mean velocity out: walking on the spot, as on a treadmill.
     """
-    if not (math.isfinite(duration_s) and duration_s >= 2.0 / motion.rate_hz):
+    checked_motion(motion)
+    number("duration_s", duration_s, unit="s")
+    number("blend_s", blend_s, 0, 10, unit="s", hint="0.2 suits walking")
+    flag("travel", travel)
+    if not duration_s >= 2.0 / motion.rate_hz:
         raise InputError(f"duration_s must be finite and hold at least 2 frames, got {duration_s}")
+    if duration_s * motion.rate_hz * motion.joints[0].size > MOST_NUMBERS:
+        raise InputError(
+            f"duration_s of {duration_s:g} s makes {duration_s * motion.rate_hz:.3g} frames, more than "
+            f"{MOST_NUMBERS // motion.joints[0].size}; ask for a shorter duration"
+        )
     count = math.floor(duration_s * motion.rate_hz + 1e-9) + 1
     if count <= len(motion.joints) and travel:
         return trim(motion, 0.0, (count - 1) / motion.rate_hz)

@@ -12,15 +12,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from t2d_rt.checks import array, number
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
-from t2d_rt.types.motion import Motion
+from t2d_rt.types.motion import Motion, checked_motion, checked_rate
 
 JITTER_CUTOFF_HZ = 12.0
 """Human movement lies below it, but for impacts of a few milliseconds (Winter, Biomechanics, 2.2)."""
 
 JITTER_LIMIT_MPS = 0.03
 """Jitter from which a file counts as noisy: at 20 Hz a way of 0.2 mm, a third of a radian of phase at 77 GHz."""
+
+MOST_NUMBERS = 100_000_000
+"""Coordinates of joints that a motion may be made to hold, 0.8 GB: three hours at 120 Hz."""
 
 CHI_SQUARE_3_MEDIAN = 0.789
 """Median over mean of a squared speed with three Gaussian components."""
@@ -35,7 +39,7 @@ class Track:
 
     def __call__(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (K, J, 3) [m] and orientations (K, J, 4) at any times (K,) within the motion."""
-        times = np.atleast_1d(np.asarray(times_s, dtype=float))
+        times = np.atleast_1d(array("times", times_s))
         end = self.motion.duration_s
         # Half a nanosecond of rounding is no error: last frames are often asked for as (T - 1) / rate.
         if times.ndim != 1 or not ((times >= -5e-10) & (times <= end + 5e-10)).all():
@@ -50,6 +54,7 @@ def track(motion: Motion) -> Track:
     """The motion as a C2 function of time; build it once and evaluate it in blocks."""
     from scipy.interpolate import make_interp_spline
 
+    checked_motion(motion)
     offsets, rotations = decompose(motion.joints, motion.rotations, motion.parents)
     values = np.concatenate([quaternions.continuous(rotations), offsets], axis=-1).reshape(len(offsets), -1)
     # Sign-continuous quaternion components, splined and normalised: C2, as near as RotationSpline (within 2 % on a
@@ -65,25 +70,44 @@ def sample(motion: Motion, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 def resample(motion: Motion, rate_hz: float) -> Motion:
     """The same motion at another frame rate; what is left of a last step is cut off."""
-    if not 0 < rate_hz < 1e5:
-        raise InputError(f"rate_hz must lie between 0 and 1e5 Hz, got {rate_hz}")
+    checked_motion(motion)
+    checked_rate(rate_hz)
     count = math.floor(motion.duration_s * rate_hz + 1e-9) + 1
+    if count < 2:
+        raise InputError(
+            f"rate_hz of {rate_hz:g} Hz leaves one frame of a motion of {motion.duration_s:.4g} s; raise it above "
+            f"{1 / motion.duration_s:.4g} Hz"
+        )
+    if count * motion.joints[0].size > MOST_NUMBERS:
+        raise InputError(
+            f"rate_hz of {rate_hz:g} Hz makes {count} frames of this motion, more than "
+            f"{MOST_NUMBERS // motion.joints[0].size}; lower it or trim the motion"
+        )
     joints, rotations = sample(motion, np.minimum(np.arange(count) / rate_hz, motion.duration_s))
     return replace(motion, joints=joints, rotations=rotations, rate_hz=float(rate_hz))
 
 
 def trim(motion: Motion, start_s: float = 0.0, stop_s: float | None = None) -> Motion:
     """The frames from `start_s` to `stop_s` (both included, to the nearest frame); time starts at 0 again."""
-    stop_s = motion.duration_s if stop_s is None else stop_s
+    checked_motion(motion)
+    number("start_s", start_s, unit="s")
+    stop_s = motion.duration_s if stop_s is None else number("stop_s", stop_s, unit="s")
     if not (0 <= start_s < stop_s <= motion.duration_s + 1e-9):
         raise InputError(f"trim needs 0 <= start < stop <= {motion.duration_s:.6g} s, got {start_s} and {stop_s}")
     span = slice(round(start_s * motion.rate_hz), round(stop_s * motion.rate_hz) + 1)
+    if len(motion.joints[span]) < 2:
+        raise InputError(
+            f"from {start_s:.6g} to {stop_s:.6g} s there is one frame at {motion.rate_hz:g} Hz, and a motion needs 2; "
+            "take a longer piece, or resample the motion first"
+        )
     return replace(motion, joints=motion.joints[span], rotations=motion.rotations[span])
 
 
 def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
     """Zero-phase Butterworth low-pass (-3 dB at the cut-off, 4th order) of local rotations, offsets and root."""
-    if not 0 < cutoff_hz < 0.5 * motion.rate_hz:
+    checked_motion(motion)
+    number("cutoff_hz", cutoff_hz)
+    if not 1e-6 * motion.rate_hz < cutoff_hz < 0.5 * motion.rate_hz:
         raise InputError(
             f"the cut-off must lie between 0 and half the frame rate, {0.5 * motion.rate_hz:g} Hz, got {cutoff_hz:g} Hz"
         )

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from t2d_rt.checks import LARGEST_M, array, file_path, flag, number, positive, shown, text
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.bvh import forward_kinematics, read_bvh
@@ -56,6 +57,8 @@ def load_motion(
     smooth_hz: low-pass cut-off, None for none, "auto" for 12 Hz where the file jitters.
     flavour: a name in `flavours()`.
     """
+    path = file_path("path", path)
+    _check_reading(units, up, floor, drop_tpose, smooth_hz, flavour)
     raw = read_bvh(path)
     names = plain_names(raw.names)
     try:
@@ -83,25 +86,48 @@ def load_motion(
     return replace(motion, report="; ".join(told))
 
 
+def _check_reading(units: Any, up: Any, floor: Any, drop_tpose: Any, smooth_hz: Any, flavour: Any) -> None:
+    if units is not None and not isinstance(units, str):
+        positive("units", units, 1e6, hint=f"metres per unit or one of {', '.join(UNITS_M)}")
+    if floor is not None:
+        number("floor", floor, -LARGEST_M, LARGEST_M, unit="m")
+    if drop_tpose is not None:
+        flag("drop_tpose", drop_tpose)
+    if smooth_hz is not None and smooth_hz != "auto":
+        positive("smooth_hz", smooth_hz, hint="a cut-off in Hz, None or 'auto'")
+    for name, value in (("up", up), ("flavour", flavour)):
+        if value is not None:
+            text(name, value)
+
+
 def motion_from_joints(
-    joints: np.ndarray, *, rate_hz: float, names: Sequence[str] = CANONICAL_JOINTS, report: str = ""
+    joints: np.ndarray,
+    *,
+    rate_hz: float,
+    names: Sequence[str] = CANONICAL_JOINTS,
+    placed: bool | None = None,
+    report: str = "",
 ) -> Motion:
     """A motion from positions alone: joints (T, J, 3) [m], z up, canonical `names` in any order.
+
+    placed: True where the positions are those of the radar's world and stay as they are; False where `simulate` is to place the
+        motion before the radar; left out, it does so with a warning.
 
     Orientations turn the bones by the smallest rotation from the first frame on (positions do not show a bone's twist);
     the pelvis turns with hips and spine.
     """
-    joints = np.asarray(joints, dtype=float)
+    if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"names must be a list of joint names, got {shown(names)}")
     missing = [name for name in CANONICAL_JOINTS if name not in names]
     unknown = [name for name in names if name not in PARENT_OF]
     if missing or unknown or len(set(names)) != len(names):
         raise InputError(f"names must be the canonical joints, each once; missing {missing}, unknown {unknown}")
-    if joints.ndim != 3 or joints.shape[1:] != (len(names), 3) or len(joints) < 2:
+    hint = "repair the tracks first"
+    joints = array("joints", joints, ("time >= 2", len(names), 3), limit=LARGEST_M, unit="m", hint=hint)
+    if len(joints) < 2:
         raise InputError(f"joints must have shape (time >= 2, {len(names)}, 3), got {joints.shape}")
-    if not np.isfinite(joints).all():
-        raise InputError("joints must be finite, got NaN or infinite values; repair the tracks first")
     points = {name: joints[:, list(names).index(name)] for name in PARENT_OF if name in names}
-    return _assemble(points, _turns_from_bones(points), rate_hz, 0.0, report)
+    return replace(_assemble(points, _turns_from_bones(points), rate_hz, 0.0, report), placed=placed)
 
 
 def stature_m(points: dict[str, np.ndarray]) -> float:

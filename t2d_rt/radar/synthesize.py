@@ -260,8 +260,9 @@ def _buckets(
     travel = float(np.abs(after - before).max()) / width_s
     if travel > MOST_SLOTS:
         raise InputError(
-            f"echoes move by {travel * width_s * SPEED_OF_LIGHT / 2:.3g} m of range from one frame to the next, at most "
-            f"{MOST_SLOTS * width_s * SPEED_OF_LIGHT / 2:.3g} m can be followed; give delay_s in seconds, or more frames"
+            f"an echo's range changes by {travel * width_s * SPEED_OF_LIGHT / 2:.3g} m from one surface frame to the next, "
+            f"{step_s * 1e3:.3g} ms later, and at most {MOST_SLOTS * width_s * SPEED_OF_LIGHT / 2:.3g} m can be followed; remove "
+            "the jump from the target, raise surface_rate_hz, or give echoes of your own in seconds of delay"
         )
     slots = max(1, math.ceil(travel))
     origin_s = float(min(before.min(), after.min())) - width_s

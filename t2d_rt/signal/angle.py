@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.checks import LARGEST_M, array, choice, flag, instance, interval, number
 from t2d_rt.errors import InputError
 from t2d_rt.signal.doppler import ascending, check_one_burst
 from t2d_rt.signal.maps import ArraySpectrum, RangeAngle
@@ -41,6 +42,7 @@ def array_spectrum(
     chirps = adc.shape[0]
     check_one_burst(chirps, radar)
     check_static(mti)
+    flag("compensate_tdm", compensate_tdm)
     cells = mti_filter(range_fft(adc, window=range_window), mti)
     cells *= taper(doppler_window, chirps, periodic=True).astype(cells.real.dtype)[:, None, None]
     spectra = fft.fft(cells, axis=0, overwrite_x=True, workers=-1)
@@ -55,7 +57,13 @@ def array_spectrum(
 
 def unit_vectors(azimuth_rad: np.ndarray | float, elevation_rad: np.ndarray | float) -> np.ndarray:
     """Directions (..., 3) in the radar's frame of azimuths and elevations (...)."""
-    azimuth, elevation = np.broadcast_arrays(azimuth_rad, elevation_rad)
+    azimuth, elevation = array("azimuth_rad", azimuth_rad), array("elevation_rad", elevation_rad)
+    try:
+        azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    except ValueError:
+        raise InputError(
+            f"azimuth_rad and elevation_rad must have shapes that fit together, got {azimuth.shape} and {elevation.shape}"
+        ) from None
     level = np.cos(elevation)
     return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
 
@@ -66,6 +74,14 @@ def steering_vectors(radar: Radar, directions: np.ndarray, range_m: np.ndarray |
     Exact for a point at `range_m` in each of `directions` (..., 3), of the radar's frame; without a range for one far
     away. A point of amplitude A gives A times these on the antennas.
     """
+    instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
+    directions = array("directions", directions, limit=2)
+    if directions.ndim < 1 or directions.shape[-1] != 3:
+        raise InputError(f"directions must be unit vectors of shape (..., 3), got {directions.shape}")
+    if range_m is not None:
+        range_m = array("range_m", range_m, limit=LARGEST_M, unit="m")
+        if range_m.shape not in ((), directions.shape[:-1]):
+            raise InputError(f"range_m must be one range or of shape {directions.shape[:-1]}, got {range_m.shape}")
     legs = []
     for offsets in (np.array(radar.tx_offsets_m), np.array(radar.rx_offsets_m)):
         if range_m is None:
@@ -106,6 +122,10 @@ def range_angle(
     compensate_tdm: see `array_spectrum`.
     far_field: plane waves instead of beams focused at each bin's range.
     """
+    if azimuth_rad is not None:
+        azimuth_rad = array("azimuth_rad", azimuth_rad, ("azimuth",), limit=100, unit="rad")
+    number("elevation_rad", elevation_rad, -100, 100, unit="rad")
+    flag("far_field", far_field)
     cells = array_spectrum(
         adc, radar, range_window=range_window, doppler_window=doppler_window, mti=mti, compensate_tdm=compensate_tdm
     )
@@ -136,13 +156,13 @@ def beam_step(radar: Radar, axis: int, most: float) -> float:
 
 def check_static(mti: str) -> None:
     """Refuses the filters that change a mover's level or need a cut-off."""
-    if mti not in ("none", "mean"):
-        raise InputError(f"mti of an array's spectrum must be 'none' or 'mean', got '{mti}'")
+    choice("mti of an array's spectrum", mti, ("none", "mean"))
 
 
 def _speed_rows(velocity_mps: np.ndarray, limits_mps: tuple[float, float] | None) -> slice:
     if limits_mps is None:
         return slice(None)
+    limits_mps = interval("speed_gate_mps", limits_mps, unit="m/s")
     inside = np.flatnonzero((velocity_mps >= limits_mps[0]) & (velocity_mps <= limits_mps[1]))
     if not len(inside):
         raise InputError(

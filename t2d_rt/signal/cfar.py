@@ -7,11 +7,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from t2d_rt.checks import array, choice, integer, number, numeric, shown
 from t2d_rt.errors import InputError
 from t2d_rt.signal.range import taper
 
 RANK = 0.75
 """Which of the ordered training cells OS-CFAR takes, as a share of their number."""
+MOST_LOOKS, MOST_CELLS = 100_000, 2_000
+"""Antennas and training cells that a threshold is computed for."""
 
 
 def cfar(
@@ -37,8 +40,11 @@ def cfar(
     windows: the tapers of both axes; they correlate neighbours, which then count as fewer cells.
     """
     check_rate(false_alarm_rate)
-    if method not in ("ca", "os"):
-        raise InputError(f"method of the CFAR must be 'ca' or 'os', got '{method}'")
+    choice("method of the CFAR", method, ("ca", "os"))
+    power = array("power", power, ("velocity", "range"))
+    if power.size and power.min() < 0:
+        raise InputError(f"power must be 0 or more, got {power.min():.4g}; give |spectrum|^2, not dB")
+    integer("looks", looks, 1, MOST_LOOKS)
     offsets = _offsets(power.shape, guard_cells, training_cells)
     correlation = _correlation(offsets, power.shape, windows)
     factor = cfar_factor(false_alarm_rate, correlation, looks=looks, method=method)
@@ -64,10 +70,35 @@ def cfar_factor(false_alarm_rate: float, cells: int | np.ndarray, *, looks: int 
     """
     from scipy.optimize import brentq
 
-    correlation = np.eye(cells) if isinstance(cells, (int, np.integer)) else cells
+    check_rate(false_alarm_rate)
+    choice("method of the CFAR", method, ("ca", "os"))
+    integer("looks", looks, 1, MOST_LOOKS)
+    correlation = _checked_correlation(cells)
     log_rate = _ca_log_rate(correlation, looks) if method == "ca" else _os_log_rate(correlation, looks)
-    log_factor = brentq(lambda x: log_rate(math.exp(x)) - math.log(false_alarm_rate), -10, 15, xtol=1e-10)
+    try:
+        log_factor = brentq(lambda x: log_rate(math.exp(x)) - math.log(false_alarm_rate), -10, 15, xtol=1e-10)
+    except ValueError:
+        raise InputError(
+            f"no threshold gives a false_alarm_rate of {false_alarm_rate:g} from {len(correlation)} training cells; take more cells "
+            "or a higher rate"
+        ) from None
     return math.exp(log_factor)
+
+
+def _checked_correlation(cells: int | np.ndarray) -> np.ndarray:
+    """Correlation matrix of the training cells; of a number of them, that of independent ones."""
+    if np.ndim(numeric("cells", cells)) == 0:
+        return np.eye(
+            integer("cells", cells, 1, MOST_CELLS, hint="a number of training cells, or their correlation matrix")
+        )
+    found = numeric("cells", cells)
+    fits = found.ndim == 2 and len(found) == len(found.T) >= 2 and np.isfinite(found).all()
+    if not (fits and np.allclose(found, found.conj().T, atol=1e-6) and np.allclose(np.diagonal(found), 1, atol=1e-6)):
+        raise InputError(
+            f"cells must be a number of training cells, or their correlation matrix (cell, cell), Hermitian with ones on its "
+            f"diagonal, got {shown(cells)}"
+        )
+    return found
 
 
 def _ca_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float]:
@@ -107,8 +138,7 @@ def _os_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float
 
 def check_rate(false_alarm_rate: float) -> None:
     """Refuses what is no rate, or one beyond what a threshold can be computed for."""
-    if not 1e-12 <= false_alarm_rate <= 0.5:
-        raise InputError(f"false_alarm_rate must lie in 1e-12..0.5, got {false_alarm_rate}; 1e-4 is usual")
+    number("false_alarm_rate", false_alarm_rate, 1e-12, 0.5, hint="1e-4 is usual")
 
 
 def _offsets(
@@ -116,6 +146,12 @@ def _offsets(
 ) -> list[tuple[int, int]]:
     """Steps from the cell to its training cells: a cross."""
     offsets = []
+    pairs = (("guard_cells", guard_cells), ("training_cells", training_cells))
+    for name, pair in pairs:
+        if not isinstance(pair, (list, tuple)) or len(pair) != 2:
+            raise InputError(f"{name} must be two integers, along velocity and range, got {shown(pair)}")
+        for each in pair:
+            integer(name, each, -MOST_CELLS, MOST_CELLS)
     for axis, (guard, training) in enumerate(zip(guard_cells, training_cells, strict=True)):
         if guard < 0 or training < 0 or (training and 2 * (guard + training) + 1 > shape[axis]):
             raise InputError(
@@ -125,6 +161,10 @@ def _offsets(
         for step in range(guard + 1, guard + training + 1):
             for signed in (-step, step):
                 offsets.append((signed, 0) if axis == 0 else (0, signed))
+    if len(offsets) > MOST_CELLS:
+        raise InputError(
+            f"a CFAR takes up to {MOST_CELLS} training cells, got {len(offsets)}; take fewer training_cells"
+        )
     if len(offsets) < 4:
         raise InputError(f"a CFAR needs training cells, got {training_cells} on either side; (0, 12) is usual")
     return offsets
@@ -134,6 +174,8 @@ def _correlation(offsets: list[tuple[int, int]], shape: tuple[int, ...], windows
     """Correlation of the amplitudes of white noise in the training cells, complex (cell, cell): that of windowed FFTs."""
     correlation = np.ones((len(offsets), len(offsets)), complex)
     steps = np.array(offsets)
+    if not isinstance(windows, (list, tuple)) or len(windows) != 2:
+        raise InputError(f"windows must be two names, along velocity and range, got {shown(windows)}")
     for axis, window in enumerate(windows):
         power = taper(window, shape[axis], periodic=axis == 0) ** 2
         between = np.fft.fft(power) / power.sum()

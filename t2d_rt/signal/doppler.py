@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -9,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.checks import choice, flag, integer, number, numeric, positive
 from t2d_rt.errors import InputError
 from t2d_rt.signal.maps import RangeDoppler, Spectrogram
 from t2d_rt.signal.mti import PAPER_KERNEL
 from t2d_rt.signal.mti import mti as mti_filter
 from t2d_rt.signal.multiplex import separated
-from t2d_rt.signal.range import check_cube, gate, range_fft, taper
+from t2d_rt.signal.range import check_finite, check_recording, check_size, gate, range_fft, taper
 from t2d_rt.types.radar import Radar
 
 PIECE = 8192
@@ -40,7 +42,17 @@ def stft(
     """
     from scipy import fft
 
-    n_fft = _check_window(n_window, overlap, n_fft, len(series))
+    series = numeric("series", series)
+    if series.ndim < 1 or 0 in series.shape:
+        raise InputError(f"series must have shape (chirp, ...) with at least one chirp, got {series.shape}")
+    if not np.issubdtype(series.dtype, np.inexact):
+        series = series.astype(np.float64)
+    check_finite(series)
+    positive("prf_hz", prf_hz, 1e12, unit="Hz")
+    n_fft = check_window(n_window, overlap, n_fft, len(series))
+    columns = (len(series) - n_window) // (n_window - overlap) + 1
+    size = 32 * columns * n_fft * math.prod(series.shape[1:])
+    check_size(size, f"an STFT of {columns} windows of {n_fft} bins", "lower n_fft or overlap")
     starts = np.arange(0, len(series) - n_window + 1, n_window - overlap)
     frames = np.lib.stride_tricks.sliding_window_view(series, n_window, axis=0)[starts]  # (time, ..., n_window)
     weights = taper(window, n_window, periodic=True).astype(series.real.dtype)
@@ -79,14 +91,13 @@ def spectrogram(
     are taken apart first. Bursts: windows stay inside a burst, by default one window per
     burst.
     """
-    check_cube(adc, radar)
+    check_recording(adc, radar)
     adc, radar = separated(adc, radar)
     bins = gate(radar.range_axis_m(), range_gate_m)
     fast = taper(range_window, radar.samples)
     _check_combine(combine, bins == slice(0, radar.samples), fast)
     burst = radar.loops_per_frame or adc.shape[0]
-    n_window, overlap = _window_defaults(radar, adc.shape[0], n_window, overlap)
-    n_fft = _check_window(n_window, overlap, n_fft, burst)
+    n_window, overlap, n_fft = checked_windows(radar, adc.shape[0], n_window, overlap, n_fft)
     starts = window_starts(adc.shape[0], burst, n_window, n_window - overlap)
 
     antennas = 1 if adc.ndim == 2 else adc.shape[1]
@@ -109,6 +120,7 @@ def spectrogram(
             cells = cells.sum(axis=-1, keepdims=True)
         powers.append(_summed_power(cells.reshape(len(cells), -1), windows - first, slow, n_fft))
     power = np.concatenate(powers, axis=1)
+    check_finite(power)
     return Spectrogram(
         power=ascending(power / (bandwidth_bins * antennas)),
         velocity_mps=radar.speed_axis_mps(n_fft),
@@ -126,7 +138,8 @@ def range_doppler(
     """
     from scipy import fft
 
-    check_cube(adc, radar)
+    check_recording(adc, radar)
+    flag("correct_coupling", correct_coupling)
     adc, radar = separated(adc, radar)
     chirps = adc.shape[0]
     check_one_burst(chirps, radar)
@@ -140,6 +153,7 @@ def range_doppler(
         turn = np.exp(-2j * np.pi * np.outer(doppler_hz, radar.sample_times_s)).astype(cube.dtype)
         spectra *= turn.reshape(chirps, *[1] * (cube.ndim - 2), -1)
     spectra = fft.fft(spectra * taper(range_window, radar.samples).astype(real), axis=-1, overwrite_x=True, workers=-1)
+    check_finite(spectra)
     power = spectra.real**2 + spectra.imag**2
     if power.ndim == 3:
         power = power.mean(axis=1)
@@ -186,8 +200,7 @@ def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_
 
 
 def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
-    if combine not in ("noncoherent", "coherent"):
-        raise InputError(f"combine must be 'noncoherent' or 'coherent', got '{combine}'")
+    choice("combine", combine, ("noncoherent", "coherent"))
     if combine == "coherent" and all_bins and fast[0] < 1e-3 * fast.mean():
         raise InputError(
             "the coherent sum over all range bins is the chirp's first sample, which this range window sets to zero; "
@@ -236,6 +249,7 @@ def _filter_bursts(
     cells: np.ndarray, burst: int, method: str, radar: Radar, cutoff_mps: float, kernel: Sequence[float]
 ) -> np.ndarray:
     """MTI that does not filter across the dead time between bursts; the mean is that of the whole record."""
+    number("cutoff_mps", cutoff_mps, unit="m/s")
     if method == "highpass" and not 0 < cutoff_mps < radar.max_speed_mps:
         raise InputError(f"cutoff_mps must lie between 0 and {radar.max_speed_mps:.4g} m/s, got {cutoff_mps}")
     cutoff_hz = 2 * cutoff_mps / radar.wavelength_m
@@ -250,8 +264,24 @@ def _filter_bursts(
     return np.concatenate(parts)
 
 
+def checked_windows(
+    radar: Radar, chirps: int, n_window: int | None, overlap: int | None, n_fft: int | None
+) -> tuple[int, int, int]:
+    """Window, overlap and FFT length of a spectrogram of so many chirps, which fit them and memory."""
+    n_window, overlap = _window_defaults(radar, chirps, n_window, overlap)
+    burst = radar.loops_per_frame or chirps
+    n_fft = check_window(n_window, overlap, n_fft, burst)
+    columns = len(window_starts(chirps, burst, n_window, n_window - overlap))
+    # Powers, twice where they are put in order, and the spectra of each thread.
+    size = 16 * columns * n_fft + 24 * min(os.cpu_count() or 1, columns) * CELLS * n_fft
+    check_size(size, f"a spectrogram of {columns} columns of {n_fft} bins", "lower n_fft or overlap")
+    return n_window, overlap, n_fft
+
+
 def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: int | None) -> tuple[int, int]:
     burst = radar.loops_per_frame
+    if n_window is not None:
+        integer("n_window", n_window, 2)
     if n_window is None:
         n_window = min(256, chirps if burst is None else burst)
     if burst is not None and n_window > burst:
@@ -274,13 +304,14 @@ def window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarra
     return starts[starts + n_window <= chirps]
 
 
-def _check_window(n_window: int, overlap: int, n_fft: int | None, chirps: int) -> int:
+def check_window(n_window: int, overlap: int, n_fft: int | None, chirps: int) -> int:
     """The FFT length, after a look at the others."""
+    integer("n_window", n_window), integer("overlap", overlap)
     if not 2 <= n_window <= chirps:
         raise InputError(f"n_window must lie in 2..{chirps} (the chirps there are), got {n_window}")
     if not 0 <= overlap < n_window:
         raise InputError(f"overlap must lie in 0..{n_window - 1} (below n_window), got {overlap}")
-    n_fft = n_window if n_fft is None else n_fft
+    n_fft = n_window if n_fft is None else integer("n_fft", n_fft)
     if n_fft < n_window:
         raise InputError(f"n_fft must be at least n_window ({n_window}), got {n_fft}")
     return n_fft

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from t2d_rt.checks import array, choice, integer, number, numeric, shown
 from t2d_rt.errors import InputError
 
 METHODS = ("none", "mean", "highpass", "canceller")
@@ -32,6 +33,8 @@ def mti(
       (a factor of 9) at +-PRF/2. Kernels whose sum is zero cancel: (1, -2, 1) is the three-pulse canceller, (1, -4, 6,
       -4, 1) the five-pulse one.
     """
+    profile = _checked_profile(profile)
+    choice("MTI method", method, METHODS)
     if method == "none":
         return profile
     if method == "mean":
@@ -39,21 +42,28 @@ def mti(
         return profile - profile.mean(axis=0, dtype=np.complex128).astype(profile.dtype)
     if method == "highpass":
         return _highpass(profile, prf_hz, cutoff_hz, order)
-    if method == "canceller":
-        return _convolve(profile, kernel)
-    raise InputError(f"unknown MTI method '{method}'; choose one of {', '.join(METHODS)}")
+    return _convolve(profile, kernel)
+
+
+def _checked_profile(profile: np.ndarray) -> np.ndarray:
+    found = numeric("profile", profile)
+    if found.ndim < 1 or 0 in found.shape or not np.issubdtype(found.dtype, np.complexfloating):
+        raise InputError(f"profile must be complex, of shape (chirp, ...), got {found.dtype} of shape {found.shape}")
+    return found
 
 
 def _highpass(profile: np.ndarray, prf_hz: float | None, cutoff_hz: float | None, order: int) -> np.ndarray:
     from scipy.signal import butter, sosfiltfilt
 
+    for name, value in (("prf_hz", prf_hz), ("cutoff_hz", cutoff_hz)):
+        if value is not None:
+            number(name, value, unit="Hz")
+    integer("order", order, 1, 10)
     if prf_hz is None or cutoff_hz is None or not 0 < cutoff_hz < prf_hz / 2:
         raise InputError(
             f"highpass needs prf_hz and a cutoff_hz between 0 and prf_hz/2, got prf_hz {prf_hz} and cutoff_hz "
             f"{cutoff_hz}"
         )
-    if not 1 <= order <= 10:
-        raise InputError(f"order of the high-pass must lie in 1..10, got {order}")
     sos = butter(order, cutoff_hz, "highpass", fs=prf_hz, output="sos")
     # Reflect one period of the cut-off at the ends, so that the filter has settled where the record begins.
     padding = min(int(prf_hz / cutoff_hz) + 1, len(profile) - 1)
@@ -66,9 +76,9 @@ def _highpass(profile: np.ndarray, prf_hz: float | None, cutoff_hz: float | None
 
 
 def _convolve(profile: np.ndarray, kernel: Sequence[float]) -> np.ndarray:
-    taps = np.asarray(kernel, dtype=profile.real.dtype)
-    if taps.ndim != 1 or not 1 <= len(taps) <= len(profile) or not np.isfinite(taps).all():
-        raise InputError(f"kernel must be 1 to {len(profile)} finite numbers, got {kernel}")
+    taps = array("kernel", kernel, limit=1e12).astype(profile.real.dtype)
+    if taps.ndim != 1 or not 1 <= len(taps) <= len(profile):
+        raise InputError(f"kernel must be 1 to {len(profile)} finite numbers, got {shown(kernel)}")
     before = (len(taps) - 1) // 2
     # Held ends: with zeros outside, a still echo would click at both.
     ends = [(before, len(taps) - 1 - before)] + [(0, 0)] * (profile.ndim - 1)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.errors import InputError
-from t2d_rt.signal.range import check_cube
+from t2d_rt.signal.range import check_recording
 from t2d_rt.types.radar import Radar
 
 
@@ -52,7 +52,7 @@ def separated(adc: Any, radar: Radar) -> tuple[Any, Radar]:
 
 def check_antennas(adc: Any, radar: Radar) -> None:
     """Refuses a cube that does not hold every antenna of the radar."""
-    check_cube(adc, radar)
+    check_recording(adc, radar)
     antennas = 1 if adc.ndim == 2 else adc.shape[1]
     if adc.ndim != 3 or antennas != radar.antennas:
         raise InputError(

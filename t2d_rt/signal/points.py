@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.checks import choice, flag, integer, number
 from t2d_rt.errors import InputError
 from t2d_rt.signal.angle import array_spectrum, beam_step, check_static, steering_vectors
 from t2d_rt.signal.cfar import cfar, check_rate
@@ -53,8 +54,9 @@ def point_cloud(
     check_antennas(adc, radar)
     check_static(mti)
     check_rate(false_alarm_rate)
-    if not 0 < dynamic_range_db <= 300:
-        raise InputError(f"dynamic_range_db must lie in 0..300 dB, got {dynamic_range_db}; 60 is usual")
+    choice("method of the CFAR", method, ("ca", "os"))
+    flag("compensate_tdm", compensate_tdm)
+    number("dynamic_range_db", dynamic_range_db, 1e-3, 300, unit="dB", hint="60 is usual")
     adc, radar = separated(adc, radar)
     starts, chirps = _frames(len(adc), radar, frame_chirps)
     times_s = radar.chirp_starts_s(len(adc))[starts] + chirps / 2 * radar.loop_interval_s
@@ -165,6 +167,8 @@ def _is_peak(power: np.ndarray) -> np.ndarray:
 def _frames(chirps: int, radar: Radar, frame_chirps: int | None) -> tuple[np.ndarray, int]:
     """First rows of the frames, which lie within bursts, and the rows of each."""
     burst = radar.loops_per_frame or chirps
+    if frame_chirps is not None:
+        integer("frame_chirps", frame_chirps)
     if frame_chirps is None:
         frame_chirps = min(burst if radar.loops_per_frame else 128, chirps)
     if not 8 <= frame_chirps <= min(burst, chirps):

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
+from t2d_rt.checks import array, flag, instance, integer, interval, shown
 from t2d_rt.errors import InputError
 from t2d_rt.signal.maps import RangeProfile
 from t2d_rt.types.radar import Radar
 
 BLOCK = 4096
 """Chirps per block: bounds memory, and lets lazy (zarr) cubes stream."""
+LONGEST_WINDOW = 10_000_000
+MOST_BYTES = 4 * 2**30
+"""Memory that one step of the signal chain may ask for."""
 
 
 def taper(name: str, length: int, *, periodic: bool = False) -> np.ndarray:
@@ -23,14 +28,17 @@ def taper(name: str, length: int, *, periodic: bool = False) -> np.ndarray:
     """
     from scipy.signal import get_window
 
+    length = integer("length of a window", length, 1, LONGEST_WINDOW)
     try:
-        window = get_window(name, length, fftbins=periodic)
-    except ValueError:
+        if not isinstance(name, (str, tuple)):  # scipy takes a number for the beta of a Kaiser window
+            raise ValueError
+        window = get_window(name, length, fftbins=flag("periodic", periodic))
+    except (ValueError, TypeError, OverflowError):
         raise InputError(
-            f"unknown window '{name}'; choose one of scipy.signal's by name: hann, hamming, blackmanharris, boxcar"
+            f"unknown window {shown(name)}; choose one of scipy.signal's by name: hann, hamming, blackmanharris, boxcar"
         ) from None
     if not window.sum() > 0:
-        raise InputError(f"window '{name}' of {length} samples is zero; take a longer one")
+        raise InputError(f"window {shown(name)} of {length} samples is zero; take a longer one")
     return window / window.sum()
 
 
@@ -46,16 +54,23 @@ def range_fft(
     from scipy import fft
 
     samples = check_cube(adc)
-    n_fft = samples if n_fft is None else n_fft
-    if n_fft < samples:
+    if n_fft is not None and integer("n_fft", n_fft) < samples:
         raise InputError(
             f"n_fft must be at least the {samples} samples of a chirp, got {n_fft}; gate the range instead"
         )
+    n_fft = samples if n_fft is None else n_fft
+    instance("bins", bins, slice, "a slice of the range bins, as `gate` gives")
+    integer("block", block, 1)
+    if n_fft > samples:
+        kept = 8 * math.prod(adc.shape[:-1]) * len(range(*bins.indices(n_fft)))
+        at_once = 16 * min(block, adc.shape[0]) * math.prod(adc.shape[1:-1]) * n_fft
+        check_size(kept + at_once, f"a range profile by FFTs of {n_fft} bins", "lower n_fft")
     weights = taper(window, samples)
     blocks = []
     for start in range(0, adc.shape[0], block):
         part = np.asarray(adc[start : start + block])
         part = part * weights.astype(part.real.dtype)
+        check_finite(part)
         # A copy, not a view, so that a narrow gate does not keep the whole block.
         blocks.append(fft.fft(part, n_fft, axis=-1, overwrite_x=True, workers=-1)[..., bins].copy())
     return np.concatenate(blocks)
@@ -63,7 +78,7 @@ def range_fft(
 
 def range_profile(adc: Any, radar: Radar, *, window: str = "hann", n_fft: int | None = None) -> RangeProfile:
     """Range profile of every chirp with its axes."""
-    check_cube(adc, radar)
+    check_recording(adc, radar)
     profile = range_fft(adc, window=window, n_fft=n_fft)
     return RangeProfile(
         profile=profile, range_m=radar.range_axis_m(profile.shape[-1]), time_s=radar.chirp_starts_s(len(profile))
@@ -73,9 +88,12 @@ def range_profile(adc: Any, radar: Radar, *, window: str = "hann", n_fft: int | 
 def gate(range_m: np.ndarray, limits_m: tuple[float, float] | None) -> slice:
     """Bins whose range lies within `limits_m` (nearest, farthest), as a slice for the last axis; all of them for
     None."""
+    range_m = array("range_m", range_m, ("bin",))
+    if len(range_m) < 2:
+        raise InputError(f"range_m must hold at least 2 range bins, got {len(range_m)}")
     if limits_m is None:
         return slice(0, len(range_m))
-    nearest, farthest = limits_m
+    nearest, farthest = interval("range_gate_m", limits_m, unit="m")
     inside = np.flatnonzero((range_m >= nearest) & (range_m <= farthest))
     if not len(inside):
         raise InputError(
@@ -85,12 +103,41 @@ def gate(range_m: np.ndarray, limits_m: tuple[float, float] | None) -> slice:
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
+def check_recording(adc: Any, radar: Any) -> None:
+    """Refuses a cube that is none, or that this radar has not recorded."""
+    instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
+    check_cube(adc, radar)
+
+
+def check_finite(values: np.ndarray) -> None:
+    """Refuses samples, or what has been made of them, that hold NaN or infinite values."""
+    # A sum is finite where all of it is, and takes no array of its own.
+    with np.errstate(all="ignore"):
+        total = values.sum()
+    if not np.isfinite(total):
+        raise InputError("adc must be finite, got NaN or infinite samples; remove those chirps")
+
+
+def check_size(size_bytes: int, what: str, remedy: str) -> None:
+    """Refuses what would take too much memory, before it is tried."""
+    if size_bytes > MOST_BYTES:
+        raise InputError(
+            f"{what} would take {size_bytes / 1e9:.3g} GB of memory, at most {MOST_BYTES / 1e9:.3g} GB; {remedy}"
+        )
+
+
 def check_cube(adc: Any, radar: Radar | None = None) -> int:
     """Samples per chirp of a cube, after a look at its shape."""
+    if not all(hasattr(adc, name) for name in ("ndim", "shape", "dtype")):
+        raise InputError(f"adc must be an array (chirp, antenna, sample), got {shown(adc)}")
+    if isinstance(adc, np.ma.MaskedArray):
+        raise InputError("adc must not be a masked array: fill or cut what is masked first")
     if adc.ndim not in (2, 3) or 0 in adc.shape:
         raise InputError(f"adc must have shape (chirp, antenna, sample) or (chirp, sample), got {adc.shape}")
     if not np.issubdtype(adc.dtype, np.complexfloating):
         raise InputError(f"adc must be complex (I + jQ), got {adc.dtype}; combine the I and Q channels first")
+    if adc.shape[-1] < 2:
+        raise InputError(f"adc must have at least 2 samples per chirp, got {adc.shape[-1]}")
     if radar is not None and adc.shape[-1] != radar.samples:
         raise InputError(
             f"adc has {adc.shape[-1]} samples per chirp, the radar {radar.samples}; use the radar that recorded it"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from t2d_rt.checks import file_path
 from t2d_rt.errors import InputError
 
 
@@ -15,8 +16,9 @@ def load_recording(path: str | Path) -> np.ndarray:
     Raw 16-bit words that were stored as unsigned numbers (0..65535, as OpenRadar does) are turned back into signed
     ones; anything that is not made of 16-bit integers stays as it is.
     """
+    path = file_path("path", path)
     try:
-        with Path(path).open("rb") as file:
+        with path.open("rb") as file:
             cube = np.lib.format.read_array(file, allow_pickle=False)
     except OSError as error:
         raise InputError(f"cannot read recording {path}: {error.strerror}; check the path") from None

@@ -6,12 +6,16 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from t2d_rt.checks import LARGEST_M, array, call, shown
 from t2d_rt.errors import InputError
-from t2d_rt.types.material import Material
-from t2d_rt.types.times import check_times, within
+from t2d_rt.types.material import Material, checked_material
+from t2d_rt.types.times import checked_times, within
 
 PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Centres [m] (K, N, 3) and unit axes (K, N, 3, 3), in columns, at times [s] (K,)."""
+
+LEAST_SEMI_AXIS_M, LARGEST_SEMI_AXIS_M = 1e-6, 1e3
+"""What lies beyond was meant in another unit."""
 
 
 class Ellipsoids:
@@ -31,13 +35,10 @@ class Ellipsoids:
         *,
         names: Sequence[str] | None = None,
     ) -> None:
-        semi_axes_m, times_s = np.array(semi_axes_m, dtype=np.float64), np.array(times_s, dtype=np.float64)
-        centres = np.array(centres, dtype=np.float64)
         self._fill(semi_axes_m, times_s, material, names)
-        frames, count = len(times_s), len(semi_axes_m)
-        if centres.shape != (frames, count, 3) or not np.isfinite(centres).all():
-            raise InputError(f"centres must have shape ({frames}, {count}, 3) and be finite, got shape {centres.shape}")
-        axes = np.tile(np.eye(3), (count, 1, 1)) if axes is None else np.array(axes, dtype=np.float64)
+        times_s, frames, count = self.times_s, len(self.times_s), len(self.semi_axes_m)
+        centres = array("centres", centres, (frames, count, 3), limit=LARGEST_M, unit="m").copy()
+        axes = np.tile(np.eye(3), (count, 1, 1)) if axes is None else array("axes", axes, limit=2).copy()
         if axes.shape not in ((count, 3, 3), (frames, count, 3, 3)):
             raise InputError(f"axes must have shape ({frames}, {count}, 3, 3) or ({count}, 3, 3), got {axes.shape}")
         if not np.allclose(np.swapaxes(axes, -1, -2) @ axes, np.eye(3), atol=1e-6) or (np.linalg.det(axes) < 0).any():
@@ -58,8 +59,11 @@ class Ellipsoids:
     ) -> Ellipsoids:
         """Ellipsoids whose places are computed when asked for, between the first and last of `times_s`."""
         ellipsoids = cls.__new__(cls)
-        ellipsoids._fill(np.array(semi_axes_m, dtype=np.float64), np.array(times_s, dtype=np.float64), material, names)
-        ellipsoids._track = track
+        ellipsoids._fill(semi_axes_m, times_s, material, names)
+        ellipsoids._track = call(
+            "track", track, "a function from times (K,) to centres (K, N, 3) and axes (K, N, 3, 3)"
+        )
+        ellipsoids.at(ellipsoids.times_s[:1])
         return ellipsoids
 
     name = "the body of ellipsoids"
@@ -67,17 +71,24 @@ class Ellipsoids:
     def _fill(
         self, semi_axes_m: np.ndarray, times_s: np.ndarray, material: str | Material, names: Sequence[str] | None
     ) -> None:
-        check_times(times_s)
-        if semi_axes_m.ndim != 2 or semi_axes_m.shape[1] != 3 or len(semi_axes_m) == 0:
-            raise InputError(f"semi_axes_m must have shape (ellipsoid, 3), got {semi_axes_m.shape}")
-        if not (np.isfinite(semi_axes_m).all() and (semi_axes_m > 0).all()):
-            raise InputError(f"semi_axes_m must be positive and finite, got {semi_axes_m.min():.4g} m as the least")
-        names = tuple(f"ellipsoid{i}" for i in range(len(semi_axes_m))) if names is None else tuple(names)
+        times_s = checked_times(times_s)
+        semi_axes_m = array("semi_axes_m", semi_axes_m, ("ellipsoid", 3), limit=LARGEST_SEMI_AXIS_M, unit="m").copy()
+        if not len(semi_axes_m):
+            raise InputError(f"semi_axes_m must have shape (ellipsoid, 3) with at least one, got {semi_axes_m.shape}")
+        if not semi_axes_m.min() >= LEAST_SEMI_AXIS_M:
+            raise InputError(
+                f"semi_axes_m must be positive and finite, {LEAST_SEMI_AXIS_M:g} m at least, got {semi_axes_m.min():.4g} m as the "
+                "least"
+            )
+        names = tuple(f"ellipsoid{i}" for i in range(len(semi_axes_m))) if names is None else names
+        if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
+            raise InputError(f"names must be a list of one text for each ellipsoid, got {shown(names)}")
         if len(names) != len(semi_axes_m):
             raise InputError(f"{len(semi_axes_m)} ellipsoids need as many names, got {len(names)}")
+        names = tuple(names)
         self.semi_axes_m = semi_axes_m
         self.times_s = times_s
-        self.material = material
+        self.material = checked_material(material)
         self.names = names
 
     @property
@@ -87,7 +98,12 @@ class Ellipsoids:
 
     def at(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Centres [m] (K, N, 3) and unit axes in columns (K, N, 3, 3), float64, at any times within the own ones."""
-        return self._track(within(times_s, self.times_s, self.name))
+        times_s = within(times_s, self.times_s, self.name)
+        found = self._track(times_s)
+        if not isinstance(found, tuple) or len(found) != 2:
+            raise InputError(f"the track of {self.name} must give centres and axes, got {shown(found)}")
+        shape = len(times_s), len(self.semi_axes_m), 3
+        return array("centres of the track", found[0], shape), array("axes of the track", found[1], (*shape, 3))
 
     def __repr__(self) -> str:
         material = self.material if isinstance(self.material, str) else self.material.name

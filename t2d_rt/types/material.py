@@ -5,7 +5,10 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
+from t2d_rt.checks import number, shown, text
 from t2d_rt.constants import VACUUM_PERMITTIVITY
 from t2d_rt.errors import InputError
 
@@ -23,6 +26,15 @@ class Material:
     """S of the effective-roughness model (Degli-Esposti 2007): a share S^2 of the reflected power is scattered diffusely."""
 
     def __post_init__(self) -> None:
+        text("name of a material", self.name)
+        for field, hint in (
+            ("relative_permittivity", "math.inf for a perfect conductor"),
+            ("conductivity_s_per_m", "0 has no losses"),
+            ("scattering_coefficient", "0 is smooth"),
+        ):
+            value = getattr(self, field)
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise InputError(f"material {self.name}: {field} must be a number, got {shown(value)}; {hint}")
         if not self.relative_permittivity >= 1:
             raise InputError(
                 f"material {self.name}: relative_permittivity must be 1 or more, got {self.relative_permittivity}"
@@ -38,15 +50,29 @@ class Material:
 
     def permittivity(self, frequency_hz: float) -> complex:
         """Complex relative permittivity eps' - j sigma/(omega eps0), e^{+j omega t} convention."""
+        frequency_hz = checked_frequency(frequency_hz)
         loss = self.conductivity_s_per_m / (2 * math.pi * frequency_hz * VACUUM_PERMITTIVITY)
         return complex(self.relative_permittivity, -loss)
 
     def reflection(self, frequency_hz: float) -> complex:
         """Fresnel coefficient of the field at normal incidence, (1 - n)/(1 + n); -1 for a perfect conductor."""
+        checked_frequency(frequency_hz)
         if math.isinf(self.relative_permittivity):
             return -1 + 0j
         n = cmath.sqrt(self.permittivity(frequency_hz))
         return (1 - n) / (1 + n)
+
+
+def checked_material(material: Any) -> str | Material:
+    """The name of a material, or its values."""
+    if not isinstance(material, (str, Material)):
+        raise InputError(f"material must be a name or a Material, got {shown(material)}; 'skin' is a body's")
+    return material
+
+
+def checked_frequency(frequency_hz: Any) -> float:
+    """A frequency [Hz] from radio to light."""
+    return number("frequency_hz", frequency_hz, 1, 1e15, unit="Hz", hint="77e9 is 77 GHz")
 
 
 PEC = Material(name="pec", relative_permittivity=math.inf)

@@ -8,15 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from t2d_rt.checks import LARGEST_M, array, call, check_shape, number, numeric, shown, text
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.types.material import Material
-from t2d_rt.types.times import check_times, within
+from t2d_rt.types.material import Material, checked_material
+from t2d_rt.types.times import checked_times, within
 
 if TYPE_CHECKING:
     import trimesh
 
 Track = Callable[[np.ndarray], np.ndarray]
 """Vertices [m], float64 (K, V, 3), at times [s] (K,)."""
+
+SAGITTA_RAD = 1e-3, 10.0
+"""Phase sagittas that are taken: below, no memory holds the facets, above, facets stand for nothing."""
 
 
 class MovingMesh:
@@ -39,15 +43,11 @@ class MovingMesh:
         sagitta_rad: float | np.ndarray = 0.07,
         name: str = "mesh",
     ) -> None:
-        vertices = np.array(vertices, dtype=np.float64)
-        times_s = np.array(times_s, dtype=np.float64)
-        check_times(times_s)
-        if vertices.ndim != 3 or vertices.shape[2] != 3 or len(vertices) != len(times_s):
-            raise InputError(f"vertices must have shape ({len(times_s)}, vertex, 3), got {vertices.shape}")
-        if not np.isfinite(vertices).all():
-            raise InputError(
-                f"vertices of {name} must be finite, got {np.count_nonzero(~np.isfinite(vertices))} NaN or infinite values"
-            )
+        times_s, name = checked_times(times_s), text("name", name)
+        check_shape("vertices", numeric("vertices", vertices), (len(times_s), "vertex", 3))
+        vertices = array(f"vertices of {name}", vertices, limit=LARGEST_M, unit="m").copy()
+        if not vertices.shape[1]:
+            raise InputError(f"vertices of {name} must hold at least 3 vertices, got none")
         self._track: Track = _spline(times_s, vertices)
         self._fill(vertices[0], faces, times_s, material, crease_deg, sagitta_rad, name)
 
@@ -69,10 +69,10 @@ class MovingMesh:
         `rest` (V, 3) is the pose in which curvature is measured and diffuse points are spread; the first frame by default.
         """
         mesh = cls.__new__(cls)
-        times_s = np.array(times_s, dtype=np.float64)
-        check_times(times_s)
-        mesh._track = track
-        rest = np.asarray(track(times_s[:1])[0] if rest is None else rest, float)
+        times_s, name = checked_times(times_s), text("name", name)
+        mesh._track = call("track", track, "a function from times (K,) to vertices (K, V, 3)")
+        first = _positions(track, times_s[:1], None, name)[0]
+        rest = first if rest is None else array("rest", rest, first.shape, limit=LARGEST_M, unit="m")
         mesh._fill(rest, faces, times_s, material, crease_deg, sagitta_rad, name)
         return mesh
 
@@ -86,19 +86,21 @@ class MovingMesh:
         sagitta_rad: float | np.ndarray,
         name: str,
     ) -> None:
-        faces = np.asarray(faces)
+        faces = numeric(f"faces of {name}", faces)
         _check_faces(faces, len(rest), name)
         _check_side(rest[faces], name)
-        sagitta = np.asarray(sagitta_rad, float)
-        if sagitta.shape not in ((), (len(rest),)) or not (sagitta > 0).all():
-            raise InputError(
-                f"sagitta_rad of {name} must be positive, one number or one per vertex ({len(rest)},), got {sagitta_rad}"
-            )
+        hint = f"one number or one per vertex ({len(rest)},), {SAGITTA_RAD[0]:g}..{SAGITTA_RAD[1]:g} rad"
+        sagitta = array(f"sagitta_rad of {name}", sagitta_rad, hint=hint)
+        if (
+            sagitta.shape not in ((), (len(rest),))
+            or not SAGITTA_RAD[0] <= sagitta.min() <= sagitta.max() <= SAGITTA_RAD[1]
+        ):
+            raise InputError(f"sagitta_rad of {name} must be positive, {hint}, got {shown(sagitta_rad)}")
         self.rest = rest
         self.faces = faces.astype(np.int32)
         self.times_s = times_s
-        self.material = material
-        self.crease_deg = float(crease_deg)
+        self.material = checked_material(material)
+        self.crease_deg = number("crease_deg", crease_deg, 0, 180, hint="180 makes all edges smooth, 0 none")
         self.sagitta_rad = sagitta_rad
         self.name = name
 
@@ -114,14 +116,14 @@ class MovingMesh:
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
         """Vertices at any times within the mesh's own [m], float64 (K, V, 3)."""
-        return self._track(within(times_s, self.times_s, self.name))
+        return _positions(self._track, within(times_s, self.times_s, self.name), len(self.rest), self.name)
 
     def trimesh(self, time_s: float | None = None) -> trimesh.Trimesh:
         """The mesh at one moment, by default its first, as a `trimesh.Trimesh`, to inspect, render and export."""
         import trimesh
 
         return trimesh.Trimesh(
-            vertices=self.at(np.array([self.times_s[0] if time_s is None else time_s]))[0],
+            vertices=self.at(np.array([self.times_s[0] if time_s is None else number("time_s", time_s)]))[0],
             faces=self.faces,
             process=False,
         )
@@ -129,6 +131,19 @@ class MovingMesh:
     def __repr__(self) -> str:
         material = self.material if isinstance(self.material, str) else self.material.name
         return f"MovingMesh({self.name}: {len(self.rest)} vertices, {len(self.faces)} faces, {self.duration_s:.3g} s, {material})"
+
+
+def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) -> np.ndarray:
+    """What a track gives at these times (K, count, 3), checked: a user's may give anything."""
+    found = track(times_s)
+    if not isinstance(found, np.ndarray) or not np.issubdtype(found.dtype, np.floating) or np.ma.isMaskedArray(found):
+        found = array(f"the track of {name}", found)
+    check_shape(f"the track of {name}", found, (len(times_s), "vertex" if count is None else count, 3))
+    # A sum is finite where all of it is, and takes no array of its own.
+    if not np.isfinite(found.sum()):
+        at = times_s[~np.isfinite(found).all(axis=(1, 2))]
+        raise InputError(f"the track of {name} must be finite, got NaN or infinite vertices at {at[0]:.6g} s")
+    return found
 
 
 def _check_faces(faces: np.ndarray, vertex_count: int, name: str) -> None:

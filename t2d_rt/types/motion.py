@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 
+from t2d_rt.checks import LARGEST_M, array, flag, instance, number, numeric, shown, text
 from t2d_rt.errors import InputError
 
 CANONICAL_JOINTS: tuple[str, ...] = (
@@ -23,6 +26,11 @@ OPTIONAL_JOINTS: dict[str, str] = {
 }  # fmt: skip
 """Ends that a file may or may not have, with their parents; they follow the 22 in this order."""
 
+RATES_HZ = 1e-3, 1e5
+"""Frame rates that are taken."""
+ROTATION_LIMIT = 1e3
+"""Components of quaternions that need no more than normalising."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
@@ -39,25 +47,34 @@ class Motion:
     rate_hz: float
     names: tuple[str, ...] = CANONICAL_JOINTS
     parents: tuple[int, ...] = CANONICAL_PARENTS
-    placed: bool = True
-    """False while positions are still the file's own: a simulation then places the motion before the radar."""
+    placed: bool | None = True
+    """Whether positions are those of the radar's world. False where they are the file's own: a simulation then places the motion
+    before the radar. None where nobody has said: it does so too, with a warning."""
     report: str = ""
     """One line: what the reader found in the file (units, up axis, flavour, floor, dropped frames, smoothing)."""
 
     def __post_init__(self) -> None:
-        frames, count = self.joints.shape[:2] if self.joints.ndim == 3 else (0, 0)
-        if self.joints.shape != (frames, len(self.names), 3) or len(self.parents) != count:
-            raise InputError(f"joints must have shape (time, {len(self.names)}, 3), got {self.joints.shape}")
-        if self.rotations.shape != (frames, count, 4):
-            raise InputError(f"rotations must have shape {(frames, count, 4)}, got {self.rotations.shape}")
-        if frames < 2:
-            raise InputError(f"a motion needs at least 2 frames, got {frames}; a single pose has no Doppler")
-        if self.names[:22] != CANONICAL_JOINTS:
+        names, parents = _names(self.names), _parents(self.parents)
+        if names[:22] != CANONICAL_JOINTS:
             raise InputError("a motion's names must start with the 22 canonical joints; map the file's skeleton first")
-        if not (np.isfinite(self.joints).all() and np.isfinite(self.rotations).all()):
-            raise InputError("joints and rotations must be finite, got NaN or infinite values")
-        if not 0 < self.rate_hz < 1e5:
-            raise InputError(f"rate_hz must lie between 0 and 1e5 Hz, got {self.rate_hz}")
+        joints = array("joints", self.joints, ("time", len(names), 3), limit=LARGEST_M, unit="m")
+        rotations = array("rotations", self.rotations, (len(joints), len(names), 4), limit=ROTATION_LIMIT)
+        if len(parents) != len(names):
+            raise InputError(f"parents must name a parent for each of the {len(names)} joints, got {len(parents)}")
+        if len(joints) < 2:
+            raise InputError(f"a motion needs at least 2 frames, got {len(joints)}; a single pose has no Doppler")
+        if not (np.abs(rotations).max(axis=-1) > 1e-6).all():
+            raise InputError(
+                "rotations must be unit quaternions x, y, z, w, got one of no length; 0, 0, 0, 1 is no turn"
+            )
+        if self.placed is not None:
+            flag("placed", self.placed)
+        values = {
+            "joints": joints, "rotations": rotations, "names": names, "parents": parents, "rate_hz": checked_rate(self.rate_hz),
+            "report": text("report", self.report),
+        }  # fmt: skip
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     @property
     def times_s(self) -> np.ndarray:
@@ -71,4 +88,32 @@ class Motion:
 
     def index(self, name: str) -> int:
         """Index of a joint by its canonical name."""
+        if name not in self.names:
+            raise InputError(f"the motion has no joint {shown(name)}; choose one of {', '.join(self.names)}")
         return self.names.index(name)
+
+
+def checked_motion(motion: Any) -> Motion:
+    """A motion; not a file's name, nor an array."""
+    hint = "load_motion reads a file, motion_from_joints takes arrays"
+    return cast(Motion, instance("motion", motion, Motion, "a Motion", hint=hint))
+
+
+def checked_rate(rate_hz: Any) -> float:
+    """A frame rate [Hz]."""
+    return number("rate_hz", rate_hz, *RATES_HZ, unit="Hz", hint="frames per second, 20 to 240 in most files")
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, Sequence) or not all(isinstance(name, str) for name in value):
+        raise InputError(f"names must be a list of joint names, got {shown(value)}")
+    return tuple(value)
+
+
+def _parents(value: Any) -> tuple[int, ...]:
+    found = numeric("parents", value)
+    if found.ndim != 1 or not np.issubdtype(found.dtype, np.integer):
+        raise InputError(f"parents must be a list of joint numbers, got {shown(value)}")
+    if not len(found) or found[0] != -1 or not all(0 <= parent < joint for joint, parent in enumerate(found[1:], 1)):
+        raise InputError("parents must begin with -1, the root's, and then name joints that come before their own")
+    return tuple(found.tolist())
