@@ -46,28 +46,29 @@ def number(
     found = _scalar(value)
     if isinstance(found, (bool, np.bool_)) or not isinstance(found, Real):
         raise InputError(f"{name} must be a number, got {shown(value)}{_then(hint)}")
-    if not (low <= found <= high and -GREATEST < found < GREATEST):  # type: ignore[operator]
+    found = _finite_float(found)
+    if not (low <= found <= high and -GREATEST < found < GREATEST):
         raise InputError(f"{name} must {_range(low, high, unit)}, got {shown(value)}{_then(hint)}")
-    return float(found)
+    return found
 
 
 def positive(name: str, value: Any, high: float = math.inf, *, unit: str = "", hint: str = "") -> float:
     """A number above 0, and `high` at most."""
     found = number(name, value, unit=unit, hint=hint)
-    if not 0 < found <= high:
-        most = "" if math.isinf(high) else f" and {_limit(high)}{f' {unit}' if unit else ''} at most"
-        raise InputError(f"{name} must be positive{most}, got {shown(value)}{_then(hint)}")
-    return found
+    if not found > 0:
+        raise InputError(f"{name} must be positive, got {shown(value)}{_then(hint)}")
+    return number(name, found, high=high, unit=unit, hint=hint)
 
 
 def integer(name: str, value: Any, low: int = 0, high: int | None = None, *, hint: str = "") -> int:
     """An integer in low..high, both included; 128.0 is none."""
     found = _scalar(value)
     whole = isinstance(found, (int, np.integer)) and not isinstance(found, bool)
+    found = int(found) if whole else 0
     if not whole or found < low or (high is not None and found > high):
         limits = f"of {low} or more" if high is None else f"in {low}..{high}"
         raise InputError(f"{name} must be an integer {limits}, got {shown(value)}{_then(hint)}")
-    return int(found)
+    return found
 
 
 def flag(name: str, value: Any) -> bool:
@@ -192,6 +193,14 @@ def _scalar(value: Any) -> Any:
     return value
 
 
+def _finite_float(value: Any) -> float:
+    """A number as a float; an integer too large for one as infinite."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
 def _kind(found: np.ndarray, value: Any) -> str:
     return shown(value) if found.ndim == 0 else f"an array of {found.dtype}"
 
@@ -203,7 +212,7 @@ def _range(low: float, high: float, unit: str) -> str:
     if math.isinf(high):
         return f"be {_limit(low)}{end} or more and finite"
     if math.isinf(low):
-        return f"be {_limit(high)}{end} or less and finite"
+        return f"be {_limit(high)}{end} or less"
     return f"lie in {_limit(low)}..{_limit(high)}{end}"
 
 

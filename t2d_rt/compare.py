@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.checks import array, instance
 from t2d_rt.errors import InputError
 from t2d_rt.result import Simulation
 from t2d_rt.signal import range_fft
@@ -60,6 +61,8 @@ class Comparison:
 
 def compare(first: Simulation, second: Simulation) -> Comparison:
     """Compare two recordings with one radar and one motion."""
+    _check("first", first)
+    _check("second", second)
     one, two = first.spectrogram, second.spectrogram
     if one.shape != two.shape or not np.allclose(one.velocity_mps, two.velocity_mps):
         raise InputError(
@@ -80,6 +83,7 @@ def compare(first: Simulation, second: Simulation) -> Comparison:
 
 def figures(result: Simulation) -> Figures:
     """Figures of one recording."""
+    _check("result", result)
     image = result.spectrogram
     speeds = image.velocity_mps.values
     upper, lower = envelope(image.values, speeds)
@@ -95,6 +99,7 @@ def mean_rcs_m2(result: Simulation) -> float:
 
     Of antennas apart, the range is half the path.
     """
+    _check("result", result)
     radar = result.radar
     bins = np.arange(1, radar.samples)  # the first bin holds range 0, where the radar equation has no inverse
     profile = range_fft(result.cube, window="hann")[..., bins]
@@ -111,6 +116,7 @@ def ridge(power_db: np.ndarray, speeds_mps: np.ndarray) -> np.ndarray:
 
     The strongest cell itself jumps from speckle to speckle, in steps of a Doppler bin.
     """
+    power_db, speeds_mps = _checked_spectrogram(power_db, speeds_mps)
     relative = power_db - power_db.max(axis=0)
     weight = np.where(relative > TORSO_LEVEL_DB, 10 ** (relative / 10), 0.0)
     return speeds_mps @ weight / weight.sum(axis=0)
@@ -118,10 +124,23 @@ def ridge(power_db: np.ndarray, speeds_mps: np.ndarray) -> np.ndarray:
 
 def envelope(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Greatest and least speed at each time whose power lies within ENVELOPE_LEVEL_DB of the median peak [m/s], (time,) each."""
+    power_db, speeds_mps = _checked_spectrogram(power_db, speeds_mps)
     level = np.median(power_db.max(axis=0)) + ENVELOPE_LEVEL_DB
     # A lull, a column without any cell above the level, has its envelope at its strongest cell.
     above = (power_db > level) | (power_db == power_db.max(axis=0))
     return speeds_mps[len(speeds_mps) - 1 - np.argmax(above[::-1], axis=0)], speeds_mps[np.argmax(above, axis=0)]
+
+
+def _check(name: str, result: Simulation) -> None:
+    instance(name, result, Simulation, "a Simulation", hint="simulate makes one, Simulation.load reads one")
+
+
+def _checked_spectrogram(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    speeds_mps = array("speeds_mps", speeds_mps, ("velocity",))
+    power_db = array("power_db", power_db, (len(speeds_mps), "time"))
+    if not power_db.size:
+        raise InputError(f"power_db must hold speeds and times, got shape {power_db.shape}")
+    return power_db, speeds_mps
 
 
 def _correlation(one: np.ndarray, two: np.ndarray) -> float:

@@ -26,6 +26,7 @@ from t2d_rt.scene import Mover
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.visibility import key_times
 from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, resampled
+from t2d_rt.types.material import checked_material
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids | Mover
@@ -288,11 +289,13 @@ def _coarser(sagitta_rad: Sagitta, turns: float, detail: Detail, times: int = 1)
 
 def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:
     """The motion's skinned body: `vertices` (T, V, 3) m, `faces` (F, 3), `times_s` (T,)."""
+    checked_material(material)
     return skin_body(motion, body, material=material, track=track(motion))
 
 
 def segments(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> Ellipsoids:
     """One ellipsoid for each segment of the same body."""
+    checked_material(material)
     return fit_segments(motion, body, material=material, track=track(motion))
 
 

@@ -6,18 +6,18 @@ Every function returns a `matplotlib.figure.Figure`; `figure.savefig("walk.png")
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from t2d_rt.checks import LARGEST_M, array, instance, numeric, positive, shown, text
 from t2d_rt.errors import InputError
+from t2d_rt.types import Scene, Surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
-
-    from t2d_rt.types import Scene, Surface
 
 COLUMNS = 2000
 """More columns than any page shows; longer images are averaged (in power) down to it."""
@@ -39,6 +39,7 @@ def plot_spectrogram(
     cmap: str = "viridis",
 ) -> Figure:
     """Micro-Doppler spectrogram; `power_db` (velocity, time). `note` stands in a corner of it."""
+    velocity_mps, time_s, power_db = _checked_map("velocity_mps", velocity_mps, "time_s", time_s, power_db)
     figure = _figure(7.0, 3.6)
     axes = figure.subplots()
     time_s, power_db = _thin(time_s, power_db)
@@ -46,7 +47,7 @@ def plot_spectrogram(
     axes.set_ylim(occupied_speeds(velocity_mps, power_db, dynamic_range_db))
     _label(axes, "Time (s)", VELOCITY_LABEL, title)
     if note is not None:
-        axes.text(0.01, 0.02, note, transform=axes.transAxes, color="white", fontsize=8)
+        axes.text(0.01, 0.02, _literal(note), transform=axes.transAxes, color="white", fontsize=8, parse_math=False)
     return figure
 
 
@@ -60,6 +61,7 @@ def plot_range_time(
     cmap: str = "viridis",
 ) -> Figure:
     """Range over time; `power_db` (range, time)."""
+    range_m, time_s, power_db = _checked_map("range_m", range_m, "time_s", time_s, power_db)
     figure = _figure(7.0, 3.6)
     axes = figure.subplots()
     time_s, power_db = _thin(time_s, power_db)
@@ -78,6 +80,7 @@ def plot_range_doppler(
     cmap: str = "viridis",
 ) -> Figure:
     """Range-Doppler map; `power_db` (velocity, range)."""
+    velocity_mps, range_m, power_db = _checked_map("velocity_mps", velocity_mps, "range_m", range_m, power_db)
     figure = _figure(5.4, 4.2)
     axes = figure.subplots()
     _image(axes, range_m, velocity_mps, power_db, dynamic_range_db, cmap)
@@ -95,6 +98,7 @@ def plot_range_angle(
     cmap: str = "viridis",
 ) -> Figure:
     """Range-azimuth map with left on the left; `power_db` (range, azimuth)."""
+    range_m, azimuth_rad, power_db = _checked_map("range_m", range_m, "azimuth_rad", azimuth_rad, power_db)
     figure = _figure(5.4, 4.2)
     axes = figure.subplots()
     _image(axes, np.degrees(azimuth_rad), range_m, power_db, dynamic_range_db, cmap)
@@ -107,6 +111,8 @@ def plot_point_cloud(
     xyz_m: np.ndarray, speed_mps: np.ndarray, *, title: str | None = None, cmap: str = "coolwarm"
 ) -> Figure:
     """Points in the radar's frame from above and from the side, coloured by speed; `xyz_m` (point, 3)."""
+    speed_mps = array("speed_mps", speed_mps, ("point",), limit=1e9, unit="m/s")
+    xyz_m = array("xyz_m", xyz_m, limit=LARGEST_M, unit="m")
     if xyz_m.shape != (len(speed_mps), 3):
         raise InputError(f"xyz_m must have shape ({len(speed_mps)}, 3), one row for each speed, got {xyz_m.shape}")
     if not len(xyz_m):
@@ -114,6 +120,7 @@ def plot_point_cloud(
             "nothing to plot: the point cloud is empty; lower the threshold or look at the range-Doppler map"
         )
     figure = _figure(7.0, 3.6)
+    _check_colours(cmap)
     above, side = figure.subplots(1, 2)
     limit = max(float(np.abs(speed_mps).max()), 1e-3)
     x, y, z = xyz_m.T
@@ -128,7 +135,7 @@ def plot_point_cloud(
     bar.set_label(VELOCITY_LABEL, fontsize=9)
     bar.ax.tick_params(labelsize=8)
     if title:
-        figure.suptitle(title, fontsize=11)
+        figure.suptitle(_literal(title), fontsize=11, parse_math=False)
     return figure
 
 
@@ -145,6 +152,10 @@ def plot_scene(
     from matplotlib.collections import LineCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 
+    instance("scene", scene, Scene, "a Scene", hint="load_scene reads one")
+    radar_m = array("radar_m", radar_m, (3,), limit=LARGEST_M, unit="m")
+    if track_m is not None:
+        track_m = array("track_m", track_m, ("time", 3), limit=LARGEST_M, unit="m")
     figure = _figure(11.0, 4.8)
     plan, view = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
     top = scene.bounds_m[1][2]
@@ -155,7 +166,7 @@ def plot_scene(
         hue = "black" if surface.name.startswith(("wall", "floor")) else "0.6"
         plan.add_collection(LineCollection(outline[:, :, :2].tolist(), colors=hue, linewidths=1.2))
         view.add_collection3d(Line3DCollection(outline.tolist(), colors=hue, linewidths=0.7))
-    for number, (name, points) in enumerate(ways_m):
+    for number, (name, points) in enumerate(_checked_ways(ways_m)):
         colour = f"C{number % 10}"
         plan.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9, label=name)
         view.plot(*points.T, color=colour, linewidth=0.9)
@@ -170,8 +181,22 @@ def plot_scene(
     view.set_zlabel("z (m)")
     for axes, head in ((plan, title), (view, None)):
         _label(axes, "x (m)", "y (m)", head)
-    plan.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=7, frameon=False)
+    legend = plan.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=7, frameon=False)
+    for each in legend.get_texts():
+        each.set_parse_math(False)
     return figure
+
+
+def _checked_ways(ways_m: Any) -> list[tuple[str, np.ndarray]]:
+    if not isinstance(ways_m, (list, tuple)) or not all(
+        isinstance(each, (list, tuple)) and len(each) == 2 for each in ways_m
+    ):
+        raise InputError(f"ways_m must be a list of names and points (P, 3), got {shown(ways_m)}")
+    hint = "the points of a way"
+    return [
+        (text("ways_m", name), array("ways_m", points, ("point", 3), limit=LARGEST_M, hint=hint))
+        for name, points in ways_m
+    ]
 
 
 def _outline(surface: Surface) -> np.ndarray:
@@ -202,14 +227,19 @@ def plot_comparison(
 ) -> Figure:
     """Two spectrograms (velocity, time) of one motion on one colour scale, and second minus first where either is in
     range."""
+    first_db, second_db = numeric("first_db", first_db), numeric("second_db", second_db)
     if first_db.shape != second_db.shape:
         raise InputError(
             f"the spectrograms to compare must have one shape, got {first_db.shape} and {second_db.shape}; "
             "make them with the same radar and STFT settings"
         )
+    velocity_mps, whole_s, first_db = _checked_map("velocity_mps", velocity_mps, "time_s", time_s, first_db)
+    velocity_mps, time_s, second_db = _checked_map("velocity_mps", velocity_mps, "time_s", time_s, second_db)
+    positive("difference_db", difference_db, 1000, unit="dB")
+    labels = _checked_labels(labels)
     figure = _figure(7.0, 8.0)
     upper, middle, lower = figure.subplots(3, 1, sharex=True, sharey=True)
-    _, first_db = _thin(time_s, first_db)
+    _, first_db = _thin(whole_s, first_db)
     time_s, second_db = _thin(time_s, second_db)
     peak = max(_peak(first_db), _peak(second_db))
     for axes, power_db, label in ((upper, first_db, labels[0]), (middle, second_db, labels[1])):
@@ -236,8 +266,14 @@ def plot_comparison(
     _label(lower, "Time (s)", "", f"{labels[1]} minus {labels[0]}")
     figure.supylabel(VELOCITY_LABEL, fontsize=9)
     if title:
-        figure.suptitle(title, fontsize=11)
+        figure.suptitle(_literal(title), fontsize=11, parse_math=False)
     return figure
+
+
+def _checked_labels(labels: Any) -> tuple[str, str]:
+    if not isinstance(labels, (list, tuple)) or len(labels) != 2 or not all(isinstance(each, str) for each in labels):
+        raise InputError(f"labels must be two texts, got {shown(labels)}")
+    return labels[0], labels[1]
 
 
 def occupied_speeds(velocity_mps: np.ndarray, power_db: np.ndarray, dynamic_range_db: float) -> tuple[float, float]:
@@ -252,7 +288,10 @@ def occupied_speeds(velocity_mps: np.ndarray, power_db: np.ndarray, dynamic_rang
 
 
 def _figure(width_in: float, height_in: float) -> Figure:
-    from matplotlib.figure import Figure
+    try:
+        from matplotlib.figure import Figure
+    except ValueError as error:  # it refuses to load where its settings, such as MPLBACKEND, are wrong
+        raise InputError(f"matplotlib cannot be used: {error}; correct its settings, or unset MPLBACKEND") from error
 
     return Figure(figsize=(width_in, height_in), dpi=160, layout="constrained")
 
@@ -267,10 +306,8 @@ def _image(
     *,
     peak: float | None = None,
 ) -> None:
-    if power_db.shape != (len(y), len(x)):
-        raise InputError(f"power_db must have shape ({len(y)}, {len(x)}), that of its axes, got {power_db.shape}")
-    if not dynamic_range_db > 0:
-        raise InputError(f"dynamic_range_db must be positive, got {dynamic_range_db}; 50 is usual")
+    positive("dynamic_range_db", dynamic_range_db, 1000, unit="dB", hint="50 is usual")
+    _check_colours(cmap)
     relative = np.clip(power_db - (_peak(power_db) if peak is None else peak), -dynamic_range_db, 0)
     mesh = axes.pcolormesh(
         x, y, relative, cmap=cmap, vmin=-dynamic_range_db, vmax=0, shading="nearest", rasterized=True
@@ -289,7 +326,35 @@ def _label(axes: Axes, x: str, y: str, title: str | None) -> None:
     axes.set_ylabel(y, fontsize=9)
     axes.tick_params(labelsize=8)
     if title:
-        axes.set_title(title, fontsize=10)
+        axes.set_title(_literal(title), fontsize=10, parse_math=False)
+
+
+def _literal(value: Any) -> str:
+    """A text that can be drawn: a file's name may hold bytes that are no characters."""
+    words = text("title", value)
+    return "".join(each if each.isprintable() or each == "\n" else "\N{REPLACEMENT CHARACTER}" for each in words)
+
+
+def _check_colours(cmap: Any) -> None:
+    from matplotlib import colormaps
+    from matplotlib.colors import Colormap
+
+    if not isinstance(cmap, Colormap) and not (isinstance(cmap, str) and cmap in colormaps):
+        raise InputError(f"cmap must be the name of a colour map of matplotlib such as viridis, got {shown(cmap)}")
+
+
+def _checked_map(
+    y_name: str, y: np.ndarray, x_name: str, x: np.ndarray, power_db: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Axes and levels of a map; silence, -inf dB, is a level."""
+    y, x = array(y_name, y, ("rows",)), array(x_name, x, ("columns",))
+    if len(x) < 2 or len(y) < 2:
+        raise InputError(f"a picture needs at least 2 values of {y_name} and {x_name}, got {len(y)} and {len(x)}")
+    levels = numeric("power_db", power_db)
+    if levels.shape != (len(y), len(x)):
+        raise InputError(f"power_db must have shape ({len(y)}, {len(x)}), that of its axes, got {levels.shape}")
+    array("power_db", np.where(np.isneginf(levels.real), 0, levels), limit=1e4, unit="dB")
+    return y, x, np.asarray(levels, float)
 
 
 def _peak(power_db: np.ndarray) -> float:

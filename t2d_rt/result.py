@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from t2d_rt.checks import file_path, flag, instance, numeric, text
 from t2d_rt.cubes import DIMENSIONS, NAME, Cube, DiskCube, is_large, new_array, row_blocks
 from t2d_rt.errors import InputError
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
+from t2d_rt.signal.doppler import check_processing
 from t2d_rt.types import Radar
 
 if TYPE_CHECKING:
@@ -59,6 +61,9 @@ class Simulation:
         versions: Mapping[str, str] | None = None,
         processing: Mapping[str, Any] | None = None,
     ) -> None:
+        instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
+        if not isinstance(cube, DiskCube):
+            cube = numeric("an ADC cube", cube)
         if cube.ndim != 3 or cube.shape[2] != radar.samples:
             raise InputError(f"an ADC cube must have shape (chirp, antenna, {radar.samples}), got {cube.shape}")
         self.cube = cube
@@ -143,18 +148,22 @@ class Simulation:
 
     def processed(self, **changes: Any) -> Simulation:
         """The same recording with other options of `signal.spectrogram`."""
-        return Simulation(
+        changed = Simulation(
             self.cube,
             self.radar,
             settings=self.settings,
             versions=self.versions,
             processing={**self.processing, **changes},
         )
+        check_processing(self.radar, len(self.cube), changed.processing)
+        return changed
 
     def plot(self, title: str | None = None) -> Figure:
         """Spectrogram as a figure."""
         from t2d_rt.plots import plot_spectrogram
 
+        if title is not None:
+            text("title", title)
         image = self.spectrogram
         note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
         return plot_spectrogram(image.velocity_mps.values, image.time_s.values, image.values, title=title, note=note)
@@ -163,7 +172,8 @@ class Simulation:
         """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were."""
         import xarray as xr
 
-        target = Path(path).resolve()
+        target = file_path("path", path).resolve()
+        flag("overwrite", overwrite)
         check_free(target, overwrite=overwrite)
         adc = self.adc
         data = xr.Dataset({"spectrogram": self.spectrogram}, coords=dict(adc.coords))
@@ -200,7 +210,7 @@ class Simulation:
         """Read what `save` wrote."""
         import xarray as xr
 
-        source = Path(path)
+        source = file_path("path", path)
         if not source.is_dir():
             raise InputError(f"{source} is not a result folder; give a .zarr folder that `simulate` wrote")
         try:

@@ -511,7 +511,7 @@ def test_not_enough_memory(refused: Callable[..., str], monkeypatch: pytest.Monk
         raise MemoryError("Unable to allocate 75. GiB")
 
     monkeypatch.setattr(pipeline, "synthesize", too_much)
-    assert "not enough memory (Unable to allocate 75. GiB); cut the motion" in refused("simulate", "walk.bvh", *QUICK)
+    assert "not enough memory (Unable to allocate 75. GiB); a shorter motion" in refused("simulate", "walk.bvh", *QUICK)
 
 
 def test_attributes_tell_how_it_was_made(run: Command) -> None:

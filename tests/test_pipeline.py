@@ -58,7 +58,7 @@ def test_recording_holds_its_configuration(recorded: t2d.Simulation, walk: Motio
     assert np.isfinite(recorded.cube).all()
     assert recorded.radar == RADAR
     assert recorded.settings["sagitta_rad"] == 1.0
-    assert recorded.settings["targets"] == [walk.report]
+    assert recorded.settings["targets"] == [t2d.place(walk, radar_position_m=RADAR.position_m).report]
     assert recorded.versions["drjit"] == "1.5.0"
 
 

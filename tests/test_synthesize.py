@@ -272,7 +272,9 @@ def test_a_record_shorter_than_a_chirp_is_refused() -> None:
 
 def test_echoes_that_leap_are_refused() -> None:
     leaping = Echoes(times_s=np.arange(4) / 100, delay_s=np.arange(4.0)[:, None], amplitude=np.ones((4, 1)))
-    with pytest.raises(InputError, match=r"an echo's range changes by .* m from one surface frame to the next, .* remove the jump"):
+    with pytest.raises(
+        InputError, match=r"an echo's range changes by .* m from one surface frame to the next, .* remove the jump"
+    ):
         synthesize(leaping, TABLE2)
 
 

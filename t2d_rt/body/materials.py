@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import cast
 
 from t2d_rt.constants import VACUUM_PERMITTIVITY
 from t2d_rt.errors import InputError
 from t2d_rt.types import PEC, Material
+from t2d_rt.types.material import checked_frequency, checked_material
 
 DRY_SKIN_POLES: tuple[tuple[float, float, float], ...] = ((32.0, 7.234e-12, 0.0), (1100.0, 32.481e-9, 0.2))
 """(delta eps, tau [s], alpha) of dry skin; the last two of the four terms have no strength (Gabriel 1996, part III)."""
@@ -24,8 +26,7 @@ BODY_MATERIALS: tuple[str, ...] = ("pec", *SCATTERING_COEFFICIENTS)
 
 def skin_permittivity(frequency_hz: float) -> complex:
     """Complex relative permittivity of dry skin, eps' - j eps'' (physics.md, eq. 10); 6.57 - j8.91 at 77 GHz."""
-    if not 0 < frequency_hz < math.inf:
-        raise InputError(f"frequency_hz must be positive and finite, got {frequency_hz}")
+    frequency_hz = checked_frequency(frequency_hz)
     omega = 2 * math.pi * frequency_hz
     relaxation = sum(strength / (1 + (1j * omega * tau_s) ** (1 - alpha)) for strength, tau_s, alpha in DRY_SKIN_POLES)
     ionic = DRY_SKIN_IONIC_CONDUCTIVITY_S_PER_M / (1j * omega * VACUUM_PERMITTIVITY)
@@ -34,8 +35,9 @@ def skin_permittivity(frequency_hz: float) -> complex:
 
 def resolve_material(material: str | Material, frequency_hz: float) -> Material:
     """The material of a name in `BODY_MATERIALS` at one frequency; a `Material` is taken as it is."""
-    if isinstance(material, Material):
-        return material
+    checked_frequency(frequency_hz)
+    if isinstance(checked_material(material), Material):
+        return cast(Material, material)
     if material == "pec":
         return PEC
     if material not in SCATTERING_COEFFICIENTS:

@@ -14,7 +14,7 @@ from t2d_rt.body.skin import JointTrack, linear_track
 from t2d_rt.body.template import template
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import Material
-from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +64,7 @@ def segments(
     motion: Motion, body: str = "adult", *, material: str | Material = "skin", track: JointTrack | None = None
 ) -> Ellipsoids:
     """Ellipsoids fitted to the surface that `skin` moves, moving rigidly with its bones; arguments as in `skin`."""
+    checked_motion(motion)
     fitted = fit(template(body), motion)
     pose = posing(fitted, motion)
     semi_axes, centres, axes = fit_ellipsoids(fitted)

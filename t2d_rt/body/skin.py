@@ -13,7 +13,7 @@ from t2d_rt.body.template import template
 from t2d_rt.geometry import curvature
 from t2d_rt.types.material import Material
 from t2d_rt.types.mesh import MovingMesh
-from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
 JointTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Positions (K, J, 3) [m] and orientations x, y, z, w (K, J, 4) of a motion's joints at times [s] (K,)."""
@@ -41,6 +41,7 @@ def skin(
 
     `track` interpolates the motion in time (C2, for a radar); without it straight lines join its frames.
     """
+    checked_motion(motion)
     fitted = fit(template(body), motion)
     pose = posing(fitted, motion)
     basis = blend_basis(fitted)

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.resources import listing, resource
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
@@ -39,11 +40,15 @@ def bodies() -> list[str]:
     return [name.removesuffix(".npz") for name in listing("meshes", ".npz")]
 
 
-@lru_cache(maxsize=8)
 def template(name: str = "adult") -> Template:
     """The shipped body of that name."""
-    if name not in bodies():
-        raise InputError(f"body {name!r} is unknown; choose one of {', '.join(bodies())}")
+    if not isinstance(name, str) or name not in bodies():
+        raise InputError(f"body {shown(name)} is unknown; choose one of {', '.join(bodies())}")
+    return _read(name)
+
+
+@lru_cache(maxsize=8)
+def _read(name: str) -> Template:
     with np.load(resource("meshes", f"{name}.npz"), allow_pickle=False) as data:
         names = [str(joint) for joint in data["joint_names"]]
         if names != [*CANONICAL_JOINTS, *OPTIONAL_JOINTS]:

@@ -8,7 +8,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,6 +47,8 @@ MODEL = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 when it is done, 2 with one sentence when the input cannot be used, 130 on Ctrl-C."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
+    # Pictures are drawn in memory; matplotlib would refuse to load where this names a backend that it does not know.
+    os.environ["MPLBACKEND"] = "agg"
     with warnings.catch_warnings():
         warnings.simplefilter("always", T2DWarning)
         warnings.showwarning = _show_warning
@@ -56,7 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _failed(str(error))
         except MemoryError as error:
             return _failed(
-                f"not enough memory ({error}); cut the motion with --start-s and --stop-s, or lower --radar.prf-hz"
+                f"not enough memory ({error}); a shorter motion (--start-s, --stop-s), a lower --radar.prf-hz or fewer "
+                "--radar.samples take less"
             )
         except BrokenPipeError:  # the reader of our output has gone: nothing more to say, not even at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -138,11 +141,28 @@ def _simulate(options: Namespace) -> None:
     motion = _motion(options, source, radar)
     result = _recorded(motion, options, radar, options.method, added)
     where = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
-    with _picture(result.plot(title=f"{source.name}, {options.method}{where}"), picture):
+    figure = _drawn(result, f"{source.name}, {options.method}{where}")
+    with _picture(figure, picture) if figure is not None else nullcontext():
         result.save(target, overwrite=options.overwrite)
     if result.error_db is not None:
         print(f"measured error {result.error_db:.1f} dB")
-    print(f"wrote {target} and {picture}")
+    print(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
+
+
+def _drawn(result: Simulation, title: str) -> Figure | None:
+    """The spectrogram's figure; None and a warning where it cannot be drawn: that must not cost the result."""
+    try:
+        figure = result.plot(title=title)
+        figure.draw_without_rendering()
+    except T2DError:
+        raise
+    except Exception as error:  # whatever a drawing library may raise
+        reason = " ".join(str(error).split()) or type(error).__name__
+        warnings.warn(
+            f"the picture cannot be drawn ({reason}); the result is written without it", T2DWarning, stacklevel=2
+        )
+        return None
+    return figure
 
 
 def _plan(options: Namespace) -> None:
@@ -260,10 +280,16 @@ def _recorded(
     with _progress(method) as progress:
         result = simulate(targets, radar=radar, method=method, progress=progress, **{n: options[n] for n in names})
     source = {name: options[name] for name in ("file", "distance_m", "angle_deg", "start_s", "stop_s")}
-    result.settings["motion"] = {**source, **options.motion.as_dict()}
+    result.settings["motion"] = {**source, "file": Path(options.file).name, **options.motion.as_dict()}
     if added:
-        result.settings["added"] = [each.model_dump(mode="json") for each in added]
+        result.settings["added"] = [_described(each) for each in added]
     return result.processed(**processing)
+
+
+def _described(added: Mover | Person) -> dict[str, Any]:
+    """What goes into a result of a mover or person: of a file its name, not the folders of this machine."""
+    found = added.model_dump(mode="json")
+    return {**found, "file": Path(found["file"]).name} if "file" in found else found
 
 
 def _check_processing(processing: dict[str, Any], radar: Radar, duration_s: float) -> None:
@@ -271,7 +297,9 @@ def _check_processing(processing: dict[str, Any], radar: Radar, duration_s: floa
     import numpy as np
 
     from t2d_rt.signal import spectrogram
+    from t2d_rt.signal.doppler import check_processing
 
+    check_processing(radar, len(radar.chirp_times_s(duration_s)), processing)
     radar = radar.separated
     enough = max(256, processing["n_window"] or 0, radar.loops_per_frame or 0)
     chirps = min(enough, len(radar.chirp_times_s(duration_s)))

@@ -88,7 +88,7 @@ def load_motion(
 
 def _check_reading(units: Any, up: Any, floor: Any, drop_tpose: Any, smooth_hz: Any, flavour: Any) -> None:
     if units is not None and not isinstance(units, str):
-        positive("units", units, 1e6, hint=f"metres per unit or one of {', '.join(UNITS_M)}")
+        positive("units", units, hint=f"metres per unit or one of {', '.join(UNITS_M)}")
     if floor is not None:
         number("floor", floor, -LARGEST_M, LARGEST_M, unit="m")
     if drop_tpose is not None:

@@ -79,8 +79,8 @@ def cfar_factor(false_alarm_rate: float, cells: int | np.ndarray, *, looks: int 
         log_factor = brentq(lambda x: log_rate(math.exp(x)) - math.log(false_alarm_rate), -10, 15, xtol=1e-10)
     except ValueError:
         raise InputError(
-            f"no threshold gives a false_alarm_rate of {false_alarm_rate:g} from {len(correlation)} training cells; take more cells "
-            "or a higher rate"
+            f"no threshold gives a false_alarm_rate of {false_alarm_rate:g} from {len(correlation)} training cells; take more "
+            "cells or a higher rate"
         ) from None
     return math.exp(log_factor)
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import choice, flag, integer, number, numeric, positive
+from t2d_rt.checks import array, choice, flag, integer, number, numeric, positive
 from t2d_rt.errors import InputError
 from t2d_rt.signal.maps import RangeDoppler, Spectrogram
-from t2d_rt.signal.mti import PAPER_KERNEL
+from t2d_rt.signal.mti import METHODS, PAPER_KERNEL
 from t2d_rt.signal.mti import mti as mti_filter
 from t2d_rt.signal.multiplex import separated
 from t2d_rt.signal.range import check_finite, check_recording, check_size, gate, range_fft, taper
@@ -126,6 +127,20 @@ def spectrogram(
         velocity_mps=radar.speed_axis_mps(n_fft),
         time_s=radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 * radar.loop_interval_s,
     )
+
+
+def check_processing(radar: Radar, chirps: int, given: Mapping[str, Any]) -> None:
+    """Refuses options of `spectrogram` that no record of so many chirps can be processed with, before there is one."""
+    rows = chirps // len(radar.tx_offsets_m) if radar.multiplexing == "ddm" else chirps
+    options = {name: each.default for name, each in inspect.signature(spectrogram).parameters.items()} | dict(given)
+    gate(radar.range_axis_m(), options["range_gate_m"])
+    taper(options["range_window"], radar.samples)
+    choice("MTI method", options["mti"] or "none", METHODS)
+    number("cutoff_mps", options["cutoff_mps"], unit="m/s")
+    array("kernel", options["kernel"], ("tap",))
+    choice("combine", options["combine"], ("noncoherent", "coherent"))
+    n_window, *_ = checked_windows(radar.separated, rows, options["n_window"], options["overlap"], options["n_fft"])
+    taper(options["window"], n_window, periodic=True)
 
 
 def range_doppler(

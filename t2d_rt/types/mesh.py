@@ -71,7 +71,7 @@ class MovingMesh:
         mesh = cls.__new__(cls)
         times_s, name = checked_times(times_s), text("name", name)
         mesh._track = call("track", track, "a function from times (K,) to vertices (K, V, 3)")
-        first = _positions(track, times_s[:1], None, name)[0]
+        first = np.asarray(_positions(track, times_s[:1], None, name)[0], float)
         rest = first if rest is None else array("rest", rest, first.shape, limit=LARGEST_M, unit="m")
         mesh._fill(rest, faces, times_s, material, crease_deg, sagitta_rad, name)
         return mesh

@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from t2d_rt.checks import number
 from t2d_rt.errors import InputError
 from t2d_rt.types import Material, MovingMesh
 from t2d_rt.types.fields import Number
@@ -34,7 +35,8 @@ def moving(
     sagitta_rad: float = 0.07,
 ) -> MovingMesh:  # fmt: skip
     """A mover's mesh between two times [s]."""
-    if not (math.isfinite(start_s) and math.isfinite(stop_s) and start_s < stop_s):
+    number("start_s", start_s, unit="s"), number("stop_s", stop_s, unit="s")
+    if not start_s < stop_s:
         raise InputError(f"a mover's mesh needs finite start_s < stop_s, got {start_s} and {stop_s}")
     substance = MATERIALS.get(material, material) if isinstance(material, str) else material
     times_s = np.array([start_s, stop_s], float)
