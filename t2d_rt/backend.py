@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import BackendError, InputError
 
 if TYPE_CHECKING:
@@ -87,8 +88,8 @@ def aligned_empty(size: int, dtype: Any) -> np.ndarray:
 
 def select(device: str = "auto") -> Backend:
     """The backend for a device: "cpu" (LLVM), "gpu" (CUDA) or "auto" (CUDA where there is one)."""
-    if device not in ("auto", "cpu", "gpu"):
-        raise InputError(f"device must be auto, cpu or gpu, got {device!r}")
+    if not isinstance(device, str) or device not in ("auto", "cpu", "gpu"):
+        raise InputError(f"device must be auto, cpu or gpu, got {shown(device)}")
     if device != "cpu" and _has_cuda():
         return _backend("cuda")
     if device == "gpu":

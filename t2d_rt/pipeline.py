@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from t2d_rt.backend import Device, select
-from t2d_rt.checks import call, choice, flag, integer, number, shown, text
+from t2d_rt.checks import call, choice, file_path, flag, integer, number, shown, text
 from t2d_rt.cubes import Cube, is_large, summed
 from t2d_rt.echo.ellipsoid import PhaseFrom
 from t2d_rt.echo.mesh import check_outside, joined
@@ -303,6 +303,7 @@ def _around(scene: Any) -> Scene | None:
         return scene
     if not isinstance(scene, (str, Path)):
         raise InputError(f"scene must be a name, a path, a Room or a Scene, got {shown(scene)}")
+    file_path("scene", scene)
     return None if scene == "free_space" else load_scene(scene)
 
 

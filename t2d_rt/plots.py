@@ -25,6 +25,9 @@ COLUMNS = 2000
 MARGIN = 0.15
 """Of the occupied span of speeds, left free above and below it."""
 
+LONGEST_TITLE = 300
+"""Characters of a title that are drawn."""
+
 VELOCITY_LABEL = "Radial velocity (m/s), approaching > 0"
 
 
@@ -134,7 +137,7 @@ def plot_point_cloud(
     bar = figure.colorbar(drawn, ax=(above, side), pad=0.015)
     bar.set_label(VELOCITY_LABEL, fontsize=9)
     bar.ax.tick_params(labelsize=8)
-    if title:
+    if title is not None:
         figure.suptitle(_literal(title), fontsize=11, parse_math=False)
     return figure
 
@@ -265,7 +268,7 @@ def plot_comparison(
     _bar(lower, mesh, "Difference (dB)", extend="both")
     _label(lower, "Time (s)", "", f"{labels[1]} minus {labels[0]}")
     figure.supylabel(VELOCITY_LABEL, fontsize=9)
-    if title:
+    if title is not None:
         figure.suptitle(_literal(title), fontsize=11, parse_math=False)
     return figure
 
@@ -325,13 +328,13 @@ def _label(axes: Axes, x: str, y: str, title: str | None) -> None:
     axes.set_xlabel(x, fontsize=9)
     axes.set_ylabel(y, fontsize=9)
     axes.tick_params(labelsize=8)
-    if title:
+    if title is not None:
         axes.set_title(_literal(title), fontsize=10, parse_math=False)
 
 
 def _literal(value: Any) -> str:
     """A text that can be drawn: a file's name may hold bytes that are no characters."""
-    words = text("title", value)
+    words = text("title", value)[:LONGEST_TITLE]
     return "".join(each if each.isprintable() or each == "\n" else "\N{REPLACEMENT CHARACTER}" for each in words)
 
 
@@ -348,8 +351,8 @@ def _checked_map(
 ) -> tuple[np.ndarray, ...]:
     """Axes and levels of a map; silence, -inf dB, is a level."""
     y, x = array(y_name, y, ("rows",)), array(x_name, x, ("columns",))
-    if len(x) < 2 or len(y) < 2:
-        raise InputError(f"a picture needs at least 2 values of {y_name} and {x_name}, got {len(y)} and {len(x)}")
+    if len(x) < 1 or len(y) < 2:
+        raise InputError(f"a picture needs 2 values of {y_name} and 1 of {x_name} at least, got {len(y)} and {len(x)}")
     levels = numeric("power_db", power_db)
     if levels.shape != (len(y), len(x)):
         raise InputError(f"power_db must have shape ({len(y)}, {len(x)}), that of its axes, got {levels.shape}")

@@ -153,7 +153,7 @@ class Simulation:
             self.radar,
             settings=self.settings,
             versions=self.versions,
-            processing={**self.processing, **changes},
+            processing={**self.processing, **{name: _plain(value) for name, value in changes.items()}},
         )
         check_processing(self.radar, len(self.cube), changed.processing)
         return changed
@@ -262,6 +262,11 @@ def _checksum(cube: Cube) -> str:
     for _, block in row_blocks(cube):
         sum_ = zlib.crc32(np.ascontiguousarray(block).view(np.uint8).data, sum_)
     return f"{sum_:08x}"
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and lists in place of NumPy's, which JSON does not take."""
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
 
 def _decibel(power: np.ndarray) -> np.ndarray:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.checks import number
+from t2d_rt.errors import T2DWarning
 from t2d_rt.model import MOST_HALVED, SPLINES_DB, WEAK_DB, Detail, Model, farthest_and_fastest, with_method
 from t2d_rt.probe import Chirps, nmse_db
 from t2d_rt.probe import field as probed
@@ -96,11 +97,8 @@ class Plan:
 
 def check_tolerance(tolerance_db: float) -> None:
     """Refuses one for which there are no settings."""
-    if not isinstance(tolerance_db, (int, float)) or not LEAST_DB <= tolerance_db <= MOST_DB:
-        raise InputError(
-            f"tolerance_db must lie in {LEAST_DB:g}..{MOST_DB:g} dB, got {tolerance_db!r}; -20 suits most uses, at 0 there is as "
-            "much error as signal"
-        )
+    hint = "-20 suits most uses, at 0 there is as much error as signal"
+    number("tolerance_db", tolerance_db, LEAST_DB, MOST_DB, unit="dB", hint=hint)
 
 
 def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan:

@@ -416,10 +416,10 @@ def test_guards() -> None:
         stft(cube[:, 0, 0], 1.0, n_window=1, overlap=0)
     with pytest.raises(InputError, match="n_fft must be at least n_window"):
         stft(cube[:, 0, 0], 1.0, n_fft=128)
-    with pytest.raises(InputError, match="MTI method must be 'none', 'mean', .* got 'median'"):
+    with pytest.raises(InputError, match=r"MTI method must be 'none', 'mean', .* got 'median'"):
         mti(cube, "median")
     for cutoff in (None, 0.0, 0.5, np.nan):
-        with pytest.raises(InputError, match="highpass needs prf_hz and a cutoff_hz|cutoff_hz must be finite"):
+        with pytest.raises(InputError, match=r"highpass needs prf_hz and a cutoff_hz|cutoff_hz must be finite"):
             mti(cube, "highpass", prf_hz=1.0, cutoff_hz=cutoff)
     with pytest.raises(InputError, match=r"order of the high-pass must lie in 1..10"):
         mti(cube, "highpass", prf_hz=1.0, cutoff_hz=0.1, order=0)

@@ -21,6 +21,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from t2d_rt import checks
 from t2d_rt.backend import Backend, select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.cubes import Cube, CubeWriter, new_cube
@@ -64,8 +65,12 @@ def synthesize(
     """
     from threadpoolctl import threadpool_limits
 
-    if not -90 <= tolerance_db <= -10:
-        raise InputError(f"tolerance_db must lie in -90..-10 dB, got {tolerance_db}; -50 suits most uses")
+    checks.instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
+    checks.number("tolerance_db", tolerance_db, -90, -10, unit="dB", hint="-50 suits most uses")
+    if read_frames is not None:
+        checks.integer("read_frames", read_frames, 1)
+    if progress is not None:
+        checks.call("progress", progress, "a function of the fraction done")
     source = stream(echoes)
     starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
     cube = new_cube((len(starts), radar.antennas, radar.samples))

@@ -17,7 +17,7 @@ from t2d_rt.signal.maps import RangeDoppler, Spectrogram
 from t2d_rt.signal.mti import METHODS, PAPER_KERNEL
 from t2d_rt.signal.mti import mti as mti_filter
 from t2d_rt.signal.multiplex import separated
-from t2d_rt.signal.range import check_finite, check_recording, check_size, gate, range_fft, taper
+from t2d_rt.signal.range import LONGEST_WINDOW, check_finite, check_recording, check_size, gate, range_fft, taper
 from t2d_rt.types.radar import Radar
 
 PIECE = 8192
@@ -93,6 +93,7 @@ def spectrogram(
     burst.
     """
     check_recording(adc, radar)
+    choice("MTI method", "none" if mti is None else mti, METHODS)
     adc, radar = separated(adc, radar)
     bins = gate(radar.range_axis_m(), range_gate_m)
     fast = taper(range_window, radar.samples)
@@ -115,7 +116,7 @@ def spectrogram(
         return range_fft(part, window=range_window, bins=bins)
 
     for first, windows, cells in _filtered(
-        adc, radar, burst, starts, n_window, cells_of, mti or "none", cutoff_mps, kernel
+        adc, radar, burst, starts, n_window, cells_of, "none" if mti is None else mti, cutoff_mps, kernel
     ):
         if combine == "coherent":
             cells = cells.sum(axis=-1, keepdims=True)
@@ -135,7 +136,7 @@ def check_processing(radar: Radar, chirps: int, given: Mapping[str, Any]) -> Non
     options = {name: each.default for name, each in inspect.signature(spectrogram).parameters.items()} | dict(given)
     gate(radar.range_axis_m(), options["range_gate_m"])
     taper(options["range_window"], radar.samples)
-    choice("MTI method", options["mti"] or "none", METHODS)
+    choice("MTI method", "none" if options["mti"] is None else options["mti"], METHODS)
     number("cutoff_mps", options["cutoff_mps"], unit="m/s")
     array("kernel", options["kernel"], ("tap",))
     choice("combine", options["combine"], ("noncoherent", "coherent"))
@@ -326,7 +327,7 @@ def check_window(n_window: int, overlap: int, n_fft: int | None, chirps: int) ->
         raise InputError(f"n_window must lie in 2..{chirps} (the chirps there are), got {n_window}")
     if not 0 <= overlap < n_window:
         raise InputError(f"overlap must lie in 0..{n_window - 1} (below n_window), got {overlap}")
-    n_fft = n_window if n_fft is None else integer("n_fft", n_fft)
+    n_fft = n_window if n_fft is None else integer("n_fft", n_fft, 0, LONGEST_WINDOW)
     if n_fft < n_window:
         raise InputError(f"n_fft must be at least n_window ({n_window}), got {n_fft}")
     return n_fft

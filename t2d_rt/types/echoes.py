@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from t2d_rt.checks import array, call, check_shape, instance, integer, numeric
 from t2d_rt.errors import InputError
+
+LARGEST = 1e30
+"""Numbers of single precision whose squares are infinite begin about there."""
+KINDS: dict[str, Any] = {
+    "times_s": float, "delay_s": float, "amplitude": np.complex64, "slope": np.complex64, "departure_m": np.float32,
+    "arrival_m": np.float32,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,19 +43,10 @@ class Echoes:
     """Likewise as seen by the receivers."""
 
     def __post_init__(self) -> None:
-        for name, dtype in (
-            ("times_s", float),
-            ("delay_s", float),
-            ("amplitude", np.complex64),
-            ("slope", np.complex64),
-            ("departure_m", np.float32),
-            ("arrival_m", np.float32),
-        ):
-            if (value := getattr(self, name)) is not None:
-                value = np.asarray(value, dtype)
-                if not np.isfinite(value).all():
-                    raise InputError(f"{name} of echoes must be finite, got NaN or infinite values")
-                object.__setattr__(self, name, value)
+        for name, dtype in KINDS.items():
+            if (value := getattr(self, name)) is not None or name in ("times_s", "delay_s", "amplitude"):
+                object.__setattr__(self, name, _checked(f"{name} of echoes", value, dtype))
+        check_shape("times_s of echoes", self.times_s, ("time",))
         frames = len(self.times_s)
         if self.delay_s.ndim != 2 or self.delay_s.shape[0] != frames:
             raise InputError(f"delay_s must have shape ({frames}, scatterer), got {self.delay_s.shape}")
@@ -68,6 +67,16 @@ class Echoes:
     def rate_hz(self) -> float:
         """Surface rate [Hz]."""
         return (len(self.times_s) - 1) / float(self.times_s[-1] - self.times_s[0])
+
+
+def _checked(name: str, value: Any, dtype: Any) -> np.ndarray:
+    """Finite numbers as `dtype`; complex ones only where that is complex."""
+    found = numeric(name, value)
+    if np.iscomplexobj(found) and dtype is not np.complex64:
+        raise InputError(f"{name} must hold real numbers, got {found.dtype}")
+    if not np.isfinite(found).all() or not (found.size == 0 or np.abs(found).max() < LARGEST):
+        raise InputError(f"{name} must be finite, got NaN or infinite values")
+    return np.asarray(found, dtype)
 
 
 class EchoArrays(NamedTuple):
@@ -91,6 +100,11 @@ class EchoStream:
     vertices: int = 0
     """How many of them each frame is made from: a few echoes may be those of many facets."""
 
+    def __post_init__(self) -> None:
+        call("frames", self.frames, "a function from the first frame and the one after the last to their EchoArrays")
+        check_shape("times_s of echoes", array("times_s of echoes", self.times_s), ("time",))
+        integer("vertices", self.vertices)
+
     def gather(self) -> Echoes:
         """All frames at once; for short records."""
         return Echoes(times_s=self.times_s, **self.frames(0, len(self.times_s))._asdict())
@@ -98,6 +112,7 @@ class EchoStream:
 
 def stream(echoes: Echoes | EchoStream) -> EchoStream:
     """`echoes` as a stream."""
+    instance("echoes", echoes, (Echoes, EchoStream), "Echoes or an EchoStream")
     if isinstance(echoes, EchoStream):
         return echoes
     whole = echoes

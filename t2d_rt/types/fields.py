@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 
 
@@ -73,8 +74,7 @@ def _sentence(error: ValidationError, model: type[Fields]) -> str:
         return str(cause)
     key = str(first["loc"][0]) if first["loc"] else ""
     more = f" ({len(others)} more {'fields are' if len(others) > 1 else 'field is'} wrong)" if others else ""
-    given = repr(first["input"])
-    given = given if len(given) <= 60 else given[:57] + "..."
+    given = shown(first["input"])
     if not key:
         return f"{_article(model)} must be a mapping of field names and values, got {given}"
     if first["type"] == "extra_forbidden":

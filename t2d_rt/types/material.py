@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
-from t2d_rt.checks import number, shown, text
+from t2d_rt.checks import GREATEST, number, shown, text
 from t2d_rt.constants import VACUUM_PERMITTIVITY
 from t2d_rt.errors import InputError
+
+LONGEST_NAME = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +35,8 @@ class Material:
             ("scattering_coefficient", "0 is smooth"),
         ):
             value = getattr(self, field)
-            if isinstance(value, bool) or not isinstance(value, Real):
+            too_large = isinstance(value, int) and abs(value) > GREATEST  # for a float
+            if isinstance(value, bool) or not isinstance(value, Real) or too_large:
                 raise InputError(f"material {self.name}: {field} must be a number, got {shown(value)}; {hint}")
         if not self.relative_permittivity >= 1:
             raise InputError(
@@ -65,7 +68,9 @@ class Material:
 
 def checked_material(material: Any) -> str | Material:
     """The name of a material, or its values."""
-    if not isinstance(material, (str, Material)):
+    if not isinstance(material, (str, Material)) or (
+        isinstance(material, str) and not 0 < len(material) <= LONGEST_NAME
+    ):
         raise InputError(f"material must be a name or a Material, got {shown(material)}; 'skin' is a body's")
     return material
 

@@ -88,7 +88,7 @@ class Motion:
 
     def index(self, name: str) -> int:
         """Index of a joint by its canonical name."""
-        if name not in self.names:
+        if not isinstance(name, str) or name not in self.names:
             raise InputError(f"the motion has no joint {shown(name)}; choose one of {', '.join(self.names)}")
         return self.names.index(name)
 

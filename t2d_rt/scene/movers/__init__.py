@@ -10,6 +10,7 @@ import difflib
 from collections.abc import Mapping
 from typing import Any
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.scene.movers.curtain import Curtain
 from t2d_rt.scene.movers.door import Door
@@ -46,7 +47,7 @@ def parsed(entry: str | Mapping[str, Any]) -> tuple[str, list[str], dict[str, An
     if isinstance(entry, Mapping) and isinstance(entry.get("kind"), str):
         return entry["kind"], [], {str(key): value for key, value in entry.items() if key != "kind"}
     if not isinstance(entry, str) or ":" not in entry:
-        raise InputError(f"a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got {entry!r:.60}")
+        raise InputError(f"a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got {shown(entry)}")
     kind, _, rest = entry.partition(":")
     pairs = [word.partition("=") for word in rest.split(",")]
     fields = {key.strip(): None if value.strip() == "none" else value.strip() for key, equals, value in pairs if equals}

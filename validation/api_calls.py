@@ -1,0 +1,398 @@
+"""Calls of the public functions with valid, cheap arguments, and wrong values to put in their place: each call must give a valid
+result or an error of one sentence."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import t2d_rt as t2d
+from t2d_rt import body, compare, motion, plots, signal
+from t2d_rt.errors import T2DError, T2DWarning
+from t2d_rt.scene import Opening, Piece, Slab
+from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh, Radar
+
+RADAR = Radar.preset("ci4r", prf_hz=2000, samples=16, sample_rate_hz=1e6)
+TDM = RADAR.replace(
+    multiplexing="tdm", tx_offsets_m=[[0, 0, 0], [0, 0.004, 0]], rx_offsets_m=[[0, 0, 0], [0, 0.002, 0]]
+)
+DDM = TDM.replace(multiplexing="ddm")
+TIMES_S = np.array([0.0, 0.1, 0.2])
+TETRAHEDRON = 0.2 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) + [3, 0, 1]
+FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+CHIRPS = 64
+
+WRONG: dict[str, Any] = {
+    "None": None, "text": "x", "empty text": "", "long text": "y" * 5_000, "bytes": b"x", "True": True, "three": 3, "zero": 0,
+    "minus one": -1, "fraction": 1.5, "nan": math.nan, "inf": math.inf, "huge": 1e300, "huge integer": 10**400,
+    "many": 10**9, "complex": 1j, "empty list": [], "empty dict": {}, "object": object(), "path": Path("nowhere"),
+    "list of text": ["a", "b"], "ragged": [[1.0], [1.0, 2.0]], "nans": np.full((3, 3), np.nan),
+    "flat": np.zeros(3), "integers": np.arange(6).reshape(2, 3), "objects": np.array([None, "x"], dtype=object),
+    "imaginary": np.full((2, 2), 1j), "masked": np.ma.masked_array(np.ones((4, 3)), mask=True), "booleans": np.ones(3, bool),
+    "empty array": np.zeros((0, 3)), "four axes": np.zeros((1, 2, 3, 3)), "huge numbers": np.full((4, 3), 1e300),
+    "texts": np.array(["a", "b"]), "generator": (each for each in (1, 2)), "function": len, "set": {1, 2}, "type": int,
+}  # fmt: skip
+"""Nothing that every argument would take; what one of them does take must then give a valid result."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """A public function, arguments that it takes, and what is done with its result to see that it is one."""
+
+    name: str
+    function: Callable[..., Any]
+    arguments: dict[str, Any]
+    use: Callable[[Any], Any] = field(default=lambda result: result)
+
+    def outcome(self, argument: str, value: Any) -> str | None:
+        """What is wrong with the call where an argument is replaced; None where it gives a valid result or one sentence."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            warnings.simplefilter("ignore", T2DWarning)
+            try:
+                result = self.use(self.function(**{**self.arguments, argument: value}))
+            except T2DError as error:
+                return _sentence_fault(str(error))
+            except Exception as error:  # the sweep's finding
+                return f"{type(error).__name__}: {error}"
+        return None if all(map(_is_finite, _arrays(result))) else "a result that is not finite"
+
+
+def _sentence_fault(sentence: str) -> str | None:
+    if "\n" in sentence.strip() or len(sentence) > 1000 or len(sentence) < 15:
+        return f"not one sentence: {sentence[:300]!r}"
+    return None
+
+
+def _arrays(value: Any) -> Iterator[np.ndarray]:
+    if isinstance(value, np.ndarray) and np.issubdtype(value.dtype, np.inexact):
+        yield value
+    elif isinstance(value, float):
+        yield np.array(value)
+    elif isinstance(value, (tuple, list)):
+        for each in value:
+            yield from _arrays(each)
+    elif is_dataclass(value) and not isinstance(value, (type, Material)):
+        for each in fields(value):
+            yield from _arrays(getattr(value, each.name))
+    elif hasattr(value, "values") and isinstance(value.values, np.ndarray):
+        yield from _arrays(value.values)
+
+
+def _is_finite(values: np.ndarray) -> bool:
+    return bool(np.isfinite(values).all())
+
+
+@cache
+def walk() -> t2d.Motion:
+    """A step of a person in 25 frames, made from nothing."""
+    times = np.arange(25) / 50
+    height = {
+        "pelvis": 0.95, "spine1": 1.05, "spine2": 1.15, "spine3": 1.25, "neck": 1.5, "head": 1.6, "hip": 0.9, "knee": 0.5,
+        "ankle": 0.1, "foot": 0.05, "collar": 1.45, "shoulder": 1.42, "elbow": 1.15, "wrist": 0.9,
+    }  # fmt: skip
+    aside = {
+        "hip": 0.1,
+        "knee": 0.1,
+        "ankle": 0.1,
+        "foot": 0.1,
+        "collar": 0.06,
+        "shoulder": 0.18,
+        "elbow": 0.2,
+        "wrist": 0.22,
+    }
+    joints = np.zeros((len(times), 22, 3))
+    for number, name in enumerate(motion.read.CANONICAL_JOINTS):
+        side, _, part = name.rpartition("_")
+        swing = 0.1 * np.sin(4 * times + (0 if side == "left" else np.pi)) if side else 0 * times
+        ahead = 0.12 if part == "foot" else 0.0
+        joints[:, number] = np.stack(
+            [times + swing * (1.5 - height[part]) + ahead, 0 * times + {"left": 1, "right": -1, "": 0}[side] * aside.get(part, 0),
+             0 * times + height[part]], axis=1,
+        )  # fmt: skip
+    return t2d.motion_from_joints(joints + [3, 0, 0], rate_hz=50.0, placed=True)
+
+
+@cache
+def cube(antennas: int = 1) -> np.ndarray:
+    """An ADC cube of a mover in noise."""
+    rng = np.random.default_rng(0)
+    shape = CHIRPS, antennas, RADAR.samples
+    return (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
+
+
+def ball() -> MovingMesh:
+    """A small body at rest."""
+    return MovingMesh(np.repeat(TETRAHEDRON[None], 3, axis=0), FACES, TIMES_S, "pec")
+
+
+def egg(**changes: Any) -> Ellipsoids:
+    """An ellipsoid at rest."""
+    given = {"semi_axes_m": [[0.1, 0.1, 0.2]], "centres": np.tile([3.0, 0, 1], (3, 1, 1)), "times_s": TIMES_S}
+    return Ellipsoids(**{**given, **changes})
+
+
+def result() -> t2d.Simulation:
+    """A recording."""
+    return t2d.Simulation(cube(), RADAR)
+
+
+def _echoes() -> dict[str, Any]:
+    return {
+        "times_s": np.arange(5) / 100, "delay_s": np.full((5, 2), 2e-8), "amplitude": np.ones((5, 2)), "slope": np.zeros((5, 2)),
+        "departure_m": np.ones((5, 2, 3)), "arrival_m": np.ones((5, 2, 3)),
+    }  # fmt: skip
+
+
+def _drawn(figure: Any) -> None:
+    assert figure.axes  # drawing takes half a second; titles, which alone can fail there, have tests of their own
+
+
+def _meshed(mover: Any) -> Any:
+    return repr(mover)  # a mesh of a large one takes seconds
+
+
+def calls(folder: Path) -> list[Call]:
+    """All calls; files are written into `folder`."""
+    made: list[Call] = []
+    for group in (_values, _movers, _motions, _signals, _pictures, _results):
+        made += group(folder)
+    return made
+
+
+def _values(folder: Path) -> list[Call]:
+    here = np.array([0.05])
+    mesh = {
+        "vertices": np.repeat(TETRAHEDRON[None], 3, axis=0), "faces": FACES, "times_s": TIMES_S, "material": "pec",
+        "crease_deg": 45.0, "sagitta_rad": 0.1, "name": "ball",
+    }  # fmt: skip
+    tracked = {
+        "track": lambda t: np.repeat(TETRAHEDRON[None], len(t), axis=0), "faces": FACES, "times_s": TIMES_S, "material": "pec",
+        "rest": TETRAHEDRON, "crease_deg": 45.0, "sagitta_rad": 0.1,
+        "name": "ball",
+    }  # fmt: skip
+    places = np.tile([3.0, 0, 1], (3, 1, 1)), np.tile(np.eye(3), (3, 1, 1, 1))
+    ellipsoids = {
+        "semi_axes_m": np.array([[0.1, 0.1, 0.2]]), "centres": places[0], "times_s": TIMES_S, "axes": places[1], "material": "skin",
+        "names": ["egg"],
+    }  # fmt: skip
+    posed = {
+        "track": lambda t: (places[0][:1].repeat(len(t), 0), places[1][:1].repeat(len(t), 0)), "semi_axes_m": [[0.1, 0.1, 0.2]],
+        "times_s": TIMES_S, "material": "skin", "names": ["egg"],
+    }  # fmt: skip
+    whole = walk()
+    skeleton = {each.name: getattr(whole, each.name) for each in fields(whole)}
+    return [
+        Call("MovingMesh", MovingMesh, mesh, lambda m: (m.at(here), repr(m))),
+        Call("MovingMesh.from_track", MovingMesh.from_track, tracked, lambda m: (m.at(here), repr(m))),
+        Call("MovingMesh.at", ball().at, {"times_s": here}),
+        Call("MovingMesh.trimesh", ball().trimesh, {"time_s": 0.1}, lambda m: np.asarray(m.vertices)),
+        Call("Ellipsoids", Ellipsoids, ellipsoids, lambda e: (e.at(here), repr(e))),
+        Call("Ellipsoids.from_track", Ellipsoids.from_track, posed, lambda e: (e.at(here), repr(e))),
+        Call("Ellipsoids.at", egg().at, {"times_s": here}),
+        Call("Motion", t2d.Motion, skeleton, lambda m: (m.joints, m.times_s)),
+        Call("Motion.index", whole.index, {"name": "head"}),
+        Call(
+            "Material", Material,
+            {"name": "wax", "relative_permittivity": 2.0, "conductivity_s_per_m": 0.1, "scattering_coefficient": 0.2},
+            lambda m: abs(m.reflection(77e9)),
+        ),
+        Call("Material.permittivity", Material(name="wax").permittivity, {"frequency_hz": 77e9}, abs),
+        Call("Material.reflection", Material(name="wax").reflection, {"frequency_hz": 77e9}, abs),
+        Call("Echoes", t2d.Echoes, _echoes()),
+        Call(
+            "EchoStream", t2d.EchoStream,
+            {"times_s": np.arange(5) / 100, "frames": lambda a, b: EchoArrays(np.full((b - a, 1), 2e-8), np.ones((b - a, 1)))},
+            lambda s: s.gather(),
+        ),
+    ]  # fmt: skip
+
+
+def _movers(folder: Path) -> list[Call]:
+    place = {"position_m": (2, 0, 1)}
+    common = {"material": "wood", "heading_deg": 90.0}
+    room = {"name": "box", "size_m": (4, 3, 2.5), "corner_m": (0, 0), "walls": Slab(material="wood", thickness_m=0.1)}
+    return [
+        Call(
+            "TableFan",
+            t2d.TableFan,
+            {**place, **common, "blades": 3, "radius_m": 0.1, "rpm": 60, "swing_period_s": 3},
+            _meshed,
+        ),
+        Call(
+            "CeilingFan",
+            t2d.CeilingFan,
+            {**place, "material": "wood", "blades": 3, "radius_m": 0.1, "chord_m": 0.05},
+            _meshed,
+        ),
+        Call(
+            "Curtain",
+            t2d.Curtain,
+            {**place, **common, "width_m": 0.5, "height_m": 1, "fold_m": 0.2, "seed": 1},
+            _meshed,
+        ),
+        Call("Door", t2d.Door, {**place, **common, "width_m": 0.8, "angle_deg": 40, "period_s": 5}, _meshed),
+        Call("Pet", t2d.Pet, {**place, **common, "animal": "dog", "speed_mps": 0.7, "turn_radius_m": 2}, _meshed),
+        Call("Pet.mesh", t2d.Pet(**place).mesh, {"start_s": 0.0, "stop_s": 0.1}, lambda m: m.vertices),
+        Call("mover", t2d.mover, {"entry": "fan:2,1,1"}, _meshed),
+        Call("Room", t2d.Room, room, lambda r: r.scene().bounds_m),
+        Call("Slab", Slab, {"material": "wood", "thickness_m": 0.1}),
+        Call("Opening", Opening, {"name": "door", "wall": "+x", "width_m": 0.8, "height_m": 2}),
+        Call("Piece", Piece, {"kind": "chair", "x_m": 1, "y_m": 1, "name": "seat"}),
+    ]
+
+
+def _motions(folder: Path) -> list[Call]:
+    whole = walk()
+    given = {"joints": whole.joints, "rate_hz": 50.0, "names": whole.names, "placed": True, "report": "made"}
+    position = {"radar_position_m": (0, 0, 1), "boresight": (1, 0, 0)}
+    return [
+        Call("motion_from_joints", t2d.motion_from_joints, given),
+        Call("load_motion", t2d.load_motion, {"path": folder / "none.bvh", "units": "m", "floor": 0.0}),
+        Call("load_recording", t2d.load_recording, {"path": folder / "none.npy"}),
+        Call("describe", t2d.describe, {"motion": whole}),
+        Call("place", t2d.place, {"motion": whole, "distance_m": 3, "angle_deg": 0, **position}),
+        Call("repeat", t2d.repeat, {"motion": whole, "duration_s": 0.3, "travel": True, "blend_s": 0.1}),
+        Call("resample", t2d.resample, {"motion": whole, "rate_hz": 30.0}),
+        Call("smooth", t2d.smooth, {"motion": whole, "cutoff_hz": 10.0}),
+        Call("trim", t2d.trim, {"motion": whole, "start_s": 0.0, "stop_s": 0.2}),
+        Call("sample", motion.sample, {"motion": whole, "times_s": [0.1]}),
+        Call("track", motion.track, {"motion": whole}, lambda t: t([0.1])),
+        Call("skin", t2d.skin, {"motion": whole, "body": "adult", "material": "skin"}, lambda m: m.at([0.1])),
+        Call("segments", t2d.segments, {"motion": whole, "body": "adult", "material": "skin"}, lambda e: e.at([0.1])),
+        Call("body.template", body.template, {"name": "adult"}, lambda t: t.vertices),
+    ]
+
+
+def _signals(folder: Path) -> list[Call]:
+    one, four, power = cube(), cube(4), np.abs(cube()[:, 0]) ** 2
+    adc = {"adc": one, "radar": RADAR}
+    array = {"adc": four, "radar": TDM}
+    windows = {"range_window": "hann", "doppler_window": "hann"}
+    training = {"guard_cells": (0, 1), "training_cells": (0, 4)}
+    options = {
+        "range_gate_m": (1, 5), "mti": "highpass", "cutoff_mps": 0.5, "kernel": (1, -2, 1), "combine": "noncoherent",
+        "window": "hann", "n_window": 32, "overlap": 16, "n_fft": 32, "range_window": "hann",
+    }  # fmt: skip
+    return [
+        Call("spectrogram", signal.spectrogram, {**adc, **options}),
+        Call("spectrogram, canceller", signal.spectrogram, {**adc, **options, "mti": "canceller"}),
+        Call(
+            "stft", signal.stft, {"series": one, "prf_hz": 1e3, "window": "hann", "n_window": 16, "overlap": 8, "n_fft": 16},
+        ),
+        Call("range_doppler", signal.range_doppler, {**adc, **windows, "correct_coupling": True}),
+        Call("range_fft", signal.range_fft, {"adc": one, "window": "hann", "n_fft": 16, "bins": slice(4), "block": 8}),
+        Call("range_profile", signal.range_profile, {**adc, "window": "hann", "n_fft": 16}),
+        Call("gate", signal.gate, {"range_m": np.arange(9.0), "limits_m": (1, 5)}),
+        Call("taper", signal.taper, {"name": "hann", "length": 16, "periodic": True}),
+        Call(
+            "mti", signal.mti,
+            {"profile": one, "method": "highpass", "prf_hz": 1e3, "cutoff_hz": 50, "order": 4, "kernel": (1, -1)},
+        ),
+        Call("array_spectrum", signal.array_spectrum, {**array, **windows, "mti": "mean", "compensate_tdm": True}),
+        Call(
+            "range_angle", signal.range_angle,
+            {**array, "azimuth_rad": np.linspace(-1, 1, 5), "elevation_rad": 0.0, "range_gate_m": (1, 9), "speed_gate_mps": (-1, 1),
+             "far_field": False, "mti": "mean"},
+        ),
+        Call("unit_vectors", signal.unit_vectors, {"azimuth_rad": 0.1, "elevation_rad": 0.2}),
+        Call("steering_vectors", signal.steering_vectors, {"radar": TDM, "directions": np.eye(3), "range_m": 2.0}),
+        Call("cfar", signal.cfar, {"power": power, "false_alarm_rate": 1e-2, "looks": 1, "method": "os", **training,
+                                   "windows": ("hann", "hann")}),
+        Call("cfar_factor", signal.cfar_factor, {"false_alarm_rate": 1e-2, "cells": 8, "looks": 2, "method": "ca"}),
+        Call(
+            "point_cloud", signal.point_cloud,
+            {**array, **training, "frame_chirps": 32, "false_alarm_rate": 1e-2, "dynamic_range_db": 40, "method": "ca",
+             "mti": "mean"},
+        ),
+        Call("separate_ddm", signal.separate_ddm, {"adc": cube(2), "radar": DDM}),
+    ]  # fmt: skip
+
+
+def _pictures(folder: Path) -> list[Call]:
+    speed, time, levels = np.linspace(-2, 2, 8), np.linspace(0, 1, 6), np.linspace(-60, 0, 48).reshape(8, 6)
+    look = {"title": "a", "dynamic_range_db": 40, "cmap": "viridis"}
+    scene = t2d.Room(name="box", size_m=(4, 3, 2.5)).scene()
+    return [
+        Call("plot_spectrogram", plots.plot_spectrogram,
+             {"velocity_mps": speed, "time_s": time, "power_db": levels, "note": "n", **look}, _drawn),
+        Call("plot_range_time", plots.plot_range_time, {"range_m": speed, "time_s": time, "power_db": levels, **look}, _drawn),
+        Call("plot_range_doppler", plots.plot_range_doppler,
+             {"range_m": time, "velocity_mps": speed, "power_db": levels, **look}, _drawn),
+        Call("plot_range_angle", plots.plot_range_angle,
+             {"range_m": speed, "azimuth_rad": time, "power_db": levels, **look}, _drawn),
+        Call("plot_point_cloud", plots.plot_point_cloud,
+             {"xyz_m": np.eye(3), "speed_mps": np.arange(3.0), "title": "a", "cmap": "coolwarm"}, _drawn),
+        Call("plot_comparison", plots.plot_comparison,
+             {"velocity_mps": speed, "time_s": time, "first_db": levels, "second_db": levels, "labels": ("a", "b"),
+              "difference_db": 10, **look}, _drawn),
+        Call("plot_scene", plots.plot_scene,
+             {"scene": scene, "radar_m": np.zeros(3), "ways_m": [("a", np.eye(3))], "track_m": np.eye(3), "title": "a"}, _drawn),
+    ]  # fmt: skip
+
+
+def _results(folder: Path) -> list[Call]:
+    recorded = result()
+    processing = {"range_gate_m": (1, 5), "n_window": 32, "overlap": 16, "n_fft": 64, "mti": "mean", "kernel": (1, -1)}
+    small = {"radar": RADAR, "method": "ellipsoid"}
+    simulated = {
+        **small, "target": egg(), "scene": "free_space", "reflections": 1, "transmissions": 0, "dynamic_range_db": 60,
+        "clutter": "none", "collisions": "warn", "seed": 0, "body": "adult", "material": "skin", "occlusion": False,
+        "occlusion_rate_hz": 25, "surface_rate_hz": 50, "sagitta_rad": 0.3, "phase_from": "specular", "measure_error": False,
+        "device": "cpu", "progress": lambda share: None, "tolerance_db": None,
+    }  # fmt: skip
+    return [
+        Call("Simulation", t2d.Simulation, {"cube": cube(), "radar": RADAR}, lambda r: r.spectrogram),
+        Call("Simulation.processed", recorded.processed, processing, lambda r: r.spectrogram),
+        Call("Simulation.plot", recorded.plot, {"title": "a"}, _drawn),
+        Call("Simulation.save", recorded.save, {"path": folder / "made.zarr", "overwrite": True}),
+        Call("Simulation.load", t2d.Simulation.load, {"path": folder / "none.zarr"}),
+        Call("compare", compare.compare, {"first": recorded, "second": recorded}, lambda c: c.mean_difference_db),
+        Call("compare.figures", compare.figures, {"result": recorded}),
+        Call("compare.ridge", compare.ridge, {"power_db": np.zeros((3, 4)), "speeds_mps": np.arange(3.0)}),
+        Call("compare.envelope", compare.envelope, {"power_db": np.zeros((3, 4)), "speeds_mps": np.arange(3.0)}),
+        Call("simulate", t2d.simulate, simulated, lambda r: r.cube),
+        Call(
+            "synthesize", t2d.synthesize,
+            {"echoes": t2d.Echoes(**_echoes()), "radar": RADAR, "tolerance_db": -50, "device": "cpu", "read_frames": 8,
+             "progress": lambda share: None},
+        ),
+        Call("plan", t2d.plan, {"target": egg(), "tolerance_db": "x"}, str),
+    ]  # fmt: skip
+
+
+def faults(folder: Path) -> Iterator[str]:
+    """Every call that ends neither in a valid result nor in one sentence."""
+    for call in calls(folder):
+        yield from faults_of(call)
+
+
+def faults_of(call: Call) -> Iterator[str]:
+    """Those of one function, each of its arguments replaced by each wrong value."""
+    for argument, right in call.arguments.items():
+        for name, value in WRONG.items():
+            if callable(right) and callable(value):
+                continue  # what a function of the user's raises is the user's to see
+            fault = call.outcome(argument, value)
+            if fault is not None:
+                yield f"{call.name}({argument}={name}): {fault}"
+
+
+def main() -> int:
+    """Prints what the sweep finds; the number of faults."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = list(faults(Path(folder)))
+    print("\n".join(found) or "no faults")
+    return len(found)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
