@@ -324,18 +324,18 @@ def _pictures(folder: Path) -> list[Call]:
     return [
         Call("plot_spectrogram", plots.plot_spectrogram,
              {"velocity_mps": speed, "time_s": time, "power_db": levels, "note": "n", **look}, _drawn),
-        Call("plot_range_time", plots.plot_range_time, {"range_m": speed, "time_s": time, "power_db": levels, **look}, _drawn),
+        Call("plot_range_time", plots.plot_range_time, {"range_m": speed, "time_s": time, "power_db": levels}, _drawn),
         Call("plot_range_doppler", plots.plot_range_doppler,
-             {"range_m": time, "velocity_mps": speed, "power_db": levels, **look}, _drawn),
+             {"range_m": time, "velocity_mps": speed, "power_db": levels}, _drawn),
         Call("plot_range_angle", plots.plot_range_angle,
-             {"range_m": speed, "azimuth_rad": time, "power_db": levels, **look}, _drawn),
+             {"range_m": speed, "azimuth_rad": time, "power_db": levels}, _drawn),
         Call("plot_point_cloud", plots.plot_point_cloud,
-             {"xyz_m": np.eye(3), "speed_mps": np.arange(3.0), "title": "a", "cmap": "coolwarm"}, _drawn),
+             {"xyz_m": np.eye(3), "speed_mps": np.arange(3.0), "cmap": "coolwarm"}, _drawn),
         Call("plot_comparison", plots.plot_comparison,
              {"velocity_mps": speed, "time_s": time, "first_db": levels, "second_db": levels, "labels": ("a", "b"),
-              "difference_db": 10, **look}, _drawn),
+              "difference_db": 10}, _drawn),
         Call("plot_scene", plots.plot_scene,
-             {"scene": scene, "radar_m": np.zeros(3), "ways_m": [("a", np.eye(3))], "track_m": np.eye(3), "title": "a"}, _drawn),
+             {"scene": scene, "radar_m": np.zeros(3), "ways_m": [("a", np.eye(3))], "track_m": np.eye(3)}, _drawn),
     ]  # fmt: skip
 
 
