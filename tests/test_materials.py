@@ -62,9 +62,9 @@ def test_unknown_body_material_lists_the_names() -> None:
 
 @pytest.mark.parametrize("frequency_hz", [0.0, -1.0, math.nan, math.inf])
 def test_frequency_must_be_positive(frequency_hz: float) -> None:
-    with pytest.raises(InputError, match="frequency_hz must be positive"):
+    with pytest.raises(InputError, match="frequency_hz must"):
         skin_permittivity(frequency_hz)
-    with pytest.raises(InputError, match="frequency_hz must be positive"):
+    with pytest.raises(InputError, match="frequency_hz must"):
         itu_material("glass", frequency_hz)
 
 
