@@ -77,8 +77,8 @@ class Ellipsoids:
             raise InputError(f"semi_axes_m must have shape (ellipsoid, 3) with at least one, got {semi_axes_m.shape}")
         if not semi_axes_m.min() >= LEAST_SEMI_AXIS_M:
             raise InputError(
-                f"semi_axes_m must be positive and finite, {LEAST_SEMI_AXIS_M:g} m at least, got {semi_axes_m.min():.4g} m as the "
-                "least"
+                f"semi_axes_m must be positive and finite, got {semi_axes_m.min():.4g} m as the least; give metres, "
+                f"{LEAST_SEMI_AXIS_M:g} or more"
             )
         names = tuple(f"ellipsoid{i}" for i in range(len(semi_axes_m))) if names is None else names
         if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
