@@ -172,7 +172,7 @@ def test_a_tolerance_out_of_reach_is_told(walk: Motion) -> None:
 
 @pytest.mark.parametrize("wrong", [-60, 20, "-20", math.nan])
 def test_a_tolerance_that_makes_no_sense_is_refused(walk: Motion, wrong: object) -> None:
-    with pytest.raises(InputError, match="tolerance_db must lie in"):
+    with pytest.raises(InputError, match=r"tolerance_db must (lie in|be a number)"):
         t2d.simulate(walk, tolerance_db=wrong)  # type: ignore[arg-type]
 
 
