@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +16,8 @@ import numpy as np
 from t2d_rt.errors import InputError
 
 LARGE_BYTES = 512 * 2**20
-"""Cubes beyond it go to disk."""
+"""Cubes beyond it go to disk, and those beyond `LARGE_SHARE` of what a run may take."""
+LARGE_SHARE = 1 / 8
 BLOCK_BYTES = 8 * 2**20
 """What is read or written at once."""
 NAME, DIMENSIONS = "adc", ("chirp", "antenna", "sample")
@@ -130,18 +132,52 @@ class CubeWriter:
             self._writing.result()
 
 
+class CubeAdder:
+    """Adds to a cube from its first row on, as `CubeWriter` fills one.
+
+    >>> cube = np.ones((3, 1, 2), np.complex64)
+    >>> with CubeAdder(cube) as adder:
+    ...     adder.room(2)[:] = 1
+    ...     adder.room(1)[:] = 2
+    >>> cube[:, 0, 0].real.tolist()
+    [2.0, 2.0, 3.0]
+    """
+
+    def __init__(self, cube: Cube) -> None:
+        self._cube, self._row = cube, 0
+        self._held = np.zeros((0, *cube.shape[1:]), DiskCube.dtype)
+
+    def __enter__(self) -> CubeAdder:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self._add()
+
+    def room(self, rows: int) -> np.ndarray:
+        """What is added to the next rows, to be filled before the next call; what it holds before is anything."""
+        self._add()
+        self._held = np.empty((rows, *self._cube.shape[1:]), DiskCube.dtype)
+        return self._held
+
+    def _add(self) -> None:
+        place = slice(self._row, self._row + len(self._held))
+        self._cube[place] = np.asarray(self._cube[place]) + self._held
+        self._row = place.stop
+
+
 Cube = np.ndarray | DiskCube
 """(chirp, antenna, sample) complex [sqrt(W)]."""
 
 
-def is_large(shape: tuple[int, ...]) -> bool:
-    """Whether a complex64 cube of that shape goes to disk."""
-    return int(np.prod(shape)) * DiskCube.dtype.itemsize > LARGE_BYTES
+def is_large(shape: tuple[int, ...], limit_bytes: float = math.inf) -> bool:
+    """Whether a complex64 cube of that shape goes to disk, in a run that may take `limit_bytes` of memory."""
+    return math.prod(shape) * DiskCube.dtype.itemsize > min(LARGE_BYTES, LARGE_SHARE * limit_bytes)
 
 
-def new_cube(shape: tuple[int, ...]) -> Cube:
+def new_cube(shape: tuple[int, ...], limit_bytes: float = math.inf) -> Cube:
     """Zeros complex64, on disk where they are large."""
-    return DiskCube.scratch(shape) if is_large(shape) else np.zeros(shape, np.complex64)
+    return DiskCube.scratch(shape) if is_large(shape, limit_bytes) else np.zeros(shape, np.complex64)
 
 
 def new_array(folder: Path, shape: tuple[int, ...]) -> Any:
@@ -165,16 +201,6 @@ def row_blocks(cube: Cube) -> Iterator[tuple[slice, np.ndarray]]:
     for start in range(0, len(cube), _rows(cube.shape)):
         part = slice(start, min(start + _rows(cube.shape), len(cube)))
         yield part, np.asarray(cube[part])
-
-
-def summed(cubes: Iterable[Cube]) -> Cube:
-    """The sum of cubes of one shape, in place of the first of them."""
-    cubes = iter(cubes)
-    total = next(cubes)
-    for cube in cubes:
-        for rows, part in row_blocks(cube):
-            total[rows] = total[rows] + part
-    return total
 
 
 def _rows(shape: tuple[int, ...]) -> int:

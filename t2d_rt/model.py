@@ -15,11 +15,12 @@ from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.echo.legs import Ranked
-from t2d_rt.echo.mesh import POINTS_PER_MESH, Sagitta, facets, mesh_echoes
+from t2d_rt.echo.mesh import POINTS_PER_MESH, REFINING_BYTES, Sagitta, facets, mesh_echoes
 from t2d_rt.echo.patches import SWEEP_TURNS, TURNS_PER_STEP
 from t2d_rt.echo.rate import TOLERANCE_DB as SPLINES_DB
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.errors import InputError
+from t2d_rt.memory import Budget, blocks
 from t2d_rt.motion import place, track
 from t2d_rt.room import ChosenPairs, Clutter, Looks, Shape, clutter_streams, coarse_views
 from t2d_rt.scene import Mover
@@ -110,6 +111,7 @@ class Model:
     sagitta_rad: float | None
     seed: int
     backend: Backend
+    memory: Budget
     needed_hz: dict[tuple[int, float], float] = field(default_factory=dict)
     """Surface rates that were asked for, by the shape's number and `Detail.splines_db`."""
 
@@ -137,7 +139,14 @@ class Model:
 
     def facets(self, shape: MovingMesh, coarser: float) -> MovingMesh:
         """The facets that stand for a shape in free space."""
-        return facets(shape, self.radar, self._sagitta_rad(shape, coarser), span_s=self.span_s)
+        return facets(
+            shape, self.radar, self._sagitta_rad(shape, coarser), span_s=self.span_s, max_facets=self.max_facets
+        )
+
+    @property
+    def max_facets(self) -> int:
+        """Of one mesh, in the memory that may be taken."""
+        return int(self.memory.limit_bytes / REFINING_BYTES)
 
     def _sagitta_rad(self, shape: MovingMesh, coarser: float) -> Sagitta:
         return np.multiply(coarser, shape.sagitta_rad if self.sagitta_rad is None else self.sagitta_rad)
@@ -229,7 +238,7 @@ class Model:
             return
         # At moments frames lie far apart, and phases from one to the next mean nothing.
         turns = math.inf if at_moments else TURNS_PER_STEP
-        fine: dict[str, Any] = {"seed": self.seed, "backend": self.backend, **common}
+        fine: dict[str, Any] = {"seed": self.seed, "backend": self.backend, "max_facets": self.max_facets, **common}
         bar = self._sagitta_rad(shape, detail.coarser)
         strong = 1 if ways is None else ways.strong
         yield mesh_echoes(shape, radar, sagitta_rad=bar, views=close[:strong], turns_per_step=turns, **fine)
@@ -268,11 +277,15 @@ def farthest_and_fastest(shape: Shape, radar: Radar, span_s: tuple[float, float]
     """Greatest range [m] and speed towards or from the antennas [m/s] of any point of a shape."""
     start, stop = span_s
     step = min(1e-3, (stop - start) / 10)
-    times = np.linspace(start, stop - step, SPEED_LOOKS)
-    points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
     places = (radar.tx_position_m, radar.rx_position_m)
-    ranges = [np.mean([np.linalg.norm(p - place, axis=2) for place in places], axis=0) for p in points]
-    return float(ranges[0].max()), float(np.abs(ranges[1] - ranges[0]).max() / step)
+    farthest, fastest = 0.0, 0.0
+    count = len(shape.rest if isinstance(shape, MovingMesh) else shape.semi_axes_m)
+    for times in blocks(np.linspace(start, stop - step, SPEED_LOOKS), count):
+        points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
+        ranges = [np.mean([np.linalg.norm(p - place, axis=2) for place in places], axis=0) for p in points]
+        farthest = max(farthest, float(ranges[0].max()))
+        fastest = max(fastest, float(np.abs(ranges[1] - ranges[0]).max() / step))
+    return farthest, fastest
 
 
 def _coarser(sagitta_rad: Sagitta, turns: float, detail: Detail, times: int = 1) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -15,10 +14,12 @@ import numpy as np
 
 from t2d_rt.backend import Device, select
 from t2d_rt.checks import call, choice, file_path, flag, integer, number, shown, text
-from t2d_rt.cubes import Cube, is_large, summed
+from t2d_rt.cost import check_memory
+from t2d_rt.cubes import Cube
 from t2d_rt.echo.ellipsoid import PhaseFrom
-from t2d_rt.echo.mesh import check_outside, joined
+from t2d_rt.echo.mesh import REFINING_BYTES, batches, check_outside
 from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.memory import LIMIT_GB, Budget, release
 from t2d_rt.model import (
     SWIFT,
     Detail,
@@ -50,7 +51,7 @@ __all__ = ["plan", "segments", "simulate", "skin"]
 
 PREPARING = (
     "radar", "scene", "reflections", "transmissions", "clutter", "collisions", "method", "seed", "body", "material",
-    "sagitta_rad", "phase_from", "device",
+    "sagitta_rad", "phase_from", "device", "memory_gb",
 )  # fmt: skip
 DETAILS = "dynamic_range_db", "occlusion", "occlusion_rate_hz", "surface_rate_hz"
 """Options of `simulate` that say what there is, and how finely it is modelled."""
@@ -84,6 +85,7 @@ def simulate(
     phase_from: PhaseFrom = "specular",
     measure_error: bool | None = None,
     device: Device = "auto",
+    memory_gb: float = LIMIT_GB,
     progress: Progress | None = None,
 ) -> Simulation:
     """Radar recording of a motion, a moving mesh, ellipsoids, or a list of them with movers (fans, pets) among them.
@@ -117,6 +119,8 @@ def simulate(
     measure_error: whether a few random chirps are made again at far finer settings, and the error that this shows is kept in
         `Simulation.error_db`; by default where a tolerance is given.
     device: "auto" takes a CUDA device where there is one.
+    memory_gb: what the run may take [GB]. Work is done in blocks to stay below it, which does not change the result; what needs
+        more is refused before it begins.
     progress: called with the share done, 0..1.
     """
     asked = _asked(dynamic_range_db, occlusion, occlusion_rate_hz, surface_rate_hz)
@@ -128,14 +132,18 @@ def simulate(
         check_tolerance(tolerance_db)
     model = _prepared(
         target, radar, scene, reflections, transmissions, clutter, collisions, method, seed, body, material, sagitta_rad,
-        phase_from, device,
+        phase_from, device, memory_gb,
     )  # fmt: skip
     chosen = None if tolerance_db is None else planned(model, tolerance_db, asked)
     detail = Detail(**asked) if chosen is None else chosen.detail
     if chosen is not None:
         model = chosen.model
     still, static = model.clutter(clutter, detail, shadowed=occlusion)
-    cube = _synthesized([*model.streams(detail), *still], model.radar, _sum_db(detail, still), device, progress)
+    measure = chosen is not None if measure_error is None else measure_error
+    streams = [*model.streams(detail), *still]
+    check_memory(model, streams, measured=measure)
+    cube = _synthesized(streams, model.radar, _sum_db(detail, still), device, model.memory, progress)
+    del streams
     settings = _settings(model, detail)
     if model.around is not None:
         settings |= {
@@ -143,7 +151,7 @@ def simulate(
         }  # fmt: skip
     if chosen is not None:
         settings["tolerance_db"] = float(chosen.tolerance_db)
-    if measure_error or (measure_error is None and chosen is not None):
+    if measure:
         error_db, hidden = (-20.0, True) if chosen is None else (chosen.error_db, chosen.hidden)
         settings["error_db"] = measured = measured_db(model, detail, cube, still, error_db=error_db, hidden=hidden)
         if chosen is not None and measured > chosen.tolerance_db + 1:
@@ -153,6 +161,7 @@ def simulate(
                 T2DWarning,
                 stacklevel=2,
             )
+    release()
     return Simulation(cube, model.radar, settings=settings, versions=versions())
 
 
@@ -172,6 +181,10 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
         planned(model, tolerance_db, asked)  # compiles kernels
     chosen, planning = _timed(lambda: planned(model, tolerance_db, asked))
     chosen.model.paces(chosen.detail), chosen.model.swift(chosen.detail)  # of the whole record, before pieces are tried
+    still, _ = chosen.model.clutter(given["clutter"], chosen.detail, shadowed=given["occlusion"])
+    streams = [*chosen.model.streams(chosen.detail), *still]
+    memory = check_memory(chosen.model, streams, measured=given["measure_error"] is not False)
+    del streams, still
     clutter = given["clutter"], given["occlusion"]
     tried = [_tried(chosen, length, *clutter, given["device"]) for length in (PILOT_S[1], *PILOT_S)]
     (short, first), (long, second) = tried[1:]
@@ -181,7 +194,8 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
     for _ in range(2):  # the first one compiles
         _, measuring = _timed(lambda: converged(chosen.model, chosen.detail, chosen.error_db, hidden=chosen.hidden))
     seconds = {"preparing": preparing, "planning": planning, "running": running, "measuring": measuring}
-    return replace(chosen, seconds=seconds, memory_bytes=_memory_bytes(model.radar, length))
+    release()
+    return replace(chosen, seconds=seconds, memory_bytes=memory)
 
 
 def _tried(chosen: Plan, length_s: float, clutter: Clutter, shadowed: bool, device: Device) -> tuple[float, float]:
@@ -193,7 +207,8 @@ def _tried(chosen: Plan, length_s: float, clutter: Clutter, shadowed: bool, devi
 
     def run() -> None:
         still, _ = model.clutter(clutter, detail, shadowed=shadowed)
-        cube = _synthesized([*model.streams(detail), *still], model.radar, _sum_db(detail, still), device, None)
+        streams = [*model.streams(detail), *still]
+        cube = _synthesized(streams, model.radar, _sum_db(detail, still), device, model.memory, None)
         Simulation(cube, model.radar).spectrogram  # noqa: B018
 
     return length_s, _timed(run)[1]
@@ -210,20 +225,14 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
     return work(), time.perf_counter() - begin
 
 
-def _memory_bytes(radar: Radar, length_s: float) -> float:
-    """Greatest memory to be expected: what the process has held so far, and the cube."""
-    from resource import RUSAGE_SELF, getrusage
-
-    shape = (len(radar.chirp_times_s(length_s)), radar.antennas, radar.samples)
-    return getrusage(RUSAGE_SELF).ru_maxrss * 1024.0 + (0.0 if is_large(shape) else 8.0 * math.prod(shape))
-
-
 def _prepared(
     target: Target | Sequence[Target], radar: Radar | None, scene: str | Path | Scene | Room, reflections: int,
     transmissions: int, clutter: Clutter, collisions: Collisions, method: Method, seed: int, body: str,
     material: str | Material | None, sagitta_rad: float | None, phase_from: PhaseFrom, device: Device,
+    memory_gb: float,
 ) -> Model:  # fmt: skip
     """The targets in their places, and the ways to them."""
+    memory = Budget.of(memory_gb)
     radar = Radar.preset("table2") if radar is None else radar
     targets = [target] if isinstance(target, Target) else target
     _check(targets, radar, method, phase_from, sagitta_rad, seed)
@@ -241,6 +250,9 @@ def _prepared(
         outside = transmissions > 0
         span_s = checked_time(collisions, around, moving, names, radar, span_s, outside=outside, backend=backend)
     for shape in shapes:
+        if isinstance(shape, MovingMesh):
+            size = len(shape.faces)
+            memory.check(REFINING_BYTES * size, f"{shape.name} of {size} faces", "give it in fewer triangles")
         _check_shape(shape, radar, span_s)
     ranked = []
     if around is not None:
@@ -249,7 +261,7 @@ def _prepared(
         )
     return Model(
         radar, targets, shapes, span_s, around, ranked, method=method, material=material, body=body,
-        phase_from=phase_from, sagitta_rad=sagitta_rad, seed=int(seed), backend=backend,
+        phase_from=phase_from, sagitta_rad=sagitta_rad, seed=int(seed), backend=backend, memory=memory,
     )  # fmt: skip
 
 
@@ -308,21 +320,26 @@ def _around(scene: Any) -> Scene | None:
 
 
 def _synthesized(
-    streams: Sequence[EchoStream], radar: Radar, tolerance_db: float, device: Device, progress: Progress | None
+    streams: Sequence[EchoStream],
+    radar: Radar,
+    tolerance_db: float,
+    device: Device,
+    memory: Budget,
+    progress: Progress | None,
 ) -> Cube:
-    """The sum of streams, those of one pace together."""
-    groups: dict[int, list[EchoStream]] = {}
-    for stream in streams:
-        groups.setdefault(len(stream.times_s), []).append(stream)
+    """The sum of streams, those of one pace together as far as memory allows."""
+    found = batches(streams, radar)
 
     def part(number: int) -> Progress | None:
-        return None if progress is None else lambda share: progress((number + share) / len(groups))
+        return None if progress is None else lambda share: progress((number + share) / len(found))
 
-    found = enumerate(groups.values())
-    return summed(
-        synthesize(joined(group), radar, tolerance_db=tolerance_db, device=device, progress=part(n))
-        for n, group in found
-    )
+    cube = None
+    for done, batch in enumerate(found):
+        cube = synthesize(
+            batch, radar, tolerance_db=tolerance_db, device=device, onto=cube, memory=memory, progress=part(done)
+        )  # fmt: skip
+    assert cube is not None, "a simulation has at least one target"
+    return cube
 
 
 def _check_shape(shape: Shape, radar: Radar, span_s: tuple[float, float]) -> None:

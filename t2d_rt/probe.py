@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.cubes import Cube
+from t2d_rt.echo.mesh import batches
 from t2d_rt.model import Detail, Model, with_method
 from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.trace.visibility import key_times
@@ -16,8 +17,10 @@ from t2d_rt.types import EchoStream, Motion, Radar
 
 CHIRPS, SAMPLES = 48, 8
 """So many chirps are looked at, at so many places of the sweep."""
-CHIRPS_AT_ONCE = 16
-"""For -20 dB in a room all 48 at once take 7.8 GB, these 4.8."""
+CHIRPS_AT_ONCE, FIELD_BYTES = 16, 300e6
+"""Chirps are worked on so many at once, or as many as take that much memory."""
+ECHO_BYTES, VERTEX_BYTES = 60, 100
+"""What an echo and a facet's vertex take at each moment, about."""
 FINER = 0.5
 """Phase sagitta of the facets that a run is measured against, over its own: they err by a sixth of its power."""
 HALVED = 1
@@ -69,12 +72,15 @@ def field(model: Model, detail: Detail, chirps: Chirps, *, looks_hz: float | Non
         after = np.clip(np.searchsorted(every, chirps.starts_s, side="right"), 1, len(every) - 1)
         keys = every[np.unique([after - 1, after])]
     total = np.zeros((len(chirps.rows), len(chirps.samples)), complex)
-    for stream in model.streams(detail, chirps.moments_s(radar), keys):
-        for first in range(0, len(total), CHIRPS_AT_ONCE):
-            some = slice(first, first + CHIRPS_AT_ONCE)
+    for part in batches(model.streams(detail, chirps.moments_s(radar), keys), radar):
+        of_one = 2 * (ECHO_BYTES * part.echoes + VERTEX_BYTES * part.vertices)
+        at_once = int(np.clip(FIELD_BYTES / max(1, of_one), 1, CHIRPS_AT_ONCE))
+        for first in range(0, len(total), at_once):
+            some = slice(first, first + at_once)
             rows, antennas = chirps.rows[some], chirps.antennas[some]
-            ends = stream.frames(2 * first, 2 * (first + len(rows)))
+            ends = part.frames(2 * first, 2 * (first + len(rows)))
             total[some] += chirp_samples(ends, radar, rows, antennas, chirps.samples)
+            model.memory.release()
     return total
 
 

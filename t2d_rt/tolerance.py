@@ -78,7 +78,7 @@ class Plan:
     seconds: Mapping[str, float] = field(default_factory=dict)
     """What the parts of `simulate` and the spectrogram will take, as far as it was tried."""
     memory_bytes: float = math.nan
-    """Greatest memory of the process, likewise."""
+    """Greatest memory of the process beyond what it held before, likewise."""
 
     @property
     def hidden(self) -> bool:

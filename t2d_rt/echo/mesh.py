@@ -31,6 +31,7 @@ from t2d_rt.echo.patches import (
 )
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Halved, Refinement, point_spacing, refinements, surface_points, winding
+from t2d_rt.memory import blocks
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
@@ -45,8 +46,14 @@ PROBE_EVERY = 6
 """Frames between looks at which faces face the antennas."""
 BEND_RAD = 0.2
 """By how much more than at rest facets may be tilted against the face they lie in, where a joint bends."""
-KEPT_FACETS = 2_000_000
-"""Refinements are kept, the last used ones, for as many facets."""
+KEPT_FACETS = 800_000
+"""Refinements are kept, the last used ones, for as many facets: some 300 bytes each."""
+REFINING_BYTES = 1_700
+"""What a facet takes while it is made [M: 110 000 to 1 000 000 facets of a body]."""
+MOST_FACETS = 1_000_000
+"""Of one mesh, unless a run may take more memory."""
+MOST_ECHOES = 150_000
+"""So many are summed together, in a window of frames they take some 1 GB; more are summed in several parts."""
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many moments fit the cache."""
 _kept: OrderedDict[tuple[object, ...], list[Refinement]] = OrderedDict()
@@ -69,31 +76,42 @@ def mesh_echoes(
     turns_per_step: float = TURNS_PER_STEP,
     points: int = POINTS_PER_MESH,
     sweep_turns: float = SWEEP_TURNS,
+    max_facets: int = MOST_FACETS,
 ) -> EchoStream:
     """Echoes of `surface` at surface frames `times_s`: one of each patch and of each diffuse point, in each of `views`.
 
     `sagitta_rad` sets the facets' size (physics.md, eq. 5), `turns_per_step` and `sweep_turns` that of patches, `points` how many
-    diffuse ones there are at least.
+    diffuse ones there are at least; more than `max_facets` facets are refused.
     """
     pairs = [Pair.of(radar, view.legs) for view in views]
     ends = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]
     halved = {view.halved for view in views}
     model = _Model.of(
-        surface, radar, ends, times_s, material, sagitta_rad, seed, turns_per_step, sweep_turns, points, halved
+        surface,
+        radar,
+        ends,
+        times_s,
+        material,
+        sagitta_rad,
+        seed,
+        turns_per_step,
+        sweep_turns,
+        points,
+        halved,
+        max_facets,
     )
     looks = list(model.looks(surface, times_s, pairs, views))
-    echoes = sum(len(look.echoes) for look in looks)
     anchors = None
     if any(view.legs is not None for view in views):
         rest = surface.rest[None]
         places = model.places(rest, _carried(model.centre, rest))[0]
         anchors = Anchors.of(anchor_vertices(surface.rest), surface.rest, places, backend)
 
-    def frames(start: int, stop: int) -> EchoArrays:
+    def frames(looks: Sequence[_Look], start: int, stop: int) -> EchoArrays:
         times = times_s[start:stop]
         cage = surface.at(times)
         posed = _Posed.of(model, cage, backend)
-        block = Block(len(times), echoes, backend)
+        block = Block(len(times), _total(looks), backend)
         arrivals = None if anchors is None else Arrivals(radar, cage[:, anchors.vertices])
         for look in looks:
             view, weights = look.view, None
@@ -109,15 +127,29 @@ def mesh_echoes(
         places = model.places(cage, posed.centre)
         return side_by_side([look.with_ends(radar, found, places) for look in looks])
 
-    return EchoStream(times_s=times_s, frames=frames, vertices=model.operator.shape[0])
+    return in_parts(
+        [
+            EchoStream(
+                times_s=times_s, frames=partial(frames, part), vertices=model.operator.shape[0], echoes=_total(part)
+            )
+            for part in _parts(looks, most_echoes(radar))
+        ]
+    )
 
 
-def facets(surface: MovingMesh, radar: Radar, sagitta_rad: Sagitta, *, span_s: tuple[float, float]) -> MovingMesh:
+def facets(
+    surface: MovingMesh,
+    radar: Radar,
+    sagitta_rad: Sagitta,
+    *,
+    span_s: tuple[float, float],
+    max_facets: int = MOST_FACETS,
+) -> MovingMesh:
     """The facets that `mesh_echoes` would sum in free space, as a mesh of their own."""
     places = radar.tx_position_m, radar.rx_position_m
     wavenumber = 2 * math.pi / radar.wavelength_m
     range_m = least_range_m(surface, [places], np.array(span_s))
-    fine, _ = _refinements(surface, wavenumber, range_m, [sagitta_rad, POINT_SAGITTA_RAD])
+    fine, _ = _refinements(surface, wavenumber, range_m, [sagitta_rad, POINT_SAGITTA_RAD], max_facets)
     return MovingMesh.from_track(
         lambda times_s: _carried(fine.operator, surface.at(times_s)).swapaxes(0, 1),
         fine.faces, surface.times_s, surface.material, rest=fine.operator @ surface.rest, name=surface.name,
@@ -132,7 +164,45 @@ def joined(streams: list[EchoStream]) -> EchoStream:
         times_s=streams[0].times_s,
         frames=lambda start, stop: side_by_side([stream.frames(start, stop) for stream in streams]),
         vertices=max(stream.vertices for stream in streams),
+        echoes=sum(stream.echoes for stream in streams),
     )
+
+
+def in_parts(streams: list[EchoStream]) -> EchoStream:
+    """The same, which can be had part by part."""
+    return streams[0] if len(streams) == 1 else replace(joined(streams), parts=tuple(streams))
+
+
+def batches(streams: Sequence[EchoStream], radar: Radar) -> list[EchoStream]:
+    """Streams, or their parts, of the same frame times joined in order into as few as have at most `most_echoes` each."""
+    found: dict[int, list[list[EchoStream]]] = {}
+    for stream in streams:
+        mine = found.setdefault(len(stream.times_s), [])
+        for part in stream.parts or (stream,):
+            if not mine or sum(each.echoes for each in mine[-1]) + part.echoes > most_echoes(radar):
+                mine.append([])
+            mine[-1].append(part)
+    return [joined(some) for mine in found.values() for some in mine]
+
+
+def most_echoes(radar: Radar) -> int:
+    """How many echoes are summed together; an array's hold their places, too."""
+    return MOST_ECHOES // 2 if radar.is_array else MOST_ECHOES
+
+
+def _total(looks: Sequence[_Look]) -> int:
+    return sum(len(look.echoes) for look in looks)
+
+
+def _parts(looks: Sequence[_Look], most: int) -> Iterator[list[_Look]]:
+    """Looks in parts of at most that many echoes, each part's columns counted from 0; a larger look is cut."""
+    part: list[_Look] = []
+    for look in (piece for each in looks for piece in each.cut(most)):
+        if part and _total(part) + len(look.echoes) > most:
+            yield part
+            part = []
+        part.append(replace(look, first=_total(part)))
+    yield part
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,12 +238,15 @@ class _Model:
         sweep_turns: float,
         point_count: int,
         halved: set[int],
+        max_facets: int,
     ) -> _Model:
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
         sagittas = [sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [sagitta_rad]
         wavenumber = 2 * math.pi / radar.wavelength_m
-        fine, *carriers = _refinements(surface, wavenumber, least_range_m(surface, seen_from, times_s), sagittas)
+        fine, *carriers = _refinements(
+            surface, wavenumber, least_range_m(surface, seen_from, times_s), sagittas, max_facets
+        )
         parts = patches(
             surface, fine, radar, times_s, seen_from=seen_from, turns_per_step=turns_per_step, sweep_turns=sweep_turns
         )
@@ -253,7 +326,7 @@ class _Model:
                 vertices, posed.centres, posed.origin, parts, patches[lit], pair, self.reflection, weights, block,
                 columns[lit], backend,
             )  # fmt: skip
-        if self.points is not None:
+        if self.points is not None and len(look.echoes) > look.patches:
             fraction = self.points.fraction(seen, lookout, looked, posed.cage)
             self.points.put(
                 block, posed.carrier, fraction, pair, weights, len(self.patches), columns[len(patches) :], backend
@@ -326,6 +399,16 @@ class _Look:
     first: int
     """Column of the first one."""
 
+    def cut(self, most: int) -> list[_Look]:
+        """The same in pieces of at most that many echoes; the diffuse points stay together."""
+        if len(self.echoes) <= most:
+            return [self]
+        patches, points = np.split(self.echoes, [self.patches])
+        pieces = [
+            replace(self, echoes=some, patches=len(some)) for some in np.split(patches, range(most, len(patches), most))
+        ]
+        return [*pieces, replace(self, echoes=points, patches=0)] if len(points) else pieces
+
     def with_ends(self, radar: Radar, found: EchoArrays, places: np.ndarray) -> EchoArrays:
         """The look's own of all echoes found, as arrays and patterns see them from their `places` (T, all of the model's, 3)."""
         columns = slice(self.first, self.first + len(self.echoes))
@@ -396,7 +479,7 @@ class _Posed:
 
 
 def _refinements(
-    surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Sagitta]
+    surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Sagitta], max_facets: int
 ) -> list[Refinement]:
     """`refinements` of a mesh, kept for the next recording of the same body."""
     shape = [surface.rest, surface.faces, *(np.asarray(sagitta, float) for sagitta in sagittas_rad)]
@@ -409,6 +492,7 @@ def _refinements(
             range_m=range_m,
             sagittas_rad=sagittas_rad,
             crease_deg=surface.crease_deg,
+            max_faces=max_facets,
         )
         while len(_kept) > 1 and sum(len(each.faces) for found in _kept.values() for each in found) > KEPT_FACETS:
             _kept.popitem(last=False)
@@ -502,7 +586,11 @@ def _on_device(values: np.ndarray, kind: Any) -> Any:
 
 def check_outside(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> None:
     """Refuses a radar inside a closed mesh, or touching a mesh, at any of a few moments of the record."""
-    times = np.linspace(times_s[0], times_s[-1], 25)
+    for times in blocks(np.linspace(times_s[0], times_s[-1], 25), len(surface.rest)):
+        _check_outside(surface, radar, times)
+
+
+def _check_outside(surface: MovingMesh, radar: Radar, times: np.ndarray) -> None:
     vertices = surface.at(times)
     for antenna in (radar.tx_position_m, radar.rx_position_m):
         within = np.all((vertices.min(axis=1) < antenna) & (antenna < vertices.max(axis=1)), axis=1)

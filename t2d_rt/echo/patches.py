@@ -13,6 +13,7 @@ import numpy as np
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import Refinement
+from t2d_rt.memory import blocks
 from t2d_rt.types import MovingMesh, Radar
 
 Csr = Any
@@ -147,8 +148,10 @@ def least_range_m(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.nd
     It sets how fine facets and, for arrays, patches must be; recordings of one body at about the same distance share its facets.
     """
     span = times_s[-1] - times_s[0]
-    vertices = surface.at(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))))
-    least = float(min(ranges_m(vertices, place).min() for ends in seen_from for place in ends))
+    least = math.inf
+    for times in blocks(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))), len(surface.rest)):
+        vertices = surface.at(times)
+        least = min(least, *(float(ranges_m(vertices, place).min()) for ends in seen_from for place in ends))
     return RANGE_STEP ** math.floor(math.log(least, RANGE_STEP)) if least > 0 else least
 
 
@@ -175,11 +178,11 @@ def _path_speeds(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.nda
     count = max(PROBES, int(PROBE_RATE_HZ * (times_s[-1] - times_s[0])))
     moments = np.linspace(times_s[0], times_s[-1] - step, count)
     for first in range(0, count, PROBES):
-        times = moments[first : first + PROBES]
-        vertices = surface.at(np.concatenate([times, times + step]))
-        for tx, rx in seen_from:
-            before, after = np.split(ranges_m(vertices, tx) + ranges_m(vertices, rx), 2)
-            yield ((after - before) / step).T.astype(np.float32)
+        for times in blocks(moments[first : first + PROBES], 2 * len(surface.rest)):
+            vertices = surface.at(np.concatenate([times, times + step]))
+            for tx, rx in seen_from:
+                before, after = np.split(ranges_m(vertices, tx) + ranges_m(vertices, rx), 2)
+                yield ((after - before) / step).T.astype(np.float32)
 
 
 def ranges_m(vertices: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.memory import blocks
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 
 TOLERANCE_DB = -38.0
@@ -52,16 +53,42 @@ def _needed(
     length = (PROBE_FRAMES - 1) * step
     looks = int(np.clip(LOOKS_PER_S * (stop_s - start_s), LEAST_LOOKS, MOST_LOOKS))
     begin = np.linspace(start_s, stop_s - length, looks)
-    times = (begin[:, None] + step * np.arange(PROBE_FRAMES)).ravel()
-    points = shape.at(times) if isinstance(shape, MovingMesh) else shape.at(times)[0]
-    paths = sum(np.linalg.norm(points - place, axis=2) for place in (radar.tx_position_m, radar.rx_position_m))
-    fourth = np.diff(np.reshape(paths, (looks, PROBE_FRAMES, -1)), n=4, axis=1) / step**4
-    rad_per_m = 2 * math.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT
-    error = 0.406 * np.mean((rad_per_m * fourth / 384) ** 2)
-    for_delays = float((error / 10 ** (tolerance_db / 10)) ** 0.125)
+    count = len(shape.rest if isinstance(shape, MovingMesh) else shape.semi_axes_m)
+    some = list(blocks(begin, PROBE_FRAMES * count))
+    phase, turned = _mean([_mean_squares(shape, radar, each, step) for each in some], [len(each) for each in some])
+    for_delays = float((0.406 * phase / 10 ** (tolerance_db / 10)) ** 0.125)
     if not isinstance(shape, MovingMesh):
         return for_delays
-    edges = points[:, shape.faces[:, 1]] - points[:, shape.faces[:, 0]]
-    turned = np.diff(edges.reshape(looks, PROBE_FRAMES, -1, 3), axis=1)
     turn_rad = TURN_RAD * 2 ** ((tolerance_db - TOLERANCE_DB) / DB_PER_OCTAVE)
-    return max(for_delays, math.sqrt(np.mean(turned**2) / np.mean(edges**2)) / step / turn_rad)
+    return max(for_delays, math.sqrt(turned) / step / turn_rad)
+
+
+def _mean_squares(
+    shape: MovingMesh | Ellipsoids, radar: Radar, begin_s: np.ndarray, step_s: float
+) -> tuple[float, float]:
+    """Over looks that begin then: of the phases' fourth differences, and of the edges' turns from frame to frame [rad]."""
+    times = (begin_s[:, None] + step_s * np.arange(PROBE_FRAMES)).ravel()
+    points = shape.at(times) if isinstance(shape, MovingMesh) else shape.at(times)[0]
+    paths = sum(np.linalg.norm(points - place, axis=2) for place in (radar.tx_position_m, radar.rx_position_m))
+    fourth = np.diff(np.reshape(paths, (len(begin_s), PROBE_FRAMES, -1)), n=4, axis=1) / step_s**4
+    rad_per_m = 2 * math.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT
+    phase = np.mean((rad_per_m * fourth / 384) ** 2)
+    if not isinstance(shape, MovingMesh):
+        return float(phase), 0.0
+
+    def squares(faces: np.ndarray) -> tuple[float, float]:
+        edges = points[:, faces[:, 1]] - points[:, faces[:, 0]]
+        turned = np.diff(edges.reshape(len(begin_s), PROBE_FRAMES, -1, 3), axis=1)
+        return float(np.mean(turned**2)), float(np.mean(edges**2))
+
+    some = list(blocks(shape.faces, len(times)))
+    turned, edges = _mean([squares(each) for each in some], [len(each) for each in some])
+    return float(phase), turned / edges
+
+
+def _mean(values: list[tuple[float, float]], counts: list[int]) -> tuple[float, float]:
+    """Means of two numbers over blocks of unlike size."""
+    if len(values) == 1:
+        return values[0]
+    first, second = np.average(values, axis=0, weights=counts)
+    return float(first), float(second)

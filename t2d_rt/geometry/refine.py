@@ -195,7 +195,7 @@ def _build_levels(
         if needed > max_faces:
             raise InputError(
                 f"refining needs more than {needed} faces, the limit is {max_faces}; "
-                "raise sagitta_rad (a looser tolerance), or max_faces"
+                "ask for a looser tolerance or a greater sagitta_rad, or raise memory_gb (max_faces)"
             )
         level = _next_level(level, inside, max_edge_m)
         levels.append(level)

@@ -24,8 +24,9 @@ import numpy as np
 from t2d_rt import checks
 from t2d_rt.backend import Backend, select
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.cubes import Cube, CubeWriter, new_cube
+from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, new_cube
 from t2d_rt.errors import InputError
+from t2d_rt.memory import Budget
 from t2d_rt.radar.groups import BUCKET_BINS, Level, bucket_nodes, levels
 from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.moments import TERMS, Members, amplitudes, moments, phases
@@ -42,6 +43,12 @@ RECEIVERS, MOST_SUMS = 4, 400
 """Receivers worked on at once, with as many transmitters as leave a lane of the leaves' kernel that many numbers to sum."""
 MOST_SLOTS = 1000
 """Buckets that an echo may cross in a frame interval."""
+MANY_SLOTS = 16
+"""From so many on it is asked which of them hold a chirp."""
+MOST_MOMENTS = 20_000
+"""Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames."""
+BASIS_NUMBERS = 8_000_000
+"""Size of the matrix from buckets to samples; a very wide sweep is worked on in pieces of its samples."""
 
 Progress = Callable[[float], None]
 
@@ -53,6 +60,8 @@ def synthesize(
     tolerance_db: float = -50.0,
     device: str = "auto",
     read_frames: int | None = None,
+    onto: Cube | None = None,
+    memory: Budget | None = None,
     progress: Progress | None = None,
 ) -> Cube:
     """ADC cube (chirp, antenna, sample) complex64 [sqrt(W)] of all chirps that lie within the echoes' record.
@@ -61,7 +70,8 @@ def synthesize(
 
     Motion within a chirp is included. The direct sum of the same echoes (`direct.direct_sum`) is met within `tolerance_db` of NMSE.
     `read_frames` is about how many frames of echoes are held at once, by default as many as fit a fixed amount of memory; it does
-    not change the result. `progress` is called with the share done, 0..1.
+    not change the result. `onto`: a cube of the same shape that the samples are added to and that is returned. `memory`: what
+    may be taken; unused memory is given back between windows. `progress` is called with the share done, 0..1.
     """
     from threadpoolctl import threadpool_limits
 
@@ -73,11 +83,13 @@ def synthesize(
         checks.call("progress", progress, "a function of the fraction done")
     source = stream(echoes)
     starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
-    cube = new_cube((len(starts), radar.antennas, radar.samples))
+    memory = Budget.of() if memory is None else memory
+    cube = new_cube((len(starts), radar.antennas, radar.samples), memory.limit_bytes) if onto is None else onto
     sweep, tolerance, backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
     jobs: list[Future[None]] = []
     # Threads of BLAS that wait for its next product would take the kernels' cores.
-    with threadpool_limits(1, user_api="blas"), CubeWriter(cube) as writer, ThreadPoolExecutor(1) as pool:
+    filling = CubeWriter(cube) if onto is None else CubeAdder(cube)
+    with threadpool_limits(1, user_api="blas"), filling as writer, ThreadPoolExecutor(1) as pool:
         for window, rows, position in _blocks(source, radar, starts, read_frames):
             sums = _sums(window, radar, position, sweep, tolerance, backend)
             # Samples are made in another thread: with the first sums of a window most of its kernels are done.
@@ -86,6 +98,8 @@ def synthesize(
                 job.result()
             out = writer.room(len(position))
             jobs = [pool.submit(job) for job in _filling(out, itertools.chain(head, sums), radar, rows)]
+            del sums, head, window
+            memory.release()
             if progress is not None:
                 progress(rows.stop / len(starts))
         for job in jobs:
@@ -106,25 +120,23 @@ def _blocks(
             yield window, slice(first, last), mid_times[first:last] / window.step_s - window.start
 
 
-def _filling(
-    out: np.ndarray, sums: Iterator[tuple[int, int, _Spectra]], radar: Radar, rows: slice
-) -> Iterator[Callable[[], None]]:
+def _filling(out: np.ndarray, sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[Callable[[], None]]:
     """Calls that fill `out` (row, antenna, sample), the cube's `rows`, from what comes of `_sums`."""
     receivers, ddm = len(radar.rx_positions_m), radar.multiplexing == "ddm"
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
     if ddm:
         out[:] = 0
-    for tx, rx, spectra in sums:
+    for tx, rx, chirps, spectra in sums:
         if ddm:
-            yield partial(spectra.add_turned, out[:, rx], phase[:, tx, None])
+            yield partial(spectra.add_turned, out[chirps, rx], phase[chirps, tx, None])
         else:
-            yield partial(spectra.to_samples, out[:, tx * receivers + rx])
+            yield partial(spectra.to_samples, out[chirps, tx * receivers + rx])
 
 
 def _sums(
     window: Window, radar: Radar, position: np.ndarray, sweep: Sweep, tolerance: float, backend: Backend
-) -> Iterator[tuple[int, int, _Spectra]]:
-    """Numbers of a transmitter and a receiver, and what they record of chirps at `position` [frames after window.start]."""
+) -> Iterator[_Sum]:
+    """What each transmitter and receiver record of chirps at `position` [frames after window.start], block by block of these."""
     rate = len(position) / (window.stop - window.start)
     both = ends(window, radar)
     outermost = (end.some(which).extra_delays() for end, which in zip(both, np.transpose(radar.outermost), strict=True))
@@ -137,7 +149,8 @@ def _sums(
         for (tx, out), (rx, back) in itertools.product(*(enumerate(end.extra_delays()) for end in both)):
             extra, slope = _both(out, back)
             here = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + slope)
-            yield tx, rx, _sum_echoes(here, moments[tx], sweep, backend)
+            for chirps in _chirp_blocks(len(position)):
+                yield tx, rx, chirps, _sum_echoes(here, moments[tx][chirps], sweep, backend)
         return
     own = leaves(window, tree[0], sweep, backend)
     send, receive = ways(both, [level.mean for level in tree], backend)
@@ -147,10 +160,15 @@ def _sums(
         inner = factors(window, deep, own_here, sweep, backend)
         for number, tx in enumerate(some_tx):
             top = deep[-1].part(number, len(some_tx))
-            found = _sum_groups(
-                top, inner, number * len(top), len(some_rx), moments[tx], window.step_s, sweep, tolerance, backend
-            )
-            yield from ((tx, rx, spectra) for rx, spectra in zip(some_rx, found, strict=True))
+            for chirps in _chirp_blocks(len(position)):
+                found = _sum_groups(
+                    top, inner, number * len(top), len(some_rx), moments[tx][chirps], window.step_s, sweep, tolerance, backend
+                )  # fmt: skip
+                yield from ((tx, rx, chirps, spectra) for rx, spectra in zip(some_rx, found, strict=True))
+
+
+def _chirp_blocks(count: int) -> list[slice]:
+    return [slice(first, first + MOST_MOMENTS) for first in range(0, count, MOST_MOMENTS)]
 
 
 def _batches(count: int, size: int) -> list[range]:
@@ -161,6 +179,10 @@ def _both(out: Delay, back: Delay) -> Delay:
     return out[0] + back[0], out[1] + back[1]
 
 
+_Sum = tuple[int, int, slice, "_Spectra"]
+"""Numbers of a transmitter and a receiver, some of a window's chirps, and what these two record of them."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Spectra:
     """What buckets return at each chirp, over the sweep."""
@@ -169,12 +191,21 @@ class _Spectra:
     """(chirp, bucket, Q)."""
     weights: np.ndarray
     """What each of the Q adds to the samples, (Q, sample)."""
-    carriers: np.ndarray
-    """The buckets' carriers at the samples, (bucket, sample)."""
+    theta: np.ndarray
+    """The buckets' carriers in phase over x, (bucket,)."""
+    x: np.ndarray
+    """Places of the samples in the sweep, -1..1, (sample,)."""
 
     def to_samples(self, out: np.ndarray) -> None:
         """Fills `out` (chirp, sample)."""
-        basis = (self.carriers[:, None] * self.weights).astype(np.complex64)
+        size = max(1, BASIS_NUMBERS // max(1, len(self.theta) * len(self.weights)))
+        for first in range(0, len(self.x), size):
+            some = slice(first, first + size)
+            self._to_some(out[:, some], some)
+
+    def _to_some(self, out: np.ndarray, samples: slice) -> None:
+        carriers = np.exp(1j * np.outer(self.theta, self.x[samples]))
+        basis = (carriers[:, None] * self.weights[:, samples]).astype(np.complex64)
         for start in range(0, len(out), PRODUCT_CHIRPS):
             part = self.numbers[start : start + PRODUCT_CHIRPS]
             used = part.any(axis=(0, 2))
@@ -195,12 +226,14 @@ def _sum_echoes(window: Window, position: np.ndarray, sweep: Sweep, backend: Bac
     interval, echo = window.lit[0][inside], window.lit[1][inside]
     weights = chebyshev(TERMS, sweep.x)
     if not len(echo):
-        return _Spectra(np.zeros((len(position), 0, TERMS), np.complex64), weights, np.zeros((0, len(sweep.x))))
-    buckets = _buckets(window.delay, window.delay_slope, interval, echo, ECHO_BUCKET_BINS, sweep, window.step_s)
+        return _Spectra(np.zeros((len(position), 0, TERMS), np.complex64), weights, np.zeros(0), sweep.x)
+    buckets = _buckets(
+        window.delay, window.delay_slope, interval, echo, position, ECHO_BUCKET_BINS, sweep, window.step_s
+    )
     table = phases(window.delay, window.delay_slope, sweep, None, buckets.origin_s, backend)
     fields = amplitudes(window, sweep, backend)
     terms = moments(buckets.members, table, fields, buckets.centres, position, window.step_s, sweep, backend)
-    return _Spectra(terms.transpose(1, 0, 2), weights, buckets.carriers(sweep))
+    return _Spectra(terms.transpose(1, 0, 2), weights, buckets.theta(sweep), sweep.x)
 
 
 def _sum_groups(
@@ -218,15 +251,18 @@ def _sum_groups(
     from `first` on."""
     interval, group = np.indices((len(top.delay) - 2, len(top))).reshape(2, -1)
     pair = group // (len(top) // pairs)
-    buckets = _buckets(top.delay, top.delay_slope, interval + 1, group, BUCKET_BINS, sweep, step_s, apart=pair)
+    buckets = _buckets(
+        top.delay, top.delay_slope, interval + 1, group, position, BUCKET_BINS, sweep, step_s, apart=pair
+    )
     table = phases(top.delay, top.delay_slope, sweep, None, buckets.origin_s, backend)
     count = bucket_nodes(top.bins, tolerance)
     fields = at_moments(
         inner, first, top, buckets.members, table, buckets.centres, position, step_s, count, sweep, backend
     )
-    carriers, weights = buckets.carriers(sweep), interpolation(count, sweep.x).T
+    theta, weights = buckets.theta(sweep), interpolation(count, sweep.x).T
     bounds = np.searchsorted(buckets.part, np.arange(pairs + 1))
-    return [_Spectra(fields[:, first:last], weights, carriers[first:last]) for first, last in pairwise(bounds.tolist())]
+    ranges = pairwise(bounds.tolist())
+    return [_Spectra(fields[:, first:last], weights, theta[first:last], sweep.x) for first, last in ranges]
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,9 +278,9 @@ class _Buckets:
     members: Members
     """Which echoes fall into each during which slot, so short that no echo moves by more than a bucket."""
 
-    def carriers(self, sweep: Sweep) -> np.ndarray:
-        """(bucket, sample)."""
-        return np.exp(1j * np.outer(self.origin_s * sweep.theta_per_s + self.centres, sweep.x))
+    def theta(self, sweep: Sweep) -> np.ndarray:
+        """Of their carriers, in phase over x, (bucket,)."""
+        return self.origin_s * sweep.theta_per_s + self.centres
 
 
 def _buckets(
@@ -252,6 +288,7 @@ def _buckets(
     delay_slope: np.ndarray,
     interval: np.ndarray,
     echo: np.ndarray,
+    position: np.ndarray,
     width: float,
     sweep: Sweep,
     step_s: float,
@@ -271,21 +308,38 @@ def _buckets(
         )
     slots = max(1, math.ceil(travel))
     origin_s = float(min(before.min(), after.min())) - width_s
-    bucket = np.concatenate(
-        [
-            ((before + (slot + 0.5) / slots * (after - before) - origin_s) / width_s).astype(np.int64)
-            for slot in range(slots)
-        ]
-    )
+    parts = []
+    for slot, (here, some) in enumerate(_occupied(interval, position, slots, len(delay) - 1)):
+        place = before[some] + (slot + 0.5) / slots * (after[some] - before[some])
+        parts.append((((place - origin_s) / width_s).astype(np.int64), here * slots + slot, some))
+    bucket = np.concatenate([each for each, _, _ in parts])
+    which = np.concatenate([np.broadcast_to(np.arange(len(echo))[some], len(each)) for each, _, some in parts])
     span = int(bucket.max()) + 1
     if apart is not None:
-        bucket += span * np.tile(apart, slots)
+        bucket += span * apart[which]
     occupied, rank = _ranked(bucket)
     members = Members.of(
-        np.concatenate([interval * slots + slot for slot in range(slots)]), rank, np.tile(echo, slots),
+        np.concatenate([number for _, number, _ in parts]), rank, echo[which],
         shape=((len(delay) - 1) * slots, len(occupied)), per=slots, size=delay.shape[1],
     )  # fmt: skip
     return _Buckets(origin_s, (occupied % span + 0.5) * width * math.pi, occupied // span, members)
+
+
+def _occupied(
+    interval: np.ndarray, position: np.ndarray, slots: int, intervals: int
+) -> Iterator[tuple[np.ndarray, np.ndarray | slice]]:
+    """Of each slot of an interval: the intervals of those (interval, echo) that are wanted there, and which these are.
+
+    Where there are many slots most hold no chirp at all, and nothing need be known of them.
+    """
+    used = np.zeros(intervals * slots, bool)
+    used[np.clip(np.floor((position + 1) * slots).astype(np.int64), 0, intervals * slots - 1)] = True
+    if slots <= MANY_SLOTS or not used.reshape(-1, slots)[interval].any():
+        yield from ((interval, slice(None)) for _ in range(slots))
+        return
+    for slot in range(slots):
+        some = np.flatnonzero(used[interval * slots + slot])
+        yield interval[some], some
 
 
 def _ranked(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,8 @@ HALO_FRAMES = 12
 READ_ECHO_FRAMES = 2_000_000
 # Vertices x frames that these are made from, 16 bytes each.
 READ_VERTEX_FRAMES = 8_000_000
+# Frames of very large meshes are asked for in pieces of at least so many.
+LEAST_FRAMES = 4
 
 Delay = tuple[np.ndarray, np.ndarray]
 """[s] and its slope [s per frame], both (n + 3, N)."""
@@ -77,20 +79,26 @@ def windows(source: EchoStream, read_frames: int | None = None) -> Iterator[Wind
     held: list[tuple[int, EchoArrays]] = []
     asked = min(total, INTERVALS + 3 + HALO_FRAMES)
     come = 0
+    at_once = max(LEAST_FRAMES, READ_VERTEX_FRAMES // max(1, source.vertices))
+
+    def read(first: int, last: int) -> list[tuple[int, EchoArrays]]:
+        pieces = range(first, last, at_once)
+        return [(begin, EchoArrays(*source.frames(begin, min(begin + at_once, last)))) for begin in pieces]
+
     with ThreadPoolExecutor(1) as pool:
-        coming = pool.submit(source.frames, 0, asked)
+        coming = pool.submit(read, 0, asked)
         for start in range(0, total - 1, INTERVALS):
             stop = min(start + INTERVALS, total - 1)
             low, high = max(0, start - 1 - HALO_FRAMES), min(total, stop + 2 + HALO_FRAMES)
             while high > come:
-                held.append((come, EchoArrays(*coming.result())))
+                held += coming.result()
                 come = asked
                 if asked < total:
                     echoes = held[0][1].delay_s.shape[1]
                     fit = min(READ_ECHO_FRAMES // max(1, echoes), READ_VERTEX_FRAMES // max(1, source.vertices))
                     frames = read_frames or fit
                     asked = min(total, asked + max(1, frames // INTERVALS) * INTERVALS)
-                    coming = pool.submit(source.frames, come, asked)
+                    coming = pool.submit(read, come, asked)
             held = [part for part in held if part[0] + len(part[1][0]) > low]
             yield _window(held, low, high, start, stop, total, step_s)
 

@@ -21,6 +21,8 @@ PIECES = 4
 CELL_M = 0.15
 """Points of one such cell are known to be free together."""
 POINTS_AT_ONCE = 4096
+NO_LENGTH_M = 1e-6
+"""Ways in float32 are right to that."""
 STOPPED, LEFT_OUT = 1, 2
 """What may happen to a ray."""
 DIRECTIONS = (
@@ -100,7 +102,10 @@ class Edges:
         rays = bundle(stops, self.wavelength_m, places, pieces)
         for k, mirror in enumerate(used):  # from the cross-section on to the mirror's plane
             ahead, normal = stops[k + 1] - stops[k], mirror.normal.astype(np.float32)
-            height = ((rays[k, -1] - stops[k + 1, :, None]) @ normal) / (ahead @ normal)[:, None]
+            towards = ahead @ normal
+            # Where two mirrors meet the way between them has no length, and so no direction: its rays stay where they are.
+            towards = np.where(np.abs(towards) > NO_LENGTH_M, towards, np.float32(np.inf))
+            height = ((rays[k, -1] - stops[k + 1, :, None]) @ normal) / towards[:, None]
             rays[k, -1] = rays[k + 1, 0] = rays[k, -1] - height[..., None] * ahead[:, None]
         fate = np.zeros((len(near), *rays.shape[2:4]), np.int8)
         piece, point = np.nonzero(near)
@@ -224,5 +229,5 @@ def _distance(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """From points (P, 3) to the nearest of edges (E, 2, 3), (P,) m."""
     start, way = edges[:, 0], edges[:, 1] - edges[:, 0]
     offset = points[:, None] - start
-    along = np.clip(np.einsum("pei,ei->pe", offset, way) / np.einsum("ei,ei->e", way, way), 0, 1)
+    along = np.clip(np.einsum("pei,ei->pe", offset, way) / np.maximum(np.einsum("ei,ei->e", way, way), 1e-30), 0, 1)
     return np.asarray(np.linalg.norm(offset - along[..., None] * way, axis=2).min(axis=1, initial=np.inf))

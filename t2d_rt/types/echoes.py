@@ -99,6 +99,10 @@ class EchoStream:
     """`frames(start, stop)`: the arrays of `Echoes` for frames start..stop-1; the scatterers are the same in every call."""
     vertices: int = 0
     """How many of them each frame is made from: a few echoes may be those of many facets."""
+    echoes: int = 0
+    """How many scatterers there are, where that is known beforehand."""
+    parts: tuple[EchoStream, ...] = ()
+    """The same scatterers in several streams of fewer each, where there are many."""
 
     def __post_init__(self) -> None:
         call("frames", self.frames, "a function from the first frame and the one after the last to their EchoArrays")

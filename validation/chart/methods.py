@@ -58,10 +58,12 @@ def simulated(case: Case, *, scale: float = 1.0, **options: Any) -> Simulation:
 def one_point_each(case: Case, edge_m: float) -> Simulation:
     """Facets with one point each, cut to edges of at most `edge_m` everywhere: what aliases are its edges, not its curvature."""
 
-    def cut(surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Any]) -> list[Refinement]:
+    def cut(
+        surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Any], max_facets: int
+    ) -> list[Refinement]:
         return [
             cut_to(surface, edge_m, wavenumber, range_m),
-            *_refinements(surface, wavenumber, range_m, sagittas_rad[1:]),
+            *_refinements(surface, wavenumber, range_m, sagittas_rad[1:], max_facets),
         ]
 
     with (
@@ -123,7 +125,7 @@ def _through_the_fine_mesh(case: Case) -> Simulation:
     def fine(*args: Any, **more: Any) -> MovingMesh:
         cage = skin(*args, **more)
         cut = mesh.least_range_m(cage, [(case.radar.tx_position_m, case.radar.rx_position_m)], cage.times_s)
-        (found,) = _refinements(cage, 2 * np.pi / case.radar.wavelength_m, cut, [cage.sagitta_rad])
+        (found,) = _refinements(cage, 2 * np.pi / case.radar.wavelength_m, cut, [cage.sagitta_rad], mesh.MOST_FACETS)
         return MovingMesh.from_track(
             lambda times_s: _applied(found.operator, cage.at(times_s)), found.faces, cage.times_s,
             rest=found.operator @ cage.rest, crease_deg=0, sagitta_rad=FLAT,

@@ -1,0 +1,94 @@
+"""Memory of the process: how much it holds, the limit that a run keeps to, and giving back what nothing uses any more."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.checks import number
+from t2d_rt.errors import InputError
+
+LIMIT_GB = 2.0
+"""Of a run, unless the user says otherwise."""
+RELEASE_ABOVE = 0.45
+"""Share of the limit above which unused memory is given back to the system between blocks of work."""
+BLOCK_BYTES = 96 * 2**20
+"""Size of the largest array that a block of work makes, such as a mesh's vertices at many moments."""
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """What a run may take beyond what the process held when it began."""
+
+    limit_bytes: float
+    held_bytes: float
+    """What the process held before."""
+
+    @classmethod
+    def of(cls, memory_gb: float = LIMIT_GB) -> Budget:
+        """From now on."""
+        memory_gb = number("memory_gb", memory_gb, 1, 1e6, unit="GB", hint=f"{LIMIT_GB:g} is the default")
+        return cls(memory_gb * 1e9, resident_bytes())
+
+    @property
+    def taken_bytes(self) -> float:
+        """What the run has taken so far."""
+        return max(0.0, resident_bytes() - self.held_bytes)
+
+    def release(self) -> None:
+        """Gives unused memory back to the system where the run has taken a good part of its limit."""
+        if self.taken_bytes > RELEASE_ABOVE * self.limit_bytes:
+            release()
+
+    def check(self, bytes_needed: float, what: str, remedy: str) -> None:
+        """Refuses what would take more than the limit."""
+        if bytes_needed > self.limit_bytes:
+            raise InputError(
+                f"{what} takes about {bytes_needed / 1e9:.1f} GB of memory, more than the limit of {self.limit_bytes / 1e9:g} GB; "
+                f"{remedy}, or raise memory_gb"
+            )
+
+
+def resident_bytes() -> int:
+    """Memory that the process holds now; 0 where the system does not tell."""
+    try:
+        with open("/proc/self/statm", "rb") as file:  # noqa: PTH123 (read every few milliseconds)
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
+
+
+def release() -> None:
+    """Gives unused memory back to the system.
+
+    Dr.Jit keeps what its arrays have freed for the next ones, and the C library keeps free pieces between pieces in use; both add
+    up over calls of different sizes.
+    """
+    if (dr := sys.modules.get("drjit")) is not None:
+        dr.flush_malloc_cache()
+    if (trim := _malloc_trim()) is not None:
+        trim(0)
+
+
+@functools.cache
+def _malloc_trim() -> Callable[[int], int] | None:
+    if not sys.platform.startswith("linux"):
+        return None
+    return getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc alone has it
+
+
+def blocks(items: np.ndarray, vectors: int) -> Iterator[np.ndarray]:
+    """Items (K, ...) in blocks, so that an array of so many vectors for each, float64 (k, V, 3), stays small.
+
+    >>> [len(some) for some in blocks(np.zeros(5), BLOCK_BYTES // 48)]
+    [2, 2, 1]
+    """
+    size = max(1, BLOCK_BYTES // (24 * max(1, vectors)))
+    for first in range(0, len(items), size):
+        yield items[first : first + size]

@@ -1,0 +1,167 @@
+"""Memory: what runs take is bounded, told beforehand and given back, and the bounds do not change what is computed."""
+
+import tracemalloc
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+import t2d_rt as t2d
+from t2d_rt import memory
+from t2d_rt.backend import select
+from t2d_rt.echo import mesh as echo_mesh
+from t2d_rt.echo.legs import View
+from t2d_rt.echo.rate import needed_rate_hz
+from t2d_rt.model import farthest_and_fastest
+from t2d_rt.radar import synthesize as synthesis
+from t2d_rt.trace.edges import Edges
+from t2d_rt.trace.mirrors import Mirrors
+
+RADAR = t2d.Radar.preset("table2-uniform")
+ROUGH = t2d.Material(name="rough", relative_permittivity=6.6, conductivity_s_per_m=36.0, scattering_coefficient=0.4)
+
+
+def ball(subdivisions: int = 3, frames: int = 8, speed_mps: float = 1.0) -> t2d.MovingMesh:
+    solid = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.15)
+    times = np.linspace(0, 0.3, frames)
+    place = np.array([3.0, 0.2, 1.0]) - speed_mps * times[:, None, None] * [1, 0, 0]
+    return t2d.MovingMesh(solid.vertices + place, solid.faces, times, material="pec", name="ball")
+
+
+def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
+    return 10 * np.log10(np.sum(np.abs(found - expected) ** 2) / np.sum(np.abs(expected) ** 2))
+
+
+@pytest.mark.parametrize("memory_gb", [0, -1, 0.5, float("nan"), float("inf"), "2", None, True])
+def test_a_limit_that_is_none(memory_gb: object) -> None:
+    with pytest.raises(t2d.InputError, match="memory_gb must .*got"):
+        t2d.simulate(ball(), radar=RADAR, memory_gb=memory_gb)
+
+
+def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = t2d.simulate([ball(2), ball(2)], radar=RADAR, scene="empty_room", reflections=1).cube
+    monkeypatch.setattr(echo_mesh, "MOST_ECHOES", 3_000)
+    calls = []
+    synthesize = synthesis.synthesize
+    monkeypatch.setattr("t2d_rt.pipeline.synthesize", lambda *a, **k: calls.append(a[0].echoes) or synthesize(*a, **k))
+    parts = t2d.simulate([ball(2), ball(2)], radar=RADAR, scene="empty_room", reflections=1).cube
+    assert len(calls) > 3
+    assert max(calls) <= 3_000
+    # Other groups, so that the difference is that of two sums of -50 dB at most.
+    assert nmse_db(parts, whole) < -50
+
+
+def test_a_view_of_many_echoes_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stream() -> t2d.EchoStream:
+        return echo_mesh.mesh_echoes(
+            ball(4), RADAR, times_s=np.linspace(0, 0.3, 20), material=ROUGH, sagitta_rad=0.07, seed=0,
+            views=[View()], backend=select("auto"), points=500,
+        )  # fmt: skip
+
+    whole = stream()
+    monkeypatch.setattr(echo_mesh, "MOST_ECHOES", whole.echoes // 3)
+    cut = stream()
+    assert len(cut.parts) == 3
+    assert [part.echoes for part in cut.parts] == [part.frames(0, 3).delay_s.shape[1] for part in cut.parts]
+    for found, expected in zip(cut.frames(0, 3), whole.frames(0, 3), strict=True):
+        assert (found is None and expected is None) or np.array_equal(found, expected)
+
+
+def test_the_limit_does_not_change_the_result() -> None:
+    few, many = (t2d.simulate(ball(), radar=RADAR, memory_gb=limit).cube for limit in (1.0, 100.0))
+    assert np.array_equal(few, many)
+
+
+def test_what_takes_more_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("t2d_rt.cost.SUMMED_BYTES", 1e7)
+    monkeypatch.setattr("t2d_rt.pipeline.synthesize", lambda *_, **__: pytest.fail("it began"))
+    with pytest.raises(t2d.InputError, match=r"takes about [\d.]+ GB of memory, more than the limit of 2 GB; ask for"):
+        t2d.simulate(ball(), radar=RADAR)
+    with pytest.raises(t2d.InputError, match=r"raise memory_gb"):
+        t2d.plan(ball(), radar=RADAR)
+
+
+def test_a_mesh_of_too_many_faces_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("t2d_rt.pipeline.REFINING_BYTES", 2e6)
+    with pytest.raises(t2d.InputError, match=r"ball of 1280 faces takes about 2.6 GB of memory.*fewer triangles"):
+        t2d.simulate(ball(), radar=RADAR)
+
+
+def test_a_plan_tells_the_memory() -> None:
+    plan = t2d.plan(ball(), radar=RADAR, tolerance_db=-15)
+    assert 0.05e9 < plan.memory_bytes < 1.5e9
+    assert f"{plan.memory_bytes / 1e9:.1f} GB" in str(plan)
+
+
+def test_moments_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    surface = ball(5)
+    expected = farthest_and_fastest(surface, RADAR, (0.0, 0.3)), needed_rate_hz(surface, RADAR, 0.0, 0.3)
+    monkeypatch.setattr(memory, "BLOCK_BYTES", 2**21)
+    tracemalloc.start()
+    found = farthest_and_fastest(surface, RADAR, (0.0, 0.3))
+    echo_mesh.check_outside(surface, RADAR, np.array([0.0, 0.3]))
+    rate = needed_rate_hz(surface, RADAR, 0.0, 0.3)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found == expected[0]
+    assert rate == pytest.approx(expected[1], rel=1e-9)
+    # All 200 moments of 10 242 vertices at once are 49 MB, and several such arrays.
+    assert peak < 40 * 2**20
+
+
+def test_frames_of_large_meshes_come_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = t2d.simulate(ball(), radar=RADAR).cube
+    monkeypatch.setattr("t2d_rt.radar.windows.READ_VERTEX_FRAMES", 20_000)
+    assert np.array_equal(t2d.simulate(ball(), radar=RADAR).cube, whole)
+
+
+def test_a_very_wide_sweep_is_summed_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = t2d.simulate(ball(), radar=RADAR).cube
+    monkeypatch.setattr(synthesis, "BASIS_NUMBERS", 20_000)
+    monkeypatch.setattr(synthesis, "MOST_MOMENTS", 50)
+    assert np.array_equal(t2d.simulate(ball(), radar=RADAR).cube, whole)
+
+
+@pytest.mark.filterwarnings("ignore::t2d_rt.T2DWarning")
+def test_slots_without_a_chirp_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    radar = t2d.Radar(carrier_hz=77e9, slope_hz_per_s=400e12, samples=64, sample_rate_hz=1e6, prf_hz=100.0)
+    moving = ball(1, 4, 3.0)
+    left_out = t2d.simulate(moving, radar=radar).cube
+    monkeypatch.setattr(synthesis, "MANY_SLOTS", 1_000)
+    assert np.array_equal(t2d.simulate(moving, radar=radar).cube, left_out)
+
+
+def test_long_sweeps_keep_to_the_memory() -> None:
+    # Range bins of 1.4 mm; samples of all buckets at once took 9.6 GB.
+    radar = t2d.Radar(
+        carrier_hz=77e9, slope_hz_per_s=111e12, samples=16_384, sample_rate_hz=16.384e6, prf_hz=40.0
+    )  # fmt: skip
+    tracemalloc.start()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", t2d.T2DWarning)
+        t2d.simulate(ball(1, 4), radar=radar)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 400e6
+
+
+def test_rays_where_two_mirrors_meet() -> None:
+    """A way over two mirrors whose seam it touches has a part of no length."""
+    scene = t2d.load_scene("empty_room")
+    backend = select("auto")
+    mirrors = Mirrors.of(scene, backend)
+    edges = Edges.of(mirrors, RADAR.wavelength_m)
+    floor, wall = (next(n for n, each in enumerate(mirrors.each) if abs(each.normal[axis]) > 0.9) for axis in (2, 1))
+    normal = [mirrors.each[n].normal for n in (floor, wall)]
+    seam = np.linalg.lstsq(np.array(normal), [mirrors.each[n].offset_m for n in (floor, wall)], rcond=None)[0]
+    seam = seam + [1.5, 0, 0]
+    antenna, point = np.array([0.0, 0, 1]), np.array([3.0, 0, 1])
+    stops = np.array([[antenna], [seam], [seam], [point]], np.float32)
+    near = np.ones((3 * 2, 1), bool)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        share = edges._free_rays(
+            stops, near, np.ones((2, 1), bool), np.array([[0.1, 0.1], [-0.1, 0.1]], np.float32), [floor, wall]
+        )
+    assert np.isfinite(share).all()
