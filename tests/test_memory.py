@@ -35,7 +35,7 @@ def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
 
 @pytest.mark.parametrize("memory_gb", [0, -1, 0.5, float("nan"), float("inf"), "2", None, True])
 def test_a_limit_that_is_none(memory_gb: object) -> None:
-    with pytest.raises(t2d.InputError, match="memory_gb must .*got"):
+    with pytest.raises(t2d.InputError, match=r"memory_gb must .*got"):
         t2d.simulate(ball(), radar=RADAR, memory_gb=memory_gb)
 
 
