@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend, aligned
 from t2d_rt.geometry import winding
+from t2d_rt.memory import blocks
 from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import Scene
 
@@ -63,9 +64,11 @@ class Mirror:
     def holds(self, points: np.ndarray) -> np.ndarray:
         """Which of points (..., 3) of its plane lie inside its outline, bool (...)."""
         inward, offset = self.edges
-        within = inward @ points.reshape(-1, 3).T >= offset[:, None]  # sums over rows of points, not within each
-        triangles = within.reshape(len(inward) // 3, 3, within.shape[1])
-        held = np.asarray(triangles.all(axis=1).any(axis=0).reshape(points.shape[:-1]))
+        found = [np.zeros(0, bool)]
+        for some in blocks(points.reshape(-1, 3), len(inward)):
+            within = inward @ some.T >= offset[:, None]  # sums over rows of points, not within each
+            found.append(within.reshape(len(inward) // 3, 3, len(some)).all(axis=1).any(axis=0))
+        held = np.concatenate(found).reshape(points.shape[:-1])
         for cover in self.covers:
             held &= ~cover.holds(points)
         return held
@@ -75,14 +78,21 @@ class Mirror:
         aside = (other.triangles.reshape(-1, 3) @ self.normal) - self.offset_m
         if np.abs(aside).max() > ONE_PLANE_M:
             return False
-        mine, others = (
-            np.einsum("fei,gci->fgec", each.edges[0].reshape(-1, 3, 3), them.triangles)
-            - each.edges[1].reshape(-1, 1, 3, 1)
-            for each, them in ((self, other), (other, self))
-        )
-        # Triangles are apart where all corners of the one lie outside an edge of the other.
-        apart = [(each < ONE_PLANE_M).all(axis=3).any(axis=2) for each in (mine, others)]
-        return not (apart[0] | apart[1].T).all()
+        inward, along = other.edges[0].reshape(-1, 3, 3), other.edges[1].reshape(-1, 3)
+        for some in blocks(np.arange(len(self.triangles)), 3 * len(other.triangles)):
+            mine = self.edges[0].reshape(-1, 3, 3)[some], self.edges[1].reshape(-1, 3)[some]
+            # Triangles are apart where all corners of the one lie outside an edge of the other.
+            apart = _outside(*mine, other.triangles) | _outside(inward, along, self.triangles[some]).T
+            if not apart.all():
+                return True
+        return False
+
+
+def _outside(inward: np.ndarray, along: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Whether triangles (G, 3, 3) lie outside any of the three edges of others, given as `Mirror.edges` (F, 3, 3) and (F, 3):
+    bool (F, G)."""
+    beyond = np.einsum("fei,gci->fgec", inward, triangles) - along[:, None, :, None]
+    return np.asarray((beyond < ONE_PLANE_M).all(axis=3).any(axis=2))
 
 
 @dataclass(frozen=True, slots=True)

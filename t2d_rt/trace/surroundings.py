@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError
+from t2d_rt.memory import blocks
 from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.visibility import faded, key_times
@@ -17,8 +18,6 @@ from t2d_rt.types import Ellipsoids, Leg, MovingMesh, Radar, Scene
 
 PROBE_RATE_HZ, PROBES = 5.0, 40
 """Legs are looked for at so many points of a target, so often."""
-KEYS_AT_ONCE = 50
-"""All of a mesh's vertices are held for so many moments."""
 
 
 def probes(shapes: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: float) -> np.ndarray:
@@ -26,8 +25,7 @@ def probes(shapes: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: fl
     times = key_times(start_s, stop_s, PROBE_RATE_HZ)
     found = []
     for shape in shapes:
-        for first in range(0, len(times), KEYS_AT_ONCE):
-            some = times[first : first + KEYS_AT_ONCE]
+        for some in blocks(times, len(shape.rest if isinstance(shape, MovingMesh) else shape.semi_axes_m)):
             points = shape.at(some) if isinstance(shape, MovingMesh) else shape.at(some)[0]
             every = max(1, points.shape[1] // PROBES)
             found.append(points[:, ::every].reshape(-1, 3))
@@ -76,14 +74,17 @@ class Passed:
 
     def __init__(self, points_at: Callable[[np.ndarray], np.ndarray], keys_s: np.ndarray) -> None:
         """`points_at`: points (K, N, Q, 3) [m] at times [s] (K,), Q of them for each of the N values."""
-        self._keys = keys_s
-        some = range(0, len(self._keys), KEYS_AT_ONCE)
-        self._points = np.concatenate([points_at(self._keys[first : first + KEYS_AT_ONCE]) for first in some])
+        self._keys, self._points = keys_s, points_at(keys_s)
 
     @classmethod
     def to_vertices(cls, mesh: MovingMesh, vertices: np.ndarray, keys_s: np.ndarray) -> Passed:
         """Of some vertices of a mesh."""
-        return cls(lambda times_s: mesh.at(times_s)[:, vertices, None], keys_s)
+        return cls(
+            lambda times_s: np.concatenate(
+                [mesh.at(some)[:, vertices, None] for some in blocks(times_s, len(mesh.rest))]
+            ),
+            keys_s,
+        )
 
     @classmethod
     def to_centres(cls, ellipsoids: Ellipsoids, keys_s: np.ndarray) -> Passed:
