@@ -1,0 +1,203 @@
+"""A user's files and texts: ordinary files of bounded size, YAML that cannot grow, text that is safe to print."""
+
+from __future__ import annotations
+
+import os
+import reprlib
+import stat
+import zlib
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from t2d_rt.errors import InputError
+
+MAX_YAML_BYTES = 1_000_000
+MAX_YAML_VALUES = 20_000
+"""Twice what a radar of 1024 transmitters and as many receivers holds; an alias counts as all that it stands for."""
+MAX_YAML_DEPTH = 50
+MAX_YAML_DIGITS = 400
+"""A float has at most 309 digits; a whole number of thousands of digits cannot even be printed."""
+
+
+def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
+    """All of a regular file of at most `limit` bytes; `noun` says in sentences what it should be ("radar file")."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"the path of a {noun} must be a text or a Path, got {clipped(path)}")
+    if not os.fspath(path) or "\0" in str(path):
+        raise InputError(f"cannot read {noun} {str(path)!r}: this is not a valid file name; check the path")
+    try:
+        # Without O_NONBLOCK the opening of a pipe waits for a writer; a regular file takes no notice of it.
+        flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOCTTY", 0)
+        with os.fdopen(os.open(path, flags), "rb") as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise InputError(f"{path} is {_kind(status.st_mode)}; give the path of one {noun}")
+            # Also without a size that is true, as in /proc, no more than one byte above the limit is read.
+            data = file.read(limit + 1) if status.st_size <= limit else None
+    except UnicodeEncodeError:
+        raise InputError(f"cannot read {noun} {str(path)!r}: this is not a valid file name; check the path") from None
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"cannot read {noun} {path}: {reason}; check the path and its permissions") from None
+    if data is None or len(data) > limit:
+        raise InputError(f"{path} is larger than the {size(limit)} that a {noun} may have; give a smaller one")
+    return data
+
+
+def _kind(mode: int) -> str:
+    kinds = {stat.S_IFDIR: "a directory", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+    return kinds.get(stat.S_IFMT(mode), "a device")
+
+
+def gunzip(data: bytes, path: str | Path, *, limit: int) -> bytes:
+    """The text of a gzip file, of all its members one after another; at most `limit` bytes."""
+    texts: list[bytes] = []
+    room = limit
+    while data:
+        member = zlib.decompressobj(wbits=31)
+        try:
+            texts.append(member.decompress(data, room + 1))
+        except zlib.error:
+            junk = "is followed by bytes that are no gzip data" if texts else "is not a valid gzip file"
+            raise InputError(f"{path} {junk}; unpack it by hand or fetch it again") from None
+        room -= len(texts[-1])
+        if room < 0:
+            raise InputError(f"{path} unpacks to more than {size(limit)}; cut it into shorter files")
+        if not member.eof:
+            raise InputError(f"{path} is cut short; fetch it again")
+        data = member.unused_data.lstrip(b"\0")  # padding to whole blocks, as tapes had it
+    return b"".join(texts)
+
+
+def size(count: int) -> str:
+    """A number of bytes in words."""
+    return f"{count / 1e6:.6g} MB" if count >= 1e6 else f"{count / 1e3:.6g} kB"
+
+
+# --- YAML ---
+
+
+def read_yaml(path: str | Path, *, noun: str, example: str) -> dict[str, Any]:
+    """The mapping of names and values in a YAML file; an InputError where it holds anything else."""
+    import yaml
+
+    try:
+        text = read_bytes(path, limit=MAX_YAML_BYTES, noun=noun).decode("utf-8-sig")
+        values = load_yaml(text)
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text in UTF-8; a {noun} holds {example} in YAML") from None
+    except yaml.YAMLError as error:
+        raise InputError(f"{noun} {path} is not valid YAML ({' '.join(str(error).split())}); correct it") from None
+    if not isinstance(values, Mapping) or not all(isinstance(key, str) for key in values):
+        raise InputError(f"{noun} {path} must hold {example}, got {clipped(values)}")
+    return dict(values)
+
+
+def load_yaml(text: str) -> Any:
+    """The values of a YAML text; yaml.YAMLError where it is malformed, gives a key twice or goes beyond the limits."""
+    import yaml
+
+    if len(text) > MAX_YAML_BYTES:
+        raise yaml.YAMLError(f"it is longer than {size(MAX_YAML_BYTES)}")
+    _check_growth(text)
+    try:
+        return yaml.load(text, Loader=_loader())
+    except ValueError as error:  # the thirteenth month, for one
+        raise yaml.YAMLError(str(error)) from None
+
+
+def _check_growth(text: str) -> None:
+    """Refuses a text whose nesting, values or aliases go beyond the limits, before anything is built of it."""
+    import yaml
+
+    count = 0
+    begun: list[tuple[str | None, int]] = []
+    weights: dict[str, int] = {}
+    for event in _events(text):
+        anchor, tag = getattr(event, "anchor", None), getattr(event, "tag", None)
+        if tag not in (None, "!", "tag:yaml.org,2002:str"):
+            raise yaml.YAMLError(f"it holds the tag {clipped(tag)}; values are written without")
+        if isinstance(event, yaml.AliasEvent):
+            if anchor not in weights:
+                raise yaml.YAMLError(f"alias *{clipped(anchor)} stands for nothing, or for what holds it")
+            count += weights[anchor]
+        elif isinstance(event, yaml.ScalarEvent):
+            count += 1
+            weights[anchor or ""] = 1
+        elif isinstance(event, (yaml.SequenceStartEvent, yaml.MappingStartEvent)):
+            weights.pop(anchor or "", None)
+            begun.append((anchor, count))
+            count += 1
+        elif isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
+            name, before = begun.pop()
+            weights[name or ""] = count - before
+        if count > MAX_YAML_VALUES:
+            raise yaml.YAMLError(
+                f"it holds more than {MAX_YAML_VALUES} values, each alias counted as what it stands for"
+            )
+        if len(begun) > MAX_YAML_DEPTH:
+            raise yaml.YAMLError(f"it is nested deeper than {MAX_YAML_DEPTH} levels")
+
+
+def _events(text: str) -> Any:
+    import yaml
+
+    try:
+        yield from yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except (UnicodeEncodeError, ValueError, OverflowError) as error:
+        raise yaml.YAMLError(f"it holds characters that no text has: {error}") from None
+
+
+@cache
+def _loader() -> Any:
+    """PyYAML's safe loader that refuses a key given twice and numbers of thousands of digits."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            if isinstance(node, yaml.MappingNode):
+                # Before a merge (<<) brings in keys, which those of the mapping itself may replace.
+                _check_keys([(key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode)])
+            return super().construct_mapping(node, deep=deep)
+
+    def whole_number(loader: Any, node: Any) -> Any:
+        if len(str(node.value)) > MAX_YAML_DIGITS:
+            raise yaml.YAMLError(f"it holds a number of more than {MAX_YAML_DIGITS} digits")
+        return yaml.SafeLoader.construct_yaml_int(loader, node)
+
+    Loader.add_constructor("tag:yaml.org,2002:int", whole_number)
+    return Loader
+
+
+def _check_keys(keys: list[tuple[str, Any]]) -> None:
+    import yaml
+
+    seen = set()
+    for key in keys:
+        if key in seen:
+            raise yaml.YAMLError(f"key {clipped(key[1])} is given twice")
+        seen.add(key)
+
+
+# --- text ---
+
+
+def printable(text: str) -> str:
+    """Text without what a terminal would obey: all but printable characters, line ends and tabs as escapes."""
+    return "".join(
+        char if char.isprintable() or char in "\n\t" else char.encode("unicode_escape").decode() for char in text
+    )
+
+
+def clipped(value: Any, width: int = 60) -> str:
+    """repr of a value, cut to `width`; what would not show is not written in the first place."""
+    short = reprlib.Repr()
+    short.maxlist = short.maxtuple = short.maxdict = short.maxset = short.maxfrozenset = short.maxlevel = width
+    short.maxstring = short.maxlong = short.maxother = 2 * width
+    try:
+        text = short.repr(value)
+    except Exception:  # whatever a foreign object's repr does, the sentence goes on
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= width else text[: width - 3] + "..."
