@@ -21,6 +21,10 @@ MAX_YAML_DIGITS = 400
 """A float has at most 309 digits; a whole number of thousands of digits cannot even be printed."""
 
 
+OPENING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+"""How files are opened: without O_NONBLOCK the opening of a pipe waits for a writer; regular files take no notice of it."""
+
+
 def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
     """All of a regular file of at most `limit` bytes; `noun` says in sentences what it should be ("radar file")."""
     if not isinstance(path, (str, os.PathLike)):
@@ -28,14 +32,16 @@ def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
     if not os.fspath(path) or "\0" in str(path):
         raise InputError(f"cannot read {noun} {str(path)!r}: this is not a valid file name; check the path")
     try:
-        # Without O_NONBLOCK the opening of a pipe waits for a writer; a regular file takes no notice of it.
-        flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOCTTY", 0)
-        with os.fdopen(os.open(path, flags), "rb") as file:
-            status = os.fstat(file.fileno())
+        descriptor = os.open(path, OPENING)
+        try:
+            status = os.fstat(descriptor)
             if not stat.S_ISREG(status.st_mode):
                 raise InputError(f"{path} is {_kind(status.st_mode)}; give the path of one {noun}")
-            # Also without a size that is true, as in /proc, no more than one byte above the limit is read.
-            data = file.read(limit + 1) if status.st_size <= limit else None
+            # No more than a byte above the limit is read, for what /proc says of a size is not true.
+            with open(descriptor, "rb", closefd=False) as file:
+                data = file.read(limit + 1) if status.st_size <= limit else None
+        finally:
+            os.close(descriptor)
     except UnicodeEncodeError:
         raise InputError(f"cannot read {noun} {str(path)!r}: this is not a valid file name; check the path") from None
     except OSError as error:

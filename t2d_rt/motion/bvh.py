@@ -8,22 +8,46 @@ position channels, and rotations apply in the order in which the channels are li
 from __future__ import annotations
 
 import re
-import zlib
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.files import clipped, gunzip, read_bytes, size
 from t2d_rt.motion.quaternions import about_axis, multiply, normalise, rotate
 
-MAX_BYTES = 500_000_000
-"""Largest text that is read (ten hours of motion); stops a small .gz from filling the memory."""
+MAX_BYTES = 150_000_000
+"""Largest text that is read: MAX_VALUES with 15 characters each."""
+
+MAX_HEAD_BYTES = 10_000_000
+"""Largest HIERARCHY: a chain of MAX_JOINTS, each indented by one tab more than the one above."""
+
+MAX_JOINTS = 1000
+"""Joints and end sites; a body with all fingers and a face has 150."""
+
+MAX_FRAMES = 100_000
+"""28 minutes at 60 Hz; with all copies that the reader makes a frame takes up to 10 kB and, smoothed, 0.1 ms."""
+
+MAX_VALUES = 10_000_000
+"""MAX_FRAMES of 100 channels."""
 
 MAX_FRAME_RATE_HZ = 10_000.0
 
 LARGEST_NUMBER = 1e9
 """No length or angle of a person comes near, in any unit."""
+
+BLOCK_BYTES = 1_000_000
+"""Of the MOTION's text whose words are lists at a time: as Python objects they take five times as much."""
+
+CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "xyz")
+
+MOTION = re.compile(rb"(?i)(?:\A|[\r\n])[ \t]*MOTION[ \t]*(?=[\r\n]|\Z)")
+WHITESPACE = re.compile(rb"\s")
+LINE = re.compile(rb"\s*([^\r\n]{0,200})")
+TOKEN = re.compile(rb"[{}]|[^{}\r\n]+")
+"""Of the HIERARCHY: a brace, or a line as far as the next one. Bytes, for in text U+0085 would be a line end too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,35 +67,50 @@ class RawSkeleton:
 
 def read_bvh(path: str | Path) -> RawSkeleton:
     """Read a .bvh or .bvh.gz file (the suffix in any case)."""
-    path = Path(path)
     text = _read_text(path)
-    head, motion = _split(text, path)
-    names, parents, offsets, channels = _hierarchy(head, path)
-    values, rate_hz = _motion(motion, sum(map(len, channels)), path)
+    names, parents, offsets, channels = _hierarchy(text, path)
+    values, rate_hz = _motion(text, sum(map(len, channels)), path)
     return RawSkeleton(
         names=tuple(names), parents=tuple(parents), offsets=np.array(offsets), channels=tuple(channels),
         values=values, rate_hz=rate_hz,
     )  # fmt: skip
 
 
-def forward_kinematics(raw: RawSkeleton, offsets: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (T, N, 3) in the file's unit and global orientations (T, N, 4); `offsets` (N, 3) replace the file's."""
+def forward_kinematics(
+    raw: RawSkeleton, offsets: np.ndarray | None = None, only: Collection[int] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (T, N, 3) in the file's unit and global orientations (T, N, 4); `offsets` (N, 3) replace the file's.
+
+    only: joints whose tracks are wanted; those of fingers and faces would take most of the time, and are left undefined.
+    """
     offsets = raw.offsets if offsets is None else offsets
     frames, count = len(raw.values), len(raw.names)
-    positions = np.empty((frames, count, 3))
-    rotations = np.empty((frames, count, 4))
+    wanted = set(range(count)) if only is None else _with_ancestors(only, raw.parents)
+    positions = np.empty((count, frames, 3))
+    rotations = np.empty((count, frames, 4))
     column = 0
     for joint, (parent, channels) in enumerate(zip(raw.parents, raw.channels, strict=True)):
         values = raw.values[:, column : column + len(channels)]
         column += len(channels)
+        if joint not in wanted:
+            continue
         shift = _translation(channels, values, offsets[joint])
         turn = _rotation(channels, values)
         if parent < 0:
-            positions[:, joint], rotations[:, joint] = shift, turn
+            positions[joint], rotations[joint] = shift, turn
         else:
-            positions[:, joint] = positions[:, parent] + rotate(rotations[:, parent], shift)
-            rotations[:, joint] = normalise(multiply(rotations[:, parent], turn))
-    return positions, rotations
+            positions[joint] = positions[parent] + rotate(rotations[parent], shift)
+            rotations[joint] = normalise(multiply(rotations[parent], turn))
+    return positions.swapaxes(0, 1), rotations.swapaxes(0, 1)
+
+
+def _with_ancestors(joints: Collection[int], parents: tuple[int, ...]) -> set[int]:
+    found: set[int] = set()
+    for joint in joints:
+        while joint >= 0 and joint not in found:
+            found.add(joint)
+            joint = parents[joint]
+    return found
 
 
 def _rotation(channels: tuple[str, ...], values: np.ndarray) -> np.ndarray:
@@ -95,50 +134,24 @@ def _translation(channels: tuple[str, ...], values: np.ndarray, offset: np.ndarr
     return moved
 
 
-def _read_text(path: Path) -> str:
-    suffixes = "".join(path.suffixes[-2:]).lower()
-    if not (path.suffix.lower() == ".bvh" or suffixes.endswith(".bvh.gz")):
-        raise InputError(f"cannot read {path.name}: motions come as .bvh or .bvh.gz; convert the file to BVH first")
-    if "\0" in str(path):
-        raise InputError(f"cannot read {str(path)!r}: this is not a valid file name")
-    if path.is_dir():
-        raise InputError(f"{path} is a directory; give the path of one BVH file")
-    try:
-        data = path.read_bytes()
-        if path.suffix.lower() == ".gz":
-            data = _gunzip(data, path)
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}; check the path and its permissions") from None
-    if not data.strip():
+def _read_text(path: str | Path) -> bytes:
+    name = str(path).lower()
+    if not name.endswith((".bvh", ".bvh.gz")):
+        raise InputError(
+            f"cannot read {clipped(str(path))}: motions come as .bvh or .bvh.gz; convert the file to BVH first"
+        )
+    data = read_bytes(path, limit=MAX_BYTES, noun="BVH file")
+    if name.endswith(".gz"):
+        data = gunzip(data, path, limit=MAX_BYTES)
+    if not data or data.isspace():
         raise InputError(f"{path} is empty; expected BVH text that starts with HIERARCHY")
-    # Latin-1 never fails and the format is ASCII but for joint names, which are only compared.
-    return data.removeprefix(b"\xef\xbb\xbf").decode("latin-1")
-
-
-def _gunzip(data: bytes, path: Path) -> bytes:
-    unpacker = zlib.decompressobj(wbits=31)
-    try:
-        text = unpacker.decompress(data, MAX_BYTES)
-    except zlib.error:
-        raise InputError(f"{path} is not a valid gzip file; unpack it by hand or fetch it again") from None
-    if not unpacker.eof:
-        raise InputError(f"{path} is cut short or unpacks to more than {MAX_BYTES // 10**6} MB; fetch or trim it again")
-    return text
-
-
-def _split(text: str, path: Path) -> tuple[list[str], list[str]]:
-    """Lines of the two sections, without blank ones; braces stand on lines of their own."""
-    if "\0" in text or not text.lstrip()[:9].upper() == "HIERARCHY":
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    if b"\0" in data or LINE.match(data)[1][:9].upper() != b"HIERARCHY":  # type: ignore[index]
         raise InputError(f"{path} is not a BVH file: it must be text that starts with HIERARCHY")
-    parts = re.split(r"(?im)^[ \t]*MOTION[ \t]*\r?$", text, maxsplit=1)
-    if len(parts) < 2:
-        raise InputError(f"{path} has no MOTION section; it is cut short or holds a skeleton only")
-    head = re.sub(r"([{}])", r"\n\1\n", parts[0])
-    lines = [[line.strip() for line in part.splitlines() if line.strip()] for part in (head, parts[1])]
-    return lines[0][1:], lines[1]
+    return data
 
 
-def _numbers(words: list[str], what: str, path: Path) -> np.ndarray:
+def _numbers(words: list[bytes], what: str, path: str | Path) -> np.ndarray:
     try:
         numbers = np.array(words, dtype=float)
     except ValueError:
@@ -148,95 +161,165 @@ def _numbers(words: list[str], what: str, path: Path) -> np.ndarray:
     return numbers
 
 
-def _hierarchy(lines: list[str], path: Path) -> tuple[list[str], list[int], list[np.ndarray], list[tuple[str, ...]]]:
+# --- HIERARCHY ---
+
+
+def _tokens(text: bytes, path: str | Path) -> Iterator[bytes]:
+    """Braces and lines of the HIERARCHY, without its first line and blank ones."""
+    motion = MOTION.search(text, 0, MAX_HEAD_BYTES)
+    if motion is None:
+        limit = f" within its first {size(MAX_HEAD_BYTES)}" if len(text) > MAX_HEAD_BYTES else ""
+        raise InputError(f"{path} has no MOTION section{limit}; it is cut short or holds a skeleton only")
+    tokens = (match[0].strip() for match in TOKEN.finditer(text, 0, motion.start()))
+    first = True
+    for token in tokens:
+        if token and not first:
+            yield token
+        first = first and not token
+
+
+def _hierarchy(text: bytes, path: str | Path) -> tuple[list[str], list[int], list[np.ndarray], list[tuple[str, ...]]]:
     names: list[str] = []
     parents: list[int] = []
-    offsets: list[np.ndarray] = []
-    channels: list[tuple[str, ...]] = []
+    offsets: dict[int, np.ndarray] = {}
+    channels: dict[int, tuple[str, ...]] = {}
     stack: list[int] = []
-    for line in lines:
-        keyword, _, rest = line.replace("\t", " ").partition(" ")
-        keyword, rest = keyword.upper(), rest.strip()
-        if keyword in ("ROOT", "JOINT", "END"):
-            if (keyword == "ROOT") != (not names) or (names and not stack):
-                raise InputError(f"{path}: expected one ROOT that holds every joint, found {line[:60]!r} out of place")
-            name = f"{names[stack[-1]]}:end" if keyword == "END" else rest
-            if not name or name in names:
+    opens = False  # a joint is named and its brace is to come
+    taken: set[str] = set()
+    for token in _tokens(text, path):
+        word, _, rest = token.replace(b"\t", b" ").partition(b" ")
+        keyword, last = word.upper(), len(names) - 1
+        if keyword in (b"ROOT", b"JOINT", b"END"):
+            if opens or (keyword == b"ROOT") != (not names) or (names and not stack):
                 raise InputError(
-                    f"{path}: joint name {name!r} is empty or occurs twice; every joint needs its own name"
+                    f"{path}: expected one ROOT that holds every joint, found {_shown(token)} out of place"
+                )
+            name = f"{names[stack[-1]]}:end" if keyword == b"END" else _text(rest)
+            if not name or name in taken:
+                raise InputError(
+                    f"{path}: joint name {clipped(name)} is empty or occurs twice; every joint needs its own name"
+                )
+            if len(names) == MAX_JOINTS:
+                raise InputError(
+                    f"{path}: a skeleton may have {MAX_JOINTS} joints and ends, this one has more; remove some"
                 )
             parents.append(stack[-1] if stack else -1)
             names.append(name)
-            offsets.append(np.full(3, np.nan))
-            channels.append(())
-        elif keyword == "{" and names and len(names) - 1 not in stack:
-            stack.append(len(names) - 1)
-        elif keyword == "}" and stack:
+            taken.add(name)
+            opens = True
+        elif keyword == b"{" and opens:
+            stack.append(last)
+            opens = False
+        elif keyword == b"}" and stack and not opens:
             stack.pop()
-        elif keyword == "OFFSET" and stack and stack[-1] == len(names) - 1:
-            offsets[-1] = _offset(rest, names[-1], path)
-        elif keyword == "CHANNELS" and stack and stack[-1] == len(names) - 1:
-            channels[-1] = _channels(rest, names[-1], path)
+        elif keyword == b"OFFSET" and stack and stack[-1] == last and last not in offsets:
+            offsets[last] = _offset(rest, names[-1], path)
+        elif keyword == b"CHANNELS" and stack and stack[-1] == last and last not in channels:
+            channels[last] = _channels(rest, names[-1], path)
         else:
-            raise InputError(f"{path}: cannot understand {line[:60]!r} in the HIERARCHY; the file is damaged")
+            raise InputError(f"{path}: cannot understand {_shown(token)} in the HIERARCHY; the file is damaged")
     if stack or not names:
         raise InputError(f"{path}: the HIERARCHY is cut short (missing braces or no ROOT)")
-    for name, offset in zip(names, offsets, strict=True):
-        if np.isnan(offset).any():
-            raise InputError(f"{path}: joint {name!r} has no OFFSET; the file is damaged")
-    return names, parents, offsets, channels
+    for joint, name in enumerate(names):
+        if joint not in offsets:
+            raise InputError(f"{path}: joint {clipped(name)} has no OFFSET; the file is damaged")
+    return names, parents, [offsets[j] for j in range(len(names))], [channels.get(j, ()) for j in range(len(names))]
 
 
-def _offset(rest: str, name: str, path: Path) -> np.ndarray:
-    offset = _numbers(rest.split(), f"the OFFSET of {name!r}", path)
+def _text(words: bytes) -> str:
+    """A joint's name: UTF-8, or else Latin-1, which never fails."""
+    try:
+        return words.decode("utf-8").strip()
+    except UnicodeDecodeError:
+        return words.decode("latin-1").strip()
+
+
+def _shown(token: bytes) -> str:
+    return clipped(_text(token[:100]), 62)
+
+
+def _offset(rest: bytes, name: str, path: str | Path) -> np.ndarray:
+    offset = _numbers(rest.split(maxsplit=4), f"the OFFSET of {clipped(name)}", path)
     if offset.shape != (3,):
-        raise InputError(f"{path}: the OFFSET of {name!r} must be 3 numbers, got {len(offset)}")
+        raise InputError(f"{path}: the OFFSET of {clipped(name)} must be 3 numbers, got {_shown(rest)}")
     return offset
 
 
-def _channels(rest: str, name: str, path: Path) -> tuple[str, ...]:
-    count, *kinds = rest.lower().split() or [""]
-    known = [f"{axis}{kind}" for kind in ("position", "rotation") for axis in "xyz"]
-    if count != str(len(kinds)) or any(kind not in known for kind in kinds) or len(set(kinds)) != len(kinds):
+def _channels(rest: bytes, name: str, path: str | Path) -> tuple[str, ...]:
+    count, *kinds = _text(rest[:1000]).lower().split() or [""]
+    if count != str(len(kinds)) or any(kind not in CHANNELS for kind in kinds) or len(set(kinds)) != len(kinds):
         raise InputError(
-            f"{path}: CHANNELS of {name!r} must be a count and that many of {', '.join(known)}; got {rest!r}"
+            f"{path}: CHANNELS of {clipped(name)} must be a count and that many of {', '.join(CHANNELS)}; "
+            f"got {_shown(rest)}"
         )
     return tuple(kinds)
 
 
-def _motion(lines: list[str], channel_count: int, path: Path) -> tuple[np.ndarray, float]:
-    header = [line.partition(":") for line in lines[:2]]
-    labels = [" ".join(label.lower().split()) for label, _, _ in header]
-    if labels != ["frames", "frame time"]:
-        raise InputError(
-            f"{path}: MOTION must begin with 'Frames:' and 'Frame Time:'; the file is cut short or damaged"
-        )
-    frames = _numbers(header[0][2].split(), "Frames", path)
-    step_s = _numbers(header[1][2].split(), "Frame Time", path)
+# --- MOTION ---
+
+
+def _motion(text: bytes, channel_count: int, path: str | Path) -> tuple[np.ndarray, float]:
+    start = MOTION.search(text, 0, MAX_HEAD_BYTES).end()  # type: ignore[union-attr]
+    header: list[bytes] = []
+    for wanted in (b"frames", b"frame time"):
+        line = LINE.match(text, start)
+        assert line is not None  # of an empty text too
+        label, _, value = line[1].partition(b":")
+        if b" ".join(label.lower().split()) != wanted:
+            raise InputError(
+                f"{path}: MOTION must begin with 'Frames:' and 'Frame Time:'; the file is cut short or damaged"
+            )
+        header.append(value)
+        start = line.end()
+    frames = _numbers(header[0].split(), "Frames", path)
+    step_s = _numbers(header[1].split(), "Frame Time", path)
     if frames.size != 1 or frames[0] != round(frames[0]) or frames[0] < 2:
-        raise InputError(f"{path}: a motion needs at least 2 frames, got 'Frames: {header[0][2].strip()}'")
+        raise InputError(f"{path}: a motion needs at least 2 frames, got 'Frames:' {_shown(header[0])}")
     if step_s.size != 1 or not 1.0 / MAX_FRAME_RATE_HZ <= step_s[0] <= 1.0:
-        raise InputError(f"{path}: Frame Time must lie between 0.0001 and 1 s, got {header[1][2].strip()!r}")
-    rows = [line.split() for line in lines[2:]]
-    if any(len(row) != channel_count for row in rows):
-        rows = _reflow(rows, int(frames[0]), channel_count, path)
-    if len(rows) != frames[0]:
-        raise InputError(
-            f"{path}: 'Frames: {int(frames[0])}' but {len(rows)} rows of values; cut short, or correct the number"
-        )
-    values = _numbers([word for row in rows for word in row], "MOTION", path).reshape(len(rows), channel_count)
+        raise InputError(f"{path}: Frame Time must lie between 0.0001 and 1 s, got {_shown(header[1])}")
+    values = _values(text, start, int(frames[0]), channel_count, path)
     return values, _tidy_rate(1.0 / float(step_s[0]))
 
 
-def _reflow(rows: list[list[str]], frames: int, channel_count: int, path: Path) -> list[list[str]]:
-    """Rows broken over several lines, put together again; anything else is damage."""
-    words = [word for row in rows for word in row]
-    if channel_count == 0 or len(words) != frames * channel_count:
+def _values(text: bytes, start: int, frames: int, channel_count: int, path: str | Path) -> np.ndarray:
+    """Values (frames, channels) of the text from `start` on, however its lines are broken."""
+    expected = frames * channel_count
+    if frames > MAX_FRAMES or expected > MAX_VALUES:
         raise InputError(
-            f"{path}: expected {frames} frames of {channel_count} channels = {frames * channel_count} values, "
-            f"got {len(words)}; the file is cut short or damaged"
+            f"{path}: {frames} frames of {channel_count} channels are too many, {MAX_FRAMES} frames and {MAX_VALUES} values "
+            "are read at most; cut the motion into shorter files"
         )
-    return [words[start : start + channel_count] for start in range(0, len(words), channel_count)]
+    # A value takes two characters: what a small file promises needs no memory.
+    values = np.empty(expected if 2 * expected <= len(text) else 0)
+    count, more = 0, ""
+    for words, whole in _blocks(text, start, path):
+        block = _numbers(words, "MOTION", path)
+        values[count : count + len(block)] = block[: max(0, len(values) - count)]
+        count += len(block)
+        if count > expected:
+            more = "" if whole else " or more"
+            break
+    if channel_count == 0 or count != expected:
+        if channel_count and count % channel_count == 0 and count < expected:
+            raise InputError(
+                f"{path}: 'Frames: {frames}' but {count // channel_count} rows of values; cut short, or correct the number"
+            )
+        raise InputError(
+            f"{path}: expected {frames} frames of {channel_count} channels = {expected} values, "
+            f"got {count}{more}; the file is cut short or damaged"
+        )
+    return values.reshape(frames, channel_count)
+
+
+def _blocks(text: bytes, start: int, path: str | Path) -> Iterator[tuple[list[bytes], bool]]:
+    """Words from `start` on, those of about BLOCK_BYTES at a time, and whether these are the last."""
+    while start < len(text):
+        gap = WHITESPACE.search(text, start + BLOCK_BYTES)
+        end = gap.start() if gap else len(text)
+        if end > start + 2 * BLOCK_BYTES:
+            raise InputError(f"{path}: MOTION must hold numbers only; the file is damaged")
+        yield text[start:end].split(), end == len(text)
+        start = end
 
 
 def _tidy_rate(rate_hz: float) -> float:

@@ -16,7 +16,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.bvh import forward_kinematics, read_bvh
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, smooth
-from t2d_rt.motion.skeletons import PARENT_OF, canonical, detect_flavour, plain_names, restored_offsets
+from t2d_rt.motion.skeletons import PARENT_OF, canonical, detect_flavour, plain_names, restored_offsets, source_joints
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048, "cmu": 0.0254 / 0.45}
@@ -33,6 +33,9 @@ STATURE_M = (0.4, 3.0)
 
 FLOOR_PERCENTILE = 2.0
 """The floor is where the lowest foot joint is in the lowest 2 % of frames: robust to a bad frame, right for jumps."""
+
+LOWEST_CUTOFF_HZ = 0.1
+"""Below, a low-pass leaves nothing of human movement and the filter's coefficients lose their digits."""
 
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
 
@@ -64,7 +67,7 @@ def load_motion(
     try:
         kind = detect_flavour(names, raw.parents, flavour)
         offsets, restored = restored_offsets(raw, names, kind)
-        points, turns = canonical(raw, names, kind, *forward_kinematics(raw, offsets))
+        points, turns = canonical(raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind)))
         unit_m, stature_m = _unit(points, units)
         axis = up or _up_axis(points)
         points, turns = _to_z_up(points, turns, axis, unit_m)
@@ -73,6 +76,7 @@ def load_motion(
         points, turns = ({name: track[dropped:] for name, track in group.items()} for group in (points, turns))
         level = _floor_level(points) if floor is None else float(floor)
         motion = _assemble(points, turns, raw.rate_hz, level)
+        del points, turns  # half of the memory that a long motion takes
         motion, smoothing = _smoothed(motion, smooth_hz)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -94,7 +98,7 @@ def _check_reading(units: Any, up: Any, floor: Any, drop_tpose: Any, smooth_hz: 
     if drop_tpose is not None:
         flag("drop_tpose", drop_tpose)
     if smooth_hz is not None and smooth_hz != "auto":
-        positive("smooth_hz", smooth_hz, hint="a cut-off in Hz, None or 'auto'")
+        number("smooth_hz", smooth_hz, LOWEST_CUTOFF_HZ, unit="Hz", hint="a cut-off in Hz, None or 'auto'")
     for name, value in (("up", up), ("flavour", flavour)):
         if value is not None:
             text(name, value)

@@ -16,6 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.files import clipped
 from t2d_rt.motion.bvh import RawSkeleton
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
 
@@ -98,9 +99,9 @@ def plain_names(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def detect_flavour(names: tuple[str, ...], parents: tuple[int, ...], wanted: str | None = None) -> Flavour:
     """The flavour whose joints are all there, hang in the canonical order, and cover most of the file's names."""
-    if wanted is not None and wanted not in _flavours:
+    if wanted is not None and (not isinstance(wanted, str) or wanted not in _flavours):
         raise InputError(
-            f"flavour {wanted!r} is unknown; choose one of {', '.join(_flavours)} or register_flavour() it"
+            f"flavour {clipped(wanted)} is unknown; choose one of {', '.join(_flavours)} or register_flavour() it"
         )
     candidates = list(_flavours.values())[::-1] if wanted is None else [_flavours[wanted]]
     present = set(names)
@@ -136,6 +137,12 @@ def canonical(
         _fill_between(chain, points, turns)
     order = [name for name in PARENT_OF if name in points]
     return {name: points[name] for name in order}, {name: turns[name] for name in order}
+
+
+def source_joints(names: tuple[str, ...], flavour: Flavour) -> list[int]:
+    """Indices of the file's joints that canonical ones are made of."""
+    sources = {name for source in flavour.joints.values() for name in _names(source)}
+    return [index for index, name in enumerate(names) if name in sources]
 
 
 def _fill_between(chain: tuple[str, ...], points: dict[str, np.ndarray], turns: dict[str, np.ndarray]) -> None:
