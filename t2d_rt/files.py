@@ -93,7 +93,7 @@ def read_yaml(path: str | Path, *, noun: str, example: str) -> dict[str, Any]:
         text = read_bytes(path, limit=MAX_YAML_BYTES, noun=noun).decode("utf-8-sig")
         values = load_yaml(text)
     except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text in UTF-8; a {noun} holds {example} in YAML") from None
+        raise InputError(f"{noun} {path} is not valid YAML (it is no text in UTF-8); correct it") from None
     except yaml.YAMLError as error:
         raise InputError(f"{noun} {path} is not valid YAML ({' '.join(str(error).split())}); correct it") from None
     if not isinstance(values, Mapping) or not all(isinstance(key, str) for key in values):

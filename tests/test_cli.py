@@ -294,7 +294,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
     Path("folder.bvh").mkdir()
     Path("empty.zarr").mkdir()
     Path("file.zarr").write_text("x")
-    assert "cannot read gone.bvh: No such file" in refused("simulate", "gone.bvh")
+    assert "cannot read BVH file gone.bvh: No such file" in refused("simulate", "gone.bvh")
     assert "folder.bvh is a directory" in refused("simulate", "folder.bvh")
     assert "motions come as .bvh" in refused("simulate", "empty.zarr", "-o", "x.zarr")
     assert "gone.bvh does not exist" in refused("info", "gone.bvh")
@@ -341,7 +341,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--distance-m 0.05", "the radar at (0, 0, 1) m is inside adult at 0 s; place the target farther away"),
         ("--distance-m 0.05 --method ellipsoid", "the radar at (0, 0, 1) m is inside abdomen at 0 s; place the target"),
         ("--distance-m -1", "distance_m must be positive, got -1.0"),
-        ("--start-s 3 --stop-s 2", "trim needs 0 <= start < stop <= 4.35 s, got 3.0 and 2.0"),
+        ("--start-s 3 --stop-s 2", "stop_s must lie after start_s of 3 s, got 2"),
         ("--motion.units 1e9", "the body would be 2.79e+10 m tall; leave units out"),
         ("--motion.units furlong", "units 'furlong' are unknown"),
         ("--motion.flavour foo", "flavour 'foo' is unknown; choose one of"),
@@ -359,7 +359,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--add fan", "a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got 'fan'"),
         ("--add fam:1,2,3", "unknown mover 'fam'; did you mean fan?"),
         ("--add fan:1,2,3,rpms=4", "unknown fan key 'rpms'; did you mean rpm?"),
-        ("--add person:gone.bvh", "cannot read gone.bvh: No such file"),
+        ("--add person:gone.bvh", "cannot read BVH file gone.bvh: No such file"),
         ("--add person:distance_m=3", "person key file is missing; write person:FILE.bvh"),
     ],
 )

@@ -235,9 +235,9 @@ def test_yaml_round_trip(tmp_path) -> None:
     ("text", "message"),
     [
         (b"carrier_hz: [1", "radar.yaml is not valid YAML"),
-        (b"\xff\xfe\x00binary\x9f", "is not a text file|is not valid YAML"),
-        (b"", "radar.yaml must hold field names and values .* got NoneType"),
-        (b"- 1\n- 2\n", "must hold field names and values .* got list"),
+        (b"\xff\xfe\x00binary\x9f", "is not valid YAML"),
+        (b"", "radar.yaml must hold field names and values .* got None"),
+        (b"- 1\n- 2\n", "must hold field names and values .* got \\[1, 2\\]"),
         (b"1: 2\n", "must hold field names and values"),
         (
             b"carrier_ghz: 77\n",

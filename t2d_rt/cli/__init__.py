@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import sys
@@ -10,9 +11,10 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from t2d_rt.cli.options import (
+    check_nulls,
     compare_parser,
     info_parser,
     one_sentence,
@@ -22,6 +24,7 @@ from t2d_rt.cli.options import (
     simulate_parser,
 )
 from t2d_rt.errors import InputError, T2DError, T2DWarning
+from t2d_rt.files import clipped, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -49,6 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     # Pictures are drawn in memory; matplotlib would refuse to load where this names a backend that it does not know.
     os.environ["MPLBACKEND"] = "agg"
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that the terminal cannot show is no reason to fail
+            stream.reconfigure(errors="backslashreplace")
     with warnings.catch_warnings():
         warnings.simplefilter("always", T2DWarning)
         warnings.showwarning = _show_warning
@@ -67,29 +73,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except OSError as error:
             return _failed(f"{error.filename or 'system'}: {error.strerror or error}; check the path")
         except KeyboardInterrupt:
-            print("t2d-rt: stopped; nothing was written", file=sys.stderr)
+            say("t2d-rt: stopped; nothing was written", file=sys.stderr)
             return 130
 
 
+def say(text: object, *, file: TextIO | None = None) -> None:
+    """Prints what may hold names and texts of a user's files: nothing in them reaches the terminal as a command to it."""
+    print(printable(str(text)), file=file)
+
+
 def _failed(sentence: str) -> int:
-    print(f"t2d-rt: {' '.join(sentence.split())}", file=sys.stderr)
+    say(f"t2d-rt: {' '.join(sentence.split())}", file=sys.stderr)
     return 2
 
 
 def _run(arguments: list[str]) -> int:
     if not arguments:
-        print(_overview(), file=sys.stderr)
+        say(_overview(), file=sys.stderr)
         return 2
     if arguments[0] in ("-h", "--help", "--version"):
         from t2d_rt.result import versions
 
-        print(versions()["t2d-rt"] if arguments[0] == "--version" else _overview())
+        say(versions()["t2d-rt"] if arguments[0] == "--version" else _overview())
         return 0
     from jsonargparse import ArgumentError
 
     parser, action = _command(arguments[0])
     try:
-        options = parser.parse_args(resolved(arguments[1:]))
+        options = parser.parse_args(resolved(arguments[1:], configurable=arguments[0] != "info"))
+        check_nulls(parser, options)
     except ArgumentError as error:
         raise InputError(one_sentence(str(error), arguments[0])) from None
     action(options)
@@ -106,7 +118,7 @@ def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], None]]:
         "info": (info_parser, _info),
     }
     if name not in commands:
-        raise InputError(f"unknown command '{name}'; choose one of {', '.join(commands)} (t2d-rt --help)")
+        raise InputError(f"unknown command {clipped(name)}; choose one of {', '.join(commands)} (t2d-rt --help)")
     make, action = commands[name]
     return make(), action
 
@@ -145,8 +157,8 @@ def _simulate(options: Namespace) -> None:
     with _picture(figure, picture) if figure is not None else nullcontext():
         result.save(target, overwrite=options.overwrite)
     if result.error_db is not None:
-        print(f"measured error {result.error_db:.1f} dB")
-    print(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
+        say(f"measured error {result.error_db:.1f} dB")
+    say(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
 
 
 def _drawn(result: Simulation, title: str) -> Figure | None:
@@ -171,7 +183,7 @@ def _plan(options: Namespace) -> None:
     radar = _radar(options)
     motion = _motion(options, Path(options.file), radar)
     names = [name for name in MODEL if name != "measure_error"]
-    print(plan(motion, radar=radar, **{name: options[name] for name in names}))
+    say(plan(motion, radar=radar, **{name: options[name] for name in names}))
 
 
 def _compare(options: Namespace) -> None:
@@ -191,8 +203,8 @@ def _compare(options: Namespace) -> None:
         image.velocity_mps.values, image.time_s.values, image.values, other.values, title=source.name
     )
     with _picture(figure, picture):
-        print(found)
-    print(f"wrote {picture}")
+        say(found)
+    say(f"wrote {picture}")
 
 
 def _scene(options: Namespace) -> None:
@@ -217,11 +229,11 @@ def _scene(options: Namespace) -> None:
     ways = ways_to(scene, radar, target, reflections=options.reflections)
     figure = plot_scene(scene, radar.tx_position_m, ways_m=ways, track_m=track, title=scene.name)
     with _picture(figure, picture):
-        print(
+        say(
             f"{len(scene.surfaces)} objects, {len(ways)} ways to ({', '.join(f'{x:.2f}' for x in target)}) m: "
             f"{', '.join(name for name, _ in ways)}"
         )
-    print(f"wrote {picture}")
+    say(f"wrote {picture}")
 
 
 def _info(options: Namespace) -> None:
@@ -231,17 +243,17 @@ def _info(options: Namespace) -> None:
     if source.is_dir():
         from t2d_rt.result import Simulation
 
-        print(_recording_info(Simulation.load(source)))
+        say(_recording_info(Simulation.load(source)))
     elif source.suffix.lower() in (".yaml", ".yml"):
         from t2d_rt.types import Radar
 
-        print(_radar_info(Radar.from_yaml(source)))
+        say(_radar_info(Radar.from_yaml(source)))
     else:
         from t2d_rt.motion import describe, load_motion
 
         motion = load_motion(source)
-        print(motion.report)
-        print(describe(motion))
+        say(motion.report)
+        say(describe(motion))
 
 
 def _radar(options: Namespace) -> Radar:
@@ -251,12 +263,12 @@ def _radar(options: Namespace) -> Radar:
 
 
 def _motion(options: Namespace, source: Path, radar: Radar) -> Motion:
-    from t2d_rt.motion import load_motion, place, trim
+    from t2d_rt.cli.add import cut
+    from t2d_rt.motion import load_motion, place
 
     motion = load_motion(source, **options.motion.as_dict())
-    print(motion.report)
-    if options.start_s or options.stop_s is not None:
-        motion = trim(motion, options.start_s, options.stop_s)
+    say(motion.report)
+    motion = cut(motion, options.start_s, options.stop_s)
     return place(
         motion,
         distance_m=options.distance_m,
@@ -362,7 +374,7 @@ def _progress(label: str) -> Iterator[Callable[[float], None]]:
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"t2d-rt: warning: {message}", file=sys.stderr)
+    say(f"t2d-rt: warning: {message}", file=sys.stderr)
 
 
 def _radar_info(radar: Radar) -> str:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import inspect
-import json
 import re
+from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from t2d_rt.errors import InputError
+from t2d_rt.files import clipped, load_yaml, read_yaml
 
 if TYPE_CHECKING:
-    from jsonargparse import ArgumentParser
+    from jsonargparse import ArgumentParser, Namespace
 
 EXAMPLES = {
     "simulate": """examples:
@@ -128,12 +129,15 @@ def info_parser() -> ArgumentParser:
 def _parser(command: str, description: str, *, config: bool = True, noun: str = "FILE") -> ArgumentParser:
     from argparse import RawDescriptionHelpFormatter
 
-    from jsonargparse import ArgumentParser, DefaultHelpFormatter
+    import yaml
+    from jsonargparse import ArgumentParser, DefaultHelpFormatter, set_loader
 
     class Formatter(DefaultHelpFormatter, RawDescriptionHelpFormatter):
         pass
 
+    set_loader("bounded yaml", _bounded_yaml, (yaml.YAMLError,))
     parser = ArgumentParser(
+        parser_mode="bounded yaml",
         prog=f"t2d-rt {command}",
         usage=f"t2d-rt {command} {noun} [options]",
         description=description,
@@ -215,30 +219,33 @@ def _add_parameters(group: Any, function: Callable[..., Any], prefix: str = "", 
             group.add_argument(f"--{prefix}{name}", type=hints[name], default=parameter.default, help=help_text)
 
 
-def resolved(arguments: Sequence[str]) -> list[str]:
+def resolved(arguments: Sequence[str], *, configurable: bool = True) -> list[str]:
     """Arguments as the parser wants them: --name_with_underscores=value, a bare word as --file, config files and radars first.
 
     A value may begin with a dash (--motion.up -z). Config files and --radar become texts for --config, in this order, so
-    that a radar's fields can be overridden and a preset's name will do, in a config file too.
+    that a radar's fields can be overridden and a preset's name will do, in a config file too; only where the command is
+    `configurable`.
     """
     files: list[str] = []
     configs: list[str] = []
     radars: list[str] = []
     added: list[str] = []
     rest: list[str] = []
-    waiting = list(arguments)
+    waiting = deque(arguments)
     while waiting:
-        word = waiting.pop(0)
+        word = waiting.popleft()
         option = re.fullmatch(r"(-o|--[A-Za-z][\w.-]*)(?:=(.*))?", word, flags=re.DOTALL)
         if option is None:
             if re.match("-.", word) and word != "-h":
-                raise InputError(f"unknown option {word}; t2d-rt COMMAND --help lists all")
+                raise InputError(f"unknown option {word[:60]}; t2d-rt COMMAND --help lists all")
             (rest if word == "-h" else files).append(word)
             continue
         name = "--output" if option[1] == "-o" else "--" + option[1][2:].replace("-", "_")
         value = option[2]
+        if name in ("--config", "--radar") and not configurable:
+            raise InputError(f"unknown option {name}; t2d-rt COMMAND --help lists all")
         if value is None and name not in FLAGS and waiting and not re.match(r"--[A-Za-z]|-[oh]$", waiting[0]):
-            value = waiting.pop(0)
+            value = waiting.popleft()
         if value is None:
             if name not in FLAGS:
                 raise InputError(f"option {name} needs a value; t2d-rt COMMAND --help lists all")
@@ -254,27 +261,31 @@ def resolved(arguments: Sequence[str]) -> list[str]:
         else:
             rest.append(f"{name}={value}")
     if len(files) > 1:
-        raise InputError(f"expected one file, got {len(files)} ({', '.join(files)}); run once for each")
-    rest += [f"--add={json.dumps(added)}"] if added else []
+        raise InputError(f"expected one file, got {len(files)} ({', '.join(files[:9])}); run once for each")
+    rest += [f"--add={_yaml(added)}"] if added else []
     return [*configs, *radars, *(f"--file={name}" for name in files), *rest]
 
 
-def _config_text(path: str) -> str:
-    import yaml
+def check_nulls(parser: ArgumentParser, options: Namespace) -> None:
+    """Refuses null for options that do not take it: the parser lets it pass in config files, as if it were no value."""
+    for name, value in options.items():
+        if value is None and parser.get_default(name) is not None:
+            again = parser.parse_args(["--file=any", f"--{name}=null"])
+            if again[name] is not None:
+                raise InputError(f"option {name} must be a text, got null; leave it out to have its default")
 
-    try:
-        values = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read config file {path}: {error.strerror}; check the path") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"config file {path} is not valid YAML ({' '.join(str(error).split())}); correct it") from None
-    if not isinstance(values, dict) or not all(isinstance(key, str) for key in values):
-        raise InputError(f"config file {path} must hold options and values such as 'seed: 3'; --print_config shows all")
+
+def _config_text(path: str) -> str:
+    values = read_yaml(
+        path, noun="config file", example="options and values such as 'seed: 3'; --print_config shows all"
+    )
     if isinstance(values.get("radar"), str):
         values["radar"] = _radar_fields(values["radar"])
     for section in ("radar", "motion", "signal"):
         if section in values and not isinstance(values[section], dict):
-            raise InputError(f"'{section}' in config file {path} must hold options and values, got {values[section]!r}")
+            raise InputError(
+                f"'{section}' in config file {path} must hold options and values, got {clipped(values[section])}"
+            )
     return _yaml(values)
 
 
@@ -285,10 +296,18 @@ def _radar_fields(name: str) -> dict[str, Any]:
     return (Radar.from_yaml(name) if own else Radar.preset(name)).model_dump(mode="json")
 
 
-def _yaml(values: dict[str, Any]) -> str:
+def _yaml(values: dict[str, Any] | list[str]) -> str:
     import yaml
 
     return str(yaml.safe_dump(values, sort_keys=False))
+
+
+def _bounded_yaml(text: str) -> Any:
+    """A value or config as the parser's own loader reads it, within the limits of `load_yaml`."""
+    from jsonargparse import get_loader
+
+    load_yaml(text)
+    return get_loader("yaml")(text)
 
 
 def one_sentence(message: str, command: str) -> str:
@@ -299,16 +318,19 @@ def one_sentence(message: str, command: str) -> str:
     if wrong and given:
         kinds = re.findall(r"Expected an? (.+?)(?:\. Got value|\n|$)", message)
         expected = dict.fromkeys(word for kind in kinds for word in _plain_type(kind))
-        return (
-            f"option {wrong[1]} must be {' or '.join(expected)}, got '{' '.join(given[1].split())}'; see {help_command}"
-        )
+        return f"option {wrong[1]} must be {' or '.join(expected)}, got '{_one_line(given[1])}'; see {help_command}"
     if "are required: file" in message:
         return f"no file given; name one, as in the examples of {help_command}"
     unknown = re.search(r"unrecognized arguments: (\S+)|Option '(.+)' is not accepted", message)
     if unknown:
         name = (unknown[1] or unknown[2]).partition("=")[0]
         return f"unknown option {name}; {help_command} lists all"
-    return f"{' '.join(message.split())}; see {help_command}"
+    return f"{_one_line(message, 300)}; see {help_command}"
+
+
+def _one_line(text: str, width: int = 100) -> str:
+    line = " ".join(text[: 10 * width].split())
+    return line if len(line) <= width else line[: width - 3] + "..."
 
 
 def _plain_type(kind: str) -> list[str]:

@@ -274,7 +274,7 @@ def _motion(text: bytes, channel_count: int, path: str | Path) -> tuple[np.ndarr
     frames = _numbers(header[0].split(), "Frames", path)
     step_s = _numbers(header[1].split(), "Frame Time", path)
     if frames.size != 1 or frames[0] != round(frames[0]) or frames[0] < 2:
-        raise InputError(f"{path}: a motion needs at least 2 frames, got 'Frames:' {_shown(header[0])}")
+        raise InputError(f"{path}: a motion needs at least 2 frames, got {clipped('Frames: ' + _text(header[0]))}")
     if step_s.size != 1 or not 1.0 / MAX_FRAME_RATE_HZ <= step_s[0] <= 1.0:
         raise InputError(f"{path}: Frame Time must lie between 0.0001 and 1 s, got {_shown(header[1])}")
     values = _values(text, start, int(frames[0]), channel_count, path)

@@ -8,7 +8,6 @@ speed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -18,6 +17,7 @@ from pydantic import Field, model_validator
 
 from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
+from t2d_rt.files import clipped, read_yaml
 from t2d_rt.types.antennas import Isotropic, Pattern, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 
@@ -118,7 +118,7 @@ class Radar(Fields):
     @classmethod
     def from_yaml(cls, path: str | Path) -> Radar:
         """Read a radar from a YAML file of field names and values."""
-        values = _read_yaml(Path(path))
+        values = _read_yaml(path)
         try:
             return cls(**values)
         except InputError as error:
@@ -420,7 +420,7 @@ def preset_path(name: str) -> Path:
     known = preset_names()
     wanted = str(name).lower().replace("_", "-")
     if wanted not in known:
-        raise InputError(f"unknown radar preset '{name}'; choose one of {', '.join(known)}, or give a YAML file")
+        raise InputError(f"unknown radar preset {clipped(name)}; choose one of {', '.join(known)}, or give a YAML file")
     return _preset_folder() / f"{wanted}.yaml"
 
 
@@ -429,20 +429,5 @@ def _preset_folder() -> Path:
     return Path(str(files("t2d_rt"))) / "radar" / "presets"
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
-    import yaml
-
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read radar file {path}: {error.strerror}; check the path") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file; a radar is a YAML file of field names and values") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path} is not valid YAML ({reason}); correct it") from None
-    if not isinstance(values, Mapping) or not all(isinstance(key, str) for key in values):
-        raise InputError(
-            f"{path} must hold field names and values such as 'prf_hz: 10240', got {type(values).__name__}"
-        )
-    return dict(values)
+def _read_yaml(path: str | Path) -> dict[str, Any]:
+    return read_yaml(path, noun="radar file", example="field names and values such as 'prf_hz: 10240'")
