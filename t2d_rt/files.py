@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import reprlib
 import stat
 import zlib
 from collections.abc import Mapping
@@ -11,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from t2d_rt.checks import file_path, shown
 from t2d_rt.errors import InputError
 
 MAX_YAML_BYTES = 1_000_000
@@ -21,16 +21,17 @@ MAX_YAML_DIGITS = 400
 """A float has at most 309 digits; a whole number of thousands of digits cannot even be printed."""
 
 
+MAX_GZIP_MEMBERS = 10_000
+"""Those of a file of 150 MB that was packed in blocks of 64 kB are 2 300."""
+GZIP_BLOCK = 65_536
+
 OPENING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
 """How files are opened: without O_NONBLOCK the opening of a pipe waits for a writer; regular files take no notice of it."""
 
 
 def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
     """All of a regular file of at most `limit` bytes; `noun` says in sentences what it should be ("radar file")."""
-    if not isinstance(path, (str, os.PathLike)):
-        raise InputError(f"the path of a {noun} must be a text or a Path, got {clipped(path)}")
-    if not os.fspath(path) or "\0" in str(path):
-        raise InputError(f"cannot read {noun} {str(path)!r}: this is not a valid file name; check the path")
+    path = file_path(f"the path of a {noun}", path)
     try:
         descriptor = os.open(path, OPENING)
         try:
@@ -60,20 +61,27 @@ def _kind(mode: int) -> str:
 def gunzip(data: bytes, path: str | Path, *, limit: int) -> bytes:
     """The text of a gzip file, of all its members one after another; at most `limit` bytes."""
     texts: list[bytes] = []
-    room = limit
-    while data:
+    room, start, members = limit, 0, 0
+    while data[start : start + 1] != b"\0" or data[start:].strip(b"\0"):  # zeros pad the last block, as tapes had it
         member = zlib.decompressobj(wbits=31)
-        try:
-            texts.append(member.decompress(data, room + 1))
-        except zlib.error:
-            junk = "is followed by bytes that are no gzip data" if texts else "is not a valid gzip file"
-            raise InputError(f"{path} {junk}; unpack it by hand or fetch it again") from None
-        room -= len(texts[-1])
-        if room < 0:
-            raise InputError(f"{path} unpacks to more than {size(limit)}; cut it into shorter files")
+        while start < len(data) and not member.eof:
+            piece = data[start : start + GZIP_BLOCK]
+            try:
+                texts.append(member.decompress(piece, room + 1))
+            except zlib.error:
+                junk = "is followed by bytes that are no gzip data" if members else "is not a valid gzip file"
+                raise InputError(f"{path} {junk}; unpack it by hand or fetch it again") from None
+            room -= len(texts[-1])
+            start += len(piece) - len(member.unused_data)
+            if room < 0:
+                raise InputError(f"{path} unpacks to more than {size(limit)}; cut it into shorter files")
+        members += 1
         if not member.eof:
             raise InputError(f"{path} is cut short; fetch it again")
-        data = member.unused_data.lstrip(b"\0")  # padding to whole blocks, as tapes had it
+        if members > MAX_GZIP_MEMBERS:
+            raise InputError(f"{path} is made of more than {MAX_GZIP_MEMBERS} gzip members; unpack it by hand")
+        if start == len(data):
+            break
     return b"".join(texts)
 
 
@@ -198,12 +206,9 @@ def printable(text: str) -> str:
 
 
 def clipped(value: Any, width: int = 60) -> str:
-    """repr of a value, cut to `width`; what would not show is not written in the first place."""
-    short = reprlib.Repr()
-    short.maxlist = short.maxtuple = short.maxdict = short.maxset = short.maxfrozenset = short.maxlevel = width
-    short.maxstring = short.maxlong = short.maxother = 2 * width
+    """A value in a sentence, cut to `width`."""
     try:
-        text = short.repr(value)
+        text = shown(value)
     except Exception:  # whatever a foreign object's repr does, the sentence goes on
         text = f"a {type(value).__name__}"
     return text if len(text) <= width else text[: width - 3] + "..."

@@ -255,6 +255,8 @@ def resolved(arguments: Sequence[str], *, configurable: bool = True) -> list[str
         elif name == "--radar":
             radars.append(f"--config={_yaml({'radar': _radar_fields(value)})}")
         elif name == "--add":
+            if not value.isascii() and value != value.encode(errors="ignore").decode():
+                raise InputError(f"option --add takes a text in UTF-8, got {clipped(value)}; rename the file")
             added.append(value)
         elif name == "--file":
             files.append(value)
