@@ -38,9 +38,12 @@ def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
             status = os.fstat(descriptor)
             if not stat.S_ISREG(status.st_mode):
                 raise InputError(f"{path} is {_kind(status.st_mode)}; give the path of one {noun}")
-            # No more than a byte above the limit is read, for what /proc says of a size is not true.
-            with open(descriptor, "rb", closefd=False) as file:
-                data = file.read(limit + 1) if status.st_size <= limit else None
+            data = None
+            if status.st_size <= limit:
+                with open(descriptor, "rb", closefd=False) as file:
+                    data = file.read(status.st_size + 1)
+                    if len(data) > status.st_size:  # it grows, or has no size, as in /proc
+                        data += file.read(limit + 1 - len(data))
         finally:
             os.close(descriptor)
     except UnicodeEncodeError:

@@ -10,14 +10,14 @@ import subprocess
 import sys
 import threading
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-import t2d_rt as t2d
 from t2d_rt import cli, files
 from t2d_rt.cli.add import additions
 from t2d_rt.errors import InputError, T2DWarning
@@ -38,6 +38,16 @@ def write(folder: Path, data: bytes, name: str = "a.bvh") -> Path:
 def same(path: Path) -> bool:
     found, expected = load_motion(path), load_motion(MOMASK)
     return np.array_equal(found.joints, expected.joints) and np.array_equal(found.rotations, expected.rotations)
+
+
+@contextmanager
+def memory_below(limit: float) -> Iterator[None]:
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < limit
+    finally:
+        tracemalloc.stop()
 
 
 # --- what is no file of bounded size --------------------------------------------------------------------------------
@@ -132,21 +142,15 @@ def test_gzip_bombs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_short_lines_take_no_more_memory_than_long_ones(tmp_path: Path) -> None:
     path = write(tmp_path, gzip.compress(GOOD + b"0\n" * 4_000_000, 1), "a.bvh.gz")
-    tracemalloc.start()
-    with pytest.raises(InputError, match=r"8280 values, got \d+ or more"):
+    # The text of 8 MB while it is unpacked, and a block's words: lists of all words would take 500 MB.
+    with memory_below(60e6), pytest.raises(InputError, match=r"8280 values, got \d+ or more"):
         load_motion(path)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 60e6  # the text of 8 MB while it is unpacked, and a block's words; lists of all words take 500 MB
 
 
 def test_frames_that_are_promised_take_no_memory(tmp_path: Path) -> None:
     promised = re.sub(rb"Frames:.*", b"Frames: 100000", GOOD)
-    tracemalloc.start()
-    with pytest.raises(InputError, match="'Frames: 100000' but 120 rows"):
+    with memory_below(20e6), pytest.raises(InputError, match="'Frames: 100000' but 120 rows"):
         load_motion(write(tmp_path, promised))
-    assert tracemalloc.get_traced_memory()[1] < 20e6
-    tracemalloc.stop()
     with pytest.raises(
         InputError, match="200000 frames of 69 channels are too many, 100000 frames and 10000000 values"
     ):
@@ -274,13 +278,9 @@ BAD_YAML = {
 def test_malformed_yaml(tmp_path: Path, case: str) -> None:
     text, sentence = BAD_YAML[case]
     path = write(tmp_path, text.encode(), "r.yaml")
-    tracemalloc.start()
-    with pytest.raises(InputError, match=sentence) as caught:
+    with memory_below(30e6), pytest.raises(InputError, match=sentence) as caught:
         Radar.from_yaml(path)
-    assert tracemalloc.get_traced_memory()[1] < 30e6
-    tracemalloc.stop()
     assert len(str(caught.value)) < 600
-    assert sys.getrecursionlimit() >= 1000
     with pytest.raises(InputError, match=sentence):
         cli.options.resolved(["--config", str(path)])
 
@@ -288,8 +288,9 @@ def test_malformed_yaml(tmp_path: Path, case: str) -> None:
 def test_aliases_in_bounds_are_read(tmp_path: Path) -> None:
     text = yaml.safe_dump(Radar.preset("table2").model_dump(mode="json"))
     assert files.load_yaml("a: &a {x: 1, y: 2}\nb: {<<: *a, x: 3}\nc: *a")["b"] == {"x": 3, "y": 2}
-    text = re.sub(r"(?s)tx_offsets_m:\n(.*?\n)(?=\w)", r"tx_offsets_m: &here\n\1", text)
-    text = re.sub(r"(?s)rx_offsets_m:\n(.*?\n)(?=\w)", "rx_offsets_m: *here\n", text)
+    text = re.sub(
+        r"(?s)tx_offsets_m:\n.*?\n(?=\w)", "tx_offsets_m: *here\n", text.replace("rx_offsets_m:", "rx_offsets_m: &here")
+    )
     assert "*here" in text
     assert Radar.from_yaml(write(tmp_path, text.encode(), "r.yaml")) == Radar.preset("table2")
 
@@ -407,10 +408,12 @@ def test_nothing_raw_reaches_the_terminal(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_terminal_of_few_letters(tmp_path: Path) -> None:
     path = write(tmp_path, GOOD, "é.bvh")
-    program = "import sys; from t2d_rt.cli import main, say; say('\\u00e9\\udcff'); sys.exit(main(sys.argv[1:]))"
+    program = (
+        "import sys; from t2d_rt.cli import main, say; code = main(sys.argv[1:]); say('\\u00e9\\udcff'); sys.exit(code)"
+    )
     for arguments, code in ((["info", str(path)], 0), (["info", str(path) + "x"], 2)):
         done = subprocess.run(
-            [sys.executable, "-c", f"import t2d_rt.cli as c; c.utf = 1\n{program}", *arguments],
+            [sys.executable, "-c", program, *arguments],
             env={**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"}, capture_output=True, timeout=60, check=False,
         )  # fmt: skip
         assert b"Traceback" not in done.stderr
@@ -424,4 +427,3 @@ def test_streams_show_what_they_can(monkeypatch: pytest.MonkeyPatch) -> None:
     cli.say("\u00e9")
     stream.flush()
     assert stream.buffer.getvalue().endswith(b"\\xe9\n")  # type: ignore[attr-defined]
-    assert t2d.__version__.encode() in stream.buffer.getvalue()  # type: ignore[attr-defined]
