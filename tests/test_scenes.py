@@ -165,7 +165,7 @@ def test_shipped_scenes_load_in_sionna_alone(name: str) -> None:
         ),
         (
             '<scene version="2.1.0"><shape type="ply" id="a"><string name="filename" value="gone.ply"/></shape></scene>',
-            "gone.ply, which does not exist",
+            "'gone.ply', which does not exist",
         ),
         ('<scene version="2.1.0"><bsdf type="plastic-radio" id="m"/></scene>', "cannot load scene"),
     ],

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from t2d_rt.errors import InputError
+from t2d_rt.geometry.mesh_files import read_mesh
 from t2d_rt.resources import listing, resource
 from t2d_rt.types import Scene, Surface
 from t2d_rt.types.fields import Coordinate, Fields, Number
@@ -186,15 +187,13 @@ def furniture_kinds() -> list[str]:
 
 def furniture(kind: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Vertices (V, 3) m and faces (F, 3) of each material of a piece, which stands on z = 0 and looks along +x."""
-    import trimesh
-
     if kind not in furniture_kinds():
         raise InputError(f"unknown furniture {kind!r}; choose one of {', '.join(furniture_kinds())}")
     found = {}
     for name in listing("meshes/furniture", ".ply"):
         if name.split(".")[0] == kind:
-            part = trimesh.load(resource("meshes/furniture", name), process=False)
-            found[name.split(".")[1]] = np.asarray(part.vertices, float).round(9), np.asarray(part.faces)
+            vertices, faces = read_mesh(resource("meshes/furniture", name))
+            found[name.split(".")[1]] = vertices.round(9), faces
     return found
 
 

@@ -7,6 +7,8 @@ from typing import Any
 
 from t2d_rt.backend import select
 from t2d_rt.errors import InputError
+from t2d_rt.files import clipped
+from t2d_rt.trace.mitsuba import imported
 from t2d_rt.types import Material
 
 
@@ -18,7 +20,7 @@ def itu_material(name: str, frequency_hz: float) -> Material:
     short = name.removeprefix("itu_").replace("-", "_")
     table = itu.ITU_MATERIALS_PROPERTIES
     if short not in table:
-        raise InputError(f"unknown material {name!r}; ITU names are {', '.join(sorted(table))}")
+        raise _unknown(name)
     try:
         permittivity, conductivity = itu.itu_material(short, frequency_hz)
     except ValueError:
@@ -30,6 +32,18 @@ def itu_material(name: str, frequency_hz: float) -> Material:
     return Material(
         name=f"itu_{short}", relative_permittivity=float(permittivity), conductivity_s_per_m=float(conductivity)
     )
+
+
+def known_itu(name: str) -> str:
+    """The name of an ITU material, as it stands in the table; refuses any other."""
+    if name not in _sionna_table().ITU_MATERIALS_PROPERTIES:
+        raise _unknown(name)
+    return name
+
+
+def _unknown(name: str) -> InputError:
+    table = _sionna_table().ITU_MATERIALS_PROPERTIES
+    return InputError(f"unknown material {clipped(name)}; ITU names are {', '.join(sorted(table))}")
 
 
 def resolved(material: str | Material, frequency_hz: float) -> Material:
@@ -46,8 +60,7 @@ def itu_names(frequency_hz: float) -> list[str]:
 
 def _sionna_table() -> Any:
     """Sionna's module with the ITU table; Sionna picks a Mitsuba variant on import unless there is one already."""
-    import mitsuba as mi
-
+    mi = imported()
     if mi.variant() is None:
         mi.set_variant(select().mitsuba_variant)
     from sionna.rt.radio_materials import itu

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,23 @@ import numpy as np
 from t2d_rt.backend import Backend, aligned
 
 
-def mitsuba(backend: Backend) -> Any:
-    """Mitsuba in the variant of a backend."""
+def imported() -> Any:
+    """Mitsuba, looking for plugins and data in its own folder before all others.
+
+    By itself it looks in the working directory first, and a plugin is a program that runs when it is loaded.
+    """
     import mitsuba as mi
 
+    home = str(Path(mi.__file__).parent)
+    resolver = mi.file_resolver()  # type: ignore[operator]
+    if str(next(iter(resolver), None)) != home:
+        resolver.prepend(home)
+    return mi
+
+
+def mitsuba(backend: Backend) -> Any:
+    """Mitsuba in the variant of a backend."""
+    mi = imported()
     if mi.variant() != backend.mitsuba_variant:
         mi.set_variant(backend.mitsuba_variant)
     return mi

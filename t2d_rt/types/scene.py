@@ -8,10 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.files import clipped
 from t2d_rt.types.material import Material
 
 LARGEST_M = 100.0
 """Rooms are smaller; what exceeds it was meant in other units."""
+MAX_SURFACES = 2_000
+MAX_TRIANGLES = 10_000
+"""Ten times what a furnished room has; rays, edges and mirrors take time and memory with each."""
+MAX_VERTICES = 30_000
+NO_AREA_M2 = 1e-12
+"""A triangle of less than half of that is a line or a point; it reflects nothing and is passed over where there are others."""
+MAX_NAME = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,17 +36,67 @@ class Surface:
     thickness_m: float
 
     def __post_init__(self) -> None:
-        vertices, faces = np.asarray(self.vertices, float), np.asarray(self.faces)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
-            raise InputError(f"vertices of {self.name} must be finite and of shape (vertex, 3), got {vertices.shape}")
-        if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or not np.issubdtype(faces.dtype, np.integer):
-            raise InputError(f"faces of {self.name} must be integers of shape (face, 3), got {faces.shape}")
+        _check_name(self.name, "surface")
+        vertices, faces = _array(self.vertices, self.name, "vertices"), _array(self.faces, self.name, "faces")
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
+            raise InputError(f"vertices of {self.name} must be finite and of shape (vertex, 3), got {_form(vertices)}")
+        vertices = vertices.astype(np.float64)
+        if not np.isfinite(vertices).all():
+            raise InputError(
+                f"vertices of {self.name} must be finite and of shape (vertex, 3), "
+                f"got {np.count_nonzero(~np.isfinite(vertices))} NaN or infinite values"
+            )
+        if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.dtype.kind not in "iu":
+            raise InputError(f"faces of {self.name} must be integers of shape (face, 3), got {_form(faces)}")
         if faces.min() < 0 or faces.max() >= len(vertices):
-            raise InputError(f"faces of {self.name} must name vertices 0..{len(vertices) - 1}, got {faces.max()}")
-        if not 0 < self.thickness_m <= 2:
-            raise InputError(f"thickness_m of {self.name} must lie in 0..2 m, got {self.thickness_m}")
+            raise InputError(
+                f"faces of {self.name} must name vertices 0..{len(vertices) - 1}, got {faces.min()}..{faces.max()}"
+            )
+        if len(faces) > MAX_TRIANGLES or len(vertices) > MAX_VERTICES:
+            raise InputError(
+                f"{self.name} has {len(faces)} triangles and {len(vertices)} vertices, more than {MAX_TRIANGLES} and "
+                f"{MAX_VERTICES}; make it coarser"
+            )
+        faces = faces.astype(np.int64)
+        if not (_twice_area(vertices, faces) > NO_AREA_M2).any():
+            raise InputError(
+                f"{self.name} has no area: each of its triangles is a line or a point; check its vertices and scale"
+            )
+        if not isinstance(self.material, str | Material):
+            raise InputError(f"material of {self.name} must be an ITU name or a Material, got {clipped(self.material)}")
+        thickness = self.thickness_m
+        if isinstance(thickness, bool) or not isinstance(thickness, int | float | np.number) or not 0 < thickness <= 2:
+            raise InputError(f"thickness_m of {self.name} must lie in 0..2 m, got {clipped(thickness)}")
         object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", faces.astype(np.int64))
+        object.__setattr__(self, "faces", faces)
+
+
+def _check_name(name: object, noun: str) -> None:
+    """Names stand in sentences, results and file names."""
+    if not isinstance(name, str) or not 0 < len(name) <= MAX_NAME or not name.isprintable():
+        raise InputError(
+            f"the name of a {noun} must be a text of 1..{MAX_NAME} printable characters, got {clipped(name)}; give another"
+        )
+
+
+def _array(values: object, name: str, noun: str) -> np.ndarray:
+    if isinstance(values, np.ma.MaskedArray):
+        raise InputError(f"{noun} of {name} are a masked array, whose mask would be lost; give only what counts")
+    try:
+        return np.asarray(values)
+    except (TypeError, ValueError):
+        raise InputError(f"{noun} of {name} must be an array of numbers, got {clipped(values)}") from None
+
+
+def _form(array: np.ndarray) -> str:
+    return f"{array.shape} of {array.dtype}"
+
+
+def _twice_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Twice the area of each triangle [m^2]."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    with np.errstate(over="ignore", invalid="ignore"):  # of what is refused as too large in a scene
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +107,10 @@ class Scene:
     surfaces: tuple[Surface, ...]
 
     def __post_init__(self) -> None:
+        _check_name(self.name, "scene")
+        if not isinstance(self.surfaces, tuple | list) or not all(isinstance(each, Surface) for each in self.surfaces):
+            raise InputError(f"surfaces of scene {self.name} must be Surface objects, got {clipped(self.surfaces)}")
+        object.__setattr__(self, "surfaces", tuple(self.surfaces))
         twice = [name for name, count in Counter(surface.name for surface in self.surfaces).items() if count > 1]
         if twice:
             raise InputError(
@@ -58,8 +120,14 @@ class Scene:
             raise InputError(
                 f"scene {self.name} holds nothing that reflects; add walls or furniture, or take free_space"
             )
+        triangles = sum(len(surface.faces) for surface in self.surfaces)
+        if len(self.surfaces) > MAX_SURFACES or triangles > MAX_TRIANGLES:
+            raise InputError(
+                f"scene {self.name} has {len(self.surfaces)} surfaces and {triangles} triangles, more than {MAX_SURFACES} and "
+                f"{MAX_TRIANGLES}; leave out what hardly reflects, or make its meshes coarser"
+            )
         low, high = self.bounds_m
-        if (high - low).max() > LARGEST_M:
+        if not (high - low).max() <= LARGEST_M:
             raise InputError(
                 f"scene {self.name} measures {(high - low).max():.4g} m, more than {LARGEST_M:g} m; give it in metres"
             )

@@ -1,0 +1,164 @@
+"""Shapes and materials of a Mitsuba/Sionna XML file as surfaces, in the meaning that Sionna RT gives them."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.files import clipped, read_bytes, size
+from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, Mesh, parsed_mesh
+from t2d_rt.trace.materials import known_itu
+from t2d_rt.trace.scene_xml import SceneFile
+from t2d_rt.trace.transforms import moved, numbers, to_world
+from t2d_rt.types import Material, Surface
+from t2d_rt.types.scene import MAX_TRIANGLES
+
+PICTURE = frozenset(
+    {
+        "integrator",
+        "sensor",
+        "emitter",
+        "film",
+        "sampler",
+        "rfilter",
+        "texture",
+        "medium",
+        "phase",
+        "volume",
+        "spectrum",
+        "rgb",
+    }
+)
+"""Elements that only a picture needs: left out unread."""
+NORMALS = frozenset({"face_normals", "flip_normals", "flip_tex_coords"})
+"""Switches of a shape that change neither its place nor its form; surfaces reflect from both sides."""
+FILES = {"ply": ".ply", "obj": ".obj"}
+DEFAULT_THICKNESS_M = 0.1
+"""Sionna's."""
+CUBE: Mesh = (
+    np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]),
+    np.array([
+        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
+        (1, 5, 7), (1, 7, 3),
+    ]),
+)  # fmt: skip
+"""Mitsuba's, from -1 to 1."""
+
+
+@dataclass(slots=True)
+class Shapes:
+    """Makes surfaces of shapes, as long as the scene's meshes stay within what one scene may hold."""
+
+    file: SceneFile
+    materials: dict[str, Element]
+    bytes_left: int = MAX_MESH_BYTES
+    triangles_left: int = MAX_TRIANGLES
+
+    def surface(self, shape: Element, identity: str) -> Surface:
+        """The surface of a shape; mesh- before its name, which Blender's exporter puts there, is left out."""
+        name = identity.removeprefix("mesh-")
+        try:
+            found = properties(shape, {"boolean": NORMALS, "string": {"filename"}, "transform": {"to_world"}})
+            vertices, faces = self._mesh(shape.get("type", ""), found.get("filename"))
+            self.triangles_left -= len(faces)
+            if self.triangles_left < 0:
+                raise InputError(f"the scene has more than {MAX_TRIANGLES} triangles; make its meshes coarser")
+            material, thickness_m = self._material(shape)
+            return Surface(
+                name=name,
+                vertices=moved(vertices, to_world(found.get("to_world"))),
+                faces=faces,
+                material=material,
+                thickness_m=thickness_m,
+            )
+        except InputError as error:
+            raise InputError(f"shape {clipped(name)}: {error}") from None
+
+    def _mesh(self, kind: str, filename: Element | None) -> Mesh:
+        if kind == "cube" and filename is None:
+            return CUBE
+        if kind not in FILES:
+            raise InputError(f"its type {clipped(kind)} is none of ply, obj and cube; export it as a PLY mesh")
+        path = self.file.inside(None if filename is None else filename.get("value"))
+        if path.suffix.lower() != FILES[kind]:
+            raise InputError(f"its type is {kind}, but its file is {clipped(path.name)}; give a {FILES[kind]} file")
+        data = read_bytes(path, limit=MAX_MESH_BYTES, noun="mesh file")
+        self.bytes_left -= len(data)
+        if self.bytes_left < 0:
+            raise InputError(f"the scene's meshes have more than {size(MAX_MESH_BYTES)} in all; make them coarser")
+        return parsed_mesh(data, path)
+
+    def _material(self, shape: Element) -> tuple[str | Material, float]:
+        """What a shape is made of and its thickness [m]."""
+        found = list(shape.findall("bsdf"))
+        for reference in shape.findall("ref"):
+            if reference.get("id") not in self.materials:
+                raise InputError(f"it refers to {clipped(reference.get('id'))}, which is no material of the scene")
+            found.append(self.materials[reference.get("id", "")])
+        if len(found) != 1:
+            raise InputError(f"it has {len(found)} materials; give it one")
+        return material_of(found[0])
+
+
+def properties(element: Element, known: dict[str, set[str] | frozenset[str]]) -> dict[str, Element]:
+    """Its named properties; `known` are the names of each kind."""
+    found: dict[str, Element] = {}
+    for each in element:
+        if each.tag in PICTURE | {"bsdf", "ref"}:
+            continue
+        name = each.get("name", "")
+        if name not in known.get(each.tag, ()) or name in found:
+            names = ", ".join(sorted({name for names in known.values() for name in names}))
+            raise InputError(
+                f"it has a <{clipped(each.tag)[1:-1]}> {clipped(name)}, not one each of {names}; delete it"
+            )
+        found[name] = each
+    return found
+
+
+def material_of(bsdf: Element) -> tuple[str | Material, float]:
+    """An ITU name or values, and the thickness [m], of a <bsdf> as Sionna RT takes it.
+
+    One whose id begins with itu_ or mat-itu_ is an ITU material whatever its type, as exporters of pictures write it.
+    """
+    name = bsdf.get("id", "").removeprefix("mat-")
+    kind = bsdf.get("type", "")
+    if name.startswith(("itu_", "itu-")):
+        chosen = bsdf.find("string[@name='type']")
+        itu = known_itu(name[4:] if chosen is None else chosen.get("value", ""))
+        thickness = bsdf.find("float[@name='thickness']")
+        return itu, _value({} if thickness is None else {"thickness": thickness}, "thickness", DEFAULT_THICKNESS_M)
+    if kind == "itu-radio-material":
+        names = {"thickness", "scattering_coefficient", "xpd_coefficient"}
+        found = properties(bsdf, {"string": {"type"}, "float": names, "integer": names})
+        itu = known_itu(found["type"].get("value", "") if "type" in found else "")
+        if _value(found, "scattering_coefficient", 0.0):
+            warnings.warn(
+                f"scattering_coefficient of {name} is left out: ITU materials are smooth; give a radio-material instead",
+                T2DWarning,
+                stacklevel=2,
+            )
+        return itu, _value(found, "thickness", DEFAULT_THICKNESS_M)
+    if kind == "radio-material":
+        names = {"thickness", "relative_permittivity", "conductivity", "scattering_coefficient", "xpd_coefficient"}
+        found = properties(bsdf, {"float": names, "integer": names})
+        return Material(
+            name=name,
+            relative_permittivity=_value(found, "relative_permittivity", 1.0),
+            conductivity_s_per_m=_value(found, "conductivity", 0.0),
+            scattering_coefficient=_value(found, "scattering_coefficient", 0.0),
+        ), _value(found, "thickness", DEFAULT_THICKNESS_M)
+    raise InputError(
+        f"its material {clipped(name)} is of type {clipped(kind)}; take itu-radio-material or radio-material, "
+        "or an id like mat-itu_concrete"
+    )
+
+
+def _value(found: dict[str, Element], name: str, default: float) -> float:
+    """A number in the float32 in which ray tracers hold it."""
+    with np.errstate(over="ignore"):  # infinite ones are refused by the surface or the material
+        return float(np.float32(numbers(found[name].get("value"), 1)[0] if name in found else default))
