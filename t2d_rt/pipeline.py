@@ -104,7 +104,8 @@ def simulate(
     transmissions: greatest number of thin slabs passed on them; 2 for a target behind a partition.
     dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out; 60 by default.
     clutter: of the room itself, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls too) or "none".
-    collisions: "warn" of targets that go through walls or furniture or start outside the room, "stop" just before, or "ignore" it.
+    collisions: "warn" of targets that go through walls or furniture, or are outside the room, "stop" just before, or "ignore" it;
+        a radar outside is told, too, unless `transmissions` let it look in.
     method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.

@@ -15,7 +15,7 @@ from t2d_rt.echo.clutter import mirror_echoes, rough_echoes
 from t2d_rt.echo.legs import Look, Ranked, Share, View, anchor_vertices, ranked_pairs
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.trace.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
-from t2d_rt.trace.collisions import Collision, find_collisions
+from t2d_rt.trace.collisions import Collision, find_collisions, radar_outside
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.surroundings import Passed, probes, radar_legs
 from t2d_rt.trace.visibility import FacetLook, Occlusion
@@ -52,11 +52,17 @@ def checked_time(
 ) -> tuple[float, float]:
     """First and last moment of the record [s]: all of it, or up to where a target goes through something.
 
-    `outside`: whether a target may start outside the room.
+    `outside`: whether the radar may stand, and a target may start, outside the room.
     """
     if collisions == "ignore":
         return time_s
     start, stop = time_s
+    if not outside and (place := radar_outside(scene, radar, backend)) is not None:
+        told = f"the radar is at {_place_text(place)}, outside {_reach_text(scene)}"
+        told += "; move it (position_m), choose another room, or allow transmissions to look through walls"
+        if collisions == "stop":
+            raise InputError(told)
+        warnings.warn(told, T2DWarning, stacklevel=3)
     for found in find_collisions(scene, targets, radar, start, stop, outside=outside, backend=backend):
         told = _told(found, scene, names, start)
         if collisions == "warn":
@@ -73,13 +79,21 @@ def checked_time(
     return start, stop
 
 
+def _place_text(place_m: np.ndarray) -> str:
+    return f"({', '.join(f'{x:.2f}' for x in place_m)}) m"
+
+
+def _reach_text(scene: Scene) -> str:
+    low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in scene.bounds_m)
+    return f"{scene.name}, which reaches from ({low}) to ({high}) m"
+
+
 def _told(found: Collision, scene: Scene, names: Sequence[str], start_s: float) -> str:
     """Half a sentence."""
     name = names[found.target] + (f" (target {found.target + 1} of {len(names)})" if len(names) > 1 else "")
-    where = f"({', '.join(f'{x:.2f}' for x in found.place_m)}) m"
+    where = _place_text(found.place_m)
     if found.surface is None:
-        low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in scene.bounds_m)
-        return f"{name} starts at {where}, outside {scene.name}, which reaches from ({low}) to ({high}) m"
+        return f"{name} starts at {where}, outside {_reach_text(scene)}"
     return f"{name} goes through {found.surface} of {scene.name} at {found.time_s - start_s:.2f} s, at {where}"
 
 

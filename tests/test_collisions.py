@@ -14,8 +14,9 @@ from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.resources import resource
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Room, TableFan
-from t2d_rt.trace.collisions import Collision, find_collisions, looks
-from t2d_rt.trace.scenes import load_scene
+from t2d_rt.trace.collisions import Collision, find_collisions, is_room, looks, radar_outside
+from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.trace.scenes import load_scene, scene_names
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene, Surface
 
 RADAR = Radar.preset("table2")
@@ -233,3 +234,79 @@ def test_of_several_targets_the_one_is_told() -> None:
 def test_what_may_become_of_collisions() -> None:
     with pytest.raises(InputError, match="collisions must be 'warn', 'stop' or 'ignore', got 'bounce'"):
         t2d.simulate(ball((3, 0, 1), (0, 0, 0), 0.1), scene=ROOM, collisions="bounce")  # type: ignore[arg-type]
+
+
+# --- a radar outside ---
+
+
+def away(x: float, y: float = 0.0) -> Radar:
+    return RADAR.model_copy(update={"position_m": (x, y, 1.0)})
+
+
+OPEN = Room(name="cell", size_m=(5, 4, 2.5), openings=({"name": "gap", "wall": "-x", "width_m": 3, "height_m": 2.4},))
+"""The wall behind the radar is nearly all open."""
+
+
+def test_radar_and_target_outside_are_told() -> None:
+    """Both on the same side of the room: nothing stands between them, and no line goes through anything."""
+    told = r"the radar is at \(-3\.00, 0\.00, 1\.00\) m, outside cell, which reaches from .* to \(4\.5, 2, 2\.5\) m; move it"
+    outside = ball((-1.5, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2)
+    options = {"radar": away(-3.0), "scene": ROOM, "reflections": 0, "clutter": "none"}
+    with (
+        pytest.warns(T2DWarning, match=r"ball starts at \(-1\.\d\d, 0\.20, 1\.20\) m, outside cell"),
+        pytest.warns(T2DWarning, match=told),
+    ):
+        t2d.simulate(outside, **options)
+    with pytest.raises(InputError, match=told):
+        t2d.simulate(outside, **options, collisions="stop")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", T2DWarning)
+        t2d.simulate(outside, **options, collisions="ignore")
+        t2d.simulate(outside, **options, transmissions=1)
+
+
+def test_a_radar_that_looks_in_is_told() -> None:
+    inside = ball((2.0, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2)
+    options = {"radar": away(-3.0), "scene": OPEN, "reflections": 0, "clutter": "none"}
+    with pytest.warns(T2DWarning, match=r"the radar is at .* outside cell") as told:
+        t2d.simulate(inside, **options)
+    assert len(told) == 1
+
+
+def wall(name: str, corners: list[tuple[float, float, float]]) -> Surface:
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    return Surface(name=name, vertices=np.array(corners, float), faces=faces, material="metal", thickness_m=0.01)
+
+
+FLOOR = wall("floor", [(0, -2, 0), (4, -2, 0), (4, 2, 0), (0, 2, 0)])
+BACK = wall("back", [(4, -2, 0), (4, 2, 0), (4, 2, 3), (4, -2, 3)])
+SIDE = wall("side", [(0, 2, 0), (4, 2, 0), (4, 2, 3), (0, 2, 3)])
+
+
+@pytest.mark.parametrize(
+    ("scene", "room"),
+    [
+        (ROOM.scene(), True),
+        (OPEN.scene(), True),
+        (Scene(name="no ceiling", surfaces=tuple(s for s in ROOM.scene().surfaces if s.name != "ceiling")), True),
+        (Scene(name="wall", surfaces=(BACK,)), False),
+        (Scene(name="corner", surfaces=(FLOOR, BACK)), False),
+        (Scene(name="half", surfaces=(FLOOR, BACK, SIDE)), False),
+        (
+            Scene(name="box", surfaces=tuple(replace(s, vertices=s.vertices * 0.25) for s in ROOM.scene().surfaces)),
+            False,
+        ),
+    ],
+)
+def test_what_is_a_room(backend: Backend, scene: Scene, room: bool) -> None:
+    """Only a room has an outside where a radar has no business."""
+    assert is_room(Mirrors.of(scene, backend)) is room
+    assert (radar_outside(scene, away(-3.0), backend) is not None) is room
+    assert radar_outside(scene, away(0.5), backend) is None
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_shipped_scenes_are_rooms(backend: Backend, name: str) -> None:
+    mirrors = Mirrors.of(load_scene(name), backend)
+    assert is_room(mirrors)
+    assert radar_outside(mirrors.scene, RADAR, backend) is None

@@ -175,3 +175,10 @@ def test_files_that_are_no_scenes(tmp_path: Path, text: str, message: str) -> No
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         load_scene(path)
+
+
+def test_a_room_of_too_many_things() -> None:
+    with pytest.raises(InputError, match="0 openings and 201 pieces of furniture, more than 50 and 200"):
+        Room(**BOX, furniture=[{"kind": "chair", "x_m": 1, "y_m": 0}] * 201)
+    with pytest.raises(InputError, match="51 openings and 0 pieces"):
+        Room(**BOX, openings=[DOOR] * 51)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from t2d_rt.errors import InputError
+from t2d_rt.files import clipped
 from t2d_rt.geometry.mesh_files import read_mesh
 from t2d_rt.resources import listing, resource
 from t2d_rt.types import Scene, Surface
@@ -25,6 +26,7 @@ THICKNESS_M = {
 """Of what furniture is made of, and walls whose thickness is not given."""
 Length = Annotated[Number, Field(gt=0, le=50)]
 _FREE_M = 1e-6
+MAX_OPENINGS, MAX_PIECES = 50, 200
 
 
 class Slab(Fields):
@@ -92,6 +94,15 @@ class Room(Fields):
     ceiling: Slab = Slab(material="concrete", thickness_m=0.2)
     openings: tuple[Opening, ...] = ()
     furniture: tuple[Piece, ...] = ()
+
+    @model_validator(mode="after")
+    def _check_numbers(self) -> Self:
+        if len(self.openings) > MAX_OPENINGS or len(self.furniture) > MAX_PIECES:
+            raise InputError(
+                f"room {clipped(self.name)} has {len(self.openings)} openings and {len(self.furniture)} pieces of furniture, more "
+                f"than {MAX_OPENINGS} and {MAX_PIECES}; leave some out"
+            )
+        return self
 
     def scene(self) -> Scene:
         """The room's surfaces."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.backend import Backend
-from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.trace.mirrors import Mirrors, sphere
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
 
 LOOK_RATE_HZ = 25.0
@@ -20,13 +20,17 @@ DEEP_M = 0.05
 sink into a sofa."""
 PARTS = 12
 """Of a mesh, whose middles are looked at: a hand that touches a table is not through it."""
-LOOKS_AT_ONCE = 50
-"""Of a mesh, for memory."""
+LOOKS_AT_ONCE, VERTICES_AT_ONCE = 50, 2_500_000
+"""Of a mesh, for memory: as many looks, or fewer where it has many vertices."""
 MIDDLE = (
     ("left_knee", "right_knee", "left_ankle", "right_ankle"), ("left_knee", "right_knee"), ("pelvis",), ("spine3",), ("head",),
 )  # fmt: skip
 """Joints that a person's middle runs by, from between the shins to the head; arms and feet may touch what they like."""
 KNEES = 1
+LEAST_FLOOR_M2, LEAST_HEIGHT_M = 2.0, 1.8
+"""Of a room; what is smaller and closed is furniture."""
+ENCLOSED = 2 / 3
+"""Share of directions from its middle in which a room ends at something: open windows, doors and a missing ceiling leave more."""
 FLAT = 0.7
 """A surface whose normal is that upright lies flat."""
 
@@ -55,23 +59,47 @@ def find_collisions(
 ) -> list[Collision]:
     """The first of each target that has any, between two times.
 
-    Outside, where targets may start or not, is what lies beyond the box around a scene that has the antennas inside.
+    Outside, where targets may start or not, is what lies beyond the box around a scene that is a room or has the antennas inside.
     """
     mirrors = Mirrors.of(scene, backend)
     times = looks(start_s, stop_s)
     low, high = scene.bounds_m
     around_radar = all(((low < place) & (place < high)).all() for place in (radar.tx_position_m, radar.rx_position_m))
+    has_outside = not outside and (around_radar or is_room(mirrors))
     found = []
     for number, target in enumerate(targets):
         track = middles(target, times)
         start = track[0].mean(axis=0)
-        if around_radar and not outside and ((start < low - DEEP_M) | (start > high + DEEP_M)).any():
+        if has_outside and _beyond(scene, start):
             found.append(Collision(number, start_s, start, None))
             continue
         crossings = [first_crossing(mirrors, *each) for each in _lines(target, track, times)]
         if met := [each for each in crossings if each is not None]:
             found.append(Collision(number, *min(met, key=lambda each: each[0])))
     return found
+
+
+def radar_outside(scene: Scene, radar: Radar, backend: Backend) -> np.ndarray | None:
+    """Place [m] (3,) of an antenna that stands outside a room; None where none does, or the scene is no room."""
+    places = [place for place in (radar.tx_position_m, radar.rx_position_m) if _beyond(scene, place)]
+    return places[0] if places and is_room(Mirrors.of(scene, backend)) else None
+
+
+def is_room(mirrors: Mirrors) -> bool:
+    """Whether a scene has an inside for people: it is as large as a room, and most rays from its middle meet something."""
+    low, high = mirrors.scene.bounds_m
+    size = high - low
+    if size[0] * size[1] < LEAST_FLOOR_M2 or size[2] < LEAST_HEIGHT_M:
+        return False
+    directions = sphere(1000)
+    distance, _ = mirrors.first(np.broadcast_to((low + high) / 2, directions.shape), directions)
+    return bool(np.isfinite(distance).mean() > ENCLOSED)
+
+
+def _beyond(scene: Scene, place_m: np.ndarray) -> bool:
+    """Whether a place lies well beyond the box around a scene."""
+    low, high = scene.bounds_m
+    return bool(((place_m < low - DEEP_M) | (place_m > high + DEEP_M)).any())
 
 
 def _lines(
@@ -110,8 +138,9 @@ def middles(target: Motion | MovingMesh | Ellipsoids, times_s: np.ndarray) -> np
     part = _parts(target.rest)
     members = [np.flatnonzero(part == number) for number in range(part.max() + 1)]
     found = []
-    for first in range(0, len(times_s), LOOKS_AT_ONCE):
-        vertices = target.at(times_s[first : first + LOOKS_AT_ONCE])
+    step = max(1, min(LOOKS_AT_ONCE, VERTICES_AT_ONCE // len(part)))
+    for first in range(0, len(times_s), step):
+        vertices = target.at(times_s[first : first + step])
         found.append(np.stack([vertices[:, some].mean(axis=1) for some in members], axis=1))
     return np.concatenate(found)
 

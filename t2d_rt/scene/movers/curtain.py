@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from t2d_rt.constants import STANDARD_GRAVITY
-from t2d_rt.scene.movers.solids import Angle, Length, Substance, about_z, moving, sheet
+from t2d_rt.scene.movers.solids import Angle, Length, Substance, about_z, check_size, moving, sheet
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Count, Fields, Number, Vector
 
@@ -45,18 +45,29 @@ class Curtain(Fields):
     """Of the folds, from crest to trough."""
     draught_m: Annotated[Number, Field(ge=0, le=0.5)] = 0.08
     """Strength of the draught: amplitude of the slowest swing at the lower edge."""
-    wavelength_m: Length = 1.0
+    wavelength_m: Annotated[Number, Field(ge=0.1, le=20)] = 1.0
     """Of the waves that run along the curtain."""
     seed: Annotated[Count, Field(ge=0)] = 0
     """Of the waves' phases and directions."""
     material: Substance = "fabric"
 
+    @model_validator(mode="after")
+    def _check_together(self) -> Self:
+        rows, columns = self._grid
+        check_size(2 * rows * columns, self.noun, "lower width_m or height_m, or raise fold_m")
+        return self
+
+    @property
+    def _grid(self) -> tuple[int, int]:
+        """Rows and columns of vertices on each side."""
+        columns = max(4, math.ceil(PER_FOLD * self.width_m / self.fold_m)) + 1
+        return max(4, math.ceil(self.height_m / ROW_M)) + 1, columns
+
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
         """The cloth between two times."""
         from scipy.special import j0, jn_zeros
 
-        columns = max(4, math.ceil(PER_FOLD * self.width_m / self.fold_m)) + 1
-        rows = max(4, math.ceil(self.height_m / ROW_M)) + 1
+        rows, columns = self._grid
         aside = np.linspace(-self.width_m / 2, self.width_m / 2, columns)
         up = np.linspace(0, 1, rows)
         folds = self.depth_m / 2 * np.sin(2 * math.pi * aside / self.fold_m)

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from t2d_rt.errors import InputError
-from t2d_rt.scene.movers.solids import Angle, Length, Seconds, Substance, about_z, ease, moving, sheet
+from t2d_rt.scene.movers.solids import Angle, Seconds, Substance, about_z, check_speed, ease, moving, sheet
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector
 
@@ -27,9 +27,9 @@ class Door(Fields):
     """Lower end of the hinges' line [m]."""
     heading_deg: Angle = 90.0
     """Where the closed leaf points from its hinges: 0 is +x, 90 is +y."""
-    width_m: Length = 0.8
-    height_m: Length = 2.0
-    thickness_m: Annotated[Number, Field(gt=0, le=0.5)] = 0.04
+    width_m: Annotated[Number, Field(ge=0.01, le=10)] = 0.8
+    height_m: Annotated[Number, Field(ge=0.01, le=10)] = 2.0
+    thickness_m: Annotated[Number, Field(ge=0.001, le=0.5)] = 0.04
     angle_deg: Angle = 80.0
     """By how much it opens, counter-clockwise from above; negative the other way."""
     opens_at_s: Annotated[Number, Field(ge=0)] = 0.5
@@ -46,6 +46,8 @@ class Door(Fields):
                 f"a door of period_s {self.period_s:g} s cannot open and close in {self.opening_s:g} s each; "
                 f"raise period_s to {2 * self.opening_s:g} or more"
             )
+        speed_mps = 15 / 8 * self.width_m * math.radians(abs(self.angle_deg)) / self.opening_s
+        check_speed(speed_mps, "door's edge", "raise opening_s")
         return self
 
     def opening(self, times_s: np.ndarray) -> np.ndarray:

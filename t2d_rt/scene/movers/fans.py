@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from t2d_rt.errors import InputError
 from t2d_rt.scene.movers.solids import (
     Angle,
     Length,
@@ -17,6 +18,8 @@ from t2d_rt.scene.movers.solids import (
     about_y,
     about_z,
     ball_profile,
+    check_size,
+    check_speed,
     moving,
     skin_faces,
     together,
@@ -32,6 +35,8 @@ HUB_AROUND = 24
 """Points around the hub."""
 FACET_M = 0.008
 """About the size of a blade's triangles: their phases may not part by much from one surface frame to the next."""
+HUB, CHORD = 0.22, 0.55
+"""Radius of the hub, and width of a table fan's blade, as shares of the tips' radius."""
 PITCH_AT, TIP = 0.75, 0.94
 """The radius, as a share of the tip's, that pitch is given at; how far outline and section reach towards their pointed ends."""
 
@@ -49,7 +54,7 @@ class TableFan(Fields):
     elevation_deg: Annotated[Number, Field(ge=-90, le=90)] = 0.0
     """By how much it blows upwards."""
     blades: Blades = 3
-    radius_m: Length = 0.18
+    radius_m: Annotated[Number, Field(ge=0.01, le=1)] = 0.18
     """Of the blades' tips."""
     pitch_deg: Pitch = 25.0
     """Of the blades against the plane they turn in, at 3/4 of the radius; twisted as the helicoid of that pitch."""
@@ -61,9 +66,14 @@ class TableFan(Fields):
     """To and fro."""
     material: Substance = "plastic"
 
+    @model_validator(mode="after")
+    def _check_together(self) -> Self:
+        _check_rotor(self, CHORD * self.radius_m)
+        return self
+
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
         """The blades and the hub between two times."""
-        rotor, faces = _rotor(self.blades, self.radius_m, 0.55 * self.radius_m, 0.003, self.pitch_deg)
+        rotor, faces = _rotor(self.blades, self.radius_m, CHORD * self.radius_m, 0.003, self.pitch_deg)
         tilt = about_y(-math.radians(self.elevation_deg))
 
         def track(times_s: np.ndarray) -> np.ndarray:
@@ -83,7 +93,7 @@ class CeilingFan(Fields):
     position_m: Vector
     """Of the hub, in the blades' middle [m]."""
     blades: Blades = 4
-    radius_m: Length = 0.6
+    radius_m: Annotated[Number, Field(ge=0.01, le=4)] = 0.6
     """Of the blades' tips."""
     chord_m: Length = 0.12
     """Widest width of a blade."""
@@ -92,6 +102,13 @@ class CeilingFan(Fields):
     rpm: Rpm = 120.0
     """Turns per minute; negative runs backwards and blows upwards."""
     material: Substance = "wood"
+
+    @model_validator(mode="after")
+    def _check_together(self) -> Self:
+        if self.chord_m > self.radius_m:
+            raise InputError(f"chord_m must be at most radius_m, {self.radius_m:g} m, got {self.chord_m:g}")
+        _check_rotor(self, self.chord_m)
+        return self
 
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
         """The blades and the hub between two times."""
@@ -104,6 +121,13 @@ class CeilingFan(Fields):
         return moving(track, faces, start_s, stop_s, material=self.material, name=self.noun)
 
 
+def _check_rotor(fan: TableFan | CeilingFan, chord_m: float) -> None:
+    rows, columns = _grid(0.8 * HUB * fan.radius_m, fan.radius_m, chord_m)
+    check_size(2 * fan.blades * rows * columns, fan.noun, "lower radius_m or give fewer blades")
+    speed_mps = 2 * math.pi * fan.radius_m * abs(fan.rpm) / 60
+    check_speed(speed_mps, f"{fan.noun}'s tips", "lower rpm or radius_m")
+
+
 def _turned(rotor: np.ndarray, turn: np.ndarray, position_m: Vector) -> np.ndarray:
     return np.einsum("kij,vj->kvi", turn, rotor) + position_m
 
@@ -112,7 +136,7 @@ def _rotor(
     blades: int, radius_m: float, chord_m: float, thickness_m: float, pitch_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (V, 3) m and faces (F, 3) of hub and blades that turn about +x, to where they blow."""
-    hub_m = 0.22 * radius_m
+    hub_m = HUB * radius_m
     height, width = ball_profile(7)
     angle = 2 * math.pi * np.arange(HUB_AROUND) / HUB_AROUND
     ring = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
@@ -123,6 +147,11 @@ def _rotor(
     return together(parts)
 
 
+def _grid(root_m: float, tip_m: float, chord_m: float) -> tuple[int, int]:
+    """Sections of a blade, and points of each of their sides."""
+    return max(8, math.ceil((tip_m - root_m) / FACET_M)), max(4, math.ceil(chord_m / FACET_M))
+
+
 def _blade(
     root_m: float, tip_m: float, chord_m: float, thickness_m: float, pitch_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -130,10 +159,10 @@ def _blade(
 
     So every point of a section is as far from the axis as the section, and no point farther than the tip.
     """
-    along = np.linspace(-TIP, TIP, max(8, math.ceil((tip_m - root_m) / FACET_M)))
+    rows, half = _grid(root_m, tip_m, chord_m)
+    along = np.linspace(-TIP, TIP, rows)
     radius = root_m + (tip_m - root_m) * (along + TIP) / (2 * TIP)
     pitch = np.arctan(PITCH_AT * tip_m * math.tan(math.radians(pitch_deg)) / radius)[:, None]
-    half = max(4, math.ceil(chord_m / FACET_M))
     lens = np.linspace(TIP, -TIP, half)
     lens, bulge = np.concatenate([lens, lens[::-1]]), np.concatenate([1 - lens**2, lens**2 - 1])
     planform = np.sqrt(1 - along**4)[:, None]

@@ -88,7 +88,7 @@ class Pet(Fields):
     """Where it begins: on the floor, under the middle of its trunk [m]."""
     heading_deg: Angle = 90.0
     """Where it walks at first: 0 is +x, 90 is +y."""
-    speed_mps: Annotated[Number, Field(gt=0, le=5)] = 0.7
+    speed_mps: Annotated[Number, Field(ge=0.05, le=5)] = 0.7
     turn_radius_m: Annotated[Number, Field(gt=0, le=1000)] | None = 1.0
     """Of the circle; None: straight on, for as long as the record lasts."""
     size: Annotated[Number, Field(ge=0.3, le=3)] = 1.0

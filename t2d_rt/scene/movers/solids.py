@@ -15,8 +15,9 @@ from t2d_rt.types import Material, MovingMesh
 from t2d_rt.types.fields import Number
 from t2d_rt.types.mesh import Track
 
-Length = Annotated[Number, Field(gt=0, le=20)]
-Seconds = Annotated[Number, Field(gt=0, le=3600)]
+# Below these limits the skin would be no skin any more and its speed absurd.
+Length = Annotated[Number, Field(ge=0.01, le=20)]
+Seconds = Annotated[Number, Field(ge=0.05, le=3600)]
 Angle = Annotated[Number, Field(ge=-360, le=360)]
 
 Substance = str | Material
@@ -28,6 +29,24 @@ MATERIALS = {
     # Instrum. Meas. 59, 2010): -16 dB by physics.md, eq. 23. Woven threads are taken to be as rough as clothing.
     "fabric": Material(name="fabric", relative_permittivity=1.9, scattering_coefficient=0.6),
 }
+
+
+MAX_VERTICES = 100_000
+"""Of a mover: one that is looked at takes some 300 MB then."""
+SPEED_OF_SOUND = 340.0
+"""[m/s]."""
+
+
+def check_size(vertices: int, noun: str, remedy: str) -> None:
+    """Refuses a mover of too many vertices before they are made."""
+    if vertices > MAX_VERTICES:
+        raise InputError(f"a {noun} of that size has {vertices} vertices, more than {MAX_VERTICES}; {remedy}")
+
+
+def check_speed(speed_mps: float, noun: str, remedy: str) -> None:
+    """Refuses what would move faster than sound."""
+    if speed_mps > SPEED_OF_SOUND:
+        raise InputError(f"that {noun} would move at {speed_mps:.4g} m/s, faster than sound; {remedy}")
 
 
 def moving(
