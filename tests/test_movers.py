@@ -307,5 +307,5 @@ def test_the_size_that_is_checked_is_that_of_the_mesh(entry: str, monkeypatch: p
 
 @pytest.mark.parametrize("times", [(0, math.nan), ("0", 1), (None, 1), (1, 1)])
 def test_times_of_a_movers_mesh(times: tuple[object, object]) -> None:
-    with pytest.raises(InputError, match="needs finite start_s < stop_s"):
+    with pytest.raises(InputError, match=r"(start_s|stop_s)"):
         mover("fan:2,1,1").mesh(*times)  # type: ignore[arg-type]
