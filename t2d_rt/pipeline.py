@@ -120,8 +120,8 @@ def simulate(
     measure_error: whether a few random chirps are made again at far finer settings, and the error that this shows is kept in
         `Simulation.error_db`; by default where a tolerance is given.
     device: "auto" takes a CUDA device where there is one.
-    memory_gb: what the run may take [GB]. Work is done in blocks to stay below it, which does not change the result; what needs
-        more is refused before it begins.
+    memory_gb: what the run may take [GB]: work is done in blocks to stay below it, and what needs more is refused beforehand.
+        It does not change the result.
     progress: called with the share done, 0..1.
     """
     asked = _asked(dynamic_range_db, occlusion, occlusion_rate_hz, surface_rate_hz)

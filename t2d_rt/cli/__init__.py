@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 MODEL = (
     "method", "scene", "tolerance_db", "reflections", "transmissions", "dynamic_range_db", "clutter", "collisions", "seed",
     "body", "material", "occlusion", "occlusion_rate_hz", "surface_rate_hz", "sagitta_rad", "phase_from", "measure_error",
-    "device",
+    "device", "memory_gb",
 )  # fmt: skip
 """Options that go to the pipeline by their names."""
 
