@@ -3,69 +3,95 @@
 from __future__ import annotations
 
 import math
-import shutil
-import tempfile
-import weakref
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.rows import DTYPE, SavedRows, ScratchRows, block_rows, row_bytes
 
 LARGE_BYTES = 512 * 2**20
 """Cubes beyond it go to disk, and those beyond `LARGE_SHARE` of what a run may take."""
 LARGE_SHARE = 1 / 8
-BLOCK_BYTES = 8 * 2**20
-"""What is read or written at once."""
-NAME, DIMENSIONS = "adc", ("chirp", "antenna", "sample")
 
 
 class DiskCube:
-    """A complex64 cube (chirp, antenna, sample) in the zarr array "adc" of a folder, read and written by ranges of chirps."""
+    """A complex64 cube (chirp, antenna, sample) whose rows lie on disk, read and written by ranges of chirps.
+
+    Whoever holds it, or an array that reads from it, can read it: see `ScratchRows` and `SavedRows`.
+    """
 
     ndim = 3
-    dtype = np.dtype(np.complex64)
+    dtype = DTYPE
 
-    def __init__(self, folder: Path, *, mode: Literal["r", "r+"] = "r") -> None:
-        import zarr
+    def __init__(self, rows: ScratchRows | SavedRows) -> None:
+        self.rows = rows
 
-        self.folder = folder
-        self.array: Any = zarr.open_array(folder / NAME, mode=mode)
-        self.shape: tuple[int, ...] = self.array.shape
-
-    @classmethod
-    def scratch(cls, shape: tuple[int, ...]) -> DiskCube:
-        """Zeros in a folder under the system's place for temporary files (TMPDIR), gone with the object."""
-        folder = Path(tempfile.mkdtemp(prefix="t2d-rt-"))
-        try:
-            new_array(folder, shape)
-            cube = cls(folder, mode="r+")
-        except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
-        weakref.finalize(cube, shutil.rmtree, folder, ignore_errors=True)
-        return cube
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(chirp, antenna, sample)."""
+        return self.rows.shape
 
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __getitem__(self, place: Any) -> np.ndarray:
-        return np.asarray(self.array[place])
+    def __repr__(self) -> str:
+        where = self.rows.folder if isinstance(self.rows, SavedRows) else "a temporary file"
+        return f"DiskCube({' x '.join(map(str, self.shape))} in {where})"
 
-    def __setitem__(self, place: Any, values: np.ndarray) -> None:
-        try:
-            self.array[place] = values
-        except OSError as error:
-            raise InputError(
-                f"cannot write the ADC samples to {self.folder}: {error.strerror or error}; free space, or set TMPDIR to a "
-                "folder with more"
-            ) from error
+    def __getitem__(self, place: Any) -> np.ndarray:
+        """As of a NumPy array, for chirps by number, slice or list and the other axes by number or slice."""
+        axes = place if isinstance(place, tuple) else (place,)
+        if any(axis is Ellipsis for axis in axes):
+            found = next(n for n, axis in enumerate(axes) if axis is Ellipsis)
+            axes = (*axes[:found], *[slice(None)] * (self.ndim + 1 - len(axes)), *axes[found + 1 :])
+        axes = (*axes, *[slice(None)] * (self.ndim - len(axes)))
+        if len(axes) > self.ndim or not all(isinstance(axis, int | np.integer | slice) for axis in axes[1:]):
+            raise IndexError("a cube on disk takes chirps, antenna, sample; read it into memory first (numpy.asarray)")
+        return self.outer(axes)
+
+    def outer(self, axes: tuple[Any, ...]) -> np.ndarray:
+        """An int, slice or list for each axis, every one by itself; only the blocks that hold such chirps are read."""
+        if isinstance(axes[0], slice) and axes[0].step in (None, 1) and all(map(_is_all, axes[1:])):
+            start, stop, _ = axes[0].indices(len(self))
+            return self.rows.read(start, max(start, stop))
+        wanted = np.arange(len(self))[axes[0]]
+        places: Any
+        if not isinstance(axes[0], slice) and wanted.ndim == 1:
+            chirps, places = np.unique(wanted, return_inverse=True)
+        else:
+            chirps, places = np.atleast_1d(wanted), slice(None)
+        found = np.empty((len(chirps), *_taken(np.empty((0, *self.shape[1:]), DTYPE), axes[1:]).shape[1:]), DTYPE)
+        cuts = np.flatnonzero(np.diff(chirps // block_rows(self.shape))) + 1
+        for part in np.split(np.arange(len(chirps)), cuts) if len(chirps) else ():
+            first, last = sorted((int(chirps[part[0]]), int(chirps[part[-1]])))
+            block = self.rows.read(first, last + 1)
+            found[part[0] : part[-1] + 1] = _taken(block[chirps[part] - first], axes[1:])
+        return found[0] if wanted.ndim == 0 else found[places]
+
+    def __setitem__(self, place: slice, values: np.ndarray) -> None:
+        start, stop, step = place.indices(len(self))
+        if not isinstance(self.rows, ScratchRows) or step != 1 or len(values) != stop - start:
+            raise InputError(f"{self} takes whole chirps in a row, and only until it is saved; copy it to memory first")
+        self.rows.write(start, values)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        return np.asarray(self.array[...], dtype)
+        if copy is False:
+            raise ValueError(f"{self} must be read to be an array; allow a copy")
+        return np.asarray(self[:], dtype)
+
+
+def _is_all(axis: Any) -> bool:
+    return isinstance(axis, slice) and axis == slice(None)
+
+
+def _taken(block: np.ndarray, axes: tuple[Any, ...]) -> np.ndarray:
+    """Of every row what the other axes ask for, each by itself; the last first, since a number takes its axis away."""
+    for number in range(len(axes), 0, -1):
+        block = block[(slice(None),) * number + (axes[number - 1],)]
+    return block
 
 
 class CubeWriter:
@@ -85,7 +111,7 @@ class CubeWriter:
         """Row of the cube that the buffer begins with; in memory, the next one."""
         self._held = 0
         """Rows in the buffer."""
-        self._buffer = self._other = np.empty((0, *cube.shape[1:]), DiskCube.dtype)
+        self._buffer = self._other = np.empty((0, *cube.shape[1:]), DTYPE)
         self._writing: Future[None] | None = None
         self._pool = ThreadPoolExecutor(1)
 
@@ -105,9 +131,9 @@ class CubeWriter:
         if isinstance(self._cube, np.ndarray):
             self._row += rows
             return self._cube[self._row - rows : self._row]
-        self._hand_over(self._held // _rows(self._cube.shape) * _rows(self._cube.shape))
+        self._hand_over(self._held // block_rows(self._cube.shape) * block_rows(self._cube.shape))
         if len(self._buffer) < self._held + rows:
-            grown = np.empty((self._held + rows, *self._cube.shape[1:]), DiskCube.dtype)
+            grown = np.empty((self._held + rows, *self._cube.shape[1:]), DTYPE)
             grown[: self._held] = self._buffer[: self._held]
             self._buffer = grown
         self._held += rows
@@ -145,7 +171,7 @@ class CubeAdder:
 
     def __init__(self, cube: Cube) -> None:
         self._cube, self._row = cube, 0
-        self._held = np.zeros((0, *cube.shape[1:]), DiskCube.dtype)
+        self._held = np.zeros((0, *cube.shape[1:]), DTYPE)
 
     def __enter__(self) -> CubeAdder:
         return self
@@ -157,7 +183,7 @@ class CubeAdder:
     def room(self, rows: int) -> np.ndarray:
         """What is added to the next rows, to be filled before the next call; what it holds before is anything."""
         self._add()
-        self._held = np.empty((rows, *self._cube.shape[1:]), DiskCube.dtype)
+        self._held = np.empty((rows, *self._cube.shape[1:]), DTYPE)
         return self._held
 
     def _add(self) -> None:
@@ -172,36 +198,16 @@ Cube = np.ndarray | DiskCube
 
 def is_large(shape: tuple[int, ...], limit_bytes: float = math.inf) -> bool:
     """Whether a complex64 cube of that shape goes to disk, in a run that may take `limit_bytes` of memory."""
-    return math.prod(shape) * DiskCube.dtype.itemsize > min(LARGE_BYTES, LARGE_SHARE * limit_bytes)
+    return shape[0] * row_bytes(shape) > min(LARGE_BYTES, LARGE_SHARE * limit_bytes)
 
 
 def new_cube(shape: tuple[int, ...], limit_bytes: float = math.inf) -> Cube:
-    """Zeros complex64, on disk where they are large."""
-    return DiskCube.scratch(shape) if is_large(shape, limit_bytes) else np.zeros(shape, np.complex64)
-
-
-def new_array(folder: Path, shape: tuple[int, ...]) -> Any:
-    """The zarr array "adc" of complex64 zeros in the group `folder`, which is made; not compressed: phases do not compress."""
-    import zarr
-
-    zarr.open_group(folder, mode="a")
-    return zarr.create_array(
-        folder,
-        name=NAME,
-        shape=shape,
-        chunks=(min(shape[0], _rows(shape)), *shape[1:]),
-        dtype="complex64",
-        compressors=None,
-        dimension_names=DIMENSIONS,
-    )
+    """A complex64 cube to be filled from its first row on, on disk where it is large; in memory it holds zeros."""
+    return DiskCube(ScratchRows(shape)) if is_large(shape, limit_bytes) else np.zeros(shape, DTYPE)
 
 
 def row_blocks(cube: Cube) -> Iterator[tuple[slice, np.ndarray]]:
     """The cube in ranges of chirps."""
-    for start in range(0, len(cube), _rows(cube.shape)):
-        part = slice(start, min(start + _rows(cube.shape), len(cube)))
+    for start in range(0, len(cube), block_rows(cube.shape)):
+        part = slice(start, min(start + block_rows(cube.shape), len(cube)))
         yield part, np.asarray(cube[part])
-
-
-def _rows(shape: tuple[int, ...]) -> int:
-    return max(1, BLOCK_BYTES // DiskCube.dtype.itemsize // int(np.prod(shape[1:])))

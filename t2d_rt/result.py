@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import json
 import platform
-import shutil
-import tempfile
+import re
 import warnings
-import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,18 +17,29 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from t2d_rt.checks import file_path, flag, instance, numeric, text
-from t2d_rt.cubes import DIMENSIONS, NAME, Cube, DiskCube, is_large, new_array, row_blocks
+from t2d_rt.cubes import Cube, DiskCube, is_large, row_blocks
 from t2d_rt.errors import InputError
+from t2d_rt.rows import DIMENSIONS, NAME, SavedRows, new_array
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
+from t2d_rt.store import check_place, check_taken, replacing, settle
 from t2d_rt.types import Radar
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-FORMAT = 2
+FORMAT = 3
 """Of the folders that `save` writes; `load` refuses others."""
+MADE_BY = "t2d-rt"
+"""The mark of a result; only what carries it is replaced."""
+UNMARKED_FORMATS = ("1", "2")
+"""Of results from before the mark, known by their attributes."""
+ARRAYS = (NAME, "spectrogram", "chirp_time_s", "sample_time_s", "velocity_mps", "time_s")
+FILES = re.compile(rf"zarr\.json|({'|'.join(ARRAYS)})/(zarr\.json|c(/\d+)*)")
+"""That a result's folder holds, by their paths within it."""
+LARGEST_METADATA_BYTES = 64 * 2**20
+"""Of a result's zarr.json, which holds its settings."""
 
 AXIS_UNITS = {"m": "m", "s": "s", "mps": "m/s"}
 """Units of an axis by the end of its name."""
@@ -91,6 +102,7 @@ class Simulation:
             "settings": json.dumps(self.settings),
             "processing": json.dumps(self.processing),
             "versions": json.dumps(self.versions),
+            "made_by": MADE_BY,
             "format": str(FORMAT),
         }
 
@@ -103,9 +115,9 @@ class Simulation:
         }
         values: Any = self.cube
         if isinstance(self.cube, DiskCube):
-            import xarray as xr
+            from t2d_rt.lazy_array import lazy_variable
 
-            values = xr.open_zarr(self.cube.folder, consolidated=False)[NAME].variable
+            values = lazy_variable(self.cube)
         return self._labelled(NAME, values, DIMENSIONS, times, "sqrt(W)")
 
     @property
@@ -168,68 +180,85 @@ class Simulation:
         note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
         return plot_spectrogram(image.velocity_mps.values, image.time_s.values, image.values, title=title, note=note)
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were."""
-        import xarray as xr
+    def save(self, path: str | Path, *, overwrite: bool = False, figure: Figure | None = None) -> None:
+        """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were.
 
+        With a `figure`, <name>.png beside it, both or neither.
+        """
         target = file_path("path", path).resolve()
         flag("overwrite", overwrite)
+        picture = None if figure is None else target.with_suffix(".png")
         check_free(target, overwrite=overwrite)
+
+        def check() -> None:
+            _check_replaceable(target, overwrite=overwrite)
+            if picture is not None:
+                check_taken(picture, overwrite=overwrite)
+
+        with replacing(target, check) as new:
+            self._write(new)
+            if figure is not None and picture is not None:
+                figure.savefig(new.with_name(picture.name))
+
+    def _write(self, folder: Path) -> None:
+        """The zarr group of arrays and attributes, which seal one another: see `_checksum`."""
+        import xarray as xr
+
         adc = self.adc
         data = xr.Dataset({"spectrogram": self.spectrogram}, coords=dict(adc.coords))
         data.spectrogram.attrs = {"units": self.spectrogram.attrs["units"]}  # the rest is the same for all
-        data.attrs = {**self.attributes, "checksum": _checksum(self.cube)}
-        # Written beside its place, so that moving it there is one step of the file system.
-        beside = [target.with_name(f".{target.name}.{state}") for state in ("partial", "replaced")]
-        partial, replaced = beside
-        try:
-            shutil.rmtree(partial, ignore_errors=True)
-            samples = new_array(partial, self.cube.shape)
-            samples.attrs.update({"units": adc.attrs["units"], "coordinates": " ".join(map(str, adc.coords))})
-            for rows, block in row_blocks(self.cube):
-                samples[rows] = block
-            with warnings.catch_warnings():
-                # Without consolidated metadata a plain xarray.open_zarr warns, with it the writer does; both can do either.
-                warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part")
-                data.to_zarr(partial, mode="a", consolidated=True)
-            if target.exists():
-                target.rename(replaced)
-            partial.rename(target)
-        except OSError as error:
-            raise InputError(
-                f"cannot write {target}: {error.strerror or error}; free space or choose a writable place"
-            ) from error
-        finally:
-            if replaced.exists() and not target.exists():
-                replaced.rename(target)
-            for folder in beside:
-                shutil.rmtree(folder, ignore_errors=True)
+        data.attrs = self.attributes
+        samples, digest = new_array(folder, self.cube.shape), hashlib.sha256()
+        for rows, block in row_blocks(self.cube):
+            samples[rows] = block
+            digest.update(np.ascontiguousarray(block, np.complex64).view(np.uint8).data)
+        units, axes = adc.attrs["units"], " ".join(map(str, adc.coords))
+        samples.attrs.update({"units": units, "coordinates": axes, "sha256": digest.hexdigest()})
+        with warnings.catch_warnings():
+            # Without consolidated metadata a plain xarray.open_zarr warns, with it the writer does; both can do either.
+            warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part")
+            data.to_zarr(folder, mode="a", consolidated=True, write_empty_chunks=True)
+        metadata = _metadata(folder)
+        metadata["attributes"]["checksum"] = _checksum(folder, metadata)
+        (folder / "zarr.json").write_text(json.dumps(metadata, indent=2), encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> Simulation:
         """Read what `save` wrote."""
-        import xarray as xr
+        source = file_path("path", path).resolve()
+        while True:
+            before = _state(source)
+            try:
+                return cls._read(source)
+            except InputError:
+                if _state(source) == before:  # else it was replaced while it was read
+                    raise
 
-        source = file_path("path", path)
+    @classmethod
+    def _read(cls, source: Path) -> Simulation:
+        if not source.is_dir():
+            with suppress(OSError):  # a folder that is not there, or may only be read
+                settle(source)
         if not source.is_dir():
             raise InputError(f"{source} is not a result folder; give a .zarr folder that `simulate` wrote")
         try:
-            with xr.open_zarr(source) as data:
-                if data.attrs["format"] != str(FORMAT):
-                    raise InputError(
-                        f"{source} has format {data.attrs['format']}, expected {FORMAT}; simulate it again"
-                    )
-                attributes = {name: json.loads(data.attrs[name]) for name in ("settings", "processing", "versions")}
-                radar = Radar(**json.loads(data.attrs["radar"]))
-                cube = DiskCube(source) if is_large(data[NAME].shape) else data[NAME].values
-                result = cls(cube, radar, **attributes)
-                # zarr reads a missing piece as zeros
-                if data.attrs["checksum"] != _checksum(result.cube):
-                    raise InputError(f"the ADC samples in {source} are damaged; simulate it again")
-                return result
+            metadata = _metadata(source)
+            found = metadata["attributes"]
+            if found["format"] != str(FORMAT):
+                raise InputError(f"{source} has format {found['format']}, expected {FORMAT}; simulate it again")
+            if found["checksum"] != _checksum(source, metadata):
+                raise InputError(f"{source} is damaged: it is not as it was written; simulate it again")
+            attributes = {name: json.loads(found[name]) for name in ("settings", "processing", "versions")}
+            radar = Radar(**json.loads(found["radar"]))
+            rows = SavedRows.of(source)
+            saved = DiskCube(rows)
+            result = cls(saved if is_large(rows.shape) else np.asarray(saved), radar, **attributes)
+            if rows.sha256 != _sha256(result.cube):
+                raise InputError(f"the ADC samples in {source} are damaged; simulate it again")
+            return result
         except InputError:
             raise
-        except Exception as error:  # xarray, zarr and its codecs raise what they like
+        except Exception as error:  # files of any content
             reason = f"no {error}" if isinstance(error, KeyError) else error
             raise InputError(f"{source} does not hold a t2d-rt result ({reason}); simulate it again") from error
 
@@ -239,29 +268,72 @@ def check_free(target: Path, *, overwrite: bool) -> None:
     if target.is_file():
         raise InputError(f"{target} is a file and a result is a folder; choose another name")
     check_place(target, overwrite=overwrite)
-    if target.is_dir() and not (target / "zarr.json").is_file():
-        raise InputError(f"{target} is a folder but not a result, so it is not replaced; choose another name")
+    _check_replaceable(target, overwrite=overwrite)
 
 
-def check_place(path: Path, *, overwrite: bool) -> None:
-    """Refuses what exists, unless `overwrite`, and folders that are not there or cannot be written to."""
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists already; choose another name or pass --overwrite (overwrite=True)")
-    folder = path.parent
-    if not folder.is_dir():
-        raise InputError(f"folder {folder} does not exist; create it first")
+def _check_replaceable(target: Path, *, overwrite: bool) -> None:
+    """Refuses what exists, unless `overwrite` and it is a result and holds nothing else."""
+    check_taken(target, overwrite=overwrite)
+    if not target.exists():
+        return
     try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise InputError(f"folder {folder} is not writable ({error.strerror}); choose another place") from error
+        attributes = _metadata(target)["attributes"]
+        marked = attributes.get("made_by") == MADE_BY
+        known = (
+            attributes.get("format") in UNMARKED_FORMATS and {"radar", "settings", "processing"} <= attributes.keys()
+        )
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        marked = known = False
+    if not (marked or known):
+        raise InputError(f"{target} is a folder but not a result, so it is not replaced; choose another name")
+    for path in target.rglob("*"):
+        if not path.is_dir() and not FILES.fullmatch(path.relative_to(target).as_posix()):
+            raise InputError(
+                f"{target} is not replaced, for it holds {path.name} besides a result; move that elsewhere"
+            )
 
 
-def _checksum(cube: Cube) -> str:
-    sum_ = 0
+def _state(folder: Path) -> tuple[int, ...] | None:
+    """Changes with the folder that stands there."""
+    try:
+        found = folder.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_mtime_ns
+
+
+def _metadata(folder: Path) -> dict[str, Any]:
+    """The group's zarr.json, which holds the arrays' too."""
+    path = folder / "zarr.json"
+    if not path.is_file() or path.stat().st_size > LARGEST_METADATA_BYTES:
+        raise ValueError("its zarr.json is missing or too large")
+    found = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(found, dict):
+        raise ValueError("its zarr.json is no JSON object")
+    return found
+
+
+def _checksum(folder: Path, metadata: Mapping[str, Any]) -> str:
+    """Of the metadata but the checksum itself, and of every other file but the samples, whose own checksum is among them."""
+    attributes = {name: value for name, value in metadata["attributes"].items() if name != "checksum"}
+    digest = hashlib.sha256(json.dumps({**metadata, "attributes": attributes}, sort_keys=True).encode())
+    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if not path.is_dir()}
+    for name in sorted(files):
+        hidden = name.rpartition("/")[2].startswith(".")  # file systems and desktops leave such
+        if name == "zarr.json" or name.startswith(f"{NAME}/c/") or hidden:
+            continue
+        if not files[name].is_file():
+            raise InputError(f"{folder} holds {name}, which is no plain file; simulate it again")
+        with files[name].open("rb") as file:
+            digest.update(f"\n{name} {hashlib.file_digest(file, 'sha256').hexdigest()}".encode())
+    return digest.hexdigest()
+
+
+def _sha256(cube: Cube) -> str:
+    digest = hashlib.sha256()
     for _, block in row_blocks(cube):
-        sum_ = zlib.crc32(np.ascontiguousarray(block).view(np.uint8).data, sum_)
-    return f"{sum_:08x}"
+        digest.update(np.ascontiguousarray(block).view(np.uint8).data)
+    return digest.hexdigest()
 
 
 def _plain(value: Any) -> Any:

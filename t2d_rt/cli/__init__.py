@@ -9,7 +9,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -23,6 +23,7 @@ from t2d_rt.cli.options import (
     scene_parser,
     simulate_parser,
 )
+from t2d_rt.cli.sigterm import stopped_by_sigterm
 from t2d_rt.errors import InputError, T2DError, T2DWarning
 from t2d_rt.files import clipped, printable
 
@@ -48,7 +49,7 @@ MODEL = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; 0 when it is done, 2 with one sentence when the input cannot be used, 130 on Ctrl-C."""
+    """Run one command; 0 when it is done, 2 with one sentence when the input cannot be used, 130 on Ctrl-C, 143 on SIGTERM."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     # Pictures are drawn in memory; matplotlib would refuse to load where this names a backend that it does not know.
     os.environ["MPLBACKEND"] = "agg"
@@ -59,7 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.simplefilter("always", T2DWarning)
         warnings.showwarning = _show_warning
         try:
-            return _run(arguments)
+            with stopped_by_sigterm():
+                return _run(arguments)
         except T2DError as error:
             return _failed(str(error))
         except MemoryError as error:
@@ -72,8 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 141
         except OSError as error:
             return _failed(f"{error.filename or 'system'}: {error.strerror or error}; check the path")
-        except KeyboardInterrupt:
-            say("t2d-rt: stopped; nothing was written", file=sys.stderr)
+        except KeyboardInterrupt as stopped:
+            written = getattr(stopped, "__notes__", None) or ["nothing was written"]
+            say(f"t2d-rt: stopped; {', '.join(written)}", file=sys.stderr)
             return 130
 
 
@@ -146,6 +149,8 @@ def _simulate(options: Namespace) -> None:
     target = Path(options.output or f"{_stem(source)}.zarr")
     if target.suffix != ".zarr":
         raise InputError(f"a result is a folder that ends in .zarr, got '{target}'; the picture is written beside it")
+    if target.is_symlink():  # the result is written to where the link leads, and the picture goes beside it
+        target = target.resolve()
     picture = target.with_suffix(".png")
     check_free(target, overwrite=options.overwrite)
     _check_picture(picture, overwrite=options.overwrite)
@@ -154,8 +159,7 @@ def _simulate(options: Namespace) -> None:
     result = _recorded(motion, options, radar, options.method, added)
     where = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
     figure = _drawn(result, f"{source.name}, {options.method}{where}")
-    with _picture(figure, picture) if figure is not None else nullcontext():
-        result.save(target, overwrite=options.overwrite)
+    result.save(target, overwrite=options.overwrite, figure=figure)
     if result.error_db is not None:
         say(f"measured error {result.error_db:.1f} dB")
     say(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
@@ -202,8 +206,8 @@ def _compare(options: Namespace) -> None:
     figure = plot_comparison(
         image.velocity_mps.values, image.time_s.values, image.values, other.values, title=source.name
     )
-    with _picture(figure, picture):
-        say(found)
+    _write_picture(figure, picture, overwrite=options.overwrite)
+    say(found)
     say(f"wrote {picture}")
 
 
@@ -228,16 +232,20 @@ def _scene(options: Namespace) -> None:
         target = track[len(track) // 2]
     ways = ways_to(scene, radar, target, reflections=options.reflections)
     figure = plot_scene(scene, radar.tx_position_m, ways_m=ways, track_m=track, title=scene.name)
-    with _picture(figure, picture):
-        say(
-            f"{len(scene.surfaces)} objects, {len(ways)} ways to ({', '.join(f'{x:.2f}' for x in target)}) m: "
-            f"{', '.join(name for name, _ in ways)}"
-        )
+    _write_picture(figure, picture, overwrite=options.overwrite)
+    say(
+        f"{len(scene.surfaces)} objects, {len(ways)} ways to ({', '.join(f'{x:.2f}' for x in target)}) m: "
+        f"{', '.join(name for name, _ in ways)}"
+    )
     say(f"wrote {picture}")
 
 
 def _info(options: Namespace) -> None:
+    from t2d_rt.store import settle
+
     source = Path(options.file)
+    with suppress(OSError, ValueError):  # no folder, or one that may only be read: what follows says so
+        settle(source)
     if not source.exists():
         raise InputError(f"{source} does not exist; check the path")
     if source.is_dir():
@@ -326,7 +334,7 @@ def _stem(source: Path) -> str:
 
 
 def _check_picture(picture: Path, *, overwrite: bool) -> None:
-    from t2d_rt.result import check_place
+    from t2d_rt.store import check_place
 
     if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"a picture ends in .png, .pdf or .svg, got '{picture}'; choose another name")
@@ -335,18 +343,11 @@ def _check_picture(picture: Path, *, overwrite: bool) -> None:
     check_place(picture, overwrite=overwrite)
 
 
-@contextmanager
-def _picture(figure: Figure, picture: Path) -> Iterator[None]:
-    """Draws the figure beside its place and moves it there once what is done meanwhile has succeeded."""
-    partial = picture.with_name(f".{picture.stem}.partial{picture.suffix}")
-    try:
-        figure.savefig(partial)
-        yield
-        partial.replace(picture)
-    except OSError as error:
-        raise InputError(f"cannot write {picture} ({error.strerror}); free space or choose a writable place") from error
-    finally:
-        partial.unlink(missing_ok=True)
+def _write_picture(figure: Figure, picture: Path, *, overwrite: bool) -> None:
+    from t2d_rt.store import check_taken, replacing
+
+    with replacing(picture, lambda: check_taken(picture, overwrite=overwrite)) as new:
+        figure.savefig(new)
 
 
 @contextmanager

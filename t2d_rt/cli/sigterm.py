@@ -1,0 +1,37 @@
+"""SIGTERM, as batch systems and containers send it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from t2d_rt.files import printable
+from t2d_rt.store import abandon
+
+
+@contextmanager
+def stopped_by_sigterm() -> Iterator[None]:
+    """SIGTERM leaves as little behind as Ctrl-C. An exception would be lost where one cannot be raised, as in a finalizer."""
+
+    def stop(*_: Any) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough: what follows is tidying up
+        written = ", ".join(f"{path} was written" for path in abandon()) or "nothing was written"
+        with suppress(RuntimeError, OSError):  # it may have come amidst a print
+            sys.stdout.flush()
+            print(printable(f"t2d-rt: stopped; {written}"), file=sys.stderr, flush=True)
+        os._exit(143)
+
+    in_main = threading.current_thread() is threading.main_thread()  # only there signals arrive
+    if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
