@@ -3,54 +3,80 @@
 from __future__ import annotations
 
 import re
-import shutil
-import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.store import replacing, settle
 from t2d_rt.types import Scene, Surface
+
+MARK = " made by t2d-rt "
+"""Comment in a scene file; only a folder whose scene begins so is replaced."""
+BEGINNING = re.compile(
+    rf'<scene version="2\.1\.0">\s*(<!--{MARK}-->\s*)?<bsdf type="itu-radio-material" id="[^"]+-\d+um">'
+)
+"""Of a scene file that `save_scene` wrote, of older ones without the mark too."""
 
 
 def save_scene(scene: Scene, folder: str | Path) -> Path:
     """Writes `folder`/<name>.xml and a PLY file for each surface in `folder`/meshes; returns the XML file's path.
 
-    Nothing stays behind if it fails; a folder that is there already is replaced if it holds a scene.
+    Nothing changes if it fails; a folder that is there already is replaced if it is empty or holds a scene that this wrote, and
+    nothing else.
     """
-    folder = Path(folder)
-    if folder.exists() and not (folder.is_dir() and (not any(folder.iterdir()) or list(folder.glob("*.xml")))):
-        raise InputError(f"{folder} exists and holds no scene; choose another folder")
+    target = Path(folder).resolve()
+    if not scene.name or Path(scene.name).name != scene.name:
+        raise InputError(f"scene name {scene.name!r} cannot be the name of a file; give one without slashes")
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        settle(target)
+        _check_replaceable(target)
     except OSError as error:
         raise InputError(f"cannot write the scene to {folder}: {error.strerror}; choose another folder") from error
-    try:
-        (fresh / "meshes").mkdir()
-        root = ElementTree.Element("scene", version="2.1.0")
-        for key, surface in {_material(surface): surface for surface in scene.surfaces}.items():
-            bsdf = ElementTree.SubElement(root, "bsdf", type="itu-radio-material", id=key)
-            ElementTree.SubElement(bsdf, "string", name="type", value=str(surface.material))
-            ElementTree.SubElement(bsdf, "float", name="thickness", value=f"{surface.thickness_m:.9g}")
-        for surface in scene.surfaces:
-            identity = _identity(surface.name)
-            _write_ply(fresh / "meshes" / f"{identity}.ply", surface)
-            shape = ElementTree.SubElement(root, "shape", type="ply", id=identity)
-            ElementTree.SubElement(shape, "string", name="filename", value=f"meshes/{identity}.ply")
-            ElementTree.SubElement(shape, "boolean", name="face_normals", value="true")
-            ElementTree.SubElement(shape, "ref", id=_material(surface), name="bsdf")
-        ElementTree.indent(root)
-        ElementTree.ElementTree(root).write(fresh / f"{scene.name}.xml", encoding="utf-8")
-        fresh.chmod(0o755)
-        if folder.exists():
-            shutil.rmtree(folder)
-        fresh.rename(folder)
-    except BaseException:
-        shutil.rmtree(fresh, ignore_errors=True)
-        raise
-    return folder / f"{scene.name}.xml"
+    with replacing(target, lambda: _check_replaceable(target)) as new:
+        _write(scene, new)
+    return Path(folder) / f"{scene.name}.xml"
+
+
+def _check_replaceable(folder: Path) -> None:
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return
+    files = [path for path in folder.rglob("*") if not path.is_dir()] if folder.is_dir() else []
+    scenes = [path for path in files if path.parent == folder and path.suffix == ".xml" and path.is_file()]
+    if len(scenes) != 1 or not BEGINNING.match(_beginning(scenes[0])):
+        raise InputError(f"{folder} exists and holds no scene that t2d-rt wrote; choose another folder")
+    for path in files:
+        if path != scenes[0] and not (path.parent == folder / "meshes" and path.suffix == ".ply"):
+            raise InputError(f"{folder} is not replaced, for it holds {path.name} besides a scene; move that elsewhere")
+
+
+def _beginning(file: Path) -> str:
+    with file.open(encoding="utf-8", errors="replace") as text:
+        return text.read(1000)
+
+
+def _write(scene: Scene, folder: Path) -> None:
+    (folder / "meshes").mkdir(parents=True)
+    root = ElementTree.Element("scene", version="2.1.0")
+    root.append(ElementTree.Comment(MARK))
+    for key, surface in {_material(surface): surface for surface in scene.surfaces}.items():
+        bsdf = ElementTree.SubElement(root, "bsdf", type="itu-radio-material", id=key)
+        ElementTree.SubElement(bsdf, "string", name="type", value=str(surface.material))
+        ElementTree.SubElement(bsdf, "float", name="thickness", value=f"{surface.thickness_m:.9g}")
+    for surface in scene.surfaces:
+        identity = _identity(surface.name)
+        mesh = folder / "meshes" / f"{identity}.ply"
+        if mesh.exists():
+            raise InputError(f"two surfaces would both be written to {mesh.name} ({surface.name!r}); rename one")
+        _write_ply(mesh, surface)
+        shape = ElementTree.SubElement(root, "shape", type="ply", id=identity)
+        ElementTree.SubElement(shape, "string", name="filename", value=f"meshes/{identity}.ply")
+        ElementTree.SubElement(shape, "boolean", name="face_normals", value="true")
+        ElementTree.SubElement(shape, "ref", id=_material(surface), name="bsdf")
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(folder / f"{scene.name}.xml", encoding="utf-8")
 
 
 def _material(surface: Surface) -> str:
