@@ -45,8 +45,9 @@ MOST_SLOTS = 1000
 """Buckets that an echo may cross in a frame interval."""
 MANY_SLOTS = 16
 """From so many on it is asked which of them hold a chirp."""
-MOST_MOMENTS = 20_000
-"""Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames."""
+MOST_MOMENTS, FEWER_MOMENTS, MANY_ECHOES = 20_000, 2_500, 50_000
+"""Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames. Fewer beside many
+echoes, which take memory themselves."""
 BASIS_NUMBERS = 8_000_000
 """Size of the matrix from buckets to samples; a very wide sweep is worked on in pieces of its samples."""
 
@@ -149,7 +150,7 @@ def _sums(
         for (tx, out), (rx, back) in itertools.product(*(enumerate(end.extra_delays()) for end in both)):
             extra, slope = _both(out, back)
             here = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + slope)
-            for chirps in _chirp_blocks(len(position)):
+            for chirps in _chirp_blocks(len(position), window):
                 yield tx, rx, chirps, _sum_echoes(here, moments[tx][chirps], sweep, backend)
         return
     own = leaves(window, tree[0], sweep, backend)
@@ -160,15 +161,16 @@ def _sums(
         inner = factors(window, deep, own_here, sweep, backend)
         for number, tx in enumerate(some_tx):
             top = deep[-1].part(number, len(some_tx))
-            for chirps in _chirp_blocks(len(position)):
+            for chirps in _chirp_blocks(len(position), window):
                 found = _sum_groups(
                     top, inner, number * len(top), len(some_rx), moments[tx][chirps], window.step_s, sweep, tolerance, backend
                 )  # fmt: skip
                 yield from ((tx, rx, chirps, spectra) for rx, spectra in zip(some_rx, found, strict=True))
 
 
-def _chirp_blocks(count: int) -> list[slice]:
-    return [slice(first, first + MOST_MOMENTS) for first in range(0, count, MOST_MOMENTS)]
+def _chirp_blocks(count: int, window: Window) -> list[slice]:
+    size = FEWER_MOMENTS if window.delay.shape[1] > MANY_ECHOES else MOST_MOMENTS
+    return [slice(first, first + size) for first in range(0, count, size)]
 
 
 def _batches(count: int, size: int) -> list[range]:
