@@ -36,7 +36,8 @@ def run() -> Section:
     return Section(
         title="Memory over many calls",
         checks=[
-            Check(what=f"resident memory at the end over that after {SETTLED} calls", measured=100 * (end / start - 1), limit=5, unit="%"),
+            Check(what=f"resident memory at the end over that after {SETTLED} calls", measured=100 * (end / start - 1),
+            limit=5, unit="%"),
             Check(
                 what=f"highest after {SETTLED} calls over that after {SETTLED} calls",
                 measured=100 * (float(after.max()) / start - 1), limit=5, unit="%",
@@ -45,9 +46,9 @@ def run() -> Section:
                 what=f"trend over the last {len(after)} calls", measured=100 * slope * len(after) / start, limit=5, unit="%"
             ),
         ],
-        note=f"{CALLS} calls in one process, drawn at random with a fixed seed: motions, pieces and lengths of them, both models, meshes of "
-        "80 to 5 000 facets and the body, rooms, tolerances, movers, arrays, plans, spectrograms, recordings saved and loaded. "
-        f"Resident memory after each; {start:.0f} MB after {SETTLED} calls, {end:.0f} MB at the end, {slope:.3f} MB for each call.",
+        note=f"{CALLS} calls in one process, drawn at random with a fixed seed: motions, pieces and lengths of them, both models, "
+        "meshes of 80 to 5 000 facets and the body, rooms, tolerances, movers, arrays, plans, spectrograms, recordings saved and "
+        f"loaded. Resident memory: {start:.0f} MB after {SETTLED} calls, {end:.0f} MB at the end, {slope:.3f} MB a call.",
         charts=[_chart(resident, found["calls"], start)],
     )  # fmt: skip
 

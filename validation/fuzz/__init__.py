@@ -1,4 +1,4 @@
-"""Inputs that nobody means to give: every one ends well or with one sentence, soon, in little memory, and nothing is wrong in silence."""
+"""Inputs that nobody means to give: each ends well or with one sentence, soon, in little memory, and never wrong in silence."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ def run() -> Section:
     count = int(os.environ.get("FUZZ_COUNT", COUNT))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "outcomes.json"
-        subprocess.run([sys.executable, "-m", "validation.fuzz", "--count", str(count), "--results", str(file)], check=False)
+        subprocess.run(
+            [sys.executable, "-m", "validation.fuzz", "--count", str(count), "--results", str(file)], check=False
+        )
         outcomes = json.loads(file.read_text(encoding="utf-8"))
     return section(outcomes)
 
@@ -45,11 +47,12 @@ def section(outcomes: Sequence[Mapping[str, Any]]) -> Section:
     return Section(
         title="Fuzzing",
         checks=checks,
-        note="Motion files, radar and config files, scenes with their meshes, saved recordings, words on the command line and calls of "
-        "the public functions, each valid but for a few changes drawn at random: `python -m validation.fuzz --only bvh:137` makes an "
-        "input again. Each runs in a process of its own and has to end well (finite numbers, what was saved is what loads, nothing "
-        "outside a scene's folder is opened) or with one sentence, within 10 s and 2 GB. Inputs that failed once are tried first. Here "
-        "`refused` counts sentences and `worst` the longest time and the most memory of one input.",
+        note="Motion files, radar and config files, scenes with their meshes, saved recordings, words on the command line and "
+        "calls of the public functions, each valid but for a few changes drawn at random; "
+        "`python -m validation.fuzz --only bvh:137` makes an input again. Each runs in a process of its own and has to end well "
+        "(finite numbers, what was saved is what loads, nothing outside a scene's folder is opened) or with one sentence, within "
+        "10 s and 2 GB. Inputs that failed once are tried first. `refused` counts sentences, `worst` is the longest time and the "
+        "most memory of one input.",
         table=[_row(kind, [o for o in outcomes if o["name"].startswith(f"{kind}:")]) for kind in sorted(kinds)],
     )
 

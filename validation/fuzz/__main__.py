@@ -10,7 +10,14 @@ from pathlib import Path
 
 from validation.fuzz.process import KINDS, Outcome, outcomes
 
-SHARES = {"bvh": 0.25, "radar_yaml": 0.15, "scene_xml": 0.15, "recording_zarr": 0.15, "command_line": 0.15, "api_calls": 0.15}
+SHARES = {
+    "bvh": 0.25,
+    "radar_yaml": 0.15,
+    "scene_xml": 0.15,
+    "recording_zarr": 0.15,
+    "command_line": 0.15,
+    "api_calls": 0.15,
+}
 """Parts of the inputs that are of each kind."""
 KEPT = Path("out") / "fuzz"
 REGRESSIONS = Path(__file__).with_name("regressions.txt")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import datetime
 import decimal
 import fractions
@@ -37,27 +38,40 @@ class Strange:
         return "<strange\n\x1b[31m>"
 
 
-ODD: tuple[Callable[[], Any], ...] = tuple(
-    (lambda value=value: value)  # type: ignore[misc]
-    for value in (
-        None, True, False, 0, -1, 1, 3, 7, 10**30, -(10**9), 10**9, 0.0, 0.5, 2.5, -2.5, 1e300, -1e300, 1e-300, math.nan, math.inf, -math.inf, 1j,
-        "", "x", "120", "nan", "a\nb", "\x1b[31m", "x" * 10000, b"x", [], [1], [1, 2], [1, 2, 3], [2.0, 1.0], (), (0, 0), (1, 2, 3), (math.nan, 1), {}, {"a": 1},
-        {1}, frozenset(), range(3), slice(None), object, int, len, lambda *_: None, Path("x"), Path("/dev/zero"), decimal.Decimal("1.5"), fractions.Fraction(1, 3),
-        datetime.date(2020, 1, 1), Ellipsis, NotImplemented, np.float32(1.5), np.int64(3), np.bool_(True), np.str_("x"), np.float64("nan"), 1 << 62, 128.0,
-    )
-) + tuple(
-    functools.partial(eval, text, {"np": np, "t2d": t2d, "Strange": Strange})
-    for text in (
-        "np.zeros(0)", "np.zeros(3)", "np.zeros((0, 3))", "np.zeros((3, 0))", "np.zeros((2, 3))", "np.zeros((4, 3))", "np.zeros((3, 22, 3))", "np.ones((3, 4))",
-        "np.full(3, np.nan)", "np.full((3, 3), np.inf)", "np.ones(3, complex)", "np.ones((300, 1, 32), np.complex64)", "np.ones((300, 32))",
-        "np.full((300, 1, 32), np.nan, complex)", "np.ones((300, 1, 32), object)", "np.array(['a', 'b', 'c'])", "np.array([1, None, 'x'], dtype=object)",
-        "np.ma.masked_array([1.0, 2, 3], [0, 1, 0])", "np.ma.masked_all((4, 3))", "np.array(3.0)", "np.arange(3)", "np.arange(3)[::-1]", "np.arange(3, dtype=np.uint8)",
-        "np.array([1, 2, 3], np.float16)", "np.array([2**63], np.uint64)", "np.array(['2020-01-01'], 'datetime64[D]')", "np.zeros(3, [('a', float)])", "np.zeros((1,) * 32)",
-        "np.matrix([[1, 2], [3, 4]])", "np.broadcast_to(1.0, (300, 1, 32))", "(x for x in [1, 2])", "memoryview(b'abc')", "bytearray(3)", "Strange()", "[Strange()]",
-        "[[1, 2], [3]]", "[[]]", "['a', 3]", "[None]", "{'kind': 'fan'}", "t2d.Radar", "t2d.Radar.preset('ci4r')", "np.random.default_rng(0)", "[float('nan')] * 3",
-        "type('Like', (), {'__array__': lambda self, *a, **k: np.ones(3)})()", "type('Bad', (), {'__len__': lambda self: -1})()",
-    )
+PLAIN: tuple[Any, ...] = (
+    None, True, False, 0, -1, 1, 3, 7, 10**30, -(10**9), 10**9, 0.0, 0.5, 2.5, -2.5, 1e300, -1e300, 1e-300, math.nan,
+    math.inf, -math.inf, 1j,
+    "", "x", "120", "nan", "a\nb", "\x1b[31m", "x" * 10000, b"x", [], [1], [1, 2], [1, 2, 3], [2.0, 1.0], (), (0, 0), (1,
+    2, 3), (math.nan, 1), {}, {"a": 1},
+    {1}, frozenset(), range(3), slice(None), object, int, len, lambda *_: None, Path("x"), Path("/dev/zero"),
+    decimal.Decimal("1.5"), fractions.Fraction(1, 3),
+    datetime.date(2020, 1, 1), Ellipsis, NotImplemented, np.float32(1.5), np.int64(3), np.bool_(True), np.str_("x"),
+    np.float64("nan"), 1 << 62, 128.0,
 )  # fmt: skip
+TEXTS = (
+    "np.zeros(0)", "np.zeros(3)", "np.zeros((0, 3))", "np.zeros((3, 0))", "np.zeros((2, 3))", "np.zeros((4, 3))",
+    "np.zeros((3, 22, 3))", "np.ones((3, 4))",
+    "np.full(3, np.nan)", "np.full((3, 3), np.inf)", "np.ones(3, complex)", "np.ones((300, 1, 32), np.complex64)",
+    "np.ones((300, 32))",
+    "np.full((300, 1, 32), np.nan, complex)", "np.ones((300, 1, 32), object)", "np.array(['a', 'b', 'c'])",
+    "np.array([1, None, 'x'], dtype=object)",
+    "np.ma.masked_array([1.0, 2, 3], [0, 1, 0])", "np.ma.masked_all((4, 3))", "np.array(3.0)", "np.arange(3)",
+    "np.arange(3)[::-1]", "np.arange(3, dtype=np.uint8)",
+    "np.array([1, 2, 3], np.float16)", "np.array([2**63], np.uint64)", "np.array(['2020-01-01'], 'datetime64[D]')",
+    "np.zeros(3, [('a', float)])", "np.zeros((1,) * 32)",
+    "np.matrix([[1, 2], [3, 4]])", "np.broadcast_to(1.0, (300, 1, 32))", "(x for x in [1, 2])", "memoryview(b'abc')",
+    "bytearray(3)", "Strange()", "[Strange()]",
+    "[[1, 2], [3]]", "[[]]", "['a', 3]", "[None]", "{'kind': 'fan'}", "t2d.Radar", "t2d.Radar.preset('ci4r')",
+    "np.random.default_rng(0)", "[float('nan')] * 3",
+    "type('Like', (), {'__array__': lambda self, *a, **k: np.ones(3)})()",
+    "type('Bad', (), {'__len__': lambda self: -1})()",
+)  # fmt: skip
+"""Values that each call has to have for itself, as they are written."""
+NAMES = {"np": np, "t2d": t2d, "Strange": Strange}
+ODD: tuple[Callable[[], Any], ...] = (
+    *(functools.partial(copy.copy, value) for value in PLAIN),
+    *(functools.partial(eval, text, NAMES) for text in TEXTS),
+)
 """Makers of odd values."""
 
 
@@ -124,7 +138,7 @@ def _simulate(method: str) -> Good:
 
 
 def _plan() -> Good:
-    function, arguments = _filled(t2d.simulate, target=quick_ball(), radar=quick_radar(), tolerance_db=-5.0)
+    arguments = _filled(t2d.simulate, target=quick_ball(), radar=quick_radar(), tolerance_db=-5.0)[1]
     return t2d.plan, {key: value for key, value in arguments.items() if key not in ("measure_error", "progress")}
 
 
@@ -137,7 +151,13 @@ def _mesh_values() -> dict[str, Any]:
 def _from_track() -> Good:
     values = _mesh_values()
     middle = values["vertices"][0]
-    return _filled(t2d.MovingMesh.from_track, track=_Track(middle), faces=values["faces"], times_s=np.array([0.0, 0.2]), rest=middle)
+    return _filled(
+        t2d.MovingMesh.from_track,
+        track=_Track(middle),
+        faces=values["faces"],
+        times_s=np.array([0.0, 0.2]),
+        rest=middle,
+    )
 
 
 class _Track:
@@ -195,7 +215,9 @@ def _signal(name: str, /, **given: Any) -> Callable[[], Good]:
     def make() -> Good:
         from t2d_rt import signal
 
-        return _filled(getattr(signal, name), **{key: value() if callable(value) else value for key, value in given.items()})
+        return _filled(
+            getattr(signal, name), **{key: value() if callable(value) else value for key, value in given.items()}
+        )
 
     return make
 
@@ -230,7 +252,9 @@ def _mover(**fields: Any) -> Any:
 
 def _motion_values() -> dict[str, Any]:
     walk = quick_walk()
-    return {name: getattr(walk, name) for name in ("joints", "rotations", "rate_hz", "names", "parents", "placed", "report")}
+    return {
+        name: getattr(walk, name) for name in ("joints", "rotations", "rate_hz", "names", "parents", "placed", "report")
+    }
 
 
 def _joints() -> dict[str, Any]:
@@ -240,7 +264,8 @@ def _joints() -> dict[str, Any]:
 
 def _surface() -> dict[str, Any]:
     return {
-        "name": "wall", "vertices": np.array([[5.0, -2, 0], [5, -2, 2], [5, 2, 2]]), "faces": np.array([[0, 1, 2]]), "material": "concrete",
+        "name": "wall", "vertices": np.array([[5.0, -2, 0], [5, -2, 2], [5, 2, 2]]), "faces": np.array([[0, 1, 2]]),
+        "material": "concrete",
         "thickness_m": 0.1,
     }  # fmt: skip
 
@@ -250,7 +275,11 @@ def _scene() -> t2d.Scene:
 
 
 def _ellipsoids() -> dict[str, Any]:
-    return {"semi_axes_m": np.full((1, 3), 0.1), "centres": np.array([[[2.0, 0, 1]], [[1.9, 0, 1]]]), "times_s": np.array([0, 0.2])}
+    return {
+        "semi_axes_m": np.full((1, 3), 0.1),
+        "centres": np.array([[[2.0, 0, 1]], [[1.9, 0, 1]]]),
+        "times_s": np.array([0, 0.2]),
+    }
 
 
 SPEED, TIME = np.linspace(-3, 3, 32), np.linspace(0, 1, 20)
@@ -287,7 +316,8 @@ CALLS: dict[str, Callable[[], Good]] = {
     "load_scene": lambda: (t2d.load_scene, {"source": "empty_room"}),
     "load_recording": lambda: (t2d.load_recording, {"path": "none.npy"}),
     "mover": lambda: (t2d.mover, {"entry": "fan:2,1,1"}),
-    "mover of fields": lambda: (_mover, {"kind": "pet", "position_m": (3, 0, 0), "size": 1.0, "speed_mps": 0.7, "turn_radius_m": 1.0, "material": "clothed"}),
+    "mover of fields": lambda: (_mover, {"kind": "pet", "position_m": (3, 0, 0), "size": 1.0, "speed_mps": 0.7,
+    "turn_radius_m": 1.0, "material": "clothed"}),
     "TableFan": _model("TableFan", position_m=(2, 1, 1)),
     "CeilingFan": _model("CeilingFan", position_m=(2, 1, 2)),
     "Curtain": _model("Curtain", position_m=(2, 1, 0)),
@@ -295,8 +325,10 @@ CALLS: dict[str, Callable[[], Good]] = {
     "Pet": _model("Pet", position_m=(2, 1, 0)),
     "TableFan.mesh": lambda: (t2d.TableFan(position_m=(2, 1, 1)).mesh, {"start_s": 0.0, "stop_s": 0.2}),
     "Room": _model("Room", name="box", size_m=(4, 3, 2.5)),
-    "Room.scene": lambda: (lambda **fields: t2d.Room(**fields).scene(), {"name": "box", "size_m": (4, 3, 2.5), "openings": (), "furniture": (), "corner_m": None}),
-    "a piece": lambda: (lambda **fields: t2d.Room(name="box", size_m=(4, 3, 2.5), furniture=(fields,)).scene(), {"kind": "cupboard", "x_m": 1, "y_m": 1, "name": "c"}),
+    "Room.scene": lambda: (lambda **fields: t2d.Room(**fields).scene(), {"name": "box", "size_m": (4, 3, 2.5), "openings": (),
+    "furniture": (), "corner_m": None}),
+    "a piece": lambda: (lambda **fields: t2d.Room(name="box", size_m=(4, 3, 2.5), furniture=(fields,)).scene(),
+    {"kind": "cupboard", "x_m": 1, "y_m": 1, "name": "c"}),
     "an opening": lambda: (
         lambda **fields: t2d.Room(name="box", size_m=(4, 3, 2.5), openings=(fields,)).scene(),
         {"name": "door", "wall": "-y", "along_m": 0.5, "width_m": 0.9, "height_m": 2.0, "slab": None},

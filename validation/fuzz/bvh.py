@@ -30,13 +30,16 @@ from validation.fuzz.case import (
 BASES = ("momask_22j_120frames.bvh", "bvhtoolbox_walk01.bvh", "14_14_jumping_jacks.bvh")
 FRAMES = 14
 NUMBERS = (
-    "nan", "inf", "-inf", "NaN(0)", "1e400", "1e308", "-1e9", "1e9", "999999999", "1e-320", "-0", "0", "1_000", "0x10", "1,5", "", "--1",
-    "1e", "1d5", "٣", "½", "true", "None", "9" * 400, "0." + "0" * 500 + "1", "+.5", "5.", "1e15", "-1", "1e-5", "3.5", "%s", "$x",
+    "nan", "inf", "-inf", "NaN(0)", "1e400", "1e308", "-1e9", "1e9", "999999999", "1e-320", "-0", "0", "1_000", "0x10", "1,5",
+    "", "--1",
+    "1e", "1d5", "٣", "½", "true", "None", "9" * 400, "0." + "0" * 500 + "1", "+.5", "5.", "1e15", "-1", "1e-5", "3.5", "%s",
+    "$x",
 )  # fmt: skip
 WORDS = (
     "HIERARCHY", "MOTION", "ROOT", "JOINT", "End Site", "{", "}", "OFFSET", "CHANNELS", "Frames:", "Frame Time:", "CHANNELS 0",
     "CHANNELS 3 Xrotation Xrotation Xrotation", "CHANNELS 6", "CHANNELS -3", "CHANNELS 99999999 Xrotation", "OFFSET 0 0",
-    "OFFSET 0 0 0 0", "ROOT Hips", "JOINT", "\x1b[31mred\x1b[0m", "\x85", "\x0c", "\0", "JOINT \x1b]0;title\x07", "#", "Frames: 1e9",
+    "OFFSET 0 0 0 0", "ROOT Hips", "JOINT", "\x1b[31mred\x1b[0m", "\x85", "\x0c", "\0", "JOINT \x1b]0;title\x07", "#",
+    "Frames: 1e9",
 )  # fmt: skip
 
 
@@ -66,7 +69,8 @@ def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
 
 
 NAMES = (
-    "a b", "a\nb", "a\x1b[31m", "$x$", "%s{}", "naïve", "日本", "-rf", "a" * 200, "..", "a.zarr", "\u202egnp", "a\udcff", "~", "{name}", "C:\\x",
+    "a b", "a\nb", "a\x1b[31m", "$x$", "%s{}", "naïve", "日本", "-rf", "a" * 200, "..", "a.zarr", "\u202egnp", "a\udcff", "~",
+    "{name}", "C:\\x",
 )  # fmt: skip
 
 
@@ -149,7 +153,8 @@ def packing(rng: np.random.Generator, text: str) -> Made:
         rng,
         (
             lambda: Made("gz", packed, "same", ".bvh.gz"),
-            lambda: Made(f"gz of two members, at {half}", gzip.compress(data[:half]) + gzip.compress(data[half:]), "same", ".bvh.gz"),
+            lambda: Made(f"gz of two members, at {half}", gzip.compress(data[:half]) + gzip.compress(data[half:]), "same",
+            ".bvh.gz"),
             lambda: Made("gz of 300 members", b"".join(gzip.compress(data[i::300]) for i in range(300)), "", ".bvh.gz"),
             lambda: Made("gz with an empty member", gzip.compress(b"") + packed, "same", ".bvh.gz"),
             lambda: Made(f"gz cut at {place}", packed[:place], "refused", ".bvh.gz"),
@@ -158,7 +163,8 @@ def packing(rng: np.random.Generator, text: str) -> Made:
             lambda: Made("gz and zeros", packed + bytes(512), "", ".bvh.gz"),
             lambda: Made("gz with a wrong checksum", packed[:-8] + bytes([packed[-8] ^ 1]) + packed[-7:], "refused", ".bvh.gz"),
             lambda: Made("gz with a wrong length", packed[:-1] + b"\x7f", "refused", ".bvh.gz"),
-            lambda: Made(f"gz flipped at {place}", packed[:place] + bytes([packed[place] ^ 16]) + packed[place + 1 :], "", ".bvh.gz"),
+            lambda: Made(f"gz flipped at {place}", packed[:place] + bytes([packed[place] ^ 16]) + packed[place + 1 :], "",
+            ".bvh.gz"),
             lambda: Made("gz in gz", gzip.compress(packed), "refused", ".bvh.gz"),
             lambda: Made("gz without the suffix", packed, "refused", ".bvh"),
             lambda: Made("text named gz", data, "refused", ".bvh.gz"),
@@ -172,7 +178,14 @@ def packing(rng: np.random.Generator, text: str) -> Made:
 def _bomb(rng: np.random.Generator) -> Made:
     """A small gz of a large text."""
     piece = pick(rng, (b"\n", b" ", b"x\n", b"0 ", b"{\n", b"\0", b"JOINT a\n"))
-    head = pick(rng, (b"", b"HIERARCHY\n", b"HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 0\n}\nMOTION\nFrames: 2\nFrame Time: .1\n"))
+    head = pick(
+        rng,
+        (
+            b"",
+            b"HIERARCHY\n",
+            b"HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 0\n}\nMOTION\nFrames: 2\nFrame Time: .1\n",
+        ),
+    )
     size = int(10 ** rng.uniform(6.5, 8.3))
     data = gzip.compress(head + piece * (size // len(piece)), compresslevel=1)
     return Made(f"gz of {size / 1e6:.0f} MB of {piece!r} after {head[-30:]!r}", data, "refused", ".bvh.gz")
@@ -186,13 +199,17 @@ def same(rng: np.random.Generator, text: str) -> Made:
         ("CRLF", lambda: text.replace("\n", "\r\n").encode()),
         ("BOM", lambda: b"\xef\xbb\xbf" + text.encode()),
         ("no indentation", lambda: re.sub(r"(?m)^[ \t]+", "", text).encode()),
-        ("tabs", lambda: text.replace(" ", "\t").replace("End\tSite", "End Site").replace("Frame\tTime", "Frame Time").encode()),
+        ("tabs", lambda: text.replace(" ", "\t").replace("End\tSite", "End Site").replace("Frame\tTime",
+        "Frame Time").encode()),
         ("blank lines", lambda: text.replace("\n", "\n\n \n").encode()),
         ("spaces at the ends", lambda: text.replace("\n", "  \t\n").encode()),
-        ("keywords in small letters", lambda: head.replace("ROOT", "root").replace("JOINT", "joint").encode() + b"motion\n" + tail.encode()),
-        ("one more joint", lambda: _with_joint(head, joint, pick(rng, ("Größe", "àÅ", "名前", "a b", "x" * 300, "e\u0301", "\u0105"))).encode()
+        ("keywords in small letters", lambda: head.replace("ROOT", "root").replace("JOINT",
+        "joint").encode() + b"motion\n" + tail.encode()),
+        ("one more joint", lambda: _with_joint(head, joint, pick(rng, ("Größe", "àÅ", "名前", "a b", "x" * 300, "e\u0301",
+        "\u0105"))).encode()
          + b"MOTION\n" + tail.encode()),
-        ("one more joint in Latin-1", lambda: _with_joint(head, joint, "Gr\xf6\xdfe").encode("latin-1") + b"MOTION\n" + tail.encode()),
+        ("one more joint in Latin-1", lambda: _with_joint(head, joint,
+        "Gr\xf6\xdfe").encode("latin-1") + b"MOTION\n" + tail.encode()),
         ("a row over two lines", lambda: _broken(text).encode()),
     )  # fmt: skip
     told, make = pick(rng, ways)
@@ -248,9 +265,11 @@ def special(rng: np.random.Generator, folder: Path) -> tuple[str, Path]:
     """A path at which there is no plain file, or a very large one."""
     path = folder / pick(rng, ("motion.bvh", "motion.bvh.gz"))
     links = {
-        "a loop of links": path.name, "a dangling link": "nowhere.bvh", "a link to zeros": "/dev/zero", "a link to nothing": "/dev/null",
+        "a loop of links": path.name, "a dangling link": "nowhere.bvh", "a link to zeros": "/dev/zero",
+        "a link to nothing": "/dev/null",
         "a link to full": "/dev/full", "a link to random": "/dev/urandom", "a link to a terminal": "/dev/tty",
-        "a link to its memory": "/proc/self/mem", "a link to its own process": "/proc/self/status", "a link to a folder": "/tmp",
+        "a link to its memory": "/proc/self/mem", "a link to its own process": "/proc/self/status",
+        "a link to a folder": "/tmp",
         "a link to stdin": "/dev/stdin", "a link to a kernel's pipe": "/proc/kmsg",
     }  # fmt: skip
     kind = pick(rng, (*links, "pipe", "socket", "folder", "sparse", "forbidden", "zip", "none"))
@@ -297,7 +316,8 @@ def _used(rng: np.random.Generator, told: str, path: Path, expected: str) -> Att
         return Attempt(f"{told}: t2d-rt info {path.name}", command(["info", str(path)]))
     if way == "simulate":
         words = [
-            "simulate", str(path), "--method", "ellipsoid", "--radar", "ci4r", "--radar.samples=32", "--stop-s=0.1", "-o", "x.zarr",
+            "simulate", str(path), "--method", "ellipsoid", "--radar", "ci4r", "--radar.samples=32", "--stop-s=0.1", "-o",
+            "x.zarr",
         ]  # fmt: skip
         return Attempt(f"{told}: t2d-rt {' '.join(words)}", leaving_nothing(command(words), path.parent))
     options: dict[str, Any] = {}

@@ -73,7 +73,9 @@ def check_text(text: str, *, what: str, lines: int | None = None) -> None:
     """No control characters, no traceback, no warning of NumPy in what a user reads."""
     found = CONTROL.search(text)
     if found:
-        raise Wrong(f"{what} holds the control character {found[0]!r}: {text[max(0, found.start() - 60) : found.end() + 20]!r}")
+        raise Wrong(
+            f"{what} holds the control character {found[0]!r}: {text[max(0, found.start() - 60) : found.end() + 20]!r}"
+        )
     if "Traceback (most recent call last)" in text:
         raise Wrong(f"{what} holds a traceback: {text[-600:]!r}")
     if re.search(r"encountered in|RuntimeWarning|DeprecationWarning|FutureWarning", text):
@@ -173,7 +175,8 @@ def command(arguments: Sequence[str], *, ascii_only: bool = False) -> Callable[[
             for errors in ("strict", "backslashreplace")  # as the interpreter opens stdout and stderr
         )
         code = _run(arguments, out, err)
-        out.flush(), err.flush()
+        out.flush()
+        err.flush()
         printed, told = (each.buffer.getvalue().decode() for each in (out, err))  # type: ignore[attr-defined]
         _check_told(told)
         check_text(printed, what="what it printed")
@@ -215,7 +218,11 @@ def _check_told(text: str) -> None:
 
 def listing(folder: Path) -> dict[str, tuple[int, int]]:
     """Names below a folder, with times and sizes."""
-    return {str(p.relative_to(folder)): (p.lstat().st_mtime_ns, p.lstat().st_size) for p in folder.rglob("*") if not p.is_dir()}
+    return {
+        str(p.relative_to(folder)): (p.lstat().st_mtime_ns, p.lstat().st_size)
+        for p in folder.rglob("*")
+        if not p.is_dir()
+    }
 
 
 def leaving_nothing(act: Callable[[], T], folder: Path) -> Callable[[], T]:
@@ -265,7 +272,8 @@ def corrupted(rng: np.random.Generator, data: bytes) -> tuple[str, bytes]:
     return pick(
         rng,
         [
-            (f"byte {place} flipped", data[:place] + bytes([data[place] ^ (1 << int(rng.integers(8)))]) + data[place + 1 :] if data else b"x"),
+            (f"byte {place} flipped",
+            data[:place] + bytes([data[place] ^ (1 << int(rng.integers(8)))]) + data[place + 1 :] if data else b"x"),
             (f"cut at {place}", data[:place]),
             (f"{length} bytes gone at {place}", data[:place] + data[place + length :]),
             (f"{length} random bytes at {place}", data[:place] + rng.bytes(length) + data[place:]),

@@ -1,4 +1,4 @@
-"""Every input in a process of its own, forked from one that has imported everything and computed nothing; its limits, its outcome."""
+"""Each input in a process of its own, forked from one that has imported everything and computed nothing; limits and outcomes."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import IO
 
 from t2d_rt.errors import T2DError
 from validation.fuzz.case import Wrong, check_sentence, random_source
@@ -88,7 +89,8 @@ def ready() -> None:
     select("cpu")  # chooses the LLVM library before Dr.Jit is imported; loads, but starts nothing
     for name in (
         "matplotlib.backends.backend_agg", "scipy.signal", "scipy.interpolate", "scipy.spatial", "trimesh", "xarray", "zarr",
-        "jsonargparse", "yaml", "mitsuba", "sionna.rt", "tqdm", "t2d_rt.cli", "t2d_rt.pipeline", "t2d_rt.compare", "t2d_rt.plots",
+        "jsonargparse", "yaml", "mitsuba", "sionna.rt", "tqdm", "t2d_rt.cli", "t2d_rt.pipeline", "t2d_rt.compare",
+        "t2d_rt.plots",
     ):  # fmt: skip
         import_module(name)
     for name in KINDS:
@@ -222,7 +224,7 @@ def _child(name: str, seed: int, folder: Path) -> None:
     os._exit(0)
 
 
-def _limited(folder: Path) -> object:
+def _limited(folder: Path) -> IO[str]:
     """A process group and limits of its own, files for what it prints; stdin is closed."""
     os.setsid()
     os.chdir(folder / "here")
@@ -262,7 +264,11 @@ def _judged(act: Callable[[], object]) -> dict[str, str]:
         return {"problem": "memory", "what": f"MemoryError: {error}", "where": _frame(error)}
     except BaseException as error:
         traceback.print_exc()
-        return {"problem": "traceback", "what": f"{type(error).__name__}: {' '.join(str(error).split())[:400]}", "where": _frame(error)}
+        return {
+            "problem": "traceback",
+            "what": f"{type(error).__name__}: {' '.join(str(error).split())[:400]}",
+            "where": _frame(error),
+        }
     return {"problem": "", "what": "", "where": ""}
 
 

@@ -26,15 +26,21 @@ from validation.fuzz.case import (
 )
 
 VALUES = (
-    ".nan", ".inf", "-.inf", "1e400", "-1", "0", "-0.0", "1e-320", "1e300", "10000000000000000000000000000000000000000", "77", "1e18",
-    "0x7fffffff", "0o17", "1:30", "yes", "on", "true", "~", "null", "''", "'12'", "'nan'", "'1e9'", "77 GHz", "77.18e+9", "2001-01-01",
+    ".nan", ".inf", "-.inf", "1e400", "-1", "0", "-0.0", "1e-320", "1e300", "10000000000000000000000000000000000000000", "77",
+    "1e18",
+    "0x7fffffff", "0o17", "1:30", "yes", "on", "true", "~", "null", "''", "'12'", "'nan'", "'1e9'", "77 GHz", "77.18e+9",
+    "2001-01-01",
     "2001-01-01 10:00:00", "[1, 2]", "[1, 2, 3]", "[[1, 2, 3], [4, 5, 6]]", "[[1, 2], [3]]", "[]", "{}", "{a: 1}", "{1: 2}",
-    "[.nan, 0, 0]", "[1e9, 0, 0]", '"\\e[31m"', '"\\x85"', '"\\0"', "!!binary aGVsbG8=", "!!set {a, b}", "!!omap [a: 1]", "!!float '1e5'",
+    "[.nan, 0, 0]", "[1e9, 0, 0]", '"\\e[31m"', '"\\x85"', '"\\0"', "!!binary aGVsbG8=", "!!set {a, b}", "!!omap [a: 1]",
+    "!!float '1e5'",
     "!!int '0b101'", "!!str 5", "!!timestamp 2001-01-01", "!!python/object/apply:os.system ['touch pwned']",
-    "!!python/name:os.system", "!!python/tuple [1, 2]", "!unknown x", "*nothing", "&a [*a]", "&a {b: *a}", "tdm", "ddm", "simultaneous", "TDM",
-    "{kind: cosine}", "{kind: cosine, exponent: 2}", "{kind: cosine, exponent: .nan}", "{kind: cosine, half_power_beamwidth_deg: 179.999999}",
+    "!!python/name:os.system", "!!python/tuple [1, 2]", "!unknown x", "*nothing", "&a [*a]", "&a {b: *a}", "tdm", "ddm",
+    "simultaneous", "TDM",
+    "{kind: cosine}", "{kind: cosine, exponent: 2}", "{kind: cosine, exponent: .nan}",
+    "{kind: cosine, half_power_beamwidth_deg: 179.999999}",
     "{kind: table}", "{kind: table, azimuth_deg: [-1, 1], elevation_deg: [-1, 1], gain_db: [[0, 0], [0, 0]]}",
-    "{kind: table, azimuth_deg: [1, -1], elevation_deg: [-1, 1], gain_db: [[0, 0], [0]]}", "{kind: [cosine]}", "{kind: &a [*a]}",
+    "{kind: table, azimuth_deg: [1, -1], elevation_deg: [-1, 1], gain_db: [[0, 0], [0]]}", "{kind: [cosine]}",
+    "{kind: &a [*a]}",
     "{kind: \"\\e[31m\"}", "[[0, 0, 0], [0, 0, 0]]", "1", "2", "3", "0.5", "1e6", "2.5", "256", "1000000",
 )  # fmt: skip
 
@@ -64,7 +70,23 @@ def _fields(rng: np.random.Generator) -> tuple[str, bytes, str]:
         fields[name] = pick(rng, VALUES)
         told.append(f"{name}: {fields[name]}")
     if chance(rng, 0.2):
-        name = pick(rng, ("carier_hz", "", "? [a, b]", "1", "~", "<<", "'a\\e'", "position_m.x", "model_config", "__class__", "x" * 5000, "naïve"))
+        name = pick(
+            rng,
+            (
+                "carier_hz",
+                "",
+                "? [a, b]",
+                "1",
+                "~",
+                "<<",
+                "'a\\e'",
+                "position_m.x",
+                "model_config",
+                "__class__",
+                "x" * 5000,
+                "naïve",
+            ),
+        )
         fields[name] = pick(rng, VALUES)
         told.append(f"{name[:40]}: {fields[name]}")
     if chance(rng, 0.2):
@@ -142,12 +164,16 @@ def _used(rng: np.random.Generator, told: str, path: Path, expected: str) -> Att
         return Attempt(f"{told}: t2d-rt info my.yaml", _expecting(expected, command(["info", "my.yaml"])))
     if way in ("radar", "config"):
         if way == "config":
-            path.write_bytes(b"radar:\n" + b"".join(b"  " + line for line in path.read_bytes().splitlines(keepends=True)))
+            path.write_bytes(
+                b"radar:\n" + b"".join(b"  " + line for line in path.read_bytes().splitlines(keepends=True))
+            )
         # what is printed is the options as they were read: no run, whose length would be the radar's
         words = ["simulate", str(MOTIONS / "12_01_walk.bvh"), f"--{way}", "my.yaml", "--print_config"]
         return Attempt(f"{told}: t2d-rt {' '.join(words)}", leaving_nothing(command(words), path.parent))
     if way == "simulate":
-        return Attempt(f"{told}: simulate(..., radar=Radar.from_yaml('my.yaml'))", _expecting(expected, lambda: _simulated(path)))
+        return Attempt(
+            f"{told}: simulate(..., radar=Radar.from_yaml('my.yaml'))", _expecting(expected, lambda: _simulated(path))
+        )
     return Attempt(f"{told}: Radar.from_yaml('my.yaml')", _expecting(expected, lambda: _loaded(path)))
 
 
@@ -167,7 +193,14 @@ def _loaded(path: Path) -> t2d.Radar:
     radar.to_yaml(path.with_name("again.yaml"))
     if t2d.Radar.from_yaml(path.with_name("again.yaml")) != radar:
         raise Wrong("written and read again it is another radar")
-    for name in ("bandwidth_hz", "wavelength_m", "max_range_m", "max_speed_mps", "range_resolution_m", "mid_frequency_hz"):
+    for name in (
+        "bandwidth_hz",
+        "wavelength_m",
+        "max_range_m",
+        "max_speed_mps",
+        "range_resolution_m",
+        "mid_frequency_hz",
+    ):
         check_finite(getattr(radar, name), name)
     check_finite(radar.received_power_w(1.0, 3.0), "received power")
     return radar

@@ -27,8 +27,10 @@ from validation.fuzz.case import (
 
 CHIRPS = 300
 VALUES: tuple[Any, ...] = (
-    None, True, 0, -1, 1.5, 10**30, "", "x", "float64", "NaN", "Infinity", [], [1], [0, 1, 32], [300, 1, 32], [-300, 1, 32], [10**12, 1, 32], {},
-    {"name": "x"}, {"a": {"b": [1]}}, "\x1b[31m", "../../outside", "{", '{"a": 1}', "[]", "null", "NaN", "a" * 5000, [[[]]], "complex128", "object",
+    None, True, 0, -1, 1.5, 10**30, "", "x", "float64", "NaN", "Infinity", [], [1], [0, 1, 32], [300, 1, 32], [-300, 1, 32],
+    [10**12, 1, 32], {},
+    {"name": "x"}, {"a": {"b": [1]}}, "\x1b[31m", "../../outside", "{", '{"a": 1}', "[]", "null", "NaN", "a" * 5000, [[[]]],
+    "complex128", "object",
 )  # fmt: skip
 
 
@@ -50,7 +52,8 @@ def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
         return Attempt(f"{told}: save('walk.zarr', overwrite=True)", lambda: _overwritten(place))
     if way == "command":
         words = [
-            "simulate", str(MOTIONS / "momask_22j_120frames.bvh"), "--method=ellipsoid", "--stop-s=0.2", "--radar=ci4r", "--radar.samples=32",
+            "simulate", str(MOTIONS / "momask_22j_120frames.bvh"), "--method=ellipsoid", "--stop-s=0.2", "--radar=ci4r",
+            "--radar.samples=32",
             "--radar.prf-hz=2000", "-o", "walk.zarr", "--overwrite",
         ]  # fmt: skip
         return Attempt(f"{told}: t2d-rt {' '.join(words)}", lambda: _replaced(words, place))
@@ -64,7 +67,11 @@ def recording() -> t2d.Simulation:
     cube = rng.normal(size=(CHIRPS, 1, radar.samples)) + 1j * rng.normal(size=(CHIRPS, 1, radar.samples))
     settings = {"method": "mesh", "scene": "free_space", "seed": 3, "targets": ["a walk"], "error_db": -21.5}
     return t2d.Simulation(
-        (1e-6 * cube).astype(np.complex64), radar, settings=settings, versions={"t2d-rt": "0"}, processing={"n_window": 128}
+        (1e-6 * cube).astype(np.complex64),
+        radar,
+        settings=settings,
+        versions={"t2d-rt": "0"},
+        processing={"n_window": 128},
     )
 
 
@@ -92,7 +99,21 @@ def _files(rng: np.random.Generator, place: Path) -> str:
     """A file or folder gone, exchanged with another, a link, a pipe, a folder."""
     path = pick(rng, _all_files(place) if chance(rng, 0.7) else sorted(p for p in place.rglob("*") if p.is_dir()))
     other = pick(rng, _all_files(place))
-    how = pick(rng, ("gone", "as another", "link", "link to zeros", "pipe", "folder", "unreadable", "link outside", "extra", "the whole a link"))
+    how = pick(
+        rng,
+        (
+            "gone",
+            "as another",
+            "link",
+            "link to zeros",
+            "pipe",
+            "folder",
+            "unreadable",
+            "link outside",
+            "extra",
+            "the whole a link",
+        ),
+    )
     name = path.relative_to(place)
     if how == "as another" and path.is_file():
         path.write_bytes(other.read_bytes())
@@ -102,7 +123,9 @@ def _files(rng: np.random.Generator, place: Path) -> str:
         place.symlink_to("elsewhere")
         return "the recording is a link"
     if how == "extra":
-        (place / pick(rng, ("c", "adc/c/9", "x", ".zgroup", ".zattrs", "adc/.zarray", "spectrogram/c/9/9"))).mkdir(parents=True, exist_ok=True)
+        (place / pick(rng, ("c", "adc/c/9", "x", ".zgroup", ".zattrs", "adc/.zarray", "spectrogram/c/9/9"))).mkdir(
+            parents=True, exist_ok=True
+        )
         return "one folder more"
     shutil.rmtree(path) if path.is_dir() else path.unlink()
     if how == "link":
@@ -156,7 +179,9 @@ def _near(rng: np.random.Generator, value: Any) -> Any:
     if isinstance(value, int | float):
         return pick(rng, (value + 1, -value, value * 2, value * 1000, 0, 10**9))
     if isinstance(value, str):
-        return pick(rng, (value[:-1], value + "x", value.upper(), value.replace("little", "big"), value.replace("3", "4")))
+        return pick(
+            rng, (value[:-1], value + "x", value.upper(), value.replace("little", "big"), value.replace("3", "4"))
+        )
     return value
 
 

@@ -1,11 +1,13 @@
-"""Scenes: a small room of three meshes, its XML and its PLY files damaged; files outside its folder and plugins are planted as traps."""
+"""Scenes: a small room of three meshes, its XML and PLY files damaged; beside it lie files and plugins that must not be opened."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +28,7 @@ from validation.fuzz.case import (
     quick_radar,
     untouched,
 )
+from validation.fuzz.ply import BOX, FLOOR, FOUR, TWO, WALL, mesh, ply
 
 BODY = """<scene version="2.1.0">
   <bsdf type="itu-radio-material" id="concrete">
@@ -53,33 +56,38 @@ BODY = """<scene version="2.1.0">
   </shape>
 </scene>
 """
-FLOOR = np.array([[-0.5, -2, 0], [5, -2, 0], [5, 2, 0], [-0.5, 2, 0]])
-WALL = np.array([[5, -2, 0], [5, -2, 2.5], [5, 2, 2.5], [5, 2, 0]])
-BOX = np.array([[3, 1, 0], [3.5, 1, 0], [3.5, 1.5, 0], [3.25, 1.25, 1]])
-TWO = np.array([[0, 1, 2], [0, 2, 3]])
-FOUR = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 CANARY_M = 12.345
 """A coordinate that only the file outside the scene's folder holds."""
 TYPES = (
-    "rectangle", "cube", "sphere", "cylinder", "disk", "obj", "serialized", "bitmap", "shapegroup", "instance", "evil", "ply", "path",
-    "perspective", "spot", "point", "envmap", "blendbsdf", "twosided", "diffuse", "mask", "../evil", "/tmp/evil", "", "merge", "heightfield",
-    "hair", "sdfgrid", "bsplinecurve", "itu-radio-material", "radio-material", "holder-material", "linearcurve", "ellipsoidsmesh", "stokes",
+    "rectangle", "cube", "sphere", "cylinder", "disk", "obj", "serialized", "bitmap", "shapegroup", "instance", "evil", "ply",
+    "path",
+    "perspective", "spot", "point", "envmap", "blendbsdf", "twosided", "diffuse", "mask", "../evil", "/tmp/evil", "", "merge",
+    "heightfield",
+    "hair", "sdfgrid", "bsplinecurve", "itu-radio-material", "radio-material", "holder-material", "linearcurve",
+    "ellipsoidsmesh", "stokes",
 )  # fmt: skip
 FILES = (
-    "../outside/secret.ply", "meshes/../../outside/secret.ply", "{folder}/outside/secret.ply", "file://{folder}/outside/secret.ply",
-    "$i", "${i}", "meshes", "", ".", "meshes/none.ply", "meshes/pipe.ply", "meshes/link.ply", "meshes/zero.ply", "/dev/zero", "/dev/stdin",
-    "meshes/floor.obj", "room.xml", "meshes/floor.ply\n", "MESHES/FLOOR.PLY", "~/x.ply", "x\x85.ply", "a" * 5000, "meshes/loop.ply",
+    "../outside/secret.ply", "meshes/../../outside/secret.ply", "{folder}/outside/secret.ply",
+    "file://{folder}/outside/secret.ply",
+    "$i", "${i}", "meshes", "", ".", "meshes/none.ply", "meshes/pipe.ply", "meshes/link.ply", "meshes/zero.ply", "/dev/zero",
+    "/dev/stdin",
+    "meshes/floor.obj", "room.xml", "meshes/floor.ply\n", "MESHES/FLOOR.PLY", "~/x.ply", "x\x85.ply", "a" * 5000,
+    "meshes/loop.ply",
     "/etc/passwd", "meshes/floor.ply", "outside/secret.ply", "secret.ply", "meshes/wall.ply",
 )  # fmt: skip
 VALUES = (
-    "nan", "inf", "-inf", "1e400", "-1", "0", "1e-40", "1e30", "", "x", "true", "1 2 3", "1,2,3", "99999999999999999999", "$i", "0x10", "1e",
+    "nan", "inf", "-inf", "1e400", "-1", "0", "1e-40", "1e30", "", "x", "true", "1 2 3", "1,2,3", "99999999999999999999",
+    "$i", "0x10", "1e",
     "٣", "\x85", "brick", "vacuum", "metal", "marble", "very_dry_ground", "concrete", "a" * 5000, "%s", "{}", "../x", "0.5",
 )  # fmt: skip
 TRANSFORMS = (
-    '<scale value="0"/>', '<scale value="nan"/>', '<scale x="0"/>', '<scale value="1e30"/>', '<scale value="-1"/>', '<scale value="1e-30"/>',
+    '<scale value="0"/>', '<scale value="nan"/>', '<scale x="0"/>', '<scale value="1e30"/>', '<scale value="-1"/>',
+    '<scale value="1e-30"/>',
     '<translate x="1e30"/>', '<translate x="nan"/>', '<rotate x="0" y="0" z="0" angle="30"/>', '<rotate x="1" angle="nan"/>',
-    '<matrix value="0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0"/>', '<matrix value="1 0 0"/>', '<matrix value="1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 0"/>',
-    '<lookat origin="0,0,0" target="0,0,0" up="0,0,1"/>', '<lookat origin="0,0,0" target="0,0,1" up="0,0,1"/>', '<skew/>', '<translate z="0.1"/>',
+    '<matrix value="0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0"/>', '<matrix value="1 0 0"/>',
+    '<matrix value="1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 0"/>',
+    '<lookat origin="0,0,0" target="0,0,0" up="0,0,1"/>', '<lookat origin="0,0,0" target="0,0,1" up="0,0,1"/>', '<skew/>',
+    '<translate z="0.1"/>',
 )  # fmt: skip
 
 
@@ -87,46 +95,52 @@ def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
     """One scene and what is done with it; the traps lie beside it and in the working directory."""
     room = folder / "room"
     _planted(folder, room)
-    told, text = "", BODY
+    _trapped(rng.spawn(1)[0], folder, room)
+    told, text, bad = "", BODY, False
     if chance(rng, 0.55):
-        told, text = pick(rng, (_attribute, _attribute, _element, _element, _reached, _document, _document))(rng, text, folder)
+        told, text = pick(rng, (_attribute, _attribute, _element, _element, _reached, _document, _document))(
+            rng, text, folder
+        )
     if not told or chance(rng, 0.2):
         name, vertices, faces = pick(rng, (("floor", FLOOR, TWO), ("wall", WALL, TWO), ("box", BOX, FOUR)))
-        damage, data = mesh(rng, vertices, faces)
+        damage, data, impossible = mesh(rng, vertices, faces)
+        bad = impossible and not told
         (room / "meshes" / f"{name}.ply").write_bytes(data)
         told += f" {name}.ply: {damage}"
     (room / "room.xml").write_bytes(text.encode("utf-8", "surrogateescape") if isinstance(text, str) else text)
-    act = _used(rng, room / "room.xml", sound=told in SOUND)
-    return Attempt(f"{told.strip()[:300]}: {act[0]}", _guarded(act[1], folder))
+    way, act = _used(rng, room / "room.xml", sound=told in SOUND, bad=bad)
+    return Attempt(f"{told.strip()[:300]}: {way}", _guarded(act, folder))
 
 
 def _planted(folder: Path, room: Path) -> None:
-    """The room, and around it what must not be opened."""
+    """The room, and files outside it that must not be opened."""
     for place in (room / "meshes", room / "plugins", folder / "plugins", folder / "outside", folder / "meshes"):
         place.mkdir(parents=True)
     secret = np.full((3, 3), CANARY_M) + np.eye(3)
     for name, vertices, faces in (("floor", FLOOR, TWO), ("wall", WALL, TWO), ("box", BOX, FOUR)):
         (room / "meshes" / f"{name}.ply").write_bytes(ply(vertices, faces))
-        (folder / "meshes" / f"{name}.ply").write_bytes(ply(secret, np.array([[0, 1, 2]])))  # in the working directory
     (folder / "outside" / "secret.ply").write_bytes(ply(secret, np.array([[0, 1, 2]])))
     (folder / "outside" / "more.xml").write_text('<scene version="2.1.0"/>')
-    for plugins in (room / "plugins", folder / "plugins"):
-        for name in ("evil", "ply", "radio-material", "scene", "path"):
-            (plugins / f"{name}.so").write_bytes(b"no library")
+    for name in ("$i", "$k", "$filename", "meshes/$i", "secret.ply"):  # so that a check by name finds a file
+        (room / name).write_bytes(ply(FLOOR, TWO))
     os.mkfifo(room / "meshes" / "pipe.ply")
     for name, aim in (("link", "../../outside/secret.ply"), ("zero", "/dev/zero"), ("loop", "loop.ply")):
         (room / "meshes" / f"{name}.ply").symlink_to(aim)
 
 
-def ply(vertices: np.ndarray, faces: np.ndarray) -> bytes:
-    """A small binary PLY file."""
-    head = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    rows = np.zeros(len(faces), [("count", "u1"), ("corners", "<i4", faces.shape[1])])
-    rows["count"], rows["corners"] = faces.shape[1], faces
-    return head.encode() + vertices.astype("<f4").tobytes() + rows.tobytes()
+def _trapped(rng: np.random.Generator, folder: Path, room: Path) -> None:
+    """In some of the inputs each: plugins, and meshes of the same names in the working directory."""
+    for place, names in (
+        (room / "plugins", ("evil", "ply", "radio-material", "scene", "path")), (folder / "plugins", ("evil", "ply", "scene",
+        "hdrfilm")),
+        (folder / "plugins", ("evil",)), (room / "plugins", ("evil",)),
+    ):  # fmt: skip
+        if chance(rng, 0.2):
+            for name in names:
+                (place / f"{name}.so").write_bytes(b"no library")
+    if chance(rng, 0.4):
+        for name in ("floor", "wall", "box", "only"):
+            (folder / "meshes" / f"{name}.ply").write_bytes(ply(np.full((3, 3), CANARY_M) + np.eye(3), TWO[:1]))
 
 
 # --- what is made of the XML ----------------------------------------------------------------------------------------
@@ -165,7 +179,23 @@ def _element(rng: np.random.Generator, text: str, _: Path) -> tuple[str, str]:
             told.append(f"twice {lines[at].strip()}")
             lines.insert(at, lines[at])
         elif how == "rename":
-            tag = pick(rng, ("shape", "bsdf", "string", "float", "include", "default", "integer", "boolean", "rgb", "spectrum", "point", "sensor"))
+            tag = pick(
+                rng,
+                (
+                    "shape",
+                    "bsdf",
+                    "string",
+                    "float",
+                    "include",
+                    "default",
+                    "integer",
+                    "boolean",
+                    "rgb",
+                    "spectrum",
+                    "point",
+                    "sensor",
+                ),
+            )
             told.append(f"{lines[at].strip()} as {tag}")
             lines[at] = re.sub(r"(</?)\w+", rf"\g<1>{tag}", lines[at])
         elif how == "transform":
@@ -181,45 +211,62 @@ def _element(rng: np.random.Generator, text: str, _: Path) -> tuple[str, str]:
 
 
 EXTRA = (
-    '<shape type="rectangle"/>', '<shape type="cube"/>', '<shape type="sphere"/>', '<shape type="evil"/>', '<bsdf type="evil"/>',
-    '<shape type="rectangle" id="r"><ref id="own" name="bsdf"/></shape>', '<shape type="sphere" id="s"><ref id="own" name="bsdf"/></shape>',
-    '<shape type="cube" id="floor"><ref id="own" name="bsdf"/></shape>', '<integrator type="path"/>', '<sensor type="perspective"/>',
-    '<emitter type="constant"/>', '<default name="i" value="../outside/secret.ply"/>', '<default name="i" value="meshes/floor.ply"/>',
+    '<shape type="rectangle"/>', '<shape type="cube"/>', '<shape type="sphere"/>', '<shape type="evil"/>',
+    '<bsdf type="evil"/>',
+    '<shape type="rectangle" id="r"><ref id="own" name="bsdf"/></shape>',
+    '<shape type="sphere" id="s"><ref id="own" name="bsdf"/></shape>',
+    '<shape type="cube" id="floor"><ref id="own" name="bsdf"/></shape>', '<integrator type="path"/>',
+    '<sensor type="perspective"/>',
+    '<emitter type="constant"/>', '<default name="i" value="../outside/secret.ply"/>',
+    '<default name="i" value="meshes/floor.ply"/>',
     '<default name="spp" value="$spp"/>', '<path value="../outside"/>', '<path value="meshes"/>', '<path value="plugins"/>',
-    '<include filename="../outside/more.xml"/>', '<include filename="room.xml"/>', '<alias id="own" as="floor"/>', '<alias id="none" as="x"/>',
-    '<float name="thickness" value="-1"/>', '<float name="scattering_coefficient" value="2"/>', '<float name="xpd_coefficient" value="nan"/>',
-    '<texture type="bitmap"><string name="filename" value="../outside/secret.ply"/></texture>', '<ref id="none"/>', "text", "<x/>",
+    '<include filename="../outside/more.xml"/>', '<include filename="room.xml"/>', '<alias id="own" as="floor"/>',
+    '<alias id="none" as="x"/>',
+    '<float name="thickness" value="-1"/>', '<float name="scattering_coefficient" value="2"/>',
+    '<float name="xpd_coefficient" value="nan"/>',
+    '<texture type="bitmap"><string name="filename" value="../outside/secret.ply"/></texture>', '<ref id="none"/>', "text",
+    "<x/>",
     '<shape type="obj"><string name="filename" value="meshes/floor.ply"/><ref id="own" name="bsdf"/></shape>',
     '<shape type="serialized"><string name="filename" value="meshes/floor.ply"/><integer name="shape_index" value="-1"/></shape>',
-    '<medium type="homogeneous" id="m"/>', '<shape type="ply" id="again"><string name="filename" value="meshes/floor.ply"/></shape>',
-    '<string name="filename" value="meshes/wall.ply"/>', '<bsdf type="radio-material" id="a\x1b[31m"/>', '<shape type="shapegroup" id="g"/>',
+    '<medium type="homogeneous" id="m"/>',
+    '<shape type="ply" id="again"><string name="filename" value="meshes/floor.ply"/></shape>',
+    '<string name="filename" value="meshes/wall.ply"/>', '<bsdf type="radio-material" id="a\x1b[31m"/>',
+    '<shape type="shapegroup" id="g"/>',
 )  # fmt: skip
 
 
 def _reached(rng: np.random.Generator, text: str, folder: Path) -> tuple[str, str]:
     """Ways to files outside the folder."""
     cases = (
-        ("default and $i", text.replace("<bsdf", '<default name="i" value="../outside/secret.ply"/><bsdf', 1).replace("meshes/floor.ply", "$i")),
-        ("default in part", text.replace("<bsdf", '<default name="i" value="../outside"/><bsdf', 1).replace("meshes/floor.ply", "$i/secret.ply")),
+        ("default and $i", text.replace("<bsdf", '<default name="i" value="../outside/secret.ply"/><bsdf',
+        1).replace("meshes/floor.ply", "$i")),
+        ("default in part", text.replace("<bsdf", '<default name="i" value="../outside"/><bsdf',
+        1).replace("meshes/floor.ply", "$i/secret.ply")),
         ("default of a default", text.replace(
             "<bsdf", '<default name="i" value="../outside/secret.ply"/><default name="k" value="$i"/><bsdf', 1
         ).replace("meshes/floor.ply", "$k")),
         ("a path", text.replace("<bsdf", '<path value="../outside"/><bsdf', 1).replace("meshes/floor.ply", "secret.ply")),
         ("default as a path", text.replace(
-            "<bsdf", '<default name="i" value="../outside"/><path value="$i"/><bsdf', 1).replace("meshes/floor.ply", "secret.ply")),
+            "<bsdf", '<default name="i" value="../outside"/><path value="$i"/><bsdf', 1).replace("meshes/floor.ply",
+            "secret.ply")),
         ("an absolute name", text.replace("meshes/floor.ply", f"{folder}/outside/secret.ply")),
         ("up and down", text.replace("meshes/floor.ply", "meshes/../../outside/secret.ply")),
         ("a link", text.replace("meshes/floor.ply", "meshes/link.ply")),
         ("an include", text.replace("<bsdf", '<include filename="../outside/more.xml"/><bsdf', 1)),
-        ("an include by default", text.replace("<bsdf", '<default name="i" value="../outside/more.xml"/><include filename="$i"/><bsdf', 1)),
-        ("an entity", f'<!DOCTYPE scene [<!ENTITY e SYSTEM "file://{folder}/outside/more.xml">]>' + text.replace("<bsdf", "&e;<bsdf", 1)),
-        ("an entity in a name", '<!DOCTYPE scene [<!ENTITY e "../outside/secret.ply">]>' + text.replace("meshes/floor.ply", "&e;")),
+        ("an include by default", text.replace("<bsdf",
+        '<default name="i" value="../outside/more.xml"/><include filename="$i"/><bsdf', 1)),
+        ("an entity", f'<!DOCTYPE scene [<!ENTITY e SYSTEM "file://{folder}/outside/more.xml">]>' + text.replace("<bsdf",
+        "&e;<bsdf", 1)),
+        ("an entity in a name", '<!DOCTYPE scene [<!ENTITY e "../outside/secret.ply">]>' + text.replace("meshes/floor.ply",
+        "&e;")),
         ("a character reference", text.replace("meshes/floor.ply", "&#46;&#46;/outside/secret.ply")),
-        ("another attribute first", text.replace('name="filename" value="meshes/floor.ply"', 'value="../outside/secret.ply" name="filename"')),
+        ("another attribute first", text.replace('name="filename" value="meshes/floor.ply"',
+        'value="../outside/secret.ply" name="filename"')),
         ("the name twice", text.replace(
             '<string name="filename" value="meshes/floor.ply"/>',
             '<string name="filename" value="meshes/floor.ply"/><string name="filename" value="../outside/secret.ply"/>', 1)),
-        ("by default of its own name", text.replace("<bsdf", '<default name="filename" value="../outside/secret.ply"/><bsdf', 1).replace(
+        ("by default of its own name", text.replace("<bsdf", '<default name="filename" value="../outside/secret.ply"/><bsdf',
+        1).replace(
             "meshes/floor.ply", "$filename")),
         ("meshes that are only in the working directory", text.replace("meshes/floor.ply", "meshes/only.ply")),
         ("plugin evil", text.replace('<shape type="ply" id="floor"', '<shape type="evil" id="floor"')),
@@ -238,9 +285,11 @@ def _document(rng: np.random.Generator, text: str, _: Path) -> tuple[str, str]:
     cases: tuple[Callable[[], tuple[str, str | bytes]], ...] = (
         lambda: damaged,
         lambda: damaged,
-        lambda: ("entities of entities", f'<!DOCTYPE scene [<!ENTITY l0 "x">{laughs}]>' + text.replace("meshes/floor.ply", "&l8;")),
+        lambda: ("entities of entities", f'<!DOCTYPE scene [<!ENTITY l0 "x">{laughs}]>' + text.replace("meshes/floor.ply",
+        "&l8;")),
         lambda: (f"depth {count}", text.replace("</scene>", "<x>" * count + "</x>" * count + "</scene>")),
-        lambda: (f"depth {count} of shapes", text.replace("</scene>", '<shape type="ply">' * count + "</shape>" * count + "</scene>")),
+        lambda: (f"depth {count} of shapes", text.replace("</scene>",
+        '<shape type="ply">' * count + "</shape>" * count + "</scene>")),
         lambda: (f"{min(count, 80)} shapes", text.replace("</scene>", "".join(
             shape.replace('id="floor"', f'id="f{i}"') for i in range(min(count, 80))) + "</scene>")),
         lambda: (f"{count} attributes", text.replace("<shape", "<shape " + " ".join(f'a{i}="1"' for i in range(count)), 1)),
@@ -267,134 +316,36 @@ def _document(rng: np.random.Generator, text: str, _: Path) -> tuple[str, str]:
     return pick(rng, cases)()  # type: ignore[return-value]
 
 
-# --- what is made of a mesh -----------------------------------------------------------------------------------------
-
-
-def mesh(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> tuple[str, bytes]:
-    """A PLY file, damaged."""
-    return pick(rng, (_numbers, _numbers, _corners, _corners, _header, _header, _bytes, _ascii))(rng, vertices, faces)
-
-
-def _numbers(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> tuple[str, bytes]:
-    vertices = vertices.astype(float).copy()
-    value = pick(rng, (np.nan, np.inf, -np.inf, 1e38, 1e30, 1e-40, 1e6, -1e4, 101.0, 0.0))
-    how = pick(rng, ("one", "a vertex", "all", "an axis", "scaled", "all one point", "none", "many"))
-    if how == "one":
-        vertices[int(rng.integers(len(vertices))), int(rng.integers(3))] = value
-    elif how == "a vertex":
-        vertices[int(rng.integers(len(vertices)))] = value
-    elif how == "all":
-        vertices[:] = value
-    elif how == "an axis":
-        vertices[:, int(rng.integers(3))] = value
-    elif how == "scaled":
-        value = float(10 ** rng.uniform(-30, 3))
-        vertices *= value
-    elif how == "all one point":
-        vertices[:] = vertices[0]
-    elif how == "none":
-        vertices = vertices[:0]
-    elif how == "many":
-        vertices = np.tile(vertices, (int(10 ** rng.uniform(2, 5)), 1))
-    return f"coordinates {value:g}, {how}", ply(vertices, faces)
-
-
-def _corners(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> tuple[str, bytes]:
-    faces = faces.copy()
-    corner = int(rng.integers(len(faces))), int(rng.integers(3))
-    value = pick(rng, (-1, len(vertices), len(vertices) + 1, 2**31 - 1, -(2**31), 10**6, 1000, 0))
-    how = pick(rng, ("one", "one", "one", "a face of one corner", "all", "none", "many", "twice", "turned", "quads", "digons", "unused"))
-    if how == "one":
-        faces[corner] = value
-    elif how == "a face of one corner":
-        faces[corner[0]] = faces[corner]
-    elif how == "all":
-        faces[:] = value
-    elif how == "none":
-        faces = faces[:0]
-    elif how == "many":
-        faces = np.tile(faces, (int(10 ** rng.uniform(2, 4.5)), 1))
-    elif how == "twice":
-        faces = np.concatenate([faces, faces])
-    elif how == "turned":
-        faces = np.concatenate([faces, faces[:, ::-1]])
-    elif how == "quads":
-        faces = np.concatenate([faces, faces[:, :1]], axis=1)
-    elif how == "digons":
-        faces = faces[:, :2]
-    elif how == "unused":
-        vertices = np.concatenate([vertices, np.full((3, 3), 90.0)])
-    return f"corners {value}, {how}", ply(vertices, faces)
-
-
-def _header(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> tuple[str, bytes]:
-    data = ply(vertices, faces)
-    old, new = pick(
-        rng,
-        [
-            (f"element vertex {len(vertices)}", f"element vertex {count}")
-            for count in ("0", "-1", "1", "999999999", "99999999999999999999", "4294967296", "x", "", "3.5", "1e9")
-        ]
-        + [
-            (f"element face {len(faces)}", f"element face {count}")
-            for count in ("0", "-1", "1", "999999999", "99999999999999999999", "4294967295", "x", "", "2 2")
-        ]
-        + [
-            ("property float x", "property double x"), ("property float x", "property list uchar float x"), ("property float x", "property uchar x"),
-            ("property float x\n", ""), ("property float x", "property float y"), ("property float x", "property float x\nproperty float u"),
-            ("list uchar int", "list int int"), ("list uchar int", "list float int"), ("list uchar int", "list uchar float"),
-            ("list uchar int", "list uchar double"), ("list uchar int", "list uchar ushort"), ("vertex_indices", "vertex_index"),
-            ("vertex_indices", "corners"), ("end_header\n", ""), ("end_header", "END_HEADER"), ("ply\n", "PLY\n"), ("ply\n", "ply\r\n"),
-            ("ply\n", ""), ("binary_little_endian 1.0", "binary_big_endian 1.0"), ("binary_little_endian 1.0", "ascii 1.0"),
-            ("binary_little_endian 1.0", "binary_little_endian 9.9"), ("binary_little_endian", "binary_middle_endian"),
-            ("element face", "element edge 0\nelement face"), ("element face", "element tree"), ("element vertex", "element face"),
-            ("ply\n", "ply\ncomment " + "x" * 10**5 + "\n"), ("ply\n", "ply\ncomment \x1b[31m\n"), ("ply\n", "ply\n" + "comment\n" * 10**4),
-            ("end_header", "property int nx\nend_header"), ("end_header", "element vertex 4\nproperty float x\nend_header"),
-        ],
-    )  # fmt: skip
-    return f"{old.strip()[:30]!r} -> {new.strip()[:40]!r}", data.replace(old.encode(), new.encode(), 1)
-
-
-def _bytes(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> tuple[str, bytes]:
-    return corrupted(rng, ply(vertices, faces))
-
-
-def _ascii(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> tuple[str, bytes]:
-    """The same in words, one of them replaced."""
-    head = ply(vertices, faces).split(b"end_header\n")[0].replace(b"binary_little_endian", b"ascii") + b"end_header\n"
-    words = [[f"{x:g}" for x in row] for row in vertices] + [["3", *map(str, row)] for row in faces]
-    row = pick(rng, words)
-    at = int(rng.integers(len(row)))
-    row[at] = value = pick(rng, ("nan", "inf", "x", "", "1e400", "-1", "99", "1,5", "4", "3.7", "\0", "2"))
-    return f"in words, one {value!r}", head + "\n".join(" ".join(row) for row in words).encode() + b"\n"
-
-
 # --- what is done with it -------------------------------------------------------------------------------------------
 
 
-def _used(rng: np.random.Generator, path: Path, *, sound: bool) -> tuple[str, Callable[[], object]]:
+def _used(rng: np.random.Generator, path: Path, *, sound: bool, bad: bool) -> tuple[str, Callable[[], object]]:
     way = pick(rng, ("load", "load", "load", "simulate", "mesh", "scene", "command"))
-    if way == "load" or sound:
-        return f"load_scene({path.name!r})", lambda: _loaded(path, sound)
+    if way == "load" or sound or bad:
+        return f"load_scene({path.name!r})", lambda: _loaded(path, sound, bad)
     if way == "scene":
         words = ["scene", str(path), "-o", "x.png", "--radar", "ci4r"]
         return f"t2d-rt {' '.join(words)}", leaving_nothing(command(words), path.parent.parent)
     if way == "command":
         words = [
-            "simulate", str(MOTIONS / "momask_22j_120frames.bvh"), "--scene", str(path), "--stop-s", "0.1", "--method", "ellipsoid",
-            "--reflections", "1", "--radar", "ci4r", "--radar.samples", "32", "--radar.prf-hz", "2000", "-o", "x.zarr", "--signal.n-window=64",
+            "simulate", str(MOTIONS / "momask_22j_120frames.bvh"), "--scene", str(path), "--stop-s", "0.1", "--method",
+            "ellipsoid",
+            "--reflections", "1", "--radar", "ci4r", "--radar.samples", "32", "--radar.prf-hz", "2000", "-o", "x.zarr",
+            "--signal.n-window=64",
         ]  # fmt: skip
         return f"t2d-rt {' '.join(words)}", leaving_nothing(command(words), path.parent.parent)
     return f"simulate(ball, scene={path.name!r}), {way}", lambda: _simulated(path, way)
 
 
-def _loaded(path: Path, sound: bool) -> None:
+def _loaded(path: Path, sound: bool, bad: bool) -> None:
     try:
         scene = t2d.load_scene(path)
     except t2d.T2DError:
         if sound:
             raise Wrong("refused, although nothing was changed that matters") from None
         raise
+    if bad:
+        raise Wrong("loaded, although a face names a vertex that is not there, or a vertex is not finite")
     for surface in scene.surfaces:
         check_finite(surface.vertices, f"surface {surface.name}")
         if (np.abs(surface.vertices - CANARY_M) < 1e-3).any():
@@ -420,7 +371,17 @@ def _guarded(act: Callable[[], object], folder: Path) -> Callable[[], None]:
     """The same; wrong where a file outside the scene's folder or a plugin was opened."""
 
     def guarded() -> None:
+        _begun_here()
         with untouched(folder / "outside", folder / "plugins", folder / "room" / "plugins", folder / "meshes"):
             act()
 
     return guarded
+
+
+def _begun_here() -> None:
+    """Mitsuba searches files and plugins in the working directory of its start: that of this input, not of the parent."""
+    mi: Any = import_module("mitsuba")
+    resolver = mi.file_resolver()
+    resolver.clear()
+    for place in (Path.cwd(), Path(mi.__file__).parent):
+        resolver.append(str(place))
