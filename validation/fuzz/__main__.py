@@ -8,7 +8,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from validation.fuzz.process import KINDS, Outcome, outcomes
+from validation.fuzz.process import KINDS, MEGABYTES, SECONDS, Outcome, Settings, outcomes
 
 SHARES = {
     "bvh": 0.25,
@@ -53,6 +53,9 @@ def main() -> int:
     parser.add_argument("--start", type=int, default=0, help="number of the first input of each kind")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seconds", type=float, default=SECONDS)
+    parser.add_argument("--megabytes", type=float, default=MEGABYTES)
+    parser.add_argument("--keep", type=Path, default=KEPT, help="folder for the files of failed inputs")
     parser.add_argument("--no-regressions", action="store_true")
     parser.add_argument("--results", type=Path, help="a JSON file for all outcomes")
     options = parser.parse_args()
@@ -61,7 +64,10 @@ def main() -> int:
         kinds = [word for word in options.only if word in KINDS]
         names = [word for word in options.only if ":" in word] + [n for n in names if n.partition(":")[0] in kinds]
     found = []
-    for outcome in outcomes(list(dict.fromkeys(names)), seed=options.seed, jobs=options.jobs, keep=KEPT):
+    settings = Settings(
+        seed=options.seed, jobs=options.jobs, seconds=options.seconds, megabytes=options.megabytes, keep=options.keep
+    )
+    for outcome in outcomes(list(dict.fromkeys(names)), settings):
         found.append(outcome)
         if outcome.problem or len(names) <= 20:
             print(
@@ -72,7 +78,9 @@ def main() -> int:
     if options.results:
         options.results.write_text(json.dumps([asdict(outcome) for outcome in found]), encoding="utf-8")
     failed = [outcome for outcome in found if outcome.problem]
-    print(f"{len(found)} inputs, {len(failed)} failed, {len(defects(found))} defects; failed ones are kept in {KEPT}")
+    print(
+        f"{len(found)} inputs, {len(failed)} failed, {len(defects(found))} defects; failed ones are kept in {options.keep}"
+    )
     return int(bool(failed))
 
 

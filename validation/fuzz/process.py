@@ -14,8 +14,8 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import IO
@@ -70,20 +70,37 @@ class Child:
     killed: str = ""
 
 
-def outcomes(names: Sequence[str], *, seed: int, jobs: int = 2, keep: Path | None = None) -> Iterator[Outcome]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """How inputs are made and run."""
+
+    seed: int = 0
+    jobs: int = 2
+    """Inputs at a time."""
+    seconds: float = SECONDS
+    """Longest time of one."""
+    megabytes: float = MEGABYTES
+    """Most memory of one."""
+    keep: Path | None = None
+    """Folder for the files of those that failed."""
+
+
+def outcomes(names: Sequence[str], settings: Settings) -> Iterator[Outcome]:
     """The outcomes of inputs, in the order in which they end; one that takes too long is tried again alone."""
-    ready()
+    ready({name.partition(":")[0] for name in names})
     late: list[str] = []
-    for outcome in _at_work(names, seed, jobs, keep):
+    for outcome in _at_work(names, settings):
         if outcome.problem == "hang":
             late.append(outcome.name)
         else:
             yield outcome
-    yield from _at_work(late, seed, 1, keep)
+    yield from _at_work(late, replace(settings, jobs=1))
 
 
-def ready() -> None:
+def ready(kinds: Collection[str]) -> None:
     """Imports what inputs need. Nothing is computed: threads of Dr.Jit or zarr would not be there in the forked processes."""
+    if not set(kinds) & set(KINDS):
+        return
     from t2d_rt.backend import select
 
     select("cpu")  # chooses the LLVM library before Dr.Jit is imported; loads, but starts nothing
@@ -93,46 +110,46 @@ def ready() -> None:
         "t2d_rt.plots",
     ):  # fmt: skip
         import_module(name)
-    for name in KINDS:
+    for name in kinds:
         import_module(f"validation.fuzz.{name}")
 
 
-def _at_work(names: Sequence[str], seed: int, jobs: int, keep: Path | None) -> Iterator[Outcome]:
+def _at_work(names: Sequence[str], settings: Settings) -> Iterator[Outcome]:
     waiting, working = list(names)[::-1], list[Child]()
     with tempfile.TemporaryDirectory(prefix="t2d-fuzz-") as place:
         while waiting or working:
-            while waiting and len(working) < jobs:
-                working.append(_started(waiting.pop(), seed, Path(place)))
+            while waiting and len(working) < settings.jobs:
+                working.append(_started(waiting.pop(), settings, Path(place)))
             time.sleep(POLL_S)
             for child in list(working):
-                outcome = _polled(child)
+                outcome = _polled(child, settings)
                 if outcome is not None:
                     working.remove(child)
-                    _clear(child, outcome, keep)
+                    _clear(child, outcome, settings.keep)
                     yield outcome
 
 
-def _started(name: str, seed: int, place: Path) -> Child:
+def _started(name: str, settings: Settings, place: Path) -> Child:
     folder = Path(tempfile.mkdtemp(prefix=name.replace(":", "-") + "-", dir=place))
     sys.stdout.flush(), sys.stderr.flush()
     pid = os.fork()
     if pid == 0:
         try:
-            _child(name, seed, folder)
+            _child(name, settings, folder)
         finally:
             os._exit(70)
     return Child(name, pid, folder, time.perf_counter())
 
 
-def _polled(child: Child) -> Outcome | None:
+def _polled(child: Child, limits: Settings) -> Outcome | None:
     """The outcome of a child that has ended; one beyond its limits is stopped."""
     seconds = time.perf_counter() - child.started
     pid, status, usage = os.wait4(child.pid, os.WNOHANG)
     if pid == 0:
         if not child.killed:
-            if seconds > SECONDS:
+            if seconds > limits.seconds:
                 child.killed = "hang"
-            elif _resident_mb(child.pid) > MEGABYTES:
+            elif _resident_mb(child.pid) > limits.megabytes:
                 child.killed = "memory"
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(child.pid, signal.SIGUSR1)  # writes where it is
@@ -144,16 +161,16 @@ def _polled(child: Child) -> Outcome | None:
     megabytes = usage.ru_maxrss / 1024
     told = _read(child.folder / "told.txt")
     end = {"seconds": seconds, "megabytes": megabytes, "name": child.name, "told": told}
-    if child.killed or megabytes > MEGABYTES:
+    if child.killed or megabytes > limits.megabytes:
         problem = child.killed or "memory"
-        what = f"more than {SECONDS:g} s" if problem == "hang" else f"{megabytes:.0f} MB"
+        what = f"more than {limits.seconds:g} s" if problem == "hang" else f"{megabytes:.0f} MB"
         return Outcome(problem=problem, what=what, where=_where(_read(child.folder / "stack.txt")), **end)
     try:
         found = json.loads(_read(child.folder / "outcome.json"))
     except ValueError:
         code = f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else f"exit code {os.WEXITSTATUS(status)}"
         return Outcome(problem="crash", what=code, where=_where(_read(child.folder / "stack.txt")), **end)
-    if found.get("problem") == "" and seconds > SECONDS:
+    if found.get("problem") == "" and seconds > limits.seconds:
         found = {"problem": "hang", "what": f"{seconds:.1f} s"}
     return Outcome(**found, **end)
 
@@ -203,14 +220,16 @@ def _left_out(folder: str, names: list[str]) -> list[str]:
 # --- in the child ---------------------------------------------------------------------------------------------------
 
 
-def _child(name: str, seed: int, folder: Path) -> None:
+def _child(name: str, settings: Settings, folder: Path) -> None:
     kind, _, number = name.partition(":")
     here = folder / "here"
     here.mkdir()
-    stack = _limited(folder)
+    stack = _limited(folder, settings.seconds)
     found: dict[str, str]
     try:
-        attempt = import_module(f"validation.fuzz.{kind}").attempt(random_source(seed, kind, int(number)), here)
+        attempt = import_module(f"validation.fuzz.{kind}").attempt(
+            random_source(settings.seed, kind, int(number)), here
+        )
         (folder / "told.txt").write_text(attempt.told, encoding="utf-8", errors="backslashreplace")
     except BaseException as error:
         traceback.print_exc()
@@ -224,7 +243,7 @@ def _child(name: str, seed: int, folder: Path) -> None:
     os._exit(0)
 
 
-def _limited(folder: Path) -> IO[str]:
+def _limited(folder: Path, seconds: float) -> IO[str]:
     """A process group and limits of its own, files for what it prints; stdin is closed."""
     os.setsid()
     os.chdir(folder / "here")
@@ -232,7 +251,7 @@ def _limited(folder: Path) -> IO[str]:
     os.environ["TMPDIR"] = tempfile.tempdir = str(folder / "tmp")
     for limit, value in (
         (resource.RLIMIT_AS, ADDRESS_BYTES), (resource.RLIMIT_FSIZE, FILE_BYTES), (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_CPU, int(3 * SECONDS)),
+        (resource.RLIMIT_CPU, int(3 * seconds) + 1),
     ):  # fmt: skip
         resource.setrlimit(limit, (value, value))
     os.close(0)
@@ -241,7 +260,7 @@ def _limited(folder: Path) -> IO[str]:
     stack = (folder / "stack.txt").open("w")
     faulthandler.enable(stack)
     faulthandler.register(signal.SIGUSR1, stack)
-    faulthandler.dump_traceback_later(SECONDS - 0.5, file=stack)
+    faulthandler.dump_traceback_later(0.95 * seconds, file=stack)
     return stack
 
 

@@ -1,0 +1,57 @@
+"""A short run of the fuzzer: inputs of all kinds, each in a process of its own; and that it sees every way to fail."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+KINDS = {"bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls"}
+KNOWN = {
+    5: ("well", ""), 12: ("refused", ""), 24: ("traceback", "traceback"), 18: ("crash", "crash"), 10: ("hang", "hang"),
+    8: ("memory", "memory"),
+    3: ("two lines", "wrong"), 20: ("escape", "wrong"), 13: ("raw warning", "wrong"), 7: ("NaN", "wrong"), 0: ("opened",
+    "wrong"),
+    19: ("left behind", "wrong"), 2: ("exit", "traceback"), 9: ("too large a number", "memory"),
+}  # fmt: skip
+"""Numbers of the inputs of validation/fuzz/known_ends.py, what each does, and what the fuzzer has to call that."""
+
+
+def fuzzed(place: Path, *arguments: str) -> list[dict[str, Any]]:
+    """The outcomes of a run in a fresh process: this one has computed, and its threads would be missing in forked ones."""
+    results = place / "outcomes.json"
+    command = [
+        sys.executable,
+        "-m",
+        "validation.fuzz",
+        "--results",
+        str(results),
+        "--keep",
+        str(place / "kept"),
+        *arguments,
+    ]
+    run = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False)
+    assert results.exists(), run.stderr[-2000:]
+    found: list[dict[str, Any]] = json.loads(results.read_text())
+    return found
+
+
+def test_odd_inputs_of_all_kinds_end_well(tmp_path: Path) -> None:
+    outcomes = fuzzed(tmp_path, "--count", "60", "--start", "5000")
+    failed = [f"{o['name']} {o['problem']}: {o['told'][:150]} {o['what'][:200]}" for o in outcomes if o["problem"]]
+    assert not failed, "\n".join(failed)
+    assert {o["name"].partition(":")[0] for o in outcomes} == KINDS
+    assert sum(not o["what"] for o in outcomes) > 10, "hardly any input was accepted"
+    assert sum(bool(o["what"]) for o in outcomes) > 10, "hardly any input was refused"
+
+
+def test_every_way_to_fail_is_seen(tmp_path: Path) -> None:
+    outcomes = fuzzed(
+        tmp_path, "--seconds", "2", "--megabytes", "300", "--only", *(f"known_ends:{number}" for number in KNOWN)
+    )
+    found = {int(o["name"].partition(":")[2]): (o["told"], o["problem"]) for o in outcomes}
+    assert found == KNOWN
+    for number, (_, problem) in KNOWN.items():  # what failed can be looked at
+        assert (tmp_path / "kept" / f"known_ends-{number}" / "told.txt").exists() == bool(problem)
