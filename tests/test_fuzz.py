@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-KINDS = {"bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls"}
+KINDS = {"bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls", "api_values"}
 KNOWN = {
     5: ("well", ""), 12: ("refused", ""), 24: ("traceback", "traceback"), 18: ("crash", "crash"), 10: ("hang", "hang"),
     8: ("memory", "memory"),

@@ -29,7 +29,7 @@ ADDRESS_BYTES = 12 * 2**30
 """Of the address space: LLVM and Mitsuba map more than they use, and a bomb must not take the machine."""
 FILE_BYTES = 2**30
 POLL_S = 0.02
-KINDS = ("bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls")
+KINDS = ("bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls", "api_values")
 KEPT_BYTES = 4 * 2**20
 """Larger files of a failed input are not kept: it can be made again."""
 
