@@ -1,4 +1,4 @@
-"""A short run of the fuzzer: inputs of all kinds, each in a process of its own; and that it sees every way to fail."""
+"""The fuzzer: a short run over all kinds of input, and that it sees every way to fail; the bars of the soak."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+import pytest
+
+from validation.soak import section
 
 KINDS = {"bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls", "api_values"}
 KNOWN = {
@@ -55,3 +60,12 @@ def test_every_way_to_fail_is_seen(tmp_path: Path) -> None:
     assert found == KNOWN
     for number, (_, problem) in KNOWN.items():  # what failed can be looked at
         assert (tmp_path / "kept" / f"known_ends-{number}" / "told.txt").exists() == bool(problem)
+
+
+@pytest.mark.parametrize(("growth_mb", "passes"), [(0.0, True), (0.1, True), (0.9, False)])
+def test_growing_memory_misses_the_bar(growth_mb: float, passes: bool, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    resident = 1000 + 4 * rng.standard_normal(300) + growth_mb * np.arange(300) - 400 * np.exp(-np.arange(300) / 20)
+    found = section(resident.tolist(), ["ball", "room"] * 150, tmp_path)
+    assert [check.passed for check in found.checks] == [passes] * 3
+    assert (tmp_path / found.charts[0]).exists()

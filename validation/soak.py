@@ -9,12 +9,13 @@ import subprocess
 import sys
 import tempfile
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import FOLDER, Check, Section, new_figure, save_chart
 
 CALLS = 300
 SETTLED = 100
@@ -28,7 +29,12 @@ def run() -> Section:
         file = Path(folder) / "soak.json"
         subprocess.run([sys.executable, "-m", "validation.soak", str(file)], check=True)
         found = json.loads(file.read_text(encoding="utf-8"))
-    resident = np.array(found["resident_mb"])
+    return section(found["resident_mb"], found["calls"])
+
+
+def section(resident_mb: Sequence[float], calls: list[str], folder: Path = FOLDER) -> Section:
+    """Growth after the first hundred calls."""
+    resident = np.array(resident_mb)
     after = resident[SETTLED:]
     start = float(np.median(resident[SETTLED - 10 : SETTLED + 10]))
     end = float(np.median(resident[-20:]))
@@ -49,11 +55,11 @@ def run() -> Section:
         note=f"{CALLS} calls in one process, drawn at random with a fixed seed: motions, pieces and lengths of them, both models, "
         "meshes of 80 to 5 000 facets and the body, rooms, tolerances, movers, arrays, plans, spectrograms, recordings saved and "
         f"loaded. Resident memory: {start:.0f} MB after {SETTLED} calls, {end:.0f} MB at the end, {slope:.3f} MB a call.",
-        charts=[_chart(resident, found["calls"], start)],
+        charts=[_chart(resident, calls, start, folder)],
     )  # fmt: skip
 
 
-def _chart(resident: np.ndarray, calls: list[str], start: float) -> str:
+def _chart(resident: np.ndarray, calls: list[str], start: float, folder: Path) -> str:
     figure, axis = new_figure()
     axis.plot(resident, color="0.7", lw=1)
     for number, kind in enumerate(sorted(set(calls))):
@@ -64,7 +70,7 @@ def _chart(resident: np.ndarray, calls: list[str], start: float) -> str:
     axis.set(xlabel="call", ylabel="resident memory [MB]", ylim=(0, None), title=f"{len(calls)} calls in one process")
     axis.legend(fontsize=7, ncols=2)
     axis.grid(alpha=0.3)
-    return save_chart(figure, "soak.png")
+    return save_chart(figure, "soak.png", folder)
 
 
 SHARES = (0.12, 0.15, 0.1, 0.1, 0.06, 0.06, 0.08, 0.05, 0.08, 0.1, 0.1)
