@@ -13,7 +13,7 @@ from validation.report import record, summary, write_report
 SECTIONS = (
     "chart", "tolerance", "rcs", "canonical", "lambertian", "moving", "synthesis", "multilevel", "accuracy", "accuracy_rooms",
     "refinement", "rates", "arrays", "body_fit", "rooms", "edges", "ghosts", "movers", "ellipsoid_model", "human_rcs",
-    "stability", "working_directories", "results", "memory",
+    "stability", "working_directories", "results", "memory", "fuzz", "soak",
 )  # fmt: skip
 
 

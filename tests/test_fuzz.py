@@ -1,0 +1,71 @@
+"""The fuzzer: a short run over all kinds of input, and that it sees every way to fail; the bars of the soak."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from validation.soak import section
+
+KINDS = {"bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls", "api_values"}
+KNOWN = {
+    5: ("well", ""), 12: ("refused", ""), 24: ("traceback", "traceback"), 18: ("crash", "crash"), 10: ("hang", "hang"),
+    8: ("memory", "memory"),
+    3: ("two lines", "wrong"), 20: ("escape", "wrong"), 13: ("raw warning", "wrong"), 7: ("NaN", "wrong"), 0: ("opened",
+    "wrong"),
+    19: ("left behind", "wrong"), 2: ("exit", "traceback"), 9: ("too large a number", "memory"),
+}  # fmt: skip
+"""Numbers of the inputs of validation/fuzz/known_ends.py, what each does, and what the fuzzer has to call that."""
+
+
+def fuzzed(place: Path, *arguments: str) -> list[dict[str, Any]]:
+    """The outcomes of a run in a fresh process: this one has computed, and its threads would be missing in forked ones."""
+    results = place / "outcomes.json"
+    command = [
+        sys.executable,
+        "-m",
+        "validation.fuzz",
+        "--results",
+        str(results),
+        "--keep",
+        str(place / "kept"),
+        *arguments,
+    ]
+    run = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False)
+    assert results.exists(), run.stderr[-2000:]
+    found: list[dict[str, Any]] = json.loads(results.read_text())
+    return found
+
+
+def test_odd_inputs_of_all_kinds_end_well(tmp_path: Path) -> None:
+    outcomes = fuzzed(tmp_path, "--count", "60", "--start", "5000")
+    failed = [f"{o['name']} {o['problem']}: {o['told'][:150]} {o['what'][:200]}" for o in outcomes if o["problem"]]
+    assert not failed, "\n".join(failed)
+    assert {o["name"].partition(":")[0] for o in outcomes} == KINDS
+    assert sum(not o["what"] for o in outcomes) > 10, "hardly any input was accepted"
+    assert sum(bool(o["what"]) for o in outcomes) > 10, "hardly any input was refused"
+
+
+def test_every_way_to_fail_is_seen(tmp_path: Path) -> None:
+    outcomes = fuzzed(
+        tmp_path, "--seconds", "2", "--megabytes", "300", "--only", *(f"known_ends:{number}" for number in KNOWN)
+    )
+    found = {int(o["name"].partition(":")[2]): (o["told"], o["problem"]) for o in outcomes}
+    assert found == KNOWN
+    for number, (_, problem) in KNOWN.items():  # what failed can be looked at
+        assert (tmp_path / "kept" / f"known_ends-{number}" / "told.txt").exists() == bool(problem)
+
+
+@pytest.mark.parametrize(("growth_mb", "passes"), [(0.0, True), (0.1, True), (0.9, False)])
+def test_growing_memory_misses_the_bar(growth_mb: float, passes: bool, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    resident = 1000 + 4 * rng.standard_normal(300) + growth_mb * np.arange(300) - 400 * np.exp(-np.arange(300) / 20)
+    found = section(resident.tolist(), ["ball", "room"] * 150, tmp_path)
+    assert [check.passed for check in found.checks] == [passes] * 3
+    assert (tmp_path / found.charts[0]).exists()
