@@ -157,7 +157,7 @@ def numeric(name: str, value: Any) -> np.ndarray:
     return found
 
 
-def check_shape(name: str, value: np.ndarray, shape: tuple[int | str, ...], *, hint: str = "") -> None:
+def check_shape(name: str, value: Any, shape: tuple[int | str, ...], *, hint: str = "") -> None:
     """Refuses another shape; a word names a dimension of any length."""
     fits = value.ndim == len(shape) and all(
         isinstance(wanted, str) or wanted == given for wanted, given in zip(shape, value.shape, strict=True)

@@ -2,9 +2,29 @@
 
 from __future__ import annotations
 
+LONGEST = 2_000
+"""Characters of a sentence; a list of names that a scene or a file holds may be long."""
+
+
+def printable(text: str) -> str:
+    """Text without what a terminal would obey: all but printable characters, line ends and tabs as escapes."""
+    return "".join(
+        char if char.isprintable() or char in "\n\t" else char.encode("unicode_escape").decode() for char in text
+    )
+
 
 class T2DError(Exception):
-    """Base of every error that t2d-rt raises on purpose; the command line prints it in one line and exits with 2."""
+    """Base of every error that t2d-rt raises on purpose; the command line prints it in one line and exits with 2.
+
+    Names and values of users stand in its sentence: whatever they hold, it is one line of bounded length that a terminal prints.
+
+    >>> print(InputError("no joint 'a\\x1b[31m'"))
+    no joint 'a\\x1b[31m'
+    """
+
+    def __init__(self, sentence: str = "") -> None:
+        text = printable(" ".join(sentence.split("\n")))
+        super().__init__(text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}")
 
 
 class InputError(T2DError, ValueError):

@@ -41,9 +41,11 @@ def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
             data = None
             if status.st_size <= limit:
                 with open(descriptor, "rb", closefd=False) as file:
-                    data = file.read(status.st_size + 1)
+                    data = (
+                        file.read(status.st_size + 1) or b""
+                    )  # None: a kernel's file that would have to be waited for
                     if len(data) > status.st_size:  # it grows, or has no size, as in /proc
-                        data += file.read(limit + 1 - len(data))
+                        data += file.read(limit + 1 - len(data)) or b""
         finally:
             os.close(descriptor)
     except UnicodeEncodeError:
@@ -199,13 +201,6 @@ def _check_keys(keys: list[tuple[str, Any]]) -> None:
 
 
 # --- text ---
-
-
-def printable(text: str) -> str:
-    """Text without what a terminal would obey: all but printable characters, line ends and tabs as escapes."""
-    return "".join(
-        char if char.isprintable() or char in "\n\t" else char.encode("unicode_escape").decode() for char in text
-    )
 
 
 def clipped(value: Any, width: int = 60) -> str:

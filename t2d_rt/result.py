@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.checks import file_path, flag, instance, numeric, text
+from t2d_rt.checks import call, file_path, flag, instance, numeric, text
 from t2d_rt.cubes import Cube, DiskCube, is_large, row_blocks
 from t2d_rt.errors import InputError
 from t2d_rt.rows import DIMENSIONS, NAME, SavedRows, new_array
@@ -80,6 +80,9 @@ class Simulation:
         self.cube = cube
         """(chirp, antenna, sample) complex [sqrt(W)]."""
         self.radar = radar
+        for name, given in (("settings", settings), ("versions", versions), ("processing", processing)):
+            if given is not None:
+                instance(name, given, Mapping, "a mapping of names to values")
         self.settings = dict(settings or {})
         self.versions = dict(versions or {})
         self.processing = dict(processing or {})
@@ -187,6 +190,8 @@ class Simulation:
         """
         target = file_path("path", path).resolve()
         flag("overwrite", overwrite)
+        if figure is not None:
+            call("figure.savefig", getattr(figure, "savefig", None), "a method of a figure of Matplotlib")
         picture = None if figure is None else target.with_suffix(".png")
         check_free(target, overwrite=overwrite)
 

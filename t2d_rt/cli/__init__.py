@@ -24,8 +24,8 @@ from t2d_rt.cli.options import (
     simulate_parser,
 )
 from t2d_rt.cli.sigterm import stopped_by_sigterm
-from t2d_rt.errors import InputError, T2DError, T2DWarning
-from t2d_rt.files import clipped, printable
+from t2d_rt.errors import InputError, T2DError, T2DWarning, printable
+from t2d_rt.files import clipped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

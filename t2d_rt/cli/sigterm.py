@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from t2d_rt.files import printable
+from t2d_rt.errors import printable
 from t2d_rt.store import abandon
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped, printable, read_bytes
+from t2d_rt.files import clipped, read_bytes
 
 Mesh = tuple[np.ndarray, np.ndarray]
 """Vertices [m], float64 (V, 3), and triangles, int64 (F, 3)."""
@@ -46,7 +46,7 @@ def parsed_mesh(data: bytes, path: Path) -> Mesh:
             return _checked(*_obj(data))
         raise InputError("is neither a .ply nor an .obj file")
     except InputError as error:
-        raise InputError(printable(f"mesh {path} {error}; export it again, as triangles in metres")) from None
+        raise InputError(f"mesh {path} {error}; export it again, as triangles in metres") from None
 
 
 def _checked(points: np.ndarray | Sequence[Sequence[float]], polygons: Sequence[Sequence[int]]) -> Mesh:

@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from t2d_rt.checks import instance, text
 from t2d_rt.errors import InputError
 from t2d_rt.files import clipped
 from t2d_rt.motion.bvh import RawSkeleton
@@ -81,6 +82,10 @@ def register_flavour(
     name: str, joints: Mapping[str, Source], *, lost_bones: Mapping[str, tuple[str, str, float]] | None = None
 ) -> Flavour:
     """Add (or replace) a naming flavour; `load_motion` detects it from then on."""
+    text("name", name)
+    instance("joints", joints, Mapping, "a mapping of canonical joints to the file's names")
+    if lost_bones is not None:
+        instance("lost_bones", lost_bones, Mapping, "a mapping of joints to (parent, child, share)")
     flavour = Flavour(name=name, joints=dict(joints), lost_bones=dict(lost_bones or {}))
     _flavours.pop(name, None)
     _flavours[name] = flavour

@@ -24,7 +24,7 @@ import numpy as np
 from t2d_rt import checks
 from t2d_rt.backend import Backend, select
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, new_cube
+from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, new_cube
 from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget
 from t2d_rt.radar.groups import BUCKET_BINS, Level, bucket_nodes, levels
@@ -84,7 +84,10 @@ def synthesize(
         checks.call("progress", progress, "a function of the fraction done")
     source = stream(echoes)
     starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
-    memory = Budget.of() if memory is None else memory
+    memory = Budget.of() if memory is None else checks.instance("memory", memory, Budget, "a Budget")
+    if onto is not None:
+        checks.instance("onto", onto, (np.ndarray, DiskCube), "an ADC cube")
+        checks.check_shape("onto", onto, (len(starts), radar.antennas, radar.samples))
     cube = new_cube((len(starts), radar.antennas, radar.samples), memory.limit_bytes) if onto is None else onto
     sweep, tolerance, backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
     jobs: list[Future[None]] = []

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from t2d_rt.checks import file_path, instance
 from t2d_rt.errors import InputError
 from t2d_rt.store import replacing, settle
 from t2d_rt.types import Scene, Surface
@@ -26,7 +27,8 @@ def save_scene(scene: Scene, folder: str | Path) -> Path:
     Nothing changes if it fails; a folder that is there already is replaced if it is empty or holds a scene that this wrote, and
     nothing else.
     """
-    target = Path(folder).resolve()
+    instance("scene", scene, Scene, "a Scene", hint="load_scene or Room.scene() makes one")
+    target = file_path("folder", folder).resolve()
     if not scene.name or Path(scene.name).name != scene.name:
         raise InputError(f"scene name {scene.name!r} cannot be the name of a file; give one without slashes")
     try:

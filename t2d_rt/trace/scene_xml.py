@@ -40,7 +40,11 @@ class SceneFile:
             ) from None
         if not name or not found.is_relative_to(home):
             raise InputError(f"it names {clipped(name)}, which lies outside its folder; put the file beside the scene")
-        if not found.exists():
+        try:
+            there = found.exists()
+        except OSError:  # a name longer than names may be
+            there = False
+        if not there:
             raise InputError(f"it names {clipped(name)}, which does not exist; put the file beside the scene")
         return found
 

@@ -12,8 +12,8 @@ from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from t2d_rt.errors import InputError
-from t2d_rt.files import clipped, printable
+from t2d_rt.errors import InputError, printable
+from t2d_rt.files import clipped
 from t2d_rt.resources import listing, resource
 from t2d_rt.trace.scene_xml import SceneFile
 from t2d_rt.trace.shapes import PICTURE, Shapes
@@ -39,7 +39,7 @@ def load_scene(source: str | Path) -> Scene:
     try:
         return Scene(name=path.stem, surfaces=tuple(_surfaces(SceneFile(path))))
     except InputError as error:
-        raise InputError(printable(f"cannot load scene {path}: {error}")) from None
+        raise InputError(f"cannot load scene {path}: {error}") from None
 
 
 def _path(source: str | Path) -> Path:

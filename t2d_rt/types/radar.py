@@ -15,12 +15,15 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from t2d_rt.checks import file_path, integer, number, numeric, positive, shown
 from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.files import clipped, read_yaml
 from t2d_rt.types.antennas import Isotropic, Pattern, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 
+MOST_CHIRPS, MOST_BINS = 10**8, 2**26
+"""Of a record (three hours of `table2`), and of an axis: their numbers must fit memory."""
 ONE_VIEW_M = 0.01
 """Transmitters and receivers less far apart see a target as from the middle between them. At 77 GHz that costs 0.01 rad within a
 patch of 2 cm at 0.3 m, and falls with the square of the range; shadows are traced at vertices farther apart than that."""
@@ -128,9 +131,10 @@ class Radar(Fields):
         """Write all fields to a YAML file that `from_yaml` reads back exactly."""
         import yaml
 
+        path = file_path("path", path)
         text = yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
         try:
-            Path(path).write_text(text, encoding="utf-8")
+            path.write_text(text, encoding="utf-8")
         except OSError as error:
             raise InputError(f"cannot write {path}: {error.strerror}; choose a writable place") from None
 
@@ -214,10 +218,12 @@ class Radar(Fields):
 
     def speed_resolution_mps(self, duration_s: float) -> float:
         """Speed bin lambda/(2 T) of a coherent interval of T = `duration_s` [m/s]."""
+        duration_s = positive("duration_s", duration_s, unit="s")
         return self.wavelength_m / (2 * duration_s)
 
     def beat_frequency_hz(self, range_m: float | np.ndarray) -> float | np.ndarray:
         """Beat frequency 2 S R / c of a still target [Hz]."""
+        numeric("range_m", range_m)
         return 2 * self.slope_hz_per_s * range_m / SPEED_OF_LIGHT
 
     def range_axis_m(self, n_fft: int | None = None, *, speed_mps: float = 0.0) -> np.ndarray:
@@ -226,7 +232,8 @@ class Radar(Fields):
 
         A target approaching at v appears f v / S short (6.7 mm at 4 m/s for table2), f the mid-sweep frequency.
         """
-        n_fft = self.samples if n_fft is None else n_fft
+        n_fft = self.samples if n_fft is None else integer("n_fft", n_fft, 1, MOST_BINS)
+        speed_mps = number("speed_mps", speed_mps, unit="m/s")
         coupling = self.mid_frequency_hz * speed_mps / self.slope_hz_per_s
         return np.arange(n_fft) * (self.max_range_m / n_fft) + coupling
 
@@ -235,6 +242,7 @@ class Radar(Fields):
 
         Of the cube's rows: of a "ddm" cube before it is separated, +-lambda PRF / 4.
         """
+        n_fft = integer("n_fft", n_fft, 1, MOST_BINS)
         doppler_hz = np.fft.fftshift(np.fft.fftfreq(n_fft, self.loop_interval_s))
         return -self.wavelength_m / 2 * doppler_hz[::-1]
 
@@ -242,7 +250,7 @@ class Radar(Fields):
 
     def chirp_starts_s(self, chirps: int) -> np.ndarray:
         """First ADC samples of the first `chirps` rows of the cube [s], (chirps,): with "tdm", of loops."""
-        chirp = np.arange(chirps)
+        chirp = np.arange(integer("chirps", chirps, 0, MOST_CHIRPS, hint="cut the record"))
         if self.loops_per_frame is None or self.frame_interval_s is None:
             return chirp * self.loop_chirps / self.prf_hz
         frame, within = np.divmod(chirp, self.loops_per_frame)
@@ -251,8 +259,7 @@ class Radar(Fields):
     def chirp_times_s(self, duration_s: float) -> np.ndarray:
         """First ADC samples of all rows of the cube whose samples lie within `duration_s` [s], (chirps,); whole loops
         of the transmitters, and of bursts the whole ones."""
-        if not 0 < duration_s < math.inf:
-            raise InputError(f"duration_s must be positive and finite, got {duration_s}")
+        duration_s = positive("duration_s", duration_s, unit="s")
         window = (self.samples - 1) / self.sample_rate_hz
         if self.chirps_per_frame is None or self.frame_interval_s is None:
             name, group, period = "chirp" if self._turns == 1 else "loop", self._turns, self._turns / self.prf_hz
@@ -279,6 +286,10 @@ class Radar(Fields):
     ) -> float | np.ndarray:
         """Power at the ADC [W] by the radar equation (Skolnik); `rx_range_m` where the receiver is elsewhere."""
         rx_range_m = range_m if rx_range_m is None else rx_range_m
+        for name, value in (("range_m", range_m), ("rx_range_m", rx_range_m)):
+            if not (numeric(name, value) > 0).all():
+                raise InputError(f"{name} must be positive, got {shown(value)}")
+        numeric("rcs_m2", rcs_m2)
         return self.link_amplitude**2 * rcs_m2 / (range_m * rx_range_m) ** 2
 
     @property
