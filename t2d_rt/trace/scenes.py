@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from t2d_rt.errors import InputError, printable
+from t2d_rt.errors import InputError
 from t2d_rt.files import clipped
 from t2d_rt.resources import listing, resource
 from t2d_rt.trace.scene_xml import SceneFile
@@ -59,9 +59,7 @@ def _path(source: str | Path) -> Path:
         found = False
     if not found:
         raise InputError(
-            printable(
-                f"there is no scene file {path}; choose one of {', '.join(scene_names())}, or give the path of one"
-            )
+            f"there is no scene file {path}; choose one of {', '.join(scene_names())}, or give the path of one"
         )
     return path
 
