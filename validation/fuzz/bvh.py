@@ -114,7 +114,7 @@ def structure(rng: np.random.Generator, text: str) -> Made:
     lines, told = text.split("\n"), []
     for _ in range(int(rng.integers(1, 4))):
         # two of three changes are to the hierarchy or the header, which are the smaller part
-        a, b = (int(rng.integers(len(lines) if chance(rng, 0.33) else len(lines) - FRAMES)) for _ in range(2))
+        a, b = (int(rng.integers(len(lines) if chance(rng, 0.33) else max(1, len(lines) - FRAMES))) for _ in range(2))
         how = pick(rng, ("drop", "double", "exchange", "move", "put in", "join", "cut"))
         told.append(f"{how} {a} {b}")
         if how == "drop":

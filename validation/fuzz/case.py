@@ -178,11 +178,14 @@ def command(arguments: Sequence[str], *, ascii_only: bool = False) -> Callable[[
         out.flush()
         err.flush()
         printed, told = (each.buffer.getvalue().decode() for each in (out, err))  # type: ignore[attr-defined]
-        _check_told(told)
         check_text(printed, what="what it printed")
+        if not arguments and code == 2:
+            check_text(told, what="the overview")
+            raise Refused("no command: the overview")
+        _check_told(told)
         if code == 2:
             last = [line for line in told.splitlines() if line and not line.startswith("t2d-rt: warning:")]
-            if len(last) != 1 and not (not arguments and printed == ""):
+            if len(last) != 1:
                 raise Wrong(f"exit code 2 with {len(last)} lines: {told[:400]!r}")
             check_sentence(last[0].removeprefix("t2d-rt:"))
             raise Refused(last[0])

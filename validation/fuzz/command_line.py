@@ -106,7 +106,7 @@ CONFIGS = (
     "overwrite: 3", "config: my.yaml", "help: true", "print_config: true", "scene: null", "scene: 3", "scene: [corridor]",
     "scene: ''", "collisions: no", "clutter: none",
     "clutter: null", "method: null", "method: 3", "body: null", "material: {}", "material: 3", "tolerance_db: null",
-    "tolerance_db: -20", "stop_s: .inf", "stop_s: null",
+    "tolerance_db: 5000", "stop_s: .inf", "stop_s: null",
     "start_s: -1", "distance_m: 1e9", "angle_deg: .nan", "device: null", "occlusion: null", "1: 2", "? [a]\n: 1",
     "seed: 3\nseed: 4", "--seed: 3", "SEED: 3", "x: 1", "", "3",
     "- 1", "a: [", "\t", "!!python/object/apply:os.system ['touch pwned']", "seed: !!python/name:os.system ''",
