@@ -76,6 +76,7 @@ def _apart(case: str, memory_gb: float) -> dict[str, Any]:
         [sys.executable, "-c", f"from validation.memory import main; main({case!r}, {memory_gb})"],
         capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1],
     )  # fmt: skip
+    print(done.stdout.splitlines()[-1], flush=True)
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return found
 
@@ -103,7 +104,7 @@ def main(case: str, memory_gb: float) -> None:
         json.dumps(
             {
                 "case": case, "memory_gb": memory_gb, "GB": getrusage(RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
-                "predicted GB": predicted[0] / 1e9 + begin, "error dB": result.error_db, "warnings": len(caught),
+                "predicted GB": predicted[0] / 1e9 + begin, "error dB": "not measured" if result.error_db is None else result.error_db, "warnings": len(caught),
                 "sha256": hashlib.sha256(np.ascontiguousarray(result.cube[:])).hexdigest()[:16],
             }
         )
