@@ -100,11 +100,12 @@ def main(case: str, memory_gb: float) -> None:
         warnings.simplefilter("ignore", ResourceWarning)
         begin = _held_gb()
         result = CASES[case](memory_gb)
+    error_db = "not measured" if result.error_db is None else result.error_db
     print(
         json.dumps(
             {
                 "case": case, "memory_gb": memory_gb, "GB": getrusage(RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
-                "predicted GB": predicted[0] / 1e9 + begin, "error dB": "not measured" if result.error_db is None else result.error_db, "warnings": len(caught),
+                "predicted GB": predicted[0] / 1e9 + begin, "error dB": error_db, "warnings": len(caught),
                 "sha256": hashlib.sha256(np.ascontiguousarray(result.cube[:])).hexdigest()[:16],
             }
         )
