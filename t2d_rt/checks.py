@@ -27,16 +27,23 @@ LARGEST_M = 1e6
 GREATEST = 1e100
 """Numbers beyond count as infinite: their squares are."""
 
+LONGEST_SHOWN = 60
+"""Characters of a value in a sentence."""
+
 _short = reprlib.Repr()
-_short.maxstring = _short.maxother = 60
+_short.maxstring = _short.maxother = LONGEST_SHOWN
 _short.maxlist = _short.maxtuple = _short.maxdict = 4
 
 
 def shown(value: Any) -> str:
-    """A value in a sentence: one line, however large the value is."""
+    """A value in a sentence: one line of at most LONGEST_SHOWN characters, however large the value is."""
     if isinstance(value, np.ndarray):
         return f"an array of {value.dtype} of shape {value.shape}"
-    return " ".join(_short.repr(value).split())
+    try:
+        words = " ".join(_short.repr(value).split())
+    except Exception:  # whatever the repr of a user's object does, the sentence goes on
+        words = f"a {type(value).__name__}"
+    return words if len(words) <= LONGEST_SHOWN else words[: LONGEST_SHOWN - 3] + "..."
 
 
 def number(

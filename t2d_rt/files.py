@@ -110,7 +110,7 @@ def read_yaml(path: str | Path, *, noun: str, example: str) -> dict[str, Any]:
     except yaml.YAMLError as error:
         raise InputError(f"{noun} {path} is not valid YAML ({' '.join(str(error).split())}); correct it") from None
     if not isinstance(values, Mapping) or not all(isinstance(key, str) for key in values):
-        raise InputError(f"{noun} {path} must hold {example}, got {clipped(values)}")
+        raise InputError(f"{noun} {path} must hold {example}, got {shown(values)}")
     return dict(values)
 
 
@@ -137,10 +137,10 @@ def _check_growth(text: str) -> None:
     for event in _events(text):
         anchor, tag = getattr(event, "anchor", None), getattr(event, "tag", None)
         if tag not in (None, "!", "tag:yaml.org,2002:str"):
-            raise yaml.YAMLError(f"it holds the tag {clipped(tag)}; values are written without")
+            raise yaml.YAMLError(f"it holds the tag {shown(tag)}; values are written without")
         if isinstance(event, yaml.AliasEvent):
             if anchor not in weights:
-                raise yaml.YAMLError(f"alias *{clipped(anchor)} stands for nothing, or for what holds it")
+                raise yaml.YAMLError(f"alias *{shown(anchor)} stands for nothing, or for what holds it")
             count += weights[anchor]
         elif isinstance(event, yaml.ScalarEvent):
             count += 1
@@ -196,17 +196,5 @@ def _check_keys(keys: list[tuple[str, Any]]) -> None:
     seen = set()
     for key in keys:
         if key in seen:
-            raise yaml.YAMLError(f"key {clipped(key[1])} is given twice")
+            raise yaml.YAMLError(f"key {shown(key[1])} is given twice")
         seen.add(key)
-
-
-# --- text ---
-
-
-def clipped(value: Any, width: int = 60) -> str:
-    """A value in a sentence, cut to `width`."""
-    try:
-        text = shown(value)
-    except Exception:  # whatever a foreign object's repr does, the sentence goes on
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= width else text[: width - 3] + "..."
