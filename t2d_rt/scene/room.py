@@ -199,7 +199,7 @@ def furniture_kinds() -> list[str]:
 def furniture(kind: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Vertices (V, 3) m and faces (F, 3) of each material of a piece, which stands on z = 0 and looks along +x."""
     if kind not in furniture_kinds():
-        raise InputError(f"unknown furniture {kind!r}; choose one of {', '.join(furniture_kinds())}")
+        raise InputError(f"unknown furniture {shown(kind)}; choose one of {', '.join(furniture_kinds())}")
     found = {}
     for name in listing("meshes/furniture", ".ply"):
         if name.split(".")[0] == kind:
