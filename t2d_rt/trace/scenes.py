@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from t2d_rt.checks import shown
+from t2d_rt.checks import file_path, shown
 from t2d_rt.errors import InputError
 from t2d_rt.resources import listing, resource
 from t2d_rt.trace.scene_xml import SceneFile
@@ -43,11 +43,9 @@ def load_scene(source: str | Path) -> Scene:
 
 
 def _path(source: str | Path) -> Path:
-    if not isinstance(source, (str, Path)):
-        raise InputError(f"a scene must be a name or the path of a Mitsuba XML file, got {shown(source)}")
+    path = file_path("scene", source)
     if isinstance(source, str) and source in scene_names():
         return resource("scenes", source) / f"{source}.xml"
-    path = Path(source)
     if path.suffix.lower() != ".xml":
         raise InputError(
             f"unknown scene {shown(str(source))}; choose free_space or one of {', '.join(scene_names())}, "
@@ -55,7 +53,7 @@ def _path(source: str | Path) -> Path:
         )
     try:
         found = path.exists()
-    except (OSError, ValueError):
+    except OSError:  # a folder that may not be searched
         found = False
     if not found:
         raise InputError(

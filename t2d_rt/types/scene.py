@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.checks import shown
+from t2d_rt.checks import numeric, shown
 from t2d_rt.errors import InputError
 from t2d_rt.types.material import Material
 
@@ -37,7 +37,7 @@ class Surface:
 
     def __post_init__(self) -> None:
         _check_name(self.name, "surface")
-        vertices, faces = _array(self.vertices, self.name, "vertices"), _array(self.faces, self.name, "faces")
+        vertices, faces = (numeric(f"{name} of {self.name}", getattr(self, name)) for name in ("vertices", "faces"))
         if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
             raise InputError(f"vertices of {self.name} must be finite and of shape (vertex, 3), got {_form(vertices)}")
         vertices = vertices.astype(np.float64)
@@ -77,15 +77,6 @@ def _check_name(name: object, noun: str) -> None:
         raise InputError(
             f"the name of a {noun} must be a text of 1..{MAX_NAME} printable characters, got {shown(name)}; give another"
         )
-
-
-def _array(values: object, name: str, noun: str) -> np.ndarray:
-    if isinstance(values, np.ma.MaskedArray):
-        raise InputError(f"{noun} of {name} are a masked array, whose mask would be lost; give only what counts")
-    try:
-        return np.asarray(values)
-    except (TypeError, ValueError):
-        raise InputError(f"{noun} of {name} must be an array of numbers, got {shown(values)}") from None
 
 
 def _form(array: np.ndarray) -> str:
