@@ -25,18 +25,25 @@ LARGEST_M = 1e6
 """Farthest coordinate of anything [m]; what exceeds it was meant in another unit, or is damaged."""
 
 GREATEST = 1e100
-"""Numbers beyond count as infinite: their squares are."""
+"""Larger numbers are refused as infinite: their fourth powers are."""
+
+LONGEST_SHOWN = 60
+"""Characters of a value in a sentence."""
 
 _short = reprlib.Repr()
-_short.maxstring = _short.maxother = 60
+_short.maxstring = _short.maxother = LONGEST_SHOWN
 _short.maxlist = _short.maxtuple = _short.maxdict = 4
 
 
 def shown(value: Any) -> str:
-    """A value in a sentence: one line, however large the value is."""
+    """A value in a sentence: one line of at most LONGEST_SHOWN characters, however large the value is."""
     if isinstance(value, np.ndarray):
         return f"an array of {value.dtype} of shape {value.shape}"
-    return " ".join(_short.repr(value).split())
+    try:
+        words = " ".join(_short.repr(value).split())
+    except Exception:  # whatever the repr of a user's object does, the sentence goes on
+        words = f"a {type(value).__name__}"
+    return words if len(words) <= LONGEST_SHOWN else words[: LONGEST_SHOWN - 3] + "..."
 
 
 def number(
@@ -61,7 +68,7 @@ def positive(name: str, value: Any, high: float = math.inf, *, unit: str = "", h
 
 
 def integer(name: str, value: Any, low: int = 0, high: int | None = None, *, hint: str = "") -> int:
-    """An integer in low..high, both included; 128.0 is none."""
+    """An integer in low..high, both included; a float is refused, 128.0 too."""
     found = _scalar(value)
     whole = isinstance(found, (int, np.integer)) and not isinstance(found, bool)
     found = int(found) if whole else 0
@@ -144,7 +151,7 @@ def array(
 
 
 def numeric(name: str, value: Any) -> np.ndarray:
-    """Numbers of any kind as an array; masked ones are none: what stands behind the mask would be taken for data."""
+    """Numbers of any kind as an array. Masked arrays are refused: their masked values would be taken for data."""
     within = value if isinstance(value, (list, tuple)) else [value]
     if any(isinstance(each, np.ma.MaskedArray) for each in within):
         raise InputError(f"{name} must not be a masked array: fill or cut what is masked first")
@@ -187,14 +194,14 @@ def options(name: str, value: Any, known: Collection[str]) -> Mapping[str, Any]:
 
 
 def _scalar(value: Any) -> Any:
-    """The number in an array of none but one; np.ma.masked is an array, but no number."""
+    """The value of an array of no dimensions, but for np.ma.masked, which is no number; anything else as it is."""
     if isinstance(value, np.ndarray) and value.ndim == 0 and not isinstance(value, np.ma.MaskedArray):
         return value[()]
     return value
 
 
 def _finite_float(value: Any) -> float:
-    """A number as a float; an integer too large for one as infinite."""
+    """A number as a float; an integer that is too large for one becomes infinite."""
     try:
         return float(value)
     except OverflowError:

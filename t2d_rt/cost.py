@@ -1,4 +1,4 @@
-"""What a run takes: memory, told before the work is done."""
+"""Memory that a run needs, estimated before it starts."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from t2d_rt.probe import FIELD_BYTES, FINER
 from t2d_rt.types import EchoStream
 
 SUMMED_BYTES, SUMMED_ARRAY_BYTES = 7_200, 12_000
-"""What an echo takes while a window of frames is summed, for one antenna and for an array [M: 133 000 echoes of a walk in
-living_room add 0.96 GB]."""
+"""Bytes that an echo takes while a window of frames is summed, for one antenna and for an array (measured: 133 000 echoes of a
+walk in living_room add 0.96 GB)."""
 POSED_BYTES = 40 * 64
-"""What a facet's vertex takes in the frames of a window."""
+"""Bytes that a facet's vertex takes in the frames of a window."""
 
 
 def memory_bytes(model: Model, streams: Sequence[EchoStream], *, measured: bool) -> float:
     """Greatest memory to be expected of summing streams, and of measuring the error after it, beyond what the process held."""
-    release()  # what is free counts for nothing
+    release()  # freed memory that the process still holds must not count
     radar = model.radar
     of_echo = SUMMED_ARRAY_BYTES if radar.is_array else SUMMED_BYTES
     most: float = max(of_echo * part.echoes + POSED_BYTES * part.vertices for part in batches(streams, radar))

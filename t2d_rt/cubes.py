@@ -88,7 +88,7 @@ def _is_all(axis: Any) -> bool:
 
 
 def _taken(block: np.ndarray, axes: tuple[Any, ...]) -> np.ndarray:
-    """Of every row what the other axes ask for, each by itself; the last first, since a number takes its axis away."""
+    """Rows indexed along their other axes, one axis after another; from the last on, because an integer removes its axis."""
     for number in range(len(axes), 0, -1):
         block = block[(slice(None),) * number + (axes[number - 1],)]
     return block

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import stat
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from t2d_rt.checks import file_path, shown
 from t2d_rt.errors import InputError
@@ -20,7 +21,6 @@ MAX_YAML_DEPTH = 50
 MAX_YAML_DIGITS = 400
 """A float has at most 309 digits; a whole number of thousands of digits cannot even be printed."""
 
-
 MAX_GZIP_MEMBERS = 10_000
 """Those of a file of 150 MB that was packed in blocks of 64 kB are 2 300."""
 GZIP_BLOCK = 65_536
@@ -31,21 +31,30 @@ OPENING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0
 
 def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
     """All of a regular file of at most `limit` bytes; `noun` says in sentences what it should be ("radar file")."""
+    with regular_file(path, noun=noun) as file:
+        length = os.fstat(file.fileno()).st_size
+        data = None
+        if length <= limit:
+            data = file.read(length + 1) or b""  # None: a kernel's file that would have to be waited for
+            if len(data) > length:  # it grows, or has no size, as in /proc
+                data += file.read(limit + 1 - len(data)) or b""
+    if data is None or len(data) > limit:
+        raise InputError(f"{path} is larger than the {size(limit)} that a {noun} may have; give a smaller one")
+    return data
+
+
+@contextmanager
+def regular_file(path: str | Path, *, noun: str) -> Iterator[BinaryIO]:
+    """A regular file, open for reading; an InputError for pipes, devices and what cannot be read."""
     path = file_path(f"the path of a {noun}", path)
     try:
         descriptor = os.open(path, OPENING)
         try:
-            status = os.fstat(descriptor)
-            if not stat.S_ISREG(status.st_mode):
-                raise InputError(f"{path} is {_kind(status.st_mode)}; give the path of one {noun}")
-            data = None
-            if status.st_size <= limit:
-                with open(descriptor, "rb", closefd=False) as file:
-                    data = (
-                        file.read(status.st_size + 1) or b""
-                    )  # None: a kernel's file that would have to be waited for
-                    if len(data) > status.st_size:  # it grows, or has no size, as in /proc
-                        data += file.read(limit + 1 - len(data)) or b""
+            mode = os.fstat(descriptor).st_mode
+            if not stat.S_ISREG(mode):
+                raise InputError(f"{path} is {_kind(mode)}; give the path of one {noun}")
+            with open(descriptor, "rb", closefd=False) as file:
+                yield file
         finally:
             os.close(descriptor)
     except UnicodeEncodeError:
@@ -53,9 +62,6 @@ def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
     except OSError as error:
         reason = error.strerror or error
         raise InputError(f"cannot read {noun} {path}: {reason}; check the path and its permissions") from None
-    if data is None or len(data) > limit:
-        raise InputError(f"{path} is larger than the {size(limit)} that a {noun} may have; give a smaller one")
-    return data
 
 
 def _kind(mode: int) -> str:
@@ -110,7 +116,7 @@ def read_yaml(path: str | Path, *, noun: str, example: str) -> dict[str, Any]:
     except yaml.YAMLError as error:
         raise InputError(f"{noun} {path} is not valid YAML ({' '.join(str(error).split())}); correct it") from None
     if not isinstance(values, Mapping) or not all(isinstance(key, str) for key in values):
-        raise InputError(f"{noun} {path} must hold {example}, got {clipped(values)}")
+        raise InputError(f"{noun} {path} must hold {example}, got {shown(values)}")
     return dict(values)
 
 
@@ -137,10 +143,10 @@ def _check_growth(text: str) -> None:
     for event in _events(text):
         anchor, tag = getattr(event, "anchor", None), getattr(event, "tag", None)
         if tag not in (None, "!", "tag:yaml.org,2002:str"):
-            raise yaml.YAMLError(f"it holds the tag {clipped(tag)}; values are written without")
+            raise yaml.YAMLError(f"it holds the tag {shown(tag)}; values are written without")
         if isinstance(event, yaml.AliasEvent):
             if anchor not in weights:
-                raise yaml.YAMLError(f"alias *{clipped(anchor)} stands for nothing, or for what holds it")
+                raise yaml.YAMLError(f"alias *{shown(anchor)} stands for nothing, or for what holds it")
             count += weights[anchor]
         elif isinstance(event, yaml.ScalarEvent):
             count += 1
@@ -196,17 +202,5 @@ def _check_keys(keys: list[tuple[str, Any]]) -> None:
     seen = set()
     for key in keys:
         if key in seen:
-            raise yaml.YAMLError(f"key {clipped(key[1])} is given twice")
+            raise yaml.YAMLError(f"key {shown(key[1])} is given twice")
         seen.add(key)
-
-
-# --- text ---
-
-
-def clipped(value: Any, width: int = 60) -> str:
-    """A value in a sentence, cut to `width`."""
-    try:
-        text = shown(value)
-    except Exception:  # whatever a foreign object's repr does, the sentence goes on
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= width else text[: width - 3] + "..."

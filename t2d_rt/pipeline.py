@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from t2d_rt.backend import Device, select
-from t2d_rt.checks import call, choice, file_path, flag, integer, number, shown, text
+from t2d_rt.checks import call, choice, flag, integer, number, shown, text
 from t2d_rt.cost import check_memory
 from t2d_rt.cubes import Cube
 from t2d_rt.echo.ellipsoid import PhaseFrom
@@ -272,8 +272,8 @@ def _placed(motion: Motion, radar: Radar) -> Motion:
     _check_steps(found)
     if motion.placed is None:
         warnings.warn(
-            f"the motion was moved: {placement(found)}, because nobody has said that its coordinates are the radar's; give "
-            "motion_from_joints placed=True to keep them, or placed=False where they are to be moved",
+            f"the motion was {placement(found)}, as it does not say whose its coordinates are; give motion_from_joints placed=True "
+            "to keep them as those of the world, or placed=False to have it placed",
             T2DWarning,
             stacklevel=4,
         )
@@ -316,7 +316,6 @@ def _around(scene: Any) -> Scene | None:
         return scene
     if not isinstance(scene, (str, Path)):
         raise InputError(f"scene must be a name, a path, a Room or a Scene, got {shown(scene)}")
-    file_path("scene", scene)
     return None if scene == "free_space" else load_scene(scene)
 
 

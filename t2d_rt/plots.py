@@ -50,7 +50,9 @@ def plot_spectrogram(
     axes.set_ylim(occupied_speeds(velocity_mps, power_db, dynamic_range_db))
     _label(axes, "Time (s)", VELOCITY_LABEL, title)
     if note is not None:
-        axes.text(0.01, 0.02, _literal(note), transform=axes.transAxes, color="white", fontsize=8, parse_math=False)
+        axes.text(
+            0.01, 0.02, _literal("note", note), transform=axes.transAxes, color="white", fontsize=8, parse_math=False
+        )
     return figure
 
 
@@ -138,7 +140,7 @@ def plot_point_cloud(
     bar.set_label(VELOCITY_LABEL, fontsize=9)
     bar.ax.tick_params(labelsize=8)
     if title is not None:
-        figure.suptitle(_literal(title), fontsize=11, parse_math=False)
+        figure.suptitle(_literal("title", title), fontsize=11, parse_math=False)
     return figure
 
 
@@ -269,7 +271,7 @@ def plot_comparison(
     _label(lower, "Time (s)", "", f"{labels[1]} minus {labels[0]}")
     figure.supylabel(VELOCITY_LABEL, fontsize=9)
     if title is not None:
-        figure.suptitle(_literal(title), fontsize=11, parse_math=False)
+        figure.suptitle(_literal("title", title), fontsize=11, parse_math=False)
     return figure
 
 
@@ -329,12 +331,12 @@ def _label(axes: Axes, x: str, y: str, title: str | None) -> None:
     axes.set_ylabel(y, fontsize=9)
     axes.tick_params(labelsize=8)
     if title is not None:
-        axes.set_title(_literal(title), fontsize=10, parse_math=False)
+        axes.set_title(_literal("title", title), fontsize=10, parse_math=False)
 
 
-def _literal(value: Any) -> str:
+def _literal(name: str, value: Any) -> str:
     """A text that can be drawn: a file's name may hold bytes that are no characters."""
-    words = text("title", value)[:LONGEST_TITLE]
+    words = text(name, value)[:LONGEST_TITLE]
     return "".join(each if each.isprintable() or each == "\n" else "\N{REPLACEMENT CHARACTER}" for each in words)
 
 

@@ -117,6 +117,8 @@ def test_integers_are_asked_for_where_they_are_meant() -> None:
     with pytest.raises(InputError, match="path must be a path"):
         recorded.save(3)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="path must be a path"):
+        RADAR.to_yaml(3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="path must be a path"):
         t2d.load_motion(None)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="rate_hz must be a number, got '120'"):
         replace(walk(), rate_hz="120")  # type: ignore[arg-type]
@@ -226,6 +228,8 @@ def test_titles_are_literal() -> None:
     figure = plot_spectrogram(axes, axes, np.zeros((4, 4)), title="$x_{$ \udcff", note="a$_{$")
     figure.draw_without_rendering()
     assert "\udcff" not in figure.axes[0].get_title()
+    with pytest.raises(InputError, match="note must be a text, got 3"):
+        plot_spectrogram(axes, axes, np.zeros((4, 4)), note=3)  # type: ignore[arg-type]
 
 
 def test_a_backend_of_matplotlib_that_there_is_none_of(tmp_path: Path) -> None:

@@ -232,8 +232,13 @@ def test_the_users_features_are_as_in_sionna(make: Make) -> None:
     mi = mitsuba(select("cpu"))
     import sionna.rt
 
-    turned = shape(inside=f'{REF}<transform name="to_world"><rotate y="1" angle="33"/><scale value="1.5"/></transform>')
-    path = make(turned.replace('"wall"', '"turned"') + shape(inside='<ref id="pane"/>') + PANE)
+    # A name of its own: Mitsuba would take a wall.ply in the folder that was the working directory when it was imported.
+    file = "as_in_sionna.ply"
+    turned = shape(
+        file, inside=f'{REF}<transform name="to_world"><rotate y="1" angle="33"/><scale value="1.5"/></transform>'
+    )
+    path = make(turned.replace('"wall"', '"turned"') + shape(file, inside='<ref id="pane"/>') + PANE)
+    (path.parent / "wall.ply").rename(path.parent / file)
     theirs = sionna.rt.load_scene(str(path), merge_shapes=False).objects
     for surface in load_scene(path).surfaces:
         other, values = theirs[surface.name], mi.traverse(theirs[surface.name].mi_mesh)
@@ -363,14 +368,14 @@ def test_scenes_that_are_no_files(tmp_path: Path) -> None:
         file.truncate(20 << 30)
     for name, message in (
         ("pipe.xml", "is a pipe"), ("folder.xml", r"(?i)is a directory"), ("zero.xml", "is a device"),
-        ("sparse.xml", "larger than the 4 MB"), ("none.xml", "there is no scene file"), ("a\0b.xml", "there is no scene file"),
-        ("x" * 300 + ".xml", "there is no scene file"), ("\x1b[31mred.xml", r"there is no scene file .*\\x1b\[31mred.xml"),
+        ("sparse.xml", "larger than the 4 MB"), ("none.xml", "there is no scene file"), ("a\0b.xml", "not a valid file name"),
+        ("x" * 300 + ".xml", "it is too long"), ("\x1b[31mred.xml", r"there is no scene file .*\\x1b\[31mred.xml"),
         ("corridor", "unknown scene"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=message):
             load_scene(tmp_path / name)
     for given in (None, 3, b"corridor", ["corridor"], ""):
-        with pytest.raises(InputError, match=r"a scene must be|unknown scene"):
+        with pytest.raises(InputError, match=r"scene must be a path|scene '' is not a valid file name"):
             load_scene(given)  # type: ignore[arg-type]
 
 
@@ -504,15 +509,15 @@ GOOD = {"name": "a", "vertices": np.eye(3), "faces": np.array([[0, 1, 2]]), "mat
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"vertices": np.ma.masked_array(np.eye(3), np.eye(3) > 0)}, "vertices of a are a masked array"),
-        ({"faces": np.ma.masked_array([[0, 1, 2]], [[0, 1, 0]])}, "faces of a are a masked array"),
+        ({"vertices": np.ma.masked_array(np.eye(3), np.eye(3) > 0)}, "vertices of a must not be a masked array"),
+        ({"faces": np.ma.masked_array([[0, 1, 2]], [[0, 1, 0]])}, "faces of a must not be a masked array"),
         ({"vertices": np.zeros((3, 3))}, "a has no area"),
         ({"vertices": np.array([[0, 0, 0], [1, 0, 0], [2.0, 0, 0]])}, "a has no area"),
         ({"vertices": [[0, 0, 0], [1, 0]]}, "must be an array of numbers"),
-        ({"vertices": np.full((3, 3), "x")}, "must be finite and of shape"),
+        ({"vertices": np.full((3, 3), "x")}, "must be an array of numbers"),
         ({"vertices": np.eye(3) * 1j}, "must be finite and of shape"),
         ({"vertices": np.eye(3) * np.nan}, "NaN or infinite"),
-        ({"vertices": None}, "must be finite and of shape"),
+        ({"vertices": None}, "must be an array of numbers, got None"),
         ({"faces": np.array([[0.0, 1, 2]])}, "must be integers"),
         ({"faces": np.array([[0, 1, 3]], np.uint64)}, r"must name vertices 0\.\.2, got 0\.\.3"),
         ({"faces": np.array([[0, 1, -1]])}, r"must name vertices 0\.\.2, got -1\.\.1"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -372,6 +373,9 @@ def test_broken_recordings(tmp_path) -> None:
     path = tmp_path / "cube.npy"
     with pytest.raises(InputError, match="cannot read recording"):
         load_recording(path)
+    os.mkfifo(tmp_path / "pipe.npy")
+    with pytest.raises(InputError, match="is a pipe; give the path of one recording"):
+        load_recording(tmp_path / "pipe.npy")
     data = FRAME.read_bytes()
     for content in (b"", b"not numpy at all", data[:50], data[:5000]):
         path.write_bytes(content)

@@ -348,4 +348,8 @@ def test_scene_files_keep_apart_and_in_their_folder(tmp_path: Path) -> None:
         save_scene(Scene(name="box", surfaces=alike), tmp_path / "box")
     with pytest.raises(InputError, match=r"'../box' cannot be the name of a file"):
         save_scene(Scene(name="../box", surfaces=(wall,)), tmp_path / "box")
+    with pytest.raises(InputError, match="folder must be a path"):
+        save_scene(ROOM.scene(), 3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="scene must be a Scene"):
+        save_scene("box", tmp_path / "box")  # type: ignore[arg-type]
     assert names(tmp_path) == []

@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from t2d_rt.checks import shown
 from t2d_rt.cli.options import (
     check_nulls,
     compare_parser,
@@ -25,7 +26,6 @@ from t2d_rt.cli.options import (
 )
 from t2d_rt.cli.sigterm import stopped_by_sigterm
 from t2d_rt.errors import InputError, T2DError, T2DWarning, printable
-from t2d_rt.files import clipped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -121,7 +121,7 @@ def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], None]]:
         "info": (info_parser, _info),
     }
     if name not in commands:
-        raise InputError(f"unknown command {clipped(name)}; choose one of {', '.join(commands)} (t2d-rt --help)")
+        raise InputError(f"unknown command {shown(name)}; choose one of {', '.join(commands)} (t2d-rt --help)")
     make, action = commands[name]
     return make(), action
 

@@ -9,8 +9,9 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped, load_yaml, read_yaml
+from t2d_rt.files import load_yaml, read_yaml
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
@@ -256,7 +257,7 @@ def resolved(arguments: Sequence[str], *, configurable: bool = True) -> list[str
             radars.append(f"--config={_yaml({'radar': _radar_fields(value)})}")
         elif name == "--add":
             if not value.isascii() and value != value.encode(errors="ignore").decode():
-                raise InputError(f"option --add takes a text in UTF-8, got {clipped(value)}; rename the file")
+                raise InputError(f"option --add takes a text in UTF-8, got {shown(value)}; rename the file")
             added.append(value)
         elif name == "--file":
             files.append(value)
@@ -286,7 +287,7 @@ def _config_text(path: str) -> str:
     for section in ("radar", "motion", "signal"):
         if section in values and not isinstance(values[section], dict):
             raise InputError(
-                f"'{section}' in config file {path} must hold options and values, got {clipped(values[section])}"
+                f"'{section}' in config file {path} must hold options and values, got {shown(values[section])}"
             )
     return _yaml(values)
 

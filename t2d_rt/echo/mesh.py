@@ -49,11 +49,11 @@ BEND_RAD = 0.2
 KEPT_FACETS = 800_000
 """Refinements are kept, the last used ones, for as many facets: some 300 bytes each."""
 REFINING_BYTES = 1_700
-"""What a facet takes while it is made [M: 110 000 to 1 000 000 facets of a body]."""
+"""What a facet takes while it is made (measured with 110 000 to 1 000 000 facets of a body)."""
 MOST_FACETS = 1_000_000
 """Of one mesh, unless a run may take more memory."""
 MOST_ECHOES = 150_000
-"""So many are summed together, in a window of frames they take some 1 GB; more are summed in several parts."""
+"""Echoes that are summed together; in a window of frames they take some 1 GB. More of them are summed in several parts."""
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many moments fit the cache."""
 _kept: OrderedDict[tuple[object, ...], list[Refinement]] = OrderedDict()
@@ -169,7 +169,7 @@ def joined(streams: list[EchoStream]) -> EchoStream:
 
 
 def in_parts(streams: list[EchoStream]) -> EchoStream:
-    """The same, which can be had part by part."""
+    """The streams joined into one that keeps them in `parts`, so that they can be summed one after another."""
     return streams[0] if len(streams) == 1 else replace(joined(streams), parts=tuple(streams))
 
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped, read_bytes
+from t2d_rt.files import read_bytes
 
 Mesh = tuple[np.ndarray, np.ndarray]
 """Vertices [m], float64 (V, 3), and triangles, int64 (F, 3)."""
@@ -127,7 +128,7 @@ def _ply_header(data: bytes) -> tuple[str, list[_Element], int]:
             case ["format", name, "1.0"] if name in ORDERS and order is None:
                 order = ORDERS[name]
             case ["element", name, count] if count.isdecimal() and len(count) < 20:
-                _check_count(int(count), f"rows of element {clipped(name)}")
+                _check_count(int(count), f"rows of element {shown(name)}")
                 elements.append(_Element(name, int(count)))
             case ["property", kind, name] if kind in TYPES and elements:
                 elements[-1].properties.append(_Property(name, TYPES[kind]))
@@ -136,7 +137,7 @@ def _ply_header(data: bytes) -> tuple[str, list[_Element], int]:
             ):
                 elements[-1].properties.append(_Property(name, TYPES[kind], TYPES[count]))
             case _:
-                raise InputError(f"has a PLY header whose line {clipped(line)} cannot be read")
+                raise InputError(f"has a PLY header whose line {shown(line)} cannot be read")
     if order is None:
         raise InputError(f"has a PLY header without a format, one of {', '.join(ORDERS)}")
     _check_elements(elements)
@@ -245,7 +246,7 @@ def _obj(data: bytes) -> tuple[list[list[float]], list[list[int]]]:
                     raise ValueError
         except ValueError:
             text = line.decode("utf-8", "replace")
-            raise InputError(f"has a line {number} that cannot be read, {clipped(text)}") from None
+            raise InputError(f"has a line {number} that cannot be read, {shown(text)}") from None
         _check_count(len(points), "vertices or more")
         _check_count(triangles, "triangles or more")
     return points, polygons

@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped, gunzip, read_bytes, size
+from t2d_rt.files import gunzip, read_bytes, size
 from t2d_rt.motion.quaternions import about_axis, multiply, normalise, rotate
 
 MAX_BYTES = 150_000_000
@@ -138,7 +139,7 @@ def _read_text(path: str | Path) -> bytes:
     name = str(path).lower()
     if not name.endswith((".bvh", ".bvh.gz")):
         raise InputError(
-            f"cannot read {clipped(str(path))}: motions come as .bvh or .bvh.gz; convert the file to BVH first"
+            f"cannot read {shown(str(path))}: motions come as .bvh or .bvh.gz; convert the file to BVH first"
         )
     data = read_bytes(path, limit=MAX_BYTES, noun="BVH file")
     if name.endswith(".gz"):
@@ -197,7 +198,7 @@ def _hierarchy(text: bytes, path: str | Path) -> tuple[list[str], list[int], lis
             name = f"{names[stack[-1]]}:end" if keyword == b"END" else _text(rest)
             if not name or name in taken:
                 raise InputError(
-                    f"{path}: joint name {clipped(name)} is empty or occurs twice; every joint needs its own name"
+                    f"{path}: joint name {shown(name)} is empty or occurs twice; every joint needs its own name"
                 )
             if len(names) == MAX_JOINTS:
                 raise InputError(
@@ -222,7 +223,7 @@ def _hierarchy(text: bytes, path: str | Path) -> tuple[list[str], list[int], lis
         raise InputError(f"{path}: the HIERARCHY is cut short (missing braces or no ROOT)")
     for joint, name in enumerate(names):
         if joint not in offsets:
-            raise InputError(f"{path}: joint {clipped(name)} has no OFFSET; the file is damaged")
+            raise InputError(f"{path}: joint {shown(name)} has no OFFSET; the file is damaged")
     return names, parents, [offsets[j] for j in range(len(names))], [channels.get(j, ()) for j in range(len(names))]
 
 
@@ -235,13 +236,13 @@ def _text(words: bytes) -> str:
 
 
 def _shown(token: bytes) -> str:
-    return clipped(_text(token[:100]), 62)
+    return shown(_text(token[:100]))
 
 
 def _offset(rest: bytes, name: str, path: str | Path) -> np.ndarray:
-    offset = _numbers(rest.split(maxsplit=4), f"the OFFSET of {clipped(name)}", path)
+    offset = _numbers(rest.split(maxsplit=4), f"the OFFSET of {shown(name)}", path)
     if offset.shape != (3,):
-        raise InputError(f"{path}: the OFFSET of {clipped(name)} must be 3 numbers, got {_shown(rest)}")
+        raise InputError(f"{path}: the OFFSET of {shown(name)} must be 3 numbers, got {_shown(rest)}")
     return offset
 
 
@@ -249,7 +250,7 @@ def _channels(rest: bytes, name: str, path: str | Path) -> tuple[str, ...]:
     count, *kinds = _text(rest[:1000]).lower().split() or [""]
     if count != str(len(kinds)) or any(kind not in CHANNELS for kind in kinds) or len(set(kinds)) != len(kinds):
         raise InputError(
-            f"{path}: CHANNELS of {clipped(name)} must be a count and that many of {', '.join(CHANNELS)}; "
+            f"{path}: CHANNELS of {shown(name)} must be a count and that many of {', '.join(CHANNELS)}; "
             f"got {_shown(rest)}"
         )
     return tuple(kinds)
@@ -274,7 +275,7 @@ def _motion(text: bytes, channel_count: int, path: str | Path) -> tuple[np.ndarr
     frames = _numbers(header[0].split(), "Frames", path)
     step_s = _numbers(header[1].split(), "Frame Time", path)
     if frames.size != 1 or frames[0] != round(frames[0]) or frames[0] < 2:
-        raise InputError(f"{path}: a motion needs at least 2 frames, got {clipped('Frames: ' + _text(header[0]))}")
+        raise InputError(f"{path}: a motion needs at least 2 frames, got {shown('Frames: ' + _text(header[0]))}")
     if step_s.size != 1 or not 1.0 / MAX_FRAME_RATE_HZ <= step_s[0] <= 1.0:
         raise InputError(f"{path}: Frame Time must lie between 0.0001 and 1 s, got {_shown(header[1])}")
     values = _values(text, start, int(frames[0]), channel_count, path)

@@ -15,9 +15,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from t2d_rt.checks import instance, text
+from t2d_rt.checks import instance, shown, text
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped
 from t2d_rt.motion.bvh import RawSkeleton
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
 
@@ -106,7 +105,7 @@ def detect_flavour(names: tuple[str, ...], parents: tuple[int, ...], wanted: str
     """The flavour whose joints are all there, hang in the canonical order, and cover most of the file's names."""
     if wanted is not None and (not isinstance(wanted, str) or wanted not in _flavours):
         raise InputError(
-            f"flavour {clipped(wanted)} is unknown; choose one of {', '.join(_flavours)} or register_flavour() it"
+            f"flavour {shown(wanted)} is unknown; choose one of {', '.join(_flavours)} or register_flavour() it"
         )
     candidates = list(_flavours.values())[::-1] if wanted is None else [_flavours[wanted]]
     present = set(names)

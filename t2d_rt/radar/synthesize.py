@@ -44,7 +44,7 @@ RECEIVERS, MOST_SUMS = 4, 400
 MOST_SLOTS = 1000
 """Buckets that an echo may cross in a frame interval."""
 MANY_SLOTS = 16
-"""From so many on it is asked which of them hold a chirp."""
+"""Where a frame interval has more slots than this, those that hold no chirp are left out."""
 MOST_MOMENTS, FEWER_MOMENTS, MANY_ECHOES = 20_000, 2_500, 50_000
 """Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames. Fewer beside many
 echoes, which take memory themselves."""
@@ -333,9 +333,9 @@ def _buckets(
 def _occupied(
     interval: np.ndarray, position: np.ndarray, slots: int, intervals: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray | slice]]:
-    """Of each slot of an interval: the intervals of those (interval, echo) that are wanted there, and which these are.
+    """For each slot of an interval, the pairs (interval, echo) that need a bucket in it: their intervals, and their indices.
 
-    Where there are many slots most hold no chirp at all, and nothing need be known of them.
+    Where there are many slots most hold no chirp, and the pairs in those are left out.
     """
     used = np.zeros(intervals * slots, bool)
     used[np.clip(np.floor((position + 1) * slots).astype(np.int64), 0, intervals * slots - 1)] = True

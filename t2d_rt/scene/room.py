@@ -10,8 +10,8 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped
 from t2d_rt.geometry.mesh_files import read_mesh
 from t2d_rt.resources import listing, resource
 from t2d_rt.types import Scene, Surface
@@ -99,7 +99,7 @@ class Room(Fields):
     def _check_numbers(self) -> Self:
         if len(self.openings) > MAX_OPENINGS or len(self.furniture) > MAX_PIECES:
             raise InputError(
-                f"room {clipped(self.name)} has {len(self.openings)} openings and {len(self.furniture)} pieces of furniture, more "
+                f"room {shown(self.name)} has {len(self.openings)} openings and {len(self.furniture)} pieces of furniture, more "
                 f"than {MAX_OPENINGS} and {MAX_PIECES}; leave some out"
             )
         return self
@@ -199,7 +199,7 @@ def furniture_kinds() -> list[str]:
 def furniture(kind: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Vertices (V, 3) m and faces (F, 3) of each material of a piece, which stands on z = 0 and looks along +x."""
     if kind not in furniture_kinds():
-        raise InputError(f"unknown furniture {kind!r}; choose one of {', '.join(furniture_kinds())}")
+        raise InputError(f"unknown furniture {shown(kind)}; choose one of {', '.join(furniture_kinds())}")
     found = {}
     for name in listing("meshes/furniture", ".ply"):
         if name.split(".")[0] == kind:

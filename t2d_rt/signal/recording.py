@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.checks import file_path
 from t2d_rt.errors import InputError
+from t2d_rt.files import regular_file
 
 
 def load_recording(path: str | Path) -> np.ndarray:
@@ -16,12 +16,11 @@ def load_recording(path: str | Path) -> np.ndarray:
     Raw 16-bit words that were stored as unsigned numbers (0..65535, as OpenRadar does) are turned back into signed
     ones; anything that is not made of 16-bit integers stays as it is.
     """
-    path = file_path("path", path)
     try:
-        with path.open("rb") as file:
+        with regular_file(path, noun="recording") as file:
             cube = np.lib.format.read_array(file, allow_pickle=False)
-    except OSError as error:
-        raise InputError(f"cannot read recording {path}: {error.strerror}; check the path") from None
+    except InputError:
+        raise
     except (ValueError, EOFError, SyntaxError, MemoryError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path} is not a whole .npy array of numbers ({reason}); save one with numpy.save") from None

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from t2d_rt.backend import select
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped
 from t2d_rt.trace.mitsuba import imported
 from t2d_rt.types import Material
 
@@ -43,7 +43,7 @@ def known_itu(name: str) -> str:
 
 def _unknown(name: str) -> InputError:
     table = _sionna_table().ITU_MATERIALS_PROPERTIES
-    return InputError(f"unknown material {clipped(name)}; ITU names are {', '.join(sorted(table))}")
+    return InputError(f"unknown material {shown(name)}; ITU names are {', '.join(sorted(table))}")
 
 
 def resolved(material: str | Material, frequency_hz: float) -> Material:

@@ -8,8 +8,9 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped, read_bytes
+from t2d_rt.files import read_bytes
 
 MAX_XML_BYTES = 4_000_000
 MAX_ELEMENTS = 100_000
@@ -35,17 +36,15 @@ class SceneFile:
         try:
             found = (home / (name or "")).resolve()
         except (OSError, RuntimeError, ValueError):  # links in a ring
-            raise InputError(
-                f"it names {clipped(name)}, which cannot be found; put the file beside the scene"
-            ) from None
+            raise InputError(f"it names {shown(name)}, which cannot be found; put the file beside the scene") from None
         if not name or not found.is_relative_to(home):
-            raise InputError(f"it names {clipped(name)}, which lies outside its folder; put the file beside the scene")
+            raise InputError(f"it names {shown(name)}, which lies outside its folder; put the file beside the scene")
         try:
             there = found.exists()
         except OSError:  # a name longer than names may be
             there = False
         if not there:
-            raise InputError(f"it names {clipped(name)}, which does not exist; put the file beside the scene")
+            raise InputError(f"it names {shown(name)}, which does not exist; put the file beside the scene")
         return found
 
     def read(self) -> list[Element]:
@@ -56,7 +55,7 @@ class SceneFile:
         root = self._tree(read_bytes(path, limit=MAX_XML_BYTES, noun="scene file"))
         if root.tag != "scene":
             raise InputError(
-                f"it is not a Mitsuba scene: it begins with <{clipped(root.tag)[1:-1]}>, not <scene>; give a Mitsuba XML file"
+                f"it is not a Mitsuba scene: it begins with <{shown(root.tag)[1:-1]}>, not <scene>; give a Mitsuba XML file"
             )
         for element in root:
             self._fill(element)
@@ -124,6 +123,6 @@ class SceneFile:
         if "$" in value or len(value) > MAX_VALUE:
             raise InputError(
                 f"it uses a parameter without a <default> before, or one of more than {MAX_VALUE} characters, in "
-                f"{clipped(value)}; give its value there"
+                f"{shown(value)}; give its value there"
             )
         return value

@@ -12,8 +12,8 @@ from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
+from t2d_rt.checks import file_path, shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped
 from t2d_rt.resources import listing, resource
 from t2d_rt.trace.scene_xml import SceneFile
 from t2d_rt.trace.shapes import PICTURE, Shapes
@@ -43,19 +43,17 @@ def load_scene(source: str | Path) -> Scene:
 
 
 def _path(source: str | Path) -> Path:
-    if not isinstance(source, (str, Path)):
-        raise InputError(f"a scene must be a name or the path of a Mitsuba XML file, got {clipped(source)}")
+    path = file_path("scene", source)
     if isinstance(source, str) and source in scene_names():
         return resource("scenes", source) / f"{source}.xml"
-    path = Path(source)
     if path.suffix.lower() != ".xml":
         raise InputError(
-            f"unknown scene {clipped(str(source))}; choose free_space or one of {', '.join(scene_names())}, "
+            f"unknown scene {shown(str(source))}; choose free_space or one of {', '.join(scene_names())}, "
             "or give a Mitsuba XML file"
         )
     try:
         found = path.exists()
-    except (OSError, ValueError):
+    except OSError:  # a folder that may not be searched
         found = False
     if not found:
         raise InputError(
@@ -75,15 +73,13 @@ def _surfaces(file: SceneFile) -> list[Surface]:
         elif element.tag == "bsdf":
             if not name or name in materials:
                 raise InputError(
-                    f"it has a material without an id, or more than one {clipped(name)}; give each an id of its own"
+                    f"it has a material without an id, or more than one {shown(name)}; give each an id of its own"
                 )
             materials[name] = element
         elif element.tag == "alias":
             aliases.append((name, element.get("as", "")))
         elif element.tag not in PICTURE | VALUES:
-            raise InputError(
-                f"it holds <{clipped(element.tag)[1:-1]}>, which is not read; write out what it stands for"
-            )
+            raise InputError(f"it holds <{shown(element.tag)[1:-1]}>, which is not read; write out what it stands for")
     if len(shapes) > MAX_SURFACES:
         raise InputError(f"it has {len(shapes)} shapes, more than {MAX_SURFACES}; join those of one material")
     materials |= {other: materials[name] for name, other in aliases if name in materials}

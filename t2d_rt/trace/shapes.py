@@ -8,8 +8,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.files import clipped, read_bytes, size
+from t2d_rt.files import read_bytes, size
 from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, Mesh, parsed_mesh
 from t2d_rt.trace.materials import known_itu
 from t2d_rt.trace.scene_xml import SceneFile
@@ -76,16 +77,16 @@ class Shapes:
                 thickness_m=thickness_m,
             )
         except InputError as error:
-            raise InputError(f"shape {clipped(name)}: {error}") from None
+            raise InputError(f"shape {shown(name)}: {error}") from None
 
     def _mesh(self, kind: str, filename: Element | None) -> Mesh:
         if kind == "cube" and filename is None:
             return CUBE
         if kind not in FILES:
-            raise InputError(f"its type {clipped(kind)} is none of ply, obj and cube; export it as a PLY mesh")
+            raise InputError(f"its type {shown(kind)} is none of ply, obj and cube; export it as a PLY mesh")
         path = self.file.inside(None if filename is None else filename.get("value"))
         if path.suffix.lower() != FILES[kind]:
-            raise InputError(f"its type is {kind}, but its file is {clipped(path.name)}; give a {FILES[kind]} file")
+            raise InputError(f"its type is {kind}, but its file is {shown(path.name)}; give a {FILES[kind]} file")
         data = read_bytes(path, limit=MAX_MESH_BYTES, noun="mesh file")
         self.bytes_left -= len(data)
         if self.bytes_left < 0:
@@ -97,7 +98,7 @@ class Shapes:
         found = list(shape.findall("bsdf"))
         for reference in shape.findall("ref"):
             if reference.get("id") not in self.materials:
-                raise InputError(f"it refers to {clipped(reference.get('id'))}, which is no material of the scene")
+                raise InputError(f"it refers to {shown(reference.get('id'))}, which is no material of the scene")
             found.append(self.materials[reference.get("id", "")])
         if len(found) != 1:
             raise InputError(f"it has {len(found)} materials; give it one")
@@ -113,9 +114,7 @@ def properties(element: Element, known: dict[str, set[str] | frozenset[str]]) ->
         name = each.get("name", "")
         if name not in known.get(each.tag, ()) or name in found:
             names = ", ".join(sorted({name for names in known.values() for name in names}))
-            raise InputError(
-                f"it has a <{clipped(each.tag)[1:-1]}> {clipped(name)}, not one each of {names}; delete it"
-            )
+            raise InputError(f"it has a <{shown(each.tag)[1:-1]}> {shown(name)}, not one each of {names}; delete it")
         found[name] = each
     return found
 
@@ -153,7 +152,7 @@ def material_of(bsdf: Element) -> tuple[str | Material, float]:
             scattering_coefficient=_value(found, "scattering_coefficient", 0.0),
         ), _value(found, "thickness", DEFAULT_THICKNESS_M)
     raise InputError(
-        f"its material {clipped(name)} is of type {clipped(kind)}; take itu-radio-material or radio-material, "
+        f"its material {shown(name)} is of type {shown(kind)}; take itu-radio-material or radio-material, "
         "or an id like mat-itu_concrete"
     )
 

@@ -7,8 +7,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped
 
 NUMBERS = "0123456789+-.eE"
 
@@ -19,7 +19,7 @@ def to_world(transform: Element | None) -> np.ndarray:
     matrix = np.eye(4)
     for step in [] if transform is None else transform:
         if step.tag not in steps:
-            raise InputError(f"a transform holds <{clipped(step.tag)[1:-1]}>; write it with {', '.join(steps)}")
+            raise InputError(f"a transform holds <{shown(step.tag)[1:-1]}>; write it with {', '.join(steps)}")
         matrix = steps[step.tag](step) @ matrix
     if not np.isfinite(matrix).all() or not np.array_equal(matrix[3], [0, 0, 0, 1]):
         raise InputError("a transform is not finite, or not affine; its last row must be 0 0 0 1")
@@ -46,7 +46,7 @@ def numbers(text: str | None, *counts: int) -> list[float]:
             raise ValueError
     except ValueError:
         expected = " or ".join(str(count) for count in counts)
-        raise InputError(f"{expected} finite numbers were expected, got {clipped(text)}; correct it") from None
+        raise InputError(f"{expected} finite numbers were expected, got {shown(text)}; correct it") from None
     return found
 
 
@@ -54,9 +54,7 @@ def _vector(step: Element, default: float, *, others: tuple[str, ...] = ()) -> n
     """x, y, z of a step, from `value` (one or three numbers) or one by one."""
     unknown = step.attrib.keys() - {"x", "y", "z", "value", *others}
     if unknown or ("value" in step.attrib and step.attrib.keys() & {"x", "y", "z"}):
-        raise InputError(
-            f"<{step.tag}> takes either value or x, y and z, got {clipped(sorted(step.attrib))}; correct it"
-        )
+        raise InputError(f"<{step.tag}> takes either value or x, y and z, got {shown(sorted(step.attrib))}; correct it")
     if "value" in step.attrib:
         return np.broadcast_to(numbers(step.get("value"), 1, 3), 3)
     return np.array([numbers(step.get(axis, str(default)), 1)[0] for axis in "xyz"])

@@ -12,7 +12,7 @@ from t2d_rt.checks import array, call, check_shape, instance, integer, numeric
 from t2d_rt.errors import InputError
 
 LARGEST = 1e30
-"""Numbers of single precision whose squares are infinite begin about there."""
+"""Larger numbers are refused as infinite: single precision ends at 3.4e38."""
 KINDS: dict[str, Any] = {
     "times_s": float, "delay_s": float, "amplitude": np.complex64, "slope": np.complex64, "departure_m": np.float32,
     "arrival_m": np.float32,

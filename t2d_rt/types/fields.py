@@ -8,8 +8,8 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped
 
 
 def _not_bool(value: Any) -> Any:
@@ -56,7 +56,7 @@ class Fields(BaseModel):
         """A model from a mapping of field names and values; an InputError where it is wrong."""
         if isinstance(obj, Mapping) and not all(isinstance(key, str) for key in obj):
             raise InputError(
-                f"{_article(cls)} must be a mapping of field names and values, got keys {clipped(list(obj))}"
+                f"{_article(cls)} must be a mapping of field names and values, got keys {shown(list(obj))}"
             )
         try:
             return super().model_validate(obj, **options)
@@ -76,7 +76,7 @@ def _sentence(error: ValidationError, model: type[Fields]) -> str:
         return str(cause)
     key = str(first["loc"][0]) if first["loc"] else ""
     more = f" ({len(others)} more {'fields are' if len(others) > 1 else 'field is'} wrong)" if others else ""
-    given = clipped(first["input"])
+    given = shown(first["input"])
     if not key:
         return f"{_article(model)} must be a mapping of field names and values, got {given}"
     if first["type"] == "extra_forbidden":

@@ -49,7 +49,7 @@ class Motion:
     parents: tuple[int, ...] = CANONICAL_PARENTS
     placed: bool | None = True
     """Whether positions are those of the radar's world. False where they are the file's own: a simulation then places the motion
-    before the radar. None where nobody has said: it does so too, with a warning."""
+    before the radar. None where it is not known: the simulation places it too, with a warning."""
     report: str = ""
     """One line: what the reader found in the file (units, up axis, flavour, floor, dropped frames, smoothing)."""
 

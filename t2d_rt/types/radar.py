@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 from t2d_rt.checks import file_path, integer, number, numeric, positive, shown
 from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped, read_yaml
+from t2d_rt.files import read_yaml
 from t2d_rt.types.antennas import Isotropic, Pattern, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 
@@ -431,7 +431,7 @@ def preset_path(name: str) -> Path:
     known = preset_names()
     wanted = str(name).lower().replace("_", "-")
     if wanted not in known:
-        raise InputError(f"unknown radar preset {clipped(name)}; choose one of {', '.join(known)}, or give a YAML file")
+        raise InputError(f"unknown radar preset {shown(name)}; choose one of {', '.join(known)}, or give a YAML file")
     return _preset_folder() / f"{wanted}.yaml"
 
 

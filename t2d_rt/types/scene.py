@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.checks import numeric, shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import clipped
 from t2d_rt.types.material import Material
 
 LARGEST_M = 100.0
@@ -37,7 +37,7 @@ class Surface:
 
     def __post_init__(self) -> None:
         _check_name(self.name, "surface")
-        vertices, faces = _array(self.vertices, self.name, "vertices"), _array(self.faces, self.name, "faces")
+        vertices, faces = (numeric(f"{name} of {self.name}", getattr(self, name)) for name in ("vertices", "faces"))
         if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
             raise InputError(f"vertices of {self.name} must be finite and of shape (vertex, 3), got {_form(vertices)}")
         vertices = vertices.astype(np.float64)
@@ -63,10 +63,10 @@ class Surface:
                 f"{self.name} has no area: each of its triangles is a line or a point; check its vertices and scale"
             )
         if not isinstance(self.material, str | Material):
-            raise InputError(f"material of {self.name} must be an ITU name or a Material, got {clipped(self.material)}")
+            raise InputError(f"material of {self.name} must be an ITU name or a Material, got {shown(self.material)}")
         thickness = self.thickness_m
         if isinstance(thickness, bool) or not isinstance(thickness, int | float | np.number) or not 0 < thickness <= 2:
-            raise InputError(f"thickness_m of {self.name} must lie in 0..2 m, got {clipped(thickness)}")
+            raise InputError(f"thickness_m of {self.name} must lie in 0..2 m, got {shown(thickness)}")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
@@ -75,17 +75,8 @@ def _check_name(name: object, noun: str) -> None:
     """Names stand in sentences, results and file names."""
     if not isinstance(name, str) or not 0 < len(name) <= MAX_NAME or not name.isprintable():
         raise InputError(
-            f"the name of a {noun} must be a text of 1..{MAX_NAME} printable characters, got {clipped(name)}; give another"
+            f"the name of a {noun} must be a text of 1..{MAX_NAME} printable characters, got {shown(name)}; give another"
         )
-
-
-def _array(values: object, name: str, noun: str) -> np.ndarray:
-    if isinstance(values, np.ma.MaskedArray):
-        raise InputError(f"{noun} of {name} are a masked array, whose mask would be lost; give only what counts")
-    try:
-        return np.asarray(values)
-    except (TypeError, ValueError):
-        raise InputError(f"{noun} of {name} must be an array of numbers, got {clipped(values)}") from None
 
 
 def _form(array: np.ndarray) -> str:
@@ -109,7 +100,7 @@ class Scene:
     def __post_init__(self) -> None:
         _check_name(self.name, "scene")
         if not isinstance(self.surfaces, tuple | list) or not all(isinstance(each, Surface) for each in self.surfaces):
-            raise InputError(f"surfaces of scene {self.name} must be Surface objects, got {clipped(self.surfaces)}")
+            raise InputError(f"surfaces of scene {self.name} must be Surface objects, got {shown(self.surfaces)}")
         object.__setattr__(self, "surfaces", tuple(self.surfaces))
         twice = [name for name, count in Counter(surface.name for surface in self.surfaces).items() if count > 1]
         if twice:

@@ -15,7 +15,7 @@ from t2d_rt.types import Material, MovingMesh
 from t2d_rt.types.fields import Number
 from t2d_rt.types.mesh import Track
 
-# Below these limits the skin would be no skin any more and its speed absurd.
+# Smaller values give meshes without area, and absurd speeds.
 Length = Annotated[Number, Field(ge=0.01, le=20)]
 Seconds = Annotated[Number, Field(ge=0.05, le=3600)]
 Angle = Annotated[Number, Field(ge=-360, le=360)]
@@ -32,7 +32,7 @@ MATERIALS = {
 
 
 MAX_VERTICES = 100_000
-"""Of a mover: one that is looked at takes some 300 MB then."""
+"""Of a mover; tracing the visibility of one that size takes some 300 MB."""
 SPEED_OF_SOUND = 340.0
 """[m/s]."""
 
