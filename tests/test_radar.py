@@ -202,7 +202,7 @@ def test_other_guards() -> None:
     with pytest.raises(InputError, match="holds no whole burst"):
         Radar.preset("table2-burst").chirp_times_s(0.004)
     for duration in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(InputError, match="duration_s must be positive and finite"):
+        with pytest.raises(InputError, match=r"duration_s must be (positive|finite)"):
             TABLE2.chirp_times_s(duration)
     with pytest.raises(ValidationError, match="frozen"):
         TABLE2.prf_hz = 5.0  # type: ignore[misc]
