@@ -13,7 +13,7 @@ import math
 import reprlib
 from collections.abc import Collection, Mapping
 from numbers import Real
-from os import PathLike, fsdecode
+from os import PathLike, fsdecode, fsencode
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +110,10 @@ def file_path(name: str, value: Any) -> Path:
     except (TypeError, ValueError):
         raise InputError(f"{name} must be a path (a text or a pathlib.Path), got {shown(value)}") from None
     too_long = len(path) > 4096 or max(map(len, Path(path).parts), default=0) > 255
+    try:
+        fsencode(path)
+    except UnicodeEncodeError:
+        raise InputError(f"{name} {shown(path)} is not a valid file name; it holds half of a character") from None
     if not path or "\0" in path or too_long:
         raise InputError(f"{name} {shown(path)} is not a valid file name{': it is too long' if too_long else ''}")
     return Path(path)

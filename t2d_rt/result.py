@@ -75,6 +75,7 @@ class Simulation:
         instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
         if not isinstance(cube, DiskCube):
             cube = numeric("an ADC cube", cube)
+            _check_complex64(cube)
         if cube.ndim != 3 or cube.shape[2] != radar.samples:
             raise InputError(f"an ADC cube must have shape (chirp, antenna, {radar.samples}), got {cube.shape}")
         self.cube = cube
@@ -102,9 +103,9 @@ class Simulation:
         """Everything needed to make the result again, as JSON texts."""
         return {
             "radar": self.radar.model_dump_json(),
-            "settings": json.dumps(self.settings),
-            "processing": json.dumps(self.processing),
-            "versions": json.dumps(self.versions),
+            "settings": _json("settings", self.settings),
+            "processing": _json("processing", self.processing),
+            "versions": _json("versions", self.versions),
             "made_by": MADE_BY,
             "format": str(FORMAT),
         }
@@ -266,6 +267,23 @@ class Simulation:
         except Exception as error:  # files of any content
             reason = f"no {error}" if isinstance(error, KeyError) else error
             raise InputError(f"{source} does not hold a t2d-rt result ({reason}); simulate it again") from error
+
+
+def _json(name: str, values: Mapping[str, Any]) -> str:
+    """As text that is stored with a result."""
+    try:
+        return json.dumps(values)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} of a result must be plain numbers, texts and lists of them: {error}") from None
+
+
+def _check_complex64(cube: np.ndarray) -> None:
+    """Refuses samples that complex64, in which results are kept, would turn to infinity or to zero."""
+    greatest = float(np.abs(cube).max(initial=0.0)) if cube.dtype.itemsize > DiskCube.dtype.itemsize else 0.0
+    if greatest and not 1e-30 < greatest < 1e30:
+        raise InputError(
+            f"ADC samples are kept as complex64 and must lie within 1e-30..1e30 sqrt(W), got up to {greatest:.3g}; scale them"
+        )
 
 
 def check_free(target: Path, *, overwrite: bool) -> None:

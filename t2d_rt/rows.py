@@ -41,8 +41,10 @@ class ScratchRows:
             file = tempfile.TemporaryFile(prefix="t2d-rt-", buffering=0)  # noqa: SIM115  # lives as long as the object
         except OSError as error:
             raise _no_room(error) from error
+        self._opened = file
+        """Closed with this object and not before: at the end of the program its number may be another file's."""
         self._file = file.fileno()
-        weakref.finalize(self, file.close)
+        weakref.finalize(self, file.close).atexit = False
 
     def read(self, start: int, stop: int) -> np.ndarray:
         """Rows start..stop, complex64 (row, antenna, sample)."""

@@ -255,3 +255,30 @@ def test_too_much_memory_for_the_spectrogram_shows_before_the_run(
     monkeypatch.setattr("t2d_rt.pipeline._prepared", lambda *_, **__: pytest.fail("the run has begun"))
     assert main(["simulate", str(WALK), *QUICK, "--signal.overlap", "255", "-o", "x.zarr"]) == 2
     assert "GB of memory" in capsys.readouterr().err
+
+
+def test_small_integers_of_numpy_count_as_integers() -> None:
+    """An unsigned 8-bit number overflows where it is added to, if it is not turned into an int first."""
+    radar = t2d.Radar.preset("table2")
+    cube = np.random.default_rng(0).standard_normal((600, 1, radar.samples)).astype(np.complex64)
+    found = signal.spectrogram(cube, radar, n_window=np.uint8(64), overlap=np.uint8(32)).power
+    assert np.array_equal(found, signal.spectrogram(cube, radar, n_window=64, overlap=32).power)
+    factors = [
+        signal.cfar_factor(1e-3, cells, looks=looks) for cells, looks in ((100, 4), (np.uint32(100), np.uint32(4)))
+    ]
+    assert factors[0] == factors[1]
+
+
+@pytest.mark.parametrize("value", [1e60, 1e-60])
+def test_samples_that_complex64_cannot_hold(value: float) -> None:
+    radar = t2d.Radar.preset("table2")
+    with pytest.raises(t2d.InputError, match="kept as complex64"):
+        t2d.Simulation(np.full((4, 1, radar.samples), value + 0j), radar)
+
+
+def test_settings_that_are_no_plain_numbers(tmp_path: Path) -> None:
+    radar = t2d.Radar.preset("table2")
+    result = t2d.Simulation(np.ones((300, 1, radar.samples), np.complex64), radar, settings={"a": np.float32(1)})
+    with pytest.raises(t2d.InputError, match="settings of a result must be plain"):
+        result.save(tmp_path / "a.zarr")
+    assert not list(tmp_path.iterdir())

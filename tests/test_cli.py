@@ -572,3 +572,14 @@ def test_simulate_to_a_tolerance_tells_the_measured_error(run: Command) -> None:
 
 def test_plan_refuses_a_tolerance_that_makes_no_sense(refused: Callable[..., str]) -> None:
     assert "tolerance_db must lie in -40..6 dB" in refused("plan", "walk.bvh", "--tolerance-db", "-90")
+
+
+def test_a_closed_standard_output_is_no_traceback() -> None:
+    done = subprocess.run(
+        ["/bin/sh", "-c", f"'{sys.executable}' -m t2d_rt.cli info '{WALK}' >&-"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr

@@ -108,7 +108,8 @@ def _run(arguments: list[str]) -> int:
     except ArgumentError as error:
         raise InputError(one_sentence(str(error), arguments[0])) from None
     action(options)
-    sys.stdout.flush()
+    if sys.stdout is not None:  # closed by the caller
+        sys.stdout.flush()
     return 0
 
 

@@ -124,7 +124,7 @@ def range_angle(
     """
     if azimuth_rad is not None:
         azimuth_rad = array("azimuth_rad", azimuth_rad, ("azimuth",), limit=100, unit="rad")
-    number("elevation_rad", elevation_rad, -100, 100, unit="rad")
+    elevation_rad = number("elevation_rad", elevation_rad, -100, 100, unit="rad")
     flag("far_field", far_field)
     cells = array_spectrum(
         adc, radar, range_window=range_window, doppler_window=doppler_window, mti=mti, compensate_tdm=compensate_tdm

@@ -39,12 +39,12 @@ def cfar(
         of an FFT are. By default along range alone: a body fills many Doppler cells and would hide itself.
     windows: the tapers of both axes; they correlate neighbours, which then count as fewer cells.
     """
-    check_rate(false_alarm_rate)
+    false_alarm_rate = check_rate(false_alarm_rate)
     choice("method of the CFAR", method, ("ca", "os"))
     power = array("power", power, ("velocity", "range"))
     if power.size and power.min() < 0:
         raise InputError(f"power must be 0 or more, got {power.min():.4g}; give |spectrum|^2, not dB")
-    integer("looks", looks, 1, MOST_LOOKS)
+    looks = integer("looks", looks, 1, MOST_LOOKS)
     offsets = _offsets(power.shape, guard_cells, training_cells)
     correlation = _correlation(offsets, power.shape, windows)
     factor = cfar_factor(false_alarm_rate, correlation, looks=looks, method=method)
@@ -70,9 +70,9 @@ def cfar_factor(false_alarm_rate: float, cells: int | np.ndarray, *, looks: int 
     """
     from scipy.optimize import brentq
 
-    check_rate(false_alarm_rate)
+    false_alarm_rate = check_rate(false_alarm_rate)
     choice("method of the CFAR", method, ("ca", "os"))
-    integer("looks", looks, 1, MOST_LOOKS)
+    looks = integer("looks", looks, 1, MOST_LOOKS)
     correlation = _checked_correlation(cells)
     log_rate = _ca_log_rate(correlation, looks) if method == "ca" else _os_log_rate(correlation, looks)
     try:
@@ -136,9 +136,9 @@ def _os_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float
     return lambda factor: math.log(max(float(weights @ gammaincc(looks, factor * estimate)), 1e-300))
 
 
-def check_rate(false_alarm_rate: float) -> None:
+def check_rate(false_alarm_rate: float) -> float:
     """Refuses what is no rate, or one beyond what a threshold can be computed for."""
-    number("false_alarm_rate", false_alarm_rate, 1e-12, 0.5, hint="1e-4 is usual")
+    return number("false_alarm_rate", false_alarm_rate, 1e-12, 0.5, hint="1e-4 is usual")
 
 
 def _offsets(
@@ -150,9 +150,8 @@ def _offsets(
     for name, pair in pairs:
         if not isinstance(pair, (list, tuple)) or len(pair) != 2:
             raise InputError(f"{name} must be two integers, along velocity and range, got {shown(pair)}")
-        for each in pair:
-            integer(name, each, -MOST_CELLS, MOST_CELLS)
-    for axis, (guard, training) in enumerate(zip(guard_cells, training_cells, strict=True)):
+    counts = [[integer(name, each, -MOST_CELLS, MOST_CELLS) for each in pair] for name, pair in pairs]
+    for axis, (guard, training) in enumerate(zip(*counts, strict=True)):
         if guard < 0 or training < 0 or (training and 2 * (guard + training) + 1 > shape[axis]):
             raise InputError(
                 f"{guard} guard and {training} training cells on either side do not fit into {shape[axis]} cells of "

@@ -49,7 +49,8 @@ def stft(
     if not np.issubdtype(series.dtype, np.inexact):
         series = series.astype(np.float64)
     check_finite(series)
-    positive("prf_hz", prf_hz, 1e12, unit="Hz")
+    prf_hz = positive("prf_hz", prf_hz, 1e12, unit="Hz")
+    n_window, overlap = integer("n_window", n_window), integer("overlap", overlap)
     n_fft = check_window(n_window, overlap, n_fft, len(series))
     columns = (len(series) - n_window) // (n_window - overlap) + 1
     size = 32 * columns * n_fft * math.prod(series.shape[1:])
@@ -265,7 +266,7 @@ def _filter_bursts(
     cells: np.ndarray, burst: int, method: str, radar: Radar, cutoff_mps: float, kernel: Sequence[float]
 ) -> np.ndarray:
     """MTI that does not filter across the dead time between bursts; the mean is that of the whole record."""
-    number("cutoff_mps", cutoff_mps, unit="m/s")
+    cutoff_mps = number("cutoff_mps", cutoff_mps, unit="m/s")
     if method == "highpass" and not 0 < cutoff_mps < radar.max_speed_mps:
         raise InputError(f"cutoff_mps must lie between 0 and {radar.max_speed_mps:.4g} m/s, got {cutoff_mps}")
     cutoff_hz = 2 * cutoff_mps / radar.wavelength_m
@@ -297,7 +298,7 @@ def checked_windows(
 def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: int | None) -> tuple[int, int]:
     burst = radar.loops_per_frame
     if n_window is not None:
-        integer("n_window", n_window, 2)
+        n_window = integer("n_window", n_window, 2)
     if n_window is None:
         n_window = min(256, chirps if burst is None else burst)
     if burst is not None and n_window > burst:
@@ -310,7 +311,7 @@ def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: i
             f"record of {chirps} chirps is shorter than the STFT window of {n_window}; record longer or set n_window "
             "lower"
         )
-    return n_window, n_window * 200 // 256 if overlap is None else overlap
+    return n_window, n_window * 200 // 256 if overlap is None else integer("overlap", overlap)
 
 
 def window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarray:

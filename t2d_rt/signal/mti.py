@@ -55,10 +55,9 @@ def _checked_profile(profile: np.ndarray) -> np.ndarray:
 def _highpass(profile: np.ndarray, prf_hz: float | None, cutoff_hz: float | None, order: int) -> np.ndarray:
     from scipy.signal import butter, sosfiltfilt
 
-    for name, value in (("prf_hz", prf_hz), ("cutoff_hz", cutoff_hz)):
-        if value is not None:
-            number(name, value, unit="Hz")
-    integer("order of the high-pass", order, 1, 10)
+    prf_hz = None if prf_hz is None else number("prf_hz", prf_hz, unit="Hz")
+    cutoff_hz = None if cutoff_hz is None else number("cutoff_hz", cutoff_hz, unit="Hz")
+    order = integer("order of the high-pass", order, 1, 10)
     if prf_hz is None or cutoff_hz is None or not 0 < cutoff_hz < prf_hz / 2:
         raise InputError(
             f"highpass needs prf_hz and a cutoff_hz between 0 and prf_hz/2, got prf_hz {prf_hz} and cutoff_hz "

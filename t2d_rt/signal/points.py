@@ -53,10 +53,10 @@ def point_cloud(
     """
     check_antennas(adc, radar)
     check_static(mti)
-    check_rate(false_alarm_rate)
+    false_alarm_rate = check_rate(false_alarm_rate)
     choice("method of the CFAR", method, ("ca", "os"))
     flag("compensate_tdm", compensate_tdm)
-    number("dynamic_range_db", dynamic_range_db, 1e-3, 300, unit="dB", hint="60 is usual")
+    dynamic_range_db = number("dynamic_range_db", dynamic_range_db, 1e-3, 300, unit="dB", hint="60 is usual")
     adc, radar = separated(adc, radar)
     starts, chirps = _frames(len(adc), radar, frame_chirps)
     times_s = radar.chirp_starts_s(len(adc))[starts] + chirps / 2 * radar.loop_interval_s
@@ -168,7 +168,7 @@ def _frames(chirps: int, radar: Radar, frame_chirps: int | None) -> tuple[np.nda
     """First rows of the frames, which lie within bursts, and the rows of each."""
     burst = radar.loops_per_frame or chirps
     if frame_chirps is not None:
-        integer("frame_chirps", frame_chirps)
+        frame_chirps = integer("frame_chirps", frame_chirps)
     if frame_chirps is None:
         frame_chirps = min(burst if radar.loops_per_frame else 128, chirps)
     if not 8 <= frame_chirps <= min(burst, chirps):

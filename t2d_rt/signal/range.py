@@ -58,9 +58,9 @@ def range_fft(
         raise InputError(
             f"n_fft must be at least the {samples} samples of a chirp, got {n_fft}; gate the range instead"
         )
-    n_fft = samples if n_fft is None else n_fft
+    n_fft = samples if n_fft is None else int(n_fft)
     instance("bins", bins, slice, "a slice of the range bins, as `gate` gives")
-    integer("block", block, 1, LONGEST_WINDOW)
+    block = integer("block", block, 1, LONGEST_WINDOW)
     if n_fft > samples:
         kept = 8 * math.prod(adc.shape[:-1]) * len(range(*bins.indices(n_fft)))
         at_once = 16 * min(block, adc.shape[0]) * math.prod(adc.shape[1:-1]) * n_fft
