@@ -18,6 +18,17 @@ ENDS = (
 )  # fmt: skip
 
 
+class Unchecked(t2d.T2DError):
+    """An error whose sentence is as it was given."""
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(sentence)
+        self.sentence = sentence
+
+
 def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
     """One of the ends."""
     how = pick(rng, ENDS)
@@ -37,9 +48,9 @@ def _ended(how: str, folder: Path) -> None:
         held = [np.ones(2**22) for _ in range(20)]
         time.sleep(len(held))
     elif how == "two lines":
-        raise t2d.InputError("a name of\ntwo lines")
+        raise Unchecked("a name of\ntwo lines")
     elif how == "escape":
-        raise t2d.InputError("a name with \x1b[31m in it")
+        raise Unchecked("a name with \x1b[31m in it")
     elif how == "raw warning":
         with no_raw_warnings():
             warnings.warn("divide by zero", RuntimeWarning, stacklevel=1)
