@@ -182,7 +182,8 @@ def plot_scene(
     view.plot(*radar_m[:, None], marker="^", color="red", markersize=7, linestyle="none")
     plan.set_aspect("equal")
     plan.autoscale_view()
-    view.set_box_aspect(scene.bounds_m[1] - scene.bounds_m[0])
+    extent = scene.bounds_m[1] - scene.bounds_m[0]
+    view.set_box_aspect(np.maximum(extent, 0.01 * extent.max()))  # one wall alone has no depth
     view.set_zlabel("z (m)")
     for axes, head in ((plan, title), (view, None)):
         _label(axes, "x (m)", "y (m)", head)
@@ -311,7 +312,7 @@ def _image(
     *,
     peak: float | None = None,
 ) -> None:
-    positive("dynamic_range_db", dynamic_range_db, 1000, unit="dB", hint="50 is usual")
+    dynamic_range_db = positive("dynamic_range_db", dynamic_range_db, 1000, unit="dB", hint="50 is usual")
     _check_colours(cmap)
     relative = np.clip(power_db - (_peak(power_db) if peak is None else peak), -dynamic_range_db, 0)
     mesh = axes.pcolormesh(

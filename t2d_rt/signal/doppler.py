@@ -170,8 +170,9 @@ def range_doppler(
         turn = np.exp(-2j * np.pi * np.outer(doppler_hz, radar.sample_times_s)).astype(cube.dtype)
         spectra *= turn.reshape(chirps, *[1] * (cube.ndim - 2), -1)
     spectra = fft.fft(spectra * taper(range_window, radar.samples).astype(real), axis=-1, overwrite_x=True, workers=-1)
-    check_finite(spectra)
-    power = spectra.real**2 + spectra.imag**2
+    with np.errstate(over="ignore"):
+        power = spectra.real**2 + spectra.imag**2
+    check_finite(power)
     if power.ndim == 3:
         power = power.mean(axis=1)
     return RangeDoppler(power=ascending(power), velocity_mps=radar.speed_axis_mps(chirps), range_m=radar.range_axis_m())

@@ -115,7 +115,7 @@ def check_finite(values: np.ndarray) -> None:
     with np.errstate(all="ignore"):
         total = values.sum()
     if not np.isfinite(total):
-        raise InputError("adc must be finite, got NaN or infinite samples; remove those chirps")
+        raise InputError("adc must be finite, got NaN, infinite or far too large samples; remove those chirps")
 
 
 def check_size(size_bytes: int, what: str, remedy: str) -> None:
