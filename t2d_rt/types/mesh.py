@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 Track = Callable[[np.ndarray], np.ndarray]
 """Vertices [m], float64 (K, V, 3), at times [s] (K,)."""
 
-SAGITTA_RAD = 1e-3, 10.0
-"""Phase sagittas that are taken: below, no memory holds the facets, above, facets stand for nothing."""
+SAGITTA_RAD = 1e-3, 1e9
+"""Phase sagittas that are taken: below, no memory holds the facets; a very large one keeps the triangles as they are."""
 
 
 class MovingMesh:
