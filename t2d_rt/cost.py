@@ -21,7 +21,6 @@ POSED_BYTES = 40 * 64
 
 def memory_bytes(model: Model, streams: Sequence[EchoStream], *, measured: bool) -> float:
     """Greatest memory to be expected of summing streams, and of measuring the error after it, beyond what the process held."""
-    release()  # freed memory that the process still holds must not count
     radar = model.radar
     of_echo = SUMMED_ARRAY_BYTES if radar.is_array else SUMMED_BYTES
     most: float = max(of_echo * part.echoes + POSED_BYTES * part.vertices for part in batches(streams, radar))
@@ -37,6 +36,9 @@ def memory_bytes(model: Model, streams: Sequence[EchoStream], *, measured: bool)
 def check_memory(model: Model, streams: Sequence[EchoStream], *, measured: bool) -> float:
     """The same, refused where it is more than the run may take."""
     needed = memory_bytes(model, streams, measured=measured)
+    if needed > model.memory.limit_bytes:
+        release()  # what is free counts for nothing
+        needed = memory_bytes(model, streams, measured=measured)
     remedy = (
         "ask for a looser tolerance or a coarser sagitta_rad, cut the record, or measure no error (measure_error=False)"
     )

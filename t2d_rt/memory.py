@@ -72,8 +72,14 @@ def release() -> None:
     """
     if (dr := sys.modules.get("drjit")) is not None:
         dr.flush_malloc_cache()
-    if (trim := _malloc_trim()) is not None:
-        trim(0)
+    trim()
+
+
+def trim() -> None:
+    """Gives back the free pieces of the C library alone, which add up from call to call: those of Dr.Jit serve the next call, and
+    to ask the system for them again would take a tenth of its time."""
+    if (call := _malloc_trim()) is not None:
+        call(0)
 
 
 @functools.cache
