@@ -16,7 +16,7 @@ from t2d_rt.errors import InputError
 
 LIMIT_GB = 2.0
 """Of a run, unless the user says otherwise."""
-RELEASE_ABOVE = 0.45
+RELEASE_ABOVE = 0.7
 """Share of the limit above which unused memory is given back to the system between blocks of work."""
 BLOCK_BYTES = 96 * 2**20
 """Size of the largest array that a block of work makes, such as a mesh's vertices at many moments."""
