@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 
 from t2d_rt.cubes import is_large
-from t2d_rt.echo.mesh import REFINING_BYTES, batches
+from t2d_rt.echo.mesh import REFINING_BYTES
+from t2d_rt.echo.streams import batches
 from t2d_rt.memory import release
 from t2d_rt.model import Model
 from t2d_rt.probe import FIELD_BYTES, FINER

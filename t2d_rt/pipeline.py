@@ -17,7 +17,8 @@ from t2d_rt.checks import call, choice, flag, integer, number, shown, text
 from t2d_rt.cost import check_memory
 from t2d_rt.cubes import Cube
 from t2d_rt.echo.ellipsoid import PhaseFrom
-from t2d_rt.echo.mesh import REFINING_BYTES, batches, check_outside
+from t2d_rt.echo.mesh import REFINING_BYTES, check_outside
+from t2d_rt.echo.streams import batches
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.memory import LIMIT_GB, Budget, trim
 from t2d_rt.model import (

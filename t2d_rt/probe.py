@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.cubes import Cube
-from t2d_rt.echo.mesh import batches
+from t2d_rt.echo.streams import batches
 from t2d_rt.model import Detail, Model, with_method
 from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.trace.visibility import key_times

@@ -19,7 +19,20 @@ from t2d_rt.cli import main
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.plots import plot_spectrogram
 from t2d_rt.types import Ellipsoids, MovingMesh
-from validation.api_calls import FACES, RADAR, TETRAHEDRON, TIMES_S, Call, calls, cube, egg, faults_of, result, walk
+from validation.api_calls import (
+    FACES,
+    RADAR,
+    TETRAHEDRON,
+    TIMES_S,
+    Call,
+    arrays_of,
+    calls,
+    cube,
+    egg,
+    faults_of,
+    result,
+    walk,
+)
 
 NAMES = [call.name for call in calls(Path())]
 VERTICES = np.repeat(TETRAHEDRON[None], 3, axis=0)
@@ -47,7 +60,8 @@ def test_the_right_values_of_the_sweep_are_right(name: str, tmp_path: Path) -> N
     call = named(name, tmp_path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", T2DWarning)
-        call.use(call.function(**call.arguments))
+        result = call.use(call.function(**call.arguments))
+    assert all(np.isfinite(values).all() for values in arrays_of(result))
 
 
 # --- named cases ----------------------------------------------------------------------------------------------------

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.legs import View
-from t2d_rt.echo.mesh import check_outside, joined, mesh_echoes
+from t2d_rt.echo.mesh import check_outside, mesh_echoes
 from t2d_rt.echo.phase_integral import divided_difference
+from t2d_rt.echo.streams import joined
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.geometry import Refinement, refinements
 from t2d_rt.radar.synthesize import synthesize

@@ -11,6 +11,7 @@ import t2d_rt as t2d
 from t2d_rt import memory
 from t2d_rt.backend import select
 from t2d_rt.echo import mesh as echo_mesh
+from t2d_rt.echo import streams as echo_streams
 from t2d_rt.echo.legs import View
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.model import farthest_and_fastest
@@ -41,7 +42,7 @@ def test_a_limit_that_is_none(memory_gb: object) -> None:
 
 def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = t2d.simulate([ball(2), ball(2)], radar=RADAR, scene="empty_room", reflections=1).cube
-    monkeypatch.setattr(echo_mesh, "MOST_ECHOES", 3_000)
+    monkeypatch.setattr(echo_streams, "MOST_ECHOES", 3_000)
     calls = []
     synthesize = synthesis.synthesize
     monkeypatch.setattr("t2d_rt.pipeline.synthesize", lambda *a, **k: calls.append(a[0].echoes) or synthesize(*a, **k))
@@ -60,7 +61,7 @@ def test_a_view_of_many_echoes_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
         )  # fmt: skip
 
     whole = stream()
-    monkeypatch.setattr(echo_mesh, "MOST_ECHOES", whole.echoes // 3)
+    monkeypatch.setattr(echo_streams, "MOST_ECHOES", whole.echoes // 3)
     cut = stream()
     assert len(cut.parts) == 3
     assert [part.echoes for part in cut.parts] == [part.frames(0, 3).delay_s.shape[1] for part in cut.parts]

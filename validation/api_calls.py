@@ -63,7 +63,7 @@ class Call:
                 return _sentence_fault(str(error))
             except Exception as error:  # the sweep's finding
                 return f"{type(error).__name__}: {error}"
-        return None if all(map(_is_finite, _arrays(result))) else "a result that is not finite"
+        return None if all(map(_is_finite, arrays_of(result))) else "a result that is not finite"
 
 
 def _sentence_fault(sentence: str) -> str | None:
@@ -72,19 +72,20 @@ def _sentence_fault(sentence: str) -> str | None:
     return None
 
 
-def _arrays(value: Any) -> Iterator[np.ndarray]:
+def arrays_of(value: Any) -> Iterator[np.ndarray]:
+    """Arrays of numbers, and numbers, that a result holds."""
     if isinstance(value, np.ndarray) and np.issubdtype(value.dtype, np.inexact):
         yield value
     elif isinstance(value, float):
         yield np.array(value)
     elif isinstance(value, (tuple, list)):
         for each in value:
-            yield from _arrays(each)
+            yield from arrays_of(each)
     elif is_dataclass(value) and not isinstance(value, (type, Material)):
         for each in fields(value):
-            yield from _arrays(getattr(value, each.name))
+            yield from arrays_of(getattr(value, each.name))
     elif hasattr(value, "values") and isinstance(value.values, np.ndarray):
-        yield from _arrays(value.values)
+        yield from arrays_of(value.values)
 
 
 def _is_finite(values: np.ndarray) -> bool:

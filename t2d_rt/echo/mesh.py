@@ -29,6 +29,7 @@ from t2d_rt.echo.patches import (
     patches,
     tilts,
 )
+from t2d_rt.echo.streams import in_parts, most_echoes
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Halved, Refinement, point_spacing, refinements, surface_points, winding
 from t2d_rt.memory import blocks
@@ -52,8 +53,6 @@ REFINING_BYTES = 1_700
 """What a facet takes while it is made (measured with 110 000 to 1 000 000 facets of a body)."""
 MOST_FACETS = 1_000_000
 """Of one mesh, unless a run may take more memory."""
-MOST_ECHOES = 150_000
-"""Echoes that are summed together; in a window of frames they take some 1 GB. More of them are summed in several parts."""
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many moments fit the cache."""
 _kept: OrderedDict[tuple[object, ...], list[Refinement]] = OrderedDict()
@@ -154,40 +153,6 @@ def facets(
         lambda times_s: _carried(fine.operator, surface.at(times_s)).swapaxes(0, 1),
         fine.faces, surface.times_s, surface.material, rest=fine.operator @ surface.rest, name=surface.name,
     )  # fmt: skip
-
-
-def joined(streams: list[EchoStream]) -> EchoStream:
-    """Several targets' echoes as one stream; all must have the same frame times."""
-    if len(streams) == 1:
-        return streams[0]
-    return EchoStream(
-        times_s=streams[0].times_s,
-        frames=lambda start, stop: side_by_side([stream.frames(start, stop) for stream in streams]),
-        vertices=max(stream.vertices for stream in streams),
-        echoes=sum(stream.echoes for stream in streams),
-    )
-
-
-def in_parts(streams: list[EchoStream]) -> EchoStream:
-    """The streams joined into one that keeps them in `parts`, so that they can be summed one after another."""
-    return streams[0] if len(streams) == 1 else replace(joined(streams), parts=tuple(streams))
-
-
-def batches(streams: Sequence[EchoStream], radar: Radar) -> list[EchoStream]:
-    """Streams, or their parts, of the same frame times joined in order into as few as have at most `most_echoes` each."""
-    found: dict[int, list[list[EchoStream]]] = {}
-    for stream in streams:
-        mine = found.setdefault(len(stream.times_s), [])
-        for part in stream.parts or (stream,):
-            if not mine or sum(each.echoes for each in mine[-1]) + part.echoes > most_echoes(radar):
-                mine.append([])
-            mine[-1].append(part)
-    return [joined(some) for mine in found.values() for some in mine]
-
-
-def most_echoes(radar: Radar) -> int:
-    """How many echoes are summed together; an array's hold their places, too."""
-    return MOST_ECHOES // 2 if radar.is_array else MOST_ECHOES
 
 
 def _total(looks: Sequence[_Look]) -> int:

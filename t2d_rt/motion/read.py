@@ -97,7 +97,7 @@ def _check_reading(units: Any, up: Any, floor: Any, drop_tpose: Any, smooth_hz: 
         number("floor", floor, -LARGEST_M, LARGEST_M, unit="m")
     if drop_tpose is not None:
         flag("drop_tpose", drop_tpose)
-    if smooth_hz is not None and smooth_hz != "auto":
+    if smooth_hz is not None and not (isinstance(smooth_hz, str) and smooth_hz == "auto"):
         number("smooth_hz", smooth_hz, LOWEST_CUTOFF_HZ, unit="Hz", hint="a cut-off in Hz, None or 'auto'")
     for name, value in (("up", up), ("flavour", flavour)):
         if value is not None:

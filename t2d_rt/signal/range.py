@@ -33,7 +33,7 @@ def taper(name: str, length: int, *, periodic: bool = False) -> np.ndarray:
         if not isinstance(name, (str, tuple)):  # scipy takes a number for the beta of a Kaiser window
             raise ValueError
         window = get_window(name, length, fftbins=flag("periodic", periodic))
-    except (ValueError, TypeError, OverflowError):
+    except (ValueError, TypeError, OverflowError, IndexError):
         raise InputError(
             f"unknown window {shown(name)}; choose one of scipy.signal's by name: hann, hamming, blackmanharris, boxcar"
         ) from None

@@ -61,7 +61,7 @@ CANARY_M = 12.345
 TYPES = (
     "rectangle", "cube", "sphere", "cylinder", "disk", "obj", "serialized", "bitmap", "shapegroup", "instance", "evil", "ply",
     "path",
-    "perspective", "spot", "point", "envmap", "blendbsdf", "twosided", "diffuse", "mask", "../evil", "/tmp/evil", "", "merge",
+    "perspective", "spot", "point", "envmap", "blendbsdf", "twosided", "diffuse", "mask", "../evil", "/nowhere/evil", "", "merge",
     "heightfield",
     "hair", "sdfgrid", "bsplinecurve", "itu-radio-material", "radio-material", "holder-material", "linearcurve",
     "ellipsoidsmesh", "stokes",
