@@ -6,7 +6,7 @@ Beside `target` a process makes `.NAME.partial-xxxxxxxx` with
     new/   what is being made: NAME, and what goes beside it
     old/   what stood at the target before, until the move is done
 
-Where things lie says how far a process came, so that the next one can restore the old or complete the move (`settle`).
+Which of these exist shows how far a process came, so that the next one can restore the old or complete the move (`settle`).
 Moves of one folder follow one another: its own flock is held for that moment.
 """
 

@@ -66,7 +66,8 @@ def _needed(
 def _mean_squares(
     shape: MovingMesh | Ellipsoids, radar: Radar, begin_s: np.ndarray, step_s: float
 ) -> tuple[float, float]:
-    """Over looks that begin then: of the phases' fourth differences, and of the edges' turns from frame to frame [rad]."""
+    """Mean squares over short records that begin at `begin_s`: of what a spline misses of the phases,
+    for frames one second apart [rad], and of the angles by which edges turn from frame to frame [rad]."""
     times = (begin_s[:, None] + step_s * np.arange(PROBE_FRAMES)).ravel()
     points = shape.at(times) if isinstance(shape, MovingMesh) else shape.at(times)[0]
     paths = sum(np.linalg.norm(points - place, axis=2) for place in (radar.tx_position_m, radar.rx_position_m))
