@@ -20,7 +20,19 @@ if TYPE_CHECKING:
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.signal import load_recording
     from t2d_rt.trace.scenes import load_scene
-    from t2d_rt.types import Echoes, EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, Surface
+    from t2d_rt.types import (
+        Accuracy,
+        Echoes,
+        EchoStream,
+        Ellipsoids,
+        Material,
+        Motion,
+        MovingMesh,
+        PathTier,
+        Radar,
+        Scene,
+        Surface,
+    )
 
 # Everything loads when first used: `import t2d_rt` must not wait for a ray tracer.
 _HOMES = {
@@ -33,12 +45,25 @@ _HOMES = {
     "t2d_rt.pipeline": ("plan", "segments", "simulate", "skin"),
     "t2d_rt.trace.scenes": ("load_scene",),
     "t2d_rt.types": (
-        *("EchoStream", "Echoes", "Ellipsoids", "Material", "Motion", "MovingMesh", "Radar", "Scene", "Surface"),
+        *(
+            "Accuracy",
+            "PathTier",
+            "EchoStream",
+            "Echoes",
+            "Ellipsoids",
+            "Material",
+            "Motion",
+            "MovingMesh",
+            "Radar",
+            "Scene",
+            "Surface",
+        ),
     ),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "Accuracy",
     "BackendError",
     "CeilingFan",
     "Curtain",
@@ -50,6 +75,7 @@ __all__ = [
     "Material",
     "Motion",
     "MovingMesh",
+    "PathTier",
     "Pet",
     "Radar",
     "Room",

@@ -1,4 +1,4 @@
-"""Targets before a radar as streams of echoes, in any detail."""
+"""Targets before a radar as streams of echoes, at any accuracy."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.echo.legs import Ranked
-from t2d_rt.echo.mesh import POINTS_PER_MESH, REFINING_BYTES, Sagitta, facets, mesh_echoes
+from t2d_rt.echo.mesh import REFINING_BYTES, Sagitta, facets, mesh_echoes
 from t2d_rt.echo.patches import SWEEP_TURNS, TURNS_PER_STEP
-from t2d_rt.echo.rate import TOLERANCE_DB as SPLINES_DB
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget, blocks
@@ -26,74 +25,48 @@ from t2d_rt.room import ChosenPairs, Clutter, Looks, Shape, clutter_streams, coa
 from t2d_rt.scene import Mover
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.visibility import key_times
-from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, resampled
+from t2d_rt.types import (
+    Accuracy,
+    EchoStream,
+    Ellipsoids,
+    LegPair,
+    Material,
+    Motion,
+    MovingMesh,
+    PathTier,
+    Radar,
+    Scene,
+    resampled,
+)
+from t2d_rt.types.accuracy import EVERY_PATH_DB
 from t2d_rt.types.material import checked_material
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids | Mover
 
-WEAK_COARSER, WEAK_DB = 3.0, -14.0
-"""Phase sagitta of weak pairs' facets where a tolerance is to be kept, and their error over those pairs' power."""
-OCCLUDERS_COARSER = 2.0
-"""Phase sagitta over the meshes' own of facets that hide what is behind them, where it is looked at finely: below -45 dB."""
-MOST_HALVED = 2
-"""So often edges may be halved to look from at what hides what."""
-SPEED_LOOKS = 200
-"""Moments at which speeds are looked at."""
-SAME_PACE = 2.0
+SPLINE_ERROR_DB = Accuracy().spline_error_db
+LEAST_LEVEL_DB = EVERY_PATH_DB + 1
+"""Lowest level of dominant path pairs, so that there can be a tier below."""
+SECONDARY = {"sagitta_scale": 3.0, "greatest_sagitta_rad": 1.5, "patch_phase_scale": 2.0}
+SECONDARY_DB = -14.0
+"""How path pairs of less weight are modelled where a tolerance is to be kept, and their error over those pairs' power."""
+OCCLUDER_SAGITTA_SCALE = 2.0
+"""Sagitta scale of facets that occlude others, where visibility is traced from every facet's vertices: below -45 dB."""
+MOST_SUBDIVISION = 2
+"""Greatest subdivision from which visibility is sampled by a plan."""
+SPEED_SAMPLES = 200
+"""Instants at which speeds are sampled."""
+SAME_RATE = 2.0
 """Shapes whose surface rates differ by more are summed apart, each at its own."""
-SWIFT = 8.0
-"""From one look at visibility to the next so many surface frames can be followed vertex by vertex."""
-COARSEST_RAD = 1.5
-"""Greatest phase sagitta of weak pairs' facets."""
-FAINT_POINTS = 250
-"""Diffuse points of meshes over faint pairs."""
-FAINT_SELDOMER, FAINT_FRAMES = 2, 128
-"""Over faint pairs ellipsoids, and what turns swiftly, are worked out at every other surface frame or so; ellipsoids for that many
-at once: there are many small arrays."""
-COARSE_RATE = 0.5
-"""Shadows of weak pairs are looked at less often, by this factor: fields fade over a hand's breadth."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Detail:
-    """How finely targets are modelled."""
-
-    coarser: float = 1.0
-    """Phase sagitta of the facets over the meshes' own."""
-    splines_db: float = SPLINES_DB
-    """What the splines between surface frames may add to the field's error; sets the surface rate."""
-    surface_rate_hz: float | None = None
-    """Of all shapes, in place of that."""
-    occlusion_hz: float = 25.0
-    """How often visibility is looked at."""
-    occlusion_halved: int = 0
-    """From where: from the meshes' vertices, their edges halved so many times."""
-    swift_hz: float = 25.0 * SWIFT
-    """Shapes that need more surface frames a second turn too fast to be looked at vertex by vertex."""
-    occlusion: bool = True
-    """Whether targets hide themselves and one another."""
-    strong_db: float = -6.0
-    faint_db: float = -21.0
-    """Pairs of ways weaker than the strongest one by more than the first, in the mean over the targets, are modelled in less
-    detail, of a body those weaker by more than the second by ellipsoids: there are many, and each is a shadow among echoes."""
-    weak_coarser: float = 4.0
-    """Phase sagitta of weak pairs' facets over that of the strong ones'."""
-    weak_patches: float = 2.0
-    """Their patches may span so many times as much of the sweep as the strong ones', and turn by twice that from frame to frame."""
-    weak_hidden: bool = False
-    """Whether targets hide themselves and one another over all legs of weak pairs; else over those of strong ones alone."""
-    range_db: float = 60.0
-    """Weaker ones, at their best points, are left out."""
-    least_db: float = -math.inf
-    """So are those that are weaker in the mean."""
-    synthesis_db: float = -50.0
-    """What the sum of echoes may add."""
+MINOR_FRAMES = 128
+"""Surface frames of ellipsoids that are worked out at once over minor paths: there are many small arrays."""
+BLOCKAGE_RATE = 0.5
+"""Visibility of path pairs without their own occlusion is sampled less often, by this factor: fields fade over a hand's breadth."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """How targets become echoes; weak pairs of ways in less detail than strong ones."""
+    """How targets become echoes, path pairs of every tier at its own accuracy."""
 
     radar: Radar
     targets: Sequence[Target]
@@ -102,175 +75,206 @@ class Model:
     around: Scene | None
     """None in free space."""
     ranked: Sequence[Ranked]
-    """Pairs of ways to the targets, where there is a scene."""
+    """Path pairs to the targets, where there is a scene."""
     _: KW_ONLY
     method: Method
     material: str | Material | None
     body: str
     phase_from: PhaseFrom
-    sagitta_rad: float | None
     seed: int
     backend: Backend
     memory: Budget
     needed_hz: dict[tuple[int, float], float] = field(default_factory=dict)
-    """Surface rates that were asked for, by the shape's number and `Detail.splines_db`."""
+    """Surface rates that were asked for, by the shape's number and `Accuracy.spline_error_db`."""
 
-    def rates_hz(self, detail: Detail) -> list[float]:
+    def rates_hz(self, accuracy: Accuracy) -> list[float]:
         """Surface rate of each shape."""
-        if detail.surface_rate_hz is not None:
-            return [detail.surface_rate_hz] * len(self.shapes)
-        return [self._needed(number, detail.splines_db) for number in range(len(self.shapes))]
+        if accuracy.surface_rate_hz is not None:
+            return [accuracy.surface_rate_hz] * len(self.shapes)
+        return [self._needed(number, accuracy.spline_error_db) for number in range(len(self.shapes))]
 
-    def _needed(self, number: int, splines_db: float) -> float:
-        key = number, splines_db
+    def _needed(self, number: int, error_db: float) -> float:
+        key = number, error_db
         if key not in self.needed_hz:
-            self.needed_hz[key] = needed_rate_hz(self.shapes[number], self.radar, *self.span_s, splines_db)
+            self.needed_hz[key] = needed_rate_hz(self.shapes[number], self.radar, *self.span_s, error_db)
         return self.needed_hz[key]
 
-    def paces(self, detail: Detail) -> list[np.ndarray]:
+    def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
         """Surface frames of each shape [s] at its rate or more; those that need about the same rate share them."""
-        rates = self.rates_hz(detail)
+        rates = self.rates_hz(accuracy)
         length = self.span_s[1] - self.span_s[0]
-        paces: dict[float, np.ndarray] = {}
+        times: dict[float, np.ndarray] = {}
         for rate in sorted(rates, reverse=True):
-            if not paces or rate < min(paces) / SAME_PACE:
-                paces[rate] = np.linspace(*self.span_s, max(4, math.ceil(length * rate) + 1))
-        return [paces[min(pace for pace in paces if pace >= rate)] for rate in rates]
+            if not times or rate < min(times) / SAME_RATE:
+                times[rate] = np.linspace(*self.span_s, max(4, math.ceil(length * rate) + 1))
+        return [times[min(each for each in times if each >= rate)] for rate in rates]
 
-    def facets(self, shape: MovingMesh, coarser: float) -> MovingMesh:
+    def facets(self, shape: MovingMesh, accuracy: Accuracy) -> MovingMesh:
         """The facets that stand for a shape in free space."""
-        return facets(
-            shape, self.radar, self._sagitta_rad(shape, coarser), span_s=self.span_s, max_facets=self.max_facets
-        )
+        return facets(shape, self.radar, sagitta_rad(shape, accuracy), span_s=self.span_s, max_facets=self.max_facets)
 
     @property
     def max_facets(self) -> int:
         """Of one mesh, in the memory that may be taken."""
         return int(self.memory.limit_bytes / REFINING_BYTES)
 
-    def _sagitta_rad(self, shape: MovingMesh, coarser: float) -> Sagitta:
-        return np.multiply(coarser, shape.sagitta_rad if self.sagitta_rad is None else self.sagitta_rad)
+    def pairs(self, accuracy: Accuracy) -> ChosenPairs | None:
+        """Path pairs in use; None in free space."""
+        return None if self.around is None else ChosenPairs.of(self.ranked, accuracy)
 
-    def pairs(self, detail: Detail) -> ChosenPairs | None:
-        """Pairs of ways in use; None in free space."""
-        if self.around is None:
-            return None
-        return ChosenPairs.of(
-            self.ranked, strong_db=detail.strong_db, faint_db=detail.faint_db, range_db=detail.range_db,
-            least_db=detail.least_db,
-        )  # fmt: skip
-
-    def ways_within(self, left_out: float, coarse: float) -> dict[str, Any]:
-        """Settings of a `Detail` by which pairs of ways left out cost that share of the field's energy, those by coarse facets that
-        one."""
+    def paths_within(self, left_out: float, coarse: float) -> dict[str, Any]:
+        """Settings of an `Accuracy` by which path pairs left out cost that fraction of the field's energy, those by coarse facets
+        that one."""
         levels = np.sort([each.mean_db for each in self.ranked])
         if not len(levels):
             return {}
         power = 10 ** (levels / 10)
         least = int(np.searchsorted(np.cumsum(power[:-1]) / power.sum(), left_out, side="right"))
-        cost = np.cumsum(power[least:-1]) / power.sum() * 10 ** (WEAK_DB / 10)
-        strong = least + int(np.searchsorted(cost, coarse, side="right"))
-        return {
-            "least_db": float(levels[least]), "strong_db": float(levels[strong]), "faint_db": -math.inf,
-            "weak_coarser": WEAK_COARSER, "weak_patches": 1.0, "weak_hidden": True,
-        }  # fmt: skip
+        cost = np.cumsum(power[least:-1]) / power.sum() * 10 ** (SECONDARY_DB / 10)
+        dominant = least + int(np.searchsorted(cost, coarse, side="right"))
+        tiers = (
+            PathTier(level_db=max(float(levels[dominant]), LEAST_LEVEL_DB)),
+            PathTier(level_db=EVERY_PATH_DB, **SECONDARY),
+        )
+        return {"least_level_db": max(float(levels[least]), EVERY_PATH_DB), "tiers": tiers}
 
-    def swift(self, detail: Detail) -> list[bool]:
-        """Which shapes turn too fast to be looked at vertex by vertex; a body's limbs never do."""
+    def fast_rotating(self, accuracy: Accuracy) -> list[bool]:
+        """Which shapes rotate too fast for their visibility to be sampled point by point; a body's limbs never do."""
         return [
-            not isinstance(target, Motion) and self._needed(number, SPLINES_DB) > detail.swift_hz
+            not isinstance(target, Motion) and self._needed(number, SPLINE_ERROR_DB) > accuracy.fastest_sampled_hz
             for number, target in enumerate(self.targets)
         ]
 
     def streams(
-        self, detail: Detail, moments_s: np.ndarray | None = None, keys_s: np.ndarray | None = None
+        self, accuracy: Accuracy, instants_s: np.ndarray | None = None, samples_s: np.ndarray | None = None
     ) -> list[EchoStream]:
-        """Echoes of all targets at surface frames of their own, or at just these moments.
+        """Echoes of all targets at surface frames of their own, or at just these instants.
 
-        At moments visibility is traced just then, over the strongest pair from every facet's vertices, through the facets; or as in
-        a run, at `keys_s`.
+        At instants visibility is traced just then, over the strongest path pair from every facet's vertices, through the facets; or
+        as in a run, sampled at `samples_s`.
         """
-        paces = self.paces(detail) if moments_s is None else [moments_s] * len(self.shapes)
-        swift, pairs = self.swift(detail), self.pairs(detail)
-        keys, seldom = (
-            key_times(*self.span_s, rate * detail.occlusion_hz) if moments_s is None else moments_s
-            for rate in (1.0, COARSE_RATE)
+        times = self.frame_times(accuracy) if instants_s is None else [instants_s] * len(self.shapes)
+        fast, pairs = self.fast_rotating(accuracy), self.pairs(accuracy)
+        sampled, decimated = (
+            key_times(*self.span_s, rate * accuracy.visibility_rate_hz) if instants_s is None else instants_s
+            for rate in (1.0, BLOCKAGE_RATE)
         )
-        if keys_s is not None:
-            keys = keys_s
+        if samples_s is not None:
+            sampled = samples_s
         occluders: list[MovingMesh] = []
-        finer = 0
-        if moments_s is not None and keys_s is None and detail.occlusion:
-            finer = 1
-            still = [s for s, turns in zip(self.shapes, swift, strict=True) if isinstance(s, MovingMesh) and not turns]
-            occluders = [self.facets(s, max(OCCLUDERS_COARSER, detail.coarser)) for s in still]
-        looked_at = [None] if pairs is None else pairs.pairs[: pairs.clear if detail.weak_hidden else pairs.strong]
+        exact = instants_s is not None and samples_s is None and accuracy.occlusion
+        if exact:
+            coarse = accuracy.replace(sagitta_scale=max(OCCLUDER_SAGITTA_SCALE, accuracy.sagitta_scale))
+            solid = [
+                s for s, rotates in zip(self.shapes, fast, strict=True) if isinstance(s, MovingMesh) and not rotates
+            ]
+            occluders = [self.facets(shape, coarse) for shape in solid]
         looks = Looks(
-            self.shapes, self.radar, looked_at,
-            swift=swift, occlusion=detail.occlusion, keys_s=keys, occluders=occluders, finer=finer,
-            halved=detail.occlusion_halved, backend=self.backend,
+            self.shapes, self.radar, [None] if pairs is None else pairs.occluded,
+            swift=fast, occlusion=accuracy.occlusion, keys_s=sampled, occluders=occluders, finer=int(exact),
+            halved=accuracy.visibility_subdivision, backend=self.backend,
         )  # fmt: skip
-        each = zip(self.targets, self.shapes, paces, swift, strict=True)
-        return [s for one in each for s in self._of(*one, looks, pairs, detail, (keys, seldom), moments_s is not None)]
+        each = zip(self.targets, self.shapes, times, fast, strict=True)
+        return [
+            s
+            for one in each
+            for s in self._of(*one, looks, pairs, accuracy, (sampled, decimated), instants_s is not None)
+        ]
 
     def _of(
         self,
         target: Target,
         shape: Shape,
         times_s: np.ndarray,
-        swift: bool,
+        fast: bool,
         looks: Looks,
-        ways: ChosenPairs | None,
-        detail: Detail,
-        keys_s: tuple[np.ndarray, np.ndarray],
-        at_moments: bool,
+        chosen: ChosenPairs | None,
+        accuracy: Accuracy,
+        samples_s: tuple[np.ndarray, np.ndarray],
+        at_instants: bool,
     ) -> Iterator[EchoStream]:
-        """Echoes of one target, whose views over the strong pairs are those of `looks`; visibility is looked at `keys_s`, for weak
-        pairs at the second ones."""
-        radar, close = self.radar, looks.views(shape)
+        """Echoes of one target, tier by tier; visibility is sampled at `samples_s`, without a tier's own occlusion at the second
+        ones."""
+        close = looks.views(shape)
         material = shape.material if self.material is None or isinstance(target, Mover) else self.material
-        common: dict[str, Any] = {"times_s": times_s, "material": resolved(material, radar)}
-        weak, faint = ([], []) if ways is None else (ways.pairs[ways.strong : ways.clear], ways.pairs[ways.clear :])
+        common: dict[str, Any] = {"times_s": times_s, "material": resolved(material, self.radar)}
         if isinstance(shape, Ellipsoids):
-            others = [] if ways is None else ways.pairs[len(close) :]
-            views = close + (coarse_views(shape, others, keys_s[0]) if others else [])
-            yield ellipsoid_echoes(shape, radar, phase_from=self.phase_from, views=views, **common)
+            others = [] if chosen is None else chosen.pairs[len(close) :]
+            views = close + (coarse_views(shape, others, samples_s[0]) if others else [])
+            yield ellipsoid_echoes(shape, self.radar, phase_from=self.phase_from, views=views, **common)
             return
-        # At moments frames lie far apart, and phases from one to the next mean nothing.
-        turns = math.inf if at_moments else TURNS_PER_STEP
         fine: dict[str, Any] = {"seed": self.seed, "backend": self.backend, "max_facets": self.max_facets, **common}
-        bar = self._sagitta_rad(shape, detail.coarser)
-        strong = 1 if ways is None else ways.strong
-        yield mesh_echoes(shape, radar, sagitta_rad=bar, views=close[:strong], turns_per_step=turns, **fine)
-        if weak:
-            views = close[strong:] or looks.beside(shape, weak, keys_s[1])
-            yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns, detail), **fine)
-        if not faint:
-            return
-        seldom = times_s if at_moments else np.linspace(*self.span_s, max(4, math.ceil(len(times_s) / FAINT_SELDOMER)))
-        if isinstance(target, Motion):
-            limbs = segments(placed(target, radar), self.body)
-            keys = keys_s[1] if at_moments else np.append(keys_s[1][:-1:2], keys_s[1][-1])
-            views = coarse_views(limbs, faint, keys, faint=True)
-            echoes = ellipsoid_echoes(limbs, radar, views=views, **{**common, "times_s": seldom})
-            yield echoes if at_moments else resampled(echoes, times_s, FAINT_FRAMES)
-        else:
-            if swift:
-                fine["times_s"] = seldom
-            views = coarse_views(shape, faint, keys_s[1], swift=swift)
-            yield mesh_echoes(shape, radar, views=views, **_coarser(bar, turns, detail, 2), **fine)
+        own = sagitta_rad(shape, accuracy)
+        for tier, pairs in [(accuracy.tiers[0], None)] if chosen is None else chosen.by_tier(accuracy):
+            if pairs is not None and tier.scatterer == "ellipsoids" and isinstance(target, Motion):
+                yield self._minor(target, tier, pairs, common, samples_s[1], at_instants)
+                continue
+            if pairs is None or tier.visibility == "occlusion":
+                count = 1 if pairs is None else len(pairs)
+                views, close = close[:count], close[count:]
+            elif tier.visibility == "shared":
+                views = looks.beside(shape, pairs, samples_s[1])
+            else:
+                views = coarse_views(shape, pairs, samples_s[1], swift=fast)
+            frames = {}
+            if fast and tier.decimation > 1:
+                frames = {"times_s": self._decimated(times_s, tier, at_instants)}
+            yield mesh_echoes(shape, self.radar, views=views, **_patches(own, tier, at_instants), **{**fine, **frames})
+
+    def _minor(
+        self,
+        target: Motion,
+        tier: PathTier,
+        pairs: Sequence[LegPair],
+        common: dict[str, Any],
+        samples_s: np.ndarray,
+        at_instants: bool,
+    ) -> EchoStream:
+        """Echoes of a body by its ellipsoids, over minor path pairs."""
+        limbs = segments(placed(target, self.radar), self.body)
+        samples = samples_s if at_instants else np.append(samples_s[:-1:2], samples_s[-1])
+        views = coarse_views(limbs, pairs, samples, faint=True)
+        times_s = common["times_s"]
+        frames = {**common, "times_s": self._decimated(times_s, tier, at_instants)}
+        echoes = ellipsoid_echoes(limbs, self.radar, views=views, **frames)
+        return echoes if at_instants else resampled(echoes, times_s, MINOR_FRAMES)
+
+    def _decimated(self, times_s: np.ndarray, tier: PathTier, at_instants: bool) -> np.ndarray:
+        """Every so many of the surface frames; all of them at instants."""
+        if at_instants:
+            return times_s
+        return np.linspace(*self.span_s, max(4, math.ceil(len(times_s) / tier.decimation)))
 
     def clutter(
-        self, kind: Clutter, detail: Detail, *, shadowed: bool = True
+        self, kind: Clutter, accuracy: Accuracy, *, shadowed: bool = True
     ) -> tuple[list[EchoStream], dict[str, object]]:
-        """Echoes of what stands still, by default in the targets' shadow, and how many, for a result's settings."""
+        """Echoes of the static scene, by default occluded by the targets, and how many there are."""
         if self.around is None or kind == "none":
             return [], {}
-        steady = [s for s, turns in zip(self.shapes, self.swift(detail), strict=True) if shadowed and not turns]
+        steady = [
+            s for s, rotates in zip(self.shapes, self.fast_rotating(accuracy), strict=True) if shadowed and not rotates
+        ]
         return clutter_streams(
-            kind, self.around, steady, self.radar, min(self.paces(detail), key=len),
-            keys_s=key_times(*self.span_s, detail.occlusion_hz), seed=self.seed, backend=self.backend,
+            kind, self.around, steady, self.radar, min(self.frame_times(accuracy), key=len),
+            keys_s=key_times(*self.span_s, accuracy.visibility_rate_hz), seed=self.seed, backend=self.backend,
         )  # fmt: skip
+
+
+def sagitta_rad(shape: MovingMesh, accuracy: Accuracy) -> Sagitta:
+    """Phase sagitta of a mesh's facets over dominant paths."""
+    own = shape.sagitta_rad if accuracy.sagitta_rad is None else accuracy.sagitta_rad
+    return np.multiply(accuracy.sagitta_scale, own)
+
+
+def _patches(sagitta: Sagitta, tier: PathTier, at_instants: bool) -> dict[str, Any]:
+    """Options of `mesh_echoes` for a tier."""
+    most = np.minimum(tier.sagitta_scale * np.asarray(sagitta), tier.greatest_sagitta_rad)
+    # At instants frames lie far apart, and phases from one to the next mean nothing.
+    turns = math.inf if at_instants else tier.patch_phase_scale * TURNS_PER_STEP
+    return {
+        "sagitta_rad": np.maximum(sagitta, most), "turns_per_step": turns, "sweep_turns": tier.patch_span_scale * SWEEP_TURNS,
+        "points": tier.diffuse_points,
+    }  # fmt: skip
 
 
 def farthest_and_fastest(shape: Shape, radar: Radar, span_s: tuple[float, float]) -> tuple[float, float]:
@@ -280,24 +284,12 @@ def farthest_and_fastest(shape: Shape, radar: Radar, span_s: tuple[float, float]
     places = (radar.tx_position_m, radar.rx_position_m)
     farthest, fastest = 0.0, 0.0
     count = len(shape.rest if isinstance(shape, MovingMesh) else shape.semi_axes_m)
-    for times in blocks(np.linspace(start, stop - step, SPEED_LOOKS), count):
+    for times in blocks(np.linspace(start, stop - step, SPEED_SAMPLES), count):
         points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
         ranges = [np.mean([np.linalg.norm(p - place, axis=2) for place in places], axis=0) for p in points]
         farthest = max(farthest, float(ranges[0].max()))
         fastest = max(fastest, float(np.abs(ranges[1] - ranges[0]).max() / step))
     return farthest, fastest
-
-
-def _coarser(sagitta_rad: Sagitta, turns: float, detail: Detail, times: int = 1) -> dict[str, Any]:
-    """Options of `mesh_echoes` for weak pairs; for faint ones `times` as coarse again."""
-    most = np.minimum(times * detail.weak_coarser * np.asarray(sagitta_rad), times * COARSEST_RAD)
-    # Another number of diffuse points is another realisation, so weak pairs have all of them.
-    points = POINTS_PER_MESH if times == 1 else FAINT_POINTS
-    wider = times * detail.weak_patches
-    return {
-        "sagitta_rad": np.maximum(sagitta_rad, most), "turns_per_step": max(turns, 2 * wider * TURNS_PER_STEP),
-        "sweep_turns": wider * SWEEP_TURNS, "points": points,
-    }  # fmt: skip
 
 
 def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from t2d_rt.backend import Device, select
-from t2d_rt.checks import call, choice, flag, integer, number, shown, text
+from t2d_rt.checks import call, choice, flag, integer, shown, text
 from t2d_rt.cost import check_memory
 from t2d_rt.cubes import Cube
 from t2d_rt.echo.ellipsoid import PhaseFrom
@@ -22,8 +22,6 @@ from t2d_rt.echo.streams import batches
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.memory import LIMIT_GB, Budget, trim
 from t2d_rt.model import (
-    SWIFT,
-    Detail,
     Method,
     Model,
     Target,
@@ -43,7 +41,7 @@ from t2d_rt.room import Clutter, Collisions, Shape, checked_time, find_ways
 from t2d_rt.scene import Room
 from t2d_rt.tolerance import Plan, check_tolerance, planned
 from t2d_rt.trace.scenes import load_scene
-from t2d_rt.types import EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types import Accuracy, EchoStream, Ellipsoids, Material, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.material import checked_material
 
 T = TypeVar("T")
@@ -52,10 +50,9 @@ __all__ = ["plan", "segments", "simulate", "skin"]
 
 PREPARING = (
     "radar", "scene", "reflections", "transmissions", "clutter", "collisions", "method", "seed", "body", "material",
-    "sagitta_rad", "phase_from", "device", "memory_gb",
+    "phase_from", "device", "memory_gb",
 )  # fmt: skip
-DETAILS = "dynamic_range_db", "occlusion", "occlusion_rate_hz", "surface_rate_hz"
-"""Options of `simulate` that say what there is, and how finely it is modelled."""
+"""Options of `simulate` that say what there is."""
 PILOT_S = 0.5, 2.0
 """Lengths of the pieces that a plan tries."""
 JUMP_MPS = 300.0
@@ -70,19 +67,15 @@ def simulate(
     radar: Radar | None = None,
     scene: str | Path | Scene | Room = "free_space",
     tolerance_db: float | None = None,
+    accuracy: Accuracy | Mapping[str, Any] | None = None,
     reflections: int = 2,
     transmissions: int = 0,
-    dynamic_range_db: float | None = None,
     clutter: Clutter = "specular",
     collisions: Collisions = "warn",
     method: Method = "mesh",
     seed: int = 0,
     body: str = "adult",
     material: str | Material | None = None,
-    occlusion: bool = True,
-    occlusion_rate_hz: float | None = None,
-    surface_rate_hz: float | None = None,
-    sagitta_rad: float | None = None,
     phase_from: PhaseFrom = "specular",
     measure_error: bool | None = None,
     device: Device = "auto",
@@ -98,12 +91,12 @@ def simulate(
         The record is the time that all targets share, movers going on for as long; its own clock starts at 0.
     radar: the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
-    tolerance_db: error to keep to, the field's energy of difference from a converged model of the targets over its energy: model,
-        facets, surface rate, occlusion and pairs of ways follow from it (`plan` tells how), unless given here. Without it, settings
-        that come to about -22 dB for a walk in free space, to -6 to -12 dB in rooms.
-    reflections: greatest number of them on the ways out and back together.
+    tolerance_db: error to keep to [dB], the energy of the field's difference from a converged model of the targets over the field's
+        energy: model, facets, rates, visibility and path tiers follow from it (`plan` tells how).
+    accuracy: an `Accuracy`, or a mapping of its fields, that says how finely targets are modelled; with a tolerance the fields that
+        it sets stay. The default comes to about -22 dB for a walk in free space, to -6 to -12 dB in rooms.
+    reflections: greatest number of reflections on the paths out and back together.
     transmissions: greatest number of thin slabs passed on them; 2 for a target behind a partition.
-    dynamic_range_db: pairs of ways weaker than the strongest one by more than that are left out; 60 by default.
     clutter: of the room itself, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls too) or "none".
     collisions: "warn" of targets that go through walls or furniture, or are outside the room, "stop" just before, or "ignore" it;
         a radar outside is told, too, unless `transmissions` let it look in.
@@ -111,12 +104,6 @@ def simulate(
     seed: of the diffuse points; the same seed gives the same cube bit for bit.
     body: the template to skin.
     material: of everything but movers; by default a body's is "skin" and a mesh's its own.
-    occlusion: whether targets hide themselves and one another (a room's furniture does so anyway): traced at the meshes' own
-        vertices, or closer where a tolerance asks for it, at `occlusion_rate_hz`, faded in between. Gaps under 4 mm are not seen.
-    occlusion_rate_hz: how often visibility is traced; by default 25, which suits walking, or what a tolerance asks for.
-    surface_rate_hz: rate at which shape is evaluated; carrier phases in between follow splines. By default what the motion asks
-        for.
-    sagitta_rad: greatest phase sagitta of a facet; by default the mesh's own (a body's 0.3 at a radius of 0.1 m, 0.07 for others).
     phase_from: of the ellipsoid model: its "specular" point, or its "centre" as in the Text2Doppler paper.
     measure_error: whether a few random chirps are made again at far finer settings, and the error that this shows is kept in
         `Simulation.error_db`; by default where a tolerance is given.
@@ -125,7 +112,7 @@ def simulate(
         It does not change the result.
     progress: called with the share done, 0..1.
     """
-    asked = _asked(dynamic_range_db, occlusion, occlusion_rate_hz, surface_rate_hz)
+    given = checked_accuracy(accuracy)
     if measure_error is not None:
         flag("measure_error", measure_error)
     if progress is not None:
@@ -133,20 +120,20 @@ def simulate(
     if tolerance_db is not None:
         check_tolerance(tolerance_db)
     model = _prepared(
-        target, radar, scene, reflections, transmissions, clutter, collisions, method, seed, body, material, sagitta_rad,
+        target, radar, scene, reflections, transmissions, clutter, collisions, method, seed, body, material,
         phase_from, device, memory_gb,
     )  # fmt: skip
-    chosen = None if tolerance_db is None else planned(model, tolerance_db, asked)
-    detail = Detail(**asked) if chosen is None else chosen.detail
+    chosen = None if tolerance_db is None else planned(model, tolerance_db, given)
+    accuracy = given if chosen is None else chosen.accuracy
     if chosen is not None:
         model = chosen.model
-    still, static = model.clutter(clutter, detail, shadowed=occlusion)
+    still, static = model.clutter(clutter, accuracy, shadowed=given.occlusion)
     measure = chosen is not None if measure_error is None else measure_error
-    streams = [*model.streams(detail), *still]
+    streams = [*model.streams(accuracy), *still]
     check_memory(model, streams, measured=measure)
-    cube = _synthesized(streams, model.radar, _sum_db(detail, still), device, model.memory, progress)
+    cube = _synthesized(streams, model.radar, _sum_db(accuracy, still), device, model.memory, progress)
     del streams
-    settings = _settings(model, detail)
+    settings = _settings(model, accuracy)
     if model.around is not None:
         settings |= {
             "reflections": int(reflections), "transmissions": int(transmissions), "collisions": collisions, **static,
@@ -155,7 +142,7 @@ def simulate(
         settings["tolerance_db"] = float(chosen.tolerance_db)
     if measure:
         error_db, hidden = (-20.0, True) if chosen is None else (chosen.error_db, chosen.hidden)
-        settings["error_db"] = measured = measured_db(model, detail, cube, still, error_db=error_db, hidden=hidden)
+        settings["error_db"] = measured = measured_db(model, accuracy, cube, still, error_db=error_db, hidden=hidden)
         if chosen is not None and measured > chosen.tolerance_db + 1:
             warnings.warn(
                 f"the measured error of {measured:.1f} dB misses the tolerance of {chosen.tolerance_db:g} dB; plan tells what "
@@ -175,26 +162,27 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
     if unknown:
         raise InputError(f"unknown option {unknown[0]!r} of plan; choose from {', '.join(known)}")
     given = known | options
-    asked = _asked(**{name: given[name] for name in DETAILS})
+    wanted = checked_accuracy(given["accuracy"])
     check_tolerance(tolerance_db)
     model, preparing = _timed(lambda: _prepared(target, **{name: given[name] for name in PREPARING}))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", T2DWarning)
-        planned(model, tolerance_db, asked)  # compiles kernels
-    chosen, planning = _timed(lambda: planned(model, tolerance_db, asked))
-    chosen.model.paces(chosen.detail), chosen.model.swift(chosen.detail)  # of the whole record, before pieces are tried
-    still, _ = chosen.model.clutter(given["clutter"], chosen.detail, shadowed=given["occlusion"])
-    streams = [*chosen.model.streams(chosen.detail), *still]
+        planned(model, tolerance_db, wanted)  # compiles kernels
+    chosen, planning = _timed(lambda: planned(model, tolerance_db, wanted))
+    # Rates of the whole record, before pieces are tried.
+    chosen.model.frame_times(chosen.accuracy), chosen.model.fast_rotating(chosen.accuracy)
+    still, _ = chosen.model.clutter(given["clutter"], chosen.accuracy, shadowed=wanted.occlusion)
+    streams = [*chosen.model.streams(chosen.accuracy), *still]
     memory = check_memory(chosen.model, streams, measured=given["measure_error"] is not False)
     del streams, still
-    clutter = given["clutter"], given["occlusion"]
+    clutter = given["clutter"], wanted.occlusion
     tried = [_tried(chosen, length, *clutter, given["device"]) for length in (PILOT_S[1], *PILOT_S)]
     (short, first), (long, second) = tried[1:]
     per_second = max(0.0, second - first) / (long - short) if long > short else 0.0
     length = model.span_s[1] - model.span_s[0]
     running = second + per_second * (length - long)
     for _ in range(2):  # the first one compiles
-        _, measuring = _timed(lambda: converged(chosen.model, chosen.detail, chosen.error_db, hidden=chosen.hidden))
+        _, measuring = _timed(lambda: converged(chosen.model, chosen.accuracy, chosen.error_db, hidden=chosen.hidden))
     seconds = {"preparing": preparing, "planning": planning, "running": running, "measuring": measuring}
     trim()
     return replace(chosen, seconds=seconds, memory_bytes=memory)
@@ -205,20 +193,20 @@ def _tried(chosen: Plan, length_s: float, clutter: Clutter, shadowed: bool, devi
     start, stop = chosen.model.span_s
     length_s = min(length_s, stop - start)
     middle = (start + stop - length_s) / 2
-    model, detail = replace(chosen.model, span_s=(middle, middle + length_s)), chosen.detail
+    model, accuracy = replace(chosen.model, span_s=(middle, middle + length_s)), chosen.accuracy
 
     def run() -> None:
-        still, _ = model.clutter(clutter, detail, shadowed=shadowed)
-        streams = [*model.streams(detail), *still]
-        cube = _synthesized(streams, model.radar, _sum_db(detail, still), device, model.memory, None)
+        still, _ = model.clutter(clutter, accuracy, shadowed=shadowed)
+        streams = [*model.streams(accuracy), *still]
+        cube = _synthesized(streams, model.radar, _sum_db(accuracy, still), device, model.memory, None)
         Simulation(cube, model.radar).spectrogram  # noqa: B018
 
     return length_s, _timed(run)[1]
 
 
-def _sum_db(detail: Detail, still: Sequence[EchoStream]) -> float:
-    """Error of the sum: what stands still is far stronger than who walks before it."""
-    return min(detail.synthesis_db, BESIDE_CLUTTER_DB) if still else detail.synthesis_db
+def _sum_db(accuracy: Accuracy, still: Sequence[EchoStream]) -> float:
+    """Error of the sum: static echoes are far stronger than those of a walker."""
+    return min(accuracy.synthesis_error_db, BESIDE_CLUTTER_DB) if still else accuracy.synthesis_error_db
 
 
 def _timed(work: Callable[[], T]) -> tuple[T, float]:
@@ -230,14 +218,13 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
 def _prepared(
     target: Target | Sequence[Target], radar: Radar | None, scene: str | Path | Scene | Room, reflections: int,
     transmissions: int, clutter: Clutter, collisions: Collisions, method: Method, seed: int, body: str,
-    material: str | Material | None, sagitta_rad: float | None, phase_from: PhaseFrom, device: Device,
-    memory_gb: float,
+    material: str | Material | None, phase_from: PhaseFrom, device: Device, memory_gb: float,
 ) -> Model:  # fmt: skip
-    """The targets in their places, and the ways to them."""
+    """The targets in their places, and the path pairs to them."""
     memory = Budget.of(memory_gb)
     radar = Radar.preset("table2") if radar is None else radar
     targets = [target] if isinstance(target, Target) else target
-    _check(targets, radar, method, phase_from, sagitta_rad, seed)
+    _check(targets, radar, method, phase_from, seed)
     _check_room(reflections, transmissions, clutter, collisions)
     text("body", body)
     if material is not None:
@@ -263,7 +250,7 @@ def _prepared(
         )
     return Model(
         radar, targets, shapes, span_s, around, ranked, method=method, material=material, body=body,
-        phase_from=phase_from, sagitta_rad=sagitta_rad, seed=int(seed), backend=backend, memory=memory,
+        phase_from=phase_from, seed=int(seed), backend=backend, memory=memory,
     )  # fmt: skip
 
 
@@ -292,20 +279,18 @@ def _check_steps(motion: Motion) -> None:
         )
 
 
-def _settings(model: Model, detail: Detail) -> dict[str, Any]:
+def _settings(model: Model, accuracy: Accuracy) -> dict[str, Any]:
     """What a result was made with."""
-    pairs, material = model.pairs(detail), model.material
+    pairs, material = model.pairs(accuracy), model.material
     return {
         "method": model.method, "scene": "free_space" if model.around is None else model.around.name,
-        "seed": model.seed, "body": model.body, "occlusion": detail.occlusion,
+        "seed": model.seed, "body": model.body, "accuracy": accuracy.model_dump(mode="json"),
         "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
-        "occlusion_rate_hz": float(detail.occlusion_hz), "occlusion_halved": int(detail.occlusion_halved),
-        "surface_rate_hz": [float((len(t) - 1) / (t[-1] - t[0])) for t in model.paces(detail)],
-        "sagitta_rad": "default" if model.sagitta_rad is None else float(model.sagitta_rad),
-        "coarser": float(detail.coarser), "phase_from": model.phase_from, "device": model.backend.name,
+        "surface_rates_hz": [float((len(t) - 1) / (t[-1] - t[0])) for t in model.frame_times(accuracy)],
+        "phase_from": model.phase_from, "device": model.backend.name,
         "targets": [each.report if isinstance(each, Motion) else repr(each) for each in model.targets],
         "placement": [placement(each) if isinstance(each, Motion) else "own coordinates" for each in model.targets],
-        **({} if pairs is None else {"dynamic_range_db": float(detail.range_db), **pairs.describe()}),
+        **({} if pairs is None else pairs.describe()),
     }  # fmt: skip
 
 
@@ -374,7 +359,7 @@ def _check_outside_ellipsoids(shape: Ellipsoids, radar: Radar, times_s: np.ndarr
             )
 
 
-def _check(targets: Any, radar: Any, method: str, phase_from: str, sagitta_rad: Any, seed: int) -> None:
+def _check(targets: Any, radar: Any, method: str, phase_from: str, seed: int) -> None:
     if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, Target) for each in targets):
         raise InputError(
             f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
@@ -383,30 +368,21 @@ def _check(targets: Any, radar: Any, method: str, phase_from: str, sagitta_rad: 
     if not isinstance(radar, Radar):
         raise InputError(f"radar must be a Radar, got {shown(radar)}; Radar.preset(name) makes one of a preset's name")
     choice("method", method, ("mesh", "ellipsoid"))
-    if sagitta_rad is not None:
-        number("sagitta_rad", sagitta_rad, 0.01, 2, unit="rad", hint="0.25 gives -22 dB, 0.07 gives 0.3 dB of RCS")
     choice("phase_from", phase_from, ("specular", "centre"))
     integer("seed", seed)
 
 
-def _asked(
-    dynamic_range_db: float | None, occlusion: bool, occlusion_rate_hz: float | None, surface_rate_hz: float | None
-) -> dict[str, Any]:
-    """What of a `Detail` the user has decided."""
-    for name, value, (low, high), hint in (
-        ("surface_rate_hz", surface_rate_hz, (10, 10_000), "leave it out to let the motion decide"),
-        ("occlusion_rate_hz", occlusion_rate_hz, (1, 1_000), "25 suits walking"),
-        ("dynamic_range_db", dynamic_range_db, (0, 200), "60 suits most uses"),
-    ):
-        if value is not None:
-            number(name, value, low, high, unit="dB" if name.endswith("_db") else "Hz", hint=hint)
-    flag("occlusion", occlusion)
-    given = {"range_db": dynamic_range_db, "occlusion_hz": occlusion_rate_hz, "surface_rate_hz": surface_rate_hz}
-    if occlusion_rate_hz is not None:
-        given["swift_hz"] = SWIFT * occlusion_rate_hz
-    return {name: value for name, value in given.items() if value is not None} | (
-        {} if occlusion else {"occlusion": False}
-    )
+def checked_accuracy(accuracy: Accuracy | Mapping[str, Any] | None) -> Accuracy:
+    """An `Accuracy`, or one of the fields given; the default one for None."""
+    if accuracy is None:
+        return Accuracy()
+    if isinstance(accuracy, Accuracy):
+        return accuracy
+    if not isinstance(accuracy, Mapping):
+        raise InputError(
+            f"accuracy must be an Accuracy or a mapping of its fields, got {shown(accuracy)}; {{'sagitta_rad': 0.2}} is one"
+        )
+    return Accuracy.model_validate(accuracy)
 
 
 def _check_room(reflections: Any, transmissions: Any, clutter: Any, collisions: Any) -> None:

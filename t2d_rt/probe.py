@@ -1,32 +1,33 @@
-"""The targets' field at a few random chirps, in any detail and without interpolation in time: what a run is measured against."""
+"""The targets' field at a few random chirps, at any accuracy and without interpolation in time: what a run is measured against."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from t2d_rt.cubes import Cube
 from t2d_rt.echo.streams import batches
-from t2d_rt.model import Detail, Model, with_method
+from t2d_rt.model import Model, with_method
 from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.trace.visibility import key_times
-from t2d_rt.types import EchoStream, Motion, Radar
+from t2d_rt.types import Accuracy, EchoStream, Motion, Radar
+from t2d_rt.types.accuracy import MOST_RANGE_DB
 
 CHIRPS, SAMPLES = 48, 8
-"""So many chirps are looked at, at so many places of the sweep."""
+"""So many chirps are compared, at so many samples of the sweep."""
 CHIRPS_AT_ONCE, FIELD_BYTES = 16, 300e6
 """Chirps are worked on so many at once, or as many as take that much memory."""
 ECHO_BYTES, VERTEX_BYTES = 60, 100
 """What an echo and a facet's vertex take at each moment, about."""
 FINER = 0.5
 """Phase sagitta of the facets that a run is measured against, over its own: they err by a sixth of its power."""
-HALVED = 1
-"""How often edges are halved, at least, to look over all pairs of ways but the strongest: there are many."""
-WAYS_BELOW_DB = 12.0
-"""What pairs of ways cost that are left out there, or modelled in less detail, lies that far below the error."""
+SUBDIVISION = 1
+"""Least subdivision from which visibility is sampled there, over all path pairs but the strongest: there are many."""
+PATHS_BELOW_DB = 12.0
+"""What path pairs cost that are left out there, or in a coarser tier, lies that far below the error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,19 +61,19 @@ class Chirps:
         return np.stack([self.starts_s, self.starts_s + radar.sample_times_s[-1]], axis=1).ravel()
 
 
-def field(model: Model, detail: Detail, chirps: Chirps, *, looks_hz: float | None = None) -> np.ndarray:
+def field(model: Model, accuracy: Accuracy, chirps: Chirps, *, visibility_rate_hz: float | None = None) -> np.ndarray:
     """Samples (K, S) complex128 [sqrt(W)] of the targets alone.
 
-    Visibility is traced just then, over the strongest pair of ways from every facet's vertices; or as in a run at so many looks a
-    second.
+    Visibility is traced just then, over the strongest path pair from every facet's vertices; or as in a run
+    at that rate.
     """
     radar, keys = model.radar, None
-    if looks_hz is not None:
-        every = key_times(*model.span_s, looks_hz)
+    if visibility_rate_hz is not None:
+        every = key_times(*model.span_s, visibility_rate_hz)
         after = np.clip(np.searchsorted(every, chirps.starts_s, side="right"), 1, len(every) - 1)
         keys = every[np.unique([after - 1, after])]
     total = np.zeros((len(chirps.rows), len(chirps.samples)), complex)
-    for part in batches(model.streams(detail, chirps.moments_s(radar), keys), radar):
+    for part in batches(model.streams(accuracy, chirps.moments_s(radar), keys), radar):
         of_one = 2 * (ECHO_BYTES * part.echoes + VERTEX_BYTES * part.vertices)
         at_once = int(np.clip(FIELD_BYTES / max(1, of_one), 1, CHIRPS_AT_ONCE))
         for first in range(0, len(total), at_once):
@@ -86,7 +87,7 @@ def field(model: Model, detail: Detail, chirps: Chirps, *, looks_hz: float | Non
 
 def measured_db(
     model: Model,
-    detail: Detail,
+    accuracy: Accuracy,
     cube: Cube,
     still: Sequence[EchoStream],
     *,
@@ -95,10 +96,10 @@ def measured_db(
 ) -> float:
     """Field NMSE [dB] of a run's targets, by random chirps made again at far finer settings.
 
-    `still` are the echoes of what stands still in the cube, `error_db` is about what is expected; `hidden`: whether what hides what
+    `still` are the echoes of what stands still in the cube, `error_db` is about what is expected; `hidden`: whether occlusion
     matters.
     """
-    chirps, expected = converged(model, detail, error_db, hidden=hidden)
+    chirps, expected = converged(model, accuracy, error_db, hidden=hidden)
     where = zip(chirps.rows, chirps.antennas, strict=True)
     found = np.array([np.asarray(cube[int(row)])[antenna, chirps.samples] for row, antenna in where], complex)
     times_s = chirps.starts_s - model.span_s[0]
@@ -107,24 +108,23 @@ def measured_db(
     return nmse_db(found, expected)
 
 
-def converged(model: Model, detail: Detail, error_db: float, *, hidden: bool) -> tuple[Chirps, np.ndarray]:
+def converged(model: Model, accuracy: Accuracy, error_db: float, *, hidden: bool) -> tuple[Chirps, np.ndarray]:
     """Random chirps, not those by which settings were chosen, and their samples far finer."""
     chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1)
     bodies = any(isinstance(target, Motion) for target in model.targets)
     full = with_method(model, "mesh") if bodies and model.method == "ellipsoid" else model
-    return chirps, field(full, finer(full, detail, error_db, hidden=hidden), chirps)
+    return chirps, field(full, finer(full, accuracy, error_db, hidden=hidden), chirps)
 
 
-def finer(model: Model, detail: Detail, error_db: float, *, hidden: bool = True) -> Detail:
-    """What a run of that detail, whose error may be `error_db`, is measured against."""
-    share = 10 ** ((error_db - WAYS_BELOW_DB) / 10)
-    return replace(
-        detail,
-        coarser=FINER * min(1.0, detail.coarser),
+def finer(model: Model, accuracy: Accuracy, error_db: float, *, hidden: bool = True) -> Accuracy:
+    """What a run of that accuracy, whose error may be `error_db`, is measured against."""
+    share = 10 ** ((error_db - PATHS_BELOW_DB) / 10)
+    return accuracy.replace(
+        sagitta_scale=FINER * min(1.0, accuracy.sagitta_scale),
         occlusion=hidden,
-        occlusion_halved=max(HALVED, detail.occlusion_halved),
-        range_db=math.inf,
-        **model.ways_within(share, share),
+        visibility_subdivision=max(SUBDIVISION, accuracy.visibility_subdivision),
+        dynamic_range_db=MOST_RANGE_DB,
+        **model.paths_within(share, share),
     )
 
 

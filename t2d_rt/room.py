@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,7 +19,18 @@ from t2d_rt.trace.collisions import Collision, find_collisions, radar_outside
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.surroundings import Passed, probes, radar_legs
 from t2d_rt.trace.visibility import FacetLook, Occlusion
-from t2d_rt.types import EchoStream, Ellipsoids, Leg, LegPair, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types import (
+    Accuracy,
+    EchoStream,
+    Ellipsoids,
+    Leg,
+    LegPair,
+    Motion,
+    MovingMesh,
+    PathTier,
+    Radar,
+    Scene,
+)
 
 Shape = MovingMesh | Ellipsoids
 Clutter = Literal["specular", "diffuse", "none"]
@@ -99,34 +110,51 @@ def _told(found: Collision, scene: Scene, names: Sequence[str], start_s: float) 
 
 @dataclass(frozen=True, slots=True)
 class ChosenPairs:
-    """Pairs of legs in use, strongest first, and those left out."""
+    """Path pairs in use, strongest first, in tiers, and those left out."""
 
     pairs: list[LegPair]
     levels_db: list[float]
-    """Theirs in the mean over the targets, beside the strongest pair's [dB]."""
+    """Theirs in the mean over the targets, relative to the strongest pair's [dB]."""
     left_out_db: list[float]
     """Levels of those left out at their best points, likewise."""
-    strong: int
-    """How many of the pairs are strong."""
-    clear: int
-    """How many are not faint."""
+    ends: list[int]
+    """How many of the pairs belong to each tier or to one before it."""
+    occluded: list[LegPair]
+    """Those of tiers whose occlusion by the targets is traced along all of their paths."""
 
     @classmethod
-    def of(
-        cls, ranked: Sequence[Ranked], *, strong_db: float, faint_db: float, range_db: float, least_db: float
-    ) -> ChosenPairs:
-        """Those within `range_db` of the strongest one at their best points and not below `least_db` in the mean, where strong and
-        faint ones are told apart, too."""
-        keep = [each.best_db >= -range_db and each.mean_db >= least_db for each in ranked]
+    def of(cls, ranked: Sequence[Ranked], accuracy: Accuracy) -> ChosenPairs:
+        """Those within the dynamic range at their best points and not below the least level in the mean."""
+        keep = [
+            each.best_db >= -accuracy.dynamic_range_db and each.mean_db >= accuracy.least_level_db for each in ranked
+        ]
         kept = [each for each, good in zip(ranked, keep, strict=True) if good]
-        strong = max(1, sum(each.mean_db >= strong_db for each in kept))
+        least = 1  # the strongest one is dominant whatever its level
+        ends: list[int] = []
+        for tier in accuracy.tiers:
+            least = max(least, sum(each.mean_db >= tier.level_db for each in kept))
+            ends.append(least)
+        ends[-1] = len(kept)
+        pairs = [each.pair for each in kept]
+        last = max(end for end, tier in zip(ends, accuracy.tiers, strict=True) if tier.visibility == "occlusion")
         return cls(
-            pairs=[each.pair for each in kept],
+            pairs=pairs,
             levels_db=[each.mean_db for each in kept],
             left_out_db=[each.best_db for each, good in zip(ranked, keep, strict=True) if not good],
-            strong=strong,
-            clear=max(strong, sum(each.mean_db >= faint_db for each in kept)),
+            ends=ends,
+            occluded=pairs[:last],
         )
+
+    @property
+    def dominant(self) -> int:
+        """How many are in the first tier."""
+        return self.ends[0]
+
+    def by_tier(self, accuracy: Accuracy) -> Iterator[tuple[PathTier, list[LegPair]]]:
+        """Tiers that have path pairs, and these."""
+        for tier, first, last in zip(accuracy.tiers, [0, *self.ends], self.ends, strict=False):
+            if last > first:
+                yield tier, self.pairs[first:last]
 
     def bound_db(self) -> float | None:
         """What those left out amount to at most, were they all in phase, beside the strongest one [dB]."""

@@ -12,16 +12,23 @@ import numpy as np
 
 from t2d_rt.checks import number
 from t2d_rt.errors import T2DWarning
-from t2d_rt.model import MOST_HALVED, SPLINES_DB, WEAK_DB, Detail, Model, farthest_and_fastest, with_method
+from t2d_rt.model import (
+    MOST_SUBDIVISION,
+    SECONDARY_DB,
+    SPLINE_ERROR_DB,
+    Model,
+    farthest_and_fastest,
+    with_method,
+)
 from t2d_rt.probe import Chirps, nmse_db
 from t2d_rt.probe import field as probed
-from t2d_rt.types import Ellipsoids, Motion, MovingMesh
+from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh
 
-HIDDEN = "what hides what"
+OCCLUSION = "occlusion of targets by themselves and one another"
 NEGLIGIBLE_DB = 14.0
 """What is that far below the error does not count."""
 CHIRPS = 16
-"""What hides what is judged by so many."""
+"""Occlusion is judged by so many."""
 LEAST_DB, MOST_DB = -40.0, 6.0
 """Tolerances that there are settings for."""
 MARGIN_DB = 2.0
@@ -33,27 +40,27 @@ FINEST, COARSEST = 0.1, 6.0
 """Of that sagitta."""
 STEPS_PER_OCTAVE = 8
 """It is taken in steps, so that recordings of about the same tolerance have their facets in common."""
-LOOKS = (5.0, 0), (12.5, 0), (25.0, 0), (50.0, 1), (100.0, 1), (100.0, MOST_HALVED)
-"""Rates [Hz] of looks at what hides what, and how often edges are halved for them; the first that does is taken, else the best."""
-FIRST_LOOK_HZ, CLEARLY_DB = 25.0, 6.0
-"""Whether it matters at all is asked of looks at that rate; only where it may, at every facet's vertex. It does not where it costs
+VISIBILITY = (5.0, 0), (12.5, 0), (25.0, 0), (50.0, 1), (100.0, 1), (100.0, MOST_SUBDIVISION)
+"""Rates [Hz] at which visibility may be sampled, and subdivisions; the first that suffices is taken, else the best."""
+FIRST_RATE_HZ, CLEARLY_DB = 25.0, 6.0
+"""Whether occlusion matters at all is judged at that rate; only where it may, from every facet's vertex. It does not where it costs
 that much less than it may."""
 SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
 """What the splines and the sum may add lies that far below the tolerance."""
-SYNTHESIS_MOST_DB = -40.0
+GREATEST_SYNTHESIS_DB = -40.0
 """Greatest error of the sum."""
 OVER_DB = 1.0
 """A plan may expect that much more than the tolerance before it warns: its estimates are rather high."""
-LOOKED_AT_DB = -20.0
-"""Pairs of ways down to that level show what hides what: 96 and 93 % of the power in two rooms. Who walks towards the radar hides
-nothing from there, but much from a wall's image."""
-LOOKED_AT_COARSER = 0.5
-"""So do facets of half the meshes' own phase sagitta, however fine the run's are: to 0.1 dB the same."""
+JUDGED_LEVEL_DB = -20.0
+"""Occlusion is judged over path pairs down to that level: 96 and 93 % of the power in two rooms. Who walks towards the radar
+occludes nothing from there, but much from a wall's image."""
+JUDGED_SAGITTA_SCALE = 0.5
+"""It is judged with facets of half the meshes' own phase sagitta, however fine the run's are: to 0.1 dB the same."""
 LEAST_SHARE = 0.2
 """Facets are not made finer than that asks for."""
-FACETS_SHARE, LOOKS_SHARE, LEFT_OUT_SHARE, WEAK_SHARE = 0.7, 0.3, 0.15, 0.2
-"""Of the error allowed: that of the facets, of what hides what, and of pairs of ways left out and by coarser facets. They may come
-to more than all of it: estimates of pairs are high."""
+FACETS_SHARE, VISIBILITY_SHARE, LEFT_OUT_SHARE, SECONDARY_SHARE = 0.7, 0.3, 0.15, 0.2
+"""Of the error allowed: that of the facets, of visibility, and of path pairs left out and by coarser facets. They may come to more
+than all of it: estimates for path pairs are high."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +80,7 @@ class Plan:
 
     model: Model
     tolerance_db: float
-    detail: Detail
+    accuracy: Accuracy
     omissions: Sequence[Omission]
     seconds: Mapping[str, float] = field(default_factory=dict)
     """What the parts of `simulate` and the spectrogram will take, as far as it was tried."""
@@ -82,8 +89,8 @@ class Plan:
 
     @property
     def hidden(self) -> bool:
-        """Whether what hides what matters to a measurement of the error."""
-        nothing = [each.error_db for each in self.omissions if each.what == HIDDEN]
+        """Whether occlusion matters to a measurement of the error."""
+        nothing = [each.error_db for each in self.omissions if each.what == OCCLUSION]
         return not nothing or nothing[0] > self.error_db - NEGLIGIBLE_DB
 
     @property
@@ -101,49 +108,55 @@ def check_tolerance(tolerance_db: float) -> None:
     number("tolerance_db", tolerance_db, LEAST_DB, MOST_DB, unit="dB", hint=hint)
 
 
-def planned(model: Model, tolerance_db: float, asked: Mapping[str, Any]) -> Plan:
-    """The cheapest detail that keeps to the tolerance, but for what the user `asked` for."""
+def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
+    """The cheapest accuracy that keeps to the tolerance; what is set in the `given` one stays."""
     check_tolerance(tolerance_db)
     allowed = 10 ** ((tolerance_db - MARGIN_DB) / 10)
+    asked = given.model_fields_set
     settings: dict[str, Any] = {
-        "splines_db": tolerance_db - SPLINES_BELOW_DB,
-        "synthesis_db": min(SYNTHESIS_MOST_DB, tolerance_db - SYNTHESIS_BELOW_DB),
-        **model.ways_within(allowed * LEFT_OUT_SHARE, allowed * WEAK_SHARE),
+        "spline_error_db": tolerance_db - SPLINES_BELOW_DB,
+        "synthesis_error_db": min(GREATEST_SYNTHESIS_DB, tolerance_db - SYNTHESIS_BELOW_DB),
+        "fast_rotating_hz": given.fastest_sampled_hz,
+        **model.paths_within(allowed * LEFT_OUT_SHARE, allowed * SECONDARY_SHARE),
     }
-    detail = Detail(**(settings | dict(asked)))
+    accuracy = given.replace(**{name: value for name, value in settings.items() if name not in asked})
     bodies = any(isinstance(target, Motion) for target in model.targets)
     full = with_method(model, "mesh") if bodies and model.method == "ellipsoid" else model
-    omissions = _in_time(model, detail, asked)
+    omissions = _in_time(model, accuracy)
     if any(isinstance(shape, MovingMesh) for shape in full.shapes):
-        detail = replace(detail, coarser=_coarser(full, allowed * FACETS_SHARE))
-        # What hides what shows over the strong pairs.
+        fixed = not asked.isdisjoint(("sagitta_rad", "sagitta_scale"))
+        if not fixed:
+            accuracy = accuracy.replace(sagitta_scale=_sagitta_scale(full, allowed * FACETS_SHARE))
+        # Occlusion shows over the dominant path pairs.
         chirps = Chirps.random(model.radar, model.span_s, seed=model.seed, count=CHIRPS)
-        strong = replace(
-            detail, coarser=max(detail.coarser, LOOKED_AT_COARSER), least_db=max(detail.strong_db, LOOKED_AT_DB),
-            occlusion=True, occlusion_halved=MOST_HALVED,
+        judged = accuracy.replace(
+            sagitta_scale=max(accuracy.sagitta_scale, JUDGED_SAGITTA_SCALE),
+            least_level_db=max(accuracy.tiers[0].level_db, JUDGED_LEVEL_DB), occlusion=True,
+            visibility_subdivision=MOST_SUBDIVISION,
         )  # fmt: skip
-        left = allowed * LOOKS_SHARE
-        nothing = probed(full, replace(strong, occlusion=False), chirps)
-        fine = probed(full, replace(strong, occlusion_halved=0), chirps, looks_hz=FIRST_LOOK_HZ)
+        left = allowed * VISIBILITY_SHARE
+        nothing = probed(full, judged.replace(occlusion=False), chirps)
+        fine = probed(full, judged.replace(visibility_subdivision=0), chirps, visibility_rate_hz=FIRST_RATE_HZ)
         if nmse_db(nothing, fine) > _db(left) - CLEARLY_DB:
-            fine = probed(full, strong, chirps)
+            fine = probed(full, judged, chirps)
         if bodies:
-            error = nmse_db(probed(with_method(full, "ellipsoid"), strong, chirps), fine)
-            free = not asked and model.sagitta_rad is None and all(isinstance(t, Motion) for t in model.targets)
+            error = nmse_db(probed(with_method(full, "ellipsoid"), judged, chirps), fine)
+            free = not asked and all(isinstance(t, Motion) for t in model.targets)
             simpler = Omission(
                 "the skin: limbs by ellipsoids", error, full is not model or (free and error <= _db(allowed))
             )
             omissions.append(simpler)
             if simpler.taken:
-                return _checked(Plan(with_method(full, "ellipsoid"), float(tolerance_db), detail, omissions))
-        looks, found = _looks(full, strong, chirps, nmse_db(nothing, fine), fine, left, asked)
-        detail = replace(detail, **looks)
-        # Where looks cannot do what they should, facets make up for it.
+                return _checked(Plan(with_method(full, "ellipsoid"), float(tolerance_db), accuracy, omissions))
+        visibility, found = _visibility(full, judged, chirps, nmse_db(nothing, fine), fine, left, given)
+        accuracy = accuracy.replace(**visibility)
+        # Where visibility cannot be as good as it should, finer facets make up for it.
         spent = sum(10 ** (each.error_db / 10) for each in found if each.taken)
         share = float(np.clip(0.9 - spent / allowed, LEAST_SHARE, FACETS_SHARE)) * allowed
-        detail = replace(detail, coarser=_coarser(full, share))
-        omissions += [_facets(full, detail), *found]
-    return _checked(Plan(model, float(tolerance_db), detail, omissions + _fewer_ways(model, detail)))
+        if not fixed:
+            accuracy = accuracy.replace(sagitta_scale=_sagitta_scale(full, share))
+        omissions += [_facets(full, accuracy), *found]
+    return _checked(Plan(model, float(tolerance_db), accuracy, omissions + _fewer_paths(model, accuracy)))
 
 
 def _checked(plan: Plan) -> Plan:
@@ -159,28 +172,28 @@ def _checked(plan: Plan) -> Plan:
     return plan
 
 
-def _in_time(model: Model, detail: Detail, asked: Mapping[str, Any]) -> list[Omission]:
+def _in_time(model: Model, accuracy: Accuracy) -> list[Omission]:
     """What interpolation between surface frames and the merging of echoes may add."""
-    splines_db = detail.splines_db
-    if (given_hz := asked.get("surface_rate_hz")) is not None:
+    splines_db = accuracy.spline_error_db
+    if accuracy.surface_rate_hz is not None:
         # A cubic's error falls with the fourth power of its step.
-        needed_hz = max(model.rates_hz(Detail()))
-        splines_db = SPLINES_DB + 80 * math.log10(needed_hz / given_hz)
+        needed_hz = max(model.rates_hz(Accuracy()))
+        splines_db = SPLINE_ERROR_DB + 80 * math.log10(needed_hz / accuracy.surface_rate_hz)
     return [
         Omission("motion between surface frames, by splines", splines_db, True),
-        Omission("the sum of echoes, merged", detail.synthesis_db, True),
+        Omission("the sum of echoes, merged", accuracy.synthesis_error_db, True),
     ]
 
 
-def _fewer_ways(model: Model, detail: Detail) -> list[Omission]:
-    pairs = model.pairs(detail)
+def _fewer_paths(model: Model, accuracy: Accuracy) -> list[Omission]:
+    pairs = model.pairs(accuracy)
     if pairs is None:
         return []
     total = sum(10 ** (each.mean_db / 10) for each in model.ranked)
     kept = 10 ** (np.array(pairs.levels_db) / 10)
     parts = (
-        (len(model.ranked) - len(kept), max(0.0, total - kept.sum()), 0.0, "pairs of ways left out"),
-        (len(kept) - pairs.strong, kept[pairs.strong :].sum(), WEAK_DB, "weak pairs of ways by coarser facets"),
+        (len(model.ranked) - len(kept), max(0.0, total - kept.sum()), 0.0, "path pairs left out"),
+        (len(kept) - pairs.dominant, kept[pairs.dominant :].sum(), SECONDARY_DB, "secondary path pairs by coarser facets"),
     )  # fmt: skip
     return [
         Omission(f"{count} {what}", _db(power / total) + each_db, True)
@@ -189,78 +202,82 @@ def _fewer_ways(model: Model, detail: Detail) -> list[Omission]:
     ]
 
 
-def _coarser(model: Model, share: float) -> float:
-    """Phase sagitta over the meshes' own at which facets err by that share of the field's energy; 1 where it is the user's."""
-    if model.sagitta_rad is not None:
-        return 1.0
-    octaves = math.log2(10 ** ((_db(share) - _own_db(model)) / FACETS_SLOPE_DB))
+def _sagitta_scale(model: Model, share: float) -> float:
+    """Scale on the meshes' own phase sagitta at which facets err by that fraction of the field's energy."""
+    octaves = math.log2(10 ** ((_db(share) - _own_db(model, Accuracy())) / FACETS_SLOPE_DB))
     return float(np.clip(2 ** (math.floor(STEPS_PER_OCTAVE * octaves) / STEPS_PER_OCTAVE), FINEST, COARSEST))
 
 
-def _own_db(model: Model) -> float:
+def _own_db(model: Model, accuracy: Accuracy) -> float:
     """Error of facets of the meshes' own phase sagitta, or of the one asked for."""
     found = []
     for target, shape in zip(model.targets, model.shapes, strict=True):
         if isinstance(shape, MovingMesh):
-            own = shape.sagitta_rad if model.sagitta_rad is None else model.sagitta_rad
-            of_body = model.sagitta_rad is None and isinstance(target, Motion)
+            own = shape.sagitta_rad if accuracy.sagitta_rad is None else accuracy.sagitta_rad
+            of_body = accuracy.sagitta_rad is None and isinstance(target, Motion)
             sagitta = BODY_SAGITTA_RAD if of_body else float(np.max(own))
             found.append(FACETS_DB + FACETS_SLOPE_DB * math.log10(sagitta / BODY_SAGITTA_RAD))
     return max(found, default=-math.inf)
 
 
-def _facets(model: Model, detail: Detail) -> Omission:
-    error = _own_db(model) + FACETS_SLOPE_DB * math.log10(detail.coarser)
+def _facets(model: Model, accuracy: Accuracy) -> Omission:
+    error = _own_db(model, accuracy) + FACETS_SLOPE_DB * math.log10(accuracy.sagitta_scale)
     return Omission("the curve of the skin between facets' corners", error, True)
 
 
-def _looks(
+def _visibility(
     model: Model,
-    detail: Detail,
+    accuracy: Accuracy,
     chirps: Chirps,
     nothing_db: float,
     fine: np.ndarray,
     left: float,
-    asked: Mapping[str, Any],
+    given: Accuracy,
 ) -> tuple[dict[str, Any], list[Omission]]:
-    """Whether, how often and from where to look at what hides what, at an error of `left`; not to look costs `nothing_db`."""
-    unwanted = not asked.get("occlusion", True)
-    found = [Omission(HIDDEN, nothing_db, unwanted or (nothing_db <= _db(left) and "occlusion_hz" not in asked))]
-    if found[0].taken:
-        return {"occlusion": False}, found
-    ladder = [(detail.occlusion_hz, n) for n in range(MOST_HALVED + 1)] if "occlusion_hz" in asked else LOOKS
-    for rate_hz, halved in ladder:
-        error = nmse_db(probed(model, replace(detail, occlusion_halved=halved), chirps, looks_hz=rate_hz), fine)
-        found.append(Omission(f"shadows' edges, {_looked(rate_hz, halved)}", error, False))
+    """Whether, how often and from where visibility is sampled, at an error of `left`; no occlusion at all costs `nothing_db`."""
+    asked = given.model_fields_set
+    found = [Omission(OCCLUSION, nothing_db, False)]
+    if not given.occlusion or (
+        "occlusion" not in asked and "visibility_rate_hz" not in asked and nothing_db <= _db(left)
+    ):
+        return {"occlusion": False}, [replace(found[0], taken=True)]
+    rates = [given.visibility_rate_hz] if "visibility_rate_hz" in asked else []
+    ladder = [(rate, n) for rate in rates for n in range(MOST_SUBDIVISION + 1)] or list(VISIBILITY)
+    if "visibility_subdivision" in asked:
+        ladder = list(dict.fromkeys((rate, given.visibility_subdivision) for rate, _ in ladder))
+    for rate_hz, subdivision in ladder:
+        sampled = accuracy.replace(visibility_subdivision=subdivision)
+        error = nmse_db(probed(model, sampled, chirps, visibility_rate_hz=rate_hz), fine)
+        found.append(Omission(f"shadows' edges, {_sampled(rate_hz, subdivision)}", error, False))
         if error <= _db(left):
             best = len(found) - 1
             break
     else:
         best = min(range(1, len(found)), key=lambda n: found[n].error_db)
     found[best] = replace(found[best], taken=True)
-    rate_hz, halved = ladder[best - 1]
-    return {"occlusion_hz": rate_hz, "occlusion_halved": halved}, found
+    rate_hz, subdivision = ladder[best - 1]
+    return {"visibility_rate_hz": rate_hz, "visibility_subdivision": subdivision}, found
 
 
 def _told(plan: Plan) -> list[str]:
     """Lines for people."""
-    model, detail = plan.model, plan.detail
+    model, accuracy = plan.model, plan.accuracy
     radar = model.radar
     lines = [f"tolerance {plan.tolerance_db:g} dB, expected error {plan.error_db:.1f} dB", "modelled:"]
-    for shape, times_s in zip(model.shapes, model.paces(detail), strict=True):
+    for shape, times_s in zip(model.shapes, model.frame_times(accuracy), strict=True):
         rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
-        number = (
-            len(shape.semi_axes_m) if isinstance(shape, Ellipsoids) else len(model.facets(shape, detail.coarser).faces)
-        )
+        number = len(shape.semi_axes_m) if isinstance(shape, Ellipsoids) else len(model.facets(shape, accuracy).faces)
         kind = f"{number} {'ellipsoids' if isinstance(shape, Ellipsoids) else 'facets'}"
         lines.append(f"  {shape.name}: {kind} at {rate_hz:.0f} surface frames a second")
-    pairs = model.pairs(detail)
+    pairs = model.pairs(accuracy)
     if pairs is not None:
-        coarse = len(pairs.pairs) - pairs.strong
-        lines.append(f"  {len(pairs.pairs)} pairs of ways: {pairs.strong} in full, {coarse} by coarser facets")
+        coarse = len(pairs.pairs) - pairs.dominant
+        lines.append(f"  {len(pairs.pairs)} path pairs: {pairs.dominant} in full, {coarse} by coarser facets")
     if model.method == "mesh":
-        looks = _looked(detail.occlusion_hz, detail.occlusion_halved) if detail.occlusion else "not looked at"
-        lines.append(f"  {HIDDEN}: {looks}")
+        how = "not traced"
+        if accuracy.occlusion:
+            how = _sampled(accuracy.visibility_rate_hz, accuracy.visibility_subdivision)
+        lines.append(f"  {OCCLUSION}: {how}")
     fastest = max(farthest_and_fastest(shape, radar, model.span_s)[1] for shape in model.shapes)
     asked_hz, sent_hz = (4 * speed / radar.wavelength_m for speed in (fastest, radar.max_speed_mps))
     lines.append(
@@ -278,9 +295,9 @@ def _told(plan: Plan) -> list[str]:
     return lines
 
 
-def _looked(rate_hz: float, halved: int) -> str:
-    corners = ("", ", edges halved", ", edges quartered")[halved]
-    return f"{rate_hz:g} looks a second from meshes' corners{corners}"
+def _sampled(rate_hz: float, subdivision: int) -> str:
+    edges = "" if not subdivision else f", their edges divided by {2**subdivision}"
+    return f"visibility at {rate_hz:g} Hz from the meshes' vertices{edges}"
 
 
 def _db(ratio: float) -> float:

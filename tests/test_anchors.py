@@ -59,7 +59,7 @@ def test_a_person_has_about_half_a_square_metre(walk: Motion, backend: Backend) 
 def test_a_walk_shows_torso_and_feet(method: Literal["ellipsoid", "mesh"], direction: int, walk: Motion) -> None:
     # CMU 12_01 walks at 0.88 m/s. A foot that swings forward is three to four times as fast; one that stands, at rest.
     motion = t2d.place(walk, distance_m=5.0 if direction > 0 else 2.0, angle_deg=0 if direction > 0 else 180)
-    result = t2d.simulate(t2d.trim(motion, 2.3, 3.0), radar=RADAR, method=method, sagitta_rad=COARSE_RAD)
+    result = t2d.simulate(t2d.trim(motion, 2.3, 3.0), radar=RADAR, method=method, accuracy={"sagitta_rad": COARSE_RAD})
     found = figures(result)
     assert direction * found.torso_speed_mps == pytest.approx(0.88, abs=0.1)
     assert 3 < found.limb_speed_mps < 4

@@ -47,7 +47,9 @@ def direction_deg(samples: np.ndarray, **options: Any) -> np.ndarray:
 
 def level_db(radar: Radar, **where: float) -> float:
     target = ball(radar, where.get("azimuth_deg", 0.0), where.get("elevation_deg", 0.0))
-    return float(10 * np.log10(np.mean(np.abs(t2d.simulate(target, radar=radar, occlusion=False).cube) ** 2)))
+    return float(
+        10 * np.log10(np.mean(np.abs(t2d.simulate(target, radar=radar, accuracy={"occlusion": False}).cube) ** 2))
+    )
 
 
 @pytest.mark.parametrize("speed_mps", [0.0, 1.5])

@@ -88,7 +88,7 @@ def test_simulate_writes_result_and_picture(run: Command, method: str) -> None:
     # 2000 Hz is fewer chirps than the foot needs: the warning names the fix and the run goes on.
     code, out, err = run(
         "simulate", "walk.bvh", "--radar", "ci4r", "--radar.prf-hz", "2000", "--method", method, "--stop-s=0.3",
-        "--distance-m", "4", "--signal.mti", "mean", "--seed=5", "--sagitta-rad=1",
+        "--distance-m", "4", "--signal.mti", "mean", "--seed=5", "--accuracy.sagitta-rad=1",
     )  # fmt: skip
     assert code == 0, err
     assert "flavour cmu-a" in out
@@ -152,13 +152,15 @@ def test_movers_and_persons_are_added(run: Command) -> None:
     fan = {"kind": "fan", "position_m": [2, 1, 1], "rpm": 60}
     other = "person:walk.bvh,distance_m=3,angle_deg=20,stop_s=0.2"
     dump("added.yaml", {"add": [fan, other]})
-    plain = run("simulate", "walk.bvh", *QUICK, "--occlusion", "false", "-o", "plain.zarr")
-    by_file = run("simulate", "walk.bvh", *QUICK, "--occlusion", "false", "--config", "added.yaml", "-o", "file.zarr")
+    plain = run("simulate", "walk.bvh", *QUICK, "--accuracy.occlusion", "false", "-o", "plain.zarr")
+    by_file = run(
+        "simulate", "walk.bvh", *QUICK, "--accuracy.occlusion", "false", "--config", "added.yaml", "-o", "file.zarr"
+    )
     by_option = run(
         "simulate",
         "walk.bvh",
         *QUICK,
-        "--occlusion",
+        "--accuracy.occlusion",
         "false",
         "--add",
         "fan:2,1,1,rpm=60",
@@ -180,7 +182,7 @@ def test_movers_and_persons_are_added(run: Command) -> None:
 
 
 def test_compare_prints_figures_and_draws(run: Command) -> None:
-    radar = ("--radar", "ci4r", "--radar.prf-hz=8000", "--sagitta-rad=1")
+    radar = ("--radar", "ci4r", "--radar.prf-hz=8000", "--accuracy.sagitta-rad=1")
     code, out, err = run("compare", "walk.bvh", *radar, "--start-s=2", "--stop-s=2.4")
     assert code == 0
     assert "wrong range" not in err
@@ -318,7 +320,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--seed x", "option seed must be a whole number, got 'x'"),
         ("--seed -1", "seed must be an integer of 0 or more, got -1"),
         ("--method foo", "option method must be mesh or ellipsoid, got 'foo'"),
-        ("--occlusion maybe", "option occlusion must be true or false, got 'maybe'"),
+        ("--accuracy.occlusion maybe", "option accuracy.occlusion must be true or false, got 'maybe'"),
         ("--scene foo", "unknown scene 'foo'"),
         ("--material foo", "unknown material 'foo'; ITU names are"),
         ("--material brick", "has no values for brick at 77.8"),
@@ -351,9 +353,9 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--signal.window foo", "unknown window 'foo'"),
         ("--signal.n-window 999999", "shorter than the STFT window of 999999"),
         ("--signal.range-gate-m [90,100]", "range gate 90..100 m holds no range bin"),
-        ("--surface-rate-hz 0", "surface_rate_hz must lie in 10..10000 Hz"),
-        ("--occlusion-rate-hz 0", "occlusion_rate_hz must lie in 1..1000 Hz"),
-        ("--sagitta-rad 9", "sagitta_rad must lie in 0.01..2 rad"),
+        ("--accuracy.surface-rate-hz 0", "surface_rate_hz: got 0.0, should be greater than or equal to 10"),
+        ("--accuracy.visibility-rate-hz 0", "visibility_rate_hz: got 0.0, should be greater than or equal to 1"),
+        ("--accuracy.sagitta-rad 9", "sagitta_rad: got 9.0, should be less than or equal to 2"),
         ("--stop-s 0.01 --signal.n_window 256", "record of 85 chirps is shorter than the STFT window of 256"),
         ("--config gone.yaml", "cannot read config file gone.yaml: No such file"),
         ("--add fan", "a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got 'fan'"),

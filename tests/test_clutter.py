@@ -308,7 +308,9 @@ def test_all_that_stands_still_stays_at_zero_doppler() -> None:
     still = moving(icosphere(subdivisions=3, radius=0.15), (2.5, 0.4, 1.0), (0.0, 0.0, 0.0))
     short = MovingMesh(still.vertices[:2], still.faces, np.array([0.0, 0.1]), material="pec")
     radar = Radar.preset("table2", prf_hz=2000.0)
-    result = t2d.simulate(short, radar=radar, scene="living_room", clutter="diffuse", dynamic_range_db=20.0)
+    result = t2d.simulate(
+        short, radar=radar, scene="living_room", clutter="diffuse", accuracy={"dynamic_range_db": 20.0}
+    )
     cube = result.adc.values[:, 0].astype(complex)
     spectrum = np.fft.fft(get_window("hann", len(cube))[:, None] * cube, axis=0)
     power = np.sum(np.abs(spectrum) ** 2, axis=1)

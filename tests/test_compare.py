@@ -149,7 +149,9 @@ def test_drawn_speeds_hold_all_that_is_seen() -> None:
 
 def test_recorded_walk() -> None:
     motion = t2d.trim(t2d.place(t2d.load_motion(WALK)), 2.2, 3.5)  # two steps
-    ellipsoid, mesh = (t2d.simulate(motion, method=method, sagitta_rad=0.5) for method in ("ellipsoid", "mesh"))
+    ellipsoid, mesh = (
+        t2d.simulate(motion, method=method, accuracy={"sagitta_rad": 0.5}) for method in ("ellipsoid", "mesh")
+    )
     pelvis = np.linalg.norm(motion.joints[[0, -1], 0] - [0, 0, 1], axis=1)
     truth = (pelvis[0] - pelvis[1]) / motion.duration_s
     found = compare(ellipsoid, mesh)

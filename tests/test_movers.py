@@ -194,10 +194,10 @@ def test_a_dog_comes_round() -> None:
 def test_movers_last_as_long_as_the_others() -> None:
     fan = t2d.TableFan(position_m=(2, 1, 1), rpm=60)
     still = t2d.Door(position_m=(3, 0, 0)).mesh(1.0, 1.2)
-    result = t2d.simulate([fan, still], radar=QUICK, occlusion=False)
+    result = t2d.simulate([fan, still], radar=QUICK, accuracy={"occlusion": False})
     assert len(result.cube) == len(QUICK.chirp_times_s(0.2))
     assert "TableFan" in result.settings["targets"][0]
-    same = t2d.simulate([fan.mesh(1.0, 1.2), still], radar=QUICK, occlusion=False)
+    same = t2d.simulate([fan.mesh(1.0, 1.2), still], radar=QUICK, accuracy={"occlusion": False})
     assert np.array_equal(np.asarray(result.cube), np.asarray(same.cube))
     with pytest.raises(InputError, match=r"movers alone have no end, got .*; give one of them as its mesh"):
         t2d.simulate(fan, radar=QUICK)
@@ -207,9 +207,9 @@ def test_movers_stay_meshes_beside_ellipsoids() -> None:
     times = np.linspace(0, 0.2, 5)
     ball = Ellipsoids(np.full((1, 3), 0.1), np.tile([2.0, -1.0, 1.0], (5, 1, 1)), times)
     fan = t2d.TableFan(position_m=(2, 1, 1), rpm=60)
-    both = t2d.simulate([ball, fan], radar=QUICK, method="ellipsoid", occlusion=False)
+    both = t2d.simulate([ball, fan], radar=QUICK, method="ellipsoid", accuracy={"occlusion": False})
     alone = t2d.simulate(ball, radar=QUICK, method="ellipsoid")
-    mesh = t2d.simulate(fan.mesh(0, 0.2), radar=QUICK, occlusion=False)
+    mesh = t2d.simulate(fan.mesh(0, 0.2), radar=QUICK, accuracy={"occlusion": False})
     error = both.adc.values - alone.adc.values - mesh.adc.values
     assert np.abs(error).max() < 1e-2 * np.abs(mesh.adc.values).max()
 

@@ -23,7 +23,7 @@ from t2d_rt.types import PEC, Ellipsoids, Material, Motion, MovingMesh, Radar
 
 WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
 RADAR = Radar.preset("ci4r", prf_hz=8000)
-COARSE: dict[str, Any] = {"radar": RADAR, "sagitta_rad": 1.0}
+COARSE: dict[str, Any] = {"radar": RADAR, "accuracy": {"sagitta_rad": 1.0}}
 TIMES_S = np.array([0.0, 0.1, 0.2])
 ROUGH = Material(name="rough", relative_permittivity=math.inf, scattering_coefficient=0.5)
 
@@ -57,7 +57,7 @@ def test_recording_holds_its_configuration(recorded: t2d.Simulation, walk: Motio
     assert recorded.cube.shape == (len(RADAR.chirp_times_s(walk.duration_s)), 1, RADAR.samples)
     assert np.isfinite(recorded.cube).all()
     assert recorded.radar == RADAR
-    assert recorded.settings["sagitta_rad"] == 1.0
+    assert recorded.settings["accuracy"]["sagitta_rad"] == 1.0
     assert recorded.settings["targets"] == [t2d.place(walk, radar_position_m=RADAR.position_m).report]
     assert recorded.versions["drjit"] == "1.5.0"
 
@@ -96,8 +96,8 @@ def test_targets_add_up() -> None:
     near, far = ball(2.0, speed_mps=1.0), ball(3.0, y_m=0.5, speed_mps=-2.0)
     egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([2.5, -0.5, 1.0], (3, 1, 1)), TIMES_S)
     targets = [near, far, egg]
-    alone = sum(t2d.simulate(target, radar=RADAR, occlusion=False).cube for target in targets)
-    together = t2d.simulate(targets, radar=RADAR, occlusion=False)
+    alone = sum(t2d.simulate(target, radar=RADAR, accuracy={"occlusion": False}).cube for target in targets)
+    together = t2d.simulate(targets, radar=RADAR, accuracy={"occlusion": False})
     assert nmse_db(together.cube, alone) < -60  # each is within -60 dB of the exact sum
     assert len(together.settings["targets"]) == 3
 
@@ -184,10 +184,13 @@ def test_progress_reaches_one() -> None:
         ({"method": "ellipsoid"}, "method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh ball"),
         ({"seed": -1}, "seed must be an integer of 0 or more, got -1"),
         ({"seed": 0.5}, "seed must be an integer of 0 or more, got 0.5"),
-        ({"surface_rate_hz": 5}, "surface_rate_hz must lie in 10..10000 Hz, got 5"),
-        ({"surface_rate_hz": math.nan}, "surface_rate_hz must lie in"),
-        ({"occlusion_rate_hz": 0}, "occlusion_rate_hz must lie in 1..1000 Hz, got 0"),
-        ({"sagitta_rad": 0.0}, r"sagitta_rad must lie in 0.01..2 rad, got 0.0"),
+        (
+            {"accuracy": {"surface_rate_hz": 5}},
+            "accuracy key surface_rate_hz: got 5, should be greater than or equal to 10",
+        ),
+        ({"accuracy": {"surface_rate_hz": math.nan}}, "surface_rate_hz: got nan, should be a finite number"),
+        ({"accuracy": {"visibility_rate_hz": 0}}, "visibility_rate_hz: got 0, should be greater than or equal to 1"),
+        ({"accuracy": {"sagitta_rad": 0.0}}, "sagitta_rad: got 0.0, should be greater than or equal to 0.01"),
         ({"material": "cheese"}, "unknown material 'cheese'"),
         ({"device": "tpu"}, "device must be auto, cpu or gpu, got 'tpu'"),
     ],
@@ -231,7 +234,7 @@ def test_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
         ([], {}, "target must be a Motion"),
         ("walk.bvh", {}, "load_motion reads a file"),
         (ball(2.0), {"radar": "table2"}, "radar must be a Radar, got 'table2'"),
-        (ball(2.0), {"surface_rate_hz": "150"}, "surface_rate_hz must be a number, got '150'"),
+        (ball(2.0), {"accuracy": {"surface_rate_hz": "fast"}}, "surface_rate_hz: got 'fast', should be a valid number"),
         (ball(2.0), {"material": 3}, "material must be a name or a Material, got 3"),
         (ball(2.0), {"material": "skinn"}, "or one of pec, skin, clothed"),
         (ball(2.0), {"phase_from": "foo"}, "phase_from must be 'specular' or 'centre'"),
@@ -256,7 +259,7 @@ def test_a_facet_that_turns_too_fast_is_reported() -> None:
     with pytest.warns(T2DWarning, match="not watertight"):
         plate = MovingMesh(vertices + [40, 0, 1], faces, times_s, "pec", crease_deg=0, sagitta_rad=2)
     with pytest.warns(T2DWarning, match="turns too fast for its facets"):
-        t2d.simulate(plate, radar=RADAR, occlusion=False, surface_rate_hz=50)
+        t2d.simulate(plate, radar=RADAR, accuracy={"occlusion": False, "surface_rate_hz": 50})
 
 
 def test_a_body_is_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:

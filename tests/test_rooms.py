@@ -125,7 +125,7 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
 def peak(scene: Scene | str, radius_m: float = 0.15) -> tuple[Radar, np.ndarray, np.ndarray, np.ndarray]:
     radar = Radar.preset("table2", position_m=(0.0, 0.0, 1.0))
     target = ball(radius_m, (4.0, 0.3, 1.0), (-2.0, 0.5, 0.0), 0.1)
-    result = t2d.simulate(target, radar=radar, scene=scene, clutter="none", occlusion=False)
+    result = t2d.simulate(target, radar=radar, scene=scene, clutter="none", accuracy={"occlusion": False})
     image = range_doppler(result.adc.values[:, 0], radar, correct_coupling=True)
     return radar, image.power, image.velocity_mps, image.range_m
 
@@ -207,7 +207,11 @@ def test_transmitter_and_receiver_may_be_swapped() -> None:
     cubes = []
     for tx, rx in (sides, sides[::-1]):
         radar = Radar.preset("table2", tx_offsets_m=tx, rx_offsets_m=rx)
-        cubes.append(t2d.simulate(target, radar=radar, scene=small_room(), clutter="none", occlusion=False).adc.values)
+        cubes.append(
+            t2d.simulate(
+                target, radar=radar, scene=small_room(), clutter="none", accuracy={"occlusion": False}
+            ).adc.values
+        )
     assert nmse_db(cubes[1], cubes[0]) < -80
 
 
@@ -234,9 +238,9 @@ def test_scene_radar_and_target_may_be_moved_together() -> None:
         lambda t: target.at(t) @ turn.T + shift, target.faces, target.times_s, material="pec", rest=target.rest
     )
     place = turn @ [0, 0, 1] + shift
-    one = t2d.simulate(target, radar=Radar.preset("table2"), scene=room, clutter="none", occlusion=False)
+    one = t2d.simulate(target, radar=Radar.preset("table2"), scene=room, clutter="none", accuracy={"occlusion": False})
     radar = Radar.preset("table2", position_m=tuple(place), boresight=tuple(turn @ [1, 0, 0]))
-    other = t2d.simulate(there, radar=radar, scene=moved, clutter="none", occlusion=False)
+    other = t2d.simulate(there, radar=radar, scene=moved, clutter="none", accuracy={"occlusion": False})
     assert nmse_db(other.adc.values, one.adc.values) < -60
 
 
@@ -251,7 +255,7 @@ def test_what_stands_still_stays_at_zero_doppler() -> None:
 def test_a_body_sees_the_same_room_in_both_models() -> None:
     motion = t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 0, 0.3)
     found = [
-        t2d.simulate(motion, scene=small_room(), clutter="none", method=method, dynamic_range_db=20.0)
+        t2d.simulate(motion, scene=small_room(), clutter="none", method=method, accuracy={"dynamic_range_db": 20.0})
         for method in ("mesh", "ellipsoid")
     ]
     assert found[0].settings["pairs"] == found[1].settings["pairs"]
@@ -286,7 +290,7 @@ def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
 def test_nothing_rings_where_ways_come_and_go() -> None:
     """A delay that leaps, even of an echo that is dark there, turns its group's others: lines at multiples of the surface rate."""
     walk = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")))
-    image = t2d.simulate(t2d.trim(walk, 1.5, 2.1), scene="living_room", sagitta_rad=1.0).spectrogram
+    image = t2d.simulate(t2d.trim(walk, 1.5, 2.1), scene="living_room", accuracy={"sagitta_rad": 1.0}).spectrogram
     fast = np.abs(image.velocity_mps.values) > 6
     assert image.values[fast].max() < image.values.max() - 55
 
@@ -358,8 +362,7 @@ def test_a_fan_in_step_with_the_looks_keeps_its_faces() -> None:
             scene=scene,
             reflections=0,
             clutter="none",
-            occlusion=False,
-            sagitta_rad=0.5,
+            accuracy={"occlusion": False, "sagitta_rad": 0.5},
         ).adc.values
         for scene in ("free_space", far)
     )
@@ -386,7 +389,9 @@ def test_what_turns_fast_is_seen_in_the_mean_in_weak_pairs() -> None:
 def test_a_room_of_ones_own() -> None:
     room = t2d.Room(name="cell", size_m=(5, 4, 2.5))
     target = ball(0.1, (3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
-    made, same = (t2d.simulate(target, scene=scene, dynamic_range_db=20.0) for scene in (room, room.scene()))
+    made, same = (
+        t2d.simulate(target, scene=scene, accuracy={"dynamic_range_db": 20.0}) for scene in (room, room.scene())
+    )
     assert made.settings["scene"] == "cell"
     assert "direct, wall-x" in made.settings["pairs"]
     assert np.array_equal(made.adc.values, same.adc.values)

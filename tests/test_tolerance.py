@@ -13,7 +13,6 @@ import trimesh
 
 import t2d_rt as t2d
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.model import Detail
 from t2d_rt.radar.direct import between, direct_sum
 from t2d_rt.types import Echoes, Motion, MovingMesh, Radar
 from t2d_rt.types.echoes import stream
@@ -41,8 +40,8 @@ def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 def test_the_measured_error_is_that_against_a_much_finer_run(walk: Motion) -> None:
-    coarse = t2d.simulate(walk, radar=RADAR, sagitta_rad=0.8, measure_error=True)
-    fine = t2d.simulate(walk, radar=RADAR, sagitta_rad=0.1, surface_rate_hz=200)
+    coarse = t2d.simulate(walk, radar=RADAR, accuracy={"sagitta_rad": 0.8}, measure_error=True)
+    fine = t2d.simulate(walk, radar=RADAR, accuracy={"sagitta_rad": 0.1, "surface_rate_hz": 200})
     assert coarse.error_db is not None
     assert coarse.error_db == pytest.approx(nmse_db(coarse.cube, fine.cube), abs=2)
     assert fine.error_db is None
@@ -52,7 +51,7 @@ def test_the_measured_error_is_that_against_a_much_finer_run(walk: Motion) -> No
 def test_a_spoilt_record_shows_in_the_measurement(walk: Motion) -> None:
     """What is measured is the cube and not the plan: a surface rate that is far too low."""
     with pytest.warns(T2DWarning, match="turns too fast"):
-        bad = t2d.simulate(walk, radar=RADAR, surface_rate_hz=12, measure_error=True)
+        bad = t2d.simulate(walk, radar=RADAR, accuracy={"surface_rate_hz": 12}, measure_error=True)
     good = t2d.simulate(walk, radar=RADAR, measure_error=True)
     assert bad.error_db is not None
     assert good.error_db is not None
@@ -104,8 +103,8 @@ def test_a_tolerance_is_kept_and_asks_for_no_more_than_it_needs(walk: Motion) ->
     assert loose.error_db is not None
     assert tight.error_db is not None
     assert tight.error_db < -25 < -21 < loose.error_db < -11
-    assert loose.settings["coarser"] > 1.3 > 0.9 > tight.settings["coarser"]
-    assert loose.settings["occlusion"] is False, "a walk towards the radar hides nothing that counts"
+    assert loose.settings["accuracy"]["sagitta_scale"] > 1.3 > 0.9 > tight.settings["accuracy"]["sagitta_scale"]
+    assert loose.settings["accuracy"]["occlusion"] is False, "a walk towards the radar hides nothing that counts"
     assert loose.settings["tolerance_db"] == -12.0
 
 
@@ -119,7 +118,7 @@ def test_what_stands_behind_is_looked_at() -> None:
     settings = [
         t2d.simulate(each, radar=RADAR, tolerance_db=-20.0, measure_error=False).settings for each in (behind, beside)
     ]
-    assert [each["occlusion"] for each in settings] == [True, False]
+    assert [each["accuracy"]["occlusion"] for each in settings] == [True, False]
 
 
 def test_what_only_a_wall_sees_behind_another_is_looked_at() -> None:
@@ -129,7 +128,7 @@ def test_what_only_a_wall_sees_behind_another_is_looked_at() -> None:
         {"radar": RADAR, "tolerance_db": -20.0, "measure_error": False},
     )
     settings = [t2d.simulate(beside, scene="empty_room", reflections=n, **options).settings for n in (0, 1)]
-    assert [each["occlusion"] for each in settings] == [False, True]
+    assert [each["accuracy"]["occlusion"] for each in settings] == [False, True]
 
 
 def test_the_plan_says_what_is_modelled_left_out_and_predicted(walk: Motion) -> None:
@@ -138,7 +137,7 @@ def test_the_plan_says_what_is_modelled_left_out_and_predicted(walk: Motion) -> 
     for part in (
         "facets",
         "surface frames",
-        "what hides what",
+        "occlusion",
         "left out",
         "predicted",
         "ellipsoids",
@@ -158,16 +157,16 @@ def test_pairs_of_ways_are_left_out_by_what_they_cost(walk: Motion) -> None:
 
 
 def test_what_a_user_gives_stays(walk: Motion) -> None:
-    options = {"occlusion_rate_hz": 7.0, "surface_rate_hz": 90.0, "sagitta_rad": 0.3}
-    settings = t2d.simulate(walk, radar=RADAR, tolerance_db=-15.0, measure_error=False, **options).settings
-    assert settings["occlusion_rate_hz"] == 7.0
-    assert settings["surface_rate_hz"][0] == pytest.approx(90, rel=0.05)
-    assert (settings["sagitta_rad"], settings["coarser"]) == (0.3, 1.0)
+    given = {"visibility_rate_hz": 7.0, "surface_rate_hz": 90.0, "sagitta_rad": 0.3}
+    settings = t2d.simulate(walk, radar=RADAR, tolerance_db=-15.0, measure_error=False, accuracy=given).settings
+    assert settings["accuracy"]["visibility_rate_hz"] == 7.0
+    assert settings["surface_rates_hz"][0] == pytest.approx(90, rel=0.05)
+    assert (settings["accuracy"]["sagitta_rad"], settings["accuracy"]["sagitta_scale"]) == (0.3, 1.0)
 
 
 def test_a_tolerance_out_of_reach_is_told(walk: Motion) -> None:
     with pytest.warns(T2DWarning, match="not in reach"):
-        t2d.simulate(walk, radar=RADAR, tolerance_db=-25.0, sagitta_rad=1.5, measure_error=False)
+        t2d.simulate(walk, radar=RADAR, tolerance_db=-25.0, accuracy={"sagitta_rad": 1.5}, measure_error=False)
 
 
 @pytest.mark.parametrize("wrong", [-60, 20, "-20", math.nan])
@@ -200,7 +199,7 @@ def test_a_tolerance_leaves_the_shadow_on_the_wall(walk: Motion) -> None:
         return np.asarray(cluttered - alone)
 
     shadowed = wall()
-    assert nmse_db(wall(occlusion=False), shadowed) > -35
+    assert nmse_db(wall(accuracy={"occlusion": False}), shadowed) > -35
     assert nmse_db(wall(tolerance_db=-12.0), shadowed) < -45
 
 
@@ -210,6 +209,9 @@ def test_unknown_options_of_a_plan_are_refused(walk: Motion) -> None:
 
 
 def test_defaults_are_those_of_before() -> None:
-    """Defaults of `Detail` are those of `simulate` without a tolerance."""
-    assert (Detail().coarser, Detail().occlusion_hz, Detail().range_db) == (1.0, 25.0, 60.0)
-    assert (Detail().occlusion_halved, Detail().faint_db, Detail().weak_patches) == (0, -21.0, 2.0)
+    """Defaults of `Accuracy` are those of `simulate` without a tolerance."""
+    found = t2d.Accuracy()
+    assert (found.sagitta_scale, found.visibility_rate_hz, found.dynamic_range_db) == (1.0, 25.0, 60.0)
+    assert (found.visibility_subdivision, found.fastest_sampled_hz) == (0, 200.0)
+    assert [tier.level_db for tier in found.tiers[:2]] == [-6.0, -21.0]
+    assert [tier.patch_span_scale for tier in found.tiers] == [1.0, 2.0, 4.0]

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from functools import partial
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import pipeline
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.model import Detail
 from t2d_rt.types import MovingMesh, Radar
+from t2d_rt.types.accuracy import DEFAULT_TIERS
 from validation.bodies import random_chirps, walking
 from validation.reference import nmse_db, reference_samples
 from validation.report import Check, Section, new_figure, save_chart
@@ -24,16 +20,18 @@ CHIRPS, SAMPLES = 6, (20, 236)
 FINE_CHIRPS, FINER_SAGITTA_RAD, FINER_WEAK_RAD = 2, 0.05, 0.08
 LIMIT_DB, DEFAULT_DB, AGREEMENT_DB, CONVERGED_DB = -20.0, -6.0, -25.0, -30.0
 DEFAULT, ASKED, FULL = "default", "tolerance_db=-20", "all pairs in full detail"
-NO_FAINT: dict[str, Any] = {"faint_db": -math.inf}
-ALL_STRONG = {**NO_FAINT, "strong_db": -math.inf}
+DOMINANT, SECONDARY, _ = DEFAULT_TIERS
+ALL_DOMINANT = {"tiers": (DOMINANT,)}
 SETTINGS: dict[str, dict[str, Any]] = {
     DEFAULT: {},
-    "faint pairs by coarse facets, too": NO_FAINT,
-    "and in the body's own shadow": {**NO_FAINT, "weak_hidden": True, "weak_coarser": 3.0},
-    FULL: ALL_STRONG,
+    "minor paths by coarse facets, too": {"tiers": (DOMINANT, SECONDARY)},
+    "and with the body's own occlusion": {
+        "tiers": (DOMINANT, SECONDARY.model_copy(update={"visibility": "occlusion", "sagitta_scale": 3.0}))
+    },
+    FULL: ALL_DOMINANT,
 }
-"""What of `Detail` decides on weak pairs, changed step by step."""
-SAME_FACETS_RAD, FINE_RATES = 0.3, {"surface_rate_hz": 200.0, "occlusion_rate_hz": 100.0}
+"""What of `Accuracy` decides on secondary and minor paths, changed step by step."""
+SAME_FACETS_RAD, FINE_RATES = 0.3, {"surface_rate_hz": 200.0, "visibility_rate_hz": 100.0}
 
 
 def run() -> Section:
@@ -87,16 +85,15 @@ def _reference(surface: MovingMesh, radar: Radar, chirps: np.ndarray, name: str,
 def _simulated(
     surface: MovingMesh, radar: Radar, chirps: np.ndarray, name: str, settings: dict[str, Any], **options: Any
 ) -> np.ndarray:
-    """Samples (chirps, samples) with other defaults of `Detail`."""
-    with patch.object(pipeline, "Detail", partial(Detail, **settings)):
-        cube = t2d.simulate(surface, radar=radar, scene=name, clutter="none", **options).cube[:, 0]
+    """Samples (chirps, samples) at that accuracy."""
+    cube = t2d.simulate(surface, radar=radar, scene=name, clutter="none", accuracy=settings, **options).cube[:, 0]
     return cube[np.ix_(chirps, SAMPLES)]
 
 
 def _agreement(surface: MovingMesh, radar: Radar, chirps: np.ndarray) -> float:
     facets = {"sagitta_rad": SAME_FACETS_RAD, "occlusion": False}
     reference = _reference(surface, radar, chirps, ROOMS[0], weak_sagitta_rad=SAME_FACETS_RAD, **facets)
-    return nmse_db(_simulated(surface, radar, chirps, ROOMS[0], ALL_STRONG, **facets, **FINE_RATES), reference)
+    return nmse_db(_simulated(surface, radar, chirps, ROOMS[0], ALL_DOMINANT | facets | FINE_RATES), reference)
 
 
 def _convergence(surface: MovingMesh, radar: Radar, chirps: np.ndarray) -> float:

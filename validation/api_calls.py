@@ -345,10 +345,10 @@ def _results(folder: Path) -> list[Call]:
     processing = {"range_gate_m": (1, 5), "n_window": 32, "overlap": 16, "n_fft": 64, "mti": "mean", "kernel": (1, -1)}
     small = {"radar": RADAR, "method": "ellipsoid"}
     simulated = {
-        **small, "target": egg(), "scene": "free_space", "reflections": 1, "transmissions": 0, "dynamic_range_db": 60,
-        "clutter": "none", "collisions": "warn", "seed": 0, "body": "adult", "material": "skin", "occlusion": False,
-        "occlusion_rate_hz": 25, "surface_rate_hz": 50, "sagitta_rad": 0.3, "phase_from": "specular", "measure_error": False,
+        **small, "target": egg(), "scene": "free_space", "reflections": 1, "transmissions": 0, "clutter": "none",
+        "collisions": "warn", "seed": 0, "body": "adult", "material": "skin", "phase_from": "specular", "measure_error": False,
         "device": "cpu", "progress": lambda share: None, "tolerance_db": None,
+        "accuracy": {"occlusion": False, "surface_rate_hz": 50, "sagitta_rad": 0.3},
     }  # fmt: skip
     return [
         Call("Simulation", t2d.Simulation, {"cube": cube(), "radar": RADAR}, lambda r: r.spectrogram),

@@ -338,7 +338,7 @@ def _activity(radar: Radar, name: str, recording: str, start_s: float, stop_s: f
     found = {
         "ellipsoid": t2d.simulate(motion, radar=radar, method="ellipsoid"),
         "mesh": t2d.simulate(motion, radar=radar),
-        "unhidden": t2d.simulate(motion, radar=radar, occlusion=False),
+        "unhidden": t2d.simulate(motion, radar=radar, accuracy={"occlusion": False}),
     }
     image = found["mesh"].spectrogram
     return Activity(

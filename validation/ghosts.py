@@ -190,7 +190,7 @@ def _unchanged() -> list[Check]:
 
 
 def _cube(target: MovingMesh, scene: Scene, radar: Radar) -> np.ndarray:
-    found = t2d.simulate(target, radar=radar, scene=scene, clutter="none", occlusion=False)
+    found = t2d.simulate(target, radar=radar, scene=scene, clutter="none", accuracy={"occlusion": False})
     return np.asarray(found.adc.values)
 
 

@@ -124,7 +124,9 @@ def _from_cube(radar: Radar, fields: np.ndarray) -> float:
     slow = radar.replace(prf_hz=1 / STEP_S)
     sphere, worst = turning_sphere(FACES[0]), 0.0
     for seed in range(CUBE_SEEDS):
-        found = t2d.simulate(sphere, radar=slow, surface_rate_hz=1 / STEP_S, occlusion=False, seed=seed)
+        found = t2d.simulate(
+            sphere, radar=slow, accuracy={"surface_rate_hz": 1 / STEP_S, "occlusion": False}, seed=seed
+        )
         middle = found.cube[:ASPECTS, 0, radar.samples // 2 - 1 : radar.samples // 2 + 1]
         power = np.sum(np.abs(middle) ** 2) / 2 * RANGE_M**4 / radar.link_amplitude**2
         worst = max(worst, abs(_db(power / np.sum(np.abs(fields[seed]) ** 2))))

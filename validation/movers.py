@@ -59,7 +59,7 @@ def run() -> Section:
 def seen(blades: int, rpm: float, radius_m: float) -> tuple[float, float]:
     """Flash rate [Hz] and tip speed [m/s] as the radar sees them."""
     fan = t2d.TableFan(position_m=(1.5, 0, 1), heading_deg=90, blades=blades, rpm=rpm, radius_m=radius_m)
-    adc = t2d.simulate(fan.mesh(0, RECORD_S), radar=RADAR, occlusion=False).adc.values
+    adc = t2d.simulate(fan.mesh(0, RECORD_S), radar=RADAR, accuracy={"occlusion": False}).adc.values
     tip_mps = tip_speed_mps(adc, RADAR)
     return flash_rate_hz(adc, RADAR, 0.7 * tip_mps), tip_mps
 
@@ -90,8 +90,10 @@ def flash_rate_hz(adc: np.ndarray, radar: Radar, above_mps: float) -> float:
 def frame_error_db() -> float:
     """NMSE of the moving part of a fan's field at its own surface rate, beside 5 times that."""
     fan = t2d.TableFan(position_m=(1.5, 0.5, 1), heading_deg=120).mesh(0, RECORD_S)
-    usual = t2d.simulate(fan, radar=RADAR, occlusion=False)
-    finer = t2d.simulate(fan, radar=RADAR, occlusion=False, surface_rate_hz=5 * usual.settings["surface_rate_hz"][0])
+    usual = t2d.simulate(fan, radar=RADAR, accuracy={"occlusion": False})
+    finer = t2d.simulate(
+        fan, radar=RADAR, accuracy={"occlusion": False, "surface_rate_hz": 5 * usual.settings["surface_rates_hz"][0]}
+    )
     field, truth = (each.adc.values - each.adc.values.mean(axis=0) for each in (usual, finer))
     return float(10 * np.log10(np.sum(np.abs(field - truth) ** 2) / np.sum(np.abs(truth) ** 2)))
 
@@ -100,7 +102,7 @@ def _gallery() -> str:
     figure, axes = new_figure(figsize=(13, 3.4), ncols=len(GALLERY))
     radar = Radar.preset("table2")
     for ax, (name, (each, chirps)) in zip(axes, GALLERY.items(), strict=True):
-        result = t2d.simulate(each.mesh(0, GALLERY_S), radar=radar, occlusion=False)
+        result = t2d.simulate(each.mesh(0, GALLERY_S), radar=radar, accuracy={"occlusion": False})
         image = result.processed(n_window=chirps, overlap=7 * chirps // 8).spectrogram
         drawn = ax.pcolormesh(
             image.time_s, image.velocity_mps, image.values - float(image.values.max()), vmin=-DYNAMIC_RANGE_DB, vmax=0,

@@ -54,7 +54,9 @@ def _approaching(radar: Radar) -> np.ndarray:
     ball, faces = sphere(RADIUS_M, np.zeros(3), subdivisions=4)
     centres = radar.tx_position_m + np.outer(START_M + RADIUS_M - SPEED_MPS * times, [1.0, 0, 0])
     mesh = MovingMesh(ball + centres[:, None], faces, times, PEC)
-    return t2d.simulate(mesh, radar=radar, surface_rate_hz=SURFACE_RATE_HZ).cube[:, 0].astype(np.complex128)
+    return (
+        t2d.simulate(mesh, radar=radar, accuracy={"surface_rate_hz": SURFACE_RATE_HZ}).cube[:, 0].astype(np.complex128)
+    )
 
 
 def _range_error(cube: np.ndarray, radar: Radar) -> float:

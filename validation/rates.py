@@ -67,7 +67,7 @@ def _errors(
     reference = reference_samples(
         surface, radar, chirps, np.array(SAMPLES), material=material, sagitta_rad=sagitta_rad, occlusion=occlusion
     )
-    cubes = (t2d.simulate(surface, radar=radar, **setting).cube[:, 0] for setting in settings)
+    cubes = (t2d.simulate(surface, radar=radar, accuracy=setting).cube[:, 0] for setting in settings)
     return [nmse_db(cube[np.ix_(chirps, SAMPLES)], reference) for cube in cubes]
 
 
@@ -83,7 +83,7 @@ def _surface_rates(radar: Radar) -> tuple[dict[float, float], float]:
 def _occlusion_rates(radar: Radar) -> tuple[dict[float, float], float]:
     surface = walking(1.9, 2.4, angle_deg=ACROSS_DEG)
     fixed = {"surface_rate_hz": FINE_HZ, "sagitta_rad": OCCLUDED_SAGITTA_RAD}
-    settings = [{"occlusion_rate_hz": rate, **fixed} for rate in OCCLUSION_RATES_HZ]
+    settings = [{"visibility_rate_hz": rate, **fixed} for rate in OCCLUSION_RATES_HZ]
     *errors, unhidden = _errors(surface, radar, OCCLUDED_SAGITTA_RAD, [*settings, {"occlusion": False, **fixed}], True)
     return dict(zip(OCCLUSION_RATES_HZ, errors, strict=True)), unhidden
 

@@ -28,7 +28,9 @@ def run() -> Section:
     rows = []
     for sagitta in SAGITTAS_RAD:
         cube = t2d.simulate(
-            surface, radar=radar, sagitta_rad=sagitta, surface_rate_hz=SURFACE_RATE_HZ, occlusion=False
+            surface,
+            radar=radar,
+            accuracy={"sagitta_rad": sagitta, "surface_rate_hz": SURFACE_RATE_HZ, "occlusion": False},
         ).cube[:, 0]
         faces, edge = mean_edge(surface, radar, sagitta)
         error = nmse_db(cube[np.ix_(chirps, SAMPLES)], reference)

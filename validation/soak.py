@@ -155,14 +155,14 @@ def _ball(rng: np.random.Generator, _: Path) -> None:
 
 
 def _body(rng: np.random.Generator, _: Path) -> None:
-    _simulated(_walk(rng), _radar(rng), sagitta_rad=float(rng.uniform(0.6, 2)))
+    _simulated(_walk(rng), _radar(rng), accuracy={"sagitta_rad": float(rng.uniform(0.6, 2))})
 
 
 def _fan(rng: np.random.Generator, _: Path) -> None:
     import t2d_rt as t2d
 
     fan = t2d.TableFan(position_m=(3, float(rng.uniform(-1, 1)), 1), rpm=float(rng.uniform(60, 300)))
-    _simulated([_sphere(rng), fan], _radar(rng), sagitta_rad=1.0)
+    _simulated([_sphere(rng), fan], _radar(rng), accuracy={"sagitta_rad": 1.0})
 
 
 def _room(rng: np.random.Generator, _: Path) -> None:
@@ -174,7 +174,9 @@ def _room(rng: np.random.Generator, _: Path) -> None:
 
 def _body_in_room(rng: np.random.Generator, _: Path) -> None:
     scene = str(rng.choice(["empty_room", "bedroom", "corridor"]))
-    _simulated(_walk(rng, 0.3), _radar(rng), scene=scene, reflections=1, sagitta_rad=2.0, collisions="ignore")
+    _simulated(
+        _walk(rng, 0.3), _radar(rng), scene=scene, reflections=1, accuracy={"sagitta_rad": 2.0}, collisions="ignore"
+    )
 
 
 def _tolerance(rng: np.random.Generator, _: Path) -> None:

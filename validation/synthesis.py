@@ -103,7 +103,9 @@ def _wideband(preset: str) -> tuple[np.ndarray, np.ndarray]:
     radar = Radar.preset(preset)
     surface = walking(1.0, 1.5)
     cube = t2d.simulate(
-        surface, radar=radar, sagitta_rad=WIDEBAND_SAGITTA_RAD, surface_rate_hz=SURFACE_RATE_HZ, occlusion=False
+        surface,
+        radar=radar,
+        accuracy={"sagitta_rad": WIDEBAND_SAGITTA_RAD, "surface_rate_hz": SURFACE_RATE_HZ, "occlusion": False},
     ).cube[:, 0]
     chirps = np.sort(np.random.default_rng(0).choice(len(cube), CHIRPS, replace=False))
     samples = np.linspace(0, radar.samples - 1, 9).astype(int)

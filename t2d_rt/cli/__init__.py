@@ -41,9 +41,8 @@ if TYPE_CHECKING:
 
 
 MODEL = (
-    "method", "scene", "tolerance_db", "reflections", "transmissions", "dynamic_range_db", "clutter", "collisions", "seed",
-    "body", "material", "occlusion", "occlusion_rate_hz", "surface_rate_hz", "sagitta_rad", "phase_from", "measure_error",
-    "device", "memory_gb",
+    "method", "scene", "tolerance_db", "reflections", "transmissions", "clutter", "collisions", "seed", "body", "material",
+    "phase_from", "measure_error", "device", "memory_gb",
 )  # fmt: skip
 """Options that go to the pipeline by their names."""
 
@@ -188,7 +187,7 @@ def _plan(options: Namespace) -> None:
     radar = _radar(options)
     motion = _motion(options, Path(options.file), radar)
     names = [name for name in MODEL if name != "measure_error"]
-    say(plan(motion, radar=radar, **{name: options[name] for name in names}))
+    say(plan(motion, radar=radar, accuracy=_accuracy(options), **{name: options[name] for name in names}))
 
 
 def _compare(options: Namespace) -> None:
@@ -271,6 +270,11 @@ def _radar(options: Namespace) -> Radar:
     return Radar(**options.radar.as_dict())
 
 
+def _accuracy(options: Namespace) -> dict[str, Any]:
+    """The fields that were given."""
+    return options.accuracy.as_dict() if "accuracy" in options else {}
+
+
 def _motion(options: Namespace, source: Path, radar: Radar) -> Motion:
     from t2d_rt.cli.add import cut
     from t2d_rt.motion import load_motion, place
@@ -299,7 +303,9 @@ def _recorded(
     targets = [motion, *(each.motion(radar) if isinstance(each, Person) else each for each in added)]
     _check_processing(processing, radar, min(each.duration_s for each in targets if isinstance(each, Motion)))
     with _progress(method) as progress:
-        result = simulate(targets, radar=radar, method=method, progress=progress, **{n: options[n] for n in names})
+        result = simulate(
+            targets, radar=radar, method=method, progress=progress, accuracy=_accuracy(options), **{n: options[n] for n in names}
+        )  # fmt: skip
     source = {name: options[name] for name in ("file", "distance_m", "angle_deg", "start_s", "stop_s")}
     result.settings["motion"] = {**source, "file": Path(options.file).name, **options.motion.as_dict()}
     if added:

@@ -185,13 +185,29 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bo
         default="free_space",
         help=f"free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file",
     )
-    _add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", *skip})
+    _add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", *skip})
+    _add_accuracy(parser)
     _add_radar(parser)
     _add_parameters(
         parser.add_argument_group("reading the file, where it is not understood by itself"), load_motion, "motion."
     )
     if signal:
         _add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
+
+
+def _add_accuracy(parser: ArgumentParser) -> None:
+    from argparse import SUPPRESS
+
+    from t2d_rt.types import Accuracy
+
+    group = parser.add_argument_group("accuracy: what is given here stays, and a tolerance decides on the rest")
+    for name, field in Accuracy.model_fields.items():
+        default = "" if name == "tiers" else f" (default: {'null' if field.default is None else field.default})"
+        kind = get_type_hints(Accuracy)[name]
+        if name == "tiers":  # checked by the tiers themselves
+            kind = list[dict[str, Any]]
+        help_text = f"{field.description}{default}".replace("%", "%%")
+        group.add_argument(f"--accuracy.{name}", type=kind, default=SUPPRESS, help=help_text)
 
 
 def _add_radar(parser: ArgumentParser) -> None:
@@ -284,7 +300,7 @@ def _config_text(path: str) -> str:
     )
     if isinstance(values.get("radar"), str):
         values["radar"] = _radar_fields(values["radar"])
-    for section in ("radar", "motion", "signal"):
+    for section in ("radar", "motion", "signal", "accuracy"):
         if section in values and not isinstance(values[section], dict):
             raise InputError(
                 f"'{section}' in config file {path} must hold options and values, got {shown(values[section])}"

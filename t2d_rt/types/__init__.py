@@ -1,5 +1,6 @@
 """Frozen values that cross stages."""
 
+from t2d_rt.types.accuracy import Accuracy, PathTier
 from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, resampled, stream
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.legs import Leg, LegPair, StaticPath
@@ -14,6 +15,7 @@ __all__ = [
     "CANONICAL_PARENTS",
     "OPTIONAL_JOINTS",
     "PEC",
+    "Accuracy",
     "EchoArrays",
     "EchoStream",
     "Echoes",
@@ -23,6 +25,7 @@ __all__ = [
     "Material",
     "Motion",
     "MovingMesh",
+    "PathTier",
     "Radar",
     "Scene",
     "StaticPath",

@@ -71,7 +71,8 @@ class Case:
     changes: dict[str, Any] = field(default_factory=dict)
     """Fields of the preset to change."""
     duration_s: float = 4.0
-    sagitta_rad: float | None = None
+    accuracy: dict[str, Any] = field(default_factory=dict)
+    """Fields of `Accuracy` to change."""
     target: str = "walk"
     """Cycles of CMU 12_01, repeated without a jump, or a "sphere" that comes nearer."""
     runs: int = 2
@@ -80,7 +81,6 @@ class Case:
     """Whether the cube goes to disk however small it is."""
     scene: str = "free_space"
     """In a room the walk is on the spot, 3 m before the radar."""
-    dynamic_range_db: float = 60.0
 
 
 def apart(case: Case) -> dict[str, Any]:
@@ -108,9 +108,12 @@ def measure(case: Case) -> dict[str, Any]:
 
     def run() -> int:
         found = t2d.simulate(
-            target, radar=radar, method=case.method, sagitta_rad=case.sagitta_rad, scene=case.scene,  # type: ignore[arg-type]
-            dynamic_range_db=case.dynamic_range_db,
-        )  # fmt: skip
+            target,
+            radar=radar,
+            method=case.method,
+            accuracy=case.accuracy,
+            scene=case.scene,  # type: ignore[arg-type]
+        )
         _ = found.spectrogram
         return len(found.settings.get("pairs", [None]))
 

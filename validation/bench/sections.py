@@ -135,7 +135,7 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
             title="Facets of a body",
             variable="facets",
             cases=[
-                Case(name=f"sagitta {bar:g} rad", sagitta_rad=bar, duration_s=base_s)
+                Case(name=f"sagitta {bar:g} rad", accuracy={"sagitta_rad": bar}, duration_s=base_s)
                 for bar in of((2.0, 1.0, 0.5, 0.2, 0.12), (1.0, 0.25))
             ],
             note=f"Walk of {base_s:g} s, table2. The body has 6 402 faces unrefined; 2 rad is the coarsest that is taken.",
@@ -144,7 +144,7 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
             title="Facets of a sphere",
             variable="facets",
             cases=[
-                Case(name=f"sagitta {bar:g} rad", target="sphere", sagitta_rad=bar, duration_s=base_s)
+                Case(name=f"sagitta {bar:g} rad", target="sphere", accuracy={"sagitta_rad": bar}, duration_s=base_s)
                 for bar in (2.0, 0.7, 0.2, 0.07, 0.03)
             ],
             note=f"What the body cannot show, below 20 000 facets: a sphere of 15 cm that comes nearer for {base_s:g} s, table2.",
@@ -181,7 +181,7 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
             title="Pairs of ways",
             variable="pairs",
             cases=[
-                Case(name=f"{db:g} dB", preset="table2-uniform", scene=ROOM, dynamic_range_db=db, duration_s=base_s)
+                Case(name=f"{db:g} dB", preset="table2-uniform", scene=ROOM, accuracy={"dynamic_range_db": db}, duration_s=base_s)
                 for db in of((5.0, 15.0, 20.0, 25.0, 30.0, 60.0), (10.0, 60.0))
             ],
             note=f"Walk of {base_s:g} s on the spot in the {ROOM}, table2-uniform, with all pairs of ways within more and more dB.",

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import t2d_rt as t2d
-from t2d_rt.model import Detail
 from t2d_rt.resources import resource
 from t2d_rt.types import Motion, Radar
+from t2d_rt.types.accuracy import DEFAULT_TIERS
 from validation.bodies import RUN, WALK, falling
 from validation.chart.front import GAP_DB, GAP_TIME, Error, gap, seconds_at
 from validation.chart.measure import REFERENCE_RAD, ROOM_REFERENCE_RAD, Case, Point, measured
@@ -132,8 +132,10 @@ def _note(found: dict[tuple[str, str], list[Point]], fine_db: dict[tuple[str, st
         "a record needs once, about 0.3 s, weighs more in so short ones than in the bench's 10 s. Field NMSE at "
         f"{CHIRPS} random chirps ({ROOM_CHIRPS} in rooms) and three places of the sweep against the float64 reference with "
         f"facets of {REFERENCE_RAD} rad, in rooms {ROOM_REFERENCE_RAD} rad and up to two reflections, so that wall order 3 is held "
-        f"against less than it has. Rooms' default models pairs of ways weaker than {Detail().strong_db:g} dB coarsely and those "
-        f"below {Detail().faint_db:g} dB by ellipsoids: their power is right, their phases are not. In the field's error ghosts of "
+        "against less than it has. Rooms' default models path pairs weaker than "
+        f"{DEFAULT_TIERS[0].level_db:g} dB coarsely and those "
+        f"below {DEFAULT_TIERS[1].level_db:g} dB by ellipsoids: their power is right, their phases are not. "
+        "In the field's error ghosts of "
         "wrong phase count twice, so to "
         f"leave second reflections out (wall order 1) is as good or better and faster: the default is off by {_off(found)}. In the "
         "spectrogram, which shows the ghosts, it is not. `tolerance_db` has all as fine as it asks for (the line by tolerance; its "

@@ -29,7 +29,7 @@ REFERENCE_RAD, ROOM_REFERENCE_RAD, WEAK_RAD = 0.08, 0.12, 0.3
 LONG_S = 3.0
 """A run that takes longer than that is not repeated once kernels are warm."""
 NEAR_PEAK_DB = 40.0
-FINE: dict[str, Any] = {"surface_rate_hz": 100.0, "occlusion_rate_hz": 100.0}
+FINE: dict[str, Any] = {"surface_rate_hz": 100.0, "visibility_rate_hz": 100.0}
 FINE_SCALE, ROOM_FINE_DB = 0.4, -24.0
 """The stand-in for the reference over the whole record: facets of that much less sagitta, in rooms what that tolerance asks for."""
 
@@ -71,7 +71,7 @@ class Case:
         from validation.chart.methods import simulated
 
         if self.scene == "free_space":
-            return simulated(self, scale=FINE_SCALE, **FINE)
+            return simulated(self, scale=FINE_SCALE, accuracy=FINE)
         return t2d.simulate(self.motion, tolerance_db=ROOM_FINE_DB, measure_error=False, **self.settings())
 
     def settings(self) -> dict[str, Any]:

@@ -105,7 +105,7 @@ def by_tolerance(case: Case, tolerance_db: float) -> Simulation:
 def seen_by(case: Case, how: str) -> Simulation:
     """The default setting with what is hidden found in another way."""
     if how == "none":
-        return simulated(case, occlusion=False)
+        return simulated(case, accuracy={"occlusion": False})
     if how == "capsules":
         with mock.patch.object(room, "Occlusion", _capsules(t2d.segments(case.motion))):
             return simulated(case)
@@ -170,7 +170,9 @@ def _capsules(limbs: Ellipsoids) -> type[Occlusion]:
 
 
 def _ellipsoids(phase_from: str) -> Callable[[Case, float], Simulation]:
-    return lambda case, rate: simulated(case, method="ellipsoid", phase_from=phase_from, surface_rate_hz=rate)
+    return lambda case, rate: simulated(
+        case, method="ellipsoid", phase_from=phase_from, accuracy={"surface_rate_hz": rate}
+    )
 
 
 DEFAULT = "facets in closed form", "1"
@@ -186,7 +188,7 @@ METHODS = (
         (FLAT, 16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25), (FLAT, 4.0, 1.0, 0.5), (4.0, 1.0),
     ),
     Method(
-        "surface rate", "Hz", lambda case, rate: simulated(case, surface_rate_hz=rate),
+        "surface rate", "Hz", lambda case, rate: simulated(case, accuracy={"surface_rate_hz": rate}),
         (25.0, 40.0, 100.0, 200.0, 400.0), (30.0,),
     ),
     Method("visibility", "", seen_by, ("none", "capsules", "full mesh"), ("none", "capsules")),

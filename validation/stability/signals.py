@@ -295,10 +295,10 @@ def memory() -> Case:
 
     surface = MovingMesh.from_track(track, faces, np.array([0.0, MESH_S]), PEC)
     tracemalloc.start()
-    found = t2d.simulate(surface, radar=radar, occlusion=False)
+    found = t2d.simulate(surface, radar=radar, accuracy={"occlusion": False})
     peak = tracemalloc.get_traced_memory()[1] - found.cube[:].nbytes
     tracemalloc.stop()
-    frames = round(found.settings["surface_rate_hz"][0] * MESH_S)
+    frames = round(found.settings["surface_rates_hz"][0] * MESH_S)
     vertices = refined(surface, radar, surface.sagitta_rad).operator.shape[0]
     return Case(
         name=f"{MESH_S:g} s of a breathing mesh, memory beside the cube",

@@ -1,0 +1,126 @@
+"""`Accuracy`: how finely an experiment is modelled, every numerical setting in one place."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import ConfigDict, Field, model_validator
+
+from t2d_rt.errors import InputError
+from t2d_rt.types.fields import Count, Decibel, Fields, Number
+
+EVERY_PATH_DB = -200.0
+"""A level below that of every path pair."""
+MOST_RANGE_DB = 200.0
+"""A dynamic range that leaves no path pair out."""
+Scale = Annotated[Number, Field(ge=0.01, le=100)]
+Rate = Annotated[Number, Field(ge=10, le=10_000)]
+
+
+class PathTier(Fields):
+    """How path pairs of one range of levels are modelled; in free space there is the direct path alone, in the first tier."""
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+    noun: ClassVar[str] = "path tier"
+
+    level_db: Decibel
+    """Lowest level of its path pairs [dB], relative to the strongest one, in the mean over the targets; the last tier takes all
+    that are left."""
+    scatterer: Literal["facets", "ellipsoids"] = "facets"
+    """What stands for a body; other targets keep their facets. Ellipsoids give the right power, not the right phase."""
+    sagitta_scale: Scale = 1.0
+    """Phase sagitta of the facets relative to the first tier's; cost falls with its inverse."""
+    greatest_sagitta_rad: Annotated[Number, Field(gt=0, le=10)] = 10.0
+    """Limit of that scaled phase sagitta [rad]; the first tier's own sagitta is kept where it is greater."""
+    patch_span_scale: Scale = 1.0
+    """Span in delay of the patches into which facets are merged, relative to the first tier's."""
+    patch_phase_scale: Scale = 1.0
+    """Phase by which a patch may turn from one surface frame to the next, relative to the first tier's."""
+    visibility: Literal["occlusion", "shared", "blockage"] = "occlusion"
+    """What is traced: "occlusion" by the targets and blockage by the scene; "shared": occlusion only along the one-way paths that
+    an "occlusion" tier uses; "blockage" by the scene alone, at a few points of each target."""
+    diffuse_points: Annotated[Count, Field(ge=0, le=1_000_000)] = 4_000
+    """Least number of diffuse points of a mesh; it does not change their power."""
+    decimation: Annotated[Count, Field(ge=1, le=100)] = 1
+    """Ellipsoids and fast-rotating targets are evaluated at every so many surface frames only."""
+
+
+DEFAULT_TIERS = (
+    PathTier(level_db=-6.0),
+    PathTier(
+        level_db=-21.0, sagitta_scale=4.0, greatest_sagitta_rad=1.5, patch_span_scale=2.0, patch_phase_scale=4.0,
+        visibility="shared",
+    ),
+    PathTier(
+        level_db=EVERY_PATH_DB, scatterer="ellipsoids", sagitta_scale=8.0, greatest_sagitta_rad=3.0, patch_span_scale=4.0,
+        patch_phase_scale=8.0, visibility="blockage", diffuse_points=250, decimation=2,
+    ),
+)  # fmt: skip
+"""Dominant, secondary and minor paths. Minor ones are many, and each is a shadow among echoes."""
+
+
+class Accuracy(Fields):
+    """How finely an experiment is modelled; frozen, every field checked. `plan` chooses one for a tolerance.
+
+    >>> Accuracy(visibility_rate_hz=50).visibility_rate_hz
+    50.0
+    """
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+    noun: ClassVar[str] = "accuracy"
+
+    sagitta_rad: Annotated[Number, Field(ge=0.01, le=2)] | None = None
+    """Greatest phase sagitta of a facet [rad], in place of each mesh's own (0.3 for a body at a radius of 0.1 m, 0.07 for others);
+    0.25 gives -22 dB of field error, 0.07 gives 0.3 dB of RCS. The number of facets goes with its inverse."""
+    sagitta_scale: Scale = 1.0
+    """Factor on that phase sagitta."""
+    surface_rate_hz: Rate | None = None
+    """Rate at which the shape of every target is evaluated [Hz], in place of what its motion needs. Cost is proportional."""
+    spline_error_db: Annotated[Number, Field(ge=-100, le=0)] = -38.0
+    """Field error that splines between surface frames may add [dB]; it sets the surface rate where none is given."""
+    occlusion: bool = True
+    """Whether targets hide themselves and one another; the furniture of a room hides them anyway."""
+    visibility_rate_hz: Annotated[Number, Field(ge=1, le=1_000)] = 25.0
+    """Rate at which visibility is sampled [Hz], faded in between; 25 suits walking. Cost is proportional."""
+    visibility_subdivision: Annotated[Count, Field(ge=0, le=4)] = 0
+    """How often the edges of the meshes are halved for the points at which visibility is sampled; each costs a factor of 4."""
+    fast_rotating_hz: Annotated[Number, Field(ge=1, le=100_000)] | None = None
+    """Surface rate [Hz] above which a target rotates too fast for its visibility to be sampled point by point, so that its average
+    is used; 8 times the visibility rate by default."""
+    dynamic_range_db: Annotated[Number, Field(ge=0, le=MOST_RANGE_DB)] = 60.0
+    """Path pairs weaker than the strongest one by more than that, at their best points, are left out [dB]."""
+    least_level_db: Decibel = EVERY_PATH_DB
+    """Path pairs below that level, relative to the strongest one in the mean over the targets, are left out [dB]."""
+    tiers: tuple[PathTier, ...] = DEFAULT_TIERS
+    """How path pairs of each range of levels are modelled, from dominant to minor ones."""
+    synthesis_error_db: Annotated[Number, Field(ge=-90, le=-10)] = -50.0
+    """Field error that the sum of echoes to the ADC cube may add [dB]."""
+
+    @model_validator(mode="after")
+    def _check_tiers(self) -> Self:
+        if not self.tiers:
+            raise InputError(
+                "accuracy key tiers must hold at least one tier, got none; leave it out to have the default"
+            )
+        if self.tiers[0].visibility != "occlusion" or self.tiers[0].scatterer != "facets":
+            raise InputError(
+                "the first path tier must be facets with visibility 'occlusion'; coarser tiers come after it"
+            )
+        finest = ("occlusion", "shared", "blockage")
+        for one, next_ in pairwise(self.tiers):
+            if not next_.level_db < one.level_db or finest.index(next_.visibility) < finest.index(one.visibility):
+                raise InputError(
+                    f"path tiers must go from high to low levels and from fine to coarse visibility, got {one.level_db:g} dB "
+                    f"({one.visibility}) before {next_.level_db:g} dB ({next_.visibility}); sort them"
+                )
+        return self
+
+    @property
+    def fastest_sampled_hz(self) -> float:
+        """Greatest surface rate of targets whose visibility is sampled point by point [Hz]."""
+        return 8.0 * self.visibility_rate_hz if self.fast_rotating_hz is None else self.fast_rotating_hz
+
+    def replace(self, **changes: object) -> Accuracy:
+        """A copy with some fields changed, checked like a new one."""
+        return type(self)(**{**dict(self), **changes})
