@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
+    from t2d_rt.experiment import Experiment
     from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
-    from t2d_rt.pipeline import plan, segments, simulate, skin
+    from t2d_rt.pipeline import plan, run, segments, simulate, skin
     from t2d_rt.radar.synthesize import synthesize
-    from t2d_rt.result import Simulation
+    from t2d_rt.result import Recording, Simulation
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.signal import load_recording
     from t2d_rt.trace.scenes import load_scene
@@ -39,10 +40,11 @@ _HOMES = {
     "t2d_rt.errors": ("BackendError", "InputError", "T2DError", "T2DWarning"),
     "t2d_rt.motion": ("describe", "load_motion", "motion_from_joints", "place", "repeat", "resample", "smooth", "trim"),
     "t2d_rt.radar.synthesize": ("synthesize",),
-    "t2d_rt.result": ("Simulation",),
+    "t2d_rt.result": ("Recording", "Simulation"),
     "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
     "t2d_rt.signal": ("load_recording",),
-    "t2d_rt.pipeline": ("plan", "segments", "simulate", "skin"),
+    "t2d_rt.experiment": ("Experiment",),
+    "t2d_rt.pipeline": ("plan", "run", "segments", "simulate", "skin"),
     "t2d_rt.trace.scenes": ("load_scene",),
     "t2d_rt.types": (
         *(
@@ -71,6 +73,7 @@ __all__ = [
     "EchoStream",
     "Echoes",
     "Ellipsoids",
+    "Experiment",
     "InputError",
     "Material",
     "Motion",
@@ -78,6 +81,7 @@ __all__ = [
     "PathTier",
     "Pet",
     "Radar",
+    "Recording",
     "Room",
     "Scene",
     "Simulation",
@@ -95,6 +99,7 @@ __all__ = [
     "plan",
     "repeat",
     "resample",
+    "run",
     "save_scene",
     "segments",
     "simulate",

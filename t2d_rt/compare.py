@@ -9,7 +9,7 @@ import numpy as np
 
 from t2d_rt.checks import array, instance
 from t2d_rt.errors import InputError
-from t2d_rt.result import Simulation
+from t2d_rt.result import Recording
 from t2d_rt.signal import range_fft
 
 ENVELOPE_LEVEL_DB = -35.0
@@ -59,7 +59,7 @@ class Comparison:
         return "\n".join(lines)
 
 
-def compare(first: Simulation, second: Simulation) -> Comparison:
+def compare(first: Recording, second: Recording) -> Comparison:
     """Compare two recordings with one radar and one motion."""
     _check("first", first)
     _check("second", second)
@@ -81,7 +81,7 @@ def compare(first: Simulation, second: Simulation) -> Comparison:
     )
 
 
-def figures(result: Simulation) -> Figures:
+def figures(result: Recording) -> Figures:
     """Figures of one recording."""
     _check("result", result)
     image = result.spectrogram
@@ -94,7 +94,7 @@ def figures(result: Simulation) -> Figures:
     )
 
 
-def mean_rcs_m2(result: Simulation) -> float:
+def mean_rcs_m2(result: Recording) -> float:
     """Mean radar cross-section over the record [m^2], read back from the ADC cube by the radar equation in every range bin.
 
     Of antennas apart, the range is half the path.
@@ -131,8 +131,8 @@ def envelope(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[np.ndarray, 
     return speeds_mps[len(speeds_mps) - 1 - np.argmax(above[::-1], axis=0)], speeds_mps[np.argmax(above, axis=0)]
 
 
-def _check(name: str, result: Simulation) -> None:
-    instance(name, result, Simulation, "a Simulation", hint="simulate makes one, Simulation.load reads one")
+def _check(name: str, result: Recording) -> None:
+    instance(name, result, Recording, "a Recording", hint="simulate makes one, Recording.load reads one")
 
 
 def _checked_spectrogram(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -40,6 +40,7 @@ from t2d_rt.types import (
 )
 from t2d_rt.types.accuracy import EVERY_PATH_DB
 from t2d_rt.types.material import checked_material
+from t2d_rt.types.mesh import Made
 
 Method = Literal["mesh", "ellipsoid"]
 Target = Motion | MovingMesh | Ellipsoids | Mover
@@ -245,15 +246,12 @@ class Model:
             return times_s
         return np.linspace(*self.span_s, max(4, math.ceil(len(times_s) / tier.decimation)))
 
-    def clutter(
-        self, kind: Clutter, accuracy: Accuracy, *, shadowed: bool = True
-    ) -> tuple[list[EchoStream], dict[str, object]]:
-        """Echoes of the static scene, by default occluded by the targets, and how many there are."""
+    def clutter(self, kind: Clutter, accuracy: Accuracy) -> tuple[list[EchoStream], dict[str, object]]:
+        """Echoes of the static scene, and how many there are."""
         if self.around is None or kind == "none":
             return [], {}
-        steady = [
-            s for s, rotates in zip(self.shapes, self.fast_rotating(accuracy), strict=True) if shadowed and not rotates
-        ]
+        fast, hides = self.fast_rotating(accuracy), accuracy.occludes_clutter
+        steady = [shape for shape, rotates in zip(self.shapes, fast, strict=True) if hides and not rotates]
         return clutter_streams(
             kind, self.around, steady, self.radar, min(self.frame_times(accuracy), key=len),
             keys_s=key_times(*self.span_s, accuracy.visibility_rate_hz), seed=self.seed, backend=self.backend,
@@ -295,13 +293,17 @@ def farthest_and_fastest(shape: Shape, radar: Radar, span_s: tuple[float, float]
 def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:
     """The motion's skinned body: `vertices` (T, V, 3) m, `faces` (F, 3), `times_s` (T,)."""
     checked_material(material)
-    return skin_body(motion, body, material=material, track=track(motion))
+    mesh = skin_body(motion, body, material=material, track=track(motion))
+    mesh.made = Made("skin", {"motion": motion, "body": body, "material": material})
+    return mesh
 
 
 def segments(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> Ellipsoids:
     """One ellipsoid for each segment of the same body."""
     checked_material(material)
-    return fit_segments(motion, body, material=material, track=track(motion))
+    found = fit_segments(motion, body, material=material, track=track(motion))
+    found.made = Made("segments", {"motion": motion, "body": body, "material": material})
+    return found
 
 
 def placed(motion: Motion, radar: Radar) -> Motion:

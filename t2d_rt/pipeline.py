@@ -1,4 +1,4 @@
-"""The pipeline on one screen: motion -> body -> (visibility) -> echoes -> ADC cube; `Simulation` goes on from there."""
+"""The pipeline on one screen: motion -> body -> (visibility) -> echoes -> ADC cube; `Recording` goes on from there."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from typing import Any, TypeVar
 import numpy as np
 
 from t2d_rt.backend import Device, select
-from t2d_rt.checks import call, choice, flag, integer, shown, text
+from t2d_rt.checks import call, choice, flag, instance, integer, shown, text
 from t2d_rt.cost import check_memory
 from t2d_rt.cubes import Cube
 from t2d_rt.echo.ellipsoid import PhaseFrom
 from t2d_rt.echo.mesh import REFINING_BYTES, check_outside
 from t2d_rt.echo.streams import batches
 from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.experiment import Experiment, Inputs, Store, sources_of, stored_scene
 from t2d_rt.memory import LIMIT_GB, Budget, trim
 from t2d_rt.model import (
     Method,
@@ -36,7 +37,7 @@ from t2d_rt.motion import placement
 from t2d_rt.probe import converged, measured_db
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
-from t2d_rt.result import Simulation, versions
+from t2d_rt.result import Recording, versions
 from t2d_rt.room import Clutter, Collisions, Shape, checked_time, find_ways
 from t2d_rt.scene import Room
 from t2d_rt.tolerance import Plan, check_tolerance, planned
@@ -81,7 +82,7 @@ def simulate(
     device: Device = "auto",
     memory_gb: float = LIMIT_GB,
     progress: Progress | None = None,
-) -> Simulation:
+) -> Recording:
     """Radar recording of a motion, a moving mesh, ellipsoids, or a list of them with movers (fans, pets) among them.
 
     Parameters
@@ -106,7 +107,7 @@ def simulate(
     material: of everything but movers; by default a body's is "skin" and a mesh's its own.
     phase_from: of the ellipsoid model: its "specular" point, or its "centre" as in the Text2Doppler paper.
     measure_error: whether a few random chirps are made again at far finer settings, and the error that this shows is kept in
-        `Simulation.error_db`; by default where a tolerance is given.
+        `Recording.error_db`; by default where a tolerance is given.
     device: "auto" takes a CUDA device where there is one.
     memory_gb: what the run may take [GB]: work is done in blocks to stay below it, and what needs more is refused beforehand.
         It does not change the result.
@@ -127,7 +128,7 @@ def simulate(
     accuracy = given if chosen is None else chosen.accuracy
     if chosen is not None:
         model = chosen.model
-    still, static = model.clutter(clutter, accuracy, shadowed=given.occlusion)
+    still, static = model.clutter(clutter, accuracy)
     measure = chosen is not None if measure_error is None else measure_error
     streams = [*model.streams(accuracy), *still]
     check_memory(model, streams, measured=measure)
@@ -151,7 +152,71 @@ def simulate(
                 stacklevel=2,
             )
     trim()
-    return Simulation(cube, model.radar, settings=settings, versions=versions())
+    store = Store({})
+    experiment = Experiment(
+        targets=sources_of(model.targets, store), radar=model.radar, scene=stored_scene(model.around, store),
+        reflections=reflections, transmissions=transmissions, clutter=clutter, collisions=collisions, method=model.method,
+        body=body, material=material, phase_from=phase_from, seed=model.seed,
+    )  # fmt: skip
+    return Recording(
+        cube,
+        model.radar,
+        experiment=experiment,
+        accuracy=accuracy,
+        inputs=store.inputs,
+        settings=settings,
+        versions=versions(),
+    )
+
+
+def run(
+    experiment: Experiment | Recording,
+    *,
+    tolerance_db: float | None = None,
+    accuracy: Accuracy | Mapping[str, Any] | None = None,
+    measure_error: bool | None = None,
+    device: Device = "auto",
+    memory_gb: float = LIMIT_GB,
+    progress: Progress | None = None,
+) -> Recording:
+    """The recording of an experiment; or that of a recording again, at its own accuracy: the same samples, bit for bit, on the same
+    machine.
+
+    Parameters
+    ----------
+    experiment: files that it names are looked for in the working directory.
+    tolerance_db, accuracy, measure_error, device, memory_gb, progress: as in `simulate`.
+    """
+    instance("experiment", experiment, (Experiment, Recording), "an Experiment or a Recording")
+    inputs: Inputs = {}
+    diagnostics: dict[str, Any] = {}
+    if isinstance(experiment, Recording):
+        again = experiment
+        if again.experiment is None:
+            raise InputError(
+                "a measured recording cannot be simulated again; give an Experiment or a simulated recording"
+            )
+        if tolerance_db is None and accuracy is None:
+            accuracy = again.accuracy
+            diagnostics = {n: again.settings[n] for n in ("error_db", "tolerance_db") if n in again.settings}
+        experiment, inputs = again.experiment, again.inputs
+        if experiment.lost is not None:
+            raise InputError(
+                f"the recording cannot be made again: {experiment.lost} was computed by a function, which is not stored"
+            )
+    with warnings.catch_warnings():
+        if inputs:  # these warned when the recording was first made
+            warnings.simplefilter("ignore", T2DWarning)
+        targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
+    made = simulate(
+        targets, radar=experiment.radar, scene=scene, reflections=experiment.reflections,
+        transmissions=experiment.transmissions, clutter=experiment.clutter, collisions=experiment.collisions,
+        method=experiment.method, body=experiment.body, material=experiment.material, phase_from=experiment.phase_from,
+        seed=experiment.seed, tolerance_db=tolerance_db, accuracy=accuracy, measure_error=measure_error, device=device,
+        memory_gb=memory_gb, progress=progress,
+    )  # fmt: skip
+    made.settings |= diagnostics
+    return made
 
 
 def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **options: Any) -> Plan:
@@ -171,12 +236,11 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
     chosen, planning = _timed(lambda: planned(model, tolerance_db, wanted))
     # Rates of the whole record, before pieces are tried.
     chosen.model.frame_times(chosen.accuracy), chosen.model.fast_rotating(chosen.accuracy)
-    still, _ = chosen.model.clutter(given["clutter"], chosen.accuracy, shadowed=wanted.occlusion)
+    still, _ = chosen.model.clutter(given["clutter"], chosen.accuracy)
     streams = [*chosen.model.streams(chosen.accuracy), *still]
     memory = check_memory(chosen.model, streams, measured=given["measure_error"] is not False)
     del streams, still
-    clutter = given["clutter"], wanted.occlusion
-    tried = [_tried(chosen, length, *clutter, given["device"]) for length in (PILOT_S[1], *PILOT_S)]
+    tried = [_tried(chosen, length, given["clutter"], given["device"]) for length in (PILOT_S[1], *PILOT_S)]
     (short, first), (long, second) = tried[1:]
     per_second = max(0.0, second - first) / (long - short) if long > short else 0.0
     length = model.span_s[1] - model.span_s[0]
@@ -188,7 +252,7 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
     return replace(chosen, seconds=seconds, memory_bytes=memory)
 
 
-def _tried(chosen: Plan, length_s: float, clutter: Clutter, shadowed: bool, device: Device) -> tuple[float, float]:
+def _tried(chosen: Plan, length_s: float, clutter: Clutter, device: Device) -> tuple[float, float]:
     """What a piece in the middle of the record is long, and takes with its spectrogram [s]."""
     start, stop = chosen.model.span_s
     length_s = min(length_s, stop - start)
@@ -196,10 +260,10 @@ def _tried(chosen: Plan, length_s: float, clutter: Clutter, shadowed: bool, devi
     model, accuracy = replace(chosen.model, span_s=(middle, middle + length_s)), chosen.accuracy
 
     def run() -> None:
-        still, _ = model.clutter(clutter, accuracy, shadowed=shadowed)
+        still, _ = model.clutter(clutter, accuracy)
         streams = [*model.streams(accuracy), *still]
         cube = _synthesized(streams, model.radar, _sum_db(accuracy, still), device, model.memory, None)
-        Simulation(cube, model.radar).spectrogram  # noqa: B018
+        Recording(cube, model.radar).spectrogram  # noqa: B018
 
     return length_s, _timed(run)[1]
 

@@ -1,4 +1,4 @@
-"""`Simulation`: a radar recording with labelled axes, its configuration, its spectrogram, and the way to disk and back."""
+"""`Recording`: a radar recording with labelled axes, its configuration, its spectrogram, and the way to disk and back."""
 
 from __future__ import annotations
 
@@ -19,24 +19,27 @@ import numpy as np
 from t2d_rt.checks import call, file_path, flag, instance, numeric, text
 from t2d_rt.cubes import Cube, DiskCube, is_large, row_blocks
 from t2d_rt.errors import InputError
+from t2d_rt.experiment import Experiment, Inputs, packed, unpacked
 from t2d_rt.rows import DIMENSIONS, NAME, SavedRows, new_array
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
 from t2d_rt.store import check_place, check_taken, replacing, settle
-from t2d_rt.types import Radar
+from t2d_rt.types import Accuracy, Radar
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-FORMAT = 3
+FORMAT = 4
 """Of the folders that `save` writes; `load` refuses others."""
 MADE_BY = "t2d-rt"
 """The mark of a result; only what carries it is replaced."""
 UNMARKED_FORMATS = ("1", "2")
 """Of results from before the mark, known by their attributes."""
 ARRAYS = (NAME, "spectrogram", "chirp_time_s", "sample_time_s", "velocity_mps", "time_s")
-FILES = re.compile(rf"zarr\.json|({'|'.join(ARRAYS)})/(zarr\.json|c(/\d+)*)")
+INPUTS = "inputs"
+"""Folder of the arrays that the experiment names."""
+FILES = re.compile(rf"zarr\.json|{INPUTS}/[0-9a-f]{{32}}\.npz|({'|'.join(ARRAYS)})/(zarr\.json|c(/\d+)*)")
 """That a result's folder holds, by their paths within it."""
 LARGEST_METADATA_BYTES = 64 * 2**20
 """Of a result's zarr.json, which holds its settings."""
@@ -56,11 +59,12 @@ def versions() -> dict[str, str]:
     return found
 
 
-class Simulation:
-    """ADC cube and what follows from it.
+class Recording:
+    """A radar recording, simulated or measured: ADC cube, radar, and what follows from them.
 
-    `processing` holds options of `signal.spectrogram` (mti, range_gate_m, n_window, ...); `processed` changes them. With clutter
-    mti is "mean" unless another one is asked for.
+    A simulated one holds its `experiment` and `accuracy`, and the arrays that the experiment names (`inputs`), so that it can be
+    made `again`. `processing` holds options of `signal.spectrogram` (mti, range_gate_m, n_window, ...); `processed` changes them.
+    With clutter mti is "mean" unless another one is asked for.
     """
 
     def __init__(
@@ -68,6 +72,9 @@ class Simulation:
         cube: Cube,
         radar: Radar,
         *,
+        experiment: Experiment | None = None,
+        accuracy: Accuracy | None = None,
+        inputs: Inputs | None = None,
         settings: Mapping[str, Any] | None = None,
         versions: Mapping[str, str] | None = None,
         processing: Mapping[str, Any] | None = None,
@@ -81,6 +88,16 @@ class Simulation:
         self.cube = cube
         """(chirp, antenna, sample) complex [sqrt(W)]."""
         self.radar = radar
+        if experiment is not None:
+            instance("experiment", experiment, Experiment, "an Experiment")
+        if accuracy is not None:
+            instance("accuracy", accuracy, Accuracy, "an Accuracy")
+        self.experiment = experiment
+        """What was simulated; None for a measured recording."""
+        self.accuracy = accuracy
+        """How finely it was modelled."""
+        self.inputs = dict(inputs or {})
+        """Arrays that the experiment names, by their hash."""
         for name, given in (("settings", settings), ("versions", versions), ("processing", processing)):
             if given is not None:
                 instance(name, given, Mapping, "a mapping of names to values")
@@ -100,9 +117,11 @@ class Simulation:
 
     @property
     def attributes(self) -> dict[str, str]:
-        """Everything needed to make the result again, as JSON texts."""
+        """What the recording was made from, as JSON texts; with `inputs` it is everything needed to make it again."""
         return {
             "radar": self.radar.model_dump_json(),
+            "experiment": json.dumps(None if self.experiment is None else self.experiment.model_dump(mode="json")),
+            "accuracy": json.dumps(None if self.accuracy is None else self.accuracy.model_dump(mode="json")),
             "settings": _json("settings", self.settings),
             "processing": _json("processing", self.processing),
             "versions": _json("versions", self.versions),
@@ -162,11 +181,21 @@ class Simulation:
             array[axis].attrs["units"] = AXIS_UNITS[axis.rpartition("_")[2]]
         return array
 
-    def processed(self, **changes: Any) -> Simulation:
+    def again(self, **options: Any) -> Recording:
+        """The same recording simulated anew from its experiment, accuracy and inputs: the same samples, bit for bit, on the same
+        machine; `options` are `device`, `memory_gb` and `progress` of `simulate`."""
+        import t2d_rt
+
+        return t2d_rt.run(self, **options)
+
+    def processed(self, **changes: Any) -> Recording:
         """The same recording with other options of `signal.spectrogram`."""
-        changed = Simulation(
+        changed = Recording(
             self.cube,
             self.radar,
+            experiment=self.experiment,
+            accuracy=self.accuracy,
+            inputs=self.inputs,
             settings=self.settings,
             versions=self.versions,
             processing={**self.processing, **{name: _plain(value) for name, value in changes.items()}},
@@ -224,12 +253,16 @@ class Simulation:
             # Without consolidated metadata a plain xarray.open_zarr warns, with it the writer does; both can do either.
             warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part")
             data.to_zarr(folder, mode="a", consolidated=True, write_empty_chunks=True)
+        if self.inputs:
+            (folder / INPUTS).mkdir()
+        for name, arrays in self.inputs.items():
+            (folder / INPUTS / f"{name}.npz").write_bytes(packed(arrays))
         metadata = _metadata(folder)
         metadata["attributes"]["checksum"] = _checksum(folder, metadata)
         (folder / "zarr.json").write_text(json.dumps(metadata, indent=2), encoding="utf-8")
 
     @classmethod
-    def load(cls, path: str | Path) -> Simulation:
+    def load(cls, path: str | Path) -> Recording:
         """Read what `save` wrote."""
         source = file_path("path", path).resolve()
         while True:
@@ -241,7 +274,7 @@ class Simulation:
                     raise
 
     @classmethod
-    def _read(cls, source: Path) -> Simulation:
+    def _read(cls, source: Path) -> Recording:
         if not source.is_dir():
             with suppress(OSError):  # a folder that is not there, or may only be read
                 settle(source)
@@ -256,9 +289,15 @@ class Simulation:
                 raise InputError(f"{source} is damaged: it is not as it was written; simulate it again")
             attributes = {name: json.loads(found[name]) for name in ("settings", "processing", "versions")}
             radar = Radar(**json.loads(found["radar"]))
+            experiment, accuracy = (json.loads(found[name]) for name in ("experiment", "accuracy"))
+            inputs = {file.stem: unpacked(file) for file in sorted((source / INPUTS).glob("*.npz"))}
             rows = SavedRows.of(source)
             saved = DiskCube(rows)
-            result = cls(saved if is_large(rows.shape) else np.asarray(saved), radar, **attributes)
+            result = cls(
+                saved if is_large(rows.shape) else np.asarray(saved), radar, **attributes, inputs=inputs,
+                experiment=None if experiment is None else Experiment.model_validate(experiment),
+                accuracy=None if accuracy is None else Accuracy.model_validate(accuracy),
+            )  # fmt: skip
             if rows.sha256 != _sha256(result.cube):
                 raise InputError(f"the ADC samples in {source} are damaged; simulate it again")
             return result
@@ -267,6 +306,10 @@ class Simulation:
         except Exception as error:  # files of any content
             reason = f"no {error}" if isinstance(error, KeyError) else error
             raise InputError(f"{source} does not hold a t2d-rt result ({reason}); simulate it again") from error
+
+
+Simulation = Recording
+"""The former name."""
 
 
 def _json(name: str, values: Mapping[str, Any]) -> str:

@@ -117,6 +117,7 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
         "spline_error_db": tolerance_db - SPLINES_BELOW_DB,
         "synthesis_error_db": min(GREATEST_SYNTHESIS_DB, tolerance_db - SYNTHESIS_BELOW_DB),
         "fast_rotating_hz": given.fastest_sampled_hz,
+        "clutter_occlusion": given.occludes_clutter,
         **model.paths_within(allowed * LEFT_OUT_SHARE, allowed * SECONDARY_SHARE),
     }
     accuracy = given.replace(**{name: value for name, value in settings.items() if name not in asked})

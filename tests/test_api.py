@@ -54,7 +54,7 @@ def test_wrong_values_end_in_a_result_or_a_sentence(name: str, tmp_path: Path, m
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in NAMES if not name.startswith("load_") and name not in ("plan", "Simulation.load")]
+    "name", [name for name in NAMES if not name.startswith("load_") and name not in ("plan", "Recording.load")]
 )
 def test_the_right_values_of_the_sweep_are_right(name: str, tmp_path: Path) -> None:
     call = named(name, tmp_path)
@@ -181,7 +181,7 @@ def test_repr_of_what_is_wrong_is_short() -> None:
 # --- placement ------------------------------------------------------------------------------------------------------
 
 
-def simulated(motion: t2d.Motion) -> tuple[t2d.Simulation, list[str]]:
+def simulated(motion: t2d.Motion) -> tuple[t2d.Recording, list[str]]:
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         made = t2d.simulate(motion, radar=RADAR, method="ellipsoid")
@@ -221,7 +221,7 @@ def test_a_name_that_looks_like_a_formula(tmp_path: Path, monkeypatch: pytest.Mo
     Path("wa$l_{k$.bvh").symlink_to(WALK)
     assert main(["simulate", "wa$l_{k$.bvh", *QUICK]) == 0
     assert Path("wa$l_{k$.png").read_bytes().startswith(b"\x89PNG")
-    assert t2d.Simulation.load("wa$l_{k$.zarr").settings["motion"]["file"] == "wa$l_{k$.bvh"
+    assert t2d.Recording.load("wa$l_{k$.zarr").settings["motion"]["file"] == "wa$l_{k$.bvh"
 
 
 def test_a_picture_that_fails_does_not_cost_the_result(
@@ -234,7 +234,7 @@ def test_a_picture_that_fails_does_not_cost_the_result(
     monkeypatch.setattr("matplotlib.figure.Figure.draw_without_rendering", fails)
     assert main(["simulate", str(WALK), *QUICK, "-o", "x.zarr"]) == 0
     assert "the picture cannot be drawn (no font); the result is written without it" in capsys.readouterr().err
-    settings = t2d.Simulation.load("x.zarr").settings
+    settings = t2d.Recording.load("x.zarr").settings
     assert settings["motion"]["file"] == WALK.name
     assert str(WALK.parent) not in str(settings)
 
@@ -287,12 +287,12 @@ def test_small_integers_of_numpy_count_as_integers() -> None:
 def test_samples_that_complex64_cannot_hold(value: float) -> None:
     radar = t2d.Radar.preset("table2")
     with pytest.raises(t2d.InputError, match="kept as complex64"):
-        t2d.Simulation(np.full((4, 1, radar.samples), value + 0j), radar)
+        t2d.Recording(np.full((4, 1, radar.samples), value + 0j), radar)
 
 
 def test_settings_that_are_no_plain_numbers(tmp_path: Path) -> None:
     radar = t2d.Radar.preset("table2")
-    result = t2d.Simulation(np.ones((300, 1, radar.samples), np.complex64), radar, settings={"a": np.float32(1)})
+    result = t2d.Recording(np.ones((300, 1, radar.samples), np.complex64), radar, settings={"a": np.float32(1)})
     with pytest.raises(t2d.InputError, match="settings of a result must be plain"):
         result.save(tmp_path / "a.zarr")
     assert not list(tmp_path.iterdir())

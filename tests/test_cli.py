@@ -96,7 +96,7 @@ def test_simulate_writes_result_and_picture(run: Command, method: str) -> None:
     assert err.startswith("t2d-rt: warning: top speed")
     assert "raise prf_hz to" in err
     assert Path("walk.png").read_bytes().startswith(b"\x89PNG")
-    result = t2d.Simulation.load("walk.zarr")
+    result = t2d.Recording.load("walk.zarr")
     assert result.radar == t2d.Radar.preset("ci4r", prf_hz=2000)
     assert result.settings["method"] == method
     assert result.settings["seed"] == 5
@@ -115,7 +115,7 @@ def test_config_round_trip(run: Command) -> None:
     changed = yaml.safe_load(run("simulate", "--seed", "9", "--config=walk.yaml", "--print_config").out)
     assert changed == {**yaml.safe_load(given.out), "seed": 9}
     assert run("simulate", "--config", "walk.yaml").code == 0
-    assert t2d.Simulation.load("walk.zarr").radar.prf_hz == 4000
+    assert t2d.Recording.load("walk.zarr").radar.prf_hz == 4000
 
 
 def test_radar_by_name_by_file_and_in_a_config_file(run: Command) -> None:
@@ -170,12 +170,10 @@ def test_movers_and_persons_are_added(run: Command) -> None:
         "option.zarr",
     )
     assert (plain.code, by_file.code, by_option.code) == (0, 0, 0), by_file.err + by_option.err
-    file, option = t2d.Simulation.load("file.zarr"), t2d.Simulation.load("option.zarr")
+    file, option = t2d.Recording.load("file.zarr"), t2d.Recording.load("option.zarr")
     assert np.array_equal(np.asarray(file.cube), np.asarray(option.cube))
     assert len(file.cube) == len(file.radar.chirp_times_s(0.2))  # the other person's record is the shorter one
-    assert (
-        np.abs(np.asarray(file.cube) - np.asarray(t2d.Simulation.load("plain.zarr").cube)[: len(file.cube)]).max() > 0
-    )
+    assert np.abs(np.asarray(file.cube) - np.asarray(t2d.Recording.load("plain.zarr").cube)[: len(file.cube)]).max() > 0
     added = file.settings["added"]
     assert [each["kind"] for each in added] == ["fan", "person"]
     assert (added[0]["rpm"], added[1]["distance_m"]) == (60, 3)
@@ -441,7 +439,7 @@ def test_existing_result_is_kept_unless_overwritten(run: Command, refused: Calla
     assert "walk.png exists already" in refused("simulate", "walk.bvh", *QUICK)
     Path("other.zarr").rename("walk.zarr")
     assert run("simulate", "walk.bvh", *QUICK, "--seed", "2", "--overwrite").code == 0
-    assert t2d.Simulation.load("walk.zarr").settings["seed"] == 2
+    assert t2d.Recording.load("walk.zarr").settings["seed"] == 2
 
 
 def test_full_disk_leaves_the_old_result(run: Command, refused: Callable[..., str], tmp_path: Path) -> None:
@@ -459,14 +457,14 @@ def test_full_disk_leaves_the_old_result(run: Command, refused: Callable[..., st
         assert "cannot write" in err
         assert "File too large" in err
         assert listing(tmp_path) == before
-    assert t2d.Simulation.load("walk.zarr").settings["seed"] == 1
+    assert t2d.Recording.load("walk.zarr").settings["seed"] == 1
 
 
 # --- things that stop a run -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "where", ["t2d_rt.pipeline.synthesize", "t2d_rt.result.Simulation.plot", "xarray.Dataset.to_zarr"]
+    "where", ["t2d_rt.pipeline.synthesize", "t2d_rt.result.Recording.plot", "xarray.Dataset.to_zarr"]
 )
 def test_ctrl_c_leaves_nothing(run: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     def interrupted(*arguments: Any, **_: Any) -> None:
@@ -569,7 +567,7 @@ def test_simulate_to_a_tolerance_tells_the_measured_error(run: Command) -> None:
     done = run("simulate", "walk.bvh", "--tolerance-db", "-12", "--stop-s", "0.4")
     assert done.code == 0
     assert re.search(r"measured error -\d\d\.\d dB", done.out)
-    assert t2d.Simulation.load("walk.zarr").error_db < -11
+    assert t2d.Recording.load("walk.zarr").error_db < -11
 
 
 def test_plan_refuses_a_tolerance_that_makes_no_sense(refused: Callable[..., str]) -> None:

@@ -28,8 +28,8 @@ def point(speed_mps: np.ndarray | float, rcs_m2: float, range_m: float = 4.0, ra
     return (np.sqrt(radar.received_power_w(rcs_m2, ranges)) * np.exp(2j * np.pi * (turns % 1)))[:, None]
 
 
-def recording(*cubes: np.ndarray, radar: Radar = RADAR) -> t2d.Simulation:
-    return t2d.Simulation(np.sum(cubes, axis=0).astype(np.complex64), radar)
+def recording(*cubes: np.ndarray, radar: Radar = RADAR) -> t2d.Recording:
+    return t2d.Recording(np.sum(cubes, axis=0).astype(np.complex64), radar)
 
 
 def swing(amplitude_mps: float) -> np.ndarray:
@@ -93,7 +93,7 @@ def test_a_recording_against_itself() -> None:
     assert found.first == found.second
     assert found.envelope_correlation == pytest.approx(1.0)
     assert found.mean_difference_db == 0
-    louder = compare(result, t2d.Simulation(2 * result.cube, RADAR))
+    louder = compare(result, t2d.Recording(2 * result.cube, RADAR))
     assert louder.mean_difference_db == pytest.approx(6.02, abs=0.01)
     assert louder.second.mean_rcs_dbsm - louder.first.mean_rcs_dbsm == pytest.approx(6.02, abs=0.01)
     assert "torso speed [m/s]" in str(found)
@@ -119,11 +119,11 @@ def test_envelopes_must_move_together_to_correlate() -> None:
 def test_refusals() -> None:
     result = recording(point(0.9, 0.1))
     with pytest.raises(InputError, match="spectrograms must have the same axes"):
-        compare(result, t2d.Simulation(result.cube[:2000], RADAR))
+        compare(result, t2d.Recording(result.cube[:2000], RADAR))
     with pytest.raises(InputError, match="spectrograms must have the same axes"):
-        compare(result, t2d.Simulation(result.cube, RADAR.replace(prf_hz=9000)))
+        compare(result, t2d.Recording(result.cube, RADAR.replace(prf_hz=9000)))
     with pytest.raises(InputError, match="the recording is silent"):
-        figures(t2d.Simulation(np.zeros_like(result.cube), RADAR))
+        figures(t2d.Recording(np.zeros_like(result.cube), RADAR))
 
 
 def test_picture() -> None:

@@ -19,7 +19,7 @@ import xarray as xr
 from t2d_rt import cubes, rows
 from t2d_rt.cubes import CubeWriter, DiskCube, new_cube
 from t2d_rt.errors import InputError
-from t2d_rt.result import Simulation
+from t2d_rt.result import Recording
 from t2d_rt.rows import SavedRows, ScratchRows
 from t2d_rt.types import Radar
 
@@ -34,7 +34,7 @@ def small_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rows, "BLOCK_BYTES", 40 * 256 * 8)
 
 
-def simulated(scale: float = 1.0) -> Simulation:
+def simulated(scale: float = 1.0) -> Recording:
     """As `simulate` gives it."""
     cube = new_cube(SAMPLES.shape)
     assert isinstance(cube, DiskCube)
@@ -42,12 +42,12 @@ def simulated(scale: float = 1.0) -> Simulation:
         for start in range(0, CHIRPS, 7):
             part = SAMPLES[start : start + 7]
             writer.room(len(part))[:] = scale * part
-    return Simulation(cube, RADAR)
+    return Recording(cube, RADAR)
 
 
-def loaded(path: Path, scale: float = 1.0) -> Simulation:
+def loaded(path: Path, scale: float = 1.0) -> Recording:
     simulated(scale).save(path)
-    return Simulation.load(path)
+    return Recording.load(path)
 
 
 # --- how long they live ---------------------------------------------------------------------------------------------
@@ -115,7 +115,7 @@ def test_copies_and_pickles_are_the_same_recording(tmp_path: Path) -> None:
 def test_a_pool_reads_what_it_is_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     simulated().save("a.zarr")
-    given = [simulated(), Simulation.load("a.zarr"), simulated().adc, Simulation.load("a.zarr").adc]
+    given = [simulated(), Recording.load("a.zarr"), simulated().adc, Recording.load("a.zarr").adc]
     with multiprocessing.get_context("spawn").Pool(1, initializer=os.chdir, initargs=("/",)) as pool:
         assert pool.map(digest, given) == [hashlib.sha256(SAMPLES.tobytes()).hexdigest()] * 4
         simulated(2.0).save("a.zarr", overwrite=True)
@@ -125,12 +125,12 @@ def test_a_pool_reads_what_it_is_given(tmp_path: Path, monkeypatch: pytest.Monke
     assert np.array_equal(made.adc, 3 * SAMPLES)
 
 
-def digest(given: Simulation | xr.DataArray) -> str:
-    adc = given.adc if isinstance(given, Simulation) else given
+def digest(given: Recording | xr.DataArray) -> str:
+    adc = given.adc if isinstance(given, Recording) else given
     return hashlib.sha256(adc.values.tobytes()).hexdigest()
 
 
-def scaled(scale: float) -> Simulation:
+def scaled(scale: float) -> Recording:
     cubes.LARGE_BYTES = 1000  # in the other process
     return simulated(scale)
 
@@ -141,11 +141,11 @@ def scaled(scale: float) -> Simulation:
 def test_a_result_is_found_from_any_working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     simulated().save("a.zarr")
-    result = Simulation.load("a.zarr")
+    result = Recording.load("a.zarr")
     monkeypatch.chdir("/")
     assert np.array_equal(result.adc, SAMPLES)
     result.save(tmp_path / "b.zarr")
-    assert np.array_equal(Simulation.load(tmp_path / "b.zarr").adc, SAMPLES)
+    assert np.array_equal(Recording.load(tmp_path / "b.zarr").adc, SAMPLES)
 
 
 @pytest.mark.parametrize("moment", ["before it is read", "between two reads"])
@@ -188,7 +188,7 @@ def test_a_result_may_replace_itself(tmp_path: Path) -> None:
     adc = result.adc
     result.processed(mti="mean").save(tmp_path / "a.zarr", overwrite=True)
     assert np.array_equal(adc, SAMPLES)  # the same samples at the same place
-    assert Simulation.load(tmp_path / "a.zarr").processing == {"mti": "mean"}
+    assert Recording.load(tmp_path / "a.zarr").processing == {"mti": "mean"}
 
 
 def test_a_lost_chunk_is_not_zeros_for_plain_xarray(tmp_path: Path) -> None:
@@ -200,11 +200,11 @@ def test_a_lost_chunk_is_not_zeros_for_plain_xarray(tmp_path: Path) -> None:
 
 def test_silence_is_written(tmp_path: Path) -> None:
     path = tmp_path / "a.zarr"
-    Simulation(np.zeros((256, 1, 256), np.complex64), RADAR).save(path)
-    assert not np.asarray(Simulation.load(path).cube).any()
+    Recording(np.zeros((256, 1, 256), np.complex64), RADAR).save(path)
+    assert not np.asarray(Recording.load(path).cube).any()
     (path / "adc" / "c" / "0" / "0" / "0").unlink()  # is there although it holds nothing but zeros
     with pytest.raises(InputError, match="damaged or gone"):
-        Simulation.load(path)
+        Recording.load(path)
 
 
 def test_no_byte_changes_unseen(tmp_path: Path) -> None:
@@ -219,14 +219,14 @@ def test_no_byte_changes_unseen(tmp_path: Path) -> None:
             file.write_bytes(changed)
             tried += 1
             try:
-                back = Simulation.load(path)
+                back = Recording.load(path)
             except InputError:
                 refused += 1
             else:
                 assert np.array_equal(back.cube, SAMPLES)
                 assert back.attributes == result.attributes
         file.write_bytes(content)
-    assert np.array_equal(Simulation.load(path).cube, SAMPLES)
+    assert np.array_equal(Recording.load(path).cube, SAMPLES)
     assert refused > 0.9 * tried  # blanks in zarr.json may change
 
 

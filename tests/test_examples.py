@@ -124,7 +124,7 @@ def test_programs_of_the_readme(walk_folder: Path) -> None:
         for line, text in programs:
             # Blank lines before it, so that a failure names the README's own line.
             exec(compile("\n" * (line - 1) + text, "README.md", "exec"), names)
-    saved = t2d.Simulation.load(walk_folder / "walk.zarr")
+    saved = t2d.Recording.load(walk_folder / "walk.zarr")
     assert np.abs(saved.cube).max() > 0
     assert saved.spectrogram.dims == ("velocity_mps", "time_s")
 
@@ -140,7 +140,7 @@ def test_commands_of_the_readme(walk_folder: Path, capsys: pytest.CaptureFixture
     for number, words in lines:
         assert main(words[1:]) == 0, f"README.md:{number}: {' '.join(words)}: {capsys.readouterr().err}"
     check_picture(walk_folder / "walk.png")
-    assert t2d.Simulation.load(walk_folder / "walk.zarr").settings["method"] == "mesh"
+    assert t2d.Recording.load(walk_folder / "walk.zarr").settings["method"] == "mesh"
 
 
 def test_links_of_the_readme_lead_somewhere() -> None:

@@ -35,7 +35,7 @@ def walk() -> Motion:
 
 
 @pytest.fixture(scope="module")
-def recorded(walk: Motion) -> t2d.Simulation:
+def recorded(walk: Motion) -> t2d.Recording:
     return t2d.simulate(walk, **COARSE)
 
 
@@ -52,7 +52,7 @@ def nmse_db(got: np.ndarray, expected: np.ndarray) -> float:
 # --- what comes out -------------------------------------------------------------------------------------------------
 
 
-def test_recording_holds_its_configuration(recorded: t2d.Simulation, walk: Motion) -> None:
+def test_recording_holds_its_configuration(recorded: t2d.Recording, walk: Motion) -> None:
     assert recorded.cube.dtype == np.complex64
     assert recorded.cube.shape == (len(RADAR.chirp_times_s(walk.duration_s)), 1, RADAR.samples)
     assert np.isfinite(recorded.cube).all()
@@ -62,7 +62,7 @@ def test_recording_holds_its_configuration(recorded: t2d.Simulation, walk: Motio
     assert recorded.versions["drjit"] == "1.5.0"
 
 
-def test_same_seed_same_bits_another_seed_another_speckle(recorded: t2d.Simulation, walk: Motion) -> None:
+def test_same_seed_same_bits_another_seed_another_speckle(recorded: t2d.Recording, walk: Motion) -> None:
     assert t2d.simulate(walk, **COARSE).cube.tobytes() == recorded.cube.tobytes()
     other = t2d.simulate(walk, **COARSE, seed=1)
     # The coherent part is the same, and at S = 0.3 the larger one.

@@ -1,4 +1,4 @@
-"""`Simulation`: labelled axes, attributes, the way to disk and back, and what is refused."""
+"""`Recording`: labelled axes, attributes, the way to disk and back, and what is refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import xarray as xr
 from t2d_rt import cubes, rows
 from t2d_rt import result as result_module
 from t2d_rt.errors import InputError
-from t2d_rt.result import Simulation, versions
+from t2d_rt.result import Recording, versions
 from t2d_rt.types import Radar
 
 RADAR = Radar.preset("ci4r")
@@ -32,12 +32,12 @@ def mover(radar: Radar, speed_mps: float, range_m: float = 5.0, chirps: int = 60
 
 
 @pytest.fixture
-def result() -> Simulation:
+def result() -> Recording:
     settings = {"method": "mesh", "seed": 3}
-    return Simulation(mover(RADAR, 1.0), RADAR, settings=settings, versions=versions(), processing={"mti": "mean"})
+    return Recording(mover(RADAR, 1.0), RADAR, settings=settings, versions=versions(), processing={"mti": "mean"})
 
 
-def test_axes_are_labelled(result: Simulation) -> None:
+def test_axes_are_labelled(result: Recording) -> None:
     adc, profile, image, doppler = result.adc, result.range_profile, result.spectrogram, result.range_doppler
     assert adc.dtype == np.complex64
     assert adc.sizes == {"chirp": 600, "antenna": 1, "sample": 256}
@@ -54,7 +54,7 @@ def test_axes_are_labelled(result: Simulation) -> None:
     assert [image[axis].attrs["units"] for axis in image.dims] == ["m/s", "s"]
 
 
-def test_attributes_hold_the_configuration(result: Simulation) -> None:
+def test_attributes_hold_the_configuration(result: Recording) -> None:
     for array in (result.adc, result.range_profile, result.spectrogram, result.range_doppler):
         assert Radar(**json.loads(array.attrs["radar"])) == RADAR
         assert json.loads(array.attrs["settings"]) == {"method": "mesh", "seed": 3}
@@ -62,16 +62,16 @@ def test_attributes_hold_the_configuration(result: Simulation) -> None:
         assert json.loads(array.attrs["versions"]).keys() >= {"python", "numpy", "drjit", "mitsuba", "sionna-rt"}
 
 
-def test_processed_changes_the_picture_only(result: Simulation) -> None:
+def test_processed_changes_the_picture_only(result: Recording) -> None:
     other = result.processed(n_window=128, overlap=64)
     assert other.cube is result.cube
     assert other.processing == {"mti": "mean", "n_window": 128, "overlap": 64}
     assert other.spectrogram.sizes["velocity_mps"] == 128
 
 
-def test_round_trip_is_bit_identical(result: Simulation, tmp_path: Path) -> None:
+def test_round_trip_is_bit_identical(result: Recording, tmp_path: Path) -> None:
     result.save(tmp_path / "a.zarr")
-    back = Simulation.load(tmp_path / "a.zarr")
+    back = Recording.load(tmp_path / "a.zarr")
     assert back.cube.dtype == np.complex64
     assert back.cube.tobytes() == result.cube.tobytes()
     assert back.radar == result.radar
@@ -80,7 +80,7 @@ def test_round_trip_is_bit_identical(result: Simulation, tmp_path: Path) -> None
     assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
 
 
-def test_plain_xarray_opens_it(result: Simulation, tmp_path: Path) -> None:
+def test_plain_xarray_opens_it(result: Recording, tmp_path: Path) -> None:
     result.save(tmp_path / "a.zarr")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -92,7 +92,7 @@ def test_plain_xarray_opens_it(result: Simulation, tmp_path: Path) -> None:
             assert json.loads(data.attrs["settings"])["seed"] == 3
 
 
-def test_plots(result: Simulation, tmp_path: Path) -> None:
+def test_plots(result: Recording, tmp_path: Path) -> None:
     figure = result.plot(title="a mover")
     axes, bar = figure.axes
     assert axes.get_title() == "a mover"
@@ -109,29 +109,29 @@ def test_plots(result: Simulation, tmp_path: Path) -> None:
 # --- what is refused ------------------------------------------------------------------------------------------------
 
 
-def test_refuses_what_is_no_cube(result: Simulation) -> None:
+def test_refuses_what_is_no_cube(result: Recording) -> None:
     with pytest.raises(InputError, match=r"must have shape \(chirp, antenna, 256\), got \(4, 256\)"):
-        Simulation(result.cube[:4, 0], RADAR)
+        Recording(result.cube[:4, 0], RADAR)
     with pytest.raises(InputError, match=r"got \(600, 1, 128\)"):
-        Simulation(result.cube[:, :, :128], RADAR)
+        Recording(result.cube[:, :, :128], RADAR)
     with pytest.raises(InputError, match="unknown spectrogram option 'windw'; choose from range_window"):
         result.processed(windw="hann")
 
 
-def test_existing_result(result: Simulation, tmp_path: Path) -> None:
+def test_existing_result(result: Recording, tmp_path: Path) -> None:
     path = tmp_path / "a.zarr"
     result.save(path)
     with pytest.raises(InputError, match="exists already; choose another name or pass --overwrite"):
         result.save(path)
-    Simulation(result.cube[:300], RADAR).save(path, overwrite=True)
-    assert len(Simulation.load(path).cube) == 300
+    Recording(result.cube[:300], RADAR).save(path, overwrite=True)
+    assert len(Recording.load(path).cube) == 300
     (tmp_path / "link.zarr").symlink_to(path)
     result.save(tmp_path / "link.zarr", overwrite=True)
-    assert len(Simulation.load(path).cube) == 600
+    assert len(Recording.load(path).cube) == 600
     assert (tmp_path / "link.zarr").is_symlink()
 
 
-def test_a_folder_of_something_else_is_never_replaced(result: Simulation, tmp_path: Path) -> None:
+def test_a_folder_of_something_else_is_never_replaced(result: Recording, tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "me.jpg").touch()
     with pytest.raises(InputError, match="is a folder but not a result, so it is not replaced"):
@@ -139,16 +139,16 @@ def test_a_folder_of_something_else_is_never_replaced(result: Simulation, tmp_pa
     assert (tmp_path / "photos" / "me.jpg").exists()
 
 
-def test_a_large_cube_stays_on_disk(result: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_large_cube_stays_on_disk(result: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cubes, "LARGE_BYTES", 1000)
     monkeypatch.setattr(rows, "BLOCK_BYTES", 100 * 256 * 8)
     on_disk = cubes.new_cube(result.cube.shape)
     assert isinstance(on_disk, cubes.DiskCube)
     for start in range(0, 600, 37):
         on_disk[start : start + 37] = result.cube[start : start + 37]
-    large = Simulation(on_disk, RADAR, settings=result.settings, versions=versions(), processing={"mti": "mean"})
+    large = Recording(on_disk, RADAR, settings=result.settings, versions=versions(), processing={"mti": "mean"})
     large.save(tmp_path / "a.zarr")
-    loaded = Simulation.load(tmp_path / "a.zarr")
+    loaded = Recording.load(tmp_path / "a.zarr")
     assert isinstance(loaded.cube, cubes.DiskCube)
     for one in (large, loaded):
         assert "values with dtype=complex64" in repr(one.adc.variable)  # not read yet
@@ -164,7 +164,7 @@ def test_a_large_cube_stays_on_disk(result: Simulation, tmp_path: Path, monkeypa
 @pytest.mark.parametrize("stage", ["write", "move away", "move there"])
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
 def test_a_failed_overwrite_keeps_the_old(
-    result: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str, error: BaseException
+    result: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str, error: BaseException
 ) -> None:
     path = tmp_path / "a.zarr"
     result.save(path)
@@ -190,12 +190,12 @@ def test_a_failed_overwrite_keeps_the_old(
         with pytest.raises(
             expected, match="No space left on device; free space" if isinstance(error, OSError) else None
         ):
-            Simulation(result.cube[:300], RADAR).save(path, overwrite=True)
+            Recording(result.cube[:300], RADAR).save(path, overwrite=True)
     assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
-    assert len(Simulation.load(path).cube) == 600
+    assert len(Recording.load(path).cube) == 600
 
 
-def test_places(result: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_places(result: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="gone does not exist; create it first"):
         result.save(tmp_path / "gone" / "a.zarr")
     (tmp_path / "file.zarr").touch()
@@ -237,7 +237,7 @@ def spoil(path: Path, how: str) -> None:
     elif how == "other samples":
         np.save(path / "adc" / "c" / "note.npy", np.zeros(3))  # read by nobody
         other = path.with_name("other.zarr")
-        Simulation(2 * mover(RADAR, 1.0), RADAR).save(other)
+        Recording(2 * mover(RADAR, 1.0), RADAR).save(other)
         shutil.copytree(other / "adc" / "c", path / "adc" / "c", dirs_exist_ok=True)
     elif how == "lost spectrogram":
         shutil.rmtree(path / "spectrogram" / "c")
@@ -266,14 +266,14 @@ def seal(path: Path) -> None:
         ("no radar", r"does not hold a t2d-rt result \(no 'radar'\)"),
     ],
 )
-def test_broken_results_are_refused(result: Simulation, tmp_path: Path, how: str, sentence: str) -> None:
+def test_broken_results_are_refused(result: Recording, tmp_path: Path, how: str, sentence: str) -> None:
     path = tmp_path / "a.zarr"
     result.save(path)
     spoil(path, how)
     with pytest.raises(InputError, match=sentence):
-        Simulation.load(path)
+        Recording.load(path)
 
 
 def test_what_is_no_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not a result folder"):
-        Simulation.load(tmp_path / "gone.zarr")
+        Recording.load(tmp_path / "gone.zarr")

@@ -26,7 +26,7 @@ from t2d_rt import store
 from t2d_rt.cli import main
 from t2d_rt.errors import InputError
 from t2d_rt.resources import folder
-from t2d_rt.result import Simulation
+from t2d_rt.result import Recording
 from t2d_rt.scene import Room, save_scene
 from t2d_rt.store import replacing, settle
 from t2d_rt.types import Radar, Scene
@@ -39,12 +39,12 @@ PROCESSES = multiprocessing.get_context("forkserver")  # a fork of pytest would 
 PROCESSES.set_forkserver_preload(["xarray", "zarr", "scipy.signal", "t2d_rt.result"])
 
 
-def recording(value: complex) -> Simulation:
-    return Simulation(np.full((300, 1, 256), value, np.complex64), RADAR)
+def recording(value: complex) -> Recording:
+    return Recording(np.full((300, 1, 256), value, np.complex64), RADAR)
 
 
 def value_of(path: Path) -> complex:
-    cube = np.asarray(Simulation.load(path).cube)
+    cube = np.asarray(Recording.load(path).cube)
     assert (cube == cube[0, 0, 0]).all()
     return complex(cube[0, 0, 0])
 
@@ -289,7 +289,7 @@ def test_only_results_are_overwritten(tmp_path: Path) -> None:
     del attributes["made_by"]
     (path / "zarr.json").write_text(json.dumps({**metadata, "attributes": attributes}))
     with pytest.raises(InputError, match="has format 2, expected 3; simulate it again"):
-        Simulation.load(path)
+        Recording.load(path)
     recording(3).save(path, overwrite=True)
     assert value_of(path) == 3
 

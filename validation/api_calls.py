@@ -141,9 +141,9 @@ def egg(**changes: Any) -> Ellipsoids:
     return Ellipsoids(**{**given, **changes})
 
 
-def result() -> t2d.Simulation:
+def result() -> t2d.Recording:
     """A recording."""
-    return t2d.Simulation(cube(), RADAR)
+    return t2d.Recording(cube(), RADAR)
 
 
 def _echoes() -> dict[str, Any]:
@@ -351,11 +351,11 @@ def _results(folder: Path) -> list[Call]:
         "accuracy": {"occlusion": False, "surface_rate_hz": 50, "sagitta_rad": 0.3},
     }  # fmt: skip
     return [
-        Call("Simulation", t2d.Simulation, {"cube": cube(), "radar": RADAR}, lambda r: r.spectrogram),
-        Call("Simulation.processed", recorded.processed, processing, lambda r: r.spectrogram),
-        Call("Simulation.plot", recorded.plot, {"title": "a"}, _drawn),
-        Call("Simulation.save", recorded.save, {"path": folder / "made.zarr", "overwrite": True}),
-        Call("Simulation.load", t2d.Simulation.load, {"path": folder / "none.zarr"}),
+        Call("Recording", t2d.Recording, {"cube": cube(), "radar": RADAR}, lambda r: r.spectrogram),
+        Call("Recording.processed", recorded.processed, processing, lambda r: r.spectrogram),
+        Call("Recording.plot", recorded.plot, {"title": "a"}, _drawn),
+        Call("Recording.save", recorded.save, {"path": folder / "made.zarr", "overwrite": True}),
+        Call("Recording.load", t2d.Recording.load, {"path": folder / "none.zarr"}),
         Call("compare", compare.compare, {"first": recorded, "second": recorded}, lambda c: c.mean_difference_db),
         Call("compare.figures", compare.figures, {"result": recorded}),
         Call("compare.ridge", compare.ridge, {"power_db": np.zeros((3, 4)), "speeds_mps": np.arange(3.0)}),

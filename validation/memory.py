@@ -43,18 +43,18 @@ def run() -> Section:
     )
 
 
-def _walk(memory_gb: float) -> t2d.Simulation:
+def _walk(memory_gb: float) -> t2d.Recording:
     motion = t2d.load_motion(resource("motions", "12_01_walk.bvh"))
     motion = t2d.trim(t2d.place(motion), 1.0, 1.0 + WALK_S)
     return t2d.simulate(motion, scene="living_room", tolerance_db=-20, memory_gb=memory_gb)
 
 
-def _wide_sweep(memory_gb: float) -> t2d.Simulation:
+def _wide_sweep(memory_gb: float) -> t2d.Recording:
     radar = t2d.Radar(carrier_hz=77e9, slope_hz_per_s=111e12, samples=16_384, sample_rate_hz=16.384e6, prf_hz=40.0)
     return t2d.simulate(_sphere(2, 0.01), radar=radar, memory_gb=memory_gb)
 
 
-def _large_mesh(memory_gb: float) -> t2d.Simulation:
+def _large_mesh(memory_gb: float) -> t2d.Recording:
     return t2d.simulate(_sphere(7, 1.0), memory_gb=memory_gb)
 
 
@@ -65,7 +65,7 @@ def _sphere(subdivisions: int, speed_mps: float) -> t2d.MovingMesh:
     return t2d.MovingMesh(solid.vertices + moved, solid.faces, times, material="pec", name="sphere")
 
 
-CASES: dict[str, Callable[[float], t2d.Simulation]] = {
+CASES: dict[str, Callable[[float], t2d.Recording]] = {
     "walk, living_room, -20 dB": _walk, "wide sweep": _wide_sweep, "large mesh": _large_mesh,
 }  # fmt: skip
 

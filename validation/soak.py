@@ -202,7 +202,7 @@ def _saved(rng: np.random.Generator, folder: Path) -> None:
 
     result = _simulated(_walk(rng), _radar(rng), method="ellipsoid")
     result.save(folder / "one.zarr", overwrite=True)
-    if not np.array_equal(t2d.Simulation.load(folder / "one.zarr").cube, result.cube):
+    if not np.array_equal(t2d.Recording.load(folder / "one.zarr").cube, result.cube):
         raise AssertionError("loaded with other samples than were saved")
 
 

@@ -90,7 +90,7 @@ def _against_manual() -> tuple[float, float, str]:
         walk, radar=radar, accuracy={"sagitta_rad": 0.12, "surface_rate_hz": 120, "visibility_rate_hz": 100}
     )
 
-    def error_db(result: t2d.Simulation) -> float:
+    def error_db(result: t2d.Recording) -> float:
         return nmse_db(result.cube[::EVERY], reference.cube[::EVERY])
 
     bar = error_db(found)
@@ -107,7 +107,7 @@ def _against_manual() -> tuple[float, float, str]:
     return automatic, best, "\n".join(["| walk on the spot, 10 s | seconds | field NMSE, dB |", "|---|---|---|", *rows])
 
 
-def _quickest(action: Callable[[], t2d.Simulation]) -> tuple[float, t2d.Simulation]:
+def _quickest(action: Callable[[], t2d.Recording]) -> tuple[float, t2d.Recording]:
     """Seconds of the better of two runs after one that compiles, up to the spectrogram."""
     taken = []
     for _ in range(3):
@@ -162,7 +162,7 @@ def _found(case: Case) -> Found:
     return Found(case, plan.error_db, result.settings["error_db"], true, sum(plan.seconds.values()), took)
 
 
-def _true_db(case: Case, radar: Radar, result: t2d.Simulation) -> float:
+def _true_db(case: Case, radar: Radar, result: t2d.Recording) -> float:
     surfaces = case.target if isinstance(case.target, list) else [t2d.skin(case.target)]
     in_room = case.scene != "free_space"
     chirps = random_chirps(surfaces[0], radar, ROOM_CHIRPS if in_room else CHIRPS, seed=17)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from t2d_rt.cli.add import Person
     from t2d_rt.pipeline import Method
-    from t2d_rt.result import Simulation
+    from t2d_rt.result import Recording
     from t2d_rt.scene import Mover
     from t2d_rt.types import Motion, Radar
 
@@ -165,7 +165,7 @@ def _simulate(options: Namespace) -> None:
     say(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
 
 
-def _drawn(result: Simulation, title: str) -> Figure | None:
+def _drawn(result: Recording, title: str) -> Figure | None:
     """The spectrogram's figure; None and a warning where it cannot be drawn: that must not cost the result."""
     try:
         figure = result.plot(title=title)
@@ -249,9 +249,9 @@ def _info(options: Namespace) -> None:
     if not source.exists():
         raise InputError(f"{source} does not exist; check the path")
     if source.is_dir():
-        from t2d_rt.result import Simulation
+        from t2d_rt.result import Recording
 
-        say(_recording_info(Simulation.load(source)))
+        say(_recording_info(Recording.load(source)))
     elif source.suffix.lower() in (".yaml", ".yml"):
         from t2d_rt.types import Radar
 
@@ -293,7 +293,7 @@ def _motion(options: Namespace, source: Path, radar: Radar) -> Motion:
 
 def _recorded(
     motion: Motion, options: Namespace, radar: Radar, method: Method, added: Sequence[Mover | Person] = ()
-) -> Simulation:
+) -> Recording:
     from t2d_rt.cli.add import Person
     from t2d_rt.pipeline import simulate
     from t2d_rt.types import Motion
@@ -398,7 +398,7 @@ def _radar_info(radar: Radar) -> str:
     return "\n".join(f"{name:22}{value}" for name, value in rows)
 
 
-def _recording_info(result: Simulation) -> str:
+def _recording_info(result: Recording) -> str:
     rows = [
         ("adc", " x ".join(str(n) for n in result.cube.shape) + " (chirp, antenna, sample)"),
         *((name, str(value)) for name, value in result.settings.items()),

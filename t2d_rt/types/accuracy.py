@@ -81,6 +81,8 @@ class Accuracy(Fields):
     """Field error that splines between surface frames may add [dB]; it sets the surface rate where none is given."""
     occlusion: bool = True
     """Whether targets hide themselves and one another; the furniture of a room hides them anyway."""
+    clutter_occlusion: bool | None = None
+    """Whether targets hide parts of the static scene from the radar; as `occlusion` by default."""
     visibility_rate_hz: Annotated[Number, Field(ge=1, le=1_000)] = 25.0
     """Rate at which visibility is sampled [Hz], faded in between; 25 suits walking. Cost is proportional."""
     visibility_subdivision: Annotated[Count, Field(ge=0, le=4)] = 0
@@ -120,6 +122,11 @@ class Accuracy(Fields):
     def fastest_sampled_hz(self) -> float:
         """Greatest surface rate of targets whose visibility is sampled point by point [Hz]."""
         return 8.0 * self.visibility_rate_hz if self.fast_rotating_hz is None else self.fast_rotating_hz
+
+    @property
+    def occludes_clutter(self) -> bool:
+        """Whether targets hide parts of the static scene."""
+        return self.occlusion if self.clutter_occlusion is None else self.clutter_occlusion
 
     def replace(self, **changes: object) -> Accuracy:
         """A copy with some fields changed, checked like a new one."""

@@ -9,6 +9,7 @@ import numpy as np
 from t2d_rt.checks import LARGEST_M, array, call, shown
 from t2d_rt.errors import InputError
 from t2d_rt.types.material import Material, checked_material
+from t2d_rt.types.mesh import Made
 from t2d_rt.types.times import checked_times, within
 
 PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -46,6 +47,8 @@ class Ellipsoids:
                 "axes must hold three right-handed orthogonal unit vectors in columns; normalise them first"
             )
         self._track = _interpolated(times_s, centres, axes)
+        self.made: Made | None = Made("arrays", {"centres": centres, "axes": axes})
+        """How they were made; None where a function of the user computes them."""
 
     @classmethod
     def from_track(
@@ -59,6 +62,7 @@ class Ellipsoids:
     ) -> Ellipsoids:
         """Ellipsoids whose places are computed when asked for, between the first and last of `times_s`."""
         ellipsoids = cls.__new__(cls)
+        ellipsoids.made = None
         ellipsoids._fill(semi_axes_m, times_s, material, names)
         ellipsoids._track = call(
             "track", track, "a function from times (K,) to centres (K, N, 3) and axes (K, N, 3, 3)"

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -18,6 +19,16 @@ if TYPE_CHECKING:
 
 Track = Callable[[np.ndarray], np.ndarray]
 """Vertices [m], float64 (K, V, 3), at times [s] (K,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """How a mesh or ellipsoids were made, so that they can be made again."""
+
+    by: Literal["arrays", "skin", "segments", "mover"]
+    arguments: Mapping[str, Any]
+    """Of that maker."""
+
 
 SAGITTA_RAD = 1e-3, 1e9
 """Phase sagittas that are taken: below, no memory holds the facets; a very large one keeps the triangles as they are."""
@@ -49,6 +60,8 @@ class MovingMesh:
         if not vertices.shape[1]:
             raise InputError(f"vertices of {name} must hold at least 3 vertices, got none")
         self._track: Track = _spline(times_s, vertices)
+        self.made: Made | None = Made("arrays", {"vertices": vertices})
+        """How it was made; None where a function of the user computes it."""
         self._fill(vertices[0], faces, times_s, material, crease_deg, sagitta_rad, name)
 
     @classmethod
@@ -69,6 +82,7 @@ class MovingMesh:
         `rest` (V, 3) is the pose in which curvature is measured and diffuse points are spread; the first frame by default.
         """
         mesh = cls.__new__(cls)
+        mesh.made = None
         times_s, name = checked_times(times_s), text("name", name)
         mesh._track = call("track", track, "a function from times (K,) to vertices (K, V, 3)")
         first = np.asarray(_positions(track, times_s[:1], None, name)[0], float)

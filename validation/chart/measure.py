@@ -17,7 +17,7 @@ from t2d_rt.compare import envelope
 from t2d_rt.echo import mesh
 from t2d_rt.echo.patches import Patches, patches
 from t2d_rt.geometry import Refinement
-from t2d_rt.result import Simulation
+from t2d_rt.result import Recording
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation.bodies import random_chirps
 from validation.kept import kept_samples
@@ -66,7 +66,7 @@ class Case:
         )  # fmt: skip
 
     @cached_property
-    def fine(self) -> Simulation:
+    def fine(self) -> Recording:
         """The stand-in for the reference over the whole record: the mesh at far finer settings."""
         from validation.chart.methods import simulated
 
@@ -119,10 +119,10 @@ def best_seconds(action: Callable[[], Any]) -> tuple[float, Any]:
     return min(taken), found
 
 
-def measured(case: Case, method: str, knob: str, action: Callable[[], Simulation]) -> Point:
+def measured(case: Case, method: str, knob: str, action: Callable[[], Recording]) -> Point:
     """A point of a method that makes the whole record; its seconds are those up to the spectrogram."""
 
-    def run() -> Simulation:
+    def run() -> Recording:
         found = action()
         _ = found.spectrogram
         return found
@@ -143,7 +143,7 @@ def measured(case: Case, method: str, knob: str, action: Callable[[], Simulation
     )  # fmt: skip
 
 
-def compared(found: Simulation, fine: Simulation) -> dict[str, float | str]:
+def compared(found: Recording, fine: Recording) -> dict[str, float | str]:
     """Figures of a whole record beside the stand-in's."""
     one, two = found.spectrogram.values, fine.spectrogram.values
     speeds = fine.spectrogram.velocity_mps.values

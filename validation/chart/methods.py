@@ -16,7 +16,7 @@ from t2d_rt.echo import facets, mesh
 from t2d_rt.echo.phase_integral import Ops, Parts
 from t2d_rt.geometry import Refinement, refine
 from t2d_rt.model import skin
-from t2d_rt.result import Simulation
+from t2d_rt.result import Recording
 from t2d_rt.trace.visibility import Looked, Occlusion
 from t2d_rt.types import Ellipsoids, MovingMesh
 from validation.chart.measure import Case
@@ -34,7 +34,7 @@ class Method:
     name: str
     unit: str
     """Of the knob."""
-    run: Callable[[Case, Any], Simulation]
+    run: Callable[[Case, Any], Recording]
     values: tuple[Any, ...]
     few: tuple[Any, ...] = ()
     """Values for other motions in free space and the walk in rooms."""
@@ -43,7 +43,7 @@ class Method:
     rooms_only: bool = False
 
 
-def simulated(case: Case, *, scale: float = 1.0, **options: Any) -> Simulation:
+def simulated(case: Case, *, scale: float = 1.0, **options: Any) -> Recording:
     """`simulate` with the body's phase sagitta scaled: 1 is the default setting."""
 
     def skinned(*args: Any, **more: Any) -> MovingMesh:
@@ -55,7 +55,7 @@ def simulated(case: Case, *, scale: float = 1.0, **options: Any) -> Simulation:
         return t2d.simulate(case.motion, **{**case.settings(), **options})
 
 
-def one_point_each(case: Case, edge_m: float) -> Simulation:
+def one_point_each(case: Case, edge_m: float) -> Recording:
     """Facets with one point each, cut to edges of at most `edge_m` everywhere: what aliases are its edges, not its curvature."""
 
     def cut(
@@ -97,12 +97,12 @@ def one_point(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> tuple[Parts
     return (cos, sin), (cos - phase * sin, sin + phase * cos)
 
 
-def by_tolerance(case: Case, tolerance_db: float) -> Simulation:
+def by_tolerance(case: Case, tolerance_db: float) -> Recording:
     """Settings that follow from a tolerance; the time to find them is in it, that to measure the error is not."""
     return simulated(case, tolerance_db=tolerance_db, measure_error=False)
 
 
-def seen_by(case: Case, how: str) -> Simulation:
+def seen_by(case: Case, how: str) -> Recording:
     """The default setting with what is hidden found in another way."""
     if how == "none":
         return simulated(case, accuracy={"occlusion": False})
@@ -114,7 +114,7 @@ def seen_by(case: Case, how: str) -> Simulation:
     return simulated(case)
 
 
-def _through_the_fine_mesh(case: Case) -> Simulation:
+def _through_the_fine_mesh(case: Case) -> Recording:
     """Facets that are traced at their own vertices: the fine mesh stands for the cage.
 
     Diffuse points belong to the cage, so they are made by themselves, and both are added.
@@ -135,7 +135,7 @@ def _through_the_fine_mesh(case: Case) -> Simulation:
         smooth = t2d.simulate(case.motion, **case.settings(), material=replace(material, scattering_coefficient=0.0))
     points = simulated(case, scale=FLAT, material=replace(material, scattering_coefficient=1.0))
     cube = np.sqrt(1 - rough**2) * smooth.cube[:] + rough * points.cube[:]
-    return Simulation(cube.astype(np.complex64), case.radar, settings=smooth.settings)
+    return Recording(cube.astype(np.complex64), case.radar, settings=smooth.settings)
 
 
 def _applied(operator: Any, cage: np.ndarray) -> np.ndarray:
@@ -169,7 +169,7 @@ def _capsules(limbs: Ellipsoids) -> type[Occlusion]:
     return Capsules
 
 
-def _ellipsoids(phase_from: str) -> Callable[[Case, float], Simulation]:
+def _ellipsoids(phase_from: str) -> Callable[[Case, float], Recording]:
     return lambda case, rate: simulated(
         case, method="ellipsoid", phase_from=phase_from, accuracy={"surface_rate_hz": rate}
     )

@@ -111,7 +111,7 @@ def check_result(value: Any) -> None:
     """What comes back is finite where that is promised."""
     if isinstance(value, t2d.Motion):
         check_motion(value)
-    elif isinstance(value, t2d.Simulation):
+    elif isinstance(value, t2d.Recording):
         check_recording(value)
     elif isinstance(value, t2d.MovingMesh):
         check_finite(value.at(value.times_s[:1]), "vertices")
@@ -210,8 +210,8 @@ def _cube(radar: t2d.Radar | None = None, chirps: int = 300) -> np.ndarray:
     return (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
 
 
-def _recording() -> t2d.Simulation:
-    return t2d.Simulation(_cube(), quick_radar(), settings={"method": "mesh"}, versions={}, processing={"n_window": 64})
+def _recording() -> t2d.Recording:
+    return t2d.Recording(_cube(), quick_radar(), settings={"method": "mesh"}, versions={}, processing={"n_window": 64})
 
 
 @functools.cache
@@ -355,11 +355,11 @@ CALLS: dict[str, Callable[[], Good]] = {
     "Radar.received_power_w": _method(quick_radar, "received_power_w", rcs_m2=1.0, range_m=3.0),
     "Echoes": _echoes_call,
     "synthesize": lambda: _filled(t2d.synthesize, echoes=_echoes(), radar=quick_radar()),
-    "Simulation": lambda: _filled(t2d.Simulation, cube=_cube(), radar=quick_radar(), settings={}, versions={}, processing={}),
-    "Simulation.save": _method(_recording, "save", path="x.zarr"),
-    "Simulation.load": lambda: (t2d.Simulation.load, {"path": "none.zarr"}),
-    "Simulation.plot": _method(_recording, "plot"),
-    "Simulation.processed": lambda: (lambda **changes: _recording().processed(**changes), _signal("spectrogram")()[1]),
+    "Recording": lambda: _filled(t2d.Recording, cube=_cube(), radar=quick_radar(), settings={}, versions={}, processing={}),
+    "Recording.save": _method(_recording, "save", path="x.zarr"),
+    "Recording.load": lambda: (t2d.Recording.load, {"path": "none.zarr"}),
+    "Recording.plot": _method(_recording, "plot"),
+    "Recording.processed": lambda: (lambda **changes: _recording().processed(**changes), _signal("spectrogram")()[1]),
     "compare": lambda: (_of("compare", "compare"), {"first": _recording(), "second": _recording()}),
     "spectrogram": _signal("spectrogram", adc=_cube, radar=quick_radar),
     "range_doppler": _signal("range_doppler", adc=_cube, radar=quick_radar),

@@ -300,4 +300,4 @@ def _written(act: Any, folder: Path, words: list[str]) -> None:
     if words and words[0] == "simulate" and "wrote " in printed:
         for path in folder.glob("*.zarr"):
             if path.is_dir() and (path / "zarr.json").exists():
-                check_recording(t2d.Simulation.load(path))
+                check_recording(t2d.Recording.load(path))

@@ -57,16 +57,16 @@ def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
             "--radar.prf-hz=2000", "-o", "walk.zarr", "--overwrite",
         ]  # fmt: skip
         return Attempt(f"{told}: t2d-rt {' '.join(words)}", lambda: _replaced(words, place))
-    return Attempt(f"{told}: Simulation.load('walk.zarr')", lambda: _loaded(place, saved))
+    return Attempt(f"{told}: Recording.load('walk.zarr')", lambda: _loaded(place, saved))
 
 
-def recording() -> t2d.Simulation:
+def recording() -> t2d.Recording:
     """A small recording, the same each time."""
     radar = quick_radar()
     rng = np.random.default_rng(1)
     cube = rng.normal(size=(CHIRPS, 1, radar.samples)) + 1j * rng.normal(size=(CHIRPS, 1, radar.samples))
     settings = {"method": "mesh", "scene": "free_space", "seed": 3, "targets": ["a walk"], "error_db": -21.5}
-    return t2d.Simulation(
+    return t2d.Recording(
         (1e-6 * cube).astype(np.complex64),
         radar,
         settings=settings,
@@ -218,8 +218,8 @@ def _attributes(rng: np.random.Generator, place: Path) -> str:
 # --- what is done with it -------------------------------------------------------------------------------------------
 
 
-def _loaded(place: Path, saved: t2d.Simulation) -> None:
-    loaded = t2d.Simulation.load(place)
+def _loaded(place: Path, saved: t2d.Recording) -> None:
+    loaded = t2d.Recording.load(place)
     check_recording(loaded)
     if loaded.radar != saved.radar:
         raise Wrong("loaded with another radar than was saved")
@@ -231,7 +231,7 @@ def _loaded(place: Path, saved: t2d.Simulation) -> None:
     _check_stored(place, saved)
 
 
-def _check_stored(place: Path, saved: t2d.Simulation) -> None:
+def _check_stored(place: Path, saved: t2d.Recording) -> None:
     """What other programs read in the folder is what was saved, too: `load` has checked it."""
     import xarray as xr
 
@@ -260,4 +260,4 @@ def _overwritten(place: Path) -> None:
 def _replaced(words: list[str], place: Path) -> None:
     act: Callable[[], str] = command(words)
     act()
-    check_recording(t2d.Simulation.load(place))
+    check_recording(t2d.Recording.load(place))

@@ -20,7 +20,7 @@ import xarray as xr
 
 from t2d_rt.cubes import CubeWriter, new_cube
 from t2d_rt.errors import InputError
-from t2d_rt.result import Simulation
+from t2d_rt.result import Recording
 from t2d_rt.types import Radar
 from validation.report import Check, Section
 
@@ -94,14 +94,14 @@ def _pattern(rows: slice, scale: float) -> np.ndarray:
     return (scale * (1 + chirps + 1j * np.arange(RADAR.samples, dtype=np.float32))).astype(np.complex64)
 
 
-def _made(size_mib: int, scale: float = 1.0) -> Simulation:
+def _made(size_mib: int, scale: float = 1.0) -> Recording:
     chirps = size_mib * 2**20 // (8 * RADAR.samples) + 1
     cube = new_cube((chirps, 1, RADAR.samples))
     with CubeWriter(cube) as writer:
         for start in range(0, chirps, BLOCK):
             part = slice(start, min(start + BLOCK, chirps))
             writer.room(part.stop - part.start)[:] = _pattern(part, scale)
-    return Simulation(cube, RADAR)
+    return Recording(cube, RADAR)
 
 
 def _judged(adc: xr.DataArray, scale: float = 1.0) -> str:
@@ -137,10 +137,10 @@ def _in_a_pool(adc: xr.DataArray) -> str:
     return found
 
 
-def _loaded(size_mib: int) -> Simulation:
+def _loaded(size_mib: int) -> Recording:
     """From a relative path."""
     _made(size_mib).save("a.zarr")
-    return Simulation.load("a.zarr")
+    return Recording.load("a.zarr")
 
 
 def _after(change: Callable[[int], None]) -> Callable[[int], str]:

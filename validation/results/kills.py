@@ -20,7 +20,7 @@ import numpy as np
 from t2d_rt.cli import main
 from t2d_rt.errors import InputError
 from t2d_rt.resources import resource
-from t2d_rt.result import Simulation, check_free
+from t2d_rt.result import Recording, check_free
 from validation.report import Check, Section
 from validation.results.processes import found, picture, save, sentence, start_writer
 
@@ -174,7 +174,7 @@ def _judged_command(place: Path, error: str) -> Counter[str]:
     faults = Counter({TIDY: int("Traceback" in error)})
     faults["no leftover after the next command"] = int({entry.name for entry in place.iterdir()} != {"r.zarr", "r.png"})
     try:
-        faults["nothing lost"] = int(Simulation.load(path).settings["seed"] not in (0, 1))
+        faults["nothing lost"] = int(Recording.load(path).settings["seed"] not in (0, 1))
     except InputError:
         faults["nothing half written"] = 1
     return faults

@@ -13,7 +13,7 @@ import numpy as np
 
 from t2d_rt import cli
 from t2d_rt.errors import InputError
-from t2d_rt.result import Simulation
+from t2d_rt.result import Recording
 from t2d_rt.types import Radar
 
 CONTEXT = multiprocessing.get_context("forkserver")
@@ -33,8 +33,8 @@ class Drawing:
         path.write_text(str(self.value))
 
 
-def recording(value: int) -> Simulation:
-    return Simulation(np.full((CHIRPS, 1, RADAR.samples), value, np.complex64), RADAR)
+def recording(value: int) -> Recording:
+    return Recording(np.full((CHIRPS, 1, RADAR.samples), value, np.complex64), RADAR)
 
 
 def save(path: Path, value: int, *, overwrite: bool) -> None:
@@ -46,7 +46,7 @@ def found(path: Path) -> int | str | None:
     if not path.exists():
         return None
     try:
-        cube = np.asarray(Simulation.load(path).cube)
+        cube = np.asarray(Recording.load(path).cube)
     except InputError as error:
         return str(error)
     return int(cube[0, 0, 0].real) if (cube == cube[0, 0, 0]).all() else "mixed samples"

@@ -90,4 +90,6 @@ class Curtain(Fields):
             moved[..., 0] += np.concatenate([swing, swing[..., ::-1]], axis=2).reshape(len(times_s), -1)
             return moved @ turn.T + self.position_m
 
-        return moving(track, faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD, name=self.noun)
+        return moving(
+            self, track, faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD, name=self.noun
+        )

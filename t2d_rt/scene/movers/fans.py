@@ -81,7 +81,7 @@ class TableFan(Fields):
             head = about_z(np.radians(self.heading_deg + swing)) @ tilt
             return _turned(rotor, head @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
-        return moving(track, faces, start_s, stop_s, material=self.material, name=self.noun)
+        return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
 
 
 class CeilingFan(Fields):
@@ -118,7 +118,7 @@ class CeilingFan(Fields):
         def track(times_s: np.ndarray) -> np.ndarray:
             return _turned(rotor, down @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
-        return moving(track, faces, start_s, stop_s, material=self.material, name=self.noun)
+        return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
 
 
 def _check_rotor(fan: TableFan | CeilingFan, chord_m: float) -> None:

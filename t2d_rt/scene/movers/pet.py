@@ -129,7 +129,7 @@ class Pet(Fields):
         """The skin between two times."""
         _, faces = self._skin(np.zeros(1))
         return moving(
-            lambda times_s: self._skin(times_s)[0], faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD,
+            self, lambda times_s: self._skin(times_s)[0], faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD,
             name=self.animal,
         )  # fmt: skip
 

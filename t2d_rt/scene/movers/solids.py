@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -13,7 +13,7 @@ from t2d_rt.checks import number
 from t2d_rt.errors import InputError
 from t2d_rt.types import Material, MovingMesh
 from t2d_rt.types.fields import Number
-from t2d_rt.types.mesh import Track
+from t2d_rt.types.mesh import Made, Track
 
 # Smaller values give meshes without area, and absurd speeds.
 Length = Annotated[Number, Field(ge=0.01, le=20)]
@@ -50,7 +50,7 @@ def check_speed(speed_mps: float, noun: str, remedy: str) -> None:
 
 
 def moving(
-    track: Track, faces: np.ndarray, start_s: float, stop_s: float, *, material: Substance, name: str,
+    mover: Any, track: Track, faces: np.ndarray, start_s: float, stop_s: float, *, material: Substance, name: str,
     sagitta_rad: float = 0.07,
 ) -> MovingMesh:  # fmt: skip
     """A mover's mesh between two times [s]."""
@@ -59,7 +59,9 @@ def moving(
         raise InputError(f"a mover's mesh needs finite start_s < stop_s, got {start_s} and {stop_s}")
     substance = MATERIALS.get(material, material) if isinstance(material, str) else material
     times_s = np.array([start_s, stop_s], float)
-    return MovingMesh.from_track(track, faces, times_s, material=substance, sagitta_rad=sagitta_rad, name=name)
+    mesh = MovingMesh.from_track(track, faces, times_s, material=substance, sagitta_rad=sagitta_rad, name=name)
+    mesh.made = Made("mover", {"mover": mover, "start_s": float(start_s), "stop_s": float(stop_s)})
+    return mesh
 
 
 def skin_faces(rings: int, around: int) -> np.ndarray:

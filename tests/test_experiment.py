@@ -1,0 +1,137 @@
+"""Experiments: as YAML and JSON, and recordings made again from their folders alone."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import t2d_rt as t2d
+from t2d_rt.errors import InputError
+from t2d_rt.scene import Slab
+from validation.api_calls import FACES, TETRAHEDRON, TIMES_S, egg, walk
+
+RADAR = t2d.Radar.preset("ci4r", prf_hz=2000, samples=32)
+MOTIONS = Path(__file__).parents[1] / "examples" / "motions"
+FAN = t2d.TableFan(position_m=(3, -1, 1), rpm=120)
+FAST = {"radar": RADAR, "accuracy": {"sagitta_rad": 1.5}}
+
+
+def tetrahedron() -> t2d.MovingMesh:
+    away = TETRAHEDRON + [0.1, 0, 0] * np.arange(3)[:, None, None]
+    return t2d.MovingMesh(away, FACES, TIMES_S, t2d.Material(relative_permittivity=3, scattering_coefficient=0.3))
+
+
+def step() -> t2d.Motion:
+    return t2d.trim(t2d.load_motion(MOTIONS / "12_01_walk.bvh"), 1, 1.2)
+
+
+def room() -> t2d.Room:
+    return t2d.Room(name="hut", size_m=(5, 4, 2.5), walls=Slab(material="concrete", thickness_m=0.2))
+
+
+def from_yaml(folder: Path) -> t2d.Recording:
+    path = folder / "experiment.yaml"
+    path.write_text(
+        f"targets:\n- {{kind: file, file: '{MOTIONS / '12_01_walk.bvh'}', stop_s: 0.2, distance_m: 3}}\n"
+        "radar: ci4r\nmethod: ellipsoid\nseed: 3\n"
+    )
+    return t2d.run(t2d.Experiment.from_yaml(path))
+
+
+MADE: dict[str, Callable[[Path], t2d.Recording]] = {
+    "motion file": lambda _: t2d.simulate(step(), **FAST),
+    "joints": lambda _: t2d.simulate(walk(), radar=RADAR, method="ellipsoid", phase_from="centre"),
+    "arrays": lambda _: t2d.simulate([tetrahedron(), egg()], **FAST),
+    "room": lambda _: t2d.simulate(tetrahedron(), scene=room(), reflections=1, **FAST),
+    "movers": lambda _: t2d.simulate([FAN, tetrahedron(), FAN.mesh(0, 1)], **FAST),
+    "array radar": lambda _: t2d.simulate(
+        t2d.skin(walk()), radar=t2d.Radar.preset("array-3x4"), accuracy={"sagitta_rad": 1.5}
+    ),
+    "tolerance": lambda _: t2d.simulate(
+        tetrahedron(), radar=RADAR, scene="empty_room", reflections=1, tolerance_db=-12
+    ),
+    "experiment in YAML": from_yaml,
+}
+
+
+@pytest.mark.parametrize("kind", MADE)
+@pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")
+def test_a_recording_is_made_again_from_its_folder_alone(kind: str, tmp_path: Path) -> None:
+    first = MADE[kind](tmp_path)
+    first.save(tmp_path / "first.zarr")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "first.zarr").rename(tmp_path / "elsewhere" / "moved.zarr")
+    code = (
+        "import t2d_rt as t2d, warnings; warnings.simplefilter('ignore');"
+        "t2d.Recording.load('moved.zarr').again().save('again.zarr')"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path / "elsewhere", check=True)
+    again = t2d.Recording.load(tmp_path / "elsewhere" / "again.zarr")
+    np.testing.assert_array_equal(np.asarray(again.cube), np.asarray(first.cube))
+    assert again.experiment == first.experiment
+    assert again.accuracy == first.accuracy
+    assert again.error_db == first.error_db
+
+
+def test_experiments_and_accuracies_go_to_yaml_and_json_and_back() -> None:
+    made = t2d.simulate([tetrahedron(), FAN], scene=room(), reflections=0, **FAST)
+    experiment, accuracy = made.experiment, made.accuracy
+    assert experiment is not None
+    assert accuracy is not None
+    assert t2d.Experiment.model_validate(json.loads(json.dumps(experiment.model_dump(mode="json")))) == experiment
+    assert t2d.Accuracy.model_validate(json.loads(json.dumps(accuracy.model_dump(mode="json")))) == accuracy
+    assert experiment.hash == experiment.model_copy().hash
+    assert experiment.hash != experiment.model_copy(update={"seed": 1}).hash
+
+
+def test_experiments_to_a_yaml_file_and_back(tmp_path: Path) -> None:
+    made = t2d.simulate([tetrahedron(), FAN], **FAST)
+    assert made.experiment is not None
+    (tmp_path / "a.yaml").write_text(made.experiment.to_yaml())
+    assert t2d.Experiment.from_yaml(tmp_path / "a.yaml") == made.experiment
+
+
+@pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")
+def test_what_a_function_computes_cannot_be_made_again(tmp_path: Path) -> None:
+    mesh = t2d.MovingMesh.from_track(lambda t: np.repeat(TETRAHEDRON[None], len(t), axis=0), FACES, [0, 0.2])
+    t2d.simulate(mesh, **FAST).save(tmp_path / "a.zarr")
+    with pytest.raises(InputError, match=r"cannot be made again: MovingMesh.* was computed by a function"):
+        t2d.Recording.load(tmp_path / "a.zarr").again()
+
+
+def test_a_measured_recording_cannot_be_made_again() -> None:
+    measured = t2d.Recording(np.ones((4, 1, RADAR.samples), np.complex64), RADAR)
+    with pytest.raises(InputError, match="a measured recording cannot be simulated again"):
+        measured.again()
+
+
+def test_damaged_inputs_are_told(tmp_path: Path) -> None:
+    t2d.simulate(tetrahedron(), **FAST).save(tmp_path / "a.zarr")
+    (found,) = (tmp_path / "a.zarr" / "inputs").iterdir()
+    data = bytearray(found.read_bytes())
+    data[len(data) // 2] ^= 1
+    found.write_bytes(bytes(data))
+    with pytest.raises(InputError, match=r"damaged|not a whole file"):
+        t2d.Recording.load(tmp_path / "a.zarr")
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"targets": []}, "experiment key targets"),
+        ({"targets": [{"kind": "ghost"}]}, "experiment key targets"),
+        ({"targets": [{"kind": "file", "file": "a.bvh", "speed": 3}]}, "unknown motion key 'speed'"),
+        ({"targets": [{"kind": "file", "file": "a.bvh"}], "radar": "tableau2"}, "unknown radar preset 'tableau2'"),
+        ({"targets": [{"kind": "file", "file": "a.bvh"}], "reflections": 9}, "experiment key reflections"),
+        ({"targets": [{"kind": "file", "file": "a.bvh"}], "sene": "corridor"}, "did you mean scene"),
+    ],
+)
+def test_a_wrong_field_is_named(fields: dict, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        t2d.Experiment(**{"radar": "ci4r", **fields})
