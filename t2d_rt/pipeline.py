@@ -20,7 +20,7 @@ from t2d_rt.echo.ellipsoid import PhaseFrom
 from t2d_rt.echo.mesh import REFINING_BYTES, check_outside
 from t2d_rt.echo.streams import batches
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.memory import LIMIT_GB, Budget, trim
+from t2d_rt.memory import LIMIT_GB, Budget, after_call
 from t2d_rt.model import (
     SWIFT,
     Detail,
@@ -163,7 +163,7 @@ def simulate(
                 T2DWarning,
                 stacklevel=2,
             )
-    trim()
+    after_call()
     return Simulation(cube, model.radar, settings=settings, versions=versions())
 
 
@@ -196,7 +196,7 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
     for _ in range(2):  # the first one compiles
         _, measuring = _timed(lambda: converged(chosen.model, chosen.detail, chosen.error_db, hidden=chosen.hidden))
     seconds = {"preparing": preparing, "planning": planning, "running": running, "measuring": measuring}
-    trim()
+    after_call()
     return replace(chosen, seconds=seconds, memory_bytes=memory)
 
 
