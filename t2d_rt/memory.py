@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import itertools
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -18,6 +19,8 @@ LIMIT_GB = 2.0
 """Of a run, unless the user says otherwise."""
 RELEASE_ABOVE = 0.7
 """Share of the limit above which unused memory is given back to the system between blocks of work."""
+RELEASE_EVERY = 10
+"""Calls of `simulate` and `plan` after which all unused memory is given back."""
 BLOCK_BYTES = 96 * 2**20
 """Size of the largest array that a block of work makes, such as a mesh's vertices at many moments."""
 
@@ -72,12 +75,26 @@ def release() -> None:
     """
     if (dr := sys.modules.get("drjit")) is not None:
         dr.flush_malloc_cache()
-    trim()
+    _trim()
 
 
-def trim() -> None:
-    """Gives back the free pieces of the C library alone, which add up from call to call: those of Dr.Jit serve the next call, and
-    to ask the system for them again would take a tenth of its time."""
+_calls = itertools.count(1)
+
+
+def after_call() -> None:
+    """Keeps the memory of a process that makes many calls level.
+
+    What Dr.Jit keeps serves the next call, and to ask the system for it again takes a tenth of that call's time; but calls of
+    different sizes leave more and more of it. So it is given back every so many calls, and the C library's free pieces each time.
+    """
+    if next(_calls) % RELEASE_EVERY:
+        _trim()
+    else:
+        release()
+
+
+def _trim() -> None:
+    """Gives the free pieces of the C library back to the system."""
     if (call := _malloc_trim()) is not None:
         call(0)
 

@@ -21,7 +21,7 @@ from t2d_rt.echo.mesh import REFINING_BYTES, check_outside
 from t2d_rt.echo.streams import batches
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.experiment import Experiment, Inputs, Store, sources_of, stored_scene
-from t2d_rt.memory import LIMIT_GB, Budget, trim
+from t2d_rt.memory import LIMIT_GB, Budget, after_call
 from t2d_rt.model import (
     Method,
     Model,
@@ -151,7 +151,7 @@ def simulate(
                 T2DWarning,
                 stacklevel=2,
             )
-    trim()
+    after_call()
     store = Store({})
     experiment = Experiment(
         targets=sources_of(model.targets, store), radar=model.radar, scene=stored_scene(model.around, store),
@@ -248,7 +248,7 @@ def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **op
     for _ in range(2):  # the first one compiles
         _, measuring = _timed(lambda: converged(chosen.model, chosen.accuracy, chosen.error_db, hidden=chosen.hidden))
     seconds = {"preparing": preparing, "planning": planning, "running": running, "measuring": measuring}
-    trim()
+    after_call()
     return replace(chosen, seconds=seconds, memory_bytes=memory)
 
 
