@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 import re
+import secrets
 import shutil
 import tempfile
 import time
@@ -83,6 +84,8 @@ def abandon() -> list[Path]:
             _restore(work.folder, work.target)
             _complete(work.folder, work.target)
             _remove(work.folder)
+            time.sleep(PAUSE_S)  # a thread that still wrote may have made it again
+            _remove(work.folder)
     return [work.target for work in _WORKING if work.moved]
 
 
@@ -148,17 +151,22 @@ def _complete(folder: Path, target: Path) -> None:
 def _own_folder(target: Path) -> Iterator[_Work]:
     import fcntl
 
+    folder = target.with_name(f".{target.name}.partial-{secrets.token_hex(4)}")
+    work = _Work(folder, target)
     with _locked(target.parent):  # others take a folder without a held lock for a dead process's
-        folder = Path(tempfile.mkdtemp(prefix=f".{target.name}.partial-", dir=target.parent))
+        _WORKING.append(work)  # first: SIGTERM may come at any moment from here on
         try:
-            lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+            folder.mkdir(0o700)
+            try:
+                lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+            except BaseException:
+                folder.rmdir()
+                raise
         except BaseException:
-            folder.rmdir()
+            _WORKING.remove(work)
             raise
         with suppress(OSError):  # a file system without locks
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    work = _Work(folder, target)
-    _WORKING.append(work)
     try:
         (folder / "new").mkdir()
         (folder / "old").mkdir()

@@ -12,7 +12,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 
 import numpy as np
@@ -84,7 +84,8 @@ def _killed(kind: str, signal_: int, after_s: float) -> Counter[str]:
         process = start_writer(path, NEW, overwrite=kind != "fresh")
         time.sleep(after_s)
         if process.pid is not None and process.is_alive():
-            os.kill(process.pid, signal_)
+            with suppress(ProcessLookupError):  # it ended just now
+                os.kill(process.pid, signal_)
         process.join()
         for other in pair:
             other.join()
