@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -20,6 +21,7 @@ def stopped_by_sigterm() -> Iterator[None]:
 
     def stop(*_: Any) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough: what follows is tidying up
+        warnings.simplefilter("ignore")  # of threads under which files vanish now
         written = ", ".join(f"{path} was written" for path in abandon()) or "nothing was written"
         with suppress(RuntimeError, OSError):  # it may have come amidst a print
             sys.stdout.flush()
