@@ -19,7 +19,7 @@ from t2d_rt.cli import main
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.plots import plot_spectrogram
 from t2d_rt.types import Ellipsoids, MovingMesh
-from validation.api_calls import (
+from validation.robustness.api_calls import (
     FACES,
     RADAR,
     TETRAHEDRON,
