@@ -21,10 +21,13 @@ from t2d_rt.echo.legs import ranked_pairs
 from t2d_rt.echo.mesh import POINT_SAGITTA_RAD, POINTS_PER_MESH, least_range_m
 from t2d_rt.echo.phase_integral import SERIES_TERMS, divided_differences
 from t2d_rt.geometry import Refinement, point_spacing, refine, surface_points
+from t2d_rt.probe import nmse_db
 from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.trace.surroundings import polarization, probes, radar_legs
 from t2d_rt.types import Leg, LegPair, Material, MovingMesh, Radar, Scene
+
+__all__ = ["nmse_db", "reference_samples", "refined"]
 
 WEAK_DB, WEAK_SAGITTA_RAD = -15.0, 0.12
 """Pairs of ways that much weaker than the strongest one, in the mean over the target, are summed over coarser facets."""
@@ -68,11 +71,6 @@ def reference_samples(
         for part in parts:
             out[row] += part.samples(moment)
     return out
-
-
-def nmse_db(measured: np.ndarray, reference: np.ndarray) -> float:
-    """Energy of the difference over that of the reference [dB]."""
-    return float(10 * np.log10(np.sum(np.abs(measured - reference) ** 2) / np.sum(np.abs(reference) ** 2)))
 
 
 def refined(surface: MovingMesh, radar: Radar, sagitta_rad: float | np.ndarray) -> Refinement:
