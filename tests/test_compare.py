@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import walk
 from t2d_rt.compare import compare, envelope, figures, mean_rcs_m2, ridge
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.plots import occupied_speeds, plot_comparison
 from t2d_rt.types import Radar
 
-WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
 RADAR = Radar.preset("table2-uniform", prf_hz=10240)
 CHIRPS = 4000
 
@@ -148,7 +147,7 @@ def test_drawn_speeds_hold_all_that_is_seen() -> None:
 
 
 def test_recorded_walk() -> None:
-    motion = t2d.trim(t2d.place(t2d.load_motion(WALK)), 2.2, 3.5)  # two steps
+    motion = t2d.trim(t2d.place(walk()), 2.2, 3.5)  # two steps
     ellipsoid, mesh = (t2d.simulate(motion, method=method, sagitta_rad=0.5) for method in ("ellipsoid", "mesh"))
     pelvis = np.linalg.norm(motion.joints[[0, -1], 0] - [0, 0, 1], axis=1)
     truth = (pelvis[0] - pelvis[1]) / motion.duration_s
