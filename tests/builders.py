@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from t2d_rt.body import template
-from t2d_rt.types import PEC, Material, Motion, MovingMesh, Scene, Surface
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.types import PEC, Material, Motion, MovingMesh, Radar, Scene, Surface
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
 
 ROOT = Path(__file__).parents[1]
@@ -91,6 +92,16 @@ def small_room() -> Scene:
     floor = plate("floor", [(-1, -2, 0), (6, -2, 0), (6, 2, 0), (-1, 2, 0)], "concrete")
     left = plate("left", [(-1, 2, 0), (6, 2, 0), (6, 2, 3), (-1, 2, 3)], "plasterboard")
     return Scene(name="small", surfaces=(floor, left))
+
+
+# --- recordings ---
+
+
+def point_cube(radar: Radar, ranges_m: np.ndarray, rcs_m2: float = 1.0) -> np.ndarray:
+    """ADC cube (chirp, 1, sample) of a point by the radar equation, at one range in each chirp."""
+    ranges = ranges_m[:, None]
+    turns = 2 * ranges / SPEED_OF_LIGHT * (radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s)
+    return (np.sqrt(radar.received_power_w(rcs_m2, ranges)) * np.exp(2j * np.pi * (turns % 1)))[:, None]
 
 
 # --- motions ---

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import walk
+from builders import point_cube, walk
 from t2d_rt.compare import compare, envelope, figures, mean_rcs_m2, ridge
-from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.plots import occupied_speeds, plot_comparison
 from t2d_rt.types import Radar
@@ -22,9 +21,7 @@ CHIRPS = 4000
 def point(speed_mps: np.ndarray | float, rcs_m2: float, range_m: float = 4.0, radar: Radar = RADAR) -> np.ndarray:
     """ADC cube of a point by the radar equation; `speed_mps` towards the radar, one for all chirps or one for each."""
     way = np.cumsum(np.broadcast_to(speed_mps, CHIRPS)) / radar.prf_hz
-    ranges = range_m - way[:, None]
-    turns = 2 * ranges / SPEED_OF_LIGHT * (radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s)
-    return (np.sqrt(radar.received_power_w(rcs_m2, ranges)) * np.exp(2j * np.pi * (turns % 1)))[:, None]
+    return point_cube(radar, range_m - way, rcs_m2)
 
 
 def recording(*cubes: np.ndarray, radar: Radar = RADAR) -> t2d.Simulation:
