@@ -1,5 +1,5 @@
-# Every target works in a fresh clone: it makes .venv when there is none and installs LLVM where it is missing.
-.PHONY: demo test check bench validate
+# Every target works in a fresh clone: it makes .venv when there is none and installs what Python and LLVM lack where it may.
+.PHONY: demo test check style doctest bench validate
 .DELETE_ON_ERROR:
 
 PYTHON ?= python3
@@ -12,12 +12,16 @@ demo: $(STAMP)
 test: $(STAMP)
 	$(PY) -m pytest -q -n 2 --dist loadfile
 
-check: $(STAMP)
+# Formatter, linter, types, fast tests (the import layers are among them: tests/test_layers.py) and doctests.
+check: style doctest
+	$(PY) -m pytest -q -n 2 --dist loadfile -m "not slow"
+
+style: $(STAMP)
 	.venv/bin/ruff format --check .
 	.venv/bin/ruff check .
 	.venv/bin/mypy
-	.venv/bin/lint-imports --no-cache
-	$(PY) -m pytest -q -m "not slow"
+
+doctest: $(STAMP)
 	$(PY) -m pytest -q --doctest-modules t2d_rt
 
 bench: $(STAMP)
@@ -30,16 +34,22 @@ validate: $(STAMP)
 $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))' || \
 		{ echo "t2d-rt needs Python 3.11 to 3.13, $(PYTHON) is $$($(PYTHON) --version 2>&1); call make PYTHON=python3.12" >&2; exit 2; }
+	@test -x $(PY) || $(PYTHON) -c 'import ensurepip' 2>/dev/null || $(MAKE) --no-print-directory install-venv
 	test -x $(PY) || $(PYTHON) -m venv .venv
 	$(PY) -m pip install --quiet --disable-pip-version-check -e ".[dev]"
 	@$(PY) -c 'from t2d_rt.backend import require_llvm; require_llvm()' 2>/dev/null || $(MAKE) --no-print-directory install-llvm
 	@touch $@
 
-.PHONY: install-llvm
-install-llvm:
+# What pip does not bring: LLVM, and on Debian and Ubuntu the part of Python that makes virtual environments.
+.PHONY: install-llvm install-venv
+install-llvm: PACKAGE = libllvm19
+install-llvm: NEEDED = LLVM 17 or newer: run 'sudo apt-get install libllvm19' (or set DRJIT_LIBLLVM_PATH), then make again
+install-venv: PACKAGE = $$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')
+install-venv: NEEDED = Python's venv: run 'sudo apt-get install python3-venv', then make again
+install-llvm install-venv:
 	@if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq libllvm19; \
+		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(PACKAGE); \
 	else \
-		echo "t2d-rt needs LLVM 17 or newer: run 'sudo apt-get install libllvm19' (or set DRJIT_LIBLLVM_PATH), then make again" >&2; \
+		echo "t2d-rt needs $(NEEDED)" >&2; \
 		exit 2; \
 	fi

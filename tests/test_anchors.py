@@ -9,30 +9,25 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
+from builders import walk
 from t2d_rt.backend import Backend
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.compare import envelope, figures
 from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.resources import resource
-from t2d_rt.types import Motion, MovingMesh, Radar
+from t2d_rt.types import MovingMesh, Radar
 
 RADAR = Radar.preset("table2")
 COARSE_RAD = 1.0
 RANGE_M = 5.0
 
 
-@pytest.fixture(scope="module")
-def walk() -> Motion:
-    return t2d.load_motion(resource("motions", "12_01_walk.bvh"))
-
-
-def test_a_person_has_about_half_a_square_metre(walk: Motion, backend: Backend) -> None:
+def test_a_person_has_about_half_a_square_metre(backend: Backend) -> None:
     # People measure -10..0 dBsm in the mean over aspects at 77 GHz. The mean of 120 looks of speckle is known to
     # 10 log10(1 + 1/sqrt(120)) = 0.4 dB.
     looks_s = np.arange(120) / 10
     turns = Rotation.from_euler("z", (looks_s * 30)[:, None], degrees=True).as_matrix()
-    body = t2d.skin(t2d.trim(walk, 2.0, 2.3))
+    body = t2d.skin(t2d.trim(walk(), 2.0, 2.3))
     pose = body.at(np.array([0.1]))[0]
     pose = pose - pose.mean(axis=0)
     turned = MovingMesh.from_track(
@@ -56,9 +51,9 @@ def test_a_person_has_about_half_a_square_metre(walk: Motion, backend: Backend) 
 
 @pytest.mark.parametrize("direction", [1, -1], ids=["towards", "away"])
 @pytest.mark.parametrize("method", ["ellipsoid", "mesh"])
-def test_a_walk_shows_torso_and_feet(method: Literal["ellipsoid", "mesh"], direction: int, walk: Motion) -> None:
+def test_a_walk_shows_torso_and_feet(method: Literal["ellipsoid", "mesh"], direction: int) -> None:
     # CMU 12_01 walks at 0.88 m/s. A foot that swings forward is three to four times as fast; one that stands, at rest.
-    motion = t2d.place(walk, distance_m=5.0 if direction > 0 else 2.0, angle_deg=0 if direction > 0 else 180)
+    motion = t2d.place(walk(), distance_m=5.0 if direction > 0 else 2.0, angle_deg=0 if direction > 0 else 180)
     result = t2d.simulate(t2d.trim(motion, 2.3, 3.0), radar=RADAR, method=method, accuracy={"sagitta_rad": COARSE_RAD})
     found = figures(result)
     assert direction * found.torso_speed_mps == pytest.approx(0.88, abs=0.1)

@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import WALK
 from t2d_rt import signal
 from t2d_rt.cli import main
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.plots import plot_spectrogram
 from t2d_rt.types import Ellipsoids, MovingMesh
-from validation.api_calls import (
+from validation.robustness.api_calls import (
     FACES,
     RADAR,
     TETRAHEDRON,
@@ -36,7 +37,6 @@ from validation.api_calls import (
 
 NAMES = [call.name for call in calls(Path())]
 VERTICES = np.repeat(TETRAHEDRON[None], 3, axis=0)
-WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
 QUICK = ("--method", "ellipsoid", "--radar", "ci4r", "--stop-s", "0.2")
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 
 import t2d_rt as t2d
+from builders import icosphere, moving
 from t2d_rt.backend import Backend
 from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
@@ -27,11 +27,10 @@ def ball(
     radar: Radar, azimuth_deg: float, elevation_deg: float, *, speed_mps: float = 0.0, duration_s: float = 0.01
 ) -> MovingMesh:
     """A conducting sphere, its nearest point at 3 m."""
-    shape = trimesh.creation.icosphere(subdivisions=3, radius=RADIUS_M)
     ray = unit_vectors(math.radians(azimuth_deg), math.radians(elevation_deg)) @ radar.axes
     times = np.linspace(0, duration_s, 4)
     centre = radar.position_m + (3 + RADIUS_M - speed_mps * times)[:, None] * ray
-    return MovingMesh(shape.vertices + centre[:, None], shape.faces, times, PEC)
+    return moving(icosphere(3, RADIUS_M), centre, times)
 
 
 @cache

@@ -8,6 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import builders
+from builders import rest_pose
+from measures import volume
 from t2d_rt.body import bodies, regressed_joints, skin, template
 from t2d_rt.body.fit import fit, stance
 from t2d_rt.body.rotations import between, matrices, quaternion, swing
@@ -15,20 +18,9 @@ from t2d_rt.body.skin import blend_basis, bone_weights
 from t2d_rt.errors import InputError
 from t2d_rt.motion import load_motion, track
 from t2d_rt.resources import resource
-from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 WALK, RUN, STYLISED = "12_01_walk.bvh", "iclone_002_03_run_jog.bvh.gz", "131_01_walk_300frames.bvh"
-
-
-def still(*, seed: int | None = None, ends: bool = True, frames: int = 5) -> Motion:
-    """A motion that holds the template's own rest pose, its file's zero pose turned at random."""
-    rest = template().joints
-    names = CANONICAL_JOINTS + (tuple(OPTIONAL_JOINTS) if ends else ())
-    parents = CANONICAL_PARENTS + tuple(names.index(OPTIONAL_JOINTS[n]) for n in names[22:])
-    joints = np.tile([rest[name] for name in names], (frames, 1, 1))
-    turn = Rotation.identity(len(names)) if seed is None else Rotation.random(len(names), rng=seed)
-    quaternions = np.tile(turn.as_quat(), (frames, 1, 1))
-    return Motion(joints=joints, rotations=quaternions, rate_hz=30.0, names=names, parents=parents)
 
 
 def moved(motion: Motion, turn: Rotation, shift: np.ndarray, scale: float = 1.0) -> Motion:
@@ -53,7 +45,7 @@ def with_bone(motion: Motion, joint: str, factor: float) -> Motion:
 
 @pytest.fixture(scope="module")
 def walk() -> Motion:
-    return load_motion(resource("motions", WALK))
+    return builders.walk()
 
 
 def test_the_template_is_one_closed_well_shaped_surface():
@@ -99,7 +91,7 @@ def test_rings_go_around_their_joints_and_give_them_at_rest():
 @pytest.mark.parametrize("seed", [None, 1, 2])
 @pytest.mark.parametrize("ends", [True, False])
 def test_a_motion_that_holds_the_rest_pose_gives_the_rest_surface_whatever_the_files_zero_pose(seed, ends):
-    surface = skin(still(seed=seed, ends=ends))
+    surface = skin(rest_pose(seed=seed, ends=ends))
     np.testing.assert_allclose(surface.vertices[2], template().vertices, atol=1e-6)
     np.testing.assert_allclose(surface.rest, template().vertices, atol=2e-3)
 
@@ -113,13 +105,13 @@ def test_a_motion_that_holds_the_rest_pose_gives_the_rest_surface_whatever_the_f
 )
 def test_turning_shifting_and_scaling_the_motion_does_the_same_to_the_surface(angle, x, y, scale):
     turn, shift = Rotation.from_euler("z", angle), np.array([x, y, 0.0])
-    motion = still(seed=3)
+    motion = rest_pose(seed=3)
     expected = turn.apply(scale * skin(motion).vertices[0]) + shift
     np.testing.assert_allclose(skin(moved(motion, turn, shift, scale)).vertices[0], expected, atol=1e-9)
 
 
 def test_a_turn_in_any_direction_after_calibration_carries_the_surface_rigidly():
-    motion = still(seed=4, frames=9)
+    motion = rest_pose(seed=4, frames=9)
     surface = skin(motion)
     turn, shift = Rotation.from_euler("xyz", [0.7, -1.1, 2.0]), np.array([1.0, 2.0, 3.0])
     tilted = moved(motion, turn, shift)
@@ -139,8 +131,8 @@ def test_the_surface_sits_on_the_motions_joints(name):
 
 
 def test_a_longer_forearm_is_longer_but_not_thicker():
-    body, plain = template(), fit(template(), still())
-    longer = fit(body, with_bone(with_bone(still(), "left_wrist", 1.3), "right_wrist", 1.3))
+    body, plain = template(), fit(template(), rest_pose())
+    longer = fit(body, with_bone(with_bone(rest_pose(), "left_wrist", 1.3), "right_wrist", 1.3))
     axis = body.joints["left_wrist"] - body.joints["left_elbow"]
     length = np.linalg.norm(axis)
 
@@ -159,7 +151,7 @@ def test_a_longer_forearm_is_longer_but_not_thicker():
 
 
 def test_longer_legs_raise_stature_and_the_head_follows():
-    motion = still()
+    motion = rest_pose()
     for joint in ("left_knee", "right_knee", "left_ankle", "right_ankle"):
         motion = with_bone(motion, joint, 1.2)
     fitted = fit(template(), motion)
@@ -190,7 +182,7 @@ def test_soles_are_level_in_stance(walk):
 
 
 def test_a_hand_points_where_the_files_hand_does():
-    motion, rest = still(seed=6), template().joints
+    motion, rest = rest_pose(seed=6), template().joints
     turn = Rotation.from_rotvec([0, 0, np.radians(40)])
     wrist, hand = motion.index("left_wrist"), motion.index("left_hand")
     joints = motion.joints.copy()
@@ -230,17 +222,13 @@ def test_the_head_looks_where_the_walk_goes(walk):
 def test_the_posed_surface_keeps_its_volume(walk):
     surface = skin(walk, track=track(walk))
 
-    def volume(vertices):
-        a, b, c = (vertices[..., surface.faces[:, i], :] for i in range(3))
-        return (a * np.cross(b, c)).sum((-1, -2)) / 6
-
-    ratio = volume(surface.vertices) / volume(surface.rest)
+    ratio = volume(surface.vertices, surface.faces) / volume(surface.rest, surface.faces)
     assert 0.95 < ratio.min() <= ratio.max() < 1.05
 
 
 def test_a_twisted_wrist_does_not_wring_the_forearm():
     """The forearm takes up half the twist: at 120 degrees it keeps 80 % of its girth (plain blending: half)."""
-    motion = still(frames=40)
+    motion = rest_pose(frames=40)
     rest = template().joints
     axis = rest["left_wrist"] - rest["left_elbow"]
     axis /= np.linalg.norm(axis)
@@ -305,7 +293,7 @@ def test_a_motion_without_track_is_joined_by_straight_lines(walk):
 
 def test_lying_and_hand_standing_bodies_are_posed_too():
     for turn in (Rotation.from_euler("x", 90, degrees=True), Rotation.from_euler("y", 180, degrees=True)):
-        motion = moved(still(seed=5), turn, np.array([0, 0, 1.0]))
+        motion = moved(rest_pose(seed=5), turn, np.array([0, 0, 1.0]))
         surface = skin(motion)
         joints = regressed_joints(template(), surface.vertices)
         errors = [np.linalg.norm(p - motion.joints[:, motion.index(n)], axis=1).max() for n, p in joints.items()]
@@ -328,13 +316,13 @@ def test_rotation_helpers_agree_with_scipy(seed):
 def test_an_unknown_body_lists_the_known_ones():
     assert bodies() == ["adult"]
     with pytest.raises(InputError, match="body 'giant' is unknown; choose one of adult"):
-        skin(still(), "giant")
+        skin(rest_pose(), "giant")
     with pytest.raises(InputError, match=r"body '\.\./adult' is unknown"):
         template("../adult")
 
 
 def test_a_motion_with_zero_bones_is_refused():
-    motion = still()
+    motion = rest_pose()
     joints = motion.joints.copy()
     joints[:, motion.index("left_knee")] = joints[:, motion.index("left_hip")]
     with pytest.raises(InputError, match="left_hip to left_knee are not between 1 mm and 10 m"):

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import builders
+from builders import rest_pose
+from measures import volume
 from t2d_rt.body import segments, skin, template
 from t2d_rt.body.fit import fit
 from t2d_rt.body.segments import SEGMENTS, _ellipsoid, fit_ellipsoids, segment_of_faces
@@ -18,12 +21,7 @@ TIMES = np.linspace(0, 1, 21)
 
 @pytest.fixture(scope="module")
 def walk() -> Motion:
-    return load_motion(resource("motions", "12_01_walk.bvh"))
-
-
-def volume(vertices, faces):
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    return (a * np.cross(b, c)).sum() / 6
+    return builders.walk()
 
 
 @pytest.mark.parametrize("name", ["12_01_walk.bvh", "iclone_002_03_run_jog.bvh.gz", "momask_22j_120frames.bvh"])
@@ -78,16 +76,10 @@ def test_a_cylinder_becomes_as_long_and_half_way_as_thick_as_its_volume_asks():
 
 
 def test_left_and_right_have_the_same_size():
-    semi_axes = dict(zip(SEGMENTS, fit_ellipsoids(fit(template(), still()))[0], strict=True))
+    semi_axes = dict(zip(SEGMENTS, fit_ellipsoids(fit(template(), rest_pose(ends=False, frames=4)))[0], strict=True))
     for name in SEGMENTS:
         if name.startswith("left"):
             np.testing.assert_allclose(semi_axes[name], semi_axes[name.replace("left", "right")], rtol=0.06, atol=0.002)
-
-
-def still() -> Motion:
-    rest = template().joints
-    joints = np.tile([rest[name] for name in list(rest)[:22]], (4, 1, 1))
-    return Motion(joints=joints, rotations=np.tile([0.0, 0, 0, 1], (4, 22, 1)), rate_hz=30.0)
 
 
 def test_segments_move_with_the_surface(walk):

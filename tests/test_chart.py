@@ -12,13 +12,13 @@ import pytest
 from t2d_rt.echo import facets
 from t2d_rt.echo.phase_integral import NUMPY_OPS, divided_differences
 from t2d_rt.types import Radar
-from validation import kept
 from validation.bodies import WALK
-from validation.chart import measure as measures
-from validation.chart import point, stretch
-from validation.chart.front import front, gap, seconds_at
-from validation.chart.measure import Case, Point
-from validation.chart.methods import METHODS, one_point, seen_by, simulated
+from validation.methods import kept
+from validation.methods.chart import measure as measures
+from validation.methods.chart import point, stretch
+from validation.methods.chart.front import front, gap, seconds_at
+from validation.methods.chart.measure import Case, Point
+from validation.methods.chart.methods import METHODS, one_point, seen_by, simulated
 
 
 @pytest.fixture(scope="module")

@@ -20,11 +20,11 @@ import pytest
 import yaml
 
 import t2d_rt as t2d
+from builders import WALK
 from t2d_rt import backend, pipeline
 from t2d_rt.cli import main
 from t2d_rt.radar.synthesize import synthesize
 
-WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
 QUICK = ("--method", "ellipsoid", "--radar", "ci4r", "--stop-s", "0.3")
 
 

@@ -7,10 +7,12 @@ import math
 import numpy as np
 import pytest
 from scipy.signal import get_window
-from trimesh.creation import box, icosphere
+from trimesh.creation import box
 
 import t2d_rt as t2d
 import t2d_rt.trace.clutter as traced
+from builders import ball, moving, plate
+from measures import knife_edge_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.clutter import mirror_echoes
@@ -23,20 +25,16 @@ from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.trace.visibility import key_times
-from t2d_rt.types import PEC, Ellipsoids, Material, MovingMesh, Radar, Scene, StaticPath, Surface
+from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar, Scene, StaticPath, Surface
 
 Corners = list[tuple[float, float, float]]
 TIMES_S = np.linspace(0, 0.02, 5)
 
 
-def plate(name: str, corners: Corners, material: str | Material = PEC, thickness_m: float = 0.01) -> Surface:
-    faces = np.array([[0, 1, 2], [0, 2, 3]])
-    return Surface(name=name, vertices=np.array(corners), faces=faces, material=material, thickness_m=thickness_m)
-
-
 def ahead(x: float, half_m: float = 5.0, **kind: object) -> Surface:
     y, z = half_m, (1 - half_m, 1 + half_m)
-    return plate("ahead", [(x, -y, z[0]), (x, y, z[0]), (x, y, z[1]), (x, -y, z[1])], **kind)  # type: ignore[arg-type]
+    corners = [(x, -y, z[0]), (x, y, z[0]), (x, y, z[1]), (x, -y, z[1])]
+    return plate("ahead", corners, **{"material": PEC, **kind})  # type: ignore[arg-type]
 
 
 def found(*surfaces: Surface, radar: Radar | None = None, order: int = 3) -> list[StaticPath]:
@@ -88,9 +86,9 @@ def corner(*, inside: bool) -> list[Surface]:
     x, y, z = (3.0, 2.0, 0.0) if inside else (0.7, 0.5, 0.6)
     far = -6 if inside else 6
     return [
-        plate("x", [(x, y, z), (x, y + far, z), (x, y + far, z - far), (x, y, z - far)]),
-        plate("y", [(x, y, z), (x + far, y, z), (x + far, y, z - far), (x, y, z - far)]),
-        plate("z", [(x, y, z), (x + far, y, z), (x + far, y + far, z), (x, y + far, z)]),
+        plate("x", [(x, y, z), (x, y + far, z), (x, y + far, z - far), (x, y, z - far)], PEC),
+        plate("y", [(x, y, z), (x + far, y, z), (x + far, y, z - far), (x, y, z - far)], PEC),
+        plate("z", [(x, y, z), (x + far, y, z), (x + far, y + far, z), (x, y + far, z)], PEC),
     ]
 
 
@@ -116,14 +114,14 @@ def test_an_edge_that_sticks_out_sends_nothing_back() -> None:
 
 
 def test_between_two_walls_both_ways_round_count() -> None:
-    behind = plate("behind", [(-1, -5, -4), (-1, 5, -4), (-1, 5, 6), (-1, -5, 6)])
+    behind = plate("behind", [(-1, -5, -4), (-1, 5, -4), (-1, 5, 6), (-1, -5, 6)], PEC)
     chains = [path.chain for path in found(ahead(3.0), behind)]
     one, other = ("ahead", "behind"), ("behind", "ahead")
     assert sorted(chains) == sorted([one[:1], other[:1], one, other, (*one, "ahead"), (*other, "behind")])
 
 
 def test_antennas_look_where_their_pattern_does() -> None:
-    behind = plate("behind", [(-1, -5, -4), (-1, 5, -4), (-1, 5, 6), (-1, -5, 6)])
+    behind = plate("behind", [(-1, -5, -4), (-1, 5, -4), (-1, 5, 6), (-1, -5, 6)], PEC)
     pattern = {"kind": "cosine", "exponent": 2}
     radar = Radar.preset("table2", tx_pattern=pattern, rx_pattern=pattern)
     both, one = found(ahead(3.0), behind, order=1), found(ahead(3.0), order=1)
@@ -219,7 +217,7 @@ def test_a_rough_wall_returns_what_lamberts_law_says(monkeypatch: pytest.MonkeyP
 
 def test_points_are_seen_from_both_antennas() -> None:
     """A screen before the receiver hides a part of the wall from it, and another from the transmitter."""
-    screen = plate("screen", [(1, 1.5, 0), (1, 2.5, 0), (1, 2.5, 2), (1, 1.5, 2)])
+    screen = plate("screen", [(1, 1.5, 0), (1, 2.5, 0), (1, 2.5, 2), (1, 1.5, 2)], PEC)
     scene = roughened(Scene(name="two", surfaces=(ahead(3.0), screen)), 0.3, 77e9)
     radar = Radar.preset("table2", rx_offsets_m=[[0.0, 2.0, 0.0]])
     points, _ = rough_points(Mirrors.of(scene, select("cpu")), radar)
@@ -234,18 +232,10 @@ def test_points_are_seen_from_both_antennas() -> None:
 # --- shadows ---
 
 
-def moving(shape: object, start_m: tuple[float, float, float], speed_mps: tuple[float, float, float]) -> MovingMesh:
-    times = np.linspace(0, 1, 11)
-    way = np.array(start_m) + np.array(speed_mps) * times[:, None]
-    return MovingMesh(shape.vertices + way[:, None], shape.faces, times, material="pec")  # type: ignore[attr-defined]
-
-
-def knife_edge_db(v: np.ndarray) -> np.ndarray:
-    """Field behind a half-plane beside that without it [dB], v its height over the ray (ITU-R P.526)."""
-    from scipy.special import fresnel
-
-    sine, cosine = fresnel(v)
-    return 20 * np.log10(np.hypot(1 - cosine - sine, cosine - sine) / 2)
+def board(start_m: tuple[float, float, float], speed_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> MovingMesh:
+    """2 m wide and high, thin, across x."""
+    shape, times = box((0.002, 2.0, 2.0)), np.linspace(0, 1, 11)
+    return moving((shape.vertices, shape.faces), np.array(start_m) + np.array(speed_mps) * times[:, None], times)
 
 
 def shadows(body: MovingMesh | Ellipsoids, way_m: list[tuple[float, float, float]], rate_hz: float = 25.0) -> Shadows:
@@ -254,9 +244,8 @@ def shadows(body: MovingMesh | Ellipsoids, way_m: list[tuple[float, float, float
 
 
 def test_a_wide_plate_fades_a_path_as_a_knife_edge_does() -> None:
-    wide = box((0.002, 2.0, 2.0))
     # Its leading edge goes from 0.2 m before the ray to 0.2 m beyond.
-    plane = moving(wide, (2.0, -1.2, 1.0), (0.0, 0.4, 0.0))
+    plane = board((2.0, -1.2, 1.0), (0.0, 0.4, 0.0))
     times = np.linspace(0, 1, 401)
     share = shadows(plane, [(0, 0, 1), (4, 0, 1)], rate_hz=100.0).shares(times)[:, 0]
     height = -0.2 + 0.4 * times
@@ -285,19 +274,19 @@ def test_the_fresnel_zone_is_bent_at_mirrors() -> None:
 
 def test_a_path_is_shadowed_on_the_way_out_and_back() -> None:
     """The same rays meet a body both times: a half covered zone leaves a half, not a quarter."""
-    wide = moving(box((0.002, 2.0, 2.0)), (1.5, -1.0, 1.0), (0.0, 0.0, 0.0))
+    wide = board((1.5, -1.0, 1.0))
     there_and_back = [(0.0, 0.0, 1.0), (3.0, 0.0, 1.0), (0.0, 0.0, 1.0)]
     assert shadows(wide, there_and_back).shares(TIMES_S)[0, 0] == pytest.approx(0.5, abs=0.04)
 
 
 def test_bodies_of_ellipsoids_and_of_triangles_have_the_same_shadow() -> None:
     times, radius = np.linspace(0, 1, 11), 0.15
-    ball = icosphere(subdivisions=2, radius=radius)
+    sphere = ball((2, -0.3, 1), (0, 0.6, 0), 1.0, radius_m=radius, level=2, frames=11)
     centres = np.array([2.0, -0.3, 1.0]) + np.array([0.0, 0.6, 0.0]) * times[:, None, None]
     ellipsoid = Ellipsoids(np.full((1, 3), radius), centres, times)
     asked = np.linspace(0, 1, 101)
     way = [(0.0, 0.0, 1.0), (4.0, 0.0, 1.0)]
-    one, other = (shadows(body, way).shares(asked) for body in (ellipsoid, moving(ball, (2, -0.3, 1), (0, 0.6, 0))))
+    one, other = (shadows(body, way).shares(asked) for body in (ellipsoid, sphere))
     assert one.min() == 0
     assert one.max() == 1
     assert np.abs(one - other).max() < 1e-6
@@ -305,8 +294,7 @@ def test_bodies_of_ellipsoids_and_of_triangles_have_the_same_shadow() -> None:
 
 def test_all_that_stands_still_stays_at_zero_doppler() -> None:
     """Also in a shadow, and with rough walls."""
-    still = moving(icosphere(subdivisions=3, radius=0.15), (2.5, 0.4, 1.0), (0.0, 0.0, 0.0))
-    short = MovingMesh(still.vertices[:2], still.faces, np.array([0.0, 0.1]), material="pec")
+    short = ball((2.5, 0.4, 1.0), time_s=0.1, radius_m=0.15, frames=2)
     radar = Radar.preset("table2", prf_hz=2000.0)
     result = t2d.simulate(
         short, radar=radar, scene="living_room", clutter="diffuse", accuracy={"dynamic_range_db": 20.0}
@@ -323,7 +311,7 @@ def test_all_that_stands_still_stays_at_zero_doppler() -> None:
 def test_a_body_passes_before_a_wall() -> None:
     """The wall's line fades while the body is in its way, and only then."""
     scene = Scene(name="wall", surfaces=(ahead(3.0),))
-    body = moving(icosphere(subdivisions=2, radius=0.25), (1.5, -1.0, 1.0), (0.0, 2.0, 0.0))
+    body = ball((1.5, -1.0, 1.0), (0.0, 2.0, 0.0), 1.0, radius_m=0.25, level=2, frames=11)
     radar = Radar.preset("table2", prf_hz=2000.0, rx_gain_dbi=9.0)
     with_wall, alone = (
         t2d.simulate(body, radar=radar, scene=scene, clutter=clutter, reflections=0).adc.values[:, 0].astype(complex)
@@ -338,7 +326,7 @@ def test_a_body_passes_before_a_wall() -> None:
 
 
 def test_what_clutter_there_may_be() -> None:
-    body = moving(icosphere(subdivisions=2, radius=0.1), (1.5, 0.0, 1.0), (0.0, 0.0, 0.0))
+    body = ball((1.5, 0.0, 1.0), time_s=1.0, level=2, frames=11)
     with pytest.raises(InputError, match="clutter must be 'specular', 'diffuse' or 'none', got 'all'"):
         t2d.simulate(body, clutter="all")  # type: ignore[arg-type]
     free = t2d.simulate(body, radar=Radar.preset("table2", prf_hz=100.0))

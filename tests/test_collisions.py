@@ -7,17 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from trimesh.creation import icosphere
 
+import builders
 import t2d_rt as t2d
+from builders import ball, plate
 from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.resources import resource
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Room, TableFan
 from t2d_rt.trace.collisions import Collision, find_collisions, is_room, looks, radar_outside
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.scenes import load_scene, scene_names
-from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene, Surface
+from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
 
 RADAR = Radar.preset("table2")
 ROOM = Room(name="cell", size_m=(5, 4, 2.5))
@@ -26,30 +26,16 @@ ROOM = Room(name="cell", size_m=(5, 4, 2.5))
 
 @pytest.fixture(scope="module")
 def walk() -> Motion:
-    return t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")), distance_m=4.3)
+    return t2d.place(builders.walk(), distance_m=4.3)
 
 
 def found(backend: Backend, scene: Scene, target: Motion | MovingMesh | Ellipsoids) -> list[Collision]:
     return find_collisions(scene, [target], RADAR, float(target.times_s[0]), float(target.times_s[-1]), backend=backend)
 
 
-def ball(start_m: tuple[float, float, float], velocity_mps: tuple[float, float, float], time_s: float) -> MovingMesh:
-    sphere = icosphere(subdivisions=2, radius=0.1)
-    times = np.linspace(0, time_s, 5)
-    way = np.array(start_m) + np.array(velocity_mps) * times[:, None]
-    return MovingMesh(sphere.vertices + way[:, None], sphere.faces, times, material="pec", name="ball")
-
-
 def with_wall(x: float) -> Scene:
     """The room with one more wall across."""
-    corners = np.array([(x, -2, 0), (x, 2, 0), (x, 2, 2.5), (x, -2, 2.5)])
-    wall = Surface(
-        name="partition",
-        vertices=corners,
-        faces=np.array([[0, 1, 2], [0, 2, 3]]),
-        material="plasterboard",
-        thickness_m=0.0125,
-    )
+    wall = plate("partition", [(x, -2, 0), (x, 2, 0), (x, 2, 2.5), (x, -2, 2.5)], "plasterboard", 0.0125)
     return replace(ROOM.scene(), surfaces=(*ROOM.scene().surfaces, wall))
 
 
@@ -77,7 +63,7 @@ def test_a_walk_inside_is_left_alone(backend: Backend, walk: Motion) -> None:
 @pytest.mark.parametrize(("scene", "inside"), [("living_room", True), ("corridor", True), ("bedroom", False)])
 def test_the_walk_where_it_is_placed_by_itself(backend: Backend, scene: str, inside: bool) -> None:
     """It starts 5.5 m ahead: in the living room and in the corridor there is room for that, the bedroom ends at 4.5 m."""
-    motion = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")))
+    motion = t2d.place(builders.walk())
     collisions = found(backend, load_scene(scene), motion)
     assert [each.surface for each in collisions] == ([] if inside else [None])
 
@@ -92,7 +78,7 @@ def test_furniture_too_low_for_the_pelvis_is_furniture(backend: Backend, walk: M
 @pytest.mark.parametrize(("height_m", "surface"), [(0.06, []), (-0.2, ["floor"])])
 def test_feet_may_dip_into_the_floor(backend: Backend, height_m: float, surface: list[str]) -> None:
     """A sphere of 10 cm, whose lowest part's middle lies 9 cm under its own."""
-    sinking = ball((2.0, 0.0, 0.3), (0, 0, height_m - 0.3), 1.0)
+    sinking = ball((2.0, 0.0, 0.3), (0, 0, height_m - 0.3), 1.0, level=2)
     assert [each.surface for each in found(backend, ROOM.scene(), sinking)] == surface
 
 
@@ -162,7 +148,7 @@ def test_looks_are_uneven_and_in_order() -> None:
 
 def test_simulate_warns_of_what_where_and_when() -> None:
     """The sphere's middle is in the wall after 0.25 s; its front is 4.5 cm ahead."""
-    through = ball((4.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.4)
+    through = ball((4.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.4, level=2)
     with pytest.warns(
         T2DWarning,
         match=r"ball goes through wall\+x of cell at 0\.2[0-5] s, at \(4\.50, 0\.[45]\d, 1\.[12]\d\) m; place it elsewhere, choose",
@@ -171,7 +157,7 @@ def test_simulate_warns_of_what_where_and_when() -> None:
 
 
 def test_simulate_stops_before() -> None:
-    through = ball((4.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.4)
+    through = ball((4.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.4, level=2)
     options = {"scene": ROOM, "reflections": 0, "clutter": "none"}
     stopped = t2d.simulate(through, **options, collisions="stop")
     lasted = stopped.cube.shape[0] / RADAR.prf_hz
@@ -185,7 +171,7 @@ def test_simulate_stops_before() -> None:
 
 
 def test_nothing_is_said_of_what_comes_after_the_stop() -> None:
-    leaving = ball((3.0, 0.0, 1.0), (9.0, 0.0, 0.0), 3.0)
+    leaving = ball((3.0, 0.0, 1.0), (9.0, 0.0, 0.0), 3.0, level=2)
     options = {"radar": RADAR, "scene": ROOM, "reflections": 0, "clutter": "none"}
     with warnings.catch_warnings():
         warnings.simplefilter("error", T2DWarning)
@@ -196,7 +182,7 @@ def test_nothing_is_said_of_what_comes_after_the_stop() -> None:
 
 
 def test_nothing_is_said_of_what_stays_inside() -> None:
-    inside = ball((3.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.1)
+    inside = ball((3.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.1, level=2)
     with warnings.catch_warnings():
         warnings.simplefilter("error", T2DWarning)
         chirps = [
@@ -213,7 +199,7 @@ def test_what_starts_outside_is_told() -> None:
         size_m=(5, 4, 2.5),
         openings=({"name": "window", "wall": "+x", "width_m": 2, "height_m": 1.5, "sill_m": 0.5},),
     )
-    outside = ball((5.2, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2)
+    outside = ball((5.2, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2, level=2)
     message = r"ball starts at \(5\.20, 0\.20, 1\.20\) m, outside cell, which reaches from \(-0\.5, -2, 0\) to \(4\.5, 2, 2\.5\) m"
     with pytest.warns(T2DWarning, match=message):
         t2d.simulate(outside, scene=room, reflections=0, clutter="none")
@@ -225,7 +211,10 @@ def test_what_starts_outside_is_told() -> None:
 
 
 def test_of_several_targets_the_one_is_told() -> None:
-    targets = [ball((3.0, -0.5, 1.2), (0.1, 0, 0), 0.4), ball((4.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.4)]
+    targets = [
+        ball((3.0, -0.5, 1.2), (0.1, 0, 0), 0.4, level=2),
+        ball((4.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.4, level=2),
+    ]
     with pytest.warns(T2DWarning, match=r"ball \(target 2 of 2\) goes through wall\+x") as told:
         t2d.simulate(targets, scene=ROOM, reflections=0, clutter="none")
     assert len(told) == 1
@@ -233,7 +222,7 @@ def test_of_several_targets_the_one_is_told() -> None:
 
 def test_what_may_become_of_collisions() -> None:
     with pytest.raises(InputError, match="collisions must be 'warn', 'stop' or 'ignore', got 'bounce'"):
-        t2d.simulate(ball((3, 0, 1), (0, 0, 0), 0.1), scene=ROOM, collisions="bounce")  # type: ignore[arg-type]
+        t2d.simulate(ball((3, 0, 1), time_s=0.1, level=2), scene=ROOM, collisions="bounce")  # type: ignore[arg-type]
 
 
 # --- a radar outside ---
@@ -250,7 +239,7 @@ OPEN = Room(name="cell", size_m=(5, 4, 2.5), openings=({"name": "gap", "wall": "
 def test_radar_and_target_outside_are_told() -> None:
     """Both on the same side of the room: nothing stands between them, and no line goes through anything."""
     told = r"the radar is at \(-3\.00, 0\.00, 1\.00\) m, outside cell, which reaches from .* to \(4\.5, 2, 2\.5\) m; move it"
-    outside = ball((-1.5, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2)
+    outside = ball((-1.5, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2, level=2)
     options = {"radar": away(-3.0), "scene": ROOM, "reflections": 0, "clutter": "none"}
     with (
         pytest.warns(T2DWarning, match=r"ball starts at \(-1\.\d\d, 0\.20, 1\.20\) m, outside cell"),
@@ -266,21 +255,16 @@ def test_radar_and_target_outside_are_told() -> None:
 
 
 def test_a_radar_that_looks_in_is_told() -> None:
-    inside = ball((2.0, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2)
+    inside = ball((2.0, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2, level=2)
     options = {"radar": away(-3.0), "scene": OPEN, "reflections": 0, "clutter": "none"}
     with pytest.warns(T2DWarning, match=r"the radar is at .* outside cell") as told:
         t2d.simulate(inside, **options)
     assert len(told) == 1
 
 
-def wall(name: str, corners: list[tuple[float, float, float]]) -> Surface:
-    faces = np.array([[0, 1, 2], [0, 2, 3]])
-    return Surface(name=name, vertices=np.array(corners, float), faces=faces, material="metal", thickness_m=0.01)
-
-
-FLOOR = wall("floor", [(0, -2, 0), (4, -2, 0), (4, 2, 0), (0, 2, 0)])
-BACK = wall("back", [(4, -2, 0), (4, 2, 0), (4, 2, 3), (4, -2, 3)])
-SIDE = wall("side", [(0, 2, 0), (4, 2, 0), (4, 2, 3), (0, 2, 3)])
+FLOOR = plate("floor", [(0, -2, 0), (4, -2, 0), (4, 2, 0), (0, 2, 0)])
+BACK = plate("back", [(4, -2, 0), (4, 2, 0), (4, 2, 3), (4, -2, 3)])
+SIDE = plate("side", [(0, 2, 0), (4, 2, 0), (4, 2, 3), (0, 2, 3)])
 
 
 @pytest.mark.parametrize(

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import point_cube, walk
 from t2d_rt.compare import compare, envelope, figures, mean_rcs_m2, ridge
-from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.plots import occupied_speeds, plot_comparison
 from t2d_rt.types import Radar
 
-WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
 RADAR = Radar.preset("table2-uniform", prf_hz=10240)
 CHIRPS = 4000
 
@@ -23,9 +21,7 @@ CHIRPS = 4000
 def point(speed_mps: np.ndarray | float, rcs_m2: float, range_m: float = 4.0, radar: Radar = RADAR) -> np.ndarray:
     """ADC cube of a point by the radar equation; `speed_mps` towards the radar, one for all chirps or one for each."""
     way = np.cumsum(np.broadcast_to(speed_mps, CHIRPS)) / radar.prf_hz
-    ranges = range_m - way[:, None]
-    turns = 2 * ranges / SPEED_OF_LIGHT * (radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s)
-    return (np.sqrt(radar.received_power_w(rcs_m2, ranges)) * np.exp(2j * np.pi * (turns % 1)))[:, None]
+    return point_cube(radar, range_m - way, rcs_m2)
 
 
 def recording(*cubes: np.ndarray, radar: Radar = RADAR) -> t2d.Recording:
@@ -148,7 +144,7 @@ def test_drawn_speeds_hold_all_that_is_seen() -> None:
 
 
 def test_recorded_walk() -> None:
-    motion = t2d.trim(t2d.place(t2d.load_motion(WALK)), 2.2, 3.5)  # two steps
+    motion = t2d.trim(t2d.place(walk()), 2.2, 3.5)  # two steps
     ellipsoid, mesh = (
         t2d.simulate(motion, method=method, accuracy={"sagitta_rad": 0.5}) for method in ("ellipsoid", "mesh")
     )

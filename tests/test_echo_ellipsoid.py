@@ -7,12 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from builders import icosphere
+from measures import db
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.ellipsoid import ellipsoid_echoes, specular_points
@@ -28,10 +29,6 @@ ASPECTS_DEG = np.linspace(0, 90, 7)
 STILL_S = np.arange(4) / TABLE2.prf_hz
 
 ReadField = Callable[..., np.ndarray]
-
-
-def db(ratio: float | np.ndarray) -> np.ndarray:
-    return 10 * np.log10(np.asarray(ratio))
 
 
 def limb_axes(aspect_deg: float) -> np.ndarray:
@@ -87,11 +84,11 @@ def standing(stream: EchoStream, k: int) -> Echoes:
 
 def spheroid_mesh(poses: list[np.ndarray], centre: np.ndarray, radar: Radar, backend: Backend) -> EchoStream:
     """Facets of the limb at 4 frames of each pose, one refinement for all."""
-    ball = trimesh.creation.icosphere(subdivisions=4)
-    rest = np.array(ball.vertices) * LIMB
+    sphere, faces = icosphere(4)
+    rest = sphere * LIMB
     places = np.stack([centre + rest @ axes.T for axes in poses])
     mesh = MovingMesh.from_track(
-        lambda t: places[np.minimum(t // 4, len(poses) - 1).astype(int)], ball.faces, [0, 4 * len(poses)], rest=rest
+        lambda t: places[np.minimum(t // 4, len(poses) - 1).astype(int)], faces, [0, 4 * len(poses)], rest=rest
     )
     times_s = np.arange(4.0 * len(poses))
     return mesh_echoes(

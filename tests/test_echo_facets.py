@@ -9,9 +9,10 @@ from itertools import product
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial.transform import Rotation
 
+from builders import icosphere, still
+from measures import db
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.legs import View
@@ -30,14 +31,6 @@ SKIN = Material(name="rough skin", relative_permittivity=6.565, conductivity_s_p
 LAMBERT = Material(name="Lambertian conductor", relative_permittivity=math.inf, scattering_coefficient=1.0)
 
 ReadField = Callable[..., np.ndarray]
-
-
-def db(ratio: float | np.ndarray) -> float:
-    return float(10 * np.log10(ratio))
-
-
-def still(vertices: np.ndarray, faces: np.ndarray, **options: float) -> MovingMesh:
-    return MovingMesh(np.stack([vertices, vertices]), faces, [0, 60], PEC, **options)  # type: ignore[arg-type]
 
 
 def echoes_of(
@@ -68,14 +61,9 @@ def summed(delay_s: np.ndarray, amplitude: np.ndarray, radar: Radar) -> np.ndarr
     return np.sum(amplitude.astype(complex) * np.exp(2j * np.pi * turns), axis=-1)
 
 
-def icosphere(level: int, radius: float, centre: np.ndarray | list[float]) -> tuple[np.ndarray, np.ndarray]:
-    ball = trimesh.creation.icosphere(subdivisions=level, radius=radius)
-    return np.array(ball.vertices) + centre, np.array(ball.faces)
-
-
 def geodesic_sphere(frequency: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """An icosahedron with 20 frequency^2 faces, projected on the sphere; nearly even."""
-    corners, triangles = icosphere(0, 1.0, [0, 0, 0])
+    corners, triangles = icosphere(0)
     n = frequency
     rows = [(i, j) for i in range(n + 1) for j in range(n + 1 - i)]
     index = {ij: k for k, ij in enumerate(rows)}
@@ -89,7 +77,7 @@ def geodesic_sphere(frequency: int, radius: float) -> tuple[np.ndarray, np.ndarr
     return points[first] * radius, same.reshape(-1)[faces]
 
 
-def plate(side: float, centre: list[float], cells: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def square(side: float, centre: list[float], cells: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """A square across x, its front towards -x, of 2 cells^2 triangles."""
     grid = np.linspace(-side / 2, side / 2, cells + 1)
     vertices = np.array([(0, y, z) for y, z in product(grid, grid)]) + centre
@@ -103,7 +91,7 @@ def plate(side: float, centre: list[float], cells: int = 1) -> tuple[np.ndarray,
 def still_plate(range_m: float, **options: float) -> MovingMesh:
     """The 10 cm plate of the bars, two triangles broadside at a range."""
     with pytest.warns(T2DWarning, match="not watertight"):
-        return still(*plate(0.1, [range_m, 0, 1]), **options)
+        return still(*square(0.1, [range_m, 0, 1]), **options)
 
 
 def quadrature_field(side: float, range_m: float, frequency_hz: float) -> complex:
@@ -215,7 +203,7 @@ def test_splitting_a_flat_facet_changes_nothing_far_away(cells: int, backend: Ba
     turn = Rotation.from_euler("yz", [3.0, -4.0], degrees=True)
     fields = []
     for n in (1, cells):
-        vertices, faces = plate(0.02, [0, 0, 0], n)
+        vertices, faces = square(0.02, [0, 0, 0], n)
         fields.append(as_they_are(turn.apply(vertices) + np.array([200, 0, 1]), faces, backend))
     assert abs(fields[1] / fields[0] - 1) < 2e-3
 
@@ -223,7 +211,7 @@ def test_splitting_a_flat_facet_changes_nothing_far_away(cells: int, backend: Ba
 def test_power_falls_with_the_fourth_power_of_range(backend: Backend) -> None:
     fields = []
     for range_m in (100.0, 200.0, 400.0):
-        vertices, faces = plate(0.02, [range_m, 0, 1])
+        vertices, faces = square(0.02, [range_m, 0, 1])
         fields.append(abs(as_they_are(vertices, faces, backend)))
     assert np.array(fields[:-1]) / fields[1:] == pytest.approx([4, 4], rel=1e-4)
     rcs = 4 * math.pi * 0.02**4 / TABLE2.wavelength_m**2
@@ -275,7 +263,7 @@ def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material
 
 
 def test_the_back_of_a_plate_is_dark(backend: Backend) -> None:
-    vertices, faces = plate(0.1, [2, 0, 1])
+    vertices, faces = square(0.1, [2, 0, 1])
     assert as_they_are(vertices, faces[:, ::-1], backend) == 0
     # Lit by the transmitter, but the receiver stands behind: dark as well.
     behind = TABLE2.replace(rx_offsets_m=(5.0, 0.5, 0.0))

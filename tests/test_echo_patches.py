@@ -7,12 +7,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 from scipy.spatial.transform import Rotation
 
+from builders import icosphere, still
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.patches import MOST_FACETS, Patches, centres, normals, patches, tilts
 from t2d_rt.geometry import Refinement, refine
@@ -27,14 +27,13 @@ TIMES_S = np.arange(76) / RATE_HZ
 
 def spinning_ball(spin_rad_per_s: float, velocity_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> MovingMesh:
     """A ball of 20 cm radius 3 m away that spins about z and flies."""
-    shape = trimesh.creation.icosphere(subdivisions=3, radius=0.2)
-    rest = np.array(shape.vertices)
+    rest, faces = icosphere(3, 0.2)
 
     def track(times_s: np.ndarray) -> np.ndarray:
         turn = Rotation.from_euler("z", spin_rad_per_s * times_s[:, None]).as_matrix()
         return rest @ turn.transpose(0, 2, 1) + [3, 0.3, 1.2] + times_s[:, None, None] * np.array(velocity_mps)
 
-    return MovingMesh.from_track(track, shape.faces, TIMES_S, "pec", rest=rest)
+    return MovingMesh.from_track(track, faces, TIMES_S, "pec", rest=rest)
 
 
 def refined(mesh: MovingMesh, sagitta_rad: float = 0.5) -> Refinement:
@@ -174,7 +173,7 @@ def test_a_still_plate_needs_few_patches() -> None:
     low = np.add.outer(np.arange(40) * 41, np.arange(40)).ravel()
     faces = np.concatenate([np.stack([low, low + 1, low + 41], 1), np.stack([low + 41, low + 1, low + 42], 1)])
     with pytest.warns(UserWarning, match="not watertight"):
-        mesh = MovingMesh(np.stack([rest, rest]), faces, np.array([0.0, 1.0]), "pec")
+        mesh = still(rest, faces)
     fine = as_it_is(mesh)
     assert len(patches(mesh, fine, NARROW, TIMES_S)) == math.ceil(len(faces) / MOST_FACETS)
     # c/(8 B) = 2.2 cm of extent: 5 x 5 squares at least; halving the curve by number does not hit the squares' sides.
@@ -257,8 +256,7 @@ def test_tilts_of_a_hand_made_refinement() -> None:
 
 def test_tilts_of_an_icosahedron_that_stands_for_a_sphere() -> None:
     # The sphere's normal at a corner leans 37.4 degrees out of the face's; facets of a fine refinement nearly as much.
-    shape = trimesh.creation.icosphere(subdivisions=0, radius=0.2)
-    mesh = MovingMesh(np.stack([shape.vertices] * 2), shape.faces, np.array([0.0, 1.0]), "pec", crease_deg=180)
+    mesh = still(*icosphere(0, 0.2), crease_deg=180)
     fine = refine(mesh.rest, mesh.faces, wavenumber=1600, range_m=3, sagitta_rad=0.3, crease_deg=180)
     tilt = np.degrees(tilts(mesh, fine))
     assert tilt.min() > 25

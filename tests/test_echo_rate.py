@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.interpolate import CubicSpline
 
+from builders import icosphere
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.rate import LEAST_HZ, MOST_HZ, STEP_HZ, TOLERANCE_DB, TURN_RAD, needed_rate_hz
 from t2d_rt.types import MovingMesh, Radar
 
 RADAR = Radar.preset("table2")
-BALL = trimesh.creation.icosphere(subdivisions=1, radius=0.05)
+REST, FACES = icosphere(1, 0.05)
 
 
 def swinging(amplitude_m: float, frequency_hz: float) -> MovingMesh:
@@ -22,9 +22,9 @@ def swinging(amplitude_m: float, frequency_hz: float) -> MovingMesh:
 
     def places(times_s: np.ndarray) -> np.ndarray:
         ahead = 3 + amplitude_m * np.sin(2 * np.pi * frequency_hz * times_s)
-        return BALL.vertices + np.stack([ahead, 0 * ahead, 1 + 0 * ahead], axis=1)[:, None]
+        return REST + np.stack([ahead, 0 * ahead, 1 + 0 * ahead], axis=1)[:, None]
 
-    return MovingMesh.from_track(places, BALL.faces, np.linspace(0, 4, 200), rest=BALL.vertices)
+    return MovingMesh.from_track(places, FACES, np.linspace(0, 4, 200), rest=REST)
 
 
 @pytest.mark.parametrize(("amplitude_m", "frequency_hz"), [(0.1, 4.0), (0.3, 6.0), (0.01, 12.0)])
@@ -56,10 +56,10 @@ def test_what_turns_fast_is_looked_at_often(turns_hz: float) -> None:
     def turning(times_s: np.ndarray) -> np.ndarray:
         angle = 2 * np.pi * turns_hz * times_s
         turn = np.moveaxis(np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), 2, 0)
-        flat = np.einsum("kij,vj->kvi", turn, BALL.vertices[:, :2])
-        return np.concatenate([flat, np.tile(BALL.vertices[:, 2:], (len(times_s), 1, 1))], axis=2) + [3, 0, 1]
+        flat = np.einsum("kij,vj->kvi", turn, REST[:, :2])
+        return np.concatenate([flat, np.tile(REST[:, 2:], (len(times_s), 1, 1))], axis=2) + [3, 0, 1]
 
-    ball = MovingMesh.from_track(turning, BALL.faces, np.array([0.0, 1.0]), rest=BALL.vertices)
+    ball = MovingMesh.from_track(turning, FACES, np.array([0.0, 1.0]), rest=REST)
     # Edges in all directions: two thirds of their mean square lie across the axis.
     expected = 2 * np.pi * turns_hz * math.sqrt(2 / 3) / TURN_RAD
     assert needed_rate_hz(ball, RADAR, 0.0, 1.0) == pytest.approx(expected, rel=0.05)  # one edge of each of 80 faces

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from scipy.special import fresnel
 from trimesh.creation import box
 
 import t2d_rt as t2d
+from builders import ANTENNA_M, UP, plate, walk
+from measures import knife_edge_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.resources import resource
 from t2d_rt.trace.edges import Edges
 from t2d_rt.trace.fresnel import bundle
 from t2d_rt.trace.legs import find_legs
@@ -22,12 +22,6 @@ from t2d_rt.types import Leg, Radar, Scene, Surface
 
 FREQUENCY_HZ = 77.87e9
 WAVELENGTH_M = SPEED_OF_LIGHT / FREQUENCY_HZ
-ANTENNA_M, UP = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0])
-
-
-def plate(name: str, corners: list[tuple[float, float, float]]) -> Surface:
-    faces = np.array([[0, 1, 2], [0, 2, 3]])
-    return Surface(name=name, vertices=np.array(corners, float), faces=faces, material="metal", thickness_m=0.01)
 
 
 def block(name: str, low_m: tuple[float, float, float], high_m: tuple[float, float, float]) -> Surface:
@@ -44,12 +38,6 @@ def block(name: str, low_m: tuple[float, float, float], high_m: tuple[float, flo
 def legs(points: np.ndarray, *surfaces: Surface, order: int = 1) -> dict[str, Leg]:
     mirrors = Mirrors.of(Scene(name="test", surfaces=surfaces), select("cpu"))
     return {leg.name: leg for leg in find_legs(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=order, probes_m=points)}
-
-
-def knife_edge_db(v: np.ndarray) -> np.ndarray:
-    """Field behind a half-plane beside that without it [dB], v its height over the ray (ITU-R P.526)."""
-    sine, cosine = fresnel(v)
-    return 20 * np.log10(np.hypot(1 - cosine - sine, cosine - sine) / 2)
 
 
 def check_knife_edge(share: np.ndarray, v: np.ndarray) -> None:
@@ -142,7 +130,7 @@ def test_cells_of_points_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_walk_behind_a_cupboard() -> None:
     """Hidden it is gone, and it neither comes nor goes with a click."""
     cupboard = block("cupboard", (1.5, 0.6, 0), (1.9, 1.4, 2.2))
-    motion = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")), distance_m=3, angle_deg=-90)
+    motion = t2d.place(walk(), distance_m=3, angle_deg=-90)
     radar = Radar.preset("table2", prf_hz=6400.0)
     alone, there = (
         t2d.simulate(motion, radar=radar, scene=scene, method="ellipsoid", clutter="none").spectrogram
@@ -172,8 +160,9 @@ def test_a_bundle_goes_straight_on_through_a_slab() -> None:
 
 
 def test_a_surface_of_triangles_given_twice_is_one() -> None:
-    single = plate_of("wall", [[0, 1, 2], [0, 2, 3]])
-    double = plate_of("wall", [[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])
+    corners = [(2, -1, 0), (2, 1, 0), (2, 1, 2), (2, -1, 2)]
+    single = plate("wall", corners)
+    double = plate("wall", corners, faces=[[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])
     one, two = (Mirrors.of(Scene(name="s", surfaces=(each,)), select("cpu")).each[0] for each in (single, double))
     np.testing.assert_array_equal(one.triangles, two.triangles)
 
@@ -181,11 +170,6 @@ def test_a_surface_of_triangles_given_twice_is_one() -> None:
 def test_mirrors_of_one_surface_have_names_of_their_own() -> None:
     names = [mirror.name for mirror in Mirrors.of(load_scene("hospital_room"), select("cpu")).each]
     assert len(set(names)) == len(names)
-
-
-def plate_of(name: str, faces: list[list[int]]) -> Surface:
-    corners = np.array([(2.0, -1, 0), (2, 1, 0), (2, 1, 2), (2, -1, 2)])
-    return Surface(name=name, vertices=corners, faces=np.array(faces), material="metal", thickness_m=0.01)
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import ROOT, WALK
 from t2d_rt.cli import main
 from t2d_rt.errors import T2DWarning
 
-ROOT = Path(__file__).parents[1]
-WALK = ROOT / "examples" / "motions" / "12_01_walk.bvh"
 FRAMES = 40
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 

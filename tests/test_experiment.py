@@ -14,7 +14,7 @@ import pytest
 import t2d_rt as t2d
 from t2d_rt.errors import InputError
 from t2d_rt.scene import Slab
-from validation.api_calls import FACES, TETRAHEDRON, TIMES_S, egg, walk
+from validation.robustness.api_calls import FACES, TETRAHEDRON, TIMES_S, egg, walk
 
 RADAR = t2d.Radar.preset("ci4r", prf_hz=2000, samples=32)
 MOTIONS = Path(__file__).parents[1] / "examples" / "motions"

@@ -18,13 +18,14 @@ import numpy as np
 import pytest
 import yaml
 
+from builders import MOTIONS
 from t2d_rt import cli, files
 from t2d_rt.cli.add import additions
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import bvh, load_motion, read
 from t2d_rt.types import Radar
 
-MOMASK = Path(__file__).parents[1] / "examples" / "motions" / "momask_22j_120frames.bvh"
+MOMASK = MOTIONS / "momask_22j_120frames.bvh"
 GOOD = MOMASK.read_bytes()
 
 

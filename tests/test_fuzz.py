@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from validation.soak import section
+from validation.robustness.soak import section
 
 KINDS = {"bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls", "api_values"}
 KNOWN = {
@@ -21,7 +21,7 @@ KNOWN = {
     "wrong"),
     19: ("left behind", "wrong"), 2: ("exit", "traceback"), 9: ("too large a number", "memory"),
 }  # fmt: skip
-"""Numbers of the inputs of validation/fuzz/known_ends.py, what each does, and what the fuzzer has to call that."""
+"""Numbers of the inputs of validation/robustness/fuzz/known_ends.py, what each does, and what the fuzzer has to call that."""
 
 
 def fuzzed(place: Path, *arguments: str) -> list[dict[str, Any]]:
@@ -30,7 +30,7 @@ def fuzzed(place: Path, *arguments: str) -> list[dict[str, Any]]:
     command = [
         sys.executable,
         "-m",
-        "validation.fuzz",
+        "validation.robustness.fuzz",
         "--results",
         str(results),
         "--keep",

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
 
+from builders import icosphere
+from measures import volume
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import (
     Halved,
@@ -32,11 +34,6 @@ SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
 SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]])
 
 
-def icosphere(level: int, radius: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    mesh = trimesh.creation.icosphere(subdivisions=level, radius=radius)
-    return np.array(mesh.vertices), np.array(mesh.faces)
-
-
 def uneven_sphere(count: int, jitter: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Hull of a Fibonacci lattice with jitter: valences 4 to 8, uneven spacing."""
     i = np.arange(count) + 0.5
@@ -49,11 +46,6 @@ def uneven_sphere(count: int, jitter: float, radius: float) -> tuple[np.ndarray,
     inward = (np.cross(b - a, c - a) * a).sum(axis=1) < 0
     faces[inward] = faces[inward][:, ::-1]
     return points * radius, faces
-
-
-def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return float((a * np.cross(b, c)).sum() / 6)
 
 
 def edge_counts(faces: np.ndarray) -> np.ndarray:

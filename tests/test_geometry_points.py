@@ -8,16 +8,12 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from builders import icosphere
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import SurfacePoints, hash_uniform, point_spacing, surface_points
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
 SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]])
-
-
-def icosphere(level: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    mesh = trimesh.creation.icosphere(subdivisions=level, radius=radius)
-    return np.array(mesh.vertices), np.array(mesh.faces)
 
 
 def positions(points: SurfacePoints, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

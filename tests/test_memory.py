@@ -5,9 +5,10 @@ import warnings
 
 import numpy as np
 import pytest
-import trimesh
 
 import t2d_rt as t2d
+from builders import ball
+from measures import nmse_db
 from t2d_rt import memory
 from t2d_rt.backend import select
 from t2d_rt.echo import mesh as echo_mesh
@@ -23,30 +24,24 @@ RADAR = t2d.Radar.preset("table2-uniform")
 ROUGH = t2d.Material(name="rough", relative_permittivity=6.6, conductivity_s_per_m=36.0, scattering_coefficient=0.4)
 
 
-def ball(subdivisions: int = 3, frames: int = 8, speed_mps: float = 1.0) -> t2d.MovingMesh:
-    solid = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.15)
-    times = np.linspace(0, 0.3, frames)
-    place = np.array([3.0, 0.2, 1.0]) - speed_mps * times[:, None, None] * [1, 0, 0]
-    return t2d.MovingMesh(solid.vertices + place, solid.faces, times, material="pec", name="ball")
-
-
-def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
-    return 10 * np.log10(np.sum(np.abs(found - expected) ** 2) / np.sum(np.abs(expected) ** 2))
+def approaching(level: int = 3, frames: int = 8, speed_mps: float = 1.0) -> t2d.MovingMesh:
+    """A sphere of 15 cm that comes from 3 m."""
+    return ball((3.0, 0.2, 1.0), (-speed_mps, 0, 0), 0.3, radius_m=0.15, level=level, frames=frames)
 
 
 @pytest.mark.parametrize("memory_gb", [0, -1, 0.5, float("nan"), float("inf"), "2", None, True])
 def test_a_limit_that_is_none(memory_gb: object) -> None:
     with pytest.raises(t2d.InputError, match=r"memory_gb must .*got"):
-        t2d.simulate(ball(), radar=RADAR, memory_gb=memory_gb)
+        t2d.simulate(approaching(), radar=RADAR, memory_gb=memory_gb)
 
 
 def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = t2d.simulate([ball(2), ball(2)], radar=RADAR, scene="empty_room", reflections=1).cube
+    whole = t2d.simulate([approaching(2), approaching(2)], radar=RADAR, scene="empty_room", reflections=1).cube
     monkeypatch.setattr(echo_streams, "MOST_ECHOES", 3_000)
     calls = []
     synthesize = synthesis.synthesize
     monkeypatch.setattr("t2d_rt.pipeline.synthesize", lambda *a, **k: calls.append(a[0].echoes) or synthesize(*a, **k))
-    parts = t2d.simulate([ball(2), ball(2)], radar=RADAR, scene="empty_room", reflections=1).cube
+    parts = t2d.simulate([approaching(2), approaching(2)], radar=RADAR, scene="empty_room", reflections=1).cube
     assert len(calls) > 3
     assert max(calls) <= 3_000
     # Other groups, so that the difference is that of two sums of -50 dB at most.
@@ -56,7 +51,7 @@ def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_view_of_many_echoes_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     def stream() -> t2d.EchoStream:
         return echo_mesh.mesh_echoes(
-            ball(4), RADAR, times_s=np.linspace(0, 0.3, 20), material=ROUGH, sagitta_rad=0.07, seed=0,
+            approaching(4), RADAR, times_s=np.linspace(0, 0.3, 20), material=ROUGH, sagitta_rad=0.07, seed=0,
             views=[View()], backend=select("auto"), points=500,
         )  # fmt: skip
 
@@ -70,7 +65,7 @@ def test_a_view_of_many_echoes_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_limit_does_not_change_the_result() -> None:
-    few, many = (t2d.simulate(ball(), radar=RADAR, memory_gb=limit).cube for limit in (1.0, 100.0))
+    few, many = (t2d.simulate(approaching(), radar=RADAR, memory_gb=limit).cube for limit in (1.0, 100.0))
     assert np.array_equal(few, many)
 
 
@@ -78,25 +73,25 @@ def test_what_takes_more_is_refused_before_it_begins(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("t2d_rt.cost.SUMMED_BYTES", 1e7)
     monkeypatch.setattr("t2d_rt.pipeline.synthesize", lambda *_, **__: pytest.fail("it began"))
     with pytest.raises(t2d.InputError, match=r"takes about [\d.]+ GB of memory, more than the limit of 2 GB; ask for"):
-        t2d.simulate(ball(), radar=RADAR)
+        t2d.simulate(approaching(), radar=RADAR)
     with pytest.raises(t2d.InputError, match=r"raise memory_gb"):
-        t2d.plan(ball(), radar=RADAR)
+        t2d.plan(approaching(), radar=RADAR)
 
 
 def test_a_mesh_of_too_many_faces_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("t2d_rt.pipeline.REFINING_BYTES", 2e6)
     with pytest.raises(t2d.InputError, match=r"ball of 1280 faces takes about 2.6 GB of memory.*fewer triangles"):
-        t2d.simulate(ball(), radar=RADAR)
+        t2d.simulate(approaching(), radar=RADAR)
 
 
 def test_a_plan_tells_the_memory() -> None:
-    plan = t2d.plan(ball(), radar=RADAR, tolerance_db=-15)
+    plan = t2d.plan(approaching(), radar=RADAR, tolerance_db=-15)
     assert 0.05e9 < plan.memory_bytes < 1.5e9
     assert f"{plan.memory_bytes / 1e9:.1f} GB" in str(plan)
 
 
 def test_moments_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    surface = ball(5)
+    surface = approaching(5)
     expected = farthest_and_fastest(surface, RADAR, (0.0, 0.3)), needed_rate_hz(surface, RADAR, 0.0, 0.3)
     monkeypatch.setattr(memory, "BLOCK_BYTES", 2**21)
     tracemalloc.start()
@@ -112,22 +107,22 @@ def test_moments_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_frames_of_large_meshes_come_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = t2d.simulate(ball(), radar=RADAR).cube
+    whole = t2d.simulate(approaching(), radar=RADAR).cube
     monkeypatch.setattr("t2d_rt.radar.windows.READ_VERTEX_FRAMES", 20_000)
-    assert np.array_equal(t2d.simulate(ball(), radar=RADAR).cube, whole)
+    assert np.array_equal(t2d.simulate(approaching(), radar=RADAR).cube, whole)
 
 
 def test_a_very_wide_sweep_is_summed_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = t2d.simulate(ball(), radar=RADAR).cube
+    whole = t2d.simulate(approaching(), radar=RADAR).cube
     monkeypatch.setattr(synthesis, "BASIS_NUMBERS", 20_000)
     monkeypatch.setattr(synthesis, "MOST_MOMENTS", 50)
-    assert np.array_equal(t2d.simulate(ball(), radar=RADAR).cube, whole)
+    assert np.array_equal(t2d.simulate(approaching(), radar=RADAR).cube, whole)
 
 
 @pytest.mark.filterwarnings("ignore::t2d_rt.T2DWarning")
 def test_slots_without_a_chirp_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     radar = t2d.Radar(carrier_hz=77e9, slope_hz_per_s=400e12, samples=64, sample_rate_hz=1e6, prf_hz=100.0)
-    moving = ball(1, 4, 3.0)
+    moving = approaching(1, 4, 3.0)
     left_out = t2d.simulate(moving, radar=radar).cube
     monkeypatch.setattr(synthesis, "MANY_SLOTS", 1_000)
     assert np.array_equal(t2d.simulate(moving, radar=radar).cube, left_out)
@@ -141,7 +136,7 @@ def test_long_sweeps_keep_to_the_memory() -> None:
     tracemalloc.start()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", t2d.T2DWarning)
-        t2d.simulate(ball(1, 4), radar=radar)
+        t2d.simulate(approaching(1, 4), radar=radar)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 400e6

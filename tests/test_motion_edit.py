@@ -14,6 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import builders
+from builders import MOTIONS
 from t2d_rt.errors import InputError
 from t2d_rt.motion import (
     describe,
@@ -32,17 +34,15 @@ from t2d_rt.motion.interpolate import compose, decompose, jitter_mps, low_pass
 from t2d_rt.motion.read import facing
 from t2d_rt.types.motion import Motion
 
-SAMPLES = Path(__file__).parents[1] / "examples" / "motions"
-
 
 @pytest.fixture(scope="module")
 def walk() -> Motion:
-    return load_motion(SAMPLES / "12_01_walk.bvh")
+    return builders.walk()
 
 
 @pytest.fixture(scope="module")
 def run() -> Motion:
-    return load_motion(SAMPLES / "iclone_002_03_run_jog.bvh.gz")
+    return load_motion(MOTIONS / "iclone_002_03_run_jog.bvh.gz")
 
 
 def velocity(motion: Motion) -> np.ndarray:
@@ -85,7 +85,7 @@ def test_frames_are_met_and_decompose_inverts(walk: Motion) -> None:
 
 
 def test_a_20_fps_copy_gives_the_speeds_of_the_120_fps_walk() -> None:
-    original = load_motion(SAMPLES / "12_01_walk.bvh", smooth_hz=12.0)
+    original = load_motion(MOTIONS / "12_01_walk.bvh", smooth_hz=12.0)
     coarse = replace(original, joints=original.joints[::6], rotations=original.rotations[::6], rate_hz=20.0)
     times = original.times_s[original.times_s <= coarse.duration_s + 1e-9]
     joints, _ = sample(coarse, times)
@@ -196,7 +196,7 @@ def test_jitter_is_found_and_removed(walk: Motion) -> None:
 
 
 def test_a_noisy_file_is_smoothed_by_itself(tmp_path: Path) -> None:
-    lines = (SAMPLES / "momask_22j_120frames.bvh").read_text().splitlines()
+    lines = (MOTIONS / "momask_22j_120frames.bvh").read_text().splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("Frame Time")) + 1
     noise = np.random.default_rng(0).normal(scale=2e-3, size=(120, 3))
     for row, shift in enumerate(noise):
@@ -211,7 +211,7 @@ def test_a_noisy_file_is_smoothed_by_itself(tmp_path: Path) -> None:
 
 
 def test_foot_strikes_of_a_run_survive_and_ends_stay(run: Motion) -> None:
-    raw = load_motion(SAMPLES / "iclone_002_03_run_jog.bvh.gz", smooth_hz=None)
+    raw = load_motion(MOTIONS / "iclone_002_03_run_jog.bvh.gz", smooth_hz=None)
     assert "; smoothed at 12 Hz (jitter 0.08" in run.report
     np.testing.assert_array_equal(run.joints, smooth(raw, 12.0).joints)
     speeds = [np.linalg.norm(velocity(m), axis=-1).max(axis=0) for m in (raw, run)]
@@ -221,7 +221,7 @@ def test_foot_strikes_of_a_run_survive_and_ends_stay(run: Motion) -> None:
 
 def test_a_clean_file_is_left_as_it_is() -> None:
     name = "131_01_walk_300frames.bvh"
-    clean, raw = load_motion(SAMPLES / name), load_motion(SAMPLES / name, smooth_hz=None)
+    clean, raw = load_motion(MOTIONS / name), load_motion(MOTIONS / name, smooth_hz=None)
     assert "not smoothed (jitter 0.00" in clean.report
     np.testing.assert_array_equal(clean.joints, raw.joints)
 
@@ -259,7 +259,7 @@ def test_place_keeps_the_closest_approach(walk: Motion) -> None:
 
 
 def test_a_person_on_the_spot_faces_the_radar() -> None:
-    jumping = place(load_motion(SAMPLES / "14_14_jumping_jacks.bvh"), distance_m=3.0)
+    jumping = place(load_motion(MOTIONS / "14_14_jumping_jacks.bvh"), distance_m=3.0)
     ahead = facing({name: jumping.joints[:, i] for i, name in enumerate(jumping.names)})
     assert ahead[:15].mean(axis=0)[0] < -0.98
 

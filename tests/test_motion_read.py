@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from builders import MOTIONS, WALK
 from t2d_rt.errors import InputError
 from t2d_rt.motion import flavours, load_motion, motion_from_joints, register_flavour, skeletons
 from t2d_rt.motion.bvh import forward_kinematics, read_bvh
@@ -18,15 +19,13 @@ from t2d_rt.motion.interpolate import decompose
 from t2d_rt.motion.read import facing
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
-SAMPLES = Path(__file__).parents[1] / "examples" / "motions"
-WALK = SAMPLES / "12_01_walk.bvh"
-MOMASK = SAMPLES / "momask_22j_120frames.bvh"
+MOMASK = MOTIONS / "momask_22j_120frames.bvh"
 ALL = {
     "cmu-a": WALK,
-    "cmu-b": SAMPLES / "131_01_walk_300frames.bvh",
-    "bvh-toolbox": SAMPLES / "bvhtoolbox_walk01.bvh",
+    "cmu-b": MOTIONS / "131_01_walk_300frames.bvh",
+    "bvh-toolbox": MOTIONS / "bvhtoolbox_walk01.bvh",
     "momask": MOMASK,
-    "iclone": SAMPLES / "iclone_002_03_run_jog.bvh.gz",
+    "iclone": MOTIONS / "iclone_002_03_run_jog.bvh.gz",
 }
 CHAIN = """HIERARCHY
 ROOT big hip

@@ -16,7 +16,7 @@ import t2d_rt as t2d
 from t2d_rt.errors import InputError
 from t2d_rt.scene import Mover, mover
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
-from validation.movers import seen
+from validation.physics.movers import seen
 
 ENTRIES = (
     "fan:2,1,1.2,rpm=600,swing_deg=80,elevation_deg=10",

@@ -6,14 +6,15 @@ import math
 import warnings
 from collections import OrderedDict
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 
+import builders
 import t2d_rt as t2d
+from builders import icosphere
+from measures import nmse_db
 from t2d_rt.backend import Backend
 from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
@@ -21,7 +22,6 @@ from t2d_rt.errors import BackendError, InputError, T2DWarning
 from t2d_rt.geometry import refinements
 from t2d_rt.types import PEC, Ellipsoids, Material, Motion, MovingMesh, Radar
 
-WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
 RADAR = Radar.preset("ci4r", prf_hz=8000)
 COARSE: dict[str, Any] = {"radar": RADAR, "accuracy": {"sagitta_rad": 1.0}}
 TIMES_S = np.array([0.0, 0.1, 0.2])
@@ -31,7 +31,7 @@ ROUGH = Material(name="rough", relative_permittivity=math.inf, scattering_coeffi
 @pytest.fixture(scope="module")
 def walk() -> Motion:
     """0.3 s of a step, not placed yet."""
-    return t2d.trim(t2d.load_motion(WALK), 2.3, 2.6)
+    return t2d.trim(builders.walk(), 2.3, 2.6)
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +40,8 @@ def recorded(walk: Motion) -> t2d.Recording:
 
 
 def ball(x_m: float, *, y_m: float = 0.0, speed_mps: float = 0.0, material: str | Material = "pec") -> MovingMesh:
-    shape = trimesh.creation.icosphere(subdivisions=2, radius=0.1)
-    centre = np.array([x_m, y_m, 1.0]) - speed_mps * TIMES_S[:, None, None] * [1.0, 0, 0]
-    return MovingMesh(shape.vertices + centre, shape.faces, TIMES_S, material, name="ball")
-
-
-def nmse_db(got: np.ndarray, expected: np.ndarray) -> float:
-    return float(10 * np.log10(np.sum(np.abs(got - expected) ** 2) / np.sum(np.abs(expected) ** 2)))
+    """A sphere ahead that comes nearer."""
+    return builders.ball((x_m, y_m, 1.0), (-speed_mps, 0, 0), TIMES_S[-1], level=2, frames=3, material=material)
 
 
 # --- what comes out -------------------------------------------------------------------------------------------------
@@ -145,7 +140,7 @@ def test_static_body_stays_at_zero_doppler(walk: Motion, method: Any) -> None:
 
 
 def test_skin_and_segments_of_the_face() -> None:
-    motion = t2d.trim(t2d.load_motion(WALK), 0, 0.2)
+    motion = t2d.trim(builders.walk(), 0, 0.2)
     body, parts = t2d.skin(motion), t2d.segments(motion)
     assert isinstance(body, MovingMesh)
     assert isinstance(parts, Ellipsoids)
@@ -271,14 +266,14 @@ def test_a_body_is_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("t2d_rt.echo.mesh.refinements", counted)
     monkeypatch.setattr("t2d_rt.echo.mesh._kept", OrderedDict())
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.1)
+    rest, faces = icosphere(2, 0.1)
 
     def at(range_m: float) -> np.ndarray:
-        vertices = np.array(ball.vertices) + [range_m, 0, 1]
+        vertices = rest + [range_m, 0, 1]
         # Tracks may give float32.
         mesh = MovingMesh.from_track(
-            lambda times: np.repeat(vertices[None], len(times), axis=0).astype(np.float32), ball.faces, [0.0, 0.1], "pec",
-            rest=np.array(ball.vertices),
+            lambda times: np.repeat(vertices[None], len(times), axis=0).astype(np.float32), faces, [0.0, 0.1], "pec",
+            rest=rest,
         )  # fmt: skip
         return np.asarray(t2d.simulate(mesh).cube)
 
@@ -289,10 +284,8 @@ def test_a_body_is_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_float32_track_is_a_track() -> None:
-    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.1)
-    vertices = (np.array(ball.vertices) + [2, 0, 1]).astype(np.float32)
-    mesh = MovingMesh.from_track(
-        lambda times: np.repeat(vertices[None], len(times), axis=0), ball.faces, [0.0, 0.1], "pec"
-    )
+    vertices, faces = icosphere(1, 0.1, (2, 0, 1))
+    vertices = vertices.astype(np.float32)
+    mesh = MovingMesh.from_track(lambda times: np.repeat(vertices[None], len(times), axis=0), faces, [0.0, 0.1], "pec")
     assert mesh.rest.dtype == np.float64
     assert np.abs(t2d.simulate(mesh).cube).max() > 0

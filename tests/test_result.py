@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from builders import point_cube
 from t2d_rt import cubes, rows
 from t2d_rt import result as result_module
 from t2d_rt.errors import InputError
@@ -25,10 +26,7 @@ RADAR = Radar.preset("ci4r")
 
 def mover(radar: Radar, speed_mps: float, range_m: float = 5.0, chirps: int = 600) -> np.ndarray:
     """ADC cube of a 1 m^2 point by the radar equation, approaching at `speed_mps`."""
-    ranges = range_m - speed_mps * radar.chirp_starts_s(chirps)[:, None]
-    turns = 2 * ranges / 299792458.0 * (radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s)
-    amplitude = np.sqrt(radar.received_power_w(1.0, ranges))
-    return (amplitude * np.exp(2j * np.pi * (turns % 1))).astype(np.complex64)[:, None]
+    return point_cube(radar, range_m - speed_mps * radar.chirp_starts_s(chirps)).astype(np.complex64)
 
 
 @pytest.fixture

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from trimesh.creation import icosphere
 
 import t2d_rt as t2d
+from builders import ANTENNA_M, UP, ball, plate, small_room, walk
+from measures import nmse_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.ellipsoid import ellipsoid_echoes
@@ -25,33 +26,11 @@ from t2d_rt.trace.surroundings import radar_legs
 from t2d_rt.trace.visibility import key_times
 from t2d_rt.types import PEC, Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene, Surface
 
-UP = np.array([0.0, 0.0, 1.0])
-ANTENNA_M = np.array([0.0, 0.0, 1.0])
-
-
-def plate(name: str, corners: list[tuple[float, float, float]], material: str = "metal") -> Surface:
-    return Surface(
-        name=name,
-        vertices=np.array(corners),
-        faces=np.array([[0, 1, 2], [0, 2, 3]]),
-        material=material,
-        thickness_m=0.01,
-    )
-
 
 def beside(distance_m: float = 2.0) -> Scene:
     """One large metal wall to the left of the radar, along its boresight."""
     y = distance_m
     return Scene(name="beside", surfaces=(plate("wall", [(-2, y, -2), (12, y, -2), (12, y, 4), (-2, y, 4)]),))
-
-
-def ball(
-    radius_m: float, start_m: tuple[float, float, float], velocity_mps: tuple[float, float, float], time_s: float = 0.2
-) -> MovingMesh:
-    sphere = icosphere(subdivisions=3, radius=radius_m)
-    times = np.linspace(0, time_s, 5)
-    way = np.array(start_m) + np.array(velocity_mps) * times[:, None]
-    return MovingMesh(sphere.vertices + way[:, None], sphere.faces, times, material="pec", name="ball")
 
 
 # --- legs of points, against another tool ---
@@ -124,7 +103,7 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
 
 def peak(scene: Scene | str, radius_m: float = 0.15) -> tuple[Radar, np.ndarray, np.ndarray, np.ndarray]:
     radar = Radar.preset("table2", position_m=(0.0, 0.0, 1.0))
-    target = ball(radius_m, (4.0, 0.3, 1.0), (-2.0, 0.5, 0.0), 0.1)
+    target = ball((4.0, 0.3, 1.0), (-2.0, 0.5, 0.0), 0.1, radius_m=radius_m)
     result = t2d.simulate(target, radar=radar, scene=scene, clutter="none", accuracy={"occlusion": False})
     image = range_doppler(result.adc.values[:, 0], radar, correct_coupling=True)
     return radar, image.power, image.velocity_mps, image.range_m
@@ -186,23 +165,8 @@ def interpolated(axis: np.ndarray, power: np.ndarray, peak_at: int) -> float:
     return float(axis[peak_at] + 0.5 * (a - c) / (a - 2 * b + c) * (axis[1] - axis[0]))
 
 
-def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
-    error = max(float(np.sum(np.abs(found - expected) ** 2)), 1e-40)
-    return 10 * math.log10(error / float(np.sum(np.abs(expected) ** 2)))
-
-
-def small_room() -> Scene:
-    return Scene(
-        name="small",
-        surfaces=(
-            plate("floor", [(-1, -2, 0), (6, -2, 0), (6, 2, 0), (-1, 2, 0)], "concrete"),
-            plate("left", [(-1, 2, 0), (6, 2, 0), (6, 2, 3), (-1, 2, 3)], "plasterboard"),
-        ),
-    )
-
-
 def test_transmitter_and_receiver_may_be_swapped() -> None:
-    target = ball(0.1, (3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
+    target = ball((3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
     sides = ([[0.0, 0.1, 0.0]], [[0.0, -0.1, 0.0]])
     cubes = []
     for tx, rx in (sides, sides[::-1]):
@@ -232,7 +196,7 @@ def test_scene_radar_and_target_may_be_moved_together() -> None:
             for s in room.surfaces
         ),
     )
-    target = ball(0.1, (3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
+    target = ball((3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
     # Patches are cut in the pose at rest, which a body brings with it.
     there = MovingMesh.from_track(
         lambda t: target.at(t) @ turn.T + shift, target.faces, target.times_s, material="pec", rest=target.rest
@@ -245,7 +209,7 @@ def test_scene_radar_and_target_may_be_moved_together() -> None:
 
 
 def test_what_stands_still_stays_at_zero_doppler() -> None:
-    still = ball(0.1, (3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
+    still = ball((3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
     result = t2d.simulate(still, radar=Radar.preset("table2"), scene=small_room())
     cube = result.adc.values[:, 0]
     moving = cube - cube.mean(axis=0)
@@ -253,7 +217,7 @@ def test_what_stands_still_stays_at_zero_doppler() -> None:
 
 
 def test_a_body_sees_the_same_room_in_both_models() -> None:
-    motion = t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 0, 0.3)
+    motion = t2d.trim(walk(), 0, 0.3)
     found = [
         t2d.simulate(motion, scene=small_room(), clutter="none", method=method, accuracy={"dynamic_range_db": 20.0})
         for method in ("mesh", "ellipsoid")
@@ -267,7 +231,7 @@ def test_a_cupboard_hides_what_is_behind() -> None:
     y = (-0.5, 0.5)
     front = plate("cupboard", [(1.5, y[0], 0), (1.5, y[1], 0), (1.5, y[1], 2), (1.5, y[0], 2)])
     far = plate("far", [(20, -1, 0), (20, 1, 0), (20, 1, 2), (20, -1, 2)])
-    target = ball(0.1, (3.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.05)
+    target = ball((3.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.05)
     with pytest.raises(InputError, match="no way leads from the radar"):
         t2d.simulate(target, scene=Scene(name="hidden", surfaces=(front, far)))
 
@@ -275,7 +239,7 @@ def test_a_cupboard_hides_what_is_behind() -> None:
 def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
     """Between the radar and its image in the wall behind lies a shadow, in which the search for a reflection fails."""
     end = plate("end", [(6, -2, 0), (6, 2, 0), (6, 2, 2.6), (6, -2, 2.6)], "plasterboard")
-    motion = t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 1.5, 2.3)
+    motion = t2d.trim(walk(), 1.5, 2.3)
     radar = Radar.preset("table2")
     alone, there = (
         t2d.simulate(motion, radar=radar, method="ellipsoid", scene=scene, clutter="none").spectrogram
@@ -289,8 +253,8 @@ def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
 
 def test_nothing_rings_where_ways_come_and_go() -> None:
     """A delay that leaps, even of an echo that is dark there, turns its group's others: lines at multiples of the surface rate."""
-    walk = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")))
-    image = t2d.simulate(t2d.trim(walk, 1.5, 2.1), scene="living_room", accuracy={"sagitta_rad": 1.0}).spectrogram
+    walker = t2d.place(walk())
+    image = t2d.simulate(t2d.trim(walker, 1.5, 2.1), scene="living_room", accuracy={"sagitta_rad": 1.0}).spectrogram
     fast = np.abs(image.velocity_mps.values) > 6
     assert image.values[fast].max() < image.values.max() - 55
 
@@ -320,7 +284,7 @@ def shared(share: float, *chain: str, image_m: tuple[float, float, float] = (0.0
 
 
 def test_antennas_apart_have_looks_of_their_own() -> None:
-    target = ball(0.1, (3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
+    target = ball((3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
     one, half = shared(0.5, "wall"), shared(0.25, "wall")
     times = np.linspace(0, 0.1, 5)
     pairs = [LegPair(out=one, back=half), LegPair(out=one, back=one)]
@@ -330,7 +294,7 @@ def test_antennas_apart_have_looks_of_their_own() -> None:
 
 def test_weak_pairs_are_hidden_over_the_legs_of_strong_ones() -> None:
     """The direct leg is looked over anyway; past what stands still it lets 0.5 of the field, and 0.25 there and back."""
-    target, screen = (ball(0.2, where, (0.0, 0.0, 0.0), 0.1) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
+    target, screen = (ball(where, time_s=0.1, radius_m=0.2) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
     direct, wall = shared(0.5, image_m=(0.0, 0.0, 1.0)), shared(0.125, "wall", image_m=(0.0, 6.0, 1.0))
     radar, keys, times = Radar.preset("table2"), key_times(0.0, 0.1, 25.0), np.linspace(0, 0.1, 3)
     looks = Looks(
@@ -370,7 +334,7 @@ def test_a_fan_in_step_with_the_looks_keeps_its_faces() -> None:
 
 
 def test_what_turns_fast_is_seen_in_the_mean_in_weak_pairs() -> None:
-    target = ball(0.1, (3.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.1)
+    target = ball((3.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.1)
     leg = Leg(
         chain=(), image_m=np.zeros(3), turn=np.eye(3), shift_m=np.zeros(3), field=np.zeros, way=np.zeros, clear=np.zeros,
         share=lambda points: (points[..., 1] > 0).astype(np.float32),
@@ -388,7 +352,7 @@ def test_what_turns_fast_is_seen_in_the_mean_in_weak_pairs() -> None:
 
 def test_a_room_of_ones_own() -> None:
     room = t2d.Room(name="cell", size_m=(5, 4, 2.5))
-    target = ball(0.1, (3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
+    target = ball((3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
     made, same = (
         t2d.simulate(target, scene=scene, accuracy={"dynamic_range_db": 20.0}) for scene in (room, room.scene())
     )
@@ -417,10 +381,10 @@ def test_unknown_scenes_are_refused(source: str, message: str) -> None:
 def test_a_radar_in_the_furniture_is_refused() -> None:
     radar = Radar.preset("table2", position_m=(0.45, 2.3, 1.0))
     with pytest.raises(InputError, match="is inside cupboard of scene living_room"):
-        t2d.simulate(ball(0.1, (3, 0, 1), (0, 0, 0)), radar=radar, scene="living_room")
+        t2d.simulate(ball((3, 0, 1), (0, 0, 0)), radar=radar, scene="living_room")
 
 
 def test_a_material_without_values_is_named() -> None:
     brick = Scene(name="brick", surfaces=(plate("wall", [(0, 2, 0), (5, 2, 0), (5, 2, 3), (0, 2, 3)], "brick"),))
     with pytest.raises(InputError, match=r"no values for brick at 77\.864 GHz; use one of ceiling_board"):
-        t2d.simulate(ball(0.1, (3, 0, 1), (0, 0, 0)), scene=brick)
+        t2d.simulate(ball((3, 0, 1), (0, 0, 0)), scene=brick)

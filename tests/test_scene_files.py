@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from builders import walk
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.geometry import mesh_files
 from t2d_rt.geometry.mesh_files import parsed_mesh
@@ -70,7 +71,7 @@ def checksum(scene: str) -> str:
     """Of a short, coarse cube of that scene."""
     import t2d_rt as t2d
 
-    motion = t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 0, 0.1)
+    motion = t2d.trim(walk(), 0, 0.1)
     options = {"method": "ellipsoid", "reflections": 1, "clutter": "none", "collisions": "ignore"}
     return hashlib.sha256(t2d.simulate(motion, scene=scene, **options).adc.values.tobytes()).hexdigest()
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import pytest
 
 from t2d_rt.types import Radar
-from validation.stability import bodies, facets, motions, rooms, signals
-from validation.stability.case import Case
+from validation.methods.stability import bodies, facets, motions, rooms, signals
+from validation.methods.stability.case import Case
 
 pytestmark = pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")  # sheets and torn meshes are meant so
 QUICK: list[Callable[[Radar], Case | list[Case]]] = [

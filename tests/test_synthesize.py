@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from measures import nmse_db
 from t2d_rt import cubes
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
@@ -29,10 +30,6 @@ from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, Moving
 from t2d_rt.types.radar import preset_names
 
 TABLE2 = Radar.preset("table2")
-
-
-def nmse_db(got: np.ndarray, expected: np.ndarray) -> float:
-    return float(10 * np.log10(np.sum(np.abs(got - expected) ** 2) / np.sum(np.abs(expected) ** 2)))
 
 
 def random_echoes(radar: Radar, *, frames: int = 40, count: int = 60, sloped: bool = True) -> Echoes:

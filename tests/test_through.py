@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from trimesh.creation import icosphere
 
 import t2d_rt as t2d
+from builders import ANTENNA_M, UP, ball, plate
 from t2d_rt.backend import select
 from t2d_rt.cli.options import simulate_parser
 from t2d_rt.constants import SPEED_OF_LIGHT
@@ -22,31 +22,15 @@ from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.trace.slabs import slab
-from t2d_rt.types import Ellipsoids, Material, MovingMesh, Radar, Scene, Surface
+from t2d_rt.types import Ellipsoids, Material, MovingMesh, Radar, Scene
 
-UP = np.array([0.0, 0.0, 1.0])
-ANTENNA_M = np.array([0.0, 0.0, 1.0])
 FREQUENCY_HZ = 77.87e9
 
 
 def partition(material: str | Material = "plasterboard", thickness_m: float = 0.0125, x: float = 2.0) -> Scene:
     """One large slab across the boresight."""
-    corners = np.array([(x, -4, -3), (x, 4, -3), (x, 4, 5), (x, -4, 5)], float)
-    wall = Surface(
-        name="wall",
-        vertices=corners,
-        faces=np.array([[0, 1, 2], [0, 2, 3]]),
-        material=material,
-        thickness_m=thickness_m,
-    )
+    wall = plate("wall", [(x, -4, -3), (x, 4, -3), (x, 4, 5), (x, -4, 5)], material, thickness_m)
     return Scene(name="partition", surfaces=(wall,))
-
-
-def ball(start_m: tuple[float, float, float], velocity_mps: float = 0.0, time_s: float = 0.05) -> MovingMesh:
-    sphere = icosphere(subdivisions=3, radius=0.1)
-    times = np.linspace(0, time_s, 5)
-    way = np.array(start_m) + np.array([velocity_mps, 0, 0]) * times[:, None]
-    return MovingMesh(sphere.vertices + way[:, None], sphere.faces, times, material="pec", name="ball")
 
 
 # --- paths of points, against another tool ---
@@ -115,7 +99,7 @@ def test_a_half_wave_window_lets_all_through() -> None:
 
 def moving_ball(method: str) -> MovingMesh | Ellipsoids:
     """A sphere on the boresight, as a mesh or as an ellipsoid."""
-    mesh = ball((3.6, 0.0, 1.0), velocity_mps=-1.0)
+    mesh = ball((3.6, 0.0, 1.0), (-1.0, 0.0, 0.0), 0.05)
     if method == "mesh":
         return mesh
     centres = np.array([3.6, 0.0, 1.0]) - mesh.times_s[:, None, None] * [1.0, 0, 0]
@@ -154,14 +138,14 @@ def test_a_sphere_behind_a_partition_is_weaker_by_what_it_takes_both_ways(
 
 def test_what_lets_too_little_through_changes_nothing() -> None:
     """Metal and a concrete wall end a way, so a target before them is recorded as without transmissions, to the last bit."""
-    target = ball((1.5, 0.4, 1.1))
+    target = ball((1.5, 0.4, 1.1), time_s=0.05)
     for scene in (partition("metal", 0.001), partition("concrete", 0.15)):
         cubes = [t2d.simulate(target, scene=scene, transmissions=most, clutter="none").adc.values for most in (0, 2)]
         assert np.array_equal(*cubes)
 
 
 def test_out_and_back_may_be_swapped() -> None:
-    target, cubes = ball((3.0, 0.3, 1.1)), []
+    target, cubes = ball((3.0, 0.3, 1.1), time_s=0.05), []
     sides = ([[0.0, 0.2, 0.0]], [[0.0, -0.2, 0.1]])
     for tx, rx in (sides, sides[::-1]):
         radar = Radar.preset("table2", tx_offsets_m=tx, rx_offsets_m=rx)
@@ -200,12 +184,12 @@ def test_rays_pass_slabs_while_they_can_bear_it() -> None:
 @pytest.mark.parametrize("most", [-1, 5, 1.5, "many"])
 def test_how_many_transmissions_there_may_be(most: object) -> None:
     with pytest.raises(InputError, match=r"transmissions must be an integer in 0\.\.4, got"):
-        t2d.simulate(ball((3, 0, 1)), scene="empty_room", transmissions=most)  # type: ignore[arg-type]
+        t2d.simulate(ball((3, 0, 1), time_s=0.05), scene="empty_room", transmissions=most)  # type: ignore[arg-type]
 
 
 def test_a_target_behind_a_partition_is_not_seen_without_them() -> None:
     with pytest.raises(InputError, match=r"up to 2 reflections and 0 transmissions; .* or allow more of them"):
-        t2d.simulate(ball((3, 0, 1)), scene=partition())
+        t2d.simulate(ball((3, 0, 1), time_s=0.05), scene=partition())
 
 
 def test_the_command_line_has_them() -> None:

@@ -4,36 +4,30 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 
+import builders
 import t2d_rt as t2d
+from builders import ball
+from measures import nmse_db
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.radar.direct import between, direct_sum
 from t2d_rt.types import Echoes, Motion, MovingMesh, Radar
 from t2d_rt.types.echoes import stream
 
-WALK = Path(__file__).parents[1] / "examples" / "motions" / "12_01_walk.bvh"
 RADAR = Radar.preset("table2")
 
 
 @pytest.fixture(scope="module")
 def walk() -> Motion:
-    return t2d.place(t2d.trim(t2d.load_motion(WALK), 2.0, 2.5), distance_m=3.0)
+    return t2d.place(t2d.trim(builders.walk(), 2.0, 2.5), distance_m=3.0)
 
 
 def balls(*places_m: tuple[float, float, float], speed_mps: float = 1.0) -> list[MovingMesh]:
-    shape, times = trimesh.creation.icosphere(subdivisions=3, radius=0.15), np.array([0.0, 0.1, 0.2, 0.3])
-    moved = speed_mps * times[:, None, None] * [-1.0, 0, 0]
-    return [MovingMesh(shape.vertices + place + moved, shape.faces, times, "pec") for place in places_m]
-
-
-def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
-    return float(10 * np.log10(np.sum(np.abs(found - expected) ** 2) / np.sum(np.abs(expected) ** 2)))
+    return [ball(place, (-speed_mps, 0, 0), 0.3, radius_m=0.15, frames=4) for place in places_m]
 
 
 # --- measuring --------------------------------------------------------------------------------------------------------
@@ -86,10 +80,7 @@ def test_chirps_between_frames_are_those_of_the_direct_sum(preset: str, antenna:
 
 @pytest.mark.parametrize("preset", ["array-3x4", "automotive-79"])
 def test_chirps_are_of_any_antenna(preset: str) -> None:
-    sphere = trimesh.creation.icosphere(subdivisions=3, radius=0.15)
-    times = np.linspace(0, 0.1, 5)
-    ball = sphere.vertices + np.array([3.0, 0.8, 1.2]) + times[:, None, None] * np.array([1.0, 0.5, 0.0])
-    target = MovingMesh(ball, sphere.faces, times, "pec")
+    target = ball((3.0, 0.8, 1.2), (1.0, 0.5, 0.0), 0.1, radius_m=0.15)
     found = t2d.simulate(target, radar=Radar.preset(preset), measure_error=True)
     assert len(found.cube[0]) > 1
     assert found.error_db < -30

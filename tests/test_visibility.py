@@ -7,15 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
+from builders import icosphere, moving, still, walk
 from t2d_rt.backend import Backend
 from t2d_rt.body.template import template
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import Halved
-from t2d_rt.resources import resource
 from t2d_rt.trace.visibility import Occlusion, key_times
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
@@ -33,10 +32,10 @@ def sphere(radius_m: float, centre_m: Sequence[float], level: int = 3) -> Moving
 def moving_sphere(
     radius_m: float, centres_m: Sequence[Sequence[float]], times_s: Sequence[float], level: int = 3
 ) -> MovingMesh:
-    shape = trimesh.creation.icosphere(subdivisions=level, radius=radius_m)
+    vertices, faces = icosphere(level, radius_m)
     # Turned at random: no vertex lies in a plane of symmetry of the scene.
-    vertices = Rotation.random(rng=np.random.default_rng(7)).apply(shape.vertices)
-    return MovingMesh(vertices + np.array(centres_m)[:, None], shape.faces, np.array(times_s), "pec")
+    turned = Rotation.random(rng=np.random.default_rng(7)).apply(vertices)
+    return moving((turned, faces), np.array(centres_m), np.array(times_s))
 
 
 def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
@@ -96,11 +95,8 @@ def test_a_sphere_behind_another_is_hidden_and_beside_it_is_seen(backend: Backen
 
 def test_rays_that_run_on_to_edges_and_corners_do_not_slip_through(backend: Backend) -> None:
     """Meshes that are symmetric about the way: rays along it meet the one in front between its triangles."""
-    ball = trimesh.creation.icosphere(subdivisions=4)
-    front, behind = (
-        MovingMesh(np.stack([radius * ball.vertices + [x, 0, 1]] * 2), ball.faces, np.array(LONG_S), "pec")
-        for radius, x in ((0.15, 3.15), (0.04, 3.75))
-    )
+    vertices, faces = icosphere(4)
+    front, behind = (still(radius * vertices + [x, 0, 1], faces) for radius, x in ((0.15, 3.15), (0.04, 3.75)))
     _, seen = occlusion([front, behind], backend).visibility(np.array([0.0]))
     assert not seen.any()
 
@@ -143,7 +139,7 @@ def test_an_open_plate_is_seen_from_its_front_only(backend: Backend) -> None:
     seen = []
     for faces in (front, front[:, ::-1]):
         with pytest.warns(T2DWarning, match="not watertight"):
-            plate = MovingMesh(np.stack([corners, corners]), faces, np.array(LONG_S))
+            plate = still(corners, faces)
         behind = sphere(0.2, [4, 0, 1])
         parts = occlusion([plate, behind], backend).visibility(np.array([0.0]))
         seen.append(parts[0])
@@ -166,10 +162,7 @@ def test_scene_and_viewpoint_moved_together(backend: Backend) -> None:
     turn = Rotation.from_euler("zyx", [40, 20, -70], degrees=True)
     shift = np.array([5.0, -3.0, 2.0])
     front, half = sphere(0.5, [2, 0, 1], level=4), sphere(0.2, [3.87, 0.97, 1], level=4)
-    moved = [
-        MovingMesh(turn.apply(m.rest)[None].repeat(2, axis=0) + shift, m.faces, np.array(LONG_S), "pec")
-        for m in (front, half)
-    ]
+    moved = [still(turn.apply(m.rest) + shift, m.faces) for m in (front, half)]
     here = occlusion([front, half], backend).visibility(np.array([0.0]))
     there = occlusion(moved, backend, at=turn.apply(HERE) + shift).visibility(np.array([0.0]))
     for one, two in zip(here, there, strict=True):
@@ -265,7 +258,7 @@ def test_meshes_of_different_length_share_their_common_time(backend: Backend) ->
 @pytest.fixture(scope="module")
 def walker() -> MovingMesh:
     """One stride of the CMU walk across the line of sight, 4 m away."""
-    motion = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")), distance_m=4.0, angle_deg=90)
+    motion = t2d.place(walk(), distance_m=4.0, angle_deg=90)
     return t2d.skin(t2d.trim(motion, 1.0, 2.2))
 
 
@@ -339,10 +332,10 @@ def test_halved_edges_place_a_shadows_edge_more_closely(backend: Backend) -> Non
     places = np.stack([np.full((11, 11), 4.0), *np.meshgrid(side, side + 1.0, indexing="ij")], axis=-1).reshape(-1, 3)
     corner = (np.arange(10)[:, None] * 11 + np.arange(10)).ravel()
     faces = np.concatenate([corner[:, None] + np.array(three) for three in ((0, 1, 12), (0, 12, 11))])
-    floor = MovingMesh(np.stack([places, places]), faces, np.array(LONG_S), "pec", name="floor")
+    floor = still(places, faces, name="floor")
     low, high = -0.087, 0.061
     strip = np.array([(2.0, low, 0.0), (2.0, high, 0.0), (2.0, high, 2.0), (2.0, low, 2.0)])
-    shade = MovingMesh(np.stack([strip, strip]), [[0, 2, 1], [0, 3, 2]], np.array(LONG_S), "pec", name="strip")
+    shade = still(strip, [[0, 2, 1], [0, 3, 2]], name="strip")
     keys = key_times(*LONG_S, 2.0)
     across = np.linspace(-0.4, 0.4, 2001)
     lit = (across < 2 * low) | (across > 2 * high)

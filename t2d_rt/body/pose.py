@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.body.fit import SIDES, Fitted, shoulder_centre, stance
-from t2d_rt.body.rotations import between, frame, matrices, mean_rotation, quaternion, swing, unit
+from t2d_rt.body.rotations import between, frame, matrices, mean_rotation, quaternion, swing
+from t2d_rt.geometry.vectors import unit
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 UP = np.array([0.0, 0.0, 1.0])

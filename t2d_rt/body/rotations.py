@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-
-def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors of length one along the last axis; zero stays zero."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+from t2d_rt.geometry.vectors import unit
 
 
 def matrices(quaternions: np.ndarray) -> np.ndarray:

@@ -9,9 +9,9 @@ import numpy as np
 
 from t2d_rt.body.fit import SIDES, Fitted, fit
 from t2d_rt.body.pose import BONES, posing
-from t2d_rt.body.rotations import unit
 from t2d_rt.body.skin import JointTrack, linear_track
 from t2d_rt.body.template import template
+from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import Material
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
@@ -125,7 +125,7 @@ def _ellipsoid(
     low[2], high[2] = np.quantile(own[..., 2], (RAGGED, 1 - RAGGED))
     half = (high - low) / 2
     # Volume by the flux of x e_x: the first axis is the one to which no cut through joints or armpits faces.
-    area = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0]) / 2
+    area = edge_cross(own) / 2
     volume = abs(float(((own.mean(1) - (low + high) / 2)[:, 0] * area[:, 0]).sum()))
     filling = volume / (4 / 3 * np.pi * half.prod())
     return half * [filling**0.25, filling**0.25, 1], axes @ ((low + high) / 2), axes

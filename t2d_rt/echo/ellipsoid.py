@@ -12,6 +12,7 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.antennas import seen_by, side_by_side
 from t2d_rt.echo.legs import Arrivals, View, unfolded, weighted
 from t2d_rt.errors import InputError
+from t2d_rt.geometry.vectors import unit
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
 
 FORWARD = 0.08, 0.2
@@ -116,7 +117,7 @@ def _check_between(centres: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> None:
 
 
 def _bisector(centres: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> np.ndarray:
-    return _unit(tx - centres) + _unit(rx - centres)
+    return unit(tx - centres) + unit(rx - centres)
 
 
 def specular_points(
@@ -132,7 +133,7 @@ def specular_points(
     shape = centres.shape
     tx, rx = (np.einsum("...ji,...j->...i", axes, antenna - centres).reshape(-1, 3) for antenna in (tx_m, rx_m))
     semi_axes = np.broadcast_to(semi_axes_m, shape).reshape(-1, 3)
-    normal = _unit(_unit(tx) / semi_axes + _unit(rx) / semi_axes)
+    normal = unit(unit(tx) / semi_axes + unit(rx) / semi_axes)
     going = np.arange(len(normal))
     for _ in range(MOST_STEPS):
         normal[going], step = _nearer(normal[going], semi_axes[going], tx[going], rx[going])
@@ -166,7 +167,7 @@ def _nearer(
     step = np.einsum("mts,ms->mt", curvature, descent)
     # The normal turns by at most half a radian at once.
     step /= np.maximum(1, 2 * np.linalg.norm(step, axis=-1, keepdims=True))
-    return _unit(normal + np.einsum("mt,mti->mi", step, tangents)), np.abs(step).max(axis=1)
+    return unit(normal + np.einsum("mt,mti->mi", step, tangents)), np.abs(step).max(axis=1)
 
 
 def _specular(
@@ -217,7 +218,7 @@ def _centre(
     """
     to_tx, to_rx = tx_m - centres, rx_m - centres
     r_tx, r_rx = np.linalg.norm(to_tx, axis=-1), np.linalg.norm(to_rx, axis=-1)
-    cosine = np.einsum("...i,...i->...", axes[..., 2], _unit(_unit(to_tx) + _unit(to_rx)))
+    cosine = np.einsum("...i,...i->...", axes[..., 2], unit(unit(to_tx) + unit(to_rx)))
     a2, c2 = semi_axes_m[..., 0] * semi_axes_m[..., 1], semi_axes_m[..., 2] ** 2
     rcs = math.pi * a2**2 * c2 / (a2 * (1 - cosine**2) + c2 * cosine**2) ** 2
     return r_tx + r_rx, np.sqrt(rcs) / (r_tx * r_rx), centres, centres
@@ -230,12 +231,8 @@ def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.stack([c * x - b * y, a * y - b * x], axis=1) / (a * c - b * b)[:, None]
 
 
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
-
-
 def _tangents(normal: np.ndarray) -> np.ndarray:
     """Two unit tangents (..., 2, 3) of unit normals (..., 3)."""
     helper = np.where(np.abs(normal[..., :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    first = _unit(np.cross(normal, helper))
+    first = unit(np.cross(normal, helper))
     return np.stack([first, np.cross(normal, first)], axis=-2)

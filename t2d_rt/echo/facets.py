@@ -13,6 +13,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.patches import Patches
 from t2d_rt.echo.phase_integral import SERIES_TERMS, Ops, divided_differences
+from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.types import EchoArrays, LegPair, Radar
 from t2d_rt.types.radar import one_view
 
@@ -158,7 +159,7 @@ def patch_echoes(
         sights = [_minus(antenna, _combined(corners, THIRDS)) for antenna in antennas]
         ranges = [_norm(sight) for sight in sights]
         cosines = [
-            _dot(normal, sight) / (doubled_area * distance) for sight, distance in zip(sights, ranges, strict=True)
+            dot(normal, sight) / (doubled_area * distance) for sight, distance in zip(sights, ranges, strict=True)
         ]
         paths = [sum(_extra_path(corner, antenna) for antenna in antennas) for corner in corners]
         # Half the sum of the cosines is the obliquity, 2 A F the phase integral (eq. 3). One antenna stands for both.
@@ -220,7 +221,7 @@ def diffuse_echoes(
     normal, doubled_area = _normal(corners, at)
     sights = [_minus(at.place(antenna), point) for antenna in pair.places_m]
     ranges = [_norm(sight) for sight in sights]
-    cosines = [at.dr.maximum(_dot(normal, s) / (doubled_area * d), 0) for s, d in zip(sights, ranges, strict=True)]
+    cosines = [at.dr.maximum(dot(normal, s) / (doubled_area * d), 0) for s, d in zip(sights, ranges, strict=True)]
     root = at.per_item(pair.link_amplitude * 2 * scattered * np.sqrt(area_m2))
     weight = backend.Float32(root * at.dr.sqrt(cosines[0] * cosines[-1]) / (ranges[0] * ranges[-1]))
     if visibility is not None:
@@ -325,13 +326,13 @@ class _Gather:
 
 def _normal(corners: list[Vector], at: _Gather) -> tuple[Vector, Any]:
     """Normal of twice the triangle's area, and that length, kept from zero."""
-    normal = _cross(_minus(corners[1], corners[0]), _minus(corners[2], corners[0]))
+    normal = cross(_minus(corners[1], corners[0]), _minus(corners[2], corners[0]))
     return normal, at.dr.maximum(_norm(normal), 1e-30)
 
 
 def _extra_path(d: Vector, antenna: Vector) -> Any:
     """Distance of `antenna` from d minus that from the origin [m], without cancellation: d.(d - 2 o)/(R' + R)."""
-    return _dot(d, _minus(d, _scaled(antenna, 2))) / (_norm(_minus(antenna, d)) + _norm(antenna))
+    return dot(d, _minus(d, _scaled(antenna, 2))) / (_norm(_minus(antenna, d)) + _norm(antenna))
 
 
 def _ops(dr: Any) -> Ops:
@@ -349,14 +350,6 @@ def _combined(points: list[Vector], weights: list[Any]) -> Vector:
     return total
 
 
-def _dot(a: Vector, b: Vector) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
 def _minus(a: Vector, b: Vector) -> Vector:
     return tuple(x - y for x, y in zip(a, b, strict=True))
 
@@ -366,4 +359,4 @@ def _scaled(a: Vector, factor: Any) -> Vector:
 
 
 def _norm(a: Vector) -> Any:
-    return _dot(a, a) ** 0.5
+    return dot(a, a) ** 0.5

@@ -32,6 +32,7 @@ from t2d_rt.echo.patches import (
 from t2d_rt.echo.streams import in_parts, most_echoes
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Halved, Refinement, point_spacing, refinements, surface_points, winding
+from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.memory import blocks
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 
@@ -483,8 +484,7 @@ class _Points:
     @classmethod
     def spread(cls, surface: MovingMesh, carrier: Refinement, seed: int, scattered: float, count: int) -> _Points:
         rest = carrier.operator @ surface.rest
-        a, b, c = (rest[carrier.faces[:, i]] for i in range(3))
-        area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        area = 0.5 * float(np.linalg.norm(edge_cross(rest[carrier.faces]), axis=1).sum())
         points = surface_points(rest, carrier.faces, seed=seed, spacing_m=point_spacing(area, count))
         used, corners = np.unique(carrier.faces[points.face], return_inverse=True)
         return cls(

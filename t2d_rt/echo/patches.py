@@ -13,6 +13,7 @@ import numpy as np
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import Refinement
+from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.memory import blocks
 from t2d_rt.types import MovingMesh, Radar
 
@@ -111,7 +112,7 @@ def patches(
             widest[alone] = np.maximum(widest[alone], spread)
     by_spread = np.argsort(widest)
     spans = (fine.operator @ surface.rest)[corners[by_spread]]
-    area = np.cumsum(np.linalg.norm(np.cross(spans[:, 1] - spans[:, 0], spans[:, 2] - spans[:, 0]), axis=1))
+    area = np.cumsum(np.linalg.norm(edge_cross(spans), axis=1))
     widest_of_most = float(widest[by_spread[np.searchsorted(area, (1 - FAST_SHARE) * area[-1])]])
     if widest_of_most > 4:
         warnings.warn(
@@ -167,8 +168,7 @@ def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:
 
 def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit normals (K, F, 3) of the faces of vertices (K, V, 3)."""
-    a, b, c = (vertices[:, faces[:, i]] for i in range(3))
-    across = np.cross(b - a, c - a)
+    across = edge_cross(vertices[:, faces])
     return across / np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-30)
 
 

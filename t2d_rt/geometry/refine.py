@@ -32,6 +32,7 @@ from t2d_rt.geometry.subdivide import (
     split_in_four,
     topology,
 )
+from t2d_rt.geometry.vectors import edge_cross
 
 HALO_RINGS = 4
 """Rings of faces subdivided around the red ones: the grading adds up to 3, and stencils reach 1 further."""
@@ -432,8 +433,7 @@ def _displacement(
         if len(level.middle_ids):
             made = level.middle_ids[level.crease]
             crease[made[made >= 0]] = True
-    a, b, c = (points[fine[:, j]] for j in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = np.linalg.norm(edge_cross(points[fine]), axis=1)
     around = np.bincount(fine.ravel(), weights=np.repeat(area, 3), minlength=len(used))
     share = np.where(crease[used], 0.0, 1 / np.maximum(around, 1e-300))
     move = sparse.csr_matrix((len(used), total))

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.geometry.vectors import edge_cross
 
 Csr = Any
 """scipy.sparse.csr_matrix; scipy is loaded when first used."""
@@ -99,8 +100,7 @@ def crease_corners(vertices: np.ndarray, sharp: np.ndarray, crease_deg: float) -
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit normals (F, 3); zero for a face without area."""
-    a, b, c = (vertices.take(faces[:, j], axis=0) for j in range(3))
-    normal = np.cross(b - a, c - a)
+    normal = edge_cross(vertices.take(faces, axis=0))
     return normal / np.maximum(_length(normal), 1e-300)[:, None]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.geometry.vectors import dot
 from t2d_rt.radar.windows import Delay, Sights, Window
 from t2d_rt.types import Radar
 
@@ -20,15 +21,11 @@ def longer(sight: Any, step: Any, offset: Any, sqrt: Callable[[Any], Any]) -> An
     `sight` is where the points stand as seen from the centre, `step` how that changes, `offset` where the antenna is: three
     numbers each, NumPy or Dr.Jit.
     """
-    squared = _dot(sight, sight)
-    more = _dot(offset, offset) - 2 * _dot(sight, offset)
+    squared = dot(sight, sight)
+    more = dot(offset, offset) - 2 * dot(sight, offset)
     near, far = sqrt(squared), sqrt(squared + more)
     way = more / (near + far)
-    return way, -(_dot(sight, step) * way / near + _dot(offset, step)) / far
-
-
-def _dot(a: Any, b: Any) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return way, -(dot(sight, step) * way / near + dot(offset, step)) / far
 
 
 @dataclass(frozen=True, slots=True)

@@ -207,7 +207,8 @@ def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_
             some = cells[:, first : first + CELLS]
             for index in share:
                 window = some[starts[index] : starts[index] + len(weights)]
-                spectra = fft.fft(window * columns, n_fft, axis=0, overwrite_x=True)
+                weighted = np.multiply(window, columns, order="C")  # whatever the layout of what the user gave
+                spectra = fft.fft(weighted, n_fft, axis=0, overwrite_x=True)
                 parts = spectra.view(spectra.real.dtype)
                 power[index] += np.einsum("fc,fc->f", parts, parts)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend, aligned
 from t2d_rt.geometry import winding
+from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.memory import blocks
 from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import Scene
@@ -50,7 +51,7 @@ class Mirror:
     @classmethod
     def of(cls, name: str, surface: int, normal: np.ndarray, triangles: np.ndarray) -> Mirror:
         """From triangles (F, 3, 3) of one plane."""
-        turn = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        turn = edge_cross(triangles)
         inward = np.cross(turn[:, None], np.roll(triangles, -1, axis=1) - triangles)
         inward /= np.linalg.norm(inward, axis=2, keepdims=True)
         offset = np.einsum("fei,fei->fe", inward, triangles)
@@ -114,7 +115,7 @@ class Mirrors:
         corners, of_face = [], []
         for number, surface in enumerate(scene.surfaces):
             triangles = surface.vertices[surface.faces]
-            normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+            normal = edge_cross(triangles)
             area = np.linalg.norm(normal, axis=1)
             kept = _once(triangles) & (area > 1e-12)
             triangles, normal = triangles[kept], normal[kept] / area[kept, None]

@@ -10,6 +10,7 @@ from t2d_rt.checks import LARGEST_M, array, call, shown
 from t2d_rt.errors import InputError
 from t2d_rt.types.material import Material, checked_material
 from t2d_rt.types.mesh import Made
+from t2d_rt.types.splines import spline
 from t2d_rt.types.times import checked_times, within
 
 PoseTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -117,7 +118,7 @@ class Ellipsoids:
 def _interpolated(times_s: np.ndarray, centres: np.ndarray, axes: np.ndarray) -> PoseTrack:
     """Splines of the centres and of the axes' quaternions (normalised); what stands still is left alone."""
     count = centres.shape[1]
-    place = _curve(times_s, centres)
+    place = spline(times_s, centres)
     if axes.ndim == 3:
         return lambda t: (place(t), np.broadcast_to(axes, (len(t), count, 3, 3)).copy())
     from scipy.spatial.transform import Rotation
@@ -125,17 +126,5 @@ def _interpolated(times_s: np.ndarray, centres: np.ndarray, axes: np.ndarray) ->
     quaternions = Rotation.from_matrix(axes.reshape(-1, 3, 3)).as_quat().reshape(*axes.shape[:2], 4)
     flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0), axis=0)
     quaternions[1:] *= flips[..., None]
-    turn = _curve(times_s, quaternions)
+    turn = spline(times_s, quaternions)
     return lambda t: (place(t), Rotation.from_quat(turn(t).reshape(-1, 4)).as_matrix().reshape(len(t), count, 3, 3))
-
-
-def _curve(times_s: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """C2 cubic spline; a straight line or parabola where there are only 2 or 3 frames."""
-    if (values == values[:1]).all():
-        return lambda t: np.repeat(values[:1], len(t), axis=0)
-    from scipy.interpolate import CubicSpline, make_interp_spline
-
-    spline = (
-        CubicSpline(times_s, values) if len(times_s) > 3 else make_interp_spline(times_s, values, k=len(times_s) - 1)
-    )
-    return lambda t: np.asarray(spline(t))

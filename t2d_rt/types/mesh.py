@@ -11,7 +11,9 @@ import numpy as np
 
 from t2d_rt.checks import LARGEST_M, array, call, check_shape, number, numeric, shown, text
 from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.types.material import Material, checked_material
+from t2d_rt.types.splines import spline
 from t2d_rt.types.times import checked_times, within
 
 if TYPE_CHECKING:
@@ -59,7 +61,7 @@ class MovingMesh:
         vertices = array(f"vertices of {name}", vertices, limit=LARGEST_M, unit="m").copy()
         if not vertices.shape[1]:
             raise InputError(f"vertices of {name} must hold at least 3 vertices, got none")
-        self._track: Track = _spline(times_s, vertices)
+        self._track: Track = spline(times_s, vertices)
         self.made: Made | None = Made("arrays", {"vertices": vertices})
         """How it was made; None where a function of the user computes it."""
         self._fill(vertices[0], faces, times_s, material, crease_deg, sagitta_rad, name)
@@ -194,20 +196,9 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str) -> None:
 def _check_side(corners: np.ndarray, name: str) -> None:
     """Refuses a closed mesh (F, 3, 3) whose faces look inward."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    closed = np.allclose(np.cross(b - a, c - a).sum(axis=0), 0, atol=1e-9 * np.abs(corners).max() ** 2)
+    closed = np.allclose(edge_cross(corners).sum(axis=0), 0, atol=1e-9 * np.abs(corners).max() ** 2)
     volume = (
         float(np.einsum("fi,fi->", a - corners.mean(axis=(0, 1)), np.cross(b, c) - np.cross(a, c) - np.cross(b, a))) / 6
     )
     if closed and volume < -1e-9 * np.abs(corners).max() ** 3:
         raise InputError(f"{name} is inside out: its triangles run clockwise seen from outside; give faces[:, ::-1]")
-
-
-def _spline(times_s: np.ndarray, vertices: np.ndarray) -> Track:
-    """C2 cubic interpolation in time; a straight line or parabola where there are only 2 or 3 frames."""
-    if (vertices == vertices[:1]).all():
-        return lambda t: np.repeat(vertices[:1], len(t), axis=0)
-    from scipy.interpolate import CubicSpline, make_interp_spline
-
-    few = len(times_s) < 4
-    spline = make_interp_spline(times_s, vertices, k=len(times_s) - 1) if few else CubicSpline(times_s, vertices)
-    return lambda t: np.asarray(spline(t))

@@ -9,6 +9,7 @@ import numpy as np
 
 from t2d_rt.checks import numeric, shown
 from t2d_rt.errors import InputError
+from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.types.material import Material
 
 LARGEST_M = 100.0
@@ -85,9 +86,8 @@ def _form(array: np.ndarray) -> str:
 
 def _twice_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Twice the area of each triangle [m^2]."""
-    a, b, c = vertices[faces].transpose(1, 0, 2)
     with np.errstate(over="ignore", invalid="ignore"):  # of what is refused as too large in a scene
-        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1))
+        return np.asarray(np.linalg.norm(edge_cross(vertices[faces]), axis=1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,31 @@
+"""Vectors of three components: products, unit vectors, and what the edges of triangles span."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def dot(a: Any, b: Any) -> Any:
+    """Scalar product of vectors whose components lie along the first axis: NumPy arrays, or tuples of Dr.Jit arrays."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Any, b: Any) -> tuple[Any, Any, Any]:
+    """Components of the cross product of vectors whose components lie along the first axis, as in `dot`.
+
+    `np.cross` takes several times as long.
+    """
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors of length one along the last axis; zero stays zero."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+
+
+def edge_cross(corners: np.ndarray) -> np.ndarray:
+    """Cross product (..., 3) of two edges of triangles (..., 3, 3): along the normal, twice as long as the area is large."""
+    a, b, c = np.moveaxis(corners, -2, 0)
+    return np.cross(b - a, c - a)

@@ -1,0 +1,124 @@
+"""Spheres, plates, motions and small scenes that several files of tests are built from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import t2d_rt as t2d
+from t2d_rt.body import template
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.types import PEC, Material, Motion, MovingMesh, Radar, Scene, Surface
+from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
+
+ROOT = Path(__file__).parents[1]
+MOTIONS = ROOT / "examples" / "motions"
+WALK = MOTIONS / "12_01_walk.bvh"
+UP = np.array([0.0, 0.0, 1.0])
+ANTENNA_M = np.array([0.0, 0.0, 1.0])
+"""Where a preset's radar stands."""
+
+Point = Sequence[float]
+ZERO = (0.0, 0.0, 0.0)
+
+
+# --- meshes ---
+
+
+def icosphere(level: int, radius_m: float = 1.0, centre_m: Point = ZERO) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of a sphere, 20 4^level of them."""
+    import trimesh
+
+    mesh = trimesh.creation.icosphere(subdivisions=level, radius=radius_m)
+    return np.array(mesh.vertices) + np.asarray(centre_m), np.array(mesh.faces)
+
+
+def moving(
+    shape: tuple[np.ndarray, np.ndarray],
+    centres_m: np.ndarray,
+    times_s: np.ndarray,
+    name: str = "ball",
+    **options: object,
+) -> MovingMesh:
+    """A rigid conductor (vertices and faces) that is carried along places (T, 3)."""
+    vertices, faces = shape
+    places = vertices + np.asarray(centres_m)[:, None]
+    return MovingMesh(places, faces, times_s, **{"material": "pec", "name": name, **options})  # type: ignore[arg-type]
+
+
+def ball(
+    start_m: Point,
+    velocity_mps: Point = ZERO,
+    time_s: float = 0.2,
+    *,
+    radius_m: float = 0.1,
+    level: int = 3,
+    frames: int = 5,
+    material: str | Material = "pec",
+) -> MovingMesh:
+    """A sphere in straight flight."""
+    times = np.linspace(0, time_s, frames)
+    way = np.array(start_m) + np.array(velocity_mps) * times[:, None]
+    return moving(icosphere(level, radius_m), way, times, material=material)
+
+
+def still(vertices: np.ndarray, faces: np.ndarray, until_s: float = 1.0, **options: object) -> MovingMesh:
+    """A conductor that stays where it is."""
+    return MovingMesh(np.stack([vertices, vertices]), faces, [0, until_s], PEC, **options)  # type: ignore[arg-type]
+
+
+# --- surfaces of a scene ---
+
+
+def plate(
+    name: str,
+    corners: Sequence[Point],
+    material: str | Material = "metal",
+    thickness_m: float = 0.01,
+    faces: Sequence[Sequence[int]] = ((0, 1, 2), (0, 2, 3)),
+) -> Surface:
+    """A flat slab with four corners."""
+    return Surface(
+        name=name, vertices=np.array(corners, float), faces=np.array(faces), material=material, thickness_m=thickness_m
+    )
+
+
+def small_room() -> Scene:
+    """A floor and a wall to the left."""
+    floor = plate("floor", [(-1, -2, 0), (6, -2, 0), (6, 2, 0), (-1, 2, 0)], "concrete")
+    left = plate("left", [(-1, 2, 0), (6, 2, 0), (6, 2, 3), (-1, 2, 3)], "plasterboard")
+    return Scene(name="small", surfaces=(floor, left))
+
+
+# --- recordings ---
+
+
+def point_cube(radar: Radar, ranges_m: np.ndarray, rcs_m2: float = 1.0) -> np.ndarray:
+    """ADC cube (chirp, 1, sample) of a point by the radar equation, at one range in each chirp."""
+    ranges = ranges_m[:, None]
+    turns = 2 * ranges / SPEED_OF_LIGHT * (radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s)
+    return (np.sqrt(radar.received_power_w(rcs_m2, ranges)) * np.exp(2j * np.pi * (turns % 1)))[:, None]
+
+
+# --- motions ---
+
+
+@cache
+def walk() -> Motion:
+    """The bundled walk (CMU 12_01), not placed."""
+    return t2d.load_motion(WALK)
+
+
+def rest_pose(*, seed: int | None = None, ends: bool = True, frames: int = 5) -> Motion:
+    """A motion that holds the template's own rest pose, its file's zero pose turned at random."""
+    rest = template().joints
+    names = CANONICAL_JOINTS + (tuple(OPTIONAL_JOINTS) if ends else ())
+    parents = CANONICAL_PARENTS + tuple(names.index(OPTIONAL_JOINTS[n]) for n in names[22:])
+    joints = np.tile([rest[name] for name in names], (frames, 1, 1))
+    turn = Rotation.identity(len(names)) if seed is None else Rotation.random(len(names), rng=seed)
+    quaternions = np.tile(turn.as_quat(), (frames, 1, 1))
+    return Motion(joints=joints, rotations=quaternions, rate_hz=30.0, names=names, parents=parents)

@@ -1,0 +1,30 @@
+"""What several files of tests measure results by."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def db(ratio: float | np.ndarray) -> np.ndarray:
+    """Decibels of a power ratio."""
+    return 10 * np.log10(ratio)
+
+
+def nmse_db(found: np.ndarray, expected: np.ndarray) -> float:
+    """Energy of the difference over that of what is expected [dB]; -400 where there is none."""
+    error = max(float(np.sum(np.abs(found - expected) ** 2)), 1e-40 * float(np.sum(np.abs(expected) ** 2)))
+    return float(db(error / float(np.sum(np.abs(expected) ** 2))))
+
+
+def volume(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """What closed meshes of vertices (..., V, 3) hold (...)."""
+    a, b, c = (vertices[..., faces[:, i], :] for i in range(3))
+    return (a * np.cross(b, c)).sum((-1, -2)) / 6
+
+
+def knife_edge_db(v: np.ndarray) -> np.ndarray:
+    """Field behind a half-plane beside that without it [dB], v its height over the ray (ITU-R P.526)."""
+    from scipy.special import fresnel
+
+    sine, cosine = fresnel(v)
+    return 20 * np.log10(np.hypot(1 - cosine - sine, cosine - sine) / 2)
