@@ -19,6 +19,7 @@ import numpy as np
 from t2d_rt.checks import call, file_path, flag, instance, numeric, text
 from t2d_rt.cubes import Cube, DiskCube, is_large, row_blocks
 from t2d_rt.errors import InputError
+from t2d_rt.export import check_export, write_export
 from t2d_rt.rows import DIMENSIONS, NAME, SavedRows, new_array
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
@@ -205,6 +206,19 @@ class Simulation:
             self._write(new)
             if figure is not None and picture is not None:
                 figure.savefig(new.with_name(picture.name))
+
+    def export(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write ADC cube, spectrogram, axes and attributes as one file for other programs; a failure changes nothing.
+
+        .mat for MATLAB takes cubes up to 2 GiB, .nc (NetCDF) up to 8 GiB, .h5 (HDF5, needs h5py) and .npz (NumPy) any.
+        """
+        import xarray as xr
+
+        target = check_export(path, self.cube, overwrite=overwrite)
+        axes = {name: axis.variable for name, axis in self.adc.coords.items()}
+        labelled = xr.Dataset({"spectrogram": self.spectrogram}, coords=axes)
+        labelled.spectrogram.attrs = {"units": self.spectrogram.attrs["units"]}
+        write_export(target, self.cube, labelled, self.attributes, overwrite=overwrite)
 
     def _write(self, folder: Path) -> None:
         """The zarr group of arrays and attributes, which seal one another: see `_checksum`."""
