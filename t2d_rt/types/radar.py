@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from t2d_rt.checks import file_path, integer, number, numeric, positive, shown
+from t2d_rt.checks import file_path, integer, number, numeric, positive, shown, unknown_name
 from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_yaml
@@ -37,6 +37,8 @@ class Radar(Fields):
     (0.0864, 9.86)
     """
 
+    model_config = ConfigDict(use_attribute_docstrings=True)  # they are the help of the command line
+
     if_missing: ClassVar[str] = "give it, or start from a preset such as table2"
 
     carrier_hz: Annotated[Number, Field(ge=1e6, le=1e13)]
@@ -44,28 +46,33 @@ class Radar(Fields):
     slope_hz_per_s: Annotated[Number, Field(ge=1e6, le=1e18)]
     """Chirp slope S [Hz/s]; 1 MHz/us is 1e12."""
     sample_rate_hz: Annotated[Number, Field(ge=1e3, le=1e11)]
-    """Complex ADC samples per second [Hz]."""
+    """Rate of the complex ADC samples [Hz]."""
     samples: Annotated[Count, Field(ge=2, le=1_000_000)]
-    """ADC samples per chirp."""
+    """Number of ADC samples per chirp."""
     prf_hz: Annotated[Number, Field(ge=1e-3, le=1e8)]
-    """Chirps per second [Hz], of all transmitters together; with bursts the rate inside a burst."""
+    """Chirps per second, of all transmitters together [Hz]; with bursts the rate inside a burst."""
     chirps_per_frame: Annotated[Count, Field(ge=1, le=1_000_000)] | None = None
-    """Chirps of one burst, of all transmitters together; None for continuous chirps."""
+    """Number of chirps in one burst, of all transmitters together; None for continuous chirps."""
     frame_interval_s: Annotated[Number, Field(gt=0, le=1e6)] | None = None
-    """Start of one burst to the start of the next [s]; None for continuous chirps."""
+    """Time from the start of one burst to the start of the next [s]; None for continuous chirps."""
     tx_power_dbm: Decibel = 12.0
+    """Power that each transmitter feeds into its antenna [dBm]."""
     tx_gain_dbi: Decibel = 9.0
+    """Peak gain of the transmit antennas [dBi]."""
     rx_gain_dbi: Decibel = 9.0
+    """Peak gain of the receive antennas [dBi]."""
     noise_figure_db: Decibel = 15.0
+    """Noise figure of the receiver [dB]."""
     if_gain_db: Decibel = 0.0
+    """Gain from the receive antenna to the ADC [dB]."""
     position_m: Vector = (0.0, 0.0, 1.0)
-    """Where the radar stands, world coordinates, z up [m]."""
+    """Place of the radar in the world, x, y and z (up) [m]."""
     boresight: Vector = (1.0, 0.0, 0.0)
-    """Direction the radar looks in, any length."""
+    """Direction in the world that the radar looks in, x, y and z (up), of any length."""
     tx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
-    """The M transmitters from `position_m` in the radar's frame [m]: x boresight, y left, z up; one x, y, z will do."""
+    """Places of the M transmitters from `position_m` in the radar's frame [m]: x boresight, y left, z up; one x, y, z will do."""
     rx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
-    """The N receivers, likewise."""
+    """Places of the N receivers from `position_m` in the radar's frame [m]: x boresight, y left, z up; one x, y, z will do."""
     multiplexing: Literal["simultaneous", "tdm", "ddm"] = "simultaneous"
     """How transmitters share the chirps; virtual antenna a = tx * N + rx is one pair.
 
@@ -74,12 +81,13 @@ class Radar(Fields):
     a row is a chirp, its antennas are the receivers, and `signal.separate_ddm` takes the transmitters apart.
     """
     tx_pattern: Pattern = Isotropic()
-    """Gain over direction, relative to the peak `tx_gain_dbi`."""
+    """Gain of the transmit antennas over direction, relative to their peak `tx_gain_dbi`."""
     rx_pattern: Pattern = Isotropic()
-    """Likewise, relative to `rx_gain_dbi`."""
+    """Gain of the receive antennas over direction, relative to their peak `rx_gain_dbi`."""
     tx_polarization_deg: Annotated[Number, Field(ge=-360, le=360)] = 0.0
-    """Linear polarisation [deg]: 0 vertical (the radar's z), 90 horizontal (its y)."""
+    """Linear polarisation of the transmit antennas [deg]: 0 vertical (the radar's z), 90 horizontal (its y)."""
     rx_polarization_deg: Annotated[Number, Field(ge=-360, le=360)] = 0.0
+    """Linear polarisation of the receive antennas [deg]: 0 vertical (the radar's z), 90 horizontal (its y)."""
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
@@ -431,7 +439,7 @@ def preset_path(name: str) -> Path:
     known = preset_names()
     wanted = str(name).lower().replace("_", "-")
     if wanted not in known:
-        raise InputError(f"unknown radar preset {shown(name)}; choose one of {', '.join(known)}, or give a YAML file")
+        raise unknown_name("radar preset", name, known, hint=", or give a YAML file")
     return _preset_folder() / f"{wanted}.yaml"
 
 
