@@ -323,7 +323,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--scene foo", "unknown scene 'foo'"),
         ("--material foo", "unknown material 'foo'; ITU names are"),
         ("--material brick", "has no values for brick at 77.8"),
-        ("--body foo", "body 'foo' is unknown; choose one of adult"),
+        ("--body foo", "unknown body 'foo'; choose one of adult"),
         ("--device tpu", "option device must be auto or cpu or gpu"),
         ("--radar foo", "unknown radar preset 'foo'; choose one of array-3x4"),
         ("--radar gone.yaml", "cannot read radar file gone.yaml: No such file"),

@@ -19,6 +19,7 @@ from t2d_rt.checks import file_path, integer, number, numeric, positive, shown, 
 from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_yaml
+from t2d_rt.tables import html_table
 from t2d_rt.types.antennas import Isotropic, Pattern, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 
@@ -118,6 +119,32 @@ class Radar(Fields):
         if math.hypot(*self.boresight) < 1e-9:
             raise InputError(f"boresight must be a direction, got {self.boresight}; (1, 0, 0) looks along x")
         return self
+
+    def __repr__(self) -> str:
+        antennas = f"{len(self.tx_offsets_m)} x {len(self.rx_offsets_m)} antennas"
+        return (
+            f"Radar({self.carrier_hz / 1e9:.4g} GHz, sweep {self.bandwidth_hz / 1e9:.3g} GHz in {self.samples} samples, PRF "
+            f"{self.prf_hz / 1e3:.4g} kHz, {antennas}, range bin {100 * self.range_resolution_m:.3g} cm up to "
+            f"{self.max_range_m:.3g} m, +-{self.max_speed_mps:.3g} m/s)"
+        )
+
+    def _repr_html_(self) -> str:
+        place, ahead = (", ".join(f"{x:.3g}" for x in vector) for vector in (self.position_m, self.boresight))
+        chirps = "continuous chirps"
+        if self.chirps_per_frame is not None and self.frame_interval_s is not None:
+            chirps = f"bursts of {self.chirps_per_frame} chirps every {1e3 * self.frame_interval_s:.4g} ms"
+        rows = [
+            ("carrier, mid-sweep", f"{self.carrier_hz / 1e9:.4f} GHz, {self.mid_frequency_hz / 1e9:.4f} GHz"),
+            ("bandwidth", f"{self.bandwidth_hz / 1e9:.4f} GHz"),
+            ("samples", f"{self.samples} at {self.sample_rate_hz / 1e6:.4g} MHz, {self.sweep_time_s * 1e6:.4g} us"),
+            ("range bin, farthest range", f"{100 * self.range_resolution_m:.2f} cm, {self.max_range_m:.2f} m"),
+            ("PRF", f"{self.prf_hz:.6g} Hz, {chirps}"),
+            ("unambiguous speed", f"+-{self.max_speed_mps:.2f} m/s"),
+            ("antennas", f"{len(self.tx_offsets_m)} x {len(self.rx_offsets_m)} (tx x rx), {self.multiplexing}"),
+            ("power, gains", f"{self.tx_power_dbm:g} dBm, {self.tx_gain_dbi:g} and {self.rx_gain_dbi:g} dBi"),
+            ("place, boresight", f"({place}) m, ({ahead})"),
+        ]
+        return html_table("Radar", rows)
 
     # --- reading, writing, changing ---
 
