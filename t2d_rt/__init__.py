@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
     from t2d_rt.experiment import Experiment
     from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
+    from t2d_rt.named import bodies, example, examples, movers, presets, scenes
     from t2d_rt.pipeline import plan, run, segments, simulate, skin
     from t2d_rt.radar.synthesize import synthesize
     from t2d_rt.result import Recording, Simulation
@@ -44,6 +45,7 @@ _HOMES = {
     "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
     "t2d_rt.signal": ("load_recording",),
     "t2d_rt.experiment": ("Experiment",),
+    "t2d_rt.named": ("bodies", "example", "examples", "movers", "presets", "scenes"),
     "t2d_rt.pipeline": ("plan", "run", "segments", "simulate", "skin"),
     "t2d_rt.trace.scenes": ("load_scene",),
     "t2d_rt.types": (
@@ -89,18 +91,24 @@ __all__ = [
     "T2DError",
     "T2DWarning",
     "TableFan",
+    "bodies",
     "describe",
+    "example",
+    "examples",
     "load_motion",
     "load_recording",
     "load_scene",
     "motion_from_joints",
     "mover",
+    "movers",
     "place",
     "plan",
+    "presets",
     "repeat",
     "resample",
     "run",
     "save_scene",
+    "scenes",
     "segments",
     "simulate",
     "skin",

@@ -9,6 +9,7 @@ array([1., 2., 3.])
 
 from __future__ import annotations
 
+import difflib
 import math
 import reprlib
 from collections.abc import Collection, Mapping
@@ -29,6 +30,8 @@ GREATEST = 1e100
 
 LONGEST_SHOWN = 60
 """Characters of a value in a sentence."""
+LONGEST_NAME = 100
+"""Characters of a name that are compared with known ones."""
 
 _short = reprlib.Repr()
 _short.maxstring = _short.maxother = LONGEST_SHOWN
@@ -99,6 +102,28 @@ def choice(name: str, value: Any, choices: Collection[str], *, hint: str = "") -
         expected = f"{', '.join(first)} or {last}" if first else last
         raise InputError(f"{name} must be {expected}, got {shown(value)}{_then(hint)}")
     return value
+
+
+def unknown_name(noun: str, value: Any, known: Collection[str], *, hint: str = "") -> InputError:
+    """That no `noun` has this name, with the known name that it is close to, or else with all of them.
+
+    >>> print(unknown_name("fruit", "Aple", ["apple", "pear"]))
+    unknown fruit 'Aple'; did you mean apple?
+    >>> print(unknown_name("fruit", "nut", ["apple", "pear"], hint=", or grow one"))
+    unknown fruit 'nut'; choose one of apple, pear, or grow one
+    """
+    return InputError(f"unknown {noun} {shown(value)}; {names_advice(value, known, hint=hint)}")
+
+
+def names_advice(value: Any, known: Collection[str], *, hint: str = "") -> str:
+    """End of a sentence about a name that is not known: the one that it is close to, or else all of them and the hint."""
+    plain = {_plain_name(each): each for each in known}
+    close = difflib.get_close_matches(_plain_name(str(value)[:LONGEST_NAME]), plain, n=1)
+    return f"did you mean {plain[close[0]]}?" if close else f"choose one of {', '.join(known)}{hint}"
+
+
+def _plain_name(name: str) -> str:
+    return name.lower().replace("_", "-").replace(" ", "-")
 
 
 def file_path(name: str, value: Any) -> Path:

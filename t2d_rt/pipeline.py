@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from t2d_rt.backend import Device, select
-from t2d_rt.checks import call, choice, flag, instance, integer, shown, text
+from t2d_rt.checks import choice, flag, instance, integer, shown, text
 from t2d_rt.cost import check_memory
 from t2d_rt.cubes import Cube
 from t2d_rt.echo.ellipsoid import PhaseFrom
@@ -34,7 +34,9 @@ from t2d_rt.model import (
     skin,
 )
 from t2d_rt.motion import placement
+from t2d_rt.named import radar_named, target_named
 from t2d_rt.probe import converged, measured_db
+from t2d_rt.progress import shown_progress
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Recording, versions
@@ -63,9 +65,9 @@ BESIDE_CLUTTER_DB = -50.0
 
 
 def simulate(
-    target: Target | Sequence[Target],
+    target: Target | str | Path | Sequence[Target | str | Path],
     *,
-    radar: Radar | None = None,
+    radar: Radar | str | Path | None = None,
     scene: str | Path | Scene | Room = "free_space",
     tolerance_db: float | None = None,
     accuracy: Accuracy | Mapping[str, Any] | None = None,
@@ -81,16 +83,17 @@ def simulate(
     measure_error: bool | None = None,
     device: Device = "auto",
     memory_gb: float = LIMIT_GB,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Recording:
     """Radar recording of a motion, a moving mesh, ellipsoids, or a list of them with movers (fans, pets) among them.
 
     Parameters
     ----------
     target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar (see `place`) where its
-        `placed` is False; where that is None, with a warning. The settings' "placement" tells what was done.
+        `placed` is False; where that is None, with a warning. The settings' "placement" tells what was done. A motion may also be
+        given as its file, or as the name of a bundled one (`examples`).
         The record is the time that all targets share, movers going on for as long; its own clock starts at 0.
-    radar: the `table2` preset by default.
+    radar: a `Radar`, a preset's name (`presets`) or a .yaml file; the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     tolerance_db: error to keep to [dB], the energy of the field's difference from a converged model of the targets over the field's
         energy: model, facets, rates, visibility and path tiers follow from it (`plan` tells how).
@@ -111,13 +114,13 @@ def simulate(
     device: "auto" takes a CUDA device where there is one.
     memory_gb: what the run may take [GB]: work is done in blocks to stay below it, and what needs more is refused beforehand.
         It does not change the result.
-    progress: called with the share done, 0..1.
+    progress: True shows a bar, on a terminal or in a notebook, or a line now and then in a log; a function is called with the
+        share done, 0..1.
     """
     given = checked_accuracy(accuracy)
     if measure_error is not None:
         flag("measure_error", measure_error)
-    if progress is not None:
-        call("progress", progress, "a function of the fraction done")
+    progress = shown_progress(progress, method)
     if tolerance_db is not None:
         check_tolerance(tolerance_db)
     model = _prepared(
@@ -219,7 +222,9 @@ def run(
     return made
 
 
-def plan(target: Target | Sequence[Target], *, tolerance_db: float = -20.0, **options: Any) -> Plan:
+def plan(
+    target: Target | str | Path | Sequence[Target | str | Path], *, tolerance_db: float = -20.0, **options: Any
+) -> Plan:
     """What `simulate` would model with these `options` of its own to keep to a tolerance, what it would leave out and what that
     costs."""
     known = {name: each.default for name, each in inspect.signature(simulate).parameters.items() if name != "target"}
@@ -280,12 +285,13 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
 
 
 def _prepared(
-    target: Target | Sequence[Target], radar: Radar | None, scene: str | Path | Scene | Room, reflections: int,
+    target: Any, radar: Any, scene: str | Path | Scene | Room, reflections: int,
     transmissions: int, clutter: Clutter, collisions: Collisions, method: Method, seed: int, body: str,
     material: str | Material | None, phase_from: PhaseFrom, device: Device, memory_gb: float,
 ) -> Model:  # fmt: skip
     """The targets in their places, and the path pairs to them."""
     memory = Budget.of(memory_gb)
+    target, radar = target_named(target), radar_named(radar)
     radar = Radar.preset("table2") if radar is None else radar
     targets = [target] if isinstance(target, Target) else target
     _check(targets, radar, method, phase_from, seed)

@@ -6,11 +6,12 @@ Every function returns a `matplotlib.figure.Figure`; `figure.savefig("walk.png")
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.checks import LARGEST_M, array, instance, numeric, positive, shown, text
+from t2d_rt.checks import LARGEST_M, array, instance, interval, numeric, positive, shown, text
 from t2d_rt.errors import InputError
 from t2d_rt.types import Scene, Surface
 
@@ -25,10 +26,60 @@ COLUMNS = 2000
 MARGIN = 0.15
 """Of the occupied span of speeds, left free above and below it."""
 
+SIZES_IN = {"spectrogram": (7.0, 3.6), "range_time": (7.0, 3.6), "range_doppler": (5.4, 4.2)}
+"""Width and height of the figures of maps."""
+
 LONGEST_TITLE = 300
 """Characters of a title that are drawn."""
 
 VELOCITY_LABEL = "Radial velocity (m/s), approaching > 0"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """Colours of the levels of a map."""
+
+    cmap: str = "viridis"
+    """A colour map of Matplotlib."""
+    dynamic_range_db: float = 50.0
+    """Below the peak."""
+    limits_db: tuple[float, float] | None = None
+    """Least and greatest level [dB re 1 W], for pictures that are to be compared; by default the peak and what lies below it within
+    `dynamic_range_db`."""
+
+    def __post_init__(self) -> None:
+        _check_colours(self.cmap)
+        value = positive("dynamic_range_db", self.dynamic_range_db, 1000, unit="dB", hint="50 is usual")
+        object.__setattr__(self, "dynamic_range_db", value)
+        if self.limits_db is not None:
+            low, high = interval("limits_db", self.limits_db, unit="dB re 1 W")
+            if not -1e4 <= low < high <= 1e4:
+                raise InputError(f"limits_db must be two levels, the lower one first, got {shown(self.limits_db)}")
+            object.__setattr__(self, "limits_db", (low, high))
+
+    def bounds_db(self, power_db: np.ndarray) -> tuple[float, float]:
+        """Least and greatest level [dB] that colours tell apart in a map."""
+        peak = _peak(power_db)
+        return self.limits_db or (peak - self.dynamic_range_db, peak)
+
+
+def draw_spectrogram(
+    axes: Axes,
+    velocity_mps: np.ndarray,
+    time_s: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    scale: Scale | None = None,
+    title: str | None = None,
+    note: str | None = None,
+) -> None:
+    """As `plot_spectrogram`, into axes of a figure of one's own."""
+    velocity_mps, time_s, power_db = _checked_map("velocity_mps", velocity_mps, "time_s", time_s, power_db)
+    time_s, power_db = _thin(time_s, power_db)
+    low, _ = _scaled_image(axes, time_s, velocity_mps, power_db, scale)
+    axes.set_ylim(_occupied(velocity_mps, power_db.max(axis=1), low))
+    _label(axes, "Time (s)", VELOCITY_LABEL, title)
+    _note(axes, note)
 
 
 def plot_spectrogram(
@@ -39,21 +90,33 @@ def plot_spectrogram(
     title: str | None = None,
     note: str | None = None,
     dynamic_range_db: float = 50.0,
+    limits_db: tuple[float, float] | None = None,
     cmap: str = "viridis",
 ) -> Figure:
     """Micro-Doppler spectrogram; `power_db` (velocity, time). `note` stands in a corner of it."""
-    velocity_mps, time_s, power_db = _checked_map("velocity_mps", velocity_mps, "time_s", time_s, power_db)
-    figure = _figure(7.0, 3.6)
-    axes = figure.subplots()
-    time_s, power_db = _thin(time_s, power_db)
-    _image(axes, time_s, velocity_mps, power_db, dynamic_range_db, cmap)
-    axes.set_ylim(occupied_speeds(velocity_mps, power_db, dynamic_range_db))
-    _label(axes, "Time (s)", VELOCITY_LABEL, title)
-    if note is not None:
-        axes.text(
-            0.01, 0.02, _literal("note", note), transform=axes.transAxes, color="white", fontsize=8, parse_math=False
-        )
+    scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
+    figure = new_figure("spectrogram")
+    draw_spectrogram(figure.subplots(), velocity_mps, time_s, power_db, scale=scale, title=title, note=note)
     return figure
+
+
+def draw_range_time(
+    axes: Axes,
+    range_m: np.ndarray,
+    time_s: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    scale: Scale | None = None,
+    title: str | None = None,
+    note: str | None = None,
+) -> None:
+    """As `plot_range_time`, into axes of a figure of one's own, and only up to the farthest range that holds anything."""
+    range_m, time_s, power_db = _checked_map("range_m", range_m, "time_s", time_s, power_db)
+    time_s, power_db = _thin(time_s, power_db)
+    low, _ = _scaled_image(axes, time_s, range_m, power_db, scale)
+    axes.set_ylim(_occupied(range_m, power_db.max(axis=1), low))
+    _label(axes, "Time (s)", "Range (m)", title)
+    _note(axes, note)
 
 
 def plot_range_time(
@@ -62,17 +125,35 @@ def plot_range_time(
     power_db: np.ndarray,
     *,
     title: str | None = None,
+    note: str | None = None,
     dynamic_range_db: float = 50.0,
+    limits_db: tuple[float, float] | None = None,
     cmap: str = "viridis",
 ) -> Figure:
-    """Range over time; `power_db` (range, time)."""
-    range_m, time_s, power_db = _checked_map("range_m", range_m, "time_s", time_s, power_db)
-    figure = _figure(7.0, 3.6)
-    axes = figure.subplots()
-    time_s, power_db = _thin(time_s, power_db)
-    _image(axes, time_s, range_m, power_db, dynamic_range_db, cmap)
-    _label(axes, "Time (s)", "Range (m)", title)
+    """Range over time; `power_db` (range, time). `note` stands in a corner of it."""
+    scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
+    figure = new_figure("range_time")
+    draw_range_time(figure.subplots(), range_m, time_s, power_db, scale=scale, title=title, note=note)
     return figure
+
+
+def draw_range_doppler(
+    axes: Axes,
+    range_m: np.ndarray,
+    velocity_mps: np.ndarray,
+    power_db: np.ndarray,
+    *,
+    scale: Scale | None = None,
+    title: str | None = None,
+    note: str | None = None,
+) -> None:
+    """As `plot_range_doppler`, into axes of a figure of one's own, and only where there is anything."""
+    velocity_mps, range_m, power_db = _checked_map("velocity_mps", velocity_mps, "range_m", range_m, power_db)
+    low, _ = _scaled_image(axes, range_m, velocity_mps, power_db, scale)
+    axes.set_ylim(_occupied(velocity_mps, power_db.max(axis=1), low))
+    axes.set_xlim(_occupied(range_m, power_db.max(axis=0), low, zero=False))
+    _label(axes, "Range (m)", VELOCITY_LABEL, title)
+    _note(axes, note)
 
 
 def plot_range_doppler(
@@ -81,15 +162,15 @@ def plot_range_doppler(
     power_db: np.ndarray,
     *,
     title: str | None = None,
+    note: str | None = None,
     dynamic_range_db: float = 50.0,
+    limits_db: tuple[float, float] | None = None,
     cmap: str = "viridis",
 ) -> Figure:
-    """Range-Doppler map; `power_db` (velocity, range)."""
-    velocity_mps, range_m, power_db = _checked_map("velocity_mps", velocity_mps, "range_m", range_m, power_db)
-    figure = _figure(5.4, 4.2)
-    axes = figure.subplots()
-    _image(axes, range_m, velocity_mps, power_db, dynamic_range_db, cmap)
-    _label(axes, "Range (m)", VELOCITY_LABEL, title)
+    """Range-Doppler map; `power_db` (velocity, range). `note` stands in a corner of it."""
+    scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
+    figure = new_figure("range_doppler")
+    draw_range_doppler(figure.subplots(), range_m, velocity_mps, power_db, scale=scale, title=title, note=note)
     return figure
 
 
@@ -287,19 +368,67 @@ def occupied_speeds(velocity_mps: np.ndarray, power_db: np.ndarray, dynamic_rang
 
     A radar may see three times the speed that a person has; what is left out is empty.
     """
-    held = velocity_mps[power_db.max(axis=1) > _peak(power_db) - dynamic_range_db]
-    least, greatest = min(float(held.min()), 0.0), max(float(held.max()), 0.0)
-    margin = max(MARGIN * (greatest - least), 10 * float(velocity_mps[1] - velocity_mps[0]))
-    return max(least - margin, float(velocity_mps[0])), min(greatest + margin, float(velocity_mps[-1]))
+    return _occupied(velocity_mps, power_db.max(axis=1), _peak(power_db) - dynamic_range_db)
+
+
+def _occupied(axis: np.ndarray, levels_db: np.ndarray, floor_db: float, *, zero: bool = True) -> tuple[float, float]:
+    """Part of an axis that holds a level above the floor and, if asked for, zero, with a margin; all of it where nothing does."""
+    held = axis[levels_db > floor_db]
+    if not held.size:
+        return float(axis[0]), float(axis[-1])
+    least, greatest = float(held.min()), float(held.max())
+    if zero:
+        least, greatest = min(least, 0.0), max(greatest, 0.0)
+    margin = max(MARGIN * (greatest - least), 10 * float(axis[1] - axis[0]))
+    return max(least - margin, float(axis[0])), min(greatest + margin, float(axis[-1]))
+
+
+def new_figure(kind: str) -> Figure:
+    """An empty figure of the size of a "spectrogram", a "range_time" or a "range_doppler" map."""
+    return _figure(*SIZES_IN[kind])
 
 
 def _figure(width_in: float, height_in: float) -> Figure:
     try:
-        from matplotlib.figure import Figure
+        from t2d_rt.figures import NotebookFigure
     except ValueError as error:  # it refuses to load where its settings, such as MPLBACKEND, are wrong
         raise InputError(f"matplotlib cannot be used: {error}; correct its settings, or unset MPLBACKEND") from error
 
-    return Figure(figsize=(width_in, height_in), dpi=160, layout="constrained")
+    return NotebookFigure(figsize=(width_in, height_in), dpi=160, layout="constrained")
+
+
+def checked_axes(axes: Any) -> Axes:
+    """Axes of a figure of Matplotlib, flat ones."""
+    from matplotlib.axes import Axes
+
+    hint = "matplotlib.pyplot.subplots() makes some"
+    found: Axes = instance("ax", axes, Axes, "axes of a figure of Matplotlib", hint=hint)
+    if found.name == "3d":
+        raise InputError("ax must be flat, got axes in three dimensions; make others")
+    return found
+
+
+def _scaled_image(
+    axes: Axes, x: np.ndarray, y: np.ndarray, power_db: np.ndarray, scale: Scale | None
+) -> tuple[float, float]:
+    """Draws a map with its colour bar, relative to the peak or, where levels are given, as it is; the levels at both ends."""
+    scale = scale or Scale()
+    low, high = scale.bounds_db(power_db)
+    if scale.limits_db is None:
+        _image(axes, x, y, power_db, scale.dynamic_range_db, scale.cmap, peak=high)
+    else:
+        mesh = axes.pcolormesh(
+            x, y, np.maximum(power_db, low), cmap=scale.cmap, vmin=low, vmax=high, shading="nearest", rasterized=True
+        )
+        _bar(axes, mesh, "Power (dB re 1 W)", extend="max" if _peak(power_db) > high else "neither")
+    return low, high
+
+
+def _note(axes: Axes, note: str | None) -> None:
+    if note is not None:
+        axes.text(
+            0.01, 0.02, _literal("note", note), transform=axes.transAxes, color="white", fontsize=8, parse_math=False
+        )
 
 
 def _image(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import math
 import platform
 import re
 import warnings
@@ -12,23 +13,28 @@ from collections.abc import Mapping
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from t2d_rt.checks import call, file_path, flag, instance, numeric, text
+from t2d_rt.checks import call, file_path, flag, instance, numeric
 from t2d_rt.cubes import Cube, DiskCube, is_large, row_blocks
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, printable
 from t2d_rt.experiment import Experiment, Inputs, packed, unpacked
+from t2d_rt.export import check_export, write_export
 from t2d_rt.rows import DIMENSIONS, NAME, SavedRows, new_array
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
 from t2d_rt.store import check_place, check_taken, replacing, settle
+from t2d_rt.tables import html_table, size
 from t2d_rt.types import Accuracy, Radar
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from t2d_rt.maps import Maps
 
 FORMAT = 4
 """Of the folders that `save` writes; `load` refuses others."""
@@ -109,6 +115,35 @@ class Recording:
         if unknown:
             raise InputError(f"unknown spectrogram option {unknown[0]!r}; choose from {', '.join(options)}")
         self._spectrogram: xr.DataArray | None = None
+
+    def __repr__(self) -> str:
+        return f"Recording({self._cube_size}, {self._made_with})\n  of {self.radar!r}"
+
+    def _repr_html_(self) -> str:
+        error = "not measured" if self.error_db is None else f"{self.error_db:.1f} dB"
+        rows = [
+            ("ADC cube", f"{self._cube_size}, {8 * math.prod(self.cube.shape) / 1e6:.4g} MB"),
+            ("made with", self._made_with),
+            ("error of the field", error),
+            ("radar", repr(self.radar)),
+            ("spectrogram", ", ".join(f"{name} {value}" for name, value in self.processing.items()) or "by default"),
+            ("pictures", "plot(), plot_range_time(), plot_range_doppler()"),
+        ]
+        return html_table("Recording", rows)
+
+    @property
+    def _cube_size(self) -> str:
+        chirps, antennas, samples = self.cube.shape
+        last_s = float(self.radar.chirp_starts_s(chirps)[-1]) if chirps else 0.0
+        plural = "" if antennas == 1 else "s"
+        return f"{size(chirps)} chirps x {antennas} antenna{plural} x {samples} samples, {last_s:.2f} s"
+
+    @property
+    def _made_with(self) -> str:
+        """Method, scene and error, as far as the settings know them."""
+        known = [str(self.settings[name]) for name in ("method", "scene") if name in self.settings]
+        measured = [] if self.error_db is None else [f"measured error {self.error_db:.1f} dB"]
+        return printable(", ".join([*known, *measured])) or "unknown settings"
 
     @property
     def error_db(self) -> float | None:
@@ -203,15 +238,107 @@ class Recording:
         check_processing(self.radar, len(self.cube), changed.processing)
         return changed
 
-    def plot(self, title: str | None = None) -> Figure:
-        """Spectrogram as a figure."""
-        from t2d_rt.plots import plot_spectrogram
+    @property
+    def range_time(self) -> xr.DataArray:
+        """Range over time after MTI, power [dB re 1 W] (range_m, time_s); its columns are those of the spectrogram."""
+        result = self._maps.range_time()
+        axes = {"range_m": result.range_m, "time_s": result.time_s}
+        return self._labelled("range_time", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
 
-        if title is not None:
-            text("title", title)
+    def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
+        """Range-Doppler map of one coherent interval after MTI, power [dB re 1 W] (velocity_mps, range_m).
+
+        time_s: its middle; that of the record by default.
+        interval_s: its length; that of the spectrogram's windows by default.
+        """
+        result, middle_s, length_s = self._maps.range_doppler_at(time_s, interval_s)
+        axes = {"velocity_mps": result.velocity_mps, "range_m": result.range_m}
+        array = self._labelled("range_doppler", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
+        array.attrs |= {"time_s": middle_s, "interval_s": length_s}
+        return array
+
+    @property
+    def _maps(self) -> Maps:
+        from t2d_rt.maps import Maps
+
+        return Maps(cube=self.cube, radar=self.radar, processing=self.processing, mti=self._mti)
+
+    @overload
+    def plot(
+        self, title: str | None = None, *, ax: None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
+        limits_db: tuple[float, float] | None = None,
+    ) -> Figure: ...  # fmt: skip
+    @overload
+    def plot(
+        self, title: str | None = None, *, ax: Axes, cmap: str = "viridis", dynamic_range_db: float = 50.0,
+        limits_db: tuple[float, float] | None = None,
+    ) -> Axes: ...  # fmt: skip
+    def plot(
+        self, title: str | None = None, *, ax: Axes | None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
+        limits_db: tuple[float, float] | None = None,
+    ) -> Figure | Axes:  # fmt: skip
+        """Spectrogram as a figure, which a notebook shows; or in the axes `ax`, which are returned.
+
+        cmap: a colour map of Matplotlib.
+        dynamic_range_db: of the colours, below the peak.
+        limits_db: least and greatest level of the colours [dB re 1 W] instead, for pictures that are to be compared.
+        """
+        from t2d_rt.maps import drawn
+        from t2d_rt.plots import Scale, draw_spectrogram
+
         image = self.spectrogram
         note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
-        return plot_spectrogram(image.velocity_mps.values, image.time_s.values, image.values, title=title, note=note)
+        scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
+        maps = image.velocity_mps.values, image.time_s.values, image.values
+        return drawn("spectrogram", ax, draw_spectrogram, *maps, scale=scale, title=title, note=note)
+
+    @overload
+    def plot_range_time(
+        self, title: str | None = None, *, ax: None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
+        limits_db: tuple[float, float] | None = None,
+    ) -> Figure: ...  # fmt: skip
+    @overload
+    def plot_range_time(
+        self, title: str | None = None, *, ax: Axes, cmap: str = "viridis", dynamic_range_db: float = 50.0,
+        limits_db: tuple[float, float] | None = None,
+    ) -> Axes: ...  # fmt: skip
+    def plot_range_time(
+        self, title: str | None = None, *, ax: Axes | None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
+        limits_db: tuple[float, float] | None = None,
+    ) -> Figure | Axes:  # fmt: skip
+        """`range_time` as a figure; options as of `plot`."""
+        from t2d_rt.maps import drawn
+        from t2d_rt.plots import Scale, draw_range_time
+
+        image = self.range_time
+        scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
+        maps = image.range_m.values, image.time_s.values, image.values
+        return drawn("range_time", ax, draw_range_time, *maps, scale=scale, title=title)
+
+    @overload
+    def plot_range_doppler(
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ax: None = None,
+        cmap: str = "viridis", dynamic_range_db: float = 50.0, limits_db: tuple[float, float] | None = None,
+    ) -> Figure: ...  # fmt: skip
+    @overload
+    def plot_range_doppler(
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ax: Axes,
+        cmap: str = "viridis", dynamic_range_db: float = 50.0, limits_db: tuple[float, float] | None = None,
+    ) -> Axes: ...  # fmt: skip
+    def plot_range_doppler(
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None,
+        ax: Axes | None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
+        limits_db: tuple[float, float] | None = None,
+    ) -> Figure | Axes:  # fmt: skip
+        """`range_doppler_at` as a figure; options as of `plot`, and time and length of the interval [s]."""
+        from t2d_rt.maps import drawn
+        from t2d_rt.plots import Scale, draw_range_doppler
+
+        image = self.range_doppler_at(time_s, interval_s=interval_s)
+        scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
+        maps = image.range_m.values, image.velocity_mps.values, image.values
+        note = f"{1e3 * image.attrs['interval_s']:.3g} ms around {image.attrs['time_s']:.3f} s"
+        return drawn("range_doppler", ax, draw_range_doppler, *maps, scale=scale, title=title, note=note)
 
     def save(self, path: str | Path, *, overwrite: bool = False, figure: Figure | None = None) -> None:
         """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were.
@@ -234,6 +361,19 @@ class Recording:
             self._write(new)
             if figure is not None and picture is not None:
                 figure.savefig(new.with_name(picture.name))
+
+    def export(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write ADC cube, spectrogram, axes and attributes as one file for other programs; a failure changes nothing.
+
+        .mat for MATLAB takes cubes up to 2 GiB, .nc (NetCDF) up to 8 GiB, .h5 (HDF5, needs h5py) and .npz (NumPy) any.
+        """
+        import xarray as xr
+
+        target = check_export(path, self.cube, overwrite=overwrite)
+        axes = {name: axis.variable for name, axis in self.adc.coords.items()}
+        labelled = xr.Dataset({"spectrogram": self.spectrogram}, coords=axes)
+        labelled.spectrogram.attrs = {"units": self.spectrogram.attrs["units"]}
+        write_export(target, self.cube, labelled, self.attributes, overwrite=overwrite)
 
     def _write(self, folder: Path) -> None:
         """The zarr group of arrays and attributes, which seal one another: see `_checksum`."""

@@ -315,9 +315,9 @@ def test_rotation_helpers_agree_with_scipy(seed):
 
 def test_an_unknown_body_lists_the_known_ones():
     assert bodies() == ["adult"]
-    with pytest.raises(InputError, match="body 'giant' is unknown; choose one of adult"):
+    with pytest.raises(InputError, match="unknown body 'giant'; choose one of adult"):
         skin(rest_pose(), "giant")
-    with pytest.raises(InputError, match=r"body '\.\./adult' is unknown"):
+    with pytest.raises(InputError, match=r"unknown body '\.\./adult'; did you mean adult\?"):
         template("../adult")
 
 

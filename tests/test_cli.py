@@ -224,10 +224,10 @@ def test_help(run: Command) -> None:
 
 
 def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    from t2d_rt import cli
+    from t2d_rt import progress
 
     def slow(*arguments: Any, progress: Callable[[float], None], **options: Any) -> np.ndarray:
-        for share in (0.25, 0.5, 1.0):
+        for share in (0.25, 0.5, 0.99):
             progress(share)
             time.sleep(0.12)  # tqdm draws ten times a second
         return synthesize(*arguments, **options)
@@ -235,7 +235,8 @@ def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.Monkey
     assert run("simulate", "walk.bvh", *QUICK).err == ""
     monkeypatch.setattr(pipeline, "synthesize", slow)
     clock = iter([0.0, 30.0])
-    monkeypatch.setattr(cli, "time", SimpleNamespace(monotonic=lambda: next(clock)))  # 30 s to the first block
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(clock)))  # 30 s to the first block
+    monkeypatch.setattr(progress, "_redraws", lambda stream: True)  # as on a terminal
     shown = run("simulate", "walk.bvh", *QUICK, "-o", "slow.zarr").err
     assert "ellipsoid" in shown
     assert "%" in shown
@@ -322,7 +323,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--scene foo", "unknown scene 'foo'"),
         ("--material foo", "unknown material 'foo'; ITU names are"),
         ("--material brick", "has no values for brick at 77.8"),
-        ("--body foo", "body 'foo' is unknown; choose one of adult"),
+        ("--body foo", "unknown body 'foo'; choose one of adult"),
         ("--device tpu", "option device must be auto or cpu or gpu"),
         ("--radar foo", "unknown radar preset 'foo'; choose one of array-3x4"),
         ("--radar gone.yaml", "cannot read radar file gone.yaml: No such file"),
@@ -395,7 +396,7 @@ def test_radar_file_that_cannot_be_used(refused: Callable[..., str]) -> None:
 
 
 def test_commands_that_are_none(refused: Callable[..., str]) -> None:
-    assert "unknown command 'foo'; choose one of simulate, plan, compare, scene, info" in refused("foo")
+    assert "unknown command 'foo'; choose one of simulate, plan, compare, scene, info, export, list" in refused("foo")
     assert "no file given" in refused("simulate")
     assert "unknown option --method" in refused("compare", "walk.bvh", "--method", "mesh")
 
@@ -539,7 +540,7 @@ def test_scene_draws_a_room(run: Command, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("scene", "ballroom"), "unknown scene 'ballroom'; choose free_space or one of"),
+        (("scene", "ballroom"), "unknown scene 'ballroom'; did you mean bedroom?"),
         (("scene", "corridor", "--reflections", "9"), "option reflections must lie in 0..4, got 9"),
         (("scene", "corridor", "--walk", "gone.bvh"), "gone.bvh"),
         (("scene", "living_room", "--radar.position-m", "[0.45, 2.3, 1.0]"), "is inside cupboard of scene living_room"),

@@ -174,7 +174,7 @@ def test_progress_reaches_one() -> None:
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"scene": "moon"}, "unknown scene 'moon'; choose free_space or one of"),
+        ({"scene": "moon"}, "unknown scene 'moon'; choose one of free_space, bedroom"),
         ({"method": "magic"}, "method must be 'mesh' or 'ellipsoid', got 'magic'"),
         ({"method": "ellipsoid"}, "method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh ball"),
         ({"seed": -1}, "seed must be an integer of 0 or more, got -1"),

@@ -369,7 +369,7 @@ def test_a_room_of_ones_own() -> None:
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        ("ballroom", "unknown scene 'ballroom'; choose free_space or one of bedroom, corridor"),
+        ("moon", "unknown scene 'moon'; choose one of free_space, bedroom, corridor"),
         ("missing.xml", "there is no scene file missing.xml"),
     ],
 )

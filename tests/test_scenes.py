@@ -182,3 +182,10 @@ def test_a_room_of_too_many_things() -> None:
         Room(**BOX, furniture=[{"kind": "chair", "x_m": 1, "y_m": 0}] * 201)
     with pytest.raises(InputError, match="51 openings and 0 pieces"):
         Room(**BOX, openings=[DOOR] * 51)
+
+
+def test_a_room_needs_no_name() -> None:
+    """As the README makes one."""
+    room = t2d.Room(size_m=(4, 3, 2.5), furniture=[{"kind": "cupboard", "x_m": 2, "y_m": 0}])
+    assert room.scene().name == "room"
+    assert room == t2d.Room(name="room", size_m=(4, 3, 2.5), furniture=room.furniture)

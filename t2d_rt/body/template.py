@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from t2d_rt.checks import shown
+from t2d_rt.checks import unknown_name
 from t2d_rt.errors import InputError
 from t2d_rt.resources import listing, resource
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
@@ -43,7 +43,7 @@ def bodies() -> list[str]:
 def template(name: str = "adult") -> Template:
     """The shipped body of that name."""
     if not isinstance(name, str) or name not in bodies():
-        raise InputError(f"body {shown(name)} is unknown; choose one of {', '.join(bodies())}")
+        raise unknown_name("body", name, bodies())
     return _read(name)
 
 

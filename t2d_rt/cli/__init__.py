@@ -1,4 +1,4 @@
-"""The command line: t2d-rt simulate | plan | compare | scene | info."""
+"""The command line: t2d-rt simulate | plan | compare | scene | info | export | list."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import io
 import os
 import re
 import sys
-import time
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from t2d_rt.checks import shown
+from t2d_rt.checks import unknown_name
 from t2d_rt.cli.options import (
     check_nulls,
     compare_parser,
+    export_parser,
     info_parser,
+    list_parser,
     one_sentence,
     plan_parser,
     resolved,
@@ -26,10 +27,9 @@ from t2d_rt.cli.options import (
 )
 from t2d_rt.cli.sigterm import stopped_by_sigterm
 from t2d_rt.errors import InputError, T2DError, T2DWarning, printable
+from t2d_rt.progress import ProgressBar
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from jsonargparse import ArgumentParser, Namespace
     from matplotlib.figure import Figure
 
@@ -45,6 +45,11 @@ MODEL = (
     "phase_from", "measure_error", "device", "memory_gb",
 )  # fmt: skip
 """Options that go to the pipeline by their names."""
+
+COMMANDS = "simulate", "plan", "compare", "scene", "info", "export", "list"
+
+CONFIGURABLE = "simulate", "plan", "compare", "scene"
+"""Those that take --config and --radar."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -93,16 +98,23 @@ def _run(arguments: list[str]) -> int:
     if not arguments:
         say(_overview(), file=sys.stderr)
         return 2
-    if arguments[0] in ("-h", "--help", "--version"):
+    if arguments[0] == "--version":
         from t2d_rt.result import versions
 
-        say(versions()["t2d-rt"] if arguments[0] == "--version" else _overview())
+        say(versions()["t2d-rt"])
+        return 0
+    if arguments in (["-h"], ["--help"], ["help"]) or arguments[0] in ("-h", "--help"):
+        say(_overview())
+        return 0
+    if arguments[0] == "help":
+        parser, _ = _command(arguments[1])
+        parser.print_help()
         return 0
     from jsonargparse import ArgumentError
 
     parser, action = _command(arguments[0])
     try:
-        options = parser.parse_args(resolved(arguments[1:], configurable=arguments[0] != "info"))
+        options = parser.parse_args(resolved(arguments[1:], configurable=arguments[0] in CONFIGURABLE))
         check_nulls(parser, options)
     except ArgumentError as error:
         raise InputError(one_sentence(str(error), arguments[0])) from None
@@ -119,9 +131,11 @@ def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], None]]:
         "compare": (compare_parser, _compare),
         "scene": (scene_parser, _scene),
         "info": (info_parser, _info),
+        "export": (export_parser, _export),
+        "list": (list_parser, _list),
     }
-    if name not in commands:
-        raise InputError(f"unknown command {shown(name)}; choose one of {', '.join(commands)} (t2d-rt --help)")
+    if name not in COMMANDS:
+        raise unknown_name("command", name, COMMANDS, hint=" (t2d-rt --help)")
     make, action = commands[name]
     return make(), action
 
@@ -133,7 +147,9 @@ def _overview() -> str:
         "  t2d-rt plan FILE       what that would model, leave out and take to keep to a tolerance\n"
         "  t2d-rt compare FILE    ellipsoid model against mesh, with figures\n"
         "  t2d-rt scene NAME      plan and view of a room, with the ways to a walker\n"
-        "  t2d-rt info FILE       what a motion, result or radar file holds\n\n"
+        "  t2d-rt info FILE       what a motion, result or radar file holds\n"
+        "  t2d-rt export FILE     a result as a file for MATLAB (.mat), HDF5, NetCDF or NumPy\n"
+        "  t2d-rt list [WHAT]     names: presets, scenes, bodies, movers, motions\n\n"
         "t2d-rt COMMAND --help shows options and examples."
     )
 
@@ -226,8 +242,11 @@ def _scene(options: Namespace) -> None:
     target = radar.tx_position_m + 2.5 * radar.axes[0]
     if options.walk is not None:
         from t2d_rt.motion import place
+        from t2d_rt.named import motion_path
 
-        motion = place(load_motion(options.walk), radar_position_m=radar.position_m, boresight=radar.boresight)
+        motion = place(
+            load_motion(motion_path(options.walk)), radar_position_m=radar.position_m, boresight=radar.boresight
+        )
         track = motion.joints[:, 0]
         target = track[len(track) // 2]
     ways = ways_to(scene, radar, target, reflections=options.reflections)
@@ -247,6 +266,10 @@ def _info(options: Namespace) -> None:
     with suppress(OSError, ValueError):  # no folder, or one that may only be read: what follows says so
         settle(source)
     if not source.exists():
+        from t2d_rt.named import motion_path
+
+        source = motion_path(source)
+    if not source.exists():
         raise InputError(f"{source} does not exist; check the path")
     if source.is_dir():
         from t2d_rt.result import Recording
@@ -264,6 +287,24 @@ def _info(options: Namespace) -> None:
         say(describe(motion))
 
 
+def _export(options: Namespace) -> None:
+    from t2d_rt.result import Recording
+
+    source = Path(options.file)
+    target = Path(options.output or source.with_suffix(".mat").name)
+    Recording.load(source).export(target, overwrite=options.overwrite)
+    say(f"wrote {target}")
+
+
+def _list(options: Namespace) -> None:
+    from t2d_rt.cli.listing import KINDS, lines
+
+    if options.file is not None and options.file not in KINDS:
+        raise unknown_name("list", options.file, KINDS)
+    for kind in KINDS if options.file is None else (options.file,):
+        say("\n".join(lines(kind)))
+
+
 def _radar(options: Namespace) -> Radar:
     from t2d_rt.types import Radar
 
@@ -278,8 +319,9 @@ def _accuracy(options: Namespace) -> dict[str, Any]:
 def _motion(options: Namespace, source: Path, radar: Radar) -> Motion:
     from t2d_rt.cli.add import cut
     from t2d_rt.motion import load_motion, place
+    from t2d_rt.named import motion_path
 
-    motion = load_motion(source, **options.motion.as_dict())
+    motion = load_motion(motion_path(source), **options.motion.as_dict())
     say(motion.report)
     motion = cut(motion, options.start_s, options.stop_s)
     return place(
@@ -302,7 +344,7 @@ def _recorded(
     processing = options.signal.as_dict()
     targets = [motion, *(each.motion(radar) if isinstance(each, Person) else each for each in added)]
     _check_processing(processing, radar, min(each.duration_s for each in targets if isinstance(each, Motion)))
-    with _progress(method) as progress:
+    with ProgressBar(method) as progress:
         result = simulate(
             targets, radar=radar, method=method, progress=progress, accuracy=_accuracy(options), **{n: options[n] for n in names}
         )  # fmt: skip
@@ -355,30 +397,6 @@ def _write_picture(figure: Figure, picture: Path, *, overwrite: bool) -> None:
 
     with replacing(picture, lambda: check_taken(picture, overwrite=overwrite)) as new:
         figure.savefig(new)
-
-
-@contextmanager
-def _progress(label: str) -> Iterator[Callable[[float], None]]:
-    """A bar that shows itself only where a run takes over two seconds."""
-    from tqdm import tqdm
-
-    started = time.monotonic()
-    bar: tqdm | None = None
-
-    def advance(share: float) -> None:
-        nonlocal bar
-        if bar is None:  # not before: the time that it says is left must not count the preparation
-            bar = tqdm(
-                total=1.0, initial=share, desc=label, delay=max(1e-3, 2.0 - (time.monotonic() - started)), leave=False,
-                bar_format="{desc} {percentage:3.0f}% |{bar}| {remaining}", file=sys.stderr,
-            )  # fmt: skip
-        bar.update(share - bar.n)
-
-    try:
-        yield advance
-    finally:
-        if bar is not None:
-            bar.close()
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from t2d_rt.checks import shown
+from t2d_rt.cli.help import field_help, parameter_help
 from t2d_rt.errors import InputError
 from t2d_rt.files import load_yaml, read_yaml
 
@@ -39,20 +40,26 @@ EXAMPLES = {
   t2d-rt info walk.bvh                                       # what the reader found in a motion file
   t2d-rt info walk.zarr                                      # what a result holds
   t2d-rt info my_radar.yaml                                  # what a radar resolves""",
+    "export": """examples:
+  t2d-rt export walk.zarr -o walk.mat                        # ADC cube, spectrogram and axes for MATLAB
+  t2d-rt export walk.zarr -o walk.nc                         # for xarray and other readers of NetCDF""",
+    "list": """examples:
+  t2d-rt list                                                # all names
+  t2d-rt list presets                                        # radar presets with what they resolve""",
 }
 
 
 SIGNAL_HELP = {
-    "range_window": "window over the samples of a chirp",
-    "range_gate_m": "nearest and farthest range to use, [1, 5]; all by default",
-    "mti": "none, mean, highpass or canceller; by default mean where there is clutter",
-    "cutoff_mps": "of mti highpass",
-    "kernel": "taps of mti canceller",
-    "combine": "range bins: noncoherent (powers) or coherent (fields)",
-    "window": "window over the chirps of a column",
-    "n_window": "chirps of a column; 256 by default",
-    "overlap": "chirps that columns share; 200 of 256 by default",
-    "n_fft": "bins of a column; n_window by default",
+    "range_window": "Window over the samples of a chirp.",
+    "range_gate_m": "Nearest and farthest range to use [m], [1, 5]; all by default.",
+    "mti": "Filter against what stands still: none, mean, highpass or canceller; mean by default where there is clutter.",
+    "cutoff_mps": "Speed below which mti highpass filters [m/s].",
+    "kernel": "Weights of the chirps that mti canceller adds up.",
+    "combine": "How range bins are added: noncoherent (powers) or coherent (fields).",
+    "window": "Window over the chirps of a column.",
+    "n_window": "Chirps of a column; 256 by default.",
+    "overlap": "Chirps that columns share; 200 of 256 by default.",
+    "n_fft": "Doppler bins of a column; n_window by default.",
 }
 """Help of the options of `signal.spectrogram`."""
 
@@ -76,13 +83,13 @@ PLAIN_TYPES = {
 def simulate_parser() -> ArgumentParser:
     """Options of `t2d-rt simulate`."""
     parser = _parser("simulate", "Radar recording and micro-Doppler spectrogram of a motion file.")
-    _add_run(parser, output="result folder (.zarr), the picture beside it; FILE's name by default")
+    _add_run(parser, output="Result folder (.zarr), the picture beside it; FILE's name by default.")
     parser.add_argument(
         "--add",
         type=list[str | dict[str, Any]],
         default=[],
-        help="what moves beside it, once for each: fan:X,Y,Z,rpm=900, ceiling_fan:, curtain:, door:, pet:X,Y,Z,animal=cat, "
-        "person:FILE,distance_m=3; in a config file a list",
+        help="What moves beside it, once for each: fan:X,Y,Z,rpm=900, ceiling_fan:, curtain:, door:, pet:X,Y,Z,animal=cat, "
+        "person:FILE,distance_m=3; in a config file a list.",
     )
     _add_model(parser)
     return parser
@@ -94,7 +101,9 @@ def plan_parser() -> ArgumentParser:
         "plan", "What simulate would model to keep to a tolerance, what it would leave out, and what that costs."
     )
     _add_piece(parser)
-    parser.add_argument("--tolerance_db", type=float, default=-20.0, help="field NMSE to keep to")
+    parser.add_argument(
+        "--tolerance_db", type=float, default=-20.0, help="Error to keep to: field NMSE against a converged model [dB]."
+    )
     _add_model(parser, skip={"tolerance_db", "measure_error"}, signal=False)
     return parser
 
@@ -102,7 +111,7 @@ def plan_parser() -> ArgumentParser:
 def compare_parser() -> ArgumentParser:
     """Options of `t2d-rt compare`."""
     parser = _parser("compare", "Ellipsoid model against mesh: both spectrograms, their difference, and figures.")
-    _add_run(parser, output="picture (.png, .pdf, .svg); FILE's name with _compare.png by default")
+    _add_run(parser, output="Picture (.png, .pdf, .svg); FILE's name with _compare.png by default.")
     _add_model(parser, skip={"method", "tolerance_db", "measure_error"})
     return parser
 
@@ -112,11 +121,11 @@ def scene_parser() -> ArgumentParser:
     parser = _parser(
         "scene", "Plan and view of a room, with the radar, a walker's track, and the ways to it.", noun="SCENE"
     )
-    parser.add_argument("-o", "--output", type=str | None, help="picture (.png, .pdf, .svg); SCENE.png by default")
-    parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help="replace what is there")
-    parser.add_argument("--walk", type=str | None, help="motion file, placed before the radar as by simulate")
+    parser.add_argument("-o", "--output", type=str | None, help="Picture (.png, .pdf, .svg); SCENE.png by default.")
+    parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help="Replace what is there.")
+    parser.add_argument("--walk", type=str | None, help="Motion file, placed before the radar as by simulate.")
     parser.add_argument(
-        "--reflections", type=int, default=1, help="ways by up to as many are drawn, to the track's middle"
+        "--reflections", type=int, default=1, help="Ways by up to as many reflections are drawn, to the track's middle."
     )
     _add_radar(parser)
     return parser
@@ -127,7 +136,34 @@ def info_parser() -> ArgumentParser:
     return _parser("info", "What a motion file (.bvh), a result (.zarr) or a radar (.yaml) holds.", config=False)
 
 
-def _parser(command: str, description: str, *, config: bool = True, noun: str = "FILE") -> ArgumentParser:
+def export_parser() -> ArgumentParser:
+    """Options of `t2d-rt export`."""
+    parser = _parser("export", "ADC cube, spectrogram and axes of a result (.zarr) as one file.", config=False)
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=str | None,
+        help="File to write, its kind by its ending: .mat, .h5, .nc or .npz; FILE's name with .mat by default.",
+    )
+    parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help="Replace what is there.")
+    return parser
+
+
+def list_parser() -> ArgumentParser:
+    """Options of `t2d-rt list`."""
+    return _parser(
+        "list",
+        "Names that the other commands take: presets, scenes, bodies, movers, motions.",
+        config=False,
+        noun="[WHAT]",
+        file="What to list: presets, scenes, bodies, movers or motions; all of them by default.",
+    )
+
+
+def _parser(
+    command: str, description: str, *, config: bool = True, noun: str = "FILE", file: str | None = None
+) -> ArgumentParser:
+    """A parser of a command's options; its bare word is a file, or may be left out and is what `file` says."""
     from argparse import RawDescriptionHelpFormatter
 
     import yaml
@@ -148,25 +184,34 @@ def _parser(command: str, description: str, *, config: bool = True, noun: str = 
         default_env=False,
         allow_abbrev=False,
     )
-    parser.add_argument("--file", type=str, required=True, help="the file, if it is not given without --file")
+    if file is None:
+        parser.add_argument("--file", type=str, required=True, help="The file, if it is not given without --file.")
+    else:
+        parser.add_argument("--file", type=str | None, help=file)
     if config:
-        parser.add_argument("--config", action="config", help="YAML file of options; those given beside it override it")
+        parser.add_argument(
+            "--config", action="config", help="YAML file of options; those given beside it override it."
+        )
     return parser
 
 
 def _add_run(parser: ArgumentParser, *, output: str) -> None:
     parser.add_argument("-o", "--output", type=str | None, help=output)
-    parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help="replace what is there")
+    parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help="Replace what is there.")
     _add_piece(parser)
 
 
 def _add_piece(parser: ArgumentParser) -> None:
     parser.add_argument(
-        "--distance_m", type=float | None, help="of the start; by default the closest approach is 1.5 m"
+        "--distance_m",
+        type=float | None,
+        help="Distance of the start from the radar [m]; by default the closest approach is 1.5 m.",
     )
-    parser.add_argument("--angle_deg", type=float, default=0.0, help="of the walk against the line to the radar")
-    parser.add_argument("--start_s", type=float, default=0.0, help="first moment of the motion to use")
-    parser.add_argument("--stop_s", type=float | None, help="last moment of the motion to use")
+    parser.add_argument(
+        "--angle_deg", type=float, default=0.0, help="Angle of the walk against the line to the radar [degrees]."
+    )
+    parser.add_argument("--start_s", type=float, default=0.0, help="First moment of the motion to use [s].")
+    parser.add_argument("--stop_s", type=float | None, help="Last moment of the motion to use [s]; its end by default.")
 
 
 def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bool = True) -> None:
@@ -177,13 +222,13 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bo
 
     model = parser.add_argument_group("model")
     model.add_argument(
-        "--material", type=str | None, help="of the body: skin, clothed, pec or an ITU name; skin by default"
+        "--material", type=str | None, help="of the body: skin, clothed, pec or an ITU name; skin by default."
     )
     model.add_argument(
         "--scene",
         type=str,
         default="free_space",
-        help=f"free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file",
+        help=f"free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file.",
     )
     _add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", *skip})
     _add_accuracy(parser)
@@ -218,17 +263,17 @@ def _add_radar(parser: ArgumentParser) -> None:
         "radar",
         f"--radar NAME takes a preset ({', '.join(preset_names())}), --radar FILE.yaml your own; fields override:",
     )
-    default = Radar.preset("table2").model_dump()
+    default, told = Radar.preset("table2").model_dump(), field_help(Radar)
     for name, hint in get_type_hints(Radar).items():
         if name in Radar.model_fields:
             # A pattern is several fields, which the radar itself checks.
             kind = dict[str, Any] if isinstance(default[name], dict) else hint
-            radar.add_argument(f"--radar.{name}", type=kind, default=default[name])
+            radar.add_argument(f"--radar.{name}", type=kind, default=default[name], help=told[name])
 
 
 def _add_parameters(group: Any, function: Callable[..., Any], prefix: str = "", skip: Collection[str] = ()) -> None:
-    """An option for every parameter that has a default; its help is its line in the docstring, "name: help"."""
-    told = dict(re.findall(r"^ *(\w+): (.*)$", function.__doc__ or "", flags=re.MULTILINE))
+    """An option for every parameter that has a default; its help is its entry in the docstring, "name: help"."""
+    told = parameter_help(function)
     hints = get_type_hints(function)
     for name, parameter in inspect.signature(function).parameters.items():
         if name not in skip and parameter.default is not parameter.empty:
@@ -251,6 +296,9 @@ def resolved(arguments: Sequence[str], *, configurable: bool = True) -> list[str
     waiting = deque(arguments)
     while waiting:
         word = waiting.popleft()
+        if word == "--":  # nothing after it is an option
+            files.extend(waiting)
+            break
         option = re.fullmatch(r"(-o|--[A-Za-z][\w.-]*)(?:=(.*))?", word, flags=re.DOTALL)
         if option is None:
             if re.match("-.", word) and word != "-h":
@@ -261,7 +309,7 @@ def resolved(arguments: Sequence[str], *, configurable: bool = True) -> list[str
         value = option[2]
         if name in ("--config", "--radar") and not configurable:
             raise InputError(f"unknown option {name}; t2d-rt COMMAND --help lists all")
-        if value is None and name not in FLAGS and waiting and not re.match(r"--[A-Za-z]|-[oh]$", waiting[0]):
+        if value is None and name not in FLAGS and waiting and not re.match(r"--[A-Za-z]|--$|-[oh]$", waiting[0]):
             value = waiting.popleft()
         if value is None:
             if name not in FLAGS:

@@ -77,14 +77,15 @@ class Piece(Fields):
 class Room(Fields):
     """A rectangular room over the floor z = 0, furnished.
 
-    >>> room = Room(name="box", size_m=(4, 3, 2.5), furniture=({"kind": "cupboard", "x_m": 1, "y_m": 1},))
+    >>> room = Room(size_m=(4, 3, 2.5), furniture=({"kind": "cupboard", "x_m": 1, "y_m": 1},))
     >>> [surface.name for surface in room.scene().surfaces][-1]
     'cupboard'
     """
 
     noun: ClassVar[str] = "room"
 
-    name: str
+    name: str = "room"
+    """In messages and results."""
     size_m: tuple[Length, Length, Length]
     """Along x, y and z."""
     corner_m: tuple[Coordinate, Coordinate] | None = None

@@ -8,11 +8,12 @@ P reads P in its peak cell.
 from t2d_rt.signal.angle import array_spectrum, range_angle, steering_vectors, unit_vectors
 from t2d_rt.signal.cfar import cfar, cfar_factor
 from t2d_rt.signal.doppler import range_doppler, spectrogram, stft
-from t2d_rt.signal.maps import ArraySpectrum, PointCloud, RangeAngle, RangeDoppler, RangeProfile, Spectrogram
+from t2d_rt.signal.maps import ArraySpectrum, PointCloud, RangeAngle, RangeDoppler, RangeProfile, RangeTime, Spectrogram
 from t2d_rt.signal.mti import mti
 from t2d_rt.signal.multiplex import separate_ddm
 from t2d_rt.signal.points import point_cloud
 from t2d_rt.signal.range import gate, range_fft, range_profile, taper
+from t2d_rt.signal.range_time import coherent_interval, range_time
 from t2d_rt.signal.recording import load_recording
 
 __all__ = [
@@ -21,10 +22,12 @@ __all__ = [
     "RangeAngle",
     "RangeDoppler",
     "RangeProfile",
+    "RangeTime",
     "Spectrogram",
     "array_spectrum",
     "cfar",
     "cfar_factor",
+    "coherent_interval",
     "gate",
     "load_recording",
     "mti",
@@ -33,6 +36,7 @@ __all__ = [
     "range_doppler",
     "range_fft",
     "range_profile",
+    "range_time",
     "separate_ddm",
     "spectrogram",
     "steering_vectors",

@@ -116,7 +116,7 @@ def spectrogram(
             return part * (fast * np.sqrt(radar.samples)).astype(part.real.dtype)
         return range_fft(part, window=range_window, bins=bins)
 
-    for first, windows, cells in _filtered(
+    for first, windows, cells in filtered(
         adc, radar, burst, starts, n_window, cells_of, "none" if mti is None else mti, cutoff_mps, kernel
     ):
         if combine == "coherent":
@@ -227,7 +227,7 @@ def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
         )
 
 
-def _filtered(
+def filtered(
     adc: Any, radar: Radar, burst: int, starts: np.ndarray, n_window: int, cells_of: Callable[[Any], np.ndarray], mti: str,
     cutoff_mps: float, kernel: Sequence[float],
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:  # fmt: skip

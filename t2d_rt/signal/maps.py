@@ -41,6 +41,17 @@ class RangeDoppler:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RangeTime:
+    """Power over range and time."""
+
+    power: np.ndarray
+    """[W], (range, time)."""
+    range_m: np.ndarray
+    time_s: np.ndarray
+    """Centres of the windows, (time,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ArraySpectrum:
     """Range-Doppler spectra of all virtual antennas over one coherent interval."""
 

@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from t2d_rt.checks import file_path, shown
+from t2d_rt.checks import file_path, shown, unknown_name
 from t2d_rt.errors import InputError
 from t2d_rt.resources import listing, resource
 from t2d_rt.trace.scene_xml import SceneFile
@@ -47,10 +47,8 @@ def _path(source: str | Path) -> Path:
     if isinstance(source, str) and source in scene_names():
         return resource("scenes", source) / f"{source}.xml"
     if path.suffix.lower() != ".xml":
-        raise InputError(
-            f"unknown scene {shown(str(source))}; choose free_space or one of {', '.join(scene_names())}, "
-            "or give a Mitsuba XML file"
-        )
+        known = ("free_space", *scene_names())
+        raise unknown_name("scene", str(source), known, hint=", or give a Mitsuba XML file")
     try:
         found = path.exists()
     except OSError:  # a folder that may not be searched

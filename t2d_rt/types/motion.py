@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.checks import LARGEST_M, array, flag, instance, number, numeric, shown, text
 from t2d_rt.errors import InputError
+from t2d_rt.tables import html_table
 
 CANONICAL_JOINTS: tuple[str, ...] = (
     "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle", "right_ankle",
@@ -30,6 +31,14 @@ RATES_HZ = 1e-3, 1e5
 """Frame rates that are taken."""
 ROTATION_LIMIT = 1e3
 """Components of quaternions that need no more than normalising."""
+
+
+_COORDINATES = {
+    True: "in the radar's world",
+    False: "in its own coordinates",
+    None: "in coordinates that are not known",
+}
+"""What a motion's `placed` says."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +84,25 @@ class Motion:
         }  # fmt: skip
         for name, value in values.items():
             object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        return (
+            f"Motion({len(self.joints)} frames at {self.rate_hz:g} Hz, {self.duration_s:.2f} s, {len(self.names)} joints, "
+            f"{_COORDINATES[self.placed]})"
+        )
+
+    def _repr_html_(self) -> str:
+        low, high = (
+            ", ".join(f"{x:.2f}" for x in corner) for corner in (self.joints.min((0, 1)), self.joints.max((0, 1)))
+        )
+        rows = [
+            ("frames", f"{len(self.joints)} at {self.rate_hz:g} Hz"),
+            ("duration", f"{self.duration_s:.2f} s"),
+            ("joints", f"{len(self.names)}, from ({low}) to ({high}) m"),
+            ("positions", _COORDINATES[self.placed]),
+            ("report", self.report),
+        ]
+        return html_table("Motion", rows)
 
     @property
     def times_s(self) -> np.ndarray:

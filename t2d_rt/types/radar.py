@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from t2d_rt.checks import file_path, integer, number, numeric, positive, shown
+from t2d_rt.checks import file_path, integer, number, numeric, positive, shown, unknown_name
 from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_yaml
+from t2d_rt.tables import html_table
 from t2d_rt.types.antennas import Isotropic, Pattern, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 
@@ -37,6 +38,8 @@ class Radar(Fields):
     (0.0864, 9.86)
     """
 
+    model_config = ConfigDict(use_attribute_docstrings=True)  # they are the help of the command line
+
     if_missing: ClassVar[str] = "give it, or start from a preset such as table2"
 
     carrier_hz: Annotated[Number, Field(ge=1e6, le=1e13)]
@@ -44,28 +47,33 @@ class Radar(Fields):
     slope_hz_per_s: Annotated[Number, Field(ge=1e6, le=1e18)]
     """Chirp slope S [Hz/s]; 1 MHz/us is 1e12."""
     sample_rate_hz: Annotated[Number, Field(ge=1e3, le=1e11)]
-    """Complex ADC samples per second [Hz]."""
+    """Rate of the complex ADC samples [Hz]."""
     samples: Annotated[Count, Field(ge=2, le=1_000_000)]
-    """ADC samples per chirp."""
+    """Number of ADC samples per chirp."""
     prf_hz: Annotated[Number, Field(ge=1e-3, le=1e8)]
-    """Chirps per second [Hz], of all transmitters together; with bursts the rate inside a burst."""
+    """Chirps per second, of all transmitters together [Hz]; with bursts the rate inside a burst."""
     chirps_per_frame: Annotated[Count, Field(ge=1, le=1_000_000)] | None = None
-    """Chirps of one burst, of all transmitters together; None for continuous chirps."""
+    """Number of chirps in one burst, of all transmitters together; None for continuous chirps."""
     frame_interval_s: Annotated[Number, Field(gt=0, le=1e6)] | None = None
-    """Start of one burst to the start of the next [s]; None for continuous chirps."""
+    """Time from the start of one burst to the start of the next [s]; None for continuous chirps."""
     tx_power_dbm: Decibel = 12.0
+    """Power that each transmitter feeds into its antenna [dBm]."""
     tx_gain_dbi: Decibel = 9.0
+    """Peak gain of the transmit antennas [dBi]."""
     rx_gain_dbi: Decibel = 9.0
+    """Peak gain of the receive antennas [dBi]."""
     noise_figure_db: Decibel = 15.0
+    """Noise figure of the receiver [dB]."""
     if_gain_db: Decibel = 0.0
+    """Gain from the receive antenna to the ADC [dB]."""
     position_m: Vector = (0.0, 0.0, 1.0)
-    """Where the radar stands, world coordinates, z up [m]."""
+    """Place of the radar in the world, x, y and z (up) [m]."""
     boresight: Vector = (1.0, 0.0, 0.0)
-    """Direction the radar looks in, any length."""
+    """Direction in the world that the radar looks in, x, y and z (up), of any length."""
     tx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
-    """The M transmitters from `position_m` in the radar's frame [m]: x boresight, y left, z up; one x, y, z will do."""
+    """Places of the M transmitters from `position_m` in the radar's frame [m]: x boresight, y left, z up; one x, y, z will do."""
     rx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
-    """The N receivers, likewise."""
+    """Places of the N receivers from `position_m` in the radar's frame [m]: x boresight, y left, z up; one x, y, z will do."""
     multiplexing: Literal["simultaneous", "tdm", "ddm"] = "simultaneous"
     """How transmitters share the chirps; virtual antenna a = tx * N + rx is one pair.
 
@@ -74,12 +82,13 @@ class Radar(Fields):
     a row is a chirp, its antennas are the receivers, and `signal.separate_ddm` takes the transmitters apart.
     """
     tx_pattern: Pattern = Isotropic()
-    """Gain over direction, relative to the peak `tx_gain_dbi`."""
+    """Gain of the transmit antennas over direction, relative to their peak `tx_gain_dbi`."""
     rx_pattern: Pattern = Isotropic()
-    """Likewise, relative to `rx_gain_dbi`."""
+    """Gain of the receive antennas over direction, relative to their peak `rx_gain_dbi`."""
     tx_polarization_deg: Annotated[Number, Field(ge=-360, le=360)] = 0.0
-    """Linear polarisation [deg]: 0 vertical (the radar's z), 90 horizontal (its y)."""
+    """Linear polarisation of the transmit antennas [deg]: 0 vertical (the radar's z), 90 horizontal (its y)."""
     rx_polarization_deg: Annotated[Number, Field(ge=-360, le=360)] = 0.0
+    """Linear polarisation of the receive antennas [deg]: 0 vertical (the radar's z), 90 horizontal (its y)."""
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
@@ -110,6 +119,32 @@ class Radar(Fields):
         if math.hypot(*self.boresight) < 1e-9:
             raise InputError(f"boresight must be a direction, got {self.boresight}; (1, 0, 0) looks along x")
         return self
+
+    def __repr__(self) -> str:
+        antennas = f"{len(self.tx_offsets_m)} x {len(self.rx_offsets_m)} antennas"
+        return (
+            f"Radar({self.carrier_hz / 1e9:.4g} GHz, sweep {self.bandwidth_hz / 1e9:.3g} GHz in {self.samples} samples, PRF "
+            f"{self.prf_hz / 1e3:.4g} kHz, {antennas}, range bin {100 * self.range_resolution_m:.3g} cm up to "
+            f"{self.max_range_m:.3g} m, +-{self.max_speed_mps:.3g} m/s)"
+        )
+
+    def _repr_html_(self) -> str:
+        place, ahead = (", ".join(f"{x:.3g}" for x in vector) for vector in (self.position_m, self.boresight))
+        chirps = "continuous chirps"
+        if self.chirps_per_frame is not None and self.frame_interval_s is not None:
+            chirps = f"bursts of {self.chirps_per_frame} chirps every {1e3 * self.frame_interval_s:.4g} ms"
+        rows = [
+            ("carrier, mid-sweep", f"{self.carrier_hz / 1e9:.4f} GHz, {self.mid_frequency_hz / 1e9:.4f} GHz"),
+            ("bandwidth", f"{self.bandwidth_hz / 1e9:.4f} GHz"),
+            ("samples", f"{self.samples} at {self.sample_rate_hz / 1e6:.4g} MHz, {self.sweep_time_s * 1e6:.4g} us"),
+            ("range bin, farthest range", f"{100 * self.range_resolution_m:.2f} cm, {self.max_range_m:.2f} m"),
+            ("PRF", f"{self.prf_hz:.6g} Hz, {chirps}"),
+            ("unambiguous speed", f"+-{self.max_speed_mps:.2f} m/s"),
+            ("antennas", f"{len(self.tx_offsets_m)} x {len(self.rx_offsets_m)} (tx x rx), {self.multiplexing}"),
+            ("power, gains", f"{self.tx_power_dbm:g} dBm, {self.tx_gain_dbi:g} and {self.rx_gain_dbi:g} dBi"),
+            ("place, boresight", f"({place}) m, ({ahead})"),
+        ]
+        return html_table("Radar", rows)
 
     # --- reading, writing, changing ---
 
@@ -431,7 +466,7 @@ def preset_path(name: str) -> Path:
     known = preset_names()
     wanted = str(name).lower().replace("_", "-")
     if wanted not in known:
-        raise InputError(f"unknown radar preset {shown(name)}; choose one of {', '.join(known)}, or give a YAML file")
+        raise unknown_name("radar preset", name, known, hint=", or give a YAML file")
     return _preset_folder() / f"{wanted}.yaml"
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from t2d_rt.checks import numeric, shown
 from t2d_rt.errors import InputError
 from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.tables import html_table
 from t2d_rt.types.material import Material
 
 LARGEST_M = 100.0
@@ -122,6 +123,34 @@ class Scene:
             raise InputError(
                 f"scene {self.name} measures {(high - low).max():.4g} m, more than {LARGEST_M:g} m; give it in metres"
             )
+
+    def __repr__(self) -> str:
+        return f"Scene({self.name!r}, {len(self.surfaces)} surfaces, {self._triangles} triangles, {self._extent})"
+
+    def _repr_html_(self) -> str:
+        low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in self.bounds_m)
+        materials = Counter(
+            each.material if isinstance(each.material, str) else each.material.name for each in self.surfaces
+        )
+        rows = [
+            ("size", self._extent),
+            ("corners", f"({low}) to ({high}) m"),
+            (
+                "surfaces",
+                f"{len(self.surfaces)} of {self._triangles} triangles: {', '.join(each.name for each in self.surfaces)}",
+            ),
+            ("materials", ", ".join(f"{name} ({count})" for name, count in materials.items())),
+        ]
+        return html_table(f"Scene {self.name}", rows)
+
+    @property
+    def _triangles(self) -> int:
+        return sum(len(surface.faces) for surface in self.surfaces)
+
+    @property
+    def _extent(self) -> str:
+        low, high = self.bounds_m
+        return " x ".join(f"{length:.3g}" for length in high - low) + " m"
 
     @property
     def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:

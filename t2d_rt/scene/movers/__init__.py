@@ -6,11 +6,10 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from typing import Any
 
-from t2d_rt.checks import shown
+from t2d_rt.checks import shown, unknown_name
 from t2d_rt.errors import InputError
 from t2d_rt.scene.movers.curtain import Curtain
 from t2d_rt.scene.movers.door import Door
@@ -29,9 +28,7 @@ def mover(entry: str | Mapping[str, Any]) -> Mover:
     """A mover from "kind:x,y,z,key=value,..." or from a mapping {kind: ..., position_m: [x, y, z], key: value, ...}."""
     kind, place, fields = parsed(entry)
     if kind not in KINDS:
-        close = difflib.get_close_matches(kind, KINDS, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"choose one of {', '.join(KINDS)}"
-        raise InputError(f"unknown mover {kind!r}; {hint}")
+        raise unknown_name("mover", kind, KINDS)
     return KINDS[kind](**with_words(entry, "position_m", place, fields))
 
 

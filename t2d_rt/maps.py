@@ -1,0 +1,75 @@
+"""Maps of a recording as its spectrogram is made: the same MTI, the same windows; and figures of maps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.checks import positive
+from t2d_rt.cubes import Cube
+from t2d_rt.plots import checked_axes, new_figure
+from t2d_rt.signal import coherent_interval, range_doppler, range_time
+from t2d_rt.signal.doppler import checked_windows
+from t2d_rt.signal.maps import RangeDoppler, RangeTime
+from t2d_rt.types import Radar
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Maps:
+    """Maps of a cube with the options of its spectrogram."""
+
+    cube: Cube
+    radar: Radar
+    processing: Mapping[str, Any]
+    """Options of `signal.spectrogram`."""
+    mti: str
+
+    def range_time(self) -> RangeTime:
+        """In the columns of the spectrogram."""
+        n_window, overlap = self._columns()
+        return range_time(
+            self.cube, self.radar, range_window=self._range_window(), n_window=n_window, overlap=overlap, **self._mti()
+        )
+
+    def range_doppler_at(self, time_s: float | None, interval_s: float | None) -> tuple[RangeDoppler, float, float]:
+        """Of one coherent interval; its middle and its length [s]."""
+        interval = self.radar.separated.loop_interval_s
+        if interval_s is None:
+            chirps, _ = self._columns()
+        else:
+            chirps = max(2, round(positive("interval_s", interval_s, 1e6, unit="s") / interval))
+        part, radar, middle_s = coherent_interval(self.cube, self.radar, time_s=time_s, chirps=chirps, **self._mti())
+        return range_doppler(part, radar, range_window=self._range_window()), middle_s, chirps * interval
+
+    def _range_window(self) -> str:
+        return str(self.processing.get("range_window", "hann"))
+
+    def _mti(self) -> dict[str, Any]:
+        return {"mti": self.mti} | {
+            name: self.processing[name] for name in ("cutoff_mps", "kernel") if name in self.processing
+        }
+
+    def _columns(self) -> tuple[int, int]:
+        """Window and overlap of the spectrogram."""
+        radar, chirps = self.radar.separated, len(self.cube)
+        rows = chirps // len(self.radar.tx_offsets_m) if self.radar.multiplexing == "ddm" else chirps
+        n_window, overlap = (self.processing.get(name) for name in ("n_window", "overlap"))
+        return checked_windows(radar, rows, n_window, overlap, None)[:2]
+
+
+def drawn(kind: str, ax: Any, draw: Callable[..., None], *maps: np.ndarray, **options: Any) -> Figure | Axes:
+    """A map in a figure of its own, or in axes of the user's, which are returned."""
+    if ax is not None:
+        axes = checked_axes(ax)
+        draw(axes, *maps, **options)
+        return axes
+    figure = new_figure(kind)
+    draw(figure.subplots(), *maps, **options)
+    return figure

@@ -1,0 +1,103 @@
+"""Range over time, and the chirps of one coherent interval, both after MTI."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.checks import choice, integer, number
+from t2d_rt.errors import InputError
+from t2d_rt.signal.doppler import checked_windows, filtered, window_starts
+from t2d_rt.signal.maps import RangeTime
+from t2d_rt.signal.mti import METHODS, PAPER_KERNEL
+from t2d_rt.signal.multiplex import separated
+from t2d_rt.signal.range import check_finite, check_recording, range_fft
+from t2d_rt.types.radar import Radar
+
+
+def range_time(
+    adc: Any,
+    radar: Radar,
+    *,
+    range_window: str = "hann",
+    mti: str | None = None,
+    cutoff_mps: float = 0.1,
+    kernel: Sequence[float] = PAPER_KERNEL,
+    n_window: int | None = None,
+    overlap: int | None = None,
+) -> RangeTime:
+    """Power over range and time of a cube (chirp, antenna, sample): |range FFT|^2 after MTI, averaged over the antennas and over
+    the chirps of each column.
+
+    Columns are those of `spectrogram` with the same `n_window` and `overlap`; MTI as there. A target of power P reads P in its peak
+    bin.
+    """
+    check_recording(adc, radar)
+    method = choice("MTI method", "none" if mti is None else mti, METHODS)
+    adc, radar = separated(adc, radar)
+    n_window, overlap, _ = checked_windows(radar, adc.shape[0], n_window, overlap, None)
+    starts = window_starts(adc.shape[0], radar.loops_per_frame or adc.shape[0], n_window, n_window - overlap)
+    columns = []
+
+    def cells_of(part: Any) -> np.ndarray:
+        return range_fft(part, window=range_window)
+
+    for first, windows, cells in filtered(
+        adc, radar, radar.loops_per_frame or adc.shape[0], starts, n_window, cells_of, method, cutoff_mps, kernel
+    ):
+        power = cells.real**2 + cells.imag**2
+        power = power if power.ndim == 2 else power.mean(axis=1)
+        columns += [power[start : start + n_window].mean(axis=0) for start in windows - first]
+    power = np.stack(columns, axis=1)
+    check_finite(power)
+    times_s = radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 * radar.loop_interval_s
+    return RangeTime(power=power, range_m=radar.range_axis_m(), time_s=times_s)
+
+
+def coherent_interval(
+    adc: Any,
+    radar: Radar,
+    *,
+    time_s: float | None = None,
+    chirps: int | None = None,
+    mti: str | None = None,
+    cutoff_mps: float = 0.1,
+    kernel: Sequence[float] = PAPER_KERNEL,
+) -> tuple[np.ndarray, Radar, float]:
+    """Rows of the cube around a time, for `range_doppler`: their samples after MTI over the record, their radar (its transmitters
+    taken apart), and the middle of the interval [s].
+
+    time_s: middle of the interval; that of the record by default. Towards its ends, and those of a burst, the interval is moved
+        inside.
+    chirps: rows; by default those of a window of `spectrogram`.
+    """
+    check_recording(adc, radar)
+    method = choice("MTI method", "none" if mti is None else mti, METHODS)
+    adc, radar = separated(adc, radar)
+    rows = adc.shape[0]
+    starts_s = radar.chirp_starts_s(rows)
+    burst = min(radar.loops_per_frame or rows, rows)
+    chirps = min(256, burst) if chirps is None else integer("chirps", chirps, 2)
+    if chirps > burst:
+        what = "the record" if radar.loops_per_frame is None else "a burst"
+        raise InputError(f"an interval of {chirps} chirps does not fit into {what} of {burst}; take a shorter one")
+    last_s = float(starts_s[-1])
+    time_s = (
+        last_s / 2
+        if time_s is None
+        else number("time_s", time_s, 0, last_s, unit="s", hint="it is the interval's middle")
+    )
+    nearest = int(np.abs(starts_s - time_s).argmin())
+    low = nearest // burst * burst
+    high = min(low + burst, rows) - chirps
+    if high < low:  # an unfinished burst at the end
+        low, high = low - burst, low - chirps
+    start = int(np.clip(nearest - chirps // 2, low, high))
+    window = np.array([start])
+    # Copies: MTI subtracts in place.
+    _, _, part = next(filtered(adc, radar, burst, window, chirps, np.array, method, cutoff_mps, kernel))
+    offset = start if len(part) == rows else 0
+    middle_s = float(starts_s[start]) + chirps / 2 * radar.loop_interval_s
+    return part[offset : offset + chirps], radar, middle_s

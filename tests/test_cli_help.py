@@ -1,0 +1,65 @@
+"""Help of the command line: every option of every command has one, and it is a whole one."""
+
+from __future__ import annotations
+
+import inspect
+import re
+
+import pytest
+
+from t2d_rt import cli
+from t2d_rt.cli.help import field_help, parameter_help
+from t2d_rt.motion import load_motion
+from t2d_rt.pipeline import simulate
+from t2d_rt.types import Radar
+
+OPTIONS = [
+    (command, action.option_strings[-1], action.help)
+    for command in cli.COMMANDS
+    for action in cli._command(command)[0]._actions
+    if "--help" not in action.option_strings and not any(name.endswith("+") for name in action.option_strings[:1])
+]
+
+
+@pytest.mark.parametrize(("command", "option", "text"), OPTIONS, ids=[f"{c} {o}" for c, o, _ in OPTIONS])
+def test_every_option_has_a_help_that_ends(command: str, option: str, text: str | None) -> None:
+    assert text, f"{command} {option} has no help"
+    assert re.search(r"\w[()'\"`\]]*\.$", text), f"the help of {command} {option} ends in mid-sentence: {text}"
+    assert len(text.split()) >= 3
+    assert text.count("(") == text.count(")")
+
+
+def test_a_help_over_several_lines_is_whole() -> None:
+    told = parameter_help(simulate)
+    assert set(inspect.signature(simulate).parameters) <= set(told)
+    assert told["tolerance_db"].endswith("to -6 to -12 dB in rooms.")
+    assert told["measure_error"].endswith("by default where a tolerance is given.")
+    assert parameter_help(load_motion)["floor"] == "height of the floor in the file [m]."
+
+
+def test_lines_of_another_entry_or_paragraph_do_not_belong_to_it() -> None:
+    def function() -> None:
+        """Do it.
+
+        Note: nothing.
+
+        first: one
+            and more: of it,
+            100 % of it.
+        second: two.
+
+        Afterwards.
+        """
+
+    assert parameter_help(function) == {
+        "Note": "nothing.", "first": "one and more: of it, 100 %% of it.", "second": "two.",
+    }  # fmt: skip
+
+
+def test_every_field_of_a_radar_says_its_unit() -> None:
+    units = {"hz": "[Hz]", "s": "[s]", "m": "[m]", "dbm": "[dBm]", "dbi": "[dBi]", "db": "[dB]", "deg": "[deg]"}
+    told = field_help(Radar)
+    assert list(told) == list(Radar.model_fields)
+    for name, text in told.items():
+        unit = "[Hz/s]" if name == "slope_hz_per_s" else units.get(name.rpartition("_")[2], "")
+        assert unit in text, name
