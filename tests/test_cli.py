@@ -343,7 +343,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--distance-m 0.05 --method ellipsoid", "the radar at (0, 0, 1) m is inside abdomen at 0 s; place the target"),
         ("--distance-m -1", "distance_m must be positive, got -1.0"),
         ("--start-s 3 --stop-s 2", "stop_s must lie after start_s of 3 s, got 2"),
-        ("--motion.units 1e9", "the body would be 2.79e+10 m tall; leave units out"),
+        ("--motion.units 1e9", "the body would be 2.83e+10 m tall; leave units out"),
         ("--motion.units furlong", "units 'furlong' are unknown"),
         ("--motion.flavour foo", "flavour 'foo' is unknown; choose one of"),
         ("--motion.smooth-hz soft", "option motion.smooth_hz must be a number or auto or null, got 'soft'"),
