@@ -5,7 +5,8 @@ Every function returns a `matplotlib.figure.Figure`; `figure.savefig("walk.png")
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -389,17 +390,25 @@ def new_figure(kind: str) -> Figure:
 
 
 def _figure(width_in: float, height_in: float) -> Figure:
-    try:
+    with _usable():
         from t2d_rt.figures import NotebookFigure
-    except ValueError as error:  # it refuses to load where its settings, such as MPLBACKEND, are wrong
-        raise InputError(f"matplotlib cannot be used: {error}; correct its settings, or unset MPLBACKEND") from error
 
     return NotebookFigure(figsize=(width_in, height_in), dpi=160, layout="constrained")
 
 
+@contextmanager
+def _usable() -> Iterator[None]:
+    """Matplotlib refuses to load where its settings, such as MPLBACKEND, are wrong."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(f"matplotlib cannot be used: {error}; correct its settings, or unset MPLBACKEND") from error
+
+
 def checked_axes(axes: Any) -> Axes:
     """Axes of a figure of Matplotlib, flat ones."""
-    from matplotlib.axes import Axes
+    with _usable():
+        from matplotlib.axes import Axes
 
     hint = "matplotlib.pyplot.subplots() makes some"
     found: Axes = instance("ax", axes, Axes, "axes of a figure of Matplotlib", hint=hint)
@@ -471,8 +480,9 @@ def _literal(name: str, value: Any) -> str:
 
 
 def _check_colours(cmap: Any) -> None:
-    from matplotlib import colormaps
-    from matplotlib.colors import Colormap
+    with _usable():
+        from matplotlib import colormaps
+        from matplotlib.colors import Colormap
 
     if not isinstance(cmap, Colormap) and not (isinstance(cmap, str) and cmap in colormaps):
         raise InputError(f"cmap must be the name of a colour map of matplotlib such as viridis, got {shown(cmap)}")

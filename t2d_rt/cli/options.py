@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import re
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
@@ -247,7 +248,7 @@ def _add_accuracy(parser: ArgumentParser) -> None:
 
     group = parser.add_argument_group("accuracy: what is given here stays, and a tolerance decides on the rest")
     for name, field in Accuracy.model_fields.items():
-        default = "" if name == "tiers" else f" (default: {'null' if field.default is None else field.default})"
+        default = "" if name == "tiers" or field.default is None else f" By default it is {json.dumps(field.default)}."
         kind = get_type_hints(Accuracy)[name]
         if name == "tiers":  # checked by the tiers themselves
             kind = list[dict[str, Any]]

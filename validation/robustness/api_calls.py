@@ -289,6 +289,10 @@ def _signals(folder: Path) -> list[Call]:
         Call(
             "stft", signal.stft, {"series": one, "prf_hz": 1e3, "window": "hann", "n_window": 16, "overlap": 8, "n_fft": 16},
         ),
+        Call("range_time", signal.range_time,
+             {**adc, "range_window": "hann", "mti": "mean", "cutoff_mps": 0.1, "kernel": (1, -1), "n_window": 32, "overlap": 16}),
+        Call("coherent_interval", signal.coherent_interval,
+             {**adc, "time_s": 0.01, "chirps": 32, "mti": "mean", "cutoff_mps": 0.1, "kernel": (1, -1)}),
         Call("range_doppler", signal.range_doppler, {**adc, **windows, "correct_coupling": True}),
         Call("range_fft", signal.range_fft, {"adc": one, "window": "hann", "n_fft": 16, "bins": slice(4), "block": 8}),
         Call("range_profile", signal.range_profile, {**adc, "window": "hann", "n_fft": 16}),
@@ -344,6 +348,7 @@ def _results(folder: Path) -> list[Call]:
     recorded = result()
     processing = {"range_gate_m": (1, 5), "n_window": 32, "overlap": 16, "n_fft": 64, "mti": "mean", "kernel": (1, -1)}
     small = {"radar": RADAR, "method": "ellipsoid"}
+    levels = {"title": "a", "cmap": "viridis", "dynamic_range_db": 40, "limits_db": (-100, -50)}
     simulated = {
         **small, "target": egg(), "scene": "free_space", "reflections": 1, "transmissions": 0, "clutter": "none",
         "collisions": "warn", "seed": 0, "body": "adult", "material": "skin", "phase_from": "specular", "measure_error": False,
@@ -353,7 +358,12 @@ def _results(folder: Path) -> list[Call]:
     return [
         Call("Recording", t2d.Recording, {"cube": cube(), "radar": RADAR}, lambda r: r.spectrogram),
         Call("Recording.processed", recorded.processed, processing, lambda r: r.spectrogram),
-        Call("Recording.plot", recorded.plot, {"title": "a"}, _drawn),
+        Call("Recording.plot", recorded.plot, levels, _drawn),
+        Call("Recording.plot_range_time", recorded.plot_range_time, levels, _drawn),
+        Call("Recording.plot_range_doppler", recorded.plot_range_doppler, {**levels, "time_s": 0.01, "interval_s": 0.02}, _drawn),
+        Call("Recording.range_doppler_at", recorded.range_doppler_at, {"time_s": 0.01, "interval_s": 0.02}),
+        Call("Recording.export", recorded.export, {"path": folder / "made.npz", "overwrite": True}),
+        Call("example", t2d.example, {"name": "walk"}),
         Call("Recording.save", recorded.save, {"path": folder / "made.zarr", "overwrite": True}),
         Call("Recording.load", t2d.Recording.load, {"path": folder / "none.zarr"}),
         Call("compare", compare.compare, {"first": recorded, "second": recorded}, lambda c: c.mean_difference_db),
