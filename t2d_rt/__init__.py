@@ -8,19 +8,23 @@ result.save("walk.zarr")
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from t2d_rt.accuracy import plan
     from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
     from t2d_rt.experiment import Experiment
+    from t2d_rt.model import segments, skin
     from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
     from t2d_rt.named import bodies, example, examples, movers, presets, scenes
-    from t2d_rt.pipeline import plan, run, segments, simulate, skin
     from t2d_rt.radar.synthesize import synthesize
     from t2d_rt.result import Recording, Simulation
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.signal import load_recording
+    from t2d_rt.simulate import run, simulate
     from t2d_rt.trace.scenes import load_scene
     from t2d_rt.types import (
         Accuracy,
@@ -46,7 +50,9 @@ _HOMES = {
     "t2d_rt.signal": ("load_recording",),
     "t2d_rt.experiment": ("Experiment",),
     "t2d_rt.named": ("bodies", "example", "examples", "movers", "presets", "scenes"),
-    "t2d_rt.pipeline": ("plan", "run", "segments", "simulate", "skin"),
+    "t2d_rt.accuracy": ("plan",),
+    "t2d_rt.model": ("segments", "skin"),
+    "t2d_rt.simulate": ("run", "simulate"),
     "t2d_rt.trace.scenes": ("load_scene",),
     "t2d_rt.types": (
         *(
@@ -116,6 +122,16 @@ __all__ = [
     "synthesize",
     "trim",
 ]
+
+
+class _Package(ModuleType):
+    """Keeps `t2d_rt.simulate` the function, also once the module of that name has been imported."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        super().__setattr__(name, value.simulate if name == "simulate" and isinstance(value, ModuleType) else value)
+
+
+sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:

@@ -44,7 +44,7 @@ class MotionFile(_Plain):
 
     kind: Literal["file"] = "file"
     file: str
-    """Path, relative to the folder of the YAML file that names it."""
+    """Path; in a YAML file relative to its folder."""
     start_s: Fraction = 0.0
     """First instant of the motion that is used [s]."""
     stop_s: Fraction | None = None
@@ -203,6 +203,11 @@ class Experiment(_Plain):
         return value
 
     @property
+    def physics(self) -> dict[str, Any]:
+        """Fields beside targets, radar and scene."""
+        return {name: value for name, value in self if name not in ("targets", "radar", "scene")}
+
+    @property
     def hash(self) -> str:
         """Of its content: the same for equal experiments."""
         return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()[:32]
@@ -234,11 +239,25 @@ class Experiment(_Plain):
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Experiment:
-        """An experiment from a YAML file of its fields."""
+        """An experiment from a YAML file of its fields; files that it names lie beside it, or are given whole."""
+        return cls.read(read_yaml(path, noun="experiment", example="targets, radar and scene"), Path(path))
+
+    @classmethod
+    def read(cls, values: Mapping[str, Any], path: Path) -> Experiment:
+        """An experiment from the fields that a file holds."""
         try:
-            return cls.model_validate(read_yaml(path, noun="experiment", example="targets, radar and scene"))
+            found = cls.model_validate(values)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+        beside = path.parent
+        targets = tuple(
+            each.model_copy(update={"file": str(beside / each.file)}) if isinstance(each, MotionFile) else each
+            for each in found.targets
+        )
+        scene = found.scene
+        if isinstance(scene, str) and scene.lower().endswith(".xml"):
+            scene = str(beside / scene)
+        return found.model_copy(update={"targets": targets, "scene": scene})
 
     def to_yaml(self) -> str:
         """Text that `from_yaml` reads back as the same."""

@@ -452,6 +452,28 @@ Simulation = Recording
 """The former name."""
 
 
+def again(
+    experiment: Experiment | Recording, accuracy: Accuracy | Mapping[str, Any] | None, tolerance_db: float | None
+) -> tuple[Experiment, Inputs, Accuracy | Mapping[str, Any] | None, dict[str, Any]]:
+    """What is to be run: the experiment, its arrays, its accuracy, and what is known of the recording beforehand."""
+    instance("experiment", experiment, (Experiment, Recording), "an Experiment or a Recording")
+    if isinstance(experiment, Experiment):
+        return experiment, {}, accuracy, {}
+    recording, made = experiment, experiment.experiment
+    if made is None:
+        raise InputError("a measured recording cannot be simulated again; give an Experiment or a simulated recording")
+    if made.lost is not None:
+        raise InputError(
+            f"the recording cannot be made again: {made.lost} was computed by a function, which is not stored"
+        )
+    if accuracy is not None or tolerance_db is not None:
+        return made, recording.inputs, accuracy, {}
+    known: dict[str, Any] = {
+        name: recording.settings[name] for name in ("error_db", "tolerance_db") if name in recording.settings
+    }
+    return made, recording.inputs, recording.accuracy, known
+
+
 def _json(name: str, values: Mapping[str, Any]) -> str:
     """As text that is stored with a result."""
     try:

@@ -21,7 +21,7 @@ import yaml
 
 import t2d_rt as t2d
 from builders import WALK
-from t2d_rt import backend, pipeline
+from t2d_rt import backend, summation
 from t2d_rt.cli import main
 from t2d_rt.radar.synthesize import synthesize
 
@@ -233,7 +233,7 @@ def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.Monkey
         return synthesize(*arguments, **options)
 
     assert run("simulate", "walk.bvh", *QUICK).err == ""
-    monkeypatch.setattr(pipeline, "synthesize", slow)
+    monkeypatch.setattr(summation, "synthesize", slow)
     clock = iter([0.0, 30.0])
     monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(clock)))  # 30 s to the first block
     monkeypatch.setattr(progress, "_redraws", lambda stream: True)  # as on a terminal
@@ -465,7 +465,7 @@ def test_full_disk_leaves_the_old_result(run: Command, refused: Callable[..., st
 
 
 @pytest.mark.parametrize(
-    "where", ["t2d_rt.pipeline.synthesize", "t2d_rt.result.Recording.plot", "xarray.Dataset.to_zarr"]
+    "where", ["t2d_rt.summation.synthesize", "t2d_rt.result.Recording.plot", "xarray.Dataset.to_zarr"]
 )
 def test_ctrl_c_leaves_nothing(run: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     def interrupted(*arguments: Any, **_: Any) -> None:
@@ -511,7 +511,7 @@ def test_not_enough_memory(refused: Callable[..., str], monkeypatch: pytest.Monk
     def too_much(*_: Any, **__: Any) -> None:
         raise MemoryError("Unable to allocate 75. GiB")
 
-    monkeypatch.setattr(pipeline, "synthesize", too_much)
+    monkeypatch.setattr(summation, "synthesize", too_much)
     assert "not enough memory (Unable to allocate 75. GiB); a shorter motion" in refused("simulate", "walk.bvh", *QUICK)
 
 

@@ -10,7 +10,7 @@ import pytest
 from t2d_rt import cli
 from t2d_rt.cli.help import field_help, parameter_help
 from t2d_rt.motion import load_motion
-from t2d_rt.pipeline import simulate
+from t2d_rt.simulate import simulate
 from t2d_rt.types import Radar
 
 OPTIONS = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from t2d_rt.errors import InputError
+from t2d_rt.cli import main
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.scene import Slab
 from validation.robustness.api_calls import FACES, TETRAHEDRON, TIMES_S, egg, walk
 
@@ -60,19 +62,31 @@ MADE: dict[str, Callable[[Path], t2d.Recording]] = {
 }
 
 
-@pytest.mark.parametrize("kind", MADE)
-@pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")
-def test_a_recording_is_made_again_from_its_folder_alone(kind: str, tmp_path: Path) -> None:
-    first = MADE[kind](tmp_path)
-    first.save(tmp_path / "first.zarr")
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "first.zarr").rename(tmp_path / "elsewhere" / "moved.zarr")
+@pytest.fixture(scope="module")
+def made_twice(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[t2d.Recording, t2d.Recording]]:
+    """Recordings, and what a fresh process makes of their folders alone, which have been moved elsewhere."""
+    place, elsewhere = (tmp_path_factory.mktemp(name) for name in ("first", "elsewhere"))
+    first = {}
+    for number, (kind, make) in enumerate(MADE.items()):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", T2DWarning)
+            first[kind] = make(place)
+        first[kind].save(place / f"{number}.zarr")
+        (place / f"{number}.zarr").rename(elsewhere / f"{number}.zarr")
     code = (
-        "import t2d_rt as t2d, warnings; warnings.simplefilter('ignore');"
-        "t2d.Recording.load('moved.zarr').again().save('again.zarr')"
+        "import t2d_rt as t2d, warnings; warnings.simplefilter('ignore')\n"
+        f"for number in range({len(MADE)}): t2d.Recording.load(f'{{number}}.zarr').again().save(f'{{number}}_again.zarr')"
     )
-    subprocess.run([sys.executable, "-c", code], cwd=tmp_path / "elsewhere", check=True)
-    again = t2d.Recording.load(tmp_path / "elsewhere" / "again.zarr")
+    subprocess.run([sys.executable, "-c", code], cwd=elsewhere, check=True)
+    again = [t2d.Recording.load(elsewhere / f"{number}_again.zarr") for number in range(len(MADE))]
+    return {kind: (first[kind], again[number]) for number, kind in enumerate(MADE)}
+
+
+@pytest.mark.parametrize("kind", MADE)
+def test_a_recording_is_made_again_from_its_folder_alone(
+    kind: str, made_twice: dict[str, tuple[t2d.Recording, t2d.Recording]]
+) -> None:
+    first, again = made_twice[kind]
     np.testing.assert_array_equal(np.asarray(again.cube), np.asarray(first.cube))
     assert again.experiment == first.experiment
     assert again.accuracy == first.accuracy
@@ -135,3 +149,20 @@ def test_damaged_inputs_are_told(tmp_path: Path) -> None:
 def test_a_wrong_field_is_named(fields: dict, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         t2d.Experiment(**{"radar": "ci4r", **fields})
+
+
+def test_an_experiment_and_a_result_again_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "walk.bvh").write_bytes((MOTIONS / "12_01_walk.bvh").read_bytes())
+    (tmp_path / "set" / "mine.yaml").write_text(
+        "targets:\n- {kind: file, file: walk.bvh, stop_s: 0.2}\nradar: ci4r\nmethod: ellipsoid\n"
+        "accuracy: {surface_rate_hz: 70}\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", "set/mine.yaml"]) == 0
+    assert main(["simulate", "--again", "mine.zarr"]) == 0
+    first, again = (t2d.Recording.load(f"{name}.zarr") for name in ("mine", "mine_again"))
+    np.testing.assert_array_equal(np.asarray(first.cube), np.asarray(again.cube))
+    assert first.accuracy is not None
+    assert first.accuracy.surface_rate_hz == 70
+    assert main(["simulate", "set/mine.yaml", "--scene", "corridor", "--overwrite"]) == 2

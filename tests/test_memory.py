@@ -40,7 +40,7 @@ def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(echo_streams, "MOST_ECHOES", 3_000)
     calls = []
     synthesize = synthesis.synthesize
-    monkeypatch.setattr("t2d_rt.pipeline.synthesize", lambda *a, **k: calls.append(a[0].echoes) or synthesize(*a, **k))
+    monkeypatch.setattr("t2d_rt.summation.synthesize", lambda *a, **k: calls.append(a[0].echoes) or synthesize(*a, **k))
     parts = t2d.simulate([approaching(2), approaching(2)], radar=RADAR, scene="empty_room", reflections=1).cube
     assert len(calls) > 3
     assert max(calls) <= 3_000
@@ -70,8 +70,8 @@ def test_the_limit_does_not_change_the_result() -> None:
 
 
 def test_what_takes_more_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("t2d_rt.cost.SUMMED_BYTES", 1e7)
-    monkeypatch.setattr("t2d_rt.pipeline.synthesize", lambda *_, **__: pytest.fail("it began"))
+    monkeypatch.setattr("t2d_rt.accuracy.cost.SUMMED_BYTES", 1e7)
+    monkeypatch.setattr("t2d_rt.summation.synthesize", lambda *_, **__: pytest.fail("it began"))
     with pytest.raises(t2d.InputError, match=r"takes about [\d.]+ GB of memory, more than the limit of 2 GB; ask for"):
         t2d.simulate(approaching(), radar=RADAR)
     with pytest.raises(t2d.InputError, match=r"raise memory_gb"):
@@ -79,7 +79,7 @@ def test_what_takes_more_is_refused_before_it_begins(monkeypatch: pytest.MonkeyP
 
 
 def test_a_mesh_of_too_many_faces_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("t2d_rt.pipeline.REFINING_BYTES", 2e6)
+    monkeypatch.setattr("t2d_rt.stage.REFINING_BYTES", 2e6)
     with pytest.raises(t2d.InputError, match=r"ball of 1280 faces takes about 2.6 GB of memory.*fewer triangles"):
         t2d.simulate(approaching(), radar=RADAR)
 

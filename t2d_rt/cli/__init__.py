@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from t2d_rt.checks import unknown_name
+from t2d_rt.cli.experiments import is_experiment, recorded
 from t2d_rt.cli.options import (
     check_nulls,
     compare_parser,
@@ -34,9 +35,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from t2d_rt.cli.add import Person
-    from t2d_rt.pipeline import Method
     from t2d_rt.result import Recording
     from t2d_rt.scene import Mover
+    from t2d_rt.simulate import Method
     from t2d_rt.types import Motion, Radar
 
 
@@ -143,7 +144,7 @@ def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], None]]:
 def _overview() -> str:
     return (
         "t2d-rt: ray-traced human micro-Doppler; skeleton motion in, coherent FMCW radar data out\n\n"
-        "  t2d-rt simulate FILE   radar recording and spectrogram of a motion file\n"
+        "  t2d-rt simulate FILE   radar recording and spectrogram of a motion file, an experiment (.yaml), or a result again\n"
         "  t2d-rt plan FILE       what that would model, leave out and take to keep to a tolerance\n"
         "  t2d-rt compare FILE    ellipsoid model against mesh, with figures\n"
         "  t2d-rt scene NAME      plan and view of a room, with the ways to a walker\n"
@@ -162,7 +163,10 @@ def _simulate(options: Namespace) -> None:
     from t2d_rt.result import check_free
 
     source, added = Path(options.file), additions(options.add)
-    target = Path(options.output or f"{_stem(source)}.zarr")
+    stem = (
+        f"{source.stem}_again" if source.suffix == ".zarr" else source.stem if is_experiment(source) else _stem(source)
+    )
+    target = Path(options.output or f"{stem}.zarr")
     if target.suffix != ".zarr":
         raise InputError(f"a result is a folder that ends in .zarr, got '{target}'; the picture is written beside it")
     if target.is_symlink():  # the result is written to where the link leads, and the picture goes beside it
@@ -170,11 +174,13 @@ def _simulate(options: Namespace) -> None:
     picture = target.with_suffix(".png")
     check_free(target, overwrite=options.overwrite)
     _check_picture(picture, overwrite=options.overwrite)
-    radar = _radar(options)
-    motion = _motion(options, source, radar)
-    result = _recorded(motion, options, radar, options.method, added)
+    if is_experiment(source):
+        result = recorded(source, options, simulate_parser(), _accuracy(options))
+    else:
+        radar = _radar(options)
+        result = _recorded(_motion(options, source, radar), options, radar, options.method, added)
     where = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
-    figure = _drawn(result, f"{source.name}, {options.method}{where}")
+    figure = _drawn(result, f"{source.name}, {result.settings['method']}{where}")
     result.save(target, overwrite=options.overwrite, figure=figure)
     if result.error_db is not None:
         say(f"measured error {result.error_db:.1f} dB")
@@ -198,7 +204,7 @@ def _drawn(result: Recording, title: str) -> Figure | None:
 
 
 def _plan(options: Namespace) -> None:
-    from t2d_rt.pipeline import plan
+    from t2d_rt.accuracy import plan
 
     radar = _radar(options)
     motion = _motion(options, Path(options.file), radar)
@@ -337,7 +343,7 @@ def _recorded(
     motion: Motion, options: Namespace, radar: Radar, method: Method, added: Sequence[Mover | Person] = ()
 ) -> Recording:
     from t2d_rt.cli.add import Person
-    from t2d_rt.pipeline import simulate
+    from t2d_rt.simulate import simulate
     from t2d_rt.types import Motion
 
     names = [name for name in MODEL if name in options and name != "method"]

@@ -83,7 +83,10 @@ PLAIN_TYPES = {
 
 def simulate_parser() -> ArgumentParser:
     """Options of `t2d-rt simulate`."""
-    parser = _parser("simulate", "Radar recording and micro-Doppler spectrogram of a motion file.")
+    parser = _parser(
+        "simulate",
+        "Radar recording and micro-Doppler spectrogram of a motion file, of an experiment (.yaml), or of a result (.zarr) again.",
+    )
     _add_run(parser, output="Result folder (.zarr), the picture beside it; FILE's name by default.")
     parser.add_argument(
         "--add",
@@ -217,8 +220,8 @@ def _add_piece(parser: ArgumentParser) -> None:
 
 def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bool = True) -> None:
     from t2d_rt.motion import load_motion
-    from t2d_rt.pipeline import simulate
     from t2d_rt.signal import spectrogram
+    from t2d_rt.simulate import simulate
     from t2d_rt.trace.scenes import scene_names
 
     model = parser.add_argument_group("model")
@@ -324,7 +327,7 @@ def resolved(arguments: Sequence[str], *, configurable: bool = True) -> list[str
             if not value.isascii() and value != value.encode(errors="ignore").decode():
                 raise InputError(f"option --add takes a text in UTF-8, got {shown(value)}; rename the file")
             added.append(value)
-        elif name == "--file":
+        elif name in ("--file", "--again"):
             files.append(value)
         else:
             rest.append(f"{name}={value}")

@@ -19,7 +19,7 @@ from unittest import mock
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import cubes, model, pipeline, result
+from t2d_rt import cubes, model, result, stage, summation
 from t2d_rt.backend import select
 from t2d_rt.echo import mesh
 from t2d_rt.echo.legs import Arrivals
@@ -43,7 +43,7 @@ ENTRIES: tuple[tuple[str, Any, str], ...] = (
     (MOTION, model, "_shape"),
     (MOTION, MovingMesh, "at"),
     (MOTION, Ellipsoids, "at"),
-    (WAYS, pipeline, "find_ways"),
+    (WAYS, stage, "find_ways"),
     (WAYS, model, "clutter_streams"),
     (WAYS, Arrivals, "weight"),
     (SETUP, mesh._Model, "of"),
@@ -54,7 +54,7 @@ ENTRIES: tuple[tuple[str, Any, str], ...] = (
     (FACETS, mesh._Model, "put"),
     (FACETS, mesh.Block, "arrays"),
     (FACETS, mesh._Model, "places"),
-    (SYNTHESIS, pipeline, "synthesize"),
+    (SYNTHESIS, summation, "synthesize"),
     (SYNTHESIS, synthesize, "_sums"),
     (SPECTROGRAM, result, "spectrogram"),
 )

@@ -10,8 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import number
-from t2d_rt.errors import T2DWarning
+from t2d_rt.accuracy.estimate import Chirps, nmse_db
+from t2d_rt.accuracy.estimate import field as probed
+from t2d_rt.accuracy.estimate import measured_db as estimate_db
+from t2d_rt.checks import flag, number, shown
+from t2d_rt.cubes import Cube
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.model import (
     MOST_SUBDIVISION,
     SECONDARY_DB,
@@ -20,9 +24,7 @@ from t2d_rt.model import (
     farthest_and_fastest,
     with_method,
 )
-from t2d_rt.probe import Chirps, nmse_db
-from t2d_rt.probe import field as probed
-from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh
+from t2d_rt.types import Accuracy, EchoStream, Ellipsoids, Motion, MovingMesh
 
 OCCLUSION = "occlusion of targets by themselves and one another"
 NEGLIGIBLE_DB = 14.0
@@ -49,6 +51,8 @@ SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
 """What the splines and the sum may add lies that far below the tolerance."""
 GREATEST_SYNTHESIS_DB = -40.0
 """Greatest error of the sum."""
+UNPLANNED_DB = -20.0
+"""Error that is expected where none was planned."""
 OVER_DB = 1.0
 """A plan may expect that much more than the tolerance before it warns: its estimates are rather high."""
 JUDGED_LEVEL_DB = -20.0
@@ -79,7 +83,8 @@ class Plan:
     """How a recording will be modelled to keep to a tolerance."""
 
     model: Model
-    tolerance_db: float
+    tolerance_db: float | None
+    """None where an accuracy was given instead."""
     accuracy: Accuracy
     omissions: Sequence[Omission]
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -96,16 +101,71 @@ class Plan:
     @property
     def error_db(self) -> float:
         """Error to be expected: the sum of what is left out."""
+        if not self.omissions:
+            return UNPLANNED_DB
         return _db(sum(10 ** (each.error_db / 10) for each in self.omissions if each.taken))
+
+    def described(self) -> dict[str, float]:
+        """For a recording's settings."""
+        return {} if self.tolerance_db is None else {"tolerance_db": self.tolerance_db}
 
     def __str__(self) -> str:
         return "\n".join(_told(self))
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What a user wants of the accuracy."""
+
+    given: Accuracy
+    """The fields that are set in it stay."""
+    tolerance_db: float | None
+    measured: bool
+    """Whether the error is measured after the run."""
+
+    @classmethod
+    def of(
+        cls,
+        accuracy: Accuracy | Mapping[str, Any] | None,
+        tolerance_db: float | None,
+        measure_error: bool | None = None,
+    ) -> Wanted:
+        """From the options of `simulate`, checked."""
+        if measure_error is not None:
+            flag("measure_error", measure_error)
+        if tolerance_db is not None:
+            check_tolerance(tolerance_db)
+        return cls(
+            checked_accuracy(accuracy),
+            tolerance_db,
+            tolerance_db is not None if measure_error is None else measure_error,
+        )
+
+
+def checked_accuracy(accuracy: Accuracy | Mapping[str, Any] | None) -> Accuracy:
+    """An `Accuracy`, or one of the fields given; the default one for None."""
+    if accuracy is None:
+        return Accuracy()
+    if isinstance(accuracy, Accuracy):
+        return accuracy
+    if not isinstance(accuracy, Mapping):
+        raise InputError(
+            f"accuracy must be an Accuracy or a mapping of its fields, got {shown(accuracy)}; {{'sagitta_rad': 0.2}} is one"
+        )
+    return Accuracy.model_validate(accuracy)
 
 
 def check_tolerance(tolerance_db: float) -> None:
     """Refuses one for which there are no settings."""
     hint = "-20 suits most uses, at 0 there is as much error as signal"
     number("tolerance_db", tolerance_db, LEAST_DB, MOST_DB, unit="dB", hint=hint)
+
+
+def chosen(model: Model, wanted: Wanted) -> Plan:
+    """The accuracy that keeps to the tolerance, or the one given where there is none."""
+    if wanted.tolerance_db is None:
+        return Plan(model, None, wanted.given, ())
+    return planned(model, wanted.tolerance_db, wanted.given)
 
 
 def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
@@ -160,8 +220,21 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     return _checked(Plan(model, float(tolerance_db), accuracy, omissions + _fewer_paths(model, accuracy)))
 
 
+def measured_db(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> float:
+    """Error of a run by a plan, measured; a warning where it misses the tolerance."""
+    found = estimate_db(plan.model, plan.accuracy, cube, static, error_db=plan.error_db, hidden=plan.hidden)
+    if plan.tolerance_db is not None and found > plan.tolerance_db + OVER_DB:
+        warnings.warn(
+            f"the measured error of {found:.1f} dB misses the tolerance of {plan.tolerance_db:g} dB; plan tells what costs most",
+            T2DWarning,
+            stacklevel=4,
+        )
+    return found
+
+
 def _checked(plan: Plan) -> Plan:
     """Warns where a tolerance is not in reach."""
+    assert plan.tolerance_db is not None
     if plan.error_db > plan.tolerance_db + OVER_DB:
         worst = max((each for each in plan.omissions if each.taken), key=lambda each: each.error_db)
         warnings.warn(

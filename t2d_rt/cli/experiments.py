@@ -1,0 +1,57 @@
+"""Simulations of experiments in YAML, and of recordings again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from t2d_rt.errors import InputError
+from t2d_rt.files import read_yaml
+from t2d_rt.progress import ProgressBar
+
+if TYPE_CHECKING:
+    from jsonargparse import ArgumentParser, Namespace
+
+    from t2d_rt.result import Recording
+
+RUN = "tolerance_db", "measure_error", "device", "memory_gb"
+"""Options beside an experiment that go to `run` by their names."""
+BESIDE = (*RUN, "file", "output", "overwrite", "config", "accuracy", "signal")
+"""All that may be given beside an experiment; the others are the experiment's own."""
+
+
+def is_experiment(source: Path) -> bool:
+    """Whether a file is an experiment or a recording, not a motion."""
+    return source.suffix.lower() in (".yaml", ".yml") or (source.suffix == ".zarr" and source.is_dir())
+
+
+def recorded(source: Path, options: Namespace, parser: ArgumentParser, accuracy: dict[str, Any]) -> Recording:
+    """The recording of an experiment in YAML, or of a recording again."""
+    from t2d_rt.experiment import Experiment
+    from t2d_rt.result import Recording
+    from t2d_rt.simulate import run
+
+    for name, value in options.items():
+        if name.partition(".")[0] not in BESIDE and value != parser.get_default(name):
+            raise InputError(f"option {name} is part of the experiment {source.name}; change it there")
+    given: dict[str, Any] = {name: options[name] for name in RUN}
+    processing = options.signal.as_dict()
+    if source.suffix == ".zarr":
+        experiment: Experiment | Recording = (first := Recording.load(source))
+        if all(processing[name] == parser.get_default(f"signal.{name}") for name in processing):
+            processing = first.processing
+    else:
+        experiment, stored = read_experiment(source)
+        given["tolerance_db"] = stored.get("tolerance_db") if given["tolerance_db"] is None else given["tolerance_db"]
+        accuracy = {**(stored.get("accuracy") or {}), **accuracy}
+    with ProgressBar(source.stem) as progress:
+        return run(experiment, accuracy or None, progress=progress, **given).processed(**processing)
+
+
+def read_experiment(path: Path) -> tuple[Any, dict[str, Any]]:
+    """The experiment, and what the file says of its accuracy: `accuracy` and `tolerance_db`."""
+    from t2d_rt.experiment import Experiment
+
+    values = read_yaml(path, noun="experiment", example="targets, radar and scene")
+    stored: dict[str, Any] = {name: values.pop(name) for name in ("accuracy", "tolerance_db") if name in values}
+    return Experiment.read(values, path), stored

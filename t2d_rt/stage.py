@@ -1,0 +1,185 @@
+"""`Stage`: an experiment set up: targets placed, on one clock, checked against radar and room, with the path pairs to them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import select
+from t2d_rt.checks import choice, integer, shown, text
+from t2d_rt.echo.mesh import REFINING_BYTES, check_outside
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.experiment import Experiment, Inputs, Store, sources_of, stored_scene
+from t2d_rt.memory import Budget
+from t2d_rt.model import Model, Target, farthest_and_fastest, placed, shapes_of, shared_time
+from t2d_rt.motion import placement
+from t2d_rt.named import radar_named, target_named
+from t2d_rt.radar import check_speed
+from t2d_rt.room import Shape, checked_time, find_ways
+from t2d_rt.scene import Room
+from t2d_rt.trace.scenes import load_scene
+from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
+from t2d_rt.types.material import checked_material
+
+JUMP_MPS = 300.0
+"""Between two frames nobody moves faster; a jump of 2.5 m in a file of 120 frames a second does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """An experiment set up."""
+
+    experiment: Experiment
+    inputs: Inputs
+    """Arrays that the experiment names."""
+    model: Model
+    """How its targets become echoes."""
+
+    def described(self, model: Model, accuracy: Accuracy) -> dict[str, Any]:
+        """What a recording was made with, in a few words; `model` may be simpler than the stage's own."""
+        pairs, material, experiment = model.pairs(accuracy), model.material, self.experiment
+        room = {name: getattr(experiment, name) for name in ("reflections", "transmissions", "collisions")}
+        return {
+            "method": model.method, "scene": "free_space" if model.around is None else model.around.name,
+            "seed": model.seed, "body": model.body, "accuracy": accuracy.model_dump(mode="json"),
+            "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
+            "surface_rates_hz": [float((len(t) - 1) / (t[-1] - t[0])) for t in model.frame_times(accuracy)],
+            "phase_from": model.phase_from, "device": model.backend.name,
+            "targets": [each.report if isinstance(each, Motion) else repr(each) for each in model.targets],
+            "placement": [placement(each) if isinstance(each, Motion) else "own coordinates" for each in model.targets],
+            **({} if pairs is None else {**pairs.describe(), **room}),
+        }  # fmt: skip
+
+
+def set_up(
+    target: Any, radar: Any, scene: Any, physics: Mapping[str, Any], *, device: str, memory_gb: float
+) -> Stage:  # fmt: skip
+    """The stage of a target or several, in a scene; `physics` are the other fields of an `Experiment`; all are checked."""
+    memory = Budget.of(memory_gb)
+    target, radar = target_named(target), radar_named(radar)
+    radar = Radar.preset("table2") if radar is None else radar
+    targets = [target] if isinstance(target, Target) else target
+    _check(targets, radar, physics)
+    targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
+    backend, around = select(device), _around(scene)
+    method, body, material = physics["method"], physics["body"], physics["material"]
+    shapes = shapes_of(targets, method, body, material, radar)
+    span_s = shared_time(shapes)
+    transmissions = physics["transmissions"]
+    if around is not None:
+        moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, shapes, strict=True)]
+        span_s = checked_time(
+            physics["collisions"], around, moving, [shape.name for shape in shapes], radar, span_s,
+            outside=transmissions > 0, backend=backend,
+        )  # fmt: skip
+    for shape in shapes:
+        if isinstance(shape, MovingMesh):
+            size = len(shape.faces)
+            memory.check(REFINING_BYTES * size, f"{shape.name} of {size} faces", "give it in fewer triangles")
+        _check_shape(shape, radar, span_s)
+    ranked = []
+    if around is not None:
+        ranked = find_ways(
+            around, shapes, radar, span_s, order=physics["reflections"], transmissions=transmissions, backend=backend
+        )
+    model = Model(
+        radar, targets, shapes, span_s, around, ranked, method=method, material=material, body=body,
+        phase_from=physics["phase_from"], seed=int(physics["seed"]), backend=backend, memory=memory,
+    )  # fmt: skip
+    store = Store({})
+    experiment = Experiment(
+        targets=sources_of(targets, store), radar=radar, scene=stored_scene(around, store), **physics
+    )
+    return Stage(experiment, store.inputs, model)
+
+
+def _placed(motion: Motion, radar: Radar) -> Motion:
+    """The motion before the radar; a warning where that moves what may have stood in its place already."""
+    found = placed(motion, radar)
+    _check_steps(found)
+    if motion.placed is None:
+        warnings.warn(
+            f"the motion was {placement(found)}, as it does not say whose its coordinates are; give motion_from_joints placed=True "
+            "to keep them as those of the world, or placed=False to have it placed",
+            T2DWarning,
+            stacklevel=4,
+        )
+    return found
+
+
+def _check_steps(motion: Motion) -> None:
+    """Refuses a motion that jumps: between two frames nobody moves as fast, and a spline through the jump means nothing."""
+    speeds = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1) * motion.rate_hz
+    frame, joint = np.unravel_index(int(speeds.argmax()), speeds.shape)
+    if speeds[frame, joint] > JUMP_MPS:
+        raise InputError(
+            f"the motion jumps: {motion.names[joint]} moves by {speeds[frame, joint] / motion.rate_hz:.3g} m from frame {frame} to "
+            f"{frame + 1} ({frame / motion.rate_hz:.4g} s), at {speeds[frame, joint]:.3g} m/s; cut or repair the motion there"
+        )
+
+
+def _around(scene: Any) -> Scene | None:
+    """The scene; None in free space."""
+    if isinstance(scene, Room):
+        return scene.scene()
+    if isinstance(scene, Scene):
+        return scene
+    if not isinstance(scene, (str, Path)):
+        raise InputError(f"scene must be a name, a path, a Room or a Scene, got {shown(scene)}")
+    return None if scene == "free_space" else load_scene(scene)
+
+
+def _check_shape(shape: Shape, radar: Radar, span_s: tuple[float, float]) -> None:
+    name = shape.name
+    if isinstance(shape, MovingMesh):
+        check_outside(shape, radar, np.array(span_s))
+    else:
+        _check_outside_ellipsoids(shape, radar, np.linspace(*span_s, 200))
+    farthest_m, fastest_mps = farthest_and_fastest(shape, radar, span_s)
+    check_speed(radar, fastest_mps, what=name)
+    if farthest_m > radar.max_range_m:
+        warnings.warn(
+            f"{name} is up to {farthest_m:.3g} m away, beyond the unambiguous {radar.max_range_m:.3g} m, and folds to a wrong "
+            "range; place it nearer (distance_m) or take a radar with less bandwidth or more samples",
+            T2DWarning,
+            stacklevel=3,
+        )
+
+
+def _check_outside_ellipsoids(shape: Ellipsoids, radar: Radar, times_s: np.ndarray) -> None:
+    centres, axes = shape.at(times_s)
+    for antenna in (radar.tx_position_m, radar.rx_position_m):
+        local = np.einsum("knji,knj->kni", axes, antenna - centres) / shape.semi_axes_m
+        inside = np.sum(local**2, axis=2) < 1 + 1e-6
+        if inside.any():
+            frame, index = np.argwhere(inside)[0]
+            where = ", ".join(f"{x:.3g}" for x in antenna)
+            raise InputError(
+                f"the radar at ({where}) m is inside {shape.names[index]} at {times_s[frame]:.3g} s; place the target farther "
+                "away (distance_m) or move the radar"
+            )
+
+
+def _check(targets: Any, radar: Any, physics: Mapping[str, Any]) -> None:
+    if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, Target) for each in targets):
+        raise InputError(
+            f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
+            "load_motion reads a file"
+        )
+    if not isinstance(radar, Radar):
+        raise InputError(f"radar must be a Radar, got {shown(radar)}; Radar.preset(name) makes one of a preset's name")
+    choice("method", physics["method"], ("mesh", "ellipsoid"))
+    choice("phase_from", physics["phase_from"], ("specular", "centre"))
+    integer("seed", physics["seed"])
+    integer("reflections", physics["reflections"], 0, 4, hint="2 suits rooms")
+    integer("transmissions", physics["transmissions"], 0, 4, hint="2 sees behind a partition")
+    choice("clutter", physics["clutter"], ("specular", "diffuse", "none"))
+    choice("collisions", physics["collisions"], ("warn", "stop", "ignore"))
+    text("body", physics["body"])
+    if physics["material"] is not None:
+        checked_material(physics["material"])
