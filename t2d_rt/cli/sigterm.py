@@ -15,13 +15,19 @@ from t2d_rt.errors import printable
 from t2d_rt.store import abandon
 
 
+def _refused(*_: Any, **__: Any) -> None:
+    raise OSError("the process is ending")
+
+
 @contextmanager
 def stopped_by_sigterm() -> Iterator[None]:
     """SIGTERM leaves as little behind as Ctrl-C. An exception would be lost where one cannot be raised, as in a finalizer."""
 
     def stop(*_: Any) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough: what follows is tidying up
-        warnings.simplefilter("ignore")  # of threads under which files vanish now
+        # Other threads still write: they must not warn of files that vanish, nor make folders anew that have just been removed.
+        warnings.simplefilter("ignore")
+        vars(os)["mkdir"] = _refused
         written = ", ".join(f"{path} was written" for path in abandon()) or "nothing was written"
         with suppress(RuntimeError, OSError):  # it may have come amidst a print
             sys.stdout.flush()
