@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from t2d_rt.canvas import checked_axes
 from t2d_rt.checks import positive
 from t2d_rt.cubes import Cube
-from t2d_rt.plots import checked_axes, new_figure
+from t2d_rt.plots import new_figure
 from t2d_rt.signal import coherent_interval, range_doppler, range_time
 from t2d_rt.signal.doppler import checked_windows
 from t2d_rt.signal.maps import RangeDoppler, RangeTime

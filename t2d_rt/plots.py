@@ -5,63 +5,38 @@ Every function returns a `matplotlib.figure.Figure`; `figure.savefig("walk.png")
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.checks import LARGEST_M, array, instance, interval, numeric, positive, shown, text
+from t2d_rt.canvas import (
+    Scale,
+    blank_figure,
+    check_colours,
+    checked_map,
+    draw_bar,
+    draw_image,
+    draw_note,
+    drawable,
+    label_axes,
+    occupied,
+    peak_db,
+    scaled_image,
+    thinned,
+)
+from t2d_rt.checks import LARGEST_M, array, instance, numeric, positive, shown, text
 from t2d_rt.errors import InputError
 from t2d_rt.types import Scene, Surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
-
-COLUMNS = 2000
-"""More columns than any page shows; longer images are averaged (in power) down to it."""
-
-MARGIN = 0.15
-"""Of the occupied span of speeds, left free above and below it."""
 
 SIZES_IN = {"spectrogram": (7.0, 3.6), "range_time": (7.0, 3.6), "range_doppler": (5.4, 4.2)}
 """Width and height of the figures of maps."""
 
-LONGEST_TITLE = 300
-"""Characters of a title that are drawn."""
-
 VELOCITY_LABEL = "Radial velocity (m/s), approaching > 0"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scale:
-    """Colours of the levels of a map."""
-
-    cmap: str = "viridis"
-    """A colour map of Matplotlib."""
-    dynamic_range_db: float = 50.0
-    """Below the peak."""
-    limits_db: tuple[float, float] | None = None
-    """Least and greatest level [dB re 1 W], for pictures that are to be compared; by default the peak and what lies below it within
-    `dynamic_range_db`."""
-
-    def __post_init__(self) -> None:
-        _check_colours(self.cmap)
-        value = positive("dynamic_range_db", self.dynamic_range_db, 1000, unit="dB", hint="50 is usual")
-        object.__setattr__(self, "dynamic_range_db", value)
-        if self.limits_db is not None:
-            low, high = interval("limits_db", self.limits_db, unit="dB re 1 W")
-            if not -1e4 <= low < high <= 1e4:
-                raise InputError(f"limits_db must be two levels, the lower one first, got {shown(self.limits_db)}")
-            object.__setattr__(self, "limits_db", (low, high))
-
-    def bounds_db(self, power_db: np.ndarray) -> tuple[float, float]:
-        """Least and greatest level [dB] that colours tell apart in a map."""
-        peak = _peak(power_db)
-        return self.limits_db or (peak - self.dynamic_range_db, peak)
 
 
 def draw_spectrogram(
@@ -75,12 +50,12 @@ def draw_spectrogram(
     note: str | None = None,
 ) -> None:
     """As `plot_spectrogram`, into axes of a figure of one's own."""
-    velocity_mps, time_s, power_db = _checked_map("velocity_mps", velocity_mps, "time_s", time_s, power_db)
-    time_s, power_db = _thin(time_s, power_db)
-    low, _ = _scaled_image(axes, time_s, velocity_mps, power_db, scale)
-    axes.set_ylim(_occupied(velocity_mps, power_db.max(axis=1), low))
-    _label(axes, "Time (s)", VELOCITY_LABEL, title)
-    _note(axes, note)
+    velocity_mps, time_s, power_db = checked_map("velocity_mps", velocity_mps, "time_s", time_s, power_db)
+    time_s, power_db = thinned(time_s, power_db)
+    low, _ = scaled_image(axes, time_s, velocity_mps, power_db, scale)
+    axes.set_ylim(occupied(velocity_mps, power_db.max(axis=1), low))
+    label_axes(axes, "Time (s)", VELOCITY_LABEL, title)
+    draw_note(axes, note)
 
 
 def plot_spectrogram(
@@ -112,12 +87,12 @@ def draw_range_time(
     note: str | None = None,
 ) -> None:
     """As `plot_range_time`, into axes of a figure of one's own, and only up to the farthest range that holds anything."""
-    range_m, time_s, power_db = _checked_map("range_m", range_m, "time_s", time_s, power_db)
-    time_s, power_db = _thin(time_s, power_db)
-    low, _ = _scaled_image(axes, time_s, range_m, power_db, scale)
-    axes.set_ylim(_occupied(range_m, power_db.max(axis=1), low))
-    _label(axes, "Time (s)", "Range (m)", title)
-    _note(axes, note)
+    range_m, time_s, power_db = checked_map("range_m", range_m, "time_s", time_s, power_db)
+    time_s, power_db = thinned(time_s, power_db)
+    low, _ = scaled_image(axes, time_s, range_m, power_db, scale)
+    axes.set_ylim(occupied(range_m, power_db.max(axis=1), low))
+    label_axes(axes, "Time (s)", "Range (m)", title)
+    draw_note(axes, note)
 
 
 def plot_range_time(
@@ -149,12 +124,12 @@ def draw_range_doppler(
     note: str | None = None,
 ) -> None:
     """As `plot_range_doppler`, into axes of a figure of one's own, and only where there is anything."""
-    velocity_mps, range_m, power_db = _checked_map("velocity_mps", velocity_mps, "range_m", range_m, power_db)
-    low, _ = _scaled_image(axes, range_m, velocity_mps, power_db, scale)
-    axes.set_ylim(_occupied(velocity_mps, power_db.max(axis=1), low))
-    axes.set_xlim(_occupied(range_m, power_db.max(axis=0), low, zero=False))
-    _label(axes, "Range (m)", VELOCITY_LABEL, title)
-    _note(axes, note)
+    velocity_mps, range_m, power_db = checked_map("velocity_mps", velocity_mps, "range_m", range_m, power_db)
+    low, _ = scaled_image(axes, range_m, velocity_mps, power_db, scale)
+    axes.set_ylim(occupied(velocity_mps, power_db.max(axis=1), low))
+    axes.set_xlim(occupied(range_m, power_db.max(axis=0), low, zero=False))
+    label_axes(axes, "Range (m)", VELOCITY_LABEL, title)
+    draw_note(axes, note)
 
 
 def plot_range_doppler(
@@ -185,12 +160,12 @@ def plot_range_angle(
     cmap: str = "viridis",
 ) -> Figure:
     """Range-azimuth map with left on the left; `power_db` (range, azimuth)."""
-    range_m, azimuth_rad, power_db = _checked_map("range_m", range_m, "azimuth_rad", azimuth_rad, power_db)
-    figure = _figure(5.4, 4.2)
+    range_m, azimuth_rad, power_db = checked_map("range_m", range_m, "azimuth_rad", azimuth_rad, power_db)
+    figure = blank_figure(5.4, 4.2)
     axes = figure.subplots()
-    _image(axes, np.degrees(azimuth_rad), range_m, power_db, dynamic_range_db, cmap)
+    draw_image(axes, np.degrees(azimuth_rad), range_m, power_db, dynamic_range_db, cmap)
     axes.invert_xaxis()
-    _label(axes, "Azimuth (deg), left > 0", "Range (m)", title)
+    label_axes(axes, "Azimuth (deg), left > 0", "Range (m)", title)
     return figure
 
 
@@ -206,8 +181,8 @@ def plot_point_cloud(
         raise InputError(
             "nothing to plot: the point cloud is empty; lower the threshold or look at the range-Doppler map"
         )
-    figure = _figure(7.0, 3.6)
-    _check_colours(cmap)
+    figure = blank_figure(7.0, 3.6)
+    check_colours(cmap)
     above, side = figure.subplots(1, 2)
     limit = max(float(np.abs(speed_mps).max()), 1e-3)
     x, y, z = xyz_m.T
@@ -216,13 +191,13 @@ def plot_point_cloud(
         axes.set_aspect("equal", adjustable="datalim")
         axes.grid(alpha=0.3)
     above.invert_xaxis()
-    _label(above, "Left (m)", "Forward (m)", "From above")
-    _label(side, "Forward (m)", "Up (m)", "From the side")
+    label_axes(above, "Left (m)", "Forward (m)", "From above")
+    label_axes(side, "Forward (m)", "Up (m)", "From the side")
     bar = figure.colorbar(drawn, ax=(above, side), pad=0.015)
     bar.set_label(VELOCITY_LABEL, fontsize=9)
     bar.ax.tick_params(labelsize=8)
     if title is not None:
-        figure.suptitle(_literal("title", title), fontsize=11, parse_math=False)
+        figure.suptitle(drawable("title", title), fontsize=11, parse_math=False)
     return figure
 
 
@@ -243,7 +218,7 @@ def plot_scene(
     radar_m = array("radar_m", radar_m, (3,), limit=LARGEST_M, unit="m")
     if track_m is not None:
         track_m = array("track_m", track_m, ("time", 3), limit=LARGEST_M, unit="m")
-    figure = _figure(11.0, 4.8)
+    figure = blank_figure(11.0, 4.8)
     plan, view = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
     top = scene.bounds_m[1][2]
     for surface in scene.surfaces:
@@ -268,7 +243,7 @@ def plot_scene(
     view.set_box_aspect(np.maximum(extent, 0.01 * extent.max()))  # one wall alone has no depth
     view.set_zlabel("z (m)")
     for axes, head in ((plan, title), (view, None)):
-        _label(axes, "x (m)", "y (m)", head)
+        label_axes(axes, "x (m)", "y (m)", head)
     legend = plan.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=7, frameon=False)
     for each in legend.get_texts():
         each.set_parse_math(False)
@@ -321,18 +296,18 @@ def plot_comparison(
             f"the spectrograms to compare must have one shape, got {first_db.shape} and {second_db.shape}; "
             "make them with the same radar and STFT settings"
         )
-    velocity_mps, whole_s, first_db = _checked_map("velocity_mps", velocity_mps, "time_s", time_s, first_db)
-    velocity_mps, time_s, second_db = _checked_map("velocity_mps", velocity_mps, "time_s", time_s, second_db)
+    velocity_mps, whole_s, first_db = checked_map("velocity_mps", velocity_mps, "time_s", time_s, first_db)
+    velocity_mps, time_s, second_db = checked_map("velocity_mps", velocity_mps, "time_s", time_s, second_db)
     positive("difference_db", difference_db, 1000, unit="dB")
     labels = _checked_labels(labels)
-    figure = _figure(7.0, 8.0)
+    figure = blank_figure(7.0, 8.0)
     upper, middle, lower = figure.subplots(3, 1, sharex=True, sharey=True)
-    _, first_db = _thin(whole_s, first_db)
-    time_s, second_db = _thin(time_s, second_db)
-    peak = max(_peak(first_db), _peak(second_db))
+    _, first_db = thinned(whole_s, first_db)
+    time_s, second_db = thinned(time_s, second_db)
+    peak = max(peak_db(first_db), peak_db(second_db))
     for axes, power_db, label in ((upper, first_db, labels[0]), (middle, second_db, labels[1])):
-        _image(axes, time_s, velocity_mps, power_db, dynamic_range_db, cmap, peak=peak)
-        _label(axes, "", "", label)
+        draw_image(axes, time_s, velocity_mps, power_db, dynamic_range_db, cmap, peak=peak)
+        label_axes(axes, "", "", label)
     # Below the floor of the pictures a difference says nothing: clip both to it, leave out where both are below.
     floor = peak - dynamic_range_db
     difference = np.maximum(second_db, floor) - np.maximum(first_db, floor)
@@ -350,11 +325,11 @@ def plot_comparison(
     lower.set_facecolor("0.92")
     both = np.maximum(first_db, second_db)
     lower.set_ylim(occupied_speeds(velocity_mps, both, dynamic_range_db))
-    _bar(lower, mesh, "Difference (dB)", extend="both")
-    _label(lower, "Time (s)", "", f"{labels[1]} minus {labels[0]}")
+    draw_bar(lower, mesh, "Difference (dB)", extend="both")
+    label_axes(lower, "Time (s)", "", f"{labels[1]} minus {labels[0]}")
     figure.supylabel(VELOCITY_LABEL, fontsize=9)
     if title is not None:
-        figure.suptitle(_literal("title", title), fontsize=11, parse_math=False)
+        figure.suptitle(drawable("title", title), fontsize=11, parse_math=False)
     return figure
 
 
@@ -369,152 +344,9 @@ def occupied_speeds(velocity_mps: np.ndarray, power_db: np.ndarray, dynamic_rang
 
     A radar may see three times the speed that a person has; what is left out is empty.
     """
-    return _occupied(velocity_mps, power_db.max(axis=1), _peak(power_db) - dynamic_range_db)
-
-
-def _occupied(axis: np.ndarray, levels_db: np.ndarray, floor_db: float, *, zero: bool = True) -> tuple[float, float]:
-    """Part of an axis that holds a level above the floor and, if asked for, zero, with a margin; all of it where nothing does."""
-    held = axis[levels_db > floor_db]
-    if not held.size:
-        return float(axis[0]), float(axis[-1])
-    least, greatest = float(held.min()), float(held.max())
-    if zero:
-        least, greatest = min(least, 0.0), max(greatest, 0.0)
-    margin = max(MARGIN * (greatest - least), 10 * float(axis[1] - axis[0]))
-    return max(least - margin, float(axis[0])), min(greatest + margin, float(axis[-1]))
+    return occupied(velocity_mps, power_db.max(axis=1), peak_db(power_db) - dynamic_range_db)
 
 
 def new_figure(kind: str) -> Figure:
     """An empty figure of the size of a "spectrogram", a "range_time" or a "range_doppler" map."""
-    return _figure(*SIZES_IN[kind])
-
-
-def _figure(width_in: float, height_in: float) -> Figure:
-    with _usable():
-        from t2d_rt.figures import NotebookFigure
-
-    return NotebookFigure(figsize=(width_in, height_in), dpi=160, layout="constrained")
-
-
-@contextmanager
-def _usable() -> Iterator[None]:
-    """Matplotlib refuses to load where its settings, such as MPLBACKEND, are wrong."""
-    try:
-        yield
-    except ValueError as error:
-        raise InputError(f"matplotlib cannot be used: {error}; correct its settings, or unset MPLBACKEND") from error
-
-
-def checked_axes(axes: Any) -> Axes:
-    """Axes of a figure of Matplotlib, flat ones."""
-    with _usable():
-        from matplotlib.axes import Axes
-
-    hint = "matplotlib.pyplot.subplots() makes some"
-    found: Axes = instance("ax", axes, Axes, "axes of a figure of Matplotlib", hint=hint)
-    if found.name == "3d":
-        raise InputError("ax must be flat, got axes in three dimensions; make others")
-    return found
-
-
-def _scaled_image(
-    axes: Axes, x: np.ndarray, y: np.ndarray, power_db: np.ndarray, scale: Scale | None
-) -> tuple[float, float]:
-    """Draws a map with its colour bar, relative to the peak or, where levels are given, as it is; the levels at both ends."""
-    scale = scale or Scale()
-    low, high = scale.bounds_db(power_db)
-    if scale.limits_db is None:
-        _image(axes, x, y, power_db, scale.dynamic_range_db, scale.cmap, peak=high)
-    else:
-        mesh = axes.pcolormesh(
-            x, y, np.maximum(power_db, low), cmap=scale.cmap, vmin=low, vmax=high, shading="nearest", rasterized=True
-        )
-        _bar(axes, mesh, "Power (dB re 1 W)", extend="max" if _peak(power_db) > high else "neither")
-    return low, high
-
-
-def _note(axes: Axes, note: str | None) -> None:
-    if note is not None:
-        axes.text(
-            0.01, 0.02, _literal("note", note), transform=axes.transAxes, color="white", fontsize=8, parse_math=False
-        )
-
-
-def _image(
-    axes: Axes,
-    x: np.ndarray,
-    y: np.ndarray,
-    power_db: np.ndarray,
-    dynamic_range_db: float,
-    cmap: str,
-    *,
-    peak: float | None = None,
-) -> None:
-    dynamic_range_db = positive("dynamic_range_db", dynamic_range_db, 1000, unit="dB", hint="50 is usual")
-    _check_colours(cmap)
-    relative = np.clip(power_db - (_peak(power_db) if peak is None else peak), -dynamic_range_db, 0)
-    mesh = axes.pcolormesh(
-        x, y, relative, cmap=cmap, vmin=-dynamic_range_db, vmax=0, shading="nearest", rasterized=True
-    )
-    _bar(axes, mesh, "Power rel. to peak (dB)")
-
-
-def _bar(axes: Axes, mesh: QuadMesh, label: str, extend: str = "neither") -> None:
-    bar = axes.figure.colorbar(mesh, ax=axes, pad=0.015, extend=extend)
-    bar.set_label(label, fontsize=9)
-    bar.ax.tick_params(labelsize=8)
-
-
-def _label(axes: Axes, x: str, y: str, title: str | None) -> None:
-    axes.set_xlabel(x, fontsize=9)
-    axes.set_ylabel(y, fontsize=9)
-    axes.tick_params(labelsize=8)
-    if title is not None:
-        axes.set_title(_literal("title", title), fontsize=10, parse_math=False)
-
-
-def _literal(name: str, value: Any) -> str:
-    """A text that can be drawn: a file's name may hold bytes that are no characters."""
-    words = text(name, value)[:LONGEST_TITLE]
-    return "".join(each if each.isprintable() or each == "\n" else "\N{REPLACEMENT CHARACTER}" for each in words)
-
-
-def _check_colours(cmap: Any) -> None:
-    with _usable():
-        from matplotlib import colormaps
-        from matplotlib.colors import Colormap
-
-    if not isinstance(cmap, Colormap) and not (isinstance(cmap, str) and cmap in colormaps):
-        raise InputError(f"cmap must be the name of a colour map of matplotlib such as viridis, got {shown(cmap)}")
-
-
-def _checked_map(
-    y_name: str, y: np.ndarray, x_name: str, x: np.ndarray, power_db: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Axes and levels of a map; silence, -inf dB, is a level."""
-    y, x = array(y_name, y, ("rows",)), array(x_name, x, ("columns",))
-    if len(x) < 1 or len(y) < 2:
-        raise InputError(f"a picture needs 2 values of {y_name} and 1 of {x_name} at least, got {len(y)} and {len(x)}")
-    levels = numeric("power_db", power_db)
-    if levels.shape != (len(y), len(x)):
-        raise InputError(f"power_db must have shape ({len(y)}, {len(x)}), that of its axes, got {levels.shape}")
-    array("power_db", np.where(np.isneginf(levels.real), 0, levels), limit=1e4, unit="dB")
-    return y, x, np.asarray(levels, float)
-
-
-def _peak(power_db: np.ndarray) -> float:
-    finite = power_db[np.isfinite(power_db)]
-    if not finite.size:
-        raise InputError("nothing to plot: no finite level in the map; the record is silent")
-    return float(finite.max())
-
-
-def _thin(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """At most `COLUMNS` columns: powers averaged over equal groups of times."""
-    step = -(-len(time_s) // COLUMNS)
-    if step == 1 or power_db.shape[-1] != len(time_s):
-        return time_s, power_db
-    whole = len(time_s) // step * step
-    power = (10 ** (power_db[:, :whole] / 10)).reshape(len(power_db), -1, step).mean(axis=-1)
-    with np.errstate(divide="ignore"):  # silence is -inf dB and is drawn at the floor
-        return time_s[:whole].reshape(-1, step).mean(axis=-1), 10 * np.log10(power)
+    return blank_figure(*SIZES_IN[kind])

@@ -283,8 +283,9 @@ class Recording:
         dynamic_range_db: of the colours, below the peak.
         limits_db: least and greatest level of the colours [dB re 1 W] instead, for pictures that are to be compared.
         """
+        from t2d_rt.canvas import Scale
         from t2d_rt.maps import drawn
-        from t2d_rt.plots import Scale, draw_spectrogram
+        from t2d_rt.plots import draw_spectrogram
 
         image = self.spectrogram
         note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
@@ -307,8 +308,9 @@ class Recording:
         limits_db: tuple[float, float] | None = None,
     ) -> Figure | Axes:  # fmt: skip
         """`range_time` as a figure; options as of `plot`."""
+        from t2d_rt.canvas import Scale
         from t2d_rt.maps import drawn
-        from t2d_rt.plots import Scale, draw_range_time
+        from t2d_rt.plots import draw_range_time
 
         image = self.range_time
         scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
@@ -331,8 +333,9 @@ class Recording:
         limits_db: tuple[float, float] | None = None,
     ) -> Figure | Axes:  # fmt: skip
         """`range_doppler_at` as a figure; options as of `plot`, and time and length of the interval [s]."""
+        from t2d_rt.canvas import Scale
         from t2d_rt.maps import drawn
-        from t2d_rt.plots import Scale, draw_range_doppler
+        from t2d_rt.plots import draw_range_doppler
 
         image = self.range_doppler_at(time_s, interval_s=interval_s)
         scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)

@@ -153,7 +153,7 @@ def test_close_commands(run: Run) -> None:
 
 def test_help(run: Run) -> None:
     overview = run("--help")
-    assert run("help") == run("-h") == overview
+    assert run("help") == run("help", "help") == run("-h") == overview
     assert overview[0] == 0
     for command in ("simulate", "list", "export"):
         assert f"t2d-rt {command}" in overview[1]

@@ -104,7 +104,7 @@ def _run(arguments: list[str]) -> int:
 
         say(versions()["t2d-rt"])
         return 0
-    if arguments in (["-h"], ["--help"], ["help"]) or arguments[0] in ("-h", "--help"):
+    if arguments[0] in ("-h", "--help") or arguments in (["help"], ["help", "help"]):
         say(_overview())
         return 0
     if arguments[0] == "help":
