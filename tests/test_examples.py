@@ -8,12 +8,14 @@ import shlex
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import t2d_rt as t2d
 from builders import ROOT, WALK
+from measures import check_picture, nmse_db
 from t2d_rt.cli import main
 from t2d_rt.errors import T2DWarning
 
@@ -43,18 +45,6 @@ def walk_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "walk.bvh").write_text(f"{head}MOTION\n{text}\n")
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def check_picture(path: Path) -> None:
-    """A PNG, and not one of one colour."""
-    from matplotlib.image import imread
-
-    assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
-    pixels = imread(path)[..., :3]
-    assert min(pixels.shape[:2]) > 200
-    # White margins and text alone have fewer colours, and a spectrogram has all of its map's.
-    assert pixels.std() > 0.1
-    assert len(np.unique((pixels.reshape(-1, 3) * 255).astype(int), axis=0)) > 200
 
 
 # --- examples -------------------------------------------------------------------------------------------------------
@@ -117,15 +107,17 @@ def test_point_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 def test_programs_of_the_readme(walk_folder: Path) -> None:
     programs = blocks("python")
     assert programs
-    names: dict[str, object] = {}
+    names: dict[str, Any] = {}
     # With a tenth of the facets no tolerance is kept, and the measured error tells.
     with pytest.warns(T2DWarning, match="misses the tolerance of -25 dB"):  # noqa: PT031
         for line, text in programs:
             # Blank lines before it, so that a failure names the README's own line.
             exec(compile("\n" * (line - 1) + text, "README.md", "exec"), names)
     saved = t2d.Simulation.load(walk_folder / "walk.zarr")
-    assert np.abs(saved.cube).max() > 0
-    assert saved.spectrogram.dims == ("velocity_mps", "time_s")
+    made = names["result"]
+    assert np.array_equal(saved.cube, made.cube)
+    assert np.array_equal(saved.spectrogram, made.spectrogram)
+    assert nmse_db(names["finer"].cube, made.cube) < -3  # the same walk
 
 
 def test_commands_of_the_readme(walk_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

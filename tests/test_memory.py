@@ -84,10 +84,13 @@ def test_a_mesh_of_too_many_faces_is_refused(monkeypatch: pytest.MonkeyPatch) ->
         t2d.simulate(approaching(), radar=RADAR)
 
 
-def test_a_plan_tells_the_memory() -> None:
-    plan = t2d.plan(approaching(), radar=RADAR, tolerance_db=-15)
-    assert 0.05e9 < plan.memory_bytes < 1.5e9
-    assert f"{plan.memory_bytes / 1e9:.1f} GB" in str(plan)
+def test_a_plan_tells_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a sphere at rest only the cube grows with the record, by 8 bytes a sample."""
+    monkeypatch.setattr(memory, "resident_bytes", lambda: 0)
+    plans = [t2d.plan(ball((3, 0, 1), time_s=each), radar=RADAR, tolerance_db=-15) for each in (0.3, 30.0)]
+    more = len(RADAR.chirp_times_s(30.0)) - len(RADAR.chirp_times_s(0.3))
+    assert plans[1].memory_bytes - plans[0].memory_bytes == 8 * RADAR.samples * more
+    assert f"{plans[1].memory_bytes / 1e9:.1f} GB" in str(plans[1])
 
 
 def test_moments_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
