@@ -151,6 +151,7 @@ def test_speeds_of_a_tdm_cube_count_loops() -> None:
     assert folded.velocity_mps[row] == pytest.approx(10.0 - 2 * TDM.max_speed_mps, abs=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.0, 1.5])
 @pytest.mark.parametrize("azimuth", [0.0, 30.0, -50.0])
 def test_range_angle_reads_the_power(azimuth: float, speed: float) -> None:
@@ -185,6 +186,7 @@ def test_two_targets_in_one_range_bin() -> None:
     assert np.degrees(points.azimuth_rad[mover]) == pytest.approx(25, abs=0.5)
 
 
+@pytest.mark.slow
 def test_elevation_of_the_map() -> None:
     cube = echoes(TDM, 32, [(40 * BIN_M, 10.0, 30.0, 0.0)])
     levels = [range_angle(cube, TDM, elevation_rad=math.radians(e)).power.max() for e in (-30, 0, 30)]

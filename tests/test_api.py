@@ -256,6 +256,7 @@ def test_titles_are_literal() -> None:
         plot_spectrogram(axes, axes, np.zeros((4, 4)), note=3)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_backend_of_matplotlib_that_there_is_none_of(tmp_path: Path) -> None:
     def python(*arguments: str) -> subprocess.CompletedProcess[str]:
         env = {**os.environ, "MPLBACKEND": "nonsense", "PYTHONPATH": str(Path(__file__).parents[1])}

@@ -86,6 +86,7 @@ def dump(path: str, values: Any) -> str:
 # --- what works -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["mesh", "ellipsoid"])
 def test_simulate_writes_result_and_picture(run: Command, method: str) -> None:
     # 2000 Hz is fewer chirps than the foot needs: the warning names the fix and the run goes on.
@@ -182,6 +183,7 @@ def test_movers_and_persons_are_added(run: Command) -> None:
     assert (added[0]["rpm"], added[1]["distance_m"]) == (60, 3)
 
 
+@pytest.mark.slow
 def test_compare_prints_figures_and_draws(run: Command) -> None:
     radar = ("--radar", "ci4r", "--radar.prf-hz=8000", "--sagitta-rad=1")
     code, out, err = run("compare", "walk.bvh", *radar, "--start-s=2", "--stop-s=2.4")
@@ -485,6 +487,7 @@ def test_ctrl_c_leaves_nothing(run: Command, tmp_path: Path, monkeypatch: pytest
     assert listing(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_a_real_ctrl_c(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-m", "t2d_rt.cli", "simulate", str(WALK)],
@@ -534,6 +537,7 @@ def test_attributes_tell_how_it_was_made(run: Command) -> None:
 # --- scene ---
 
 
+@pytest.mark.slow
 def test_scene_draws_a_room(run: Command, tmp_path: Path) -> None:
     code, out, _ = run("scene", "corridor", "--walk", "walk.bvh", "--reflections", "1")
     assert code == 0
@@ -561,6 +565,7 @@ def test_rooms_that_are_refused(refused: Callable[..., str], arguments: tuple[st
     assert message in refused(*arguments)
 
 
+@pytest.mark.slow
 def test_plan_prints_what_would_be_modelled(run: Command, tmp_path: Path) -> None:
     done = run("plan", "walk.bvh", "--tolerance-db", "-12", "--stop-s", "0.4")
     assert done.code == 0
@@ -569,6 +574,7 @@ def test_plan_prints_what_would_be_modelled(run: Command, tmp_path: Path) -> Non
     assert [path.name for path in tmp_path.iterdir()] == ["walk.bvh"]
 
 
+@pytest.mark.slow
 def test_simulate_to_a_tolerance_tells_the_measured_error(run: Command) -> None:
     done = run("simulate", "walk.bvh", "--tolerance-db", "-12", "--stop-s", "0.4")
     assert done.code == 0
@@ -580,6 +586,7 @@ def test_plan_refuses_a_tolerance_that_makes_no_sense(refused: Callable[..., str
     assert "tolerance_db must lie in -40..6 dB" in refused("plan", "walk.bvh", "--tolerance-db", "-90")
 
 
+@pytest.mark.slow
 def test_a_closed_standard_output_is_no_traceback() -> None:
     done = subprocess.run(
         ["/bin/sh", "-c", f"'{sys.executable}' -m t2d_rt.cli info '{WALK}' >&-"],

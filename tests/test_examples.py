@@ -58,6 +58,7 @@ def test_every_example_is_tested() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_room_interference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recordings = runpy.run_path(str(ROOT / "examples" / "room_interference.py"))["recordings"]
     pictures = recordings("empty_room", "fan:3,-1,1,rpm=300", tmp_path / "out", duration_s=0.3)
@@ -69,6 +70,7 @@ def test_room_interference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert 0 < room < company
 
 
+@pytest.mark.slow
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     demo = runpy.run_path(str(ROOT / "examples" / "demo.py"))["demo"]
     pictures = demo("12_01_walk.bvh", tmp_path / "new" / "out", duration_s=0.25)
@@ -93,6 +95,7 @@ def test_demo_is_a_script_too(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
     assert "--motion" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_point_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     detections = runpy.run_path(str(ROOT / "examples" / "point_cloud.py"))["detections"]
     picture = detections("array-3x4", tmp_path / "out", duration_s=0.2)
@@ -104,6 +107,7 @@ def test_point_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 # --- README ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_programs_of_the_readme(walk_folder: Path) -> None:
     programs = blocks("python")
     assert programs
@@ -120,6 +124,7 @@ def test_programs_of_the_readme(walk_folder: Path) -> None:
     assert nmse_db(names["finer"].cube, made.cube) < -3  # the same walk
 
 
+@pytest.mark.slow
 def test_commands_of_the_readme(walk_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = [
         (start + offset, shlex.split(text, comments=True))

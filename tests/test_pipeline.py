@@ -87,6 +87,7 @@ def test_smooth_targets_have_no_seed() -> None:
     assert cubes[0].tobytes() == cubes[1].tobytes()
 
 
+@pytest.mark.slow
 def test_targets_add_up() -> None:
     near, far = ball(2.0, speed_mps=1.0), ball(3.0, y_m=0.5, speed_mps=-2.0)
     egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([2.5, -0.5, 1.0], (3, 1, 1)), TIMES_S)
@@ -121,6 +122,7 @@ def test_a_placed_motion_stays_where_it_is(walk: Motion) -> None:
     assert first.cube.tobytes() == again.cube.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["mesh", "ellipsoid"])
 def test_static_body_stays_at_zero_doppler(walk: Motion, method: Any) -> None:
     still = replace(
@@ -148,6 +150,7 @@ def test_skin_and_segments_of_the_face() -> None:
 # --- what is said ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_warns_of_speeds_and_ranges_that_fold() -> None:
     slow = RADAR.replace(prf_hz=1000)
     with pytest.warns(

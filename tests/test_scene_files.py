@@ -103,6 +103,7 @@ def plant(folder: Path, names: tuple[str, ...], marker: Path) -> None:
         shutil.copy(library, folder / "plugins" / f"{name}.so")
 
 
+@pytest.mark.slow
 def test_a_working_directory_changes_nothing(tmp_path: Path) -> None:
     """Neither meshes of the same names there, nor plugins."""
     hostile, marker = tmp_path / "hostile", tmp_path / "marker"

@@ -35,6 +35,7 @@ def balls(*places_m: tuple[float, float, float], speed_mps: float = 1.0) -> list
 # --- measuring --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_measured_error_is_that_against_a_much_finer_run(walk: Motion) -> None:
     coarse = t2d.simulate(walk, radar=RADAR, sagitta_rad=0.8, measure_error=True)
     fine = t2d.simulate(walk, radar=RADAR, sagitta_rad=0.1, surface_rate_hz=200)
@@ -44,6 +45,7 @@ def test_the_measured_error_is_that_against_a_much_finer_run(walk: Motion) -> No
     assert json.loads(coarse.attributes["settings"])["error_db"] == coarse.error_db
 
 
+@pytest.mark.slow
 def test_a_spoilt_record_shows_in_the_measurement(walk: Motion) -> None:
     """What is measured is the cube and not the plan: a surface rate that is far too low."""
     with pytest.warns(T2DWarning, match="turns too fast"):
@@ -55,6 +57,7 @@ def test_a_spoilt_record_shows_in_the_measurement(walk: Motion) -> None:
     assert bad.error_db > max(-8, good.error_db + 8)
 
 
+@pytest.mark.slow
 def test_clutter_is_no_part_of_the_error(walk: Motion) -> None:
     options = {"radar": RADAR, "scene": "empty_room", "reflections": 0, "measure_error": True}
     alone, cluttered = (t2d.simulate(walk, clutter=kind, **options) for kind in ("none", "specular"))
@@ -91,6 +94,7 @@ def test_chirps_are_of_any_antenna(preset: str) -> None:
 # --- planning ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_tolerance_is_kept_and_asks_for_no_more_than_it_needs(walk: Motion) -> None:
     loose, tight = (t2d.simulate(walk, radar=RADAR, tolerance_db=db) for db in (-12.0, -26.0))
     assert loose.error_db is not None
@@ -114,6 +118,7 @@ def test_what_stands_behind_is_looked_at() -> None:
     assert [each["occlusion"] for each in settings] == [True, False]
 
 
+@pytest.mark.slow
 def test_what_only_a_wall_sees_behind_another_is_looked_at() -> None:
     """Side by side before the radar, one behind the other before its image in the left wall, which is 11 dB weaker."""
     beside, options = (
@@ -124,6 +129,7 @@ def test_what_only_a_wall_sees_behind_another_is_looked_at() -> None:
     assert [each["occlusion"] for each in settings] == [False, True]
 
 
+@pytest.mark.slow
 def test_the_plan_says_what_is_modelled_left_out_and_predicted(walk: Motion) -> None:
     plan = t2d.plan(walk, radar=RADAR, tolerance_db=-15.0)
     told = str(plan)
@@ -157,6 +163,7 @@ def test_the_plan_predicts_the_seconds_of_the_whole_record(monkeypatch: pytest.M
     assert plan.seconds["preparing"] == plan.seconds["planning"] == plan.seconds["measuring"] == 0
 
 
+@pytest.mark.slow
 def test_pairs_of_ways_are_left_out_by_what_they_cost(walk: Motion) -> None:
     options = {"radar": RADAR, "scene": "empty_room", "reflections": 1, "clutter": "none", "measure_error": False}
     few, many = (t2d.simulate(walk, tolerance_db=db, **options).settings for db in (-3.0, -15.0))
@@ -183,6 +190,7 @@ def test_a_tolerance_that_makes_no_sense_is_refused(walk: Motion, wrong: object)
         t2d.simulate(walk, tolerance_db=wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_every_kind_of_target_takes_a_tolerance(walk: Motion) -> None:
     """Ellipsoids by name and as targets, a fan beside them, an array, and a sum that stops at a wall."""
     by_name = t2d.simulate(walk, radar=RADAR, tolerance_db=3.0, method="ellipsoid")
@@ -198,6 +206,7 @@ def test_every_kind_of_target_takes_a_tolerance(walk: Motion) -> None:
         assert several.error_db < -11
 
 
+@pytest.mark.slow
 def test_a_tolerance_leaves_the_shadow_on_the_wall(walk: Motion) -> None:
     """Also where what hides what does not count for the walker's own echoes."""
     options = {"radar": RADAR, "scene": "empty_room", "reflections": 0, "measure_error": False}
@@ -216,6 +225,7 @@ def test_unknown_options_of_a_plan_are_refused(walk: Motion) -> None:
         t2d.plan(walk, faces=3)
 
 
+@pytest.mark.slow
 def test_without_a_tolerance_the_defaults_are_those_that_the_help_names() -> None:
     """Visibility at 25 Hz, pairs of paths down to -60 dB, facets as the mesh asks for."""
     target = [*balls((2.0, 0.1, 1.0), speed_mps=-0.5), *balls((3.0, -0.4, 1.1))]
