@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 
@@ -28,3 +30,14 @@ def knife_edge_db(v: np.ndarray) -> np.ndarray:
 
     sine, cosine = fresnel(v)
     return 20 * np.log10(np.hypot(1 - cosine - sine, cosine - sine) / 2)
+
+
+def check_picture(path: Path, colours: int = 200) -> None:
+    """A PNG, and not one of few colours: a spectrogram has all of its map's, white margins and text alone some dozens."""
+    from matplotlib.image import imread
+
+    assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+    pixels = imread(path)[..., :3]
+    assert min(pixels.shape[:2]) > 200
+    assert pixels.std() > 0.1
+    assert len(np.unique((pixels * 255).astype(int) @ [65_536, 256, 1])) > colours

@@ -49,6 +49,7 @@ def test_a_person_has_about_half_a_square_metre(backend: Backend) -> None:
     assert 3.5 < (10 * np.log10(rcs_m2)).std() < 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [1, -1], ids=["towards", "away"])
 @pytest.mark.parametrize("method", ["ellipsoid", "mesh"])
 def test_a_walk_shows_torso_and_feet(method: Literal["ellipsoid", "mesh"], direction: int) -> None:

@@ -39,6 +39,7 @@ def test_one_point_is_the_closed_form_without_phase_differences() -> None:
         np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_finer_facets_and_the_closed_form_err_less(case: Case) -> None:
     coarse, default = (case.error_db(simulated(case, scale=scale).cube) for scale in (6.0, 1.0))
     with mock.patch.object(facets, "divided_differences", one_point):
@@ -47,6 +48,7 @@ def test_finer_facets_and_the_closed_form_err_less(case: Case) -> None:
     assert default < -18
 
 
+@pytest.mark.slow
 def test_methods_in_order_of_their_error(case: Case) -> None:
     ellipsoids, one_each, closed = (point(case, METHODS[i], METHODS[i].few[-1]) for i in (1, 2, 3))
     assert ellipsoids.seconds_per_second < closed.seconds_per_second
@@ -54,6 +56,7 @@ def test_methods_in_order_of_their_error(case: Case) -> None:
     assert int(one_each.facets) > 50_000
 
 
+@pytest.mark.slow
 def test_ways_to_find_what_is_hidden_agree_where_little_is(case: Case) -> None:
     default = simulated(case).cube
     for how in ("capsules", "none"):

@@ -152,6 +152,7 @@ def test_each_antenna_has_the_delay_of_its_own_image() -> None:
     assert most / 4 < radar.wavelength_m / 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "paths"), [("empty_room", 55), ("living_room", 55)])
 def test_paths_are_those_of_sionna(scene: str, paths: int) -> None:
     """All within 60 dB of the strongest, delays, amplitudes and phases; the line of sight is left out."""
@@ -292,6 +293,7 @@ def test_bodies_of_ellipsoids_and_of_triangles_have_the_same_shadow() -> None:
     assert np.abs(one - other).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_all_that_stands_still_stays_at_zero_doppler() -> None:
     """Also in a shadow, and with rough walls."""
     short = ball((2.5, 0.4, 1.0), time_s=0.1, radius_m=0.15, frames=2)

@@ -143,6 +143,7 @@ def test_drawn_speeds_hold_all_that_is_seen() -> None:
     assert occupied_speeds(speeds, power, 50.0)[0] == -10
 
 
+@pytest.mark.slow
 def test_recorded_walk() -> None:
     motion = t2d.trim(t2d.place(walk()), 2.2, 3.5)  # two steps
     ellipsoid, mesh = (

@@ -110,7 +110,13 @@ def quadrature_field(side: float, range_m: float, frequency_hz: float) -> comple
 
 
 @pytest.mark.parametrize(
-    ("range_m", "preset"), [(1.0, "table2"), (3.0, "table2"), (10.0, "table2"), (30.0, "table2-long")]
+    ("range_m", "preset"),
+    [
+        pytest.param(1.0, "table2", marks=pytest.mark.slow),
+        pytest.param(3.0, "table2", marks=pytest.mark.slow),
+        (10.0, "table2"),
+        pytest.param(30.0, "table2-long", marks=pytest.mark.slow),
+    ],
 )
 def test_sphere_reads_its_rcs(range_m: float, preset: str, backend: Backend, field_in_cube: ReadField) -> None:
     # pi a^2 = 0 dBsm; near by (R/(R + a))^2 of it. Against exact PO (eq. 6) that is within 8.69/(2 k a) = 0.01 dB.
@@ -237,6 +243,7 @@ def test_facets_are_the_sum_in_float64(backend: Backend, monkeypatch: pytest.Mon
     assert abs(got / expected - 1) < 1e-4  # float32
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.* turns too fast")  # poses, not a motion
 @pytest.mark.parametrize("material", [PEC, SKIN], ids=["smooth", "rough"])
 def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material, backend: Backend) -> None:
@@ -342,6 +349,7 @@ def speckle(frequency: int, seed: int, backend: Backend) -> np.ndarray:
     return field(stream, TABLE2) / math.sqrt(TABLE2.received_power_w(1.0, 30.1))
 
 
+@pytest.mark.slow
 def test_lambertian_sphere_and_its_realisation_at_two_face_counts(backend: Backend) -> None:
     # |field|^2 of one look is exponentially distributed. 12 seeds, each seen from 50 sides, are 600 looks: their mean
     # has a standard deviation of 1/sqrt(600) = 0.18 dB. At 50 000 faces the looks are those at 2 000; three seeds do.

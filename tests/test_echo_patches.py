@@ -73,6 +73,7 @@ def path_speeds(mesh: MovingMesh, fine: Refinement, parts: Patches, radar: Radar
 # --- each facet once, none too large --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radar", [TABLE2, BISTATIC, NARROW], ids=["table2", "bistatic", "narrow"])
 @pytest.mark.parametrize("spin", [0.0, 6.0, 20.0])
 def test_every_facet_in_one_patch_and_no_patch_too_large(spin: float, radar: Radar) -> None:
@@ -218,6 +219,7 @@ def test_any_of(cut: tuple[MovingMesh, Refinement, Patches]) -> None:
 # --- where they are -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_centres_lie_among_their_facets_and_move_with_them(cut: tuple[MovingMesh, Refinement, Patches]) -> None:
     mesh, fine, parts = cut
     centre = centres(parts, fine)

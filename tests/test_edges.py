@@ -105,6 +105,7 @@ def test_what_stands_beside_furniture_is_not_in_its_shadow() -> None:
     assert legs(np.concatenate([behind, lit]), sofa, order=0)["direct"].share(behind) == 0
 
 
+@pytest.mark.slow
 def test_cells_of_points_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform((0.8, -2, 0.01), (5.5, 1.5, 1.9), (1000, 3))
@@ -127,6 +128,7 @@ def test_cells_of_points_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None
     assert shares.sum() == pytest.approx(clear.sum(), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_walk_behind_a_cupboard() -> None:
     """Hidden it is gone, and it neither comes nor goes with a click."""
     cupboard = block("cupboard", (1.5, 0.6, 0), (1.9, 1.4, 2.2))

@@ -8,12 +8,14 @@ import shlex
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import t2d_rt as t2d
 from builders import ROOT, WALK
+from measures import check_picture, nmse_db
 from t2d_rt.cli import main
 from t2d_rt.errors import T2DWarning
 
@@ -45,18 +47,6 @@ def walk_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def check_picture(path: Path) -> None:
-    """A PNG, and not one of one colour."""
-    from matplotlib.image import imread
-
-    assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
-    pixels = imread(path)[..., :3]
-    assert min(pixels.shape[:2]) > 200
-    # White margins and text alone have fewer colours, and a spectrogram has all of its map's.
-    assert pixels.std() > 0.1
-    assert len(np.unique((pixels.reshape(-1, 3) * 255).astype(int), axis=0)) > 200
-
-
 # --- examples -------------------------------------------------------------------------------------------------------
 
 
@@ -68,6 +58,7 @@ def test_every_example_is_tested() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_room_interference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recordings = runpy.run_path(str(ROOT / "examples" / "room_interference.py"))["recordings"]
     pictures = recordings("empty_room", "fan:3,-1,1,rpm=300", tmp_path / "out", duration_s=0.3)
@@ -79,6 +70,7 @@ def test_room_interference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert 0 < room < company
 
 
+@pytest.mark.slow
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     demo = runpy.run_path(str(ROOT / "examples" / "demo.py"))["demo"]
     pictures = demo("12_01_walk.bvh", tmp_path / "new" / "out", duration_s=0.25)
@@ -103,6 +95,7 @@ def test_demo_is_a_script_too(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
     assert "--motion" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_point_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     detections = runpy.run_path(str(ROOT / "examples" / "point_cloud.py"))["detections"]
     picture = detections("array-3x4", tmp_path / "out", duration_s=0.2)
@@ -114,20 +107,24 @@ def test_point_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 # --- README ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_programs_of_the_readme(walk_folder: Path) -> None:
     programs = blocks("python")
     assert programs
-    names: dict[str, object] = {}
+    names: dict[str, Any] = {}
     # With a tenth of the facets no tolerance is kept, and the measured error tells.
     with pytest.warns(T2DWarning, match="misses the tolerance of -25 dB"):  # noqa: PT031
         for line, text in programs:
             # Blank lines before it, so that a failure names the README's own line.
             exec(compile("\n" * (line - 1) + text, "README.md", "exec"), names)
     saved = t2d.Recording.load(walk_folder / "walk.zarr")
-    assert np.abs(saved.cube).max() > 0
-    assert saved.spectrogram.dims == ("velocity_mps", "time_s")
+    made = names["result"]
+    assert np.array_equal(saved.cube, made.cube)
+    assert np.array_equal(saved.spectrogram, made.spectrogram)
+    assert nmse_db(names["finer"].cube, made.cube) < -3  # the same walk
 
 
+@pytest.mark.slow
 def test_commands_of_the_readme(walk_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = [
         (start + offset, shlex.split(text, comments=True))

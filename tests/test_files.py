@@ -392,6 +392,7 @@ def test_nothing_raw_reaches_the_terminal(tmp_path: Path, monkeypatch: pytest.Mo
     assert shown.out == "one\ntwo\t\\x7f é\n"
 
 
+@pytest.mark.slow
 def test_a_terminal_of_few_letters(tmp_path: Path) -> None:
     path = write(tmp_path, GOOD, "é.bvh")
     program = (

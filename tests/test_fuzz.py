@@ -43,6 +43,7 @@ def fuzzed(place: Path, *arguments: str) -> list[dict[str, Any]]:
     return found
 
 
+@pytest.mark.slow
 def test_odd_inputs_of_all_kinds_end_well(tmp_path: Path) -> None:
     outcomes = fuzzed(tmp_path, "--count", "60", "--start", "5000")
     failed = [f"{o['name']} {o['problem']}: {o['told'][:150]} {o['what'][:200]}" for o in outcomes if o["problem"]]
@@ -52,6 +53,7 @@ def test_odd_inputs_of_all_kinds_end_well(tmp_path: Path) -> None:
     assert sum(bool(o["what"]) for o in outcomes) > 10, "hardly any input was refused"
 
 
+@pytest.mark.slow
 def test_every_way_to_fail_is_seen(tmp_path: Path) -> None:
     outcomes = fuzzed(
         tmp_path, "--seconds", "2", "--megabytes", "300", "--only", *(f"known_ends:{number}" for number in KNOWN)

@@ -239,6 +239,7 @@ def test_edges_are_bounded_on_request() -> None:
     assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= 0.1 * 1.05
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_any_grading_is_watertight_linear_and_balanced(seed: int) -> None:
@@ -258,6 +259,7 @@ def test_any_grading_is_watertight_linear_and_balanced(seed: int) -> None:
     assert (length.max(axis=1) < 4 * length.min(axis=1)).all()  # green halves of nearly equilateral faces at worst
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_rigid_motion_commutes(seed: int) -> None:
@@ -273,6 +275,7 @@ def test_rigid_motion_commutes(seed: int) -> None:
     assert np.abs(again.operator @ moved - result.operator @ moved).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_all_refinements_sample_one_surface() -> None:
     rest, faces = icosphere(2, 0.15)
     rest = rest * (0.5, 1.0, 1.7)
@@ -281,6 +284,7 @@ def test_all_refinements_sample_one_surface() -> None:
     assert all(tuple(row) in rows for row in np.round(coarse, 9))
 
 
+@pytest.mark.slow
 def test_building_only_what_is_needed_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     rest, faces = uneven_sphere(642, 0.15, 0.15)
     bar = np.full(len(rest), 300.0)
@@ -293,6 +297,7 @@ def test_building_only_what_is_needed_changes_nothing(monkeypatch: pytest.Monkey
     assert distance.max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("max_edge_m", [np.inf, 0.02])
 def test_refined_together_is_refined_alone(max_edge_m: float) -> None:
     """Bars of which now one, now the other is finer, on a smooth mesh and one with edges."""

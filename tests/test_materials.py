@@ -38,13 +38,12 @@ def test_skin_reflects_a_third() -> None:
     skin = resolve_material("skin", CARRIER_HZ)
     assert _reflected(skin) == pytest.approx(0.340, abs=5e-4)
     assert skin.permittivity(CARRIER_HZ) == pytest.approx(skin_permittivity(CARRIER_HZ), rel=1e-12)
-    assert skin.scattering_coefficient == 0.3
 
 
 def test_clothing_is_rough_skin() -> None:
     clothed, skin = resolve_material("clothed", CARRIER_HZ), resolve_material("skin", CARRIER_HZ)
     assert _reflected(clothed) == _reflected(skin)
-    assert clothed.scattering_coefficient == 0.6
+    assert clothed.scattering_coefficient > skin.scattering_coefficient
 
 
 def test_pec_and_materials_pass_through() -> None:
@@ -57,7 +56,7 @@ def test_pec_and_materials_pass_through() -> None:
 def test_unknown_body_material_lists_the_names() -> None:
     with pytest.raises(InputError, match=r"unknown body material 'wool'; use one of pec, skin, clothed"):
         resolve_material("wool", CARRIER_HZ)
-    assert BODY_MATERIALS == ("pec", "skin", "clothed")
+    assert [resolve_material(name, CARRIER_HZ).name for name in BODY_MATERIALS] == list(BODY_MATERIALS)
 
 
 @pytest.mark.parametrize("frequency_hz", [0.0, -1.0, math.nan, math.inf])

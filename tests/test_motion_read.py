@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -103,10 +104,21 @@ def test_kinematics_agree_with_pybvh(sample: Path) -> None:
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(ours).max())
 
 
+def best_seconds(action: Callable[[], object]) -> float:
+    """Of three runs: the machine may be busy."""
+    taken = []
+    for _ in range(3):
+        start = time.perf_counter()
+        action()
+        taken.append(time.perf_counter() - start)
+    return min(taken)
+
+
 def test_reading_is_fast() -> None:
-    start = time.perf_counter()
-    load_motion(WALK, smooth_hz=None)
-    assert time.perf_counter() - start < 1.0
+    """It takes 3 times as long as turning the file's words into numbers; with a loop over frames in Python it would be 15 times."""
+    words = WALK.read_text().partition("Frame Time:")[2].split()
+    numbers = best_seconds(lambda: [float(word) for word in words])
+    assert best_seconds(lambda: load_motion(WALK, smooth_hz=None)) < 8 * numbers
 
 
 # --- what a file means ----------------------------------------------------------------------------------------------

@@ -103,6 +103,7 @@ def test_a_door_turns_about_its_hinges() -> None:
 # --- a fan before the radar ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("blades", "rpm", "radius_m"), [(3, 600.0, 0.18), (2, 900.0, 0.15), (4, 1200.0, 0.12)])
 def test_flashes_and_tips_of_a_fan(blades: int, rpm: float, radius_m: float) -> None:
     flash_hz, tip_mps = seen(blades, rpm, radius_m)

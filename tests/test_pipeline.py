@@ -13,7 +13,7 @@ import pytest
 
 import builders
 import t2d_rt as t2d
-from builders import icosphere
+from builders import icosphere, still
 from measures import nmse_db
 from t2d_rt.backend import Backend
 from t2d_rt.echo.legs import View
@@ -87,6 +87,7 @@ def test_smooth_targets_have_no_seed() -> None:
     assert cubes[0].tobytes() == cubes[1].tobytes()
 
 
+@pytest.mark.slow
 def test_targets_add_up() -> None:
     near, far = ball(2.0, speed_mps=1.0), ball(3.0, y_m=0.5, speed_mps=-2.0)
     egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([2.5, -0.5, 1.0], (3, 1, 1)), TIMES_S)
@@ -99,16 +100,13 @@ def test_targets_add_up() -> None:
 
 def test_what_stands_in_front_hides_what_is_behind() -> None:
     front, behind = ball(2.0), ball(4.0)
-    seen = t2d.simulate([front, behind], radar=RADAR)
-    profile = np.abs(seen.range_profile[0, 0])
 
-    def peak(range_m: float) -> float:
-        return float(profile.sel(range_m=slice(range_m - 0.3, range_m + 0.3)).max())
+    def peak_db(targets: list[MovingMesh], range_m: float) -> float:
+        profile = np.abs(t2d.simulate(targets, radar=RADAR).range_profile[0, 0])
+        return float(20 * np.log10(profile.sel(range_m=slice(range_m - 0.3, range_m + 0.3)).max()))
 
-    beside = t2d.simulate([front, ball(4.0, y_m=1.0)], radar=RADAR)
-    hidden_db = 20 * np.log10(peak(3.9) / float(np.abs(beside.range_profile[0, 0]).sel(range_m=slice(3.7, 4.3)).max()))
-    assert hidden_db < -30
-    assert peak(1.9) > 0
+    assert peak_db([front, behind], 3.9) < peak_db([front, ball(4.0, y_m=1.0)], 3.9) - 30
+    assert peak_db([front, behind], 1.9) == pytest.approx(peak_db([front], 1.9), abs=0.01)
 
 
 def test_a_placed_motion_stays_where_it_is(walk: Motion) -> None:
@@ -124,6 +122,7 @@ def test_a_placed_motion_stays_where_it_is(walk: Motion) -> None:
     assert first.cube.tobytes() == again.cube.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["mesh", "ellipsoid"])
 def test_static_body_stays_at_zero_doppler(walk: Motion, method: Any) -> None:
     still = replace(
@@ -151,6 +150,7 @@ def test_skin_and_segments_of_the_face() -> None:
 # --- what is said ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_warns_of_speeds_and_ranges_that_fold() -> None:
     slow = RADAR.replace(prf_hz=1000)
     with pytest.warns(
@@ -288,4 +288,6 @@ def test_a_float32_track_is_a_track() -> None:
     vertices = vertices.astype(np.float32)
     mesh = MovingMesh.from_track(lambda times: np.repeat(vertices[None], len(times), axis=0), faces, [0.0, 0.1], "pec")
     assert mesh.rest.dtype == np.float64
-    assert np.abs(t2d.simulate(mesh).cube).max() > 0
+    doubles = still(vertices.astype(np.float64), faces, 0.1)
+    # The vertices are the same numbers; only what is worked out from them is rounded to float32.
+    assert nmse_db(t2d.simulate(mesh).cube, t2d.simulate(doubles).cube) < -100

@@ -47,6 +47,7 @@ def spherical(k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([math.cos(theta) * math.cos(phi), math.cos(theta) * math.sin(phi), -math.sin(theta)]), across
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "paths"), [("empty_room", 50), ("living_room", 50)])
 def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
     mi = mitsuba(select("cpu"))
@@ -109,6 +110,7 @@ def peak(scene: Scene | str, radius_m: float = 0.15) -> tuple[Radar, np.ndarray,
     return radar, image.power, image.velocity_mps, image.range_m
 
 
+@pytest.mark.slow
 def test_ghosts_of_a_sphere_beside_a_wall() -> None:
     radius, wall = 0.15, 2.0
     _, power, speeds, ranges = peak(beside(wall), radius)
@@ -179,6 +181,7 @@ def test_transmitter_and_receiver_may_be_swapped() -> None:
     assert nmse_db(cubes[1], cubes[0]) < -80
 
 
+@pytest.mark.slow
 def test_scene_radar_and_target_may_be_moved_together() -> None:
     angle, shift = 0.7, np.array([3.0, -5.0, 0.4])
     turn = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
@@ -216,6 +219,7 @@ def test_what_stands_still_stays_at_zero_doppler() -> None:
     assert np.sum(np.abs(moving) ** 2) < 1e-8 * np.sum(np.abs(cube) ** 2)
 
 
+@pytest.mark.slow
 def test_a_body_sees_the_same_room_in_both_models() -> None:
     motion = t2d.trim(walk(), 0, 0.3)
     found = [
@@ -251,6 +255,7 @@ def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
     assert beyond[1] < beyond[0] + 3
 
 
+@pytest.mark.slow
 def test_nothing_rings_where_ways_come_and_go() -> None:
     """A delay that leaps, even of an echo that is dark there, turns its group's others: lines at multiples of the surface rate."""
     walker = t2d.place(walk())
@@ -315,6 +320,7 @@ def test_weak_pairs_are_hidden_over_the_legs_of_strong_ones() -> None:
     assert np.unique(clear.passed(times)).tolist() == [0.125**2]
 
 
+@pytest.mark.slow
 def test_a_fan_in_step_with_the_looks_keeps_its_faces() -> None:
     """At 540 rpm and ten looks over 1 s it would seem to stand still."""
     fan = t2d.TableFan(position_m=(3.0, 0.0, 1.0), rpm=540, heading_deg=90).mesh(0.0, 1.0)
@@ -350,6 +356,7 @@ def test_what_turns_fast_is_seen_in_the_mean_in_weak_pairs() -> None:
     np.testing.assert_allclose(alike(times), np.mean(apart(times)) ** 2)
 
 
+@pytest.mark.slow
 def test_a_room_of_ones_own() -> None:
     room = t2d.Room(name="cell", size_m=(5, 4, 2.5))
     target = ball((3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)

@@ -103,6 +103,7 @@ def plant(folder: Path, names: tuple[str, ...], marker: Path) -> None:
         shutil.copy(library, folder / "plugins" / f"{name}.so")
 
 
+@pytest.mark.slow
 def test_a_working_directory_changes_nothing(tmp_path: Path) -> None:
     """Neither meshes of the same names there, nor plugins."""
     hostile, marker = tmp_path / "hostile", tmp_path / "marker"
@@ -544,10 +545,11 @@ def test_a_triangle_without_area_among_others_reflects_nothing() -> None:
 
 
 def test_a_surface_keeps_its_own_arrays() -> None:
-    vertices = np.eye(3)
-    surface = Surface(**{**GOOD, "vertices": vertices})  # type: ignore[arg-type]
-    vertices[:] = np.nan
-    assert np.isfinite(surface.vertices).all()
+    vertices, faces = np.eye(3), np.array([[0, 1, 2]])
+    surface = Surface(**{**GOOD, "vertices": vertices, "faces": faces})  # type: ignore[arg-type]
+    vertices[:], faces[:] = np.nan, 7
+    assert np.array_equal(surface.vertices, np.eye(3))
+    assert surface.faces.tolist() == [[0, 1, 2]]
 
 
 @pytest.mark.parametrize("surfaces", [None, 3, "wall", ({"name": "a"},), (None,)])

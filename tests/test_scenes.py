@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from measures import volume
 from t2d_rt.backend import select
 from t2d_rt.errors import InputError
 from t2d_rt.resources import folder, resource
@@ -70,12 +71,12 @@ def test_a_wall_with_a_door_is_one_mirror() -> None:
 @pytest.mark.parametrize("kind", furniture_kinds())
 def test_furniture_is_closed_and_stands_on_the_floor(kind: str) -> None:
     parts = furniture(kind)
-    assert min(vertices[:, 2].min() for vertices, _ in parts.values()) >= 0
+    # Feet of up to 12 cm are left out.
+    assert 0 <= min(vertices[:, 2].min() for vertices, _ in parts.values()) < 0.1201
     for vertices, faces in parts.values():
         edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
-        a, b, c = vertices[faces].transpose(1, 0, 2)
-        assert np.einsum("fi,fi->", a, np.cross(b, c)) > 0
+        assert 0 < volume(vertices, faces) < np.ptp(vertices, axis=0).prod() * (1 + 1e-6)
 
 
 def test_furniture_turns_and_keeps_its_names() -> None:
@@ -149,9 +150,12 @@ def test_shipped_scenes_load_in_sionna_alone(name: str) -> None:
     mitsuba(select("cpu"))
     import sionna.rt
 
-    loaded = sionna.rt.load_scene(str(resource("scenes", name) / f"{name}.xml"))
+    loaded = sionna.rt.load_scene(str(resource("scenes", name) / f"{name}.xml"), merge_shapes=False)
     loaded.frequency = 77e9
-    assert len(loaded.objects) > 0
+    ours = load_scene(name).surfaces
+    assert sorted(loaded.objects) == sorted(surface.name for surface in ours)
+    thickness = {each.name: each.radio_material.thickness[0] for each in loaded.objects.values()}
+    assert thickness == pytest.approx({surface.name: surface.thickness_m for surface in ours})
 
 
 @pytest.mark.parametrize(

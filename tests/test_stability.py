@@ -23,6 +23,7 @@ QUICK: list[Callable[[Radar], Case | list[Case]]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: case.__name__)
 def test_it_holds_where_another_method_fails(case: Callable[[Radar], Case | list[Case]]) -> None:
     found = case(Radar.preset("table2"))

@@ -30,6 +30,8 @@ from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, Moving
 from t2d_rt.types.radar import preset_names
 
 TABLE2 = Radar.preset("table2")
+LARGE = {"imaging-12x16", "automotive-79", "indoor-60", "array-3x4"}
+"""Presets of many antennas, which take long."""
 
 
 def random_echoes(radar: Radar, *, frames: int = 40, count: int = 60, sloped: bool = True) -> Echoes:
@@ -64,7 +66,9 @@ def point(range_m: np.ndarray, times_s: np.ndarray, radar: Radar) -> Echoes:
 # --- against the direct sum -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("preset", preset_names())
+@pytest.mark.parametrize(
+    "preset", [pytest.param(name, marks=[pytest.mark.slow] * (name in LARGE)) for name in preset_names()]
+)
 def test_cube_is_the_direct_sum(preset: str) -> None:
     radar = Radar.preset(preset)
     echoes = random_echoes(radar)
@@ -101,6 +105,7 @@ def swinging_sheet(radar: Radar, *, frames: int = 60, rate_hz: float = 100.0) ->
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance_db", [-30, -40, -50, -60])
 @pytest.mark.parametrize(
     "preset", ["table2", "table2-uniform", "table2-burst", "text2doppler-code", "ci4r", "array-3x4"]
@@ -365,6 +370,7 @@ def facet_field(vertices: np.ndarray, faces: np.ndarray, radar: Radar, frequenci
     return 1j * radar.link_amplitude * math.sqrt(4 * math.pi) * wavenumbers / (2 * math.pi) * np.array(sums)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["table2", "text2doppler-code"])
 @pytest.mark.parametrize("shape", ["ball", "skew plate"])
 def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -402,6 +408,7 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
 # --- the cube's parts -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_cube_on_disk_is_the_one_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     radar = Radar.preset("array-3x4")
     echoes = swinging_sheet(radar, frames=110)  # four windows, the last one short
@@ -423,6 +430,7 @@ def test_echoes_that_are_dark_from_a_windows_start() -> None:
     assert not cube[-1].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("multiplexing", ["simultaneous", "tdm", "ddm"])
 def test_merged_echoes_of_any_number_of_receivers(multiplexing: str) -> None:
     radar = Radar.preset(

@@ -36,6 +36,7 @@ def partition(material: str | Material = "plasterboard", thickness_m: float = 0.
 # --- paths of points, against another tool ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "place", "paths"), [("empty_room", (3.0, 4.2, 1.2), 7), ("living_room", (7.8, -4.0, 1.1), 9)]
 )
@@ -106,6 +107,7 @@ def moving_ball(method: str) -> MovingMesh | Ellipsoids:
     return Ellipsoids(np.full((1, 3), 0.1), centres, mesh.times_s, material="pec")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("material", "thickness_m", "method"),
     [("plasterboard", 0.0125, "mesh"), ("wood", 0.04, "mesh"), ("wood", 0.04, "ellipsoid")],
@@ -136,6 +138,7 @@ def test_a_sphere_behind_a_partition_is_weaker_by_what_it_takes_both_ways(
     assert optical_m < radar.range_resolution_m
 
 
+@pytest.mark.slow
 def test_what_lets_too_little_through_changes_nothing() -> None:
     """Metal and a concrete wall end a way, so a target before them is recorded as without transmissions, to the last bit."""
     target = ball((1.5, 0.4, 1.1), time_s=0.05)
@@ -144,6 +147,7 @@ def test_what_lets_too_little_through_changes_nothing() -> None:
         assert np.array_equal(*cubes)
 
 
+@pytest.mark.slow
 def test_out_and_back_may_be_swapped() -> None:
     target, cubes = ball((3.0, 0.3, 1.1), time_s=0.05), []
     sides = ([[0.0, 0.2, 0.0]], [[0.0, -0.2, 0.1]])
