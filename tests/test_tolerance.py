@@ -14,7 +14,8 @@ import builders
 import t2d_rt as t2d
 from builders import ball
 from measures import nmse_db
-from t2d_rt import pipeline
+from t2d_rt import summation
+from t2d_rt.accuracy import planning
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.radar.direct import between, direct_sum
 from t2d_rt.types import Echoes, Motion, MovingMesh, Radar
@@ -148,15 +149,15 @@ def test_the_plan_says_what_is_modelled_left_out_and_predicted(walk: Motion) -> 
 
 def test_the_plan_predicts_the_seconds_of_the_whole_record(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a clock that only the sum moves on: pieces of 0.5 and 2 s tell what the record takes."""
-    clock, summed = [0.0], pipeline.synthesize
+    clock, summed = [0.0], summation.synthesize
 
     def slow(*args: Any, **options: Any) -> Any:
         cube = summed(*args, **options)
         clock[0] += 0.5 + 0.01 * len(cube)
         return cube
 
-    monkeypatch.setattr(pipeline, "synthesize", slow)
-    monkeypatch.setattr(pipeline, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    monkeypatch.setattr(summation, "synthesize", slow)
+    monkeypatch.setattr(planning, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
     radar = RADAR.replace(prf_hz=2000)
     plan = t2d.plan(ball((3, 0, 1), (-0.2, 0, 0), 6.0, level=1), radar=radar, tolerance_db=-15.0)
     assert plan.seconds["running"] == pytest.approx(0.5 + 0.01 * len(radar.chirp_times_s(6.0)), rel=1e-3)
