@@ -14,7 +14,6 @@ from typing import Annotated, Any, ClassVar, Literal, cast
 import numpy as np
 from pydantic import ConfigDict, Discriminator, Field, field_validator
 
-from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes, read_yaml
 from t2d_rt.model import Method, Target, segments, skin
@@ -395,7 +394,5 @@ def unpacked(path: Path) -> dict[str, np.ndarray]:
     except Exception as error:  # files of any content
         raise InputError(f"{path} is not a whole file of arrays ({error}); simulate the recording again") from None
     if Store({}).keep(**arrays) != path.stem:
-        raise InputError(
-            f"{path} is damaged: its arrays are not those that its name is the hash of; {shown(path.name)}"
-        )
+        raise InputError(f"{path} is damaged: its arrays are not those that its name is the hash of; simulate it again")
     return arrays

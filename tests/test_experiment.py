@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -166,3 +167,13 @@ def test_an_experiment_and_a_result_again_on_the_command_line(tmp_path: Path, mo
     assert first.accuracy is not None
     assert first.accuracy.surface_rate_hz == 70
     assert main(["simulate", "set/mine.yaml", "--scene", "corridor", "--overwrite"]) == 2
+
+
+def test_a_stored_motion_tells_where_it_comes_from() -> None:
+    path = MOTIONS / "12_01_walk.bvh"
+    walker = t2d.place(t2d.trim(t2d.load_motion(path), 1, 1.2), distance_m=3)
+    made = t2d.simulate(walker, radar=RADAR, method="ellipsoid").experiment
+    assert made is not None
+    file, *edits = made.targets[0].origin
+    assert file == f"12_01_walk.bvh, sha256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
+    assert edits[-2:] == ["cut to 1 to 1.2 s", walker.report.rpartition("; ")[2]]

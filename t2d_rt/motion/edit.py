@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -102,7 +102,7 @@ def place(
     )
     note += f", turned by {angle_deg:g} degrees" if angle_deg else ""
     kept = [each for each in motion.report.split("; ") if each and not each.startswith(PLACED)]
-    return replace(motion, joints=joints + there, rotations=rotations, placed=True, report="; ".join([*kept, note]))
+    return motion.edited(note, joints=joints + there, rotations=rotations, placed=True, report="; ".join([*kept, note]))
 
 
 def placement(motion: Motion) -> str:
@@ -155,7 +155,11 @@ def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: f
     joints, rotations = compose(offsets, local, motion.parents)
     if not travel:
         joints[..., :2] -= (frames / period)[:, None, None] * step[:2]
-    return replace(motion, joints=joints, rotations=quaternions.continuous(rotations))
+    return motion.edited(
+        f"repeated to {duration_s:g} s{'' if travel else ' on the spot'}",
+        joints=joints,
+        rotations=quaternions.continuous(rotations),
+    )
 
 
 def _points(motion: Motion) -> dict[str, np.ndarray]:

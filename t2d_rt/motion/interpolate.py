@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -84,7 +84,7 @@ def resample(motion: Motion, rate_hz: float) -> Motion:
             f"{MOST_NUMBERS // motion.joints[0].size}; lower it or trim the motion"
         )
     joints, rotations = sample(motion, np.minimum(np.arange(count) / rate_hz, motion.duration_s))
-    return replace(motion, joints=joints, rotations=rotations, rate_hz=float(rate_hz))
+    return motion.edited(f"resampled at {rate_hz:g} Hz", joints=joints, rotations=rotations, rate_hz=float(rate_hz))
 
 
 def trim(motion: Motion, start_s: float = 0.0, stop_s: float | None = None) -> Motion:
@@ -100,7 +100,8 @@ def trim(motion: Motion, start_s: float = 0.0, stop_s: float | None = None) -> M
             f"from {start_s:.6g} to {stop_s:.6g} s there is one frame at {motion.rate_hz:g} Hz, and a motion needs 2; "
             "take a longer piece, or resample the motion first"
         )
-    return replace(motion, joints=motion.joints[span], rotations=motion.rotations[span])
+    note = f"cut to {start_s:.6g} to {stop_s:.6g} s"
+    return motion.edited(note, joints=motion.joints[span], rotations=motion.rotations[span])
 
 
 def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
@@ -114,7 +115,7 @@ def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
     offsets, rotations = decompose(motion.joints, motion.rotations, motion.parents)
     low = low_pass(np.concatenate([quaternions.continuous(rotations), offsets], axis=-1), cutoff_hz, motion.rate_hz)
     joints, turns = compose(low[..., 4:], quaternions.normalise(low[..., :4]), motion.parents)
-    return replace(motion, joints=joints, rotations=turns)
+    return motion.edited(f"smoothed at {cutoff_hz:g} Hz", joints=joints, rotations=turns)
 
 
 def low_pass(values: np.ndarray, cutoff_hz: float, rate_hz: float) -> np.ndarray:

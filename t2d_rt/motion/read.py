@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from t2d_rt.checks import LARGEST_M, array, file_path, flag, number, positive, shown, text
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, printable
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.bvh import forward_kinematics, read_bvh
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, smooth
@@ -87,7 +88,13 @@ def load_motion(
     ]  # fmt: skip
     if restored:
         told.insert(2, f"lost bones restored at {', '.join(restored)}")
-    return replace(motion, report="; ".join(told))
+    return replace(motion, report="; ".join(told), origin=(_origin(Path(path)), *motion.origin))
+
+
+def _origin(path: Path) -> str:
+    """A file by its name, without the folders of this machine, and its content."""
+    with path.open("rb") as file:
+        return f"{printable(path.name)}, sha256 {hashlib.file_digest(file, 'sha256').hexdigest()}"
 
 
 def _check_reading(units: Any, up: Any, floor: Any, drop_tpose: Any, smooth_hz: Any, flavour: Any) -> None:

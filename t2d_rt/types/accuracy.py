@@ -57,7 +57,7 @@ DEFAULT_TIERS = (
         patch_phase_scale=8.0, visibility="blockage", diffuse_points=250, decimation=2,
     ),
 )  # fmt: skip
-"""Dominant, secondary and minor paths. Minor ones are many, and each is a shadow among echoes."""
+"""Dominant, secondary and minor paths."""
 
 
 class Accuracy(Fields):

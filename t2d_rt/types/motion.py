@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -61,6 +61,8 @@ class Motion:
     before the radar. None where it is not known: the simulation places it too, with a warning."""
     report: str = ""
     """One line: what the reader found in the file (units, up axis, flavour, floor, dropped frames, smoothing)."""
+    origin: tuple[str, ...] = ()
+    """Where it comes from: the file's name and the SHA-256 of its content, then each edit since."""
 
     def __post_init__(self) -> None:
         names, parents = _names(self.names), _parents(self.parents)
@@ -80,7 +82,7 @@ class Motion:
             flag("placed", self.placed)
         values = {
             "joints": joints, "rotations": rotations, "names": names, "parents": parents, "rate_hz": checked_rate(self.rate_hz),
-            "report": text("report", self.report),
+            "report": text("report", self.report), "origin": tuple(text("origin", each) for each in self.origin),
         }  # fmt: skip
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -103,6 +105,10 @@ class Motion:
             ("report", self.report),
         ]
         return html_table("Motion", rows)
+
+    def edited(self, edit: str, **changes: Any) -> Motion:
+        """A copy with some fields changed by an edit, which its origin names."""
+        return replace(self, **changes, origin=(*self.origin, edit))
 
     @property
     def times_s(self) -> np.ndarray:
