@@ -172,7 +172,7 @@ def test_an_experiment_and_a_result_again_on_the_command_line(tmp_path: Path, mo
 def test_a_stored_motion_tells_where_it_comes_from() -> None:
     path = MOTIONS / "12_01_walk.bvh"
     walker = t2d.place(t2d.trim(t2d.load_motion(path), 1, 1.2), distance_m=3)
-    made = t2d.simulate(walker, radar=RADAR, method="ellipsoid").experiment
+    made = t2d.simulate(walker, radar="table2", method="ellipsoid").experiment
     assert made is not None
     file, *edits = made.targets[0].origin
     assert file == f"12_01_walk.bvh, sha256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
