@@ -35,6 +35,7 @@ def result() -> Simulation:
     return Simulation(mover(RADAR, 1.0), RADAR, settings=settings, versions=versions(), processing={"mti": "mean"})
 
 
+@pytest.mark.slow
 def test_axes_are_labelled(result: Simulation) -> None:
     adc, profile, image, doppler = result.adc, result.range_profile, result.spectrogram, result.range_doppler
     assert adc.dtype == np.complex64
@@ -90,6 +91,7 @@ def test_plain_xarray_opens_it(result: Simulation, tmp_path: Path) -> None:
             assert json.loads(data.attrs["settings"])["seed"] == 3
 
 
+@pytest.mark.slow
 def test_plots(result: Simulation, tmp_path: Path) -> None:
     figure = result.plot(title="a mover")
     axes, bar = figure.axes
@@ -159,6 +161,7 @@ def test_a_large_cube_stays_on_disk(result: Simulation, tmp_path: Path, monkeypa
         assert small.adc.attrs == big.adc.attrs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", ["write", "move away", "move there"])
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
 def test_a_failed_overwrite_keeps_the_old(
@@ -248,6 +251,7 @@ def seal(path: Path) -> None:
     (path / "zarr.json").write_text(json.dumps(metadata))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "sentence"),
     [
