@@ -91,7 +91,6 @@ def test_plain_xarray_opens_it(result: Simulation, tmp_path: Path) -> None:
             assert json.loads(data.attrs["settings"])["seed"] == 3
 
 
-@pytest.mark.slow
 def test_plots(result: Simulation, tmp_path: Path) -> None:
     figure = result.plot(title="a mover")
     axes, bar = figure.axes
