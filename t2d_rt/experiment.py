@@ -68,6 +68,8 @@ class MotionArrays(_Plain):
     placed: bool | None
     report: str
     """What the reader found in the file, and how the motion was placed."""
+    origin: tuple[str, ...] = ()
+    """The file's name and the SHA-256 of its content, then each edit since."""
 
 
 class BodyMesh(_Plain):
@@ -313,7 +315,7 @@ def _source(target: Target, store: Store) -> Any:
         key = store.keep(joints=target.joints, rotations=target.rotations)
         return MotionArrays(
             input=key, rate_hz=float(target.rate_hz), names=target.names, parents=target.parents, placed=target.placed,
-            report=target.report,
+            report=target.report, origin=target.origin,
         )  # fmt: skip
     made = target.made
     if made is not None and made.by == "mover":
@@ -343,7 +345,7 @@ def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> T
         )  # fmt: skip
     if isinstance(source, MotionArrays):
         arrays = _arrays(inputs, source.input, ("joints", "rotations"))
-        fields = source.model_dump(include={"rate_hz", "names", "parents", "placed", "report"})
+        fields = source.model_dump(include={"rate_hz", "names", "parents", "placed", "report", "origin"})
         return Motion(**fields, joints=arrays["joints"], rotations=arrays["rotations"])
     if isinstance(source, BodyMesh):
         motion = cast(Motion, _target(source.motion, inputs, radar, folder))

@@ -22,6 +22,7 @@ COARSE_RAD = 1.0
 RANGE_M = 5.0
 
 
+@pytest.mark.slow
 def test_a_person_has_about_half_a_square_metre(backend: Backend) -> None:
     # People measure -10..0 dBsm in the mean over aspects at 77 GHz. The mean of 120 looks of speckle is known to
     # 10 log10(1 + 1/sqrt(120)) = 0.4 dB.

@@ -167,6 +167,7 @@ def test_range_angle_reads_the_power(azimuth: float, speed: float) -> None:
         assert np.degrees(result.azimuth_rad[column]) == pytest.approx(azimuth, abs=0.6)
 
 
+@pytest.mark.slow
 def test_two_targets_in_one_range_bin() -> None:
     cube = echoes(TDM, 64, [(5.0, 25.0, 0.0, 1.0), (5.0, -15.0, 0.0, -1.0), (5.0, -40.0, 0.0, -1.0)])
     column = round(5.0 / BIN_M)
@@ -194,6 +195,7 @@ def test_elevation_of_the_map() -> None:
     assert levels[0] < levels[1] < levels[2]
 
 
+@pytest.mark.slow
 def test_still_echoes_go() -> None:
     cube = echoes(TDM, 64, [(4.0, 0.0, 0.0, 0.0), (6.0, 20.0, 0.0, 2.0)])
     kept, removed = range_angle(cube, TDM), range_angle(cube, TDM, mti="mean")
@@ -357,6 +359,7 @@ def test_neither_silence_nor_rounding_errors_are_detected() -> None:
 # --- figures and guards ---
 
 
+@pytest.mark.slow
 def test_figures(tmp_path) -> None:
     cube = echoes(TDM, 64, [(5.0, 30.0, 10.0, 1.5), (3.0, -10.0, 0.0, -1.0)])
     result = range_angle(cube, TDM, range_gate_m=(0, 8))

@@ -68,6 +68,7 @@ def test_antennas_are_those_asked_for() -> None:
     assert counts == [1, 3, 12, 48, 192]
 
 
+@pytest.mark.slow
 def test_report_has_tables_and_charts(durations: tuple[Sweep, Found], tmp_path: Path) -> None:
     section, found = swept(durations[0], made_up)
     record("durations", section, tmp_path)

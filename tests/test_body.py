@@ -96,6 +96,7 @@ def test_a_motion_that_holds_the_rest_pose_gives_the_rest_surface_whatever_the_f
     np.testing.assert_allclose(surface.rest, template().vertices, atol=2e-3)
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(
     angle=st.floats(-3, 3),
@@ -119,6 +120,7 @@ def test_a_turn_in_any_direction_after_calibration_carries_the_surface_rigidly()
     np.testing.assert_allclose(tumbling.vertices[0], turn.apply(surface.vertices[0]) + shift, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [WALK, RUN, STYLISED, "14_14_jumping_jacks.bvh", "momask_22j_120frames.bvh", "bvhtoolbox_walk01.bvh"]
 )
@@ -219,6 +221,7 @@ def test_the_head_looks_where_the_walk_goes(walk):
     assert cosine.min() > 0.8
 
 
+@pytest.mark.slow
 def test_the_posed_surface_keeps_its_volume(walk):
     surface = skin(walk, track=track(walk))
 

@@ -65,6 +65,7 @@ def test_ways_to_find_what_is_hidden_agree_where_little_is(case: Case) -> None:
         assert measures.nmse_db(cube, default) < -20
 
 
+@pytest.mark.slow
 def test_a_kept_reference_is_read_again(case: Case, tmp_path: Path) -> None:
     asked = case.surface, case.radar, case.chirps, measures.SAMPLES
     with mock.patch.object(kept, "CACHE", tmp_path), mock.patch.object(kept.reference, "reference_samples") as sums:

@@ -111,6 +111,7 @@ def test_simulate_writes_result_and_picture(run: Command, method: str) -> None:
     assert not [*Path.cwd().glob(".*")]
 
 
+@pytest.mark.slow
 def test_config_round_trip(run: Command) -> None:
     given = run("simulate", "walk.bvh", *QUICK, "--radar.prf-hz", "4000", "--angle-deg", "-30", "--print_config")
     assert given.code == 0
@@ -152,6 +153,7 @@ def test_values_that_begin_with_a_dash(run: Command) -> None:
     assert (values["motion"]["up"], values["angle_deg"], values["signal"]["kernel"]) == ("-z", -45, [-1, 2, -1])
 
 
+@pytest.mark.slow
 def test_movers_and_persons_are_added(run: Command) -> None:
     fan = {"kind": "fan", "position_m": [2, 1, 1], "rpm": 60}
     other = "person:walk.bvh,distance_m=3,angle_deg=20,stop_s=0.2"
@@ -233,6 +235,7 @@ def test_help(run: Command) -> None:
     assert "simulate FILE" in err
 
 
+@pytest.mark.slow
 def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     from t2d_rt import progress
 
@@ -453,6 +456,7 @@ def test_existing_result_is_kept_unless_overwritten(run: Command, refused: Calla
     assert t2d.Recording.load("walk.zarr").settings["seed"] == 2
 
 
+@pytest.mark.slow
 def test_full_disk_leaves_the_old_result(run: Command, refused: Callable[..., str], tmp_path: Path) -> None:
     assert run("simulate", "walk.bvh", *QUICK, "--seed", "1").code == 0
     before = listing(tmp_path)
@@ -474,6 +478,7 @@ def test_full_disk_leaves_the_old_result(run: Command, refused: Callable[..., st
 # --- things that stop a run -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "where", ["t2d_rt.summation.synthesize", "t2d_rt.result.Recording.plot", "xarray.Dataset.to_zarr"]
 )
@@ -526,6 +531,7 @@ def test_not_enough_memory(refused: Callable[..., str], monkeypatch: pytest.Monk
     assert "not enough memory (Unable to allocate 75. GiB); a shorter motion" in refused("simulate", "walk.bvh", *QUICK)
 
 
+@pytest.mark.slow
 def test_attributes_tell_how_it_was_made(run: Command) -> None:
     assert run("simulate", "walk.bvh", *QUICK).code == 0
     import xarray as xr

@@ -310,6 +310,7 @@ def test_all_that_stands_still_stays_at_zero_doppler() -> None:
     assert result.settings["clutter_points"] > 2000
 
 
+@pytest.mark.slow
 def test_a_body_passes_before_a_wall() -> None:
     """The wall's line fades while the body is in its way, and only then."""
     scene = Scene(name="wall", surfaces=(ahead(3.0),))

@@ -42,6 +42,7 @@ def with_wall(x: float) -> Scene:
 # --- where and when ---
 
 
+@pytest.mark.slow
 def test_a_walk_through_a_wall_is_found_in_each_form(backend: Backend, walk: Motion) -> None:
     pelvis = walk.joints[:, 0]
     frame = int(np.argmax(pelvis[:, 0] < 3.0))
@@ -170,6 +171,7 @@ def test_simulate_stops_before() -> None:
     assert np.sum(np.abs(same - first) ** 2) < 1e-3 * np.sum(np.abs(first) ** 2)
 
 
+@pytest.mark.slow
 def test_nothing_is_said_of_what_comes_after_the_stop() -> None:
     leaving = ball((3.0, 0.0, 1.0), (9.0, 0.0, 0.0), 3.0, level=2)
     options = {"radar": RADAR, "scene": ROOM, "reflections": 0, "clutter": "none"}
@@ -181,6 +183,7 @@ def test_nothing_is_said_of_what_comes_after_the_stop() -> None:
         t2d.simulate(leaving, **options, collisions="ignore")
 
 
+@pytest.mark.slow
 def test_nothing_is_said_of_what_stays_inside() -> None:
     inside = ball((3.0, 0.5, 1.2), (2.0, 0.0, 0.0), 0.1, level=2)
     with warnings.catch_warnings():
@@ -192,6 +195,7 @@ def test_nothing_is_said_of_what_stays_inside() -> None:
     assert chirps == [chirps[2]] * 3
 
 
+@pytest.mark.slow
 def test_what_starts_outside_is_told() -> None:
     """It is seen through an open window."""
     room = Room(
@@ -210,6 +214,7 @@ def test_what_starts_outside_is_told() -> None:
         t2d.simulate(outside, scene=room, reflections=0, clutter="none", transmissions=2)
 
 
+@pytest.mark.slow
 def test_of_several_targets_the_one_is_told() -> None:
     targets = [
         ball((3.0, -0.5, 1.2), (0.1, 0, 0), 0.4, level=2),
@@ -236,6 +241,7 @@ OPEN = Room(name="cell", size_m=(5, 4, 2.5), openings=({"name": "gap", "wall": "
 """The wall behind the radar is nearly all open."""
 
 
+@pytest.mark.slow
 def test_radar_and_target_outside_are_told() -> None:
     """Both on the same side of the room: nothing stands between them, and no line goes through anything."""
     told = r"the radar is at \(-3\.00, 0\.00, 1\.00\) m, outside cell, which reaches from .* to \(4\.5, 2, 2\.5\) m; move it"

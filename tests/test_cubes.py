@@ -207,6 +207,7 @@ def test_silence_is_written(tmp_path: Path) -> None:
         Recording.load(path)
 
 
+@pytest.mark.slow
 def test_no_byte_changes_unseen(tmp_path: Path) -> None:
     path = tmp_path / "a.zarr"
     result = loaded(path)

@@ -103,6 +103,7 @@ def spheroid_mesh(poses: list[np.ndarray], centre: np.ndarray, radar: Radar, bac
     )
 
 
+@pytest.mark.slow
 def test_spheroid_at_seven_aspects_both_models(backend: Backend, field_in_cube: ReadField) -> None:
     centre = np.array([3.2, 0.0, 1.0])
     poses = [limb_axes(a) for a in ASPECTS_DEG]
@@ -162,6 +163,7 @@ def test_centre_form_is_what_remains_far_away() -> None:
     np.testing.assert_allclose(np.abs(near.amplitude), np.abs(paper.amplitude), rtol=3e-4)
 
 
+@pytest.mark.slow
 def test_bistatic_point_of_shortest_path_and_both_models(backend: Backend) -> None:
     radar = TABLE2.replace(tx_offsets_m=(0.0, 1.0, 0.2), rx_offsets_m=(0.1, -1.2, -0.3))
     tx, rx, centre = radar.tx_position_m, radar.rx_position_m, np.array([2.5, 0.3, 1.1])

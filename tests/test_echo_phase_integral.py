@@ -64,6 +64,7 @@ def both(phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return tuple(real + 1j * imag for real, imag in parts)  # type: ignore[return-value]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_value_and_frequency_derivative_against_mpmath(dtype: type) -> None:
     phases = cases(dtype)
@@ -73,6 +74,7 @@ def test_value_and_frequency_derivative_against_mpmath(dtype: type) -> None:
     assert max(errors(got, phases)) < BAR[dtype]
 
 
+@pytest.mark.slow
 def test_drjit_kernel_against_mpmath(backend: Backend) -> None:
     import drjit
 

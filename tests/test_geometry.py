@@ -141,6 +141,7 @@ def test_edge_of_three_faces_is_sharp() -> None:
 # --- refinement ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sagitta_rad", [0.4, 0.1])
 def test_refined_sphere_is_a_sphere(sagitta_rad: float) -> None:
     rest, faces = icosphere(3, 0.15)
@@ -160,6 +161,7 @@ def test_facets_meet_the_bar() -> None:
     assert len(fine.faces) < 60_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [(0.15, 0.15, 0.15), (0.08, 0.11, 0.22)])
 @pytest.mark.parametrize("graded", [False, True])
 def test_displaced_facets_lie_on_the_surface_in_the_mean(axes: tuple[float, float, float], graded: bool) -> None:

@@ -67,6 +67,7 @@ def test_frequency_must_be_positive(frequency_hz: float) -> None:
         itu_material("glass", frequency_hz)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reflected_db"),
     [("concrete", -8.1), ("glass", -7.3), ("plasterboard", -12.2), ("wood", -15.3), ("metal", 0.0)],

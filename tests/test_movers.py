@@ -38,6 +38,7 @@ def known(entry: str, **changes: Any) -> Any:
 # --- meshes and tracks ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_closed_skins_that_look_outward(entry: str) -> None:
     mesh = mover(entry).mesh(0.0, 5.0)  # warns, which fails, where it is not watertight; refuses what is inside out
@@ -49,6 +50,7 @@ def test_closed_skins_that_look_outward(entry: str) -> None:
         assert solid.area_faces.min() > 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_accelerations_have_no_jumps(entry: str) -> None:
     mesh = mover(entry).mesh(0.0, 2.0)
@@ -151,6 +153,7 @@ def paws(pet: t2d.Pet, times_s: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", [entry for entry in ENTRIES if entry.startswith("pet")])
 def test_paws_stand_still_in_lateral_sequence(entry: str) -> None:
     pet = mover(entry)
@@ -192,6 +195,7 @@ def test_a_dog_comes_round() -> None:
 # --- in a simulation ---
 
 
+@pytest.mark.slow
 def test_movers_last_as_long_as_the_others() -> None:
     fan = t2d.TableFan(position_m=(2, 1, 1), rpm=60)
     still = t2d.Door(position_m=(3, 0, 0)).mesh(1.0, 1.2)
@@ -288,6 +292,7 @@ def test_movers_of_no_size_that_there_is(entry: str, message: str) -> None:
         mover(entry)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "entry",
     [

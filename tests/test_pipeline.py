@@ -82,6 +82,7 @@ def test_another_seed_changes_only_the_diffuse_points(backend: Backend) -> None:
     assert not np.array_equal(amplitude[:, coherent:], other_amplitude[:, coherent:])
 
 
+@pytest.mark.slow
 def test_smooth_targets_have_no_seed() -> None:
     cubes = [t2d.simulate(ball(2.0, speed_mps=1.0), radar=RADAR, seed=seed).cube for seed in (0, 1)]
     assert cubes[0].tobytes() == cubes[1].tobytes()
@@ -98,6 +99,7 @@ def test_targets_add_up() -> None:
     assert len(together.settings["targets"]) == 3
 
 
+@pytest.mark.slow
 def test_what_stands_in_front_hides_what_is_behind() -> None:
     front, behind = ball(2.0), ball(4.0)
 
@@ -257,6 +259,7 @@ def test_a_facet_that_turns_too_fast_is_reported() -> None:
         t2d.simulate(plate, radar=RADAR, accuracy={"occlusion": False, "surface_rate_hz": 50})
 
 
+@pytest.mark.slow
 def test_a_body_is_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
 
@@ -283,6 +286,7 @@ def test_a_body_is_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.abs(far).max() < np.abs(first).max() / 10
 
 
+@pytest.mark.slow
 def test_a_float32_track_is_a_track() -> None:
     vertices, faces = icosphere(1, 0.1, (2, 0, 1))
     vertices = vertices.astype(np.float32)

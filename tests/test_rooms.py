@@ -167,6 +167,7 @@ def interpolated(axis: np.ndarray, power: np.ndarray, peak_at: int) -> float:
     return float(axis[peak_at] + 0.5 * (a - c) / (a - 2 * b + c) * (axis[1] - axis[0]))
 
 
+@pytest.mark.slow
 def test_transmitter_and_receiver_may_be_swapped() -> None:
     target = ball((3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
     sides = ([[0.0, 0.1, 0.0]], [[0.0, -0.1, 0.0]])
@@ -240,6 +241,7 @@ def test_a_cupboard_hides_what_is_behind() -> None:
         t2d.simulate(target, scene=Scene(name="hidden", surfaces=(front, far)))
 
 
+@pytest.mark.slow
 def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
     """Between the radar and its image in the wall behind lies a shadow, in which the search for a reflection fails."""
     end = plate("end", [(6, -2, 0), (6, 2, 0), (6, 2, 2.6), (6, -2, 2.6)], "plasterboard")
@@ -264,6 +266,7 @@ def test_nothing_rings_where_ways_come_and_go() -> None:
     assert image.values[fast].max() < image.values.max() - 55
 
 
+@pytest.mark.slow
 def test_echoes_are_finite_wherever_a_body_stands_between_antennas_and_images() -> None:
     times = np.linspace(0, 1, 50)
     centres = np.random.default_rng(5).uniform((0.5, -0.8, 0.3), (5.5, 0.8, 2.2), (50, 40, 3))

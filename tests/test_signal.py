@@ -442,6 +442,7 @@ def test_guards() -> None:
 # --- figures ---
 
 
+@pytest.mark.slow
 def test_figures(tmp_path) -> None:
     cube = point_target(TABLE2, 0.3, 5.0, 3.0).astype(np.complex64)
     cube = np.concatenate([cube, cube])

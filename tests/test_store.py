@@ -191,6 +191,7 @@ def test_the_second_of_two_writers_is_told(tmp_path: Path) -> None:
     assert names(tmp_path) == ["a.zarr"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_writers_at_the_same_time(tmp_path: Path, overwrite: bool) -> None:
     path = tmp_path / "a.zarr"

@@ -128,6 +128,7 @@ def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float, monk
     assert nmse_db(cube[chirps, antenna, ::9], expected) < tolerance_db
 
 
+@pytest.mark.slow
 def test_merged_echoes_of_transmitters_at_once() -> None:
     radar = Radar.preset("automotive-79")
     echoes = swinging_sheet(radar, frames=12)
@@ -185,6 +186,7 @@ def test_the_direct_sum_is_eq_1_for_one_still_point() -> None:
 # --- streaming ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("read_frames", [1, 40, 64])
 def test_what_is_read_at_once_does_not_matter(read_frames: int) -> None:
     radar = TABLE2.replace(prf_hz=1000.0)
@@ -209,6 +211,7 @@ def test_what_is_read_at_once_does_not_matter(read_frames: int) -> None:
     assert shares[-1] == 1
 
 
+@pytest.mark.slow
 def test_few_echoes_of_many_vertices_are_not_read_all_at_once() -> None:
     """A sphere that breathes is one or two echoes and 30 000 vertices: a minute of them would be over a gigabyte."""
     echoes = random_echoes(TABLE2.replace(prf_hz=1000.0), frames=400)
@@ -445,6 +448,7 @@ def test_merged_echoes_of_any_number_of_receivers(multiplexing: str) -> None:
         assert nmse_db(cube[chirps, antenna, ::19], expected) < -50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["table2", "array-3x4"])
 def test_merged_echoes_use_no_interval_beyond_the_last(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples go on after a window's last interval; cubics read from there would be whatever lies in memory."""

@@ -84,6 +84,7 @@ def test_chirps_between_frames_are_those_of_the_direct_sum(preset: str, antenna:
     np.testing.assert_allclose(found, expected, rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["array-3x4", "automotive-79"])
 def test_chirps_are_of_any_antenna(preset: str) -> None:
     target = ball((3.0, 0.8, 1.2), (1.0, 0.5, 0.0), 0.1, radius_m=0.15)
@@ -110,6 +111,7 @@ def test_ellipsoids_where_they_suffice(walk: Motion) -> None:
     assert t2d.simulate(walk, radar=RADAR, tolerance_db=5.0, measure_error=False).settings["method"] == "ellipsoid"
 
 
+@pytest.mark.slow
 def test_what_stands_behind_is_looked_at() -> None:
     """Of two balls in line one hides the other; side by side they do not."""
     behind, beside = balls((2, 0, 1), (3, 0, 1)), balls((2, 0, 1), (3, 0.8, 1))
@@ -172,6 +174,7 @@ def test_pairs_of_ways_are_left_out_by_what_they_cost(walk: Motion) -> None:
     assert few["left_out"] > many["left_out"]
 
 
+@pytest.mark.slow
 def test_what_a_user_gives_stays(walk: Motion) -> None:
     given = {"visibility_rate_hz": 7.0, "surface_rate_hz": 90.0, "sagitta_rad": 0.3}
     settings = t2d.simulate(walk, radar=RADAR, tolerance_db=-15.0, measure_error=False, accuracy=given).settings
