@@ -177,3 +177,33 @@ def test_a_stored_motion_tells_where_it_comes_from() -> None:
     file, *edits = made.targets[0].origin
     assert file == f"12_01_walk.bvh, sha256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
     assert edits[-2:] == ["cut to 1 to 1.2 s", walker.report.rpartition("; ")[2]]
+
+
+class Wider(t2d.Accuracy):
+    extra_rate_hz: float = 1.0
+    """Rate of something new [Hz]."""
+
+
+def test_a_new_field_of_accuracy_needs_no_other_edit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is found in Python, YAML, the help of the command line and the attributes of a saved recording."""
+    for module in ("t2d_rt.types", "t2d_rt.accuracy.budget", "t2d_rt.result"):
+        monkeypatch.setattr(f"{module}.Accuracy", Wider)
+    made = t2d.simulate(tetrahedron(), radar=RADAR, accuracy={"sagitta_rad": 1.5, "extra_rate_hz": 3})
+    made.save(tmp_path / "a.zarr")
+    loaded = t2d.Recording.load(tmp_path / "a.zarr").accuracy
+    assert isinstance(loaded, Wider)
+    assert loaded.extra_rate_hz == 3
+    with pytest.raises(SystemExit):
+        main(["simulate", "--help"])
+    assert "Rate of something new [Hz]. By default it is 1.0." in " ".join(capsys.readouterr().out.split())
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.yaml").write_text(
+        f"targets: [{{kind: file, file: '{MOTIONS / '12_01_walk.bvh'}', stop_s: 0.2}}]\n"
+        "radar: table2\nmethod: ellipsoid\naccuracy: {extra_rate_hz: 5}\n"
+    )
+    assert main(["simulate", "mine.yaml"]) == 0
+    assert json.loads(t2d.Recording.load("mine.zarr").attributes["accuracy"])["extra_rate_hz"] == 5
+    assert main(["simulate", "mine.yaml", "--accuracy.extra-rate-hz=7", "--overwrite"]) == 0
+    assert json.loads(t2d.Recording.load("mine.zarr").attributes["accuracy"])["extra_rate_hz"] == 7
