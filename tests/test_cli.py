@@ -199,7 +199,7 @@ def test_compare_prints_figures_and_draws(run: Command) -> None:
     for speed in rows["torso speed [m/s]"]:
         assert float(speed) == pytest.approx(0.88, abs=0.15)  # part of a step
     assert len(rows["mean RCS [dBsm]"]) == len(rows["limb speed [m/s]"]) == 2
-    options: dict[str, Any] = {"radar": t2d.Radar.preset("ci4r", prf_hz=8000), "sagitta_rad": 1.0}
+    options: dict[str, Any] = {"radar": t2d.Radar.preset("ci4r", prf_hz=8000), "accuracy": {"sagitta_rad": 1.0}}
     piece = t2d.trim(t2d.place(walk()), 2, 2.4)
     found = compare(*(t2d.simulate(piece, method=method, **options) for method in ("ellipsoid", "mesh")))
     assert float(rows["envelope correlation"][0]) == pytest.approx(found.envelope_correlation, abs=0.01)
@@ -310,7 +310,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
     Path("file.zarr").write_text("x")
     assert "cannot read BVH file gone.bvh: No such file" in refused("simulate", "gone.bvh")
     assert "folder.bvh is a directory" in refused("simulate", "folder.bvh")
-    assert "motions come as .bvh" in refused("simulate", "empty.zarr", "-o", "x.zarr")
+    assert "empty.zarr does not hold a t2d-rt result" in refused("simulate", "empty.zarr", "-o", "x.zarr")
     assert "gone.bvh does not exist" in refused("info", "gone.bvh")
     assert "empty.zarr does not hold a t2d-rt result" in refused("info", "empty.zarr")
     assert "motions come as .bvh" in refused("info", "file.zarr")

@@ -225,7 +225,7 @@ def spoil(path: Path, how: str) -> None:
     elif how == "cut metadata":
         top.write_text(top.read_text()[:300])
     elif how == "newer":
-        top.write_text(top.read_text().replace('"format": "3"', '"format": "4"'))
+        top.write_text(top.read_text().replace('"format": "4"', '"format": "5"'))
     elif how == "other radar":
         top.write_text(top.read_text().replace('\\"prf_hz\\":3200.0', '\\"prf_hz\\":3201.0'))
     elif how == "wrong radar":
@@ -261,7 +261,7 @@ def seal(path: Path) -> None:
         ("lost cube", "is damaged: it is not as it was written"),
         ("lost spectrogram", "is damaged: it is not as it was written"),
         ("cut metadata", "does not hold a t2d-rt result"),
-        ("newer", "has format 4, expected 3"),
+        ("newer", "has format 5, expected 4"),
         ("other radar", "is damaged: it is not as it was written"),
         ("wrong radar", "prf_hz: got -1.0"),
         ("no radar", r"does not hold a t2d-rt result \(no 'radar'\)"),

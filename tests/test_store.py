@@ -289,7 +289,7 @@ def test_only_results_are_overwritten(tmp_path: Path) -> None:
     attributes = {**metadata["attributes"], "format": "2"}
     del attributes["made_by"]
     (path / "zarr.json").write_text(json.dumps({**metadata, "attributes": attributes}))
-    with pytest.raises(InputError, match="has format 2, expected 3; simulate it again"):
+    with pytest.raises(InputError, match="has format 2, expected 4; simulate it again"):
         Recording.load(path)
     recording(3).save(path, overwrite=True)
     assert value_of(path) == 3

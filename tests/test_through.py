@@ -118,7 +118,7 @@ def test_a_sphere_behind_a_partition_is_weaker_by_what_it_takes_both_ways(
     """Sample by sample: the cube is that of free space times T squared at the sample's frequency; so power is down by |T|^4."""
     radar, target = Radar.preset("table2"), moving_ball(method)
     common: dict[str, Any] = {
-        "radar": radar, "clutter": "none", "occlusion": False, "reflections": 0, "method": method,
+        "radar": radar, "clutter": "none", "accuracy": {"occlusion": False}, "reflections": 0, "method": method,
     }  # fmt: skip
     behind = t2d.simulate(target, scene=partition(material, thickness_m), transmissions=2, **common)
     alone = t2d.simulate(target, **common)

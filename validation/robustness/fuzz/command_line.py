@@ -107,7 +107,7 @@ CONFIGS = (
     "scene: ''", "collisions: no", "clutter: none",
     "clutter: null", "method: null", "method: 3", "body: null", "material: {}", "material: 3", "tolerance_db: null",
     "tolerance_db: 5000", "stop_s: .inf", "stop_s: null",
-    "start_s: -1", "distance_m: 1e9", "angle_deg: .nan", "device: null", "occlusion: null", "1: 2", "? [a]\n: 1",
+    "start_s: -1", "distance_m: 1e9", "angle_deg: .nan", "device: null", "accuracy: {occlusion: null}", "accuracy: 3", "accuracy: {tiers: []}", "1: 2", "? [a]\n: 1",
     "seed: 3\nseed: 4", "--seed: 3", "SEED: 3", "x: 1", "", "3",
     "- 1", "a: [", "\t", "!!python/object/apply:os.system ['touch pwned']", "seed: !!python/name:os.system ''",
     "'\\x1b[31m': 1", '"\\e[31m": 1', "null: 1", "true: 1",
@@ -120,7 +120,7 @@ QUICK = {
 }  # fmt: skip
 """Options of a short run."""
 COARSE: dict[str, dict[str, str]] = {
-    "simulate": {}, "plan": {}, "scene": {"reflections": "1"}, "compare": {"sagitta_rad": "2", "stop_s": "0.1"},
+    "simulate": {}, "plan": {}, "scene": {"reflections": "1"}, "compare": {"accuracy.sagitta_rad": "2", "stop_s": "0.1"},
 }  # fmt: skip
 """More of them for some commands."""
 
@@ -199,7 +199,9 @@ def _named(rng: np.random.Generator, folder: Path) -> list[str]:
 def _added(rng: np.random.Generator, _: Path) -> list[str]:
     """What moves beside the walker. With the mesh method a fan turns, with ellipsoids it is refused: both are tried."""
     added = [word for _ in range(int(rng.integers(1, 3))) for word in ("--add", pick(rng, ADDED))]
-    given = _quick("simulate") | ({"method": "mesh", "stop_s": "0.05", "sagitta_rad": "2"} if chance(rng, 0.4) else {})
+    given = _quick("simulate") | (
+        {"method": "mesh", "stop_s": "0.05", "accuracy.sagitta_rad": "2"} if chance(rng, 0.4) else {}
+    )
     return [*_head("simulate"), *_spelled(rng, given), *added]
 
 
