@@ -27,9 +27,9 @@ from t2d_rt.model import (
     Model,
     Target,
     farthest_and_fastest,
+    geometries_of,
     placed,
     segments,
-    shapes_of,
     shared_time,
     skin,
 )
@@ -40,7 +40,7 @@ from t2d_rt.progress import shown_progress
 from t2d_rt.radar import check_speed
 from t2d_rt.radar.synthesize import Progress, synthesize
 from t2d_rt.result import Recording, versions
-from t2d_rt.room import Clutter, Collisions, Shape, checked_time, find_ways
+from t2d_rt.room import Clutter, Collisions, Geometry, checked_time, find_path_pairs
 from t2d_rt.scene import Room
 from t2d_rt.tolerance import Plan, check_tolerance, planned
 from t2d_rt.trace.scenes import load_scene
@@ -138,7 +138,7 @@ def simulate(
     cube = _synthesized(streams, model.radar, _sum_db(accuracy, still), device, model.memory, progress)
     del streams
     settings = _settings(model, accuracy)
-    if model.around is not None:
+    if model.scene is not None:
         settings |= {
             "reflections": int(reflections), "transmissions": int(transmissions), "collisions": collisions, **static,
         }  # fmt: skip
@@ -157,7 +157,7 @@ def simulate(
     after_call()
     store = Store({})
     experiment = Experiment(
-        targets=sources_of(model.targets, store), radar=model.radar, scene=stored_scene(model.around, store),
+        targets=sources_of(model.targets, store), radar=model.radar, scene=stored_scene(model.scene, store),
         reflections=reflections, transmissions=transmissions, clutter=clutter, collisions=collisions, method=model.method,
         body=body, material=material, phase_from=phase_from, seed=model.seed,
     )  # fmt: skip
@@ -301,7 +301,7 @@ def _prepared(
         checked_material(material)
     targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
     backend, around = select(device), _around(scene)
-    shapes = shapes_of(targets, method, body, material, radar)
+    shapes = geometries_of(targets, method, body, material, radar)
     span_s = shared_time(shapes)
     if around is not None:
         moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, shapes, strict=True)]
@@ -315,7 +315,7 @@ def _prepared(
         _check_shape(shape, radar, span_s)
     ranked = []
     if around is not None:
-        ranked = find_ways(
+        ranked = find_path_pairs(
             around, shapes, radar, span_s, order=reflections, transmissions=transmissions, backend=backend
         )
     return Model(
@@ -353,7 +353,7 @@ def _settings(model: Model, accuracy: Accuracy) -> dict[str, Any]:
     """What a result was made with."""
     pairs, material = model.pairs(accuracy), model.material
     return {
-        "method": model.method, "scene": "free_space" if model.around is None else model.around.name,
+        "method": model.method, "scene": "free_space" if model.scene is None else model.scene.name,
         "seed": model.seed, "body": model.body, "accuracy": accuracy.model_dump(mode="json"),
         "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
         "surface_rates_hz": [float((len(t) - 1) / (t[-1] - t[0])) for t in model.frame_times(accuracy)],
@@ -398,7 +398,7 @@ def _synthesized(
     return cube
 
 
-def _check_shape(shape: Shape, radar: Radar, span_s: tuple[float, float]) -> None:
+def _check_shape(shape: Geometry, radar: Radar, span_s: tuple[float, float]) -> None:
     name = shape.name
     if isinstance(shape, MovingMesh):
         check_outside(shape, radar, np.array(span_s))

@@ -15,8 +15,8 @@ from builders import icosphere, still
 from measures import db
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import check_outside, mesh_echoes
+from t2d_rt.echo.paths import View
 from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.echo.streams import joined
 from t2d_rt.errors import InputError, T2DWarning
@@ -387,7 +387,7 @@ def test_visibility_scales_what_is_seen(backend: Backend) -> None:
     for share in (1.0, 0.25, 0.0):
         stream = mesh_echoes(
             mesh, TABLE2, times_s=FRAMES_S, material=SKIN, sagitta_rad=0.4, seed=0, backend=backend,
-            views=[View(seen=lambda t, share=share: np.full((len(t), len(mesh.rest)), share))],
+            views=[View(visibility=lambda t, share=share: np.full((len(t), len(mesh.rest)), share))],
         )  # fmt: skip
         parts.append(stream.gather().amplitude)
     np.testing.assert_allclose(parts[1], 0.25 * parts[0], rtol=1e-5, atol=1e-16)

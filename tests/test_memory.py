@@ -13,7 +13,7 @@ from t2d_rt import memory
 from t2d_rt.backend import select
 from t2d_rt.echo import mesh as echo_mesh
 from t2d_rt.echo import streams as echo_streams
-from t2d_rt.echo.legs import View
+from t2d_rt.echo.paths import View
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.model import farthest_and_fastest
 from t2d_rt.radar import synthesize as synthesis

@@ -16,8 +16,8 @@ import t2d_rt as t2d
 from builders import icosphere
 from measures import nmse_db
 from t2d_rt.backend import Backend
-from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
+from t2d_rt.echo.paths import View
 from t2d_rt.errors import BackendError, InputError, T2DWarning
 from t2d_rt.geometry import refinements
 from t2d_rt.types import PEC, Ellipsoids, Material, Motion, MovingMesh, Radar

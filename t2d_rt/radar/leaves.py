@@ -11,12 +11,12 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.radar.array_delays import Ways, longer
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.moments import Members, References, amplitudes, phases
 from t2d_rt.radar.phasors import rotated, sin_cos, turned
 from t2d_rt.radar.sweep import Sweep, nodes
-from t2d_rt.radar.ways import Ways, longer
 from t2d_rt.radar.windows import Window
 
 

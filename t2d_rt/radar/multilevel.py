@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import Backend
+from t2d_rt.radar.array_delays import Ways
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.leaves import Factors, Leaves, smallest
 from t2d_rt.radar.moments import Members
 from t2d_rt.radar.phasors import read, rotated, sin_cos, spread_to, turned
 from t2d_rt.radar.sweep import Sweep, nodes
-from t2d_rt.radar.ways import Ways
 from t2d_rt.radar.windows import Window
 
 

@@ -27,12 +27,12 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, new_cube
 from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget
+from t2d_rt.radar.array_delays import ends, ways
 from t2d_rt.radar.groups import BUCKET_BINS, Level, bucket_nodes, levels
 from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.moments import TERMS, Members, amplitudes, moments, phases
 from t2d_rt.radar.multilevel import at_antennas, at_moments, factors
 from t2d_rt.radar.sweep import Sweep, chebyshev, interpolation
-from t2d_rt.radar.ways import ends, ways
 from t2d_rt.radar.windows import Delay, Window, windows
 from t2d_rt.types import Echoes, EchoStream, Radar, stream
 
