@@ -115,7 +115,7 @@ def test_frames_of_large_meshes_come_in_pieces(monkeypatch: pytest.MonkeyPatch) 
 def test_a_very_wide_sweep_is_summed_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = t2d.simulate(approaching(), radar=RADAR).cube
     monkeypatch.setattr(synthesis, "BASIS_NUMBERS", 20_000)
-    monkeypatch.setattr(synthesis, "MOST_MOMENTS", 50)
+    monkeypatch.setattr(synthesis, "MOST_INSTANTS", 50)
     assert np.array_equal(t2d.simulate(approaching(), radar=RADAR).cube, whole)
 
 

@@ -61,11 +61,11 @@ def test_paths_through_walls_and_doors_are_those_of_sionna(
     delays, fields = np.array(solved.tau).ravel()[strong], fields[strong]
 
     point, ours = np.array(place), []
-    paths = find_paths(
+    found = find_paths(
         Mirrors.of(load_scene(scene), select("cpu")), ANTENNA_M, UP, FREQUENCY_HZ, order=2, transmissions=1,
         probes_m=point[None],
     )  # fmt: skip
-    for path in paths:
+    for path in found:
         length = float(np.linalg.norm(point - path.image_m))
         arriving = (point - path.image_m) / length
         across = UP - (UP @ arriving) * arriving
