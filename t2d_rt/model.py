@@ -62,7 +62,7 @@ SAME_RATE = 2.0
 MINOR_FRAMES = 128
 """Surface frames of ellipsoids that are worked out at once over minor paths: there are many small arrays."""
 BLOCKAGE_RATE = 0.5
-"""Visibility of path pairs without their own occlusion is sampled less often, by this factor: fields fade over a hand's breadth."""
+"""Visibility of path pairs without their own occlusion is sampled less often, by this factor: fields fade over some 10 cm."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Model:
         return self.needed_hz[key]
 
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
-        """Surface frames of each target [s] at its rate or more; those that need about the same rate share them."""
+        """Surface frames of each target [s] at its rate or more; those that need about the same rate have the same ones."""
         rates = self.rates_hz(accuracy)
         length = self.span_s[1] - self.span_s[0]
         times: dict[float, np.ndarray] = {}

@@ -70,7 +70,7 @@ def checked_time(
     start, stop = time_s
     if not outside and (place := radar_outside(scene, radar, backend)) is not None:
         told = f"the radar is at {_place_text(place)}, outside {_reach_text(scene)}"
-        told += "; move it (position_m), choose another room, or allow transmissions to look through walls"
+        told += "; move it (position_m), choose another room, or allow transmissions for paths through walls"
         if collisions == "stop":
             raise InputError(told)
         warnings.warn(told, T2DWarning, stacklevel=3)
@@ -157,7 +157,7 @@ class ChosenPairs:
                 yield tier, self.pairs[first:last]
 
     def bound_db(self) -> float | None:
-        """What those left out amount to at most, were they all in phase, beside the strongest one [dB]."""
+        """What those left out amount to at most, were they all in phase, relative to the strongest one [dB]."""
         total = sum(10 ** (level / 20) for level in self.left_out_db)
         return 20 * float(np.log10(total)) if total else None
 

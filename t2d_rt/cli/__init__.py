@@ -250,7 +250,7 @@ def _scene(options: Namespace) -> None:
         track = motion.joints[:, 0]
         target = track[len(track) // 2]
     ways = paths_to(scene, radar, target, reflections=options.reflections)
-    figure = plot_scene(scene, radar.tx_position_m, ways_m=ways, track_m=track, title=scene.name)
+    figure = plot_scene(scene, radar.tx_position_m, paths_m=ways, track_m=track, title=scene.name)
     _write_picture(figure, picture, overwrite=options.overwrite)
     say(
         f"{len(scene.surfaces)} objects, {len(ways)} ways to ({', '.join(f'{x:.2f}' for x in target)}) m: "

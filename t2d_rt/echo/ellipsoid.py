@@ -217,7 +217,7 @@ def _centre(
 ) -> tuple[np.ndarray, ...]:
     """As `_specular`, of the centre: path [m] and sqrt(sigma)/(R_tx R_rx) (M,), the paper's eq. 1,
 
-    sigma = pi a^4 c^2/(a^2 sin^2 psi + c^2 cos^2 psi)^2, psi between the long axis (the third) and the bisector of the legs;
+    sigma = pi a^4 c^2/(a^2 sin^2 psi + c^2 cos^2 psi)^2, psi between the long axis (the third) and the bisector of the two paths;
     a^2 is the product of the two short semi-axes.
     """
     to_tx, to_rx = tx_m - centres, rx_m - centres

@@ -301,8 +301,8 @@ class _Gather:
             fraction = self.dr.gather(self.backend.Float32, weights.fraction, place)
             total += fraction * self.dr.gather(Packet, weights.values, anchor * self.stride + self.frame)
         changed = _complex_times(*slope, total[0], total[1])
-        turned = _complex_times(*amplitude, total[2], total[3])
-        return _complex_times(*amplitude, total[0], total[1]), (changed[0] + turned[0], changed[1] + turned[1])
+        rotated = _complex_times(*amplitude, total[2], total[3])
+        return _complex_times(*amplitude, total[0], total[1]), (changed[0] + rotated[0], changed[1] + rotated[1])
 
     def constant(self, value: float) -> Any:
         """A number that is data to the kernel, not code."""

@@ -1,4 +1,4 @@
-"""A scene's plane parts, the chains of them that rays from a place can take, and what stands in a ray's way."""
+"""A scene's plane parts, the chains of them that rays from a place can take, and what blocks a ray."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from t2d_rt.types import Scene
 Chain = tuple[int, ...]
 """What a ray meets: k is a reflection by mirror k, ~k (that is -1 - k) a passage through it."""
 RAYS = 1 << 20
-"""Rays that look for chains: one for each 1.2e-5 sr, 1 cm^2 at 3 m."""
+"""Rays that search for chains: one for each 1.2e-5 sr, 1 cm^2 at 3 m."""
 SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
 """Triangles of a surface that lie in one plane to within these are one mirror."""
 OUTLINE_M = 1e-7
