@@ -276,7 +276,7 @@ def _patches(sagitta: Sagitta, tier: PathTier, at_instants: bool) -> dict[str, A
     # At instants frames lie far apart, and phases from one to the next mean nothing.
     cycles = math.inf if at_instants else tier.patch_phase_scale * CYCLES_PER_STEP
     return {
-        "sagitta_rad": np.maximum(sagitta, most), "turns_per_step": cycles, "sweep_turns": tier.patch_span_scale * SWEEP_CYCLES,
+        "sagitta_rad": np.maximum(sagitta, most), "cycles_per_step": cycles, "sweep_cycles": tier.patch_span_scale * SWEEP_CYCLES,
         "points": tier.diffuse_points,
     }  # fmt: skip
 

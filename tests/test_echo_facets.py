@@ -237,7 +237,7 @@ def test_facets_are_the_sum_in_float64(backend: Backend, monkeypatch: pytest.Mon
     assert abs(got / expected - 1) < 1e-4  # float32
 
 
-@pytest.mark.filterwarnings("ignore:.* turns too fast")  # poses, not a motion
+@pytest.mark.filterwarnings("ignore:.* rotates too fast")  # poses, not a motion
 @pytest.mark.parametrize("material", [PEC, SKIN], ids=["smooth", "rough"])
 def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material, backend: Backend) -> None:
     # Field of an ellipsoid in four poses; facets that are not displaced would leave -16 dB at 0.4 rad.

@@ -66,7 +66,7 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
     theirs.add(target)
     mirrors = Mirrors.of(load_scene(scene), select("cpu"))
     points = np.array([[3.1, -0.4, 1.3], [2.2, 0.6, 0.7]])
-    paths = of_points(mirrors, points, frequency_hz)
+    one_way = of_points(mirrors, points, frequency_hz)
     wavelength = SPEED_OF_LIGHT / frequency_hz
     for point in points:
         target.position = mi.Point3f(*point.tolist())
@@ -74,7 +74,7 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
         delay, amplitude = (np.array(x).ravel() for x in (found.tau, np.array(found.a[0]) + 1j * np.array(found.a[1])))
         amplitude, delay = amplitude[delay > 0], delay[delay > 0]
         ours = []
-        lit = [path for path in paths if path.exists(point[None])[0]]
+        lit = [path for path in one_way if path.exists(point[None])[0]]
         for out in lit:
             for back in lit:
                 if out.order + back.order > 2:

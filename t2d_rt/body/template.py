@@ -54,9 +54,9 @@ def _read(name: str) -> Template:
         if names != [*CANONICAL_JOINTS, *OPTIONAL_JOINTS]:
             raise InputError(f"body {name!r} has joints {names}; expected the 22 canonical joints and the five ends")
         weights = data["weights"].astype(np.float64)
-        starts, indices, weights = (data[f"ring_{part}"] for part in ("starts", "vertices", "weights"))
+        starts, indices, ring_weights = (data[f"ring_{part}"] for part in ("starts", "vertices", "weights"))
         rings = {
-            str(ring): (indices[i:j].astype(np.intp), weights[i:j].astype(np.float64))
+            str(ring): (indices[i:j].astype(np.intp), ring_weights[i:j].astype(np.float64))
             for ring, i, j in zip(data["ring_names"], starts, starts[1:], strict=False)
         }
         return Template(

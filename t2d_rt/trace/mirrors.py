@@ -51,8 +51,8 @@ class Mirror:
     @classmethod
     def of(cls, name: str, surface: int, normal: np.ndarray, triangles: np.ndarray) -> Mirror:
         """From triangles (F, 3, 3) of one plane."""
-        angle = edge_cross(triangles)
-        inward = np.cross(angle[:, None], np.roll(triangles, -1, axis=1) - triangles)
+        normals = edge_cross(triangles)
+        inward = np.cross(normals[:, None], np.roll(triangles, -1, axis=1) - triangles)
         inward /= np.linalg.norm(inward, axis=2, keepdims=True)
         offset = np.einsum("fei,fei->fe", inward, triangles)
         edges = inward.reshape(-1, 3), offset.ravel() - OUTLINE_M
