@@ -14,25 +14,25 @@ from t2d_rt.body import segments as fit_segments
 from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
-from t2d_rt.echo.legs import Ranked
 from t2d_rt.echo.mesh import REFINING_BYTES, Sagitta, facets, mesh_echoes
-from t2d_rt.echo.patches import SWEEP_TURNS, TURNS_PER_STEP
+from t2d_rt.echo.patches import CYCLES_PER_STEP, SWEEP_CYCLES
+from t2d_rt.echo.paths import Ranked
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget, blocks
 from t2d_rt.motion import place, track
-from t2d_rt.room import ChosenPairs, Clutter, Looks, Shape, clutter_streams, coarse_views
+from t2d_rt.room import ChosenPairs, Clutter, Geometry, TargetVisibility, clutter_streams, coarse_views
 from t2d_rt.scene import Mover
 from t2d_rt.trace.materials import itu_material
-from t2d_rt.trace.visibility import key_times
+from t2d_rt.trace.visibility import sample_times
 from t2d_rt.types import (
     Accuracy,
     EchoStream,
     Ellipsoids,
-    LegPair,
     Material,
     Motion,
     MovingMesh,
+    PathPair,
     PathTier,
     Radar,
     Scene,
@@ -58,11 +58,11 @@ MOST_SUBDIVISION = 2
 SPEED_SAMPLES = 200
 """Instants at which speeds are sampled."""
 SAME_RATE = 2.0
-"""Shapes whose surface rates differ by more are summed apart, each at its own."""
+"""Targets whose surface rates differ by more are summed apart, each at its own."""
 MINOR_FRAMES = 128
 """Surface frames of ellipsoids that are worked out at once over minor paths: there are many small arrays."""
 BLOCKAGE_RATE = 0.5
-"""Visibility of path pairs without their own occlusion is sampled less often, by this factor: fields fade over a hand's breadth."""
+"""Visibility of path pairs without their own occlusion is sampled less often, by this factor: fields fade over some 10 cm."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class Model:
 
     radar: Radar
     targets: Sequence[Target]
-    shapes: Sequence[Shape]
+    geometries: Sequence[Geometry]
     span_s: tuple[float, float]
-    around: Scene | None
+    scene: Scene | None
     """None in free space."""
     ranked: Sequence[Ranked]
     """Path pairs to the targets, where there is a scene."""
@@ -86,22 +86,22 @@ class Model:
     backend: Backend
     memory: Budget
     needed_hz: dict[tuple[int, float], float] = field(default_factory=dict)
-    """Surface rates that were asked for, by the shape's number and `Accuracy.spline_error_db`."""
+    """Surface rates that were asked for, by the target's number and `Accuracy.spline_error_db`."""
 
     def rates_hz(self, accuracy: Accuracy) -> list[float]:
-        """Surface rate of each shape."""
+        """Surface rate of each target."""
         if accuracy.surface_rate_hz is not None:
-            return [accuracy.surface_rate_hz] * len(self.shapes)
-        return [self._needed(number, accuracy.spline_error_db) for number in range(len(self.shapes))]
+            return [accuracy.surface_rate_hz] * len(self.geometries)
+        return [self._needed(number, accuracy.spline_error_db) for number in range(len(self.geometries))]
 
     def _needed(self, number: int, error_db: float) -> float:
         key = number, error_db
         if key not in self.needed_hz:
-            self.needed_hz[key] = needed_rate_hz(self.shapes[number], self.radar, *self.span_s, error_db)
+            self.needed_hz[key] = needed_rate_hz(self.geometries[number], self.radar, *self.span_s, error_db)
         return self.needed_hz[key]
 
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
-        """Surface frames of each shape [s] at its rate or more; those that need about the same rate share them."""
+        """Surface frames of each target [s] at its rate or more; those that need about the same rate have the same ones."""
         rates = self.rates_hz(accuracy)
         length = self.span_s[1] - self.span_s[0]
         times: dict[float, np.ndarray] = {}
@@ -110,9 +110,11 @@ class Model:
                 times[rate] = np.linspace(*self.span_s, max(4, math.ceil(length * rate) + 1))
         return [times[min(each for each in times if each >= rate)] for rate in rates]
 
-    def facets(self, shape: MovingMesh, accuracy: Accuracy) -> MovingMesh:
-        """The facets that stand for a shape in free space."""
-        return facets(shape, self.radar, sagitta_rad(shape, accuracy), span_s=self.span_s, max_facets=self.max_facets)
+    def facets(self, geometry: MovingMesh, accuracy: Accuracy) -> MovingMesh:
+        """The facets of a target in free space."""
+        return facets(
+            geometry, self.radar, sagitta_rad(geometry, accuracy), span_s=self.span_s, max_facets=self.max_facets
+        )
 
     @property
     def max_facets(self) -> int:
@@ -121,7 +123,7 @@ class Model:
 
     def pairs(self, accuracy: Accuracy) -> ChosenPairs | None:
         """Path pairs in use; None in free space."""
-        return None if self.around is None else ChosenPairs.of(self.ranked, accuracy)
+        return None if self.scene is None else ChosenPairs.of(self.ranked, accuracy)
 
     def paths_within(self, left_out: float, coarse: float) -> dict[str, Any]:
         """Settings of an `Accuracy` by which path pairs left out cost that fraction of the field's energy, those by coarse facets
@@ -140,7 +142,7 @@ class Model:
         return {"least_level_db": max(float(levels[least]), EVERY_PATH_DB), "tiers": tiers}
 
     def fast_rotating(self, accuracy: Accuracy) -> list[bool]:
-        """Which shapes rotate too fast for their visibility to be sampled point by point; a body's limbs never do."""
+        """Which targets rotate too fast for their visibility to be sampled point by point; a body's limbs never do."""
         return [
             not isinstance(target, Motion) and self._needed(number, SPLINE_ERROR_DB) > accuracy.fastest_sampled_hz
             for number, target in enumerate(self.targets)
@@ -154,10 +156,10 @@ class Model:
         At instants visibility is traced just then, over the strongest path pair from every facet's vertices, through the facets; or
         as in a run, sampled at `samples_s`.
         """
-        times = self.frame_times(accuracy) if instants_s is None else [instants_s] * len(self.shapes)
+        times = self.frame_times(accuracy) if instants_s is None else [instants_s] * len(self.geometries)
         fast, pairs = self.fast_rotating(accuracy), self.pairs(accuracy)
         sampled, decimated = (
-            key_times(*self.span_s, rate * accuracy.visibility_rate_hz) if instants_s is None else instants_s
+            sample_times(*self.span_s, rate * accuracy.visibility_rate_hz) if instants_s is None else instants_s
             for rate in (1.0, BLOCKAGE_RATE)
         )
         if samples_s is not None:
@@ -167,28 +169,28 @@ class Model:
         if exact:
             coarse = accuracy.replace(sagitta_scale=max(OCCLUDER_SAGITTA_SCALE, accuracy.sagitta_scale))
             solid = [
-                s for s, rotates in zip(self.shapes, fast, strict=True) if isinstance(s, MovingMesh) and not rotates
+                s for s, rotates in zip(self.geometries, fast, strict=True) if isinstance(s, MovingMesh) and not rotates
             ]
-            occluders = [self.facets(shape, coarse) for shape in solid]
-        looks = Looks(
-            self.shapes, self.radar, [None] if pairs is None else pairs.occluded,
-            swift=fast, occlusion=accuracy.occlusion, keys_s=sampled, occluders=occluders, finer=int(exact),
-            halved=accuracy.visibility_subdivision, backend=self.backend,
+            occluders = [self.facets(geometry, coarse) for geometry in solid]
+        visibility = TargetVisibility(
+            self.geometries, self.radar, [None] if pairs is None else pairs.occluded,
+            fast_rotating=fast, occlusion=accuracy.occlusion, samples_s=sampled, occluders=occluders, finer=int(exact),
+            subdivision=accuracy.visibility_subdivision, backend=self.backend,
         )  # fmt: skip
-        each = zip(self.targets, self.shapes, times, fast, strict=True)
+        each = zip(self.targets, self.geometries, times, fast, strict=True)
         return [
             s
             for one in each
-            for s in self._of(*one, looks, pairs, accuracy, (sampled, decimated), instants_s is not None)
+            for s in self._of(*one, visibility, pairs, accuracy, (sampled, decimated), instants_s is not None)
         ]
 
     def _of(
         self,
         target: Target,
-        shape: Shape,
+        geometry: Geometry,
         times_s: np.ndarray,
         fast: bool,
-        looks: Looks,
+        visibility: TargetVisibility,
         chosen: ChosenPairs | None,
         accuracy: Accuracy,
         samples_s: tuple[np.ndarray, np.ndarray],
@@ -196,16 +198,16 @@ class Model:
     ) -> Iterator[EchoStream]:
         """Echoes of one target, tier by tier; visibility is sampled at `samples_s`, without a tier's own occlusion at the second
         ones."""
-        close = looks.views(shape)
-        material = shape.material if self.material is None or isinstance(target, Mover) else self.material
+        close = visibility.views(geometry)
+        material = geometry.material if self.material is None or isinstance(target, Mover) else self.material
         common: dict[str, Any] = {"times_s": times_s, "material": resolved(material, self.radar)}
-        if isinstance(shape, Ellipsoids):
+        if isinstance(geometry, Ellipsoids):
             others = [] if chosen is None else chosen.pairs[len(close) :]
-            views = close + (coarse_views(shape, others, samples_s[0]) if others else [])
-            yield ellipsoid_echoes(shape, self.radar, phase_from=self.phase_from, views=views, **common)
+            views = close + (coarse_views(geometry, others, samples_s[0]) if others else [])
+            yield ellipsoid_echoes(geometry, self.radar, phase_from=self.phase_from, views=views, **common)
             return
         fine: dict[str, Any] = {"seed": self.seed, "backend": self.backend, "max_facets": self.max_facets, **common}
-        own = sagitta_rad(shape, accuracy)
+        own = sagitta_rad(geometry, accuracy)
         for tier, pairs in [(accuracy.tiers[0], None)] if chosen is None else chosen.by_tier(accuracy):
             if pairs is not None and tier.scatterer == "ellipsoids" and isinstance(target, Motion):
                 yield self._minor(target, tier, pairs, common, samples_s[1], at_instants)
@@ -214,19 +216,21 @@ class Model:
                 count = 1 if pairs is None else len(pairs)
                 views, close = close[:count], close[count:]
             elif tier.visibility == "shared":
-                views = looks.beside(shape, pairs, samples_s[1])
+                views = visibility.with_shared_occlusion(geometry, pairs, samples_s[1])
             else:
-                views = coarse_views(shape, pairs, samples_s[1], swift=fast)
+                views = coarse_views(geometry, pairs, samples_s[1], fast_rotating=fast)
             frames = {}
             if fast and tier.decimation > 1:
                 frames = {"times_s": self._decimated(times_s, tier, at_instants)}
-            yield mesh_echoes(shape, self.radar, views=views, **_patches(own, tier, at_instants), **{**fine, **frames})
+            yield mesh_echoes(
+                geometry, self.radar, views=views, **_patches(own, tier, at_instants), **{**fine, **frames}
+            )
 
     def _minor(
         self,
         target: Motion,
         tier: PathTier,
-        pairs: Sequence[LegPair],
+        pairs: Sequence[PathPair],
         common: dict[str, Any],
         samples_s: np.ndarray,
         at_instants: bool,
@@ -234,7 +238,7 @@ class Model:
         """Echoes of a body by its ellipsoids, over minor path pairs."""
         limbs = segments(placed(target, self.radar), self.body)
         samples = samples_s if at_instants else np.append(samples_s[:-1:2], samples_s[-1])
-        views = coarse_views(limbs, pairs, samples, faint=True)
+        views = coarse_views(limbs, pairs, samples, minor=True)
         times_s = common["times_s"]
         frames = {**common, "times_s": self._decimated(times_s, tier, at_instants)}
         echoes = ellipsoid_echoes(limbs, self.radar, views=views, **frames)
@@ -248,19 +252,21 @@ class Model:
 
     def clutter(self, kind: Clutter, accuracy: Accuracy) -> tuple[list[EchoStream], dict[str, object]]:
         """Echoes of the static scene, and how many there are."""
-        if self.around is None or kind == "none":
+        if self.scene is None or kind == "none":
             return [], {}
-        fast, hides = self.fast_rotating(accuracy), accuracy.occludes_clutter
-        steady = [shape for shape, rotates in zip(self.shapes, fast, strict=True) if hides and not rotates]
+        fast, occludes = self.fast_rotating(accuracy), accuracy.occludes_clutter
+        occluders = [
+            geometry for geometry, rotates in zip(self.geometries, fast, strict=True) if occludes and not rotates
+        ]
         return clutter_streams(
-            kind, self.around, steady, self.radar, min(self.frame_times(accuracy), key=len),
-            keys_s=key_times(*self.span_s, accuracy.visibility_rate_hz), seed=self.seed, backend=self.backend,
+            kind, self.scene, occluders, self.radar, min(self.frame_times(accuracy), key=len),
+            samples_s=sample_times(*self.span_s, accuracy.visibility_rate_hz), seed=self.seed, backend=self.backend,
         )  # fmt: skip
 
 
-def sagitta_rad(shape: MovingMesh, accuracy: Accuracy) -> Sagitta:
+def sagitta_rad(geometry: MovingMesh, accuracy: Accuracy) -> Sagitta:
     """Phase sagitta of a mesh's facets over dominant paths."""
-    own = shape.sagitta_rad if accuracy.sagitta_rad is None else accuracy.sagitta_rad
+    own = geometry.sagitta_rad if accuracy.sagitta_rad is None else accuracy.sagitta_rad
     return np.multiply(accuracy.sagitta_scale, own)
 
 
@@ -268,22 +274,24 @@ def _patches(sagitta: Sagitta, tier: PathTier, at_instants: bool) -> dict[str, A
     """Options of `mesh_echoes` for a tier."""
     most = np.minimum(tier.sagitta_scale * np.asarray(sagitta), tier.greatest_sagitta_rad)
     # At instants frames lie far apart, and phases from one to the next mean nothing.
-    turns = math.inf if at_instants else tier.patch_phase_scale * TURNS_PER_STEP
+    cycles = math.inf if at_instants else tier.patch_phase_scale * CYCLES_PER_STEP
     return {
-        "sagitta_rad": np.maximum(sagitta, most), "turns_per_step": turns, "sweep_turns": tier.patch_span_scale * SWEEP_TURNS,
+        "sagitta_rad": np.maximum(sagitta, most), "cycles_per_step": cycles, "sweep_cycles": tier.patch_span_scale * SWEEP_CYCLES,
         "points": tier.diffuse_points,
     }  # fmt: skip
 
 
-def farthest_and_fastest(shape: Shape, radar: Radar, span_s: tuple[float, float]) -> tuple[float, float]:
-    """Greatest range [m] and speed towards or from the antennas [m/s] of any point of a shape."""
+def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, float]) -> tuple[float, float]:
+    """Greatest range [m] and speed towards or from the antennas [m/s] of any point of a target."""
     start, stop = span_s
     step = min(1e-3, (stop - start) / 10)
     places = (radar.tx_position_m, radar.rx_position_m)
     farthest, fastest = 0.0, 0.0
-    count = len(shape.rest if isinstance(shape, MovingMesh) else shape.semi_axes_m)
+    count = len(geometry.rest if isinstance(geometry, MovingMesh) else geometry.semi_axes_m)
     for times in blocks(np.linspace(start, stop - step, SPEED_SAMPLES), count):
-        points = [shape.at(t) if isinstance(shape, MovingMesh) else shape.at(t)[0] for t in (times, times + step)]
+        points = [
+            geometry.at(t) if isinstance(geometry, MovingMesh) else geometry.at(t)[0] for t in (times, times + step)
+        ]
         ranges = [np.mean([np.linalg.norm(p - place, axis=2) for place in places], axis=0) for p in points]
         farthest = max(farthest, float(ranges[0].max()))
         fastest = max(fastest, float(np.abs(ranges[1] - ranges[0]).max() / step))
@@ -311,11 +319,13 @@ def placed(motion: Motion, radar: Radar) -> Motion:
     return motion if motion.placed else place(motion, radar_position_m=radar.position_m, boresight=radar.boresight)
 
 
-def shapes_of(
+def geometries_of(
     targets: Sequence[Target], method: Method, body: str, material: str | Material | None, radar: Radar
-) -> list[Shape]:
-    """The targets' shapes; those of movers over the time that the others share."""
-    lasting = {n: _shape(t, method, body, material, radar) for n, t in enumerate(targets) if not isinstance(t, Mover)}
+) -> list[Geometry]:
+    """The targets' geometries; those of movers over the time that all others have in common."""
+    lasting = {
+        n: _geometry(t, method, body, material, radar) for n, t in enumerate(targets) if not isinstance(t, Mover)
+    }
     if not lasting:
         raise InputError(
             f"movers alone have no end, got {targets!r:.60}; give one of them as its mesh, mover.mesh(0, 5) for 5 s"
@@ -324,9 +334,9 @@ def shapes_of(
     return [t.mesh(*time_s) if isinstance(t, Mover) else lasting[n] for n, t in enumerate(targets)]
 
 
-def _shape(
+def _geometry(
     target: Motion | MovingMesh | Ellipsoids, method: Method, body: str, material: str | Material | None, radar: Radar
-) -> Shape:
+) -> Geometry:
     if not isinstance(target, Motion):
         if isinstance(target, MovingMesh) and method == "ellipsoid":
             raise InputError(
@@ -337,13 +347,13 @@ def _shape(
     return make(placed(target, radar), body, material="skin" if material is None else material)
 
 
-def shared_time(shapes: Sequence[Shape]) -> tuple[float, float]:
-    """First and last moment that all targets share [s]."""
-    start = max(float(s.times_s[0]) for s in shapes)
-    stop = min(float(s.times_s[-1]) for s in shapes)
+def shared_time(geometries: Sequence[Geometry]) -> tuple[float, float]:
+    """First and last instant that all targets have in common [s]."""
+    start = max(float(s.times_s[0]) for s in geometries)
+    stop = min(float(s.times_s[-1]) for s in geometries)
     if not stop > start:
         raise InputError(
-            f"the targets share no time (last start {start:.6g} s, first end {stop:.6g} s); give overlapping times_s"
+            f"the targets have no time in common (last start {start:.6g} s, first end {stop:.6g} s); give overlapping times_s"
         )
     return start, stop
 
@@ -362,5 +372,5 @@ def resolved(material: str | Material, radar: Radar) -> Material:
 
 def with_method(model: Model, method: Method) -> Model:
     """The same targets by another echo model."""
-    shapes = shapes_of(model.targets, method, model.body, model.material, model.radar)
-    return replace(model, shapes=shapes, method=method, needed_hz={})
+    geometries = geometries_of(model.targets, method, model.body, model.material, model.radar)
+    return replace(model, geometries=geometries, method=method, needed_hz={})

@@ -205,11 +205,11 @@ def plot_scene(
     scene: Scene,
     radar_m: np.ndarray,
     *,
-    ways_m: Sequence[tuple[str, np.ndarray]] = (),
+    paths_m: Sequence[tuple[str, np.ndarray]] = (),
     track_m: np.ndarray | None = None,
     title: str | None = None,
 ) -> Figure:
-    """A room from above and in three dimensions: its surfaces without the ceiling, the radar, ways (name, points (P, 3)), and a
+    """A room from above and in three dimensions: its surfaces without the ceiling, the radar, paths (name, points (P, 3)), and a
     target's track (K, 3)."""
     from matplotlib.collections import LineCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
@@ -228,7 +228,7 @@ def plot_scene(
         hue = "black" if surface.name.startswith(("wall", "floor")) else "0.6"
         plan.add_collection(LineCollection(outline[:, :, :2].tolist(), colors=hue, linewidths=1.2))
         view.add_collection3d(Line3DCollection(outline.tolist(), colors=hue, linewidths=0.7))
-    for number, (name, points) in enumerate(_checked_ways(ways_m)):
+    for number, (name, points) in enumerate(_checked_paths(paths_m)):
         colour = f"C{number % 10}"
         plan.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9, label=name)
         view.plot(*points.T, color=colour, linewidth=0.9)
@@ -250,15 +250,15 @@ def plot_scene(
     return figure
 
 
-def _checked_ways(ways_m: Any) -> list[tuple[str, np.ndarray]]:
-    if not isinstance(ways_m, (list, tuple)) or not all(
-        isinstance(each, (list, tuple)) and len(each) == 2 for each in ways_m
+def _checked_paths(paths_m: Any) -> list[tuple[str, np.ndarray]]:
+    if not isinstance(paths_m, (list, tuple)) or not all(
+        isinstance(each, (list, tuple)) and len(each) == 2 for each in paths_m
     ):
-        raise InputError(f"ways_m must be a list of names and points (P, 3), got {shown(ways_m)}")
-    hint = "the points of a way"
+        raise InputError(f"paths_m must be a list of names and points (P, 3), got {shown(paths_m)}")
+    hint = "the points of a path"
     return [
-        (text("ways_m", name), array("ways_m", points, ("point", 3), limit=LARGEST_M, hint=hint))
-        for name, points in ways_m
+        (text("paths_m", name), array("paths_m", points, ("point", 3), limit=LARGEST_M, hint=hint))
+        for name, points in paths_m
     ]
 
 

@@ -1,4 +1,4 @@
-"""The room's part of the pipeline: which pairs of legs lead to the targets, and what each of them sees."""
+"""The room's part of the pipeline: path pairs to the targets, and the targets' visibility over each."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ import numpy as np
 
 from t2d_rt.backend import Backend, select
 from t2d_rt.echo.clutter import mirror_echoes, rough_echoes
-from t2d_rt.echo.legs import Look, Ranked, Share, View, anchor_vertices, ranked_pairs
+from t2d_rt.echo.paths import FacetVisibility, Fraction, Ranked, View, anchor_vertices, ranked_pairs
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.trace.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
 from t2d_rt.trace.collisions import Collision, find_collisions, radar_outside
 from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.surroundings import Passed, probes, radar_legs
-from t2d_rt.trace.visibility import FacetLook, Occlusion
+from t2d_rt.trace.surroundings import Blockage, probes, radar_paths
+from t2d_rt.trace.visibility import ExactVisibility, Occlusion
 from t2d_rt.types import (
     Accuracy,
     EchoStream,
     Ellipsoids,
-    Leg,
-    LegPair,
     Motion,
     MovingMesh,
+    OneWayPath,
+    PathPair,
     PathTier,
     Radar,
     Scene,
 )
 
-Shape = MovingMesh | Ellipsoids
+Geometry = MovingMesh | Ellipsoids
 Clutter = Literal["specular", "diffuse", "none"]
-"""What still surfaces return by themselves: mirrors' paths, these and the scatter of rough walls, nothing."""
+"""Static clutter: specular paths, these and the scatter of rough walls, or none."""
 _Place = tuple[tuple[str, ...], int]
 """A chain of mirrors, and from which end."""
 Collisions = Literal["warn", "stop", "ignore"]
@@ -53,7 +53,7 @@ LEAST_S = 0.1
 def checked_time(
     collisions: Collisions,
     scene: Scene,
-    targets: Sequence[Motion | Shape],
+    targets: Sequence[Motion | Geometry],
     names: Sequence[str],
     radar: Radar,
     time_s: tuple[float, float],
@@ -61,7 +61,7 @@ def checked_time(
     outside: bool,
     backend: Backend,
 ) -> tuple[float, float]:
-    """First and last moment of the record [s]: all of it, or up to where a target goes through something.
+    """First and last instant of the record [s]: all of it, or up to where a target goes through something.
 
     `outside`: whether the radar may stand, and a target may start, outside the room.
     """
@@ -70,7 +70,7 @@ def checked_time(
     start, stop = time_s
     if not outside and (place := radar_outside(scene, radar, backend)) is not None:
         told = f"the radar is at {_place_text(place)}, outside {_reach_text(scene)}"
-        told += "; move it (position_m), choose another room, or allow transmissions to look through walls"
+        told += "; move it (position_m), choose another room, or allow transmissions for paths through walls"
         if collisions == "stop":
             raise InputError(told)
         warnings.warn(told, T2DWarning, stacklevel=3)
@@ -112,14 +112,14 @@ def _told(found: Collision, scene: Scene, names: Sequence[str], start_s: float) 
 class ChosenPairs:
     """Path pairs in use, strongest first, in tiers, and those left out."""
 
-    pairs: list[LegPair]
+    pairs: list[PathPair]
     levels_db: list[float]
     """Theirs in the mean over the targets, relative to the strongest pair's [dB]."""
     left_out_db: list[float]
     """Levels of those left out at their best points, likewise."""
     ends: list[int]
     """How many of the pairs belong to each tier or to one before it."""
-    occluded: list[LegPair]
+    occluded: list[PathPair]
     """Those of tiers whose occlusion by the targets is traced along all of their paths."""
 
     @classmethod
@@ -150,14 +150,14 @@ class ChosenPairs:
         """How many are in the first tier."""
         return self.ends[0]
 
-    def by_tier(self, accuracy: Accuracy) -> Iterator[tuple[PathTier, list[LegPair]]]:
+    def by_tier(self, accuracy: Accuracy) -> Iterator[tuple[PathTier, list[PathPair]]]:
         """Tiers that have path pairs, and these."""
         for tier, first, last in zip(accuracy.tiers, [0, *self.ends], self.ends, strict=False):
             if last > first:
                 yield tier, self.pairs[first:last]
 
     def bound_db(self) -> float | None:
-        """What those left out amount to at most, were they all in phase, beside the strongest one [dB]."""
+        """What those left out amount to at most, were they all in phase, relative to the strongest one [dB]."""
         total = sum(10 ** (level / 20) for level in self.left_out_db)
         return 20 * float(np.log10(total)) if total else None
 
@@ -170,9 +170,9 @@ class ChosenPairs:
         }
 
 
-def find_ways(
+def find_path_pairs(
     scene: Scene,
-    shapes: Sequence[Shape],
+    geometries: Sequence[Geometry],
     radar: Radar,
     span_s: tuple[float, float],
     *,
@@ -180,166 +180,185 @@ def find_ways(
     transmissions: int = 0,
     backend: Backend,
 ) -> list[Ranked]:
-    """Pairs of legs of up to `order` reflections and `transmissions` in all that lead to the targets, strongest first."""
-    points = probes(shapes, *span_s)
+    """Path pairs of up to `order` reflections and `transmissions` in all to the targets, strongest first."""
+    points = probes(geometries, *span_s)
     most = {"order": order, "transmissions": transmissions}
-    out, back = radar_legs(scene, radar, points, **most, backend=backend)
+    out, back = radar_paths(scene, radar, points, **most, backend=backend)
     ranked = ranked_pairs(radar, out, back, points, **most)
     if not ranked:
         raise InputError(
-            f"no way leads from the radar to the target in scene {scene.name} with up to {order} reflections and "
+            f"no path leads from the radar to the target in scene {scene.name} with up to {order} reflections and "
             f"{transmissions} transmissions; move the radar or the target, or allow more of them"
         )
     return ranked
 
 
-def ways_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int) -> list[tuple[str, np.ndarray]]:
-    """Names of the legs from the transmitters to a point, and their ways (P, 3) [m]."""
-    legs, _ = radar_legs(scene, radar, point_m[None], order=reflections, backend=select("auto"))
-    return [(leg.name, leg.way(point_m)) for leg in legs]
+def paths_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int) -> list[tuple[str, np.ndarray]]:
+    """Names of the one-way paths from the transmitters to a point, and their vertices (P, 3) [m]."""
+    paths, _ = radar_paths(scene, radar, point_m[None], order=reflections, backend=select("auto"))
+    return [(path.name, path.vertices(point_m)) for path in paths]
 
 
-class Looks:
-    """What hides the vertices of shapes from the antennas over the legs of `pairs`, None being free space, looked at `keys_s`.
+class TargetVisibility:
+    """Visibility of targets from the antennas over the paths of `pairs`, None being free space, sampled at `samples_s`.
 
-    Looks are from the meshes' vertices and those of their edges `halved` so many times. They are shared: pairs have their legs in
-    common, and transmitters and receivers that stand close together see the same.
-    What turns too fast to be looked at, `swift`, hides nothing and is seen as much at all of its vertices as in the mean.
-    Over the `finer` first pairs bodies are looked past from every facet's vertices, at every moment asked for, through `occluders`:
-    the shapes' facets.
+    It is sampled at the vertices of the meshes, subdivided `subdivision` times. Samples are shared: pairs have one-way paths in
+    common, and transmitters and receivers that stand close together have one visibility.
+    Fast-rotating targets occlude nothing, and all of their vertices have the mean visibility.
+    Over the `finer` first pairs occlusion is traced from every facet's vertices, at every instant asked for, through `occluders`:
+    the targets' facets.
     """
 
     def __init__(
         self,
-        shapes: Sequence[Shape],
+        geometries: Sequence[Geometry],
         radar: Radar,
-        pairs: Sequence[LegPair | None],
+        pairs: Sequence[PathPair | None],
         *,
-        swift: Sequence[bool],
+        fast_rotating: Sequence[bool],
         occlusion: bool,
-        keys_s: np.ndarray,
+        samples_s: np.ndarray,
         occluders: Sequence[MovingMesh] = (),
         finer: int = 0,
-        halved: int = 0,
+        subdivision: int = 0,
         backend: Backend,
     ) -> None:
-        self._views_m, self._pairs, self._keys, self._backend = radar.views_m, pairs, keys_s, backend
-        self._swift = {id(shape) for shape, turns in zip(shapes, swift, strict=True) if turns}
-        self._meshes = [s for s in shapes if isinstance(s, MovingMesh) and id(s) not in self._swift]
-        self._occlusion, self._occluders, self._finer, self._halved = occlusion, occluders, finer, halved
-        self._looks: dict[tuple[_Place, bool], Occlusion] = {}
-        self._facet_looks: dict[bytes, FacetLook] = {}
-        hidden = pairs[finer:] if occlusion else []
-        self._known = {self._place(end, leg) for pair in hidden for end, leg in enumerate(_legs(pair))}
+        self._views_m, self._pairs, self._samples_s, self._backend = radar.views_m, pairs, samples_s, backend
+        self._fast_rotating = {
+            id(geometry) for geometry, rotates in zip(geometries, fast_rotating, strict=True) if rotates
+        }
+        self._meshes = [s for s in geometries if isinstance(s, MovingMesh) and id(s) not in self._fast_rotating]
+        self._occlusion, self._occluders, self._finer, self._subdivision = occlusion, occluders, finer, subdivision
+        self._occlusions: dict[tuple[_Place, bool], Occlusion] = {}
+        self._exact: dict[bytes, ExactVisibility] = {}
+        sampled = pairs[finer:] if occlusion else []
+        self._known = {self._place(end, path) for pair in sampled for end, path in enumerate(_one_way_paths(pair))}
 
-    def views(self, shape: Shape) -> list[View]:
-        """Of one shape, over the pairs."""
-        if not isinstance(shape, MovingMesh):
+    def views(self, geometry: Geometry) -> list[View]:
+        """Of one target, over the pairs."""
+        if not isinstance(geometry, MovingMesh):
             pairs = [pair for pair in self._pairs if pair]
-            return coarse_views(shape, pairs, self._keys, swift=id(shape) in self._swift) if pairs else [View()]
-        swift = id(shape) in self._swift
+            return (
+                coarse_views(geometry, pairs, self._samples_s, fast_rotating=id(geometry) in self._fast_rotating)
+                if pairs
+                else [View()]
+            )
+        fast_rotating = id(geometry) in self._fast_rotating
         found = []
         for number, pair in enumerate(self._pairs):
-            finest = self._occlusion and number < self._finer and not swift
+            finest = self._occlusion and number < self._finer and not fast_rotating
             solid = self._occlusion and not finest
-            # One look does where both ends see the same; past what stands still the field has to come twice, though.
-            ends = {self._place(end, leg): (end, leg) for end, leg in enumerate(_legs(pair)) if leg or solid}
+            # One sample serves where both ends have one visibility; the scene blocks both one-way paths, though.
+            ends = {
+                self._place(end, path): (end, path) for end, path in enumerate(_one_way_paths(pair)) if path or solid
+            }
             found.append(
                 View(
-                    legs=pair,
-                    seen=_product([self._share(*end, shape, solid, 3 - len(ends)) for end in ends.values()]),
-                    halved=self._halved if solid and not swift else 0,
-                    looked=self._looked(pair) if finest else None,
+                    paths=pair,
+                    visibility=_product(
+                        [self._fraction(*end, geometry, solid, 3 - len(ends)) for end in ends.values()]
+                    ),
+                    subdivision=self._subdivision if solid and not fast_rotating else 0,
+                    facet_visibility=self._facet_visibility(pair) if finest else None,
                 )
             )
         return found
 
-    def beside(self, shape: MovingMesh, pairs: Sequence[LegPair], keys_s: np.ndarray) -> list[View]:
-        """Of one shape, over other pairs: as `coarse_views`, but hidden over legs that are looked over anyway."""
-        points = Passed.to_vertices(shape, anchor_vertices(shape.rest), keys_s)
-        passed = _passed(points, pairs, swift=id(shape) in self._swift)
+    def with_shared_occlusion(
+        self, geometry: MovingMesh, pairs: Sequence[PathPair], samples_s: np.ndarray
+    ) -> list[View]:
+        """Of one target, over other pairs: as `coarse_views`, but occluded along one-way paths whose occlusion is traced anyway."""
+        points = Blockage.to_vertices(geometry, anchor_vertices(geometry.rest), samples_s)
+        unblocked = _unblocked(points, pairs, fast_rotating=id(geometry) in self._fast_rotating)
         found = []
         for pair in pairs:
-            ends = [(self._place(end, leg), end, leg) for end, leg in enumerate((pair.out, pair.back))]
-            times = Counter(place for place, _, _ in ends if place in self._known)
-            known = {place: (end, leg) for place, end, leg in ends if place in times}
-            shares = [self._share(*end, shape, True, times[place]) for place, end in known.items()]
-            others = [passed[id(leg)] for place, _, leg in ends if place not in times]
-            found.append(View(legs=pair, seen=_product(shares), passed=_product(others)))
+            ends = [(self._place(end, path), end, path) for end, path in enumerate((pair.out, pair.back))]
+            counts = Counter(place for place, _, _ in ends if place in self._known)
+            known = {place: (end, path) for place, end, path in ends if place in counts}
+            fractions = [self._fraction(*end, geometry, True, counts[place]) for place, end in known.items()]
+            others = [unblocked[id(path)] for place, _, path in ends if place not in counts]
+            found.append(View(paths=pair, visibility=_product(fractions), unblocked=_product(others)))
         return found
 
-    def _place(self, end: int, leg: Leg | None) -> _Place:
-        """From where an end's leg is looked over."""
-        return () if leg is None else leg.chain, 0 if len(self._views_m) == 1 else end
+    def _place(self, end: int, path: OneWayPath | None) -> _Place:
+        """Viewpoint of the one-way path of an end."""
+        return () if path is None else path.chain, 0 if len(self._views_m) == 1 else end
 
-    def _share(self, end: int, leg: Leg | None, shape: MovingMesh, solid: bool, times: int) -> Share:
-        """What is seen over an end's leg, of a field that comes so many times past what stands still; hidden if `solid`."""
-        key = self._place(end, leg), solid
-        if key not in self._looks:
-            place = self._views_m[key[0][1]] if leg is None else leg.image_m
-            self._looks[key] = Occlusion(
-                self._meshes, place, keys_s=self._keys, backend=self._backend, past=None if leg is None else leg.share,
-                solid=solid, halved=self._halved if solid else 0,
+    def _fraction(
+        self, end: int, path: OneWayPath | None, geometry: MovingMesh, solid: bool, path_count: int
+    ) -> Fraction:
+        """Visibility over the one-way path of an end, whose blockage `path_count` paths share; occlusion counts if `solid`."""
+        key = self._place(end, path), solid
+        if key not in self._occlusions:
+            place = self._views_m[key[0][1]] if path is None else path.image_m
+            self._occlusions[key] = Occlusion(
+                self._meshes, place, samples_s=self._samples_s, backend=self._backend,
+                unblocked=None if path is None else path.fraction, solid=solid, subdivision=self._subdivision if solid else 0,
             )  # fmt: skip
-        look = self._looks[key]
-        if id(shape) in self._swift:
-            return look.of_swift(shape, times)
-        index = next(index for index, mesh in enumerate(self._meshes) if mesh is shape)
-        return lambda times_s: look.visibility(times_s, times)[index]
+        occlusion = self._occlusions[key]
+        if id(geometry) in self._fast_rotating:
+            return occlusion.of_fast_rotating(geometry, path_count)
+        index = next(index for index, mesh in enumerate(self._meshes) if mesh is geometry)
+        return lambda times_s: occlusion.visibility(times_s, path_count)[index]
 
-    def _looked(self, pair: LegPair | None) -> Look:
-        """From every facet's vertices."""
+    def _facet_visibility(self, pair: PathPair | None) -> FacetVisibility:
+        """Traced from every facet's vertices."""
         places = self._views_m if pair is None else [pair.out.image_m, pair.back.image_m]
         for place in places:
-            if place.tobytes() not in self._facet_looks:
-                self._facet_looks[place.tobytes()] = FacetLook(self._occluders, place, backend=self._backend)
-        ends = [self._facet_looks[key] for key in {place.tobytes(): None for place in places}]
-        return lambda *where: np.asarray(np.prod([end.share(*where) for end in ends], axis=0))
+            if place.tobytes() not in self._exact:
+                self._exact[place.tobytes()] = ExactVisibility(self._occluders, place, backend=self._backend)
+        ends = [self._exact[key] for key in {place.tobytes(): None for place in places}]
+        return lambda *where: np.asarray(np.prod([end.fraction(*where) for end in ends], axis=0))
 
 
 def coarse_views(
-    shape: Shape, pairs: Sequence[LegPair], keys_s: np.ndarray, *, swift: bool = False, faint: bool = False
+    geometry: Geometry,
+    pairs: Sequence[PathPair],
+    samples_s: np.ndarray,
+    *,
+    fast_rotating: bool = False,
+    minor: bool = False,
 ) -> list[View]:
-    """Views of one shape over pairs, each with what stands still in the way of a few of its points, looked at `keys_s`; it does not
-    hide itself.
+    """Views of one target over pairs, with blockage by the scene sampled at a few of its points at `samples_s`, without occlusion.
 
-    A `swift` one turns too fast to be looked at: all of its points are seen as much as in the mean. Over `faint` pairs ellipsoids
-    are seen as much as their centres.
+    All points of a `fast_rotating` one have the mean visibility. Over `minor` pairs ellipsoids have the visibility of their
+    centres.
     """
-    if isinstance(shape, Ellipsoids):
-        passed = (Passed.to_centres if faint else Passed.to_ellipsoids)(shape, keys_s)
+    if isinstance(geometry, Ellipsoids):
+        blockage = (Blockage.to_centres if minor else Blockage.to_ellipsoids)(geometry, samples_s)
     else:
-        passed = Passed.to_vertices(shape, anchor_vertices(shape.rest), keys_s)
-    shares = _passed(passed, pairs, swift=swift)
-    field = "seen" if isinstance(shape, Ellipsoids) else "passed"
-    return [View(legs=pair, **{field: _product([shares[id(leg)] for leg in _legs(pair)])}) for pair in pairs]  # type: ignore[arg-type]
+        blockage = Blockage.to_vertices(geometry, anchor_vertices(geometry.rest), samples_s)
+    fractions = _unblocked(blockage, pairs, fast_rotating=fast_rotating)
+    field = "visibility" if isinstance(geometry, Ellipsoids) else "unblocked"
+    found = [_product([fractions[id(path)] for path in _one_way_paths(pair)]) for pair in pairs]
+    return [View(paths=pair, **{field: each}) for pair, each in zip(pairs, found, strict=True)]  # type: ignore[arg-type]
 
 
-def _passed(passed: Passed, pairs: Sequence[LegPair], *, swift: bool) -> dict[int, Share]:
-    """What comes past what stands still, by leg."""
-    # By leg and not by chain: antennas that stand apart have legs of their own over the same mirrors.
-    legs = {id(leg): leg for pair in pairs for leg in (pair.out, pair.back)}
-    return {number: _remembered(passed.over(leg, in_the_mean=swift)) for number, leg in legs.items()}
+def _unblocked(blockage: Blockage, pairs: Sequence[PathPair], *, fast_rotating: bool) -> dict[int, Fraction]:
+    """Fraction of the field that the scene does not block, by one-way path."""
+    # By path and not by chain: antennas that stand apart have paths of their own over the same mirrors.
+    paths = {id(path): path for pair in pairs for path in (pair.out, pair.back)}
+    return {number: _remembered(blockage.over(path, in_the_mean=fast_rotating)) for number, path in paths.items()}
 
 
-def _legs(pair: LegPair | None) -> tuple[Leg | None, Leg | None]:
+def _one_way_paths(pair: PathPair | None) -> tuple[OneWayPath | None, OneWayPath | None]:
     return (None, None) if pair is None else (pair.out, pair.back)
 
 
-def _product(shares: Sequence[Share]) -> Share | None:
-    """Of what is seen over each leg; None where there is none."""
-    if len(shares) < 2:
-        return shares[0] if shares else None
-    return lambda times_s: np.asarray(np.prod([share(times_s) for share in shares], axis=0))
+def _product(fractions: Sequence[Fraction]) -> Fraction | None:
+    """Product of the visibility over each one-way path; None where there is none."""
+    if len(fractions) < 2:
+        return fractions[0] if fractions else None
+    return lambda times_s: np.asarray(np.prod([fraction(times_s) for fraction in fractions], axis=0))
 
 
-def _remembered(share: Share) -> Share:
-    """The same, which knows its last answer: pairs that have a leg in common ask for the same times."""
+def _remembered(fraction: Fraction) -> Fraction:
+    """The same, which keeps its last answer: pairs that have a one-way path in common ask for the same times."""
     last: list[np.ndarray] = []
 
     def asked(times_s: np.ndarray) -> np.ndarray:
         if not last or not np.array_equal(last[0], times_s):
-            last[:] = [times_s, share(times_s)]
+            last[:] = [times_s, fraction(times_s)]
         return last[1]
 
     return asked
@@ -348,31 +367,35 @@ def _remembered(share: Share) -> Share:
 def clutter_streams(
     kind: Clutter,
     scene: Scene,
-    shapes: Sequence[Shape],
+    geometries: Sequence[Geometry],
     radar: Radar,
     times_s: np.ndarray,
     *,
-    keys_s: np.ndarray,
+    samples_s: np.ndarray,
     seed: int,
     backend: Backend,
 ) -> tuple[list[EchoStream], dict[str, object]]:
-    """Echoes of what stands still, in the shadow of shapes, and how many, for a result's settings."""
+    """Echoes of the static scene, occluded by targets, and how many, for a result's settings."""
     if kind == "diffuse":
         scene = roughened(scene, SCATTERING_COEFFICIENT, radar.mid_frequency_hz)
     mirrors = Mirrors.of(scene, backend)
     streams = []
 
-    def shares(ways_m: Sequence[np.ndarray], **fineness: int) -> Share | None:
-        if not shapes:
+    def unoccluded(paths_m: Sequence[np.ndarray], **fineness: int) -> Fraction | None:
+        if not geometries:
             return None
-        return Shadows(shapes, ways_m, radar.wavelength_m, keys_s=keys_s, backend=backend, **fineness).shares
+        return Shadows(
+            geometries, paths_m, radar.wavelength_m, samples_s=samples_s, backend=backend, **fineness
+        ).fractions
 
     paths = static_paths(mirrors, radar, order=CLUTTER_ORDER)
     if paths:
-        streams.append(mirror_echoes(paths, radar, times_s=times_s, shares=shares([path.stops_m for path in paths])))
+        streams.append(
+            mirror_echoes(paths, radar, times_s=times_s, fractions=unoccluded([path.stops_m for path in paths]))
+        )
     points, rcs = rough_points(mirrors, radar) if kind == "diffuse" else (np.zeros((0, 3)), np.zeros(0))
     if len(points):
-        ways = [np.array([radar.tx_position_m, point, radar.rx_position_m]) for point in points]
-        passed = shares(ways, rays=POINT_RAYS, pieces=POINT_PIECES)
-        streams.append(rough_echoes(points, rcs, radar, times_s=times_s, seed=seed, shares=passed))
+        paths_m = [np.array([radar.tx_position_m, point, radar.rx_position_m]) for point in points]
+        passing = unoccluded(paths_m, rays=POINT_RAYS, pieces=POINT_PIECES)
+        streams.append(rough_echoes(points, rcs, radar, times_s=times_s, seed=seed, fractions=passing))
     return streams, {"clutter": kind, "clutter_paths": len(paths), "clutter_points": len(points)}

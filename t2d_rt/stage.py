@@ -16,11 +16,11 @@ from t2d_rt.echo.mesh import REFINING_BYTES, check_outside
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.experiment import Experiment, Inputs, Store, sources_of, stored_scene
 from t2d_rt.memory import Budget
-from t2d_rt.model import Model, Target, farthest_and_fastest, placed, shapes_of, shared_time
+from t2d_rt.model import Model, Target, farthest_and_fastest, geometries_of, placed, shared_time
 from t2d_rt.motion import placement
 from t2d_rt.named import radar_named, target_named
 from t2d_rt.radar import check_speed
-from t2d_rt.room import Shape, checked_time, find_ways
+from t2d_rt.room import Geometry, checked_time, find_path_pairs
 from t2d_rt.scene import Room
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
@@ -45,7 +45,7 @@ class Stage:
         pairs, material, experiment = model.pairs(accuracy), model.material, self.experiment
         room = {name: getattr(experiment, name) for name in ("reflections", "transmissions", "collisions")}
         return {
-            "method": model.method, "scene": "free_space" if model.around is None else model.around.name,
+            "method": model.method, "scene": "free_space" if model.scene is None else model.scene.name,
             "seed": model.seed, "body": model.body, "accuracy": accuracy.model_dump(mode="json"),
             "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
             "surface_rates_hz": [float((len(t) - 1) / (t[-1] - t[0])) for t in model.frame_times(accuracy)],
@@ -66,34 +66,40 @@ def set_up(
     targets = [target] if isinstance(target, Target) else target
     _check(targets, radar, physics)
     targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
-    backend, around = select(device), _around(scene)
+    backend, scene = select(device), _scene_of(scene)
     method, body, material = physics["method"], physics["body"], physics["material"]
-    shapes = shapes_of(targets, method, body, material, radar)
-    span_s = shared_time(shapes)
+    geometries = geometries_of(targets, method, body, material, radar)
+    span_s = shared_time(geometries)
     transmissions = physics["transmissions"]
-    if around is not None:
-        moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, shapes, strict=True)]
+    if scene is not None:
+        moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, geometries, strict=True)]
         span_s = checked_time(
-            physics["collisions"], around, moving, [shape.name for shape in shapes], radar, span_s,
+            physics["collisions"], scene, moving, [geometry.name for geometry in geometries], radar, span_s,
             outside=transmissions > 0, backend=backend,
         )  # fmt: skip
-    for shape in shapes:
-        if isinstance(shape, MovingMesh):
-            size = len(shape.faces)
-            memory.check(REFINING_BYTES * size, f"{shape.name} of {size} faces", "give it in fewer triangles")
-        _check_shape(shape, radar, span_s)
+    for geometry in geometries:
+        if isinstance(geometry, MovingMesh):
+            size = len(geometry.faces)
+            memory.check(REFINING_BYTES * size, f"{geometry.name} of {size} faces", "give it in fewer triangles")
+        _check_geometry(geometry, radar, span_s)
     ranked = []
-    if around is not None:
-        ranked = find_ways(
-            around, shapes, radar, span_s, order=physics["reflections"], transmissions=transmissions, backend=backend
+    if scene is not None:
+        ranked = find_path_pairs(
+            scene,
+            geometries,
+            radar,
+            span_s,
+            order=physics["reflections"],
+            transmissions=transmissions,
+            backend=backend,
         )
     model = Model(
-        radar, targets, shapes, span_s, around, ranked, method=method, material=material, body=body,
+        radar, targets, geometries, span_s, scene, ranked, method=method, material=material, body=body,
         phase_from=physics["phase_from"], seed=int(physics["seed"]), backend=backend, memory=memory,
     )  # fmt: skip
     store = Store({})
     experiment = Experiment(
-        targets=sources_of(targets, store), radar=radar, scene=stored_scene(around, store), **physics
+        targets=sources_of(targets, store), radar=radar, scene=stored_scene(scene, store), **physics
     )
     return Stage(experiment, store.inputs, model)
 
@@ -123,7 +129,7 @@ def _check_steps(motion: Motion) -> None:
         )
 
 
-def _around(scene: Any) -> Scene | None:
+def _scene_of(scene: Any) -> Scene | None:
     """The scene; None in free space."""
     if isinstance(scene, Room):
         return scene.scene()
@@ -134,13 +140,13 @@ def _around(scene: Any) -> Scene | None:
     return None if scene == "free_space" else load_scene(scene)
 
 
-def _check_shape(shape: Shape, radar: Radar, span_s: tuple[float, float]) -> None:
-    name = shape.name
-    if isinstance(shape, MovingMesh):
-        check_outside(shape, radar, np.array(span_s))
+def _check_geometry(geometry: Geometry, radar: Radar, span_s: tuple[float, float]) -> None:
+    name = geometry.name
+    if isinstance(geometry, MovingMesh):
+        check_outside(geometry, radar, np.array(span_s))
     else:
-        _check_outside_ellipsoids(shape, radar, np.linspace(*span_s, 200))
-    farthest_m, fastest_mps = farthest_and_fastest(shape, radar, span_s)
+        _check_outside_ellipsoids(geometry, radar, np.linspace(*span_s, 200))
+    farthest_m, fastest_mps = farthest_and_fastest(geometry, radar, span_s)
     check_speed(radar, fastest_mps, what=name)
     if farthest_m > radar.max_range_m:
         warnings.warn(
@@ -151,16 +157,16 @@ def _check_shape(shape: Shape, radar: Radar, span_s: tuple[float, float]) -> Non
         )
 
 
-def _check_outside_ellipsoids(shape: Ellipsoids, radar: Radar, times_s: np.ndarray) -> None:
-    centres, axes = shape.at(times_s)
+def _check_outside_ellipsoids(geometry: Ellipsoids, radar: Radar, times_s: np.ndarray) -> None:
+    centres, axes = geometry.at(times_s)
     for antenna in (radar.tx_position_m, radar.rx_position_m):
-        local = np.einsum("knji,knj->kni", axes, antenna - centres) / shape.semi_axes_m
+        local = np.einsum("knji,knj->kni", axes, antenna - centres) / geometry.semi_axes_m
         inside = np.sum(local**2, axis=2) < 1 + 1e-6
         if inside.any():
             frame, index = np.argwhere(inside)[0]
             where = ", ".join(f"{x:.3g}" for x in antenna)
             raise InputError(
-                f"the radar at ({where}) m is inside {shape.names[index]} at {times_s[frame]:.3g} s; place the target farther "
+                f"the radar at ({where}) m is inside {geometry.names[index]} at {times_s[frame]:.3g} s; place the target farther "
                 "away (distance_m) or move the radar"
             )
 

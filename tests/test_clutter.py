@@ -24,7 +24,7 @@ from t2d_rt.trace.fresnel import bundle, disc
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
 from t2d_rt.trace.scenes import load_scene
-from t2d_rt.trace.visibility import key_times
+from t2d_rt.trace.visibility import sample_times
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar, Scene, StaticPath, Surface
 
 Corners = list[tuple[float, float, float]]
@@ -198,22 +198,22 @@ def test_paths_are_those_of_sionna(scene: str, paths: int) -> None:
 
 def test_a_rough_wall_returns_what_lamberts_law_says(monkeypatch: pytest.MonkeyPatch) -> None:
     """sum of sigma / R^4 over an endless wall at distance d is 2 pi S^2 |R|^2 / d^2, however many points stand for it."""
-    radar, distance, share = Radar.preset("table2"), 2.0, 0.3
-    scene = roughened(Scene(name="wall", surfaces=(ahead(distance, half_m=45.0),)), share, radar.mid_frequency_hz)
+    radar, distance, fraction = Radar.preset("table2"), 2.0, 0.3
+    scene = roughened(Scene(name="wall", surfaces=(ahead(distance, half_m=45.0),)), fraction, radar.mid_frequency_hz)
     mirrors = Mirrors.of(scene, select("cpu"))
     for count in (1000, 4000):
         monkeypatch.setattr(traced, "DIRECTIONS", count)
         points, rcs = rough_points(mirrors, radar)
         total = np.sum(rcs / np.linalg.norm(points - [0, 0, 1], axis=1) ** 4)
         assert 0.4 * count < len(points) < 0.51 * count
-        assert total == pytest.approx(2 * math.pi * share**2 / distance**2, rel=0.01)
+        assert total == pytest.approx(2 * math.pi * fraction**2 / distance**2, rel=0.01)
     # What is scattered is missing from the mirror's path.
     (path,), (smooth,) = static_paths(mirrors, radar, order=1), found(ahead(distance), order=1)
     ratio = (
         path.coefficients(np.array([radar.mid_frequency_hz]))[0]
         / smooth.coefficients(np.array([radar.mid_frequency_hz]))[0]
     )
-    assert abs(ratio) == pytest.approx(math.sqrt(1 - share**2), rel=1e-9)
+    assert abs(ratio) == pytest.approx(math.sqrt(1 - fraction**2), rel=1e-9)
 
 
 def test_points_are_seen_from_both_antennas() -> None:
@@ -240,26 +240,26 @@ def board(start_m: tuple[float, float, float], speed_mps: tuple[float, float, fl
 
 
 def shadows(body: MovingMesh | Ellipsoids, way_m: list[tuple[float, float, float]], rate_hz: float = 25.0) -> Shadows:
-    keys = key_times(body.times_s[0], body.times_s[-1], rate_hz)
-    return Shadows([body], [np.array(way_m)], 0.00385, keys_s=keys, backend=select("cpu"))
+    keys = sample_times(body.times_s[0], body.times_s[-1], rate_hz)
+    return Shadows([body], [np.array(way_m)], 0.00385, samples_s=keys, backend=select("cpu"))
 
 
 def test_a_wide_plate_fades_a_path_as_a_knife_edge_does() -> None:
     # Its leading edge goes from 0.2 m before the ray to 0.2 m beyond.
     plane = board((2.0, -1.2, 1.0), (0.0, 0.4, 0.0))
     times = np.linspace(0, 1, 401)
-    share = shadows(plane, [(0, 0, 1), (4, 0, 1)], rate_hz=100.0).shares(times)[:, 0]
+    fraction = shadows(plane, [(0, 0, 1), (4, 0, 1)], rate_hz=100.0).fractions(times)[:, 0]
     height = -0.2 + 0.4 * times
     v = height * math.sqrt(2 / 0.00385 * (1 / 2 + 1 / 2))
-    loss = -20 * np.log10(np.maximum(share, 1e-9))
+    loss = -20 * np.log10(np.maximum(fraction, 1e-9))
     lit = v < 0.3
     assert np.abs(loss[lit] + knife_edge_db(v)[lit]).max() < 2.5
     assert loss[np.argmin(np.abs(v))] == pytest.approx(6.0, abs=1.0)
     assert (loss[v > 1.5] > 20).all()
-    assert (share[v < -1.6] == 1).all()
+    assert (fraction[v < -1.6] == 1).all()
     # No steps: it takes some 60 mm to fade, a ray of the bundle is a 32nd.
-    assert (np.diff(share) < 1e-6).all()
-    assert np.abs(np.diff(share)).max() < 0.04
+    assert (np.diff(fraction) < 1e-6).all()
+    assert np.abs(np.diff(fraction)).max() < 0.04
 
 
 def test_the_fresnel_zone_is_bent_at_mirrors() -> None:
@@ -277,7 +277,7 @@ def test_a_path_is_shadowed_on_the_way_out_and_back() -> None:
     """The same rays meet a body both times: a half covered zone leaves a half, not a quarter."""
     wide = board((1.5, -1.0, 1.0))
     there_and_back = [(0.0, 0.0, 1.0), (3.0, 0.0, 1.0), (0.0, 0.0, 1.0)]
-    assert shadows(wide, there_and_back).shares(TIMES_S)[0, 0] == pytest.approx(0.5, abs=0.04)
+    assert shadows(wide, there_and_back).fractions(TIMES_S)[0, 0] == pytest.approx(0.5, abs=0.04)
 
 
 def test_bodies_of_ellipsoids_and_of_triangles_have_the_same_shadow() -> None:
@@ -287,7 +287,7 @@ def test_bodies_of_ellipsoids_and_of_triangles_have_the_same_shadow() -> None:
     ellipsoid = Ellipsoids(np.full((1, 3), radius), centres, times)
     asked = np.linspace(0, 1, 101)
     way = [(0.0, 0.0, 1.0), (4.0, 0.0, 1.0)]
-    one, other = (shadows(body, way).shares(asked) for body in (ellipsoid, sphere))
+    one, other = (shadows(body, way).fractions(asked) for body in (ellipsoid, sphere))
     assert one.min() == 0
     assert one.max() == 1
     assert np.abs(one - other).max() < 1e-6

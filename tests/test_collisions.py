@@ -14,7 +14,7 @@ from builders import ball, plate
 from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Room, TableFan
-from t2d_rt.trace.collisions import Collision, find_collisions, is_room, looks, radar_outside
+from t2d_rt.trace.collisions import Collision, find_collisions, is_room, radar_outside, uneven_times
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.scenes import load_scene, scene_names
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
@@ -135,9 +135,9 @@ def test_a_fan_that_cuts_into_a_wall_is_found(backend: Backend, mover: Mover) ->
     assert collision.surface == "wall+y"
 
 
-def test_looks_are_uneven_and_in_order() -> None:
+def test_instants_are_uneven_and_in_order() -> None:
     """In even ones what turns as often as they are would stand still."""
-    times = looks(1.0, 5.0)
+    times = uneven_times(1.0, 5.0)
     assert (times[0], times[-1]) == (1.0, 5.0)
     steps = np.diff(times)
     assert 0 < steps.min() < 0.8 * steps.max()

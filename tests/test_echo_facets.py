@@ -15,8 +15,8 @@ from builders import icosphere, still
 from measures import db
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import check_outside, mesh_echoes
+from t2d_rt.echo.paths import View
 from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.echo.streams import joined
 from t2d_rt.errors import InputError, T2DWarning
@@ -244,7 +244,7 @@ def test_facets_are_the_sum_in_float64(backend: Backend, monkeypatch: pytest.Mon
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.* turns too fast")  # poses, not a motion
+@pytest.mark.filterwarnings("ignore:.* rotates too fast")  # poses, not a motion
 @pytest.mark.parametrize("material", [PEC, SKIN], ids=["smooth", "rough"])
 def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material, backend: Backend) -> None:
     # Field of an ellipsoid in four poses; facets that are not displaced would leave -16 dB at 0.4 rad.
@@ -395,7 +395,7 @@ def test_visibility_scales_what_is_seen(backend: Backend) -> None:
     for share in (1.0, 0.25, 0.0):
         stream = mesh_echoes(
             mesh, TABLE2, times_s=FRAMES_S, material=SKIN, sagitta_rad=0.4, seed=0, backend=backend,
-            views=[View(seen=lambda t, share=share: np.full((len(t), len(mesh.rest)), share))],
+            views=[View(visibility=lambda t, share=share: np.full((len(t), len(mesh.rest)), share))],
         )  # fmt: skip
         parts.append(stream.gather().amplitude)
     np.testing.assert_allclose(parts[1], 0.25 * parts[0], rtol=1e-5, atol=1e-16)

@@ -99,7 +99,7 @@ def test_every_facet_in_one_patch_and_no_patch_too_large(spin: float, radar: Rad
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.* turns too fast")
+@pytest.mark.filterwarnings("ignore:.* rotates too fast")
 @settings(max_examples=40, deadline=None)
 @given(
     count=st.integers(1, 700),
@@ -145,7 +145,7 @@ def test_any_soup_of_facets(count: int, spin: float, size_m: float, seed: int) -
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.* turns too fast")
+@pytest.mark.filterwarnings("ignore:.* rotates too fast")
 def test_faster_motion_and_wider_sweep_make_finer_patches() -> None:
     by_speed = []
     for spin in (0.0, 5.0, 30.0):

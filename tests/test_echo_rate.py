@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from builders import icosphere
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.rate import LEAST_HZ, MOST_HZ, STEP_HZ, TOLERANCE_DB, TURN_RAD, needed_rate_hz
+from t2d_rt.echo.rate import LEAST_HZ, MOST_HZ, ROTATION_RAD, STEP_HZ, TOLERANCE_DB, needed_rate_hz
 from t2d_rt.types import MovingMesh, Radar
 
 RADAR = Radar.preset("table2")
@@ -61,5 +61,5 @@ def test_what_turns_fast_is_looked_at_often(turns_hz: float) -> None:
 
     ball = MovingMesh.from_track(turning, FACES, np.array([0.0, 1.0]), rest=REST)
     # Edges in all directions: two thirds of their mean square lie across the axis.
-    expected = 2 * np.pi * turns_hz * math.sqrt(2 / 3) / TURN_RAD
+    expected = 2 * np.pi * turns_hz * math.sqrt(2 / 3) / ROTATION_RAD
     assert needed_rate_hz(ball, RADAR, 0.0, 1.0) == pytest.approx(expected, rel=0.05)  # one edge of each of 80 faces

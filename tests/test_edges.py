@@ -15,10 +15,10 @@ from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.trace.edges import Edges
 from t2d_rt.trace.fresnel import bundle
-from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.trace.paths import find_paths
 from t2d_rt.trace.scenes import load_scene
-from t2d_rt.types import Leg, Radar, Scene, Surface
+from t2d_rt.types import OneWayPath, Radar, Scene, Surface
 
 FREQUENCY_HZ = 77.87e9
 WAVELENGTH_M = SPEED_OF_LIGHT / FREQUENCY_HZ
@@ -35,19 +35,19 @@ def block(name: str, low_m: tuple[float, float, float], high_m: tuple[float, flo
     )
 
 
-def legs(points: np.ndarray, *surfaces: Surface, order: int = 1) -> dict[str, Leg]:
+def paths_to(points: np.ndarray, *surfaces: Surface, order: int = 1) -> dict[str, OneWayPath]:
     mirrors = Mirrors.of(Scene(name="test", surfaces=surfaces), select("cpu"))
-    return {leg.name: leg for leg in find_legs(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=order, probes_m=points)}
+    return {path.name: path for path in find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=order, probes_m=points)}
 
 
-def check_knife_edge(share: np.ndarray, v: np.ndarray) -> None:
-    level = 20 * np.log10(np.maximum(share, 1e-6))
+def check_knife_edge(fraction: np.ndarray, v: np.ndarray) -> None:
+    level = 20 * np.log10(np.maximum(fraction, 1e-6))
     lit = v <= 0
     assert np.abs(level - knife_edge_db(v))[lit].max() < 2
     assert level[np.argmin(np.abs(v))] == pytest.approx(-6, abs=1)  # one ray of twenty
     assert (level[v > 1.4] < -20).all()
-    assert (share[v < -1.4] == 1).all()
-    assert (np.diff(share[np.argsort(v)]) <= 1e-6).all()
+    assert (fraction[v < -1.4] == 1).all()
+    assert (np.diff(fraction[np.argsort(v)]) <= 1e-6).all()
 
 
 @pytest.mark.parametrize("beyond", [0.2, 0.5, 1.5, 3.0])
@@ -58,7 +58,7 @@ def test_behind_a_screen_the_field_is_that_of_a_knife_edge(beyond: float) -> Non
     v = np.linspace(-2.5, 2.5, 101)
     height = -v * math.sqrt(WAVELENGTH_M / 2 * before * beyond / (before + beyond))
     points = np.array([before + beyond, 0, 1]) + np.outer(height * (before + beyond) / before, [0, 1, 0])
-    check_knife_edge(legs(points, screen)["direct"].share(points), v)
+    check_knife_edge(paths_to(points, screen)["direct"].fraction(points), v)
 
 
 def test_at_a_mirrors_edge_as_well() -> None:
@@ -70,7 +70,7 @@ def test_at_a_mirrors_edge_as_well() -> None:
     length = np.hypot(x, 2 * wall)
     aside = (x / 2 - end) * 2 * wall / length
     v = aside * np.sqrt(2 / WAVELENGTH_M * 4 / length)
-    check_knife_edge(legs(points, mirror)["mirror"].share(points), v)
+    check_knife_edge(paths_to(points, mirror)["mirror"].fraction(points), v)
 
 
 def test_mirrors_side_by_side_share_the_field() -> None:
@@ -78,7 +78,7 @@ def test_mirrors_side_by_side_share_the_field() -> None:
     window = plate("window", [(1.5, 1, -2), (9, 1, -2), (9, 1, 4), (1.5, 1, 4)])
     rng = np.random.default_rng(1)
     points = rng.uniform((2, -1, 0.5), (4, 0.5, 1.5), (2000, 3))
-    both = [leg.share(points) for name, leg in legs(points, wall, window).items() if name != "direct"]
+    both = [path.fraction(points) for name, path in paths_to(points, wall, window).items() if name != "direct"]
     assert len(both) == 2
     assert ((both[0] > 0.1) & (both[1] > 0.1)).sum() > 50
     assert np.abs(sum(both) - 1).max() < 1e-6
@@ -90,19 +90,19 @@ def test_where_walls_meet_no_field_is_lost() -> None:
     wall = plate("wall", [(-3, 2, 0), (9, 2, 0), (9, 2, 5), (-3, 2, 5)])
     aside, up = np.meshgrid([-1.0, 0.0, 1.9, 1.99], [0.002, 0.02, 0.1, 0.5])
     points = np.column_stack([np.full(aside.size, 3.5), aside.ravel(), up.ravel()])
-    found = legs(points, floor, wall)
+    found = paths_to(points, floor, wall)
     assert sorted(found) == ["direct", "floor", "wall"]
-    for leg in found.values():
-        assert (leg.share(points) == 1).all(), leg.name
+    for path in found.values():
+        assert (path.fraction(points) == 1).all(), path.name
 
 
 def test_what_stands_beside_furniture_is_not_in_its_shadow() -> None:
     sofa = block("sofa", (2.0, 0.05, 0.0), (4.0, 1.0, 0.7))
     points = np.array([[3.0, 0.0, z] for z in (0.05, 0.3, 0.68, 0.9)])
-    assert (legs(points, sofa, order=0)["direct"].share(points) == 1).all()
+    assert (paths_to(points, sofa, order=0)["direct"].fraction(points) == 1).all()
     behind = np.array([[3.0, 1.2, 0.3]])
     lit = np.array([[5.0, -1.0, 0.3]])
-    assert legs(np.concatenate([behind, lit]), sofa, order=0)["direct"].share(behind) == 0
+    assert paths_to(np.concatenate([behind, lit]), sofa, order=0)["direct"].fraction(behind) == 0
 
 
 @pytest.mark.slow
@@ -110,8 +110,8 @@ def test_cells_of_points_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None
     rng = np.random.default_rng(0)
     points = rng.uniform((0.8, -2, 0.01), (5.5, 1.5, 1.9), (1000, 3))
     mirrors = Mirrors.of(load_scene("living_room"), select("cpu"))
-    found = find_legs(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=1, probes_m=points)
-    shares = np.array([leg.share(points) for leg in found])
+    found = find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=1, probes_m=points)
+    fractions = np.array([path.fraction(points) for path in found])
     cells = Edges._cells
 
     def none_known(*given: object) -> tuple[np.ndarray, ...]:
@@ -119,13 +119,13 @@ def test_cells_of_points_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None
         return np.full_like(known, np.nan), np.ones_like(near), np.ones_like(rims)
 
     monkeypatch.setattr(Edges, "_cells", none_known)
-    traced = np.array([leg.share(points) for leg in found])
-    assert ((shares > 0) & (shares < 1)).mean() > 0.03
+    traced = np.array([path.fraction(points) for path in found])
+    assert ((fractions > 0) & (fractions < 1)).mean() > 0.03
     # Where planes meet, rays that both leave the room and meet an edge may count either way.
-    assert (np.abs(shares - traced) > 1e-6).mean() < 1e-3
+    assert (np.abs(fractions - traced) > 1e-6).mean() < 1e-3
     # Soft edges take as much as they give.
-    clear = np.array([leg.clear(points) for leg in found])
-    assert shares.sum() == pytest.approx(clear.sum(), rel=0.02)
+    exists = np.array([path.exists(points) for path in found])
+    assert fractions.sum() == pytest.approx(exists.sum(), rel=0.02)
 
 
 @pytest.mark.slow
@@ -185,7 +185,7 @@ def test_walls_that_overlap_reflect_once(first: tuple[float, float], second: tup
     ]
     x = np.linspace(1.2, 6, 200)
     points = np.column_stack([x, 0 * x, 0 * x + 1])
-    found = [leg for leg in legs(points, *pieces).values() if leg.order == 1]
-    shares = sum(leg.share(points) for leg in found)
-    np.testing.assert_allclose(shares, 1, atol=1e-6)
-    assert sum(leg.clear(points) for leg in found).max() <= (2 if first[1] == second[0] else 1)
+    found = [path for path in paths_to(points, *pieces).values() if path.order == 1]
+    fractions = sum(path.fraction(points) for path in found)
+    np.testing.assert_allclose(fractions, 1, atol=1e-6)
+    assert sum(path.exists(points) for path in found).max() <= (2 if first[1] == second[0] else 1)

@@ -16,8 +16,8 @@ from builders import icosphere
 from measures import volume
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import (
-    Halved,
     Refinement,
+    SubdividedMesh,
     crease_corners,
     curvature,
     refine,
@@ -415,13 +415,13 @@ def test_curvature_does_not_depend_on_place_and_scales_with_size() -> None:
 def test_halved_edges_move_nothing_and_hold_finer_fields(times: int) -> None:
     vertices, faces = uneven_sphere(60, 0.1, 0.3)
     fine = refine(vertices, faces, wavenumber=WAVENUMBER, range_m=3, sagitta_rad=0.5)
-    halved = Halved.of(faces, len(vertices), times)
-    carried = halved.to(fine, faces)
-    assert len(halved.faces) == 4**times * len(faces)
+    subdivided = SubdividedMesh.of(faces, len(vertices), times)
+    carried = subdivided.to(fine, faces)
+    assert len(subdivided.faces) == 4**times * len(faces)
     # What is linear over the mesh's faces stays so; children lie in their parents' planes, turned as they are.
-    places = halved.operator @ vertices
+    places = subdivided.operator @ vertices
     np.testing.assert_allclose(carried @ places, fine.linear @ vertices, atol=1e-6)
-    area = np.cross(*(places[halved.faces[:, k]] - places[halved.faces[:, 0]] for k in (1, 2)))
+    area = np.cross(*(places[subdivided.faces[:, k]] - places[subdivided.faces[:, 0]] for k in (1, 2)))
     whole = np.cross(*(vertices[faces[:, k]] - vertices[faces[:, 0]] for k in (1, 2)))
     np.testing.assert_allclose(area, np.repeat(whole, 4**times, axis=0) / 4**times, atol=1e-6)
     # A field of the new vertices alone comes through: at a vertex of both it is that vertex's own.

@@ -13,7 +13,7 @@ from t2d_rt import memory
 from t2d_rt.backend import select
 from t2d_rt.echo import mesh as echo_mesh
 from t2d_rt.echo import streams as echo_streams
-from t2d_rt.echo.legs import View
+from t2d_rt.echo.paths import View
 from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.model import farthest_and_fastest
 from t2d_rt.radar import synthesize as synthesis
@@ -126,7 +126,7 @@ def test_frames_of_large_meshes_come_in_pieces(monkeypatch: pytest.MonkeyPatch) 
 def test_a_very_wide_sweep_is_summed_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = t2d.simulate(approaching(), radar=RADAR).cube
     monkeypatch.setattr(synthesis, "BASIS_NUMBERS", 20_000)
-    monkeypatch.setattr(synthesis, "MOST_MOMENTS", 50)
+    monkeypatch.setattr(synthesis, "MOST_INSTANTS", 50)
     assert np.array_equal(t2d.simulate(approaching(), radar=RADAR).cube, whole)
 
 

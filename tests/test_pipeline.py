@@ -16,8 +16,8 @@ import t2d_rt as t2d
 from builders import icosphere, still
 from measures import nmse_db
 from t2d_rt.backend import Backend
-from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
+from t2d_rt.echo.paths import View
 from t2d_rt.errors import BackendError, InputError, T2DWarning
 from t2d_rt.geometry import refinements
 from t2d_rt.types import PEC, Ellipsoids, Material, Motion, MovingMesh, Radar
@@ -214,7 +214,7 @@ def test_radar_inside_a_target() -> None:
 def test_targets_that_share_no_time() -> None:
     late = ball(2.0)
     late.times_s = late.times_s + 5
-    with pytest.raises(InputError, match="the targets share no time"):
+    with pytest.raises(InputError, match="the targets have no time in common"):
         t2d.simulate([ball(2.0), late], radar=RADAR)
 
 
@@ -255,7 +255,7 @@ def test_a_facet_that_turns_too_fast_is_reported() -> None:
     faces = np.array([[0, 2, 1], [0, 3, 2]])
     with pytest.warns(T2DWarning, match="not watertight"):
         plate = MovingMesh(vertices + [40, 0, 1], faces, times_s, "pec", crease_deg=0, sagitta_rad=2)
-    with pytest.warns(T2DWarning, match="turns too fast for its facets"):
+    with pytest.warns(T2DWarning, match="rotates too fast for its facets"):
         t2d.simulate(plate, radar=RADAR, accuracy={"occlusion": False, "surface_rate_hz": 50})
 
 

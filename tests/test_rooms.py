@@ -13,31 +13,31 @@ from measures import nmse_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.ellipsoid import ellipsoid_echoes
-from t2d_rt.echo.legs import View
+from t2d_rt.echo.paths import View
 from t2d_rt.errors import InputError
 from t2d_rt.resources import resource
-from t2d_rt.room import Looks, coarse_views
+from t2d_rt.room import TargetVisibility, coarse_views
 from t2d_rt.signal import range_doppler
-from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
+from t2d_rt.trace.paths import find_paths
 from t2d_rt.trace.scenes import load_scene
-from t2d_rt.trace.surroundings import radar_legs
-from t2d_rt.trace.visibility import key_times
-from t2d_rt.types import PEC, Ellipsoids, Leg, LegPair, MovingMesh, Radar, Scene, Surface
+from t2d_rt.trace.surroundings import radar_paths
+from t2d_rt.trace.visibility import sample_times
+from t2d_rt.types import PEC, Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar, Scene, Surface
 
 
-def beside(distance_m: float = 2.0) -> Scene:
+def with_shared_occlusion(distance_m: float = 2.0) -> Scene:
     """One large metal wall to the left of the radar, along its boresight."""
     y = distance_m
     return Scene(name="beside", surfaces=(plate("wall", [(-2, y, -2), (12, y, -2), (12, y, 4), (-2, y, 4)]),))
 
 
-# --- legs of points, against another tool ---
+# --- one-way paths to points, against another tool ---
 
 
-def of_points(mirrors: Mirrors, points: np.ndarray, frequency_hz: float) -> list[Leg]:
-    return find_legs(mirrors, ANTENNA_M, UP, frequency_hz, order=2, probes_m=points)
+def of_points(mirrors: Mirrors, points: np.ndarray, frequency_hz: float) -> list[OneWayPath]:
+    return find_paths(mirrors, ANTENNA_M, UP, frequency_hz, order=2, probes_m=points)
 
 
 def spherical(k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -67,7 +67,7 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
     theirs.add(target)
     mirrors = Mirrors.of(load_scene(scene), select("cpu"))
     points = np.array([[3.1, -0.4, 1.3], [2.2, 0.6, 0.7]])
-    legs = of_points(mirrors, points, frequency_hz)
+    one_way = of_points(mirrors, points, frequency_hz)
     wavelength = SPEED_OF_LIGHT / frequency_hz
     for point in points:
         target.position = mi.Point3f(*point.tolist())
@@ -75,17 +75,19 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
         delay, amplitude = (np.array(x).ravel() for x in (found.tau, np.array(found.a[0]) + 1j * np.array(found.a[1])))
         amplitude, delay = amplitude[delay > 0], delay[delay > 0]
         ours = []
-        lit = [leg for leg in legs if leg.clear(point[None])[0]]
+        lit = [path for path in one_way if path.exists(point[None])[0]]
         for out in lit:
             for back in lit:
                 if out.order + back.order > 2:
                     continue
-                ways = [np.linalg.norm(point - leg.image_m) for leg in (out, back)]
+                lengths = [np.linalg.norm(point - path.image_m) for path in (out, back)]
                 # That solver's target keeps the theta and phi components of the field.
-                heading = (point - out.image_m) / ways[0], (back.image_m - point) / ways[1]
-                fields = [leg.field(point, np.array([frequency_hz]))[0] for leg in (out, back)]
+                heading = (point - out.image_m) / lengths[0], (back.image_m - point) / lengths[1]
+                fields = [path.field(point, np.array([frequency_hz]))[0] for path in (out, back)]
                 turned = sum((a @ fields[0]) * (b @ fields[1]) for a, b in zip(*map(spherical, heading), strict=True))
-                ours.append((sum(ways) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(ways) * turned))
+                ours.append(
+                    (sum(lengths) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(lengths) * turned)
+                )
         strongest = np.abs(amplitude).max()
         theirs_in_order = sorted((t, a) for t, a in zip(delay, amplitude, strict=True) if abs(a) > 1e-3 * strongest)
         ours_in_order = sorted(((t, a) for t, a in ours if abs(a) > 1e-3 * strongest), key=lambda each: each[0])
@@ -113,12 +115,12 @@ def peak(scene: Scene | str, radius_m: float = 0.15) -> tuple[Radar, np.ndarray,
 @pytest.mark.slow
 def test_ghosts_of_a_sphere_beside_a_wall() -> None:
     radius, wall = 0.15, 2.0
-    _, power, speeds, ranges = peak(beside(wall), radius)
+    _, power, speeds, ranges = peak(with_shared_occlusion(wall), radius)
     _, alone, *_ = peak("free_space", radius)
     image = np.array([0.0, 2 * wall, 0.0])
 
     def geometry(time_s: float) -> tuple[float, float, float]:
-        """Distances of the centre from the radar and from its image, and the angle between both ways."""
+        """Distances of the centre from the radar and from its image, and the angle between both lengths."""
         centre = np.array([4.0, 0.3, 0.0]) + np.array([-2.0, 0.5, 0.0]) * time_s
         r, r_image = np.linalg.norm(centre), np.linalg.norm(centre - image)
         return float(r), float(r_image), math.acos(centre @ (centre - image) / (r * r_image))
@@ -138,8 +140,8 @@ def test_ghosts_of_a_sphere_beside_a_wall() -> None:
         bin_m, bin_mps = abs(ranges[1] - ranges[0]), abs(speeds[1] - speeds[0])
         assert abs(interpolated(ranges, power[at_row], at_column) - expected_range) < 0.1 * bin_m
         assert abs(interpolated(speeds, power[:, at_column], at_row) - expected_speed) < 0.5 * bin_mps
-        ways = (r, r_image, beta) if copies == 2 else (r_image, r_image, 0.0)
-        expected = copies**2 * mixed(*ways, radius) / direct
+        lengths = (r, r_image, beta) if copies == 2 else (r_image, r_image, 0.0)
+        expected = copies**2 * mixed(*lengths, radius) / direct
         # Power of a line is that of the cells it spreads over.
         found = summed(power, at_row, at_column) / summed(alone, *np.unravel_index(np.argmax(alone), alone.shape))
         assert abs(10 * math.log10(found / expected)) < 0.5
@@ -150,9 +152,9 @@ def summed(power: np.ndarray, row: int, column: int) -> float:
 
 
 def mixed(r_out: float, r_back: float, beta: float, radius_m: float) -> float:
-    """Power of a sphere's specular echo over two ways, up to a constant: with the spreading of a curved mirror,
+    """Power of a sphere's specular echo over two lengths, up to a constant: with the spreading of a curved mirror,
 
-    4 cos^2(beta/2)/det H of the path's Hessian, H = (1/R1 + 1/R2) P + 2 cos(beta/2)/a along and across the plane of the ways.
+    4 cos^2(beta/2)/det H of the path's Hessian, H = (1/R1 + 1/R2) P + 2 cos(beta/2)/a along and across the plane of the lengths.
     """
     cosine = math.cos(beta / 2)
     a, b = r_out - radius_m * cosine, r_back - radius_m * cosine
@@ -237,7 +239,7 @@ def test_a_cupboard_hides_what_is_behind() -> None:
     front = plate("cupboard", [(1.5, y[0], 0), (1.5, y[1], 0), (1.5, y[1], 2), (1.5, y[0], 2)])
     far = plate("far", [(20, -1, 0), (20, 1, 0), (20, 1, 2), (20, -1, 2)])
     target = ball((3.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.05)
-    with pytest.raises(InputError, match="no way leads from the radar"):
+    with pytest.raises(InputError, match="no path leads from the radar"):
         t2d.simulate(target, scene=Scene(name="hidden", surfaces=(front, far)))
 
 
@@ -258,7 +260,7 @@ def test_nothing_clicks_where_a_body_crosses_the_line_to_an_image() -> None:
 
 
 @pytest.mark.slow
-def test_nothing_rings_where_ways_come_and_go() -> None:
+def test_nothing_rings_where_paths_come_and_go() -> None:
     """A delay that leaps, even of an echo that is dark there, turns its group's others: lines at multiples of the surface rate."""
     walker = t2d.place(walk())
     image = t2d.simulate(t2d.trim(walker, 1.5, 2.1), scene="living_room", accuracy={"sagitta_rad": 1.0}).spectrogram
@@ -272,60 +274,62 @@ def test_echoes_are_finite_wherever_a_body_stands_between_antennas_and_images() 
     centres = np.random.default_rng(5).uniform((0.5, -0.8, 0.3), (5.5, 0.8, 2.2), (50, 40, 3))
     axes = np.tile(np.eye(3), (50, 40, 1, 1))
     limbs = Ellipsoids(np.tile([0.05, 0.06, 0.25], (40, 1)), centres, times, axes=axes)
-    out, _ = radar_legs(load_scene("corridor"), Radar.preset("table2"), centres[0], order=2, backend=select("cpu"))
-    views = [View(legs=LegPair(out=first, back=second)) for first in out[:8] for second in out[:8]]
+    out, _ = radar_paths(load_scene("corridor"), Radar.preset("table2"), centres[0], order=2, backend=select("cpu"))
+    views = [View(paths=PathPair(out=first, back=second)) for first in out[:8] for second in out[:8]]
     echoes = ellipsoid_echoes(limbs, Radar.preset("table2"), times_s=times, material=PEC, views=views).gather()
     assert np.isfinite(echoes.amplitude).all()
     assert np.isfinite(echoes.delay_s).all()
 
 
-def shared(share: float, *chain: str, image_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Leg:
-    """A leg that lets the same share of the field past to all points."""
+def sharing(fraction: float, *chain: str, image_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> OneWayPath:
+    """A one-way path over which the same fraction of the field reaches all points."""
 
     def nothing(*_: object) -> np.ndarray:
         raise AssertionError("not asked for")
 
-    return Leg(
-        chain=chain, image_m=np.array(image_m), turn=np.eye(3), shift_m=np.zeros(3), field=nothing, way=nothing,
-        clear=nothing, share=lambda points: np.full(points.shape[:-1], share, np.float32),
+    return OneWayPath(
+        chain=chain, image_m=np.array(image_m), mirror_matrix=np.eye(3), shift_m=np.zeros(3), field=nothing,
+        vertices=nothing, exists=nothing, fraction=lambda points: np.full(points.shape[:-1], fraction, np.float32),
     )  # fmt: skip
 
 
-def test_antennas_apart_have_looks_of_their_own() -> None:
+def test_antennas_apart_have_visibility_of_their_own() -> None:
     target = ball((3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
-    one, half = shared(0.5, "wall"), shared(0.25, "wall")
+    one, half = sharing(0.5, "wall"), sharing(0.25, "wall")
     times = np.linspace(0, 0.1, 5)
-    pairs = [LegPair(out=one, back=half), LegPair(out=one, back=one)]
-    views = coarse_views(target, pairs, key_times(0.0, 0.1, 25.0))
-    assert [float(view.passed(times).max()) for view in views if view.passed is not None] == [0.125, 0.25]
+    pairs = [PathPair(out=one, back=half), PathPair(out=one, back=one)]
+    views = coarse_views(target, pairs, sample_times(0.0, 0.1, 25.0))
+    assert [float(view.unblocked(times).max()) for view in views if view.unblocked is not None] == [0.125, 0.25]
 
 
-def test_weak_pairs_are_hidden_over_the_legs_of_strong_ones() -> None:
-    """The direct leg is looked over anyway; past what stands still it lets 0.5 of the field, and 0.25 there and back."""
+def test_secondary_pairs_are_occluded_along_the_paths_of_dominant_ones() -> None:
+    """Occlusion of the direct path is traced anyway; the scene leaves 0.5 of its field, and 0.25 out and back."""
     target, screen = (ball(where, time_s=0.1, radius_m=0.2) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
-    direct, wall = shared(0.5, image_m=(0.0, 0.0, 1.0)), shared(0.125, "wall", image_m=(0.0, 6.0, 1.0))
-    radar, keys, times = Radar.preset("table2"), key_times(0.0, 0.1, 25.0), np.linspace(0, 0.1, 3)
-    looks = Looks(
-        [target, screen], radar, [LegPair(out=direct, back=direct)],
-        swift=[False, False], occlusion=True, keys_s=keys, backend=select("cpu"),
+    direct, wall = sharing(0.5, image_m=(0.0, 0.0, 1.0)), sharing(0.125, "wall", image_m=(0.0, 6.0, 1.0))
+    radar, keys, times = Radar.preset("table2"), sample_times(0.0, 0.1, 25.0), np.linspace(0, 0.1, 3)
+    visibility = TargetVisibility(
+        [target, screen], radar, [PathPair(out=direct, back=direct)],
+        fast_rotating=[False, False], occlusion=True, samples_s=keys, backend=select("cpu"),
     )  # fmt: skip
-    strong = looks.views(target)[0].seen
-    weak, clear = looks.beside(target, [LegPair(out=direct, back=wall), LegPair(out=wall, back=wall)], keys)
-    assert strong is not None
-    assert weak.seen is not None
-    assert weak.passed is not None
-    np.testing.assert_allclose(weak.seen(times), 2 * strong(times), atol=1e-6)
-    assert strong(times).min() == 0
-    assert 0.2 < strong(times).max() <= 0.25
-    assert np.unique(weak.passed(times)).tolist() == [0.125]
-    assert clear.seen is None
-    assert clear.passed is not None
-    assert np.unique(clear.passed(times)).tolist() == [0.125**2]
+    dominant = visibility.views(target)[0].visibility
+    secondary, unoccluded = visibility.with_shared_occlusion(
+        target, [PathPair(out=direct, back=wall), PathPair(out=wall, back=wall)], keys
+    )
+    assert dominant is not None
+    assert secondary.visibility is not None
+    assert secondary.unblocked is not None
+    np.testing.assert_allclose(secondary.visibility(times), 2 * dominant(times), atol=1e-6)
+    assert dominant(times).min() == 0
+    assert 0.2 < dominant(times).max() <= 0.25
+    assert np.unique(secondary.unblocked(times)).tolist() == [0.125]
+    assert unoccluded.visibility is None
+    assert unoccluded.unblocked is not None
+    assert np.unique(unoccluded.unblocked(times)).tolist() == [0.125**2]
 
 
 @pytest.mark.slow
-def test_a_fan_in_step_with_the_looks_keeps_its_faces() -> None:
-    """At 540 rpm and ten looks over 1 s it would seem to stand still."""
+def test_a_fan_in_step_with_the_sample_times_keeps_its_faces() -> None:
+    """At 540 rpm and ten samples over 1 s it would seem to be static."""
     fan = t2d.TableFan(position_m=(3.0, 0.0, 1.0), rpm=540, heading_deg=90).mesh(0.0, 1.0)
     far = Scene(name="far", surfaces=(plate("far", [(30, -1, 0), (30, 1, 0), (30, 1, 2), (30, -1, 2)]),))
     alone, there = (
@@ -342,15 +346,17 @@ def test_a_fan_in_step_with_the_looks_keeps_its_faces() -> None:
     assert nmse_db(there, alone) < -40
 
 
-def test_what_turns_fast_is_seen_in_the_mean_in_weak_pairs() -> None:
+def test_fast_rotating_targets_have_their_mean_visibility() -> None:
     target = ball((3.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.1)
-    leg = Leg(
-        chain=(), image_m=np.zeros(3), turn=np.eye(3), shift_m=np.zeros(3), field=np.zeros, way=np.zeros, clear=np.zeros,
-        share=lambda points: (points[..., 1] > 0).astype(np.float32),
+    path = OneWayPath(
+        chain=(), image_m=np.zeros(3), mirror_matrix=np.eye(3), shift_m=np.zeros(3), field=np.zeros,
+        vertices=np.zeros, exists=np.zeros, fraction=lambda points: (points[..., 1] > 0).astype(np.float32),
     )  # fmt: skip
     apart, alike = (
-        coarse_views(target, [LegPair(out=leg, back=leg)], key_times(0.0, 0.1, 25.0), swift=swift)[0].passed
-        for swift in (False, True)
+        coarse_views(
+            target, [PathPair(out=path, back=path)], sample_times(0.0, 0.1, 25.0), fast_rotating=fast_rotating
+        )[0].unblocked
+        for fast_rotating in (False, True)
     )
     times = np.linspace(0, 0.1, 3)
     assert apart is not None

@@ -16,8 +16,8 @@ from t2d_rt import cubes
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.ellipsoid import ellipsoid_echoes
-from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
+from t2d_rt.echo.paths import View
 from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, refinements

@@ -16,10 +16,10 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.resources import resource
 from t2d_rt.scene import Room
-from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.materials import itu_material
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
+from t2d_rt.trace.paths import find_paths
 from t2d_rt.trace.scenes import load_scene
 from t2d_rt.trace.slabs import slab
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, Radar, Scene
@@ -54,23 +54,25 @@ def test_paths_through_walls_and_doors_are_those_of_sionna(
     theirs.add(rt.Receiver(name="rx", position=list(place)))
     solved = rt.PathSolver()(theirs, max_depth=3, refraction=True, seed=1)
     fields = np.array(solved.a[0]).ravel() + 1j * np.array(solved.a[1]).ravel()
-    passed = np.sum(np.array(solved.interactions).reshape(3, -1) == rt.constants.InteractionType.REFRACTION, axis=0)
+    transmitted = np.sum(
+        np.array(solved.interactions).reshape(3, -1) == rt.constants.InteractionType.REFRACTION, axis=0
+    )
     strongest = np.abs(fields).max()
-    strong = (np.abs(fields) > 1e-3 * strongest) & (passed <= 1)
+    strong = (np.abs(fields) > 1e-3 * strongest) & (transmitted <= 1)
     delays, fields = np.array(solved.tau).ravel()[strong], fields[strong]
 
     point, ours = np.array(place), []
-    legs = find_legs(
+    found = find_paths(
         Mirrors.of(load_scene(scene), select("cpu")), ANTENNA_M, UP, FREQUENCY_HZ, order=2, transmissions=1,
         probes_m=point[None],
     )  # fmt: skip
-    for leg in legs:
-        length = float(np.linalg.norm(point - leg.image_m))
-        arriving = (point - leg.image_m) / length
+    for path in found:
+        length = float(np.linalg.norm(point - path.image_m))
+        arriving = (point - path.image_m) / length
         across = UP - (UP @ arriving) * arriving
-        received = leg.field(point, np.array([FREQUENCY_HZ]))[0] @ across / np.linalg.norm(across)
+        received = path.field(point, np.array([FREQUENCY_HZ]))[0] @ across / np.linalg.norm(across)
         # Theirs has the slabs' phase whole, ours counts what goes with frequency to the delay.
-        received *= np.exp(-2j * np.pi * FREQUENCY_HZ * leg.delay_s)
+        received *= np.exp(-2j * np.pi * FREQUENCY_HZ * path.delay_s)
         ours.append((length / SPEED_OF_LIGHT, SPEED_OF_LIGHT / FREQUENCY_HZ / (4 * math.pi * length) * received))
     ours = [each for each in ours if abs(each[1]) > 1e-3 * strongest]
     assert len(ours) == len(delays) >= paths
@@ -89,13 +91,13 @@ def test_a_half_wave_window_lets_all_through() -> None:
     half_wave = SPEED_OF_LIGHT / FREQUENCY_HZ / math.sqrt(4.0) / 2
     scene = partition(Material(relative_permittivity=4.0), 3 * half_wave)
     behind = np.array([[4.0, 0.0, 1.0]])
-    *_, leg = find_legs(
+    *_, path = find_paths(
         Mirrors.of(scene, select("cpu")), ANTENNA_M, UP, FREQUENCY_HZ, order=0, transmissions=1, probes_m=behind
     )
-    assert (leg.name, leg.order, leg.transmissions) == ("wall (through)", 0, 1)
-    np.testing.assert_allclose(leg.way(behind[0]), [[0, 0, 1], [2, 0, 1], [4, 0, 1]], atol=1e-12)
-    assert np.linalg.norm(leg.field(behind, np.array([FREQUENCY_HZ]))) == pytest.approx(1, abs=1e-9)
-    assert leg.delay_s == pytest.approx(2 * 3 * half_wave / SPEED_OF_LIGHT)
+    assert (path.name, path.order, path.transmissions) == ("wall (through)", 0, 1)
+    np.testing.assert_allclose(path.vertices(behind[0]), [[0, 0, 1], [2, 0, 1], [4, 0, 1]], atol=1e-12)
+    assert np.linalg.norm(path.field(behind, np.array([FREQUENCY_HZ]))) == pytest.approx(1, abs=1e-9)
+    assert path.delay_s == pytest.approx(2 * 3 * half_wave / SPEED_OF_LIGHT)
 
 
 def moving_ball(method: str) -> MovingMesh | Ellipsoids:
@@ -125,8 +127,8 @@ def test_a_sphere_behind_a_partition_is_weaker_by_what_it_takes_both_ways(
     assert behind.settings["pairs"] == ["wall (through)"]
     frequencies = radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s
     substance = itu_material(material, radar.mid_frequency_hz)
-    passed = np.array([slab(substance, thickness_m, np.array(1.0), f)[2] for f in frequencies])
-    expected = alone.adc.values[:, 0] * np.conj(passed) ** 2
+    transmitted = np.array([slab(substance, thickness_m, np.array(1.0), f)[2] for f in frequencies])
+    expected = alone.adc.values[:, 0] * np.conj(transmitted) ** 2
     error = behind.adc.values[:, 0] - expected
     # Waves that run to and fro within a slab bend T over the sweep, which a slope does not follow.
     assert np.sum(np.abs(error) ** 2) < 1e-4 * np.sum(np.abs(expected) ** 2)
@@ -166,8 +168,8 @@ def test_a_closed_box_takes_two_passages() -> None:
     behind = np.array([[4.0, 0.0, 1.0]])
     names = {
         most: {
-            leg.name
-            for leg in find_legs(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=0, transmissions=most, probes_m=behind)
+            path.name
+            for path in find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=0, transmissions=most, probes_m=behind)
         }
         for most in (0, 1, 2)
     }

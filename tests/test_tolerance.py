@@ -49,7 +49,7 @@ def test_the_measured_error_is_that_against_a_much_finer_run(walk: Motion) -> No
 @pytest.mark.slow
 def test_a_spoilt_record_shows_in_the_measurement(walk: Motion) -> None:
     """What is measured is the cube and not the plan: a surface rate that is far too low."""
-    with pytest.warns(T2DWarning, match="turns too fast"):
+    with pytest.warns(T2DWarning, match="rotates too fast"):
         bad = t2d.simulate(walk, radar=RADAR, accuracy={"surface_rate_hz": 12}, measure_error=True)
     good = t2d.simulate(walk, radar=RADAR, measure_error=True)
     assert bad.error_db is not None

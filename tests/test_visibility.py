@@ -14,8 +14,8 @@ from builders import icosphere, moving, still, walk
 from t2d_rt.backend import Backend
 from t2d_rt.body.template import template
 from t2d_rt.errors import T2DWarning
-from t2d_rt.geometry import Halved
-from t2d_rt.trace.visibility import Occlusion, key_times
+from t2d_rt.geometry import SubdividedMesh
+from t2d_rt.trace.visibility import Occlusion, sample_times
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -40,7 +40,7 @@ def moving_sphere(
 
 def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
     start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
-    return Occlusion(meshes, at, keys_s=key_times(start, stop, rate_hz), backend=backend)
+    return Occlusion(meshes, at, samples_s=sample_times(start, stop, rate_hz), backend=backend)
 
 
 def facing(mesh: MovingMesh, time_s: float = 0.0) -> np.ndarray:
@@ -185,25 +185,25 @@ def passing() -> list[MovingMesh]:
 
 def test_it_fades_by_a_smooth_step_between_keys(passing: list[MovingMesh], backend: Backend) -> None:
     view = occlusion(passing, backend, RATE_HZ)
-    keys_s = np.linspace(0, 1, 11)
+    samples_s = np.linspace(0, 1, 11)
     fine = 40  # times between two keys
     times_s = np.linspace(0, 1, 10 * fine + 1)
     values = view.visibility(times_s)[1]
     assert values.min() >= 0
     assert values.max() <= 1
-    at_keys = view.visibility(keys_s)[1]
-    assert np.array_equal(at_keys, view.traced(keys_s)[:, -values.shape[1] :])
-    np.testing.assert_allclose(values[::fine], at_keys, atol=1e-6)
-    assert (np.ptp(at_keys, axis=0) == 1).sum() > 100  # it does come and go
+    at_samples = view.visibility(samples_s)[1]
+    assert np.array_equal(at_samples, view.traced(samples_s)[:, -values.shape[1] :])
+    np.testing.assert_allclose(values[::fine], at_samples, atol=1e-6)
+    assert (np.ptp(at_samples, axis=0) == 1).sum() > 100  # it does come and go
     step = np.diff(values, axis=0).reshape(10, fine, -1)
-    change = np.diff(at_keys, axis=0)[:, None]
+    change = np.diff(at_samples, axis=0)[:, None]
     # Monotone from key to key, and never steeper than a smooth step of that height: 3/2 of its mean slope.
     assert (step * np.sign(change) >= -1e-6).all()
     assert (np.abs(step) <= 1.5 / fine * np.abs(change) + 1e-6).all()
     # Flat at the keys: u^2 (3 - 2 u) starts with 3 u^2.
     np.testing.assert_allclose(step[:, 0], (3 - 2 / fine) / fine**2 * change[:, 0], atol=1e-6)
     middle = values[fine // 2 :: fine]
-    np.testing.assert_allclose(middle, (at_keys[:-1] + at_keys[1:]) / 2, atol=1e-6)
+    np.testing.assert_allclose(middle, (at_samples[:-1] + at_samples[1:]) / 2, atol=1e-6)
 
 
 def test_keys_are_what_straight_lines_say(passing: list[MovingMesh], backend: Backend) -> None:
@@ -337,17 +337,17 @@ def test_halved_edges_place_a_shadows_edge_more_closely(backend: Backend) -> Non
     low, high = -0.087, 0.061
     strip = np.array([(2.0, low, 0.0), (2.0, high, 0.0), (2.0, high, 2.0), (2.0, low, 2.0)])
     shade = still(strip, [[0, 2, 1], [0, 3, 2]], name="strip")
-    keys = key_times(*LONG_S, 2.0)
+    keys = sample_times(*LONG_S, 2.0)
     across = np.linspace(-0.4, 0.4, 2001)
     lit = (across < 2 * low) | (across > 2 * high)
     errors = []
-    for halved in range(3):
-        look = Occlusion([floor, shade], HERE, keys_s=keys, backend=backend, halved=halved)
-        seen = look.visibility(np.array([0.5]))[0][0]
-        stands = Halved.of(faces, len(places), halved).operator @ places
+    for subdivision in range(3):
+        occluded = Occlusion([floor, shade], HERE, samples_s=keys, backend=backend, subdivision=subdivision)
+        seen = occluded.visibility(np.array([0.5]))[0][0]
+        stands = SubdividedMesh.of(faces, len(places), subdivision).operator @ places
         row = np.abs(stands[:, 2] - 1.0) < 1e-6
         order = np.argsort(stands[row, 1])
         errors.append(np.mean(np.abs(np.interp(across, stands[row, 1][order], seen[row][order]) - lit)))
     # Each of two edges becomes a ramp as wide as a square, whose error is a quarter to a half of its width.
-    for halved, error in enumerate(errors):
-        assert 0.9 < error / (0.1 / 2**halved / 2 / 0.8) < 2.1
+    for subdivision, error in enumerate(errors):
+        assert 0.9 < error / (0.1 / 2**subdivision / 2 / 0.8) < 2.1

@@ -184,7 +184,7 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     bodies = any(isinstance(target, Motion) for target in model.targets)
     full = with_method(model, "mesh") if bodies and model.method == "ellipsoid" else model
     omissions = _in_time(model, accuracy)
-    if any(isinstance(shape, MovingMesh) for shape in full.shapes):
+    if any(isinstance(shape, MovingMesh) for shape in full.geometries):
         fixed = not asked.isdisjoint(("sagitta_rad", "sagitta_scale"))
         if not fixed:
             accuracy = accuracy.replace(sagitta_scale=_sagitta_scale(full, allowed * FACETS_SHARE))
@@ -285,7 +285,7 @@ def _sagitta_scale(model: Model, share: float) -> float:
 def _own_db(model: Model, accuracy: Accuracy) -> float:
     """Error of facets of the meshes' own phase sagitta, or of the one asked for."""
     found = []
-    for target, shape in zip(model.targets, model.shapes, strict=True):
+    for target, shape in zip(model.targets, model.geometries, strict=True):
         if isinstance(shape, MovingMesh):
             own = shape.sagitta_rad if accuracy.sagitta_rad is None else accuracy.sagitta_rad
             of_body = accuracy.sagitta_rad is None and isinstance(target, Motion)
@@ -338,7 +338,7 @@ def _told(plan: Plan) -> list[str]:
     model, accuracy = plan.model, plan.accuracy
     radar = model.radar
     lines = [f"tolerance {plan.tolerance_db:g} dB, expected error {plan.error_db:.1f} dB", "modelled:"]
-    for shape, times_s in zip(model.shapes, model.frame_times(accuracy), strict=True):
+    for shape, times_s in zip(model.geometries, model.frame_times(accuracy), strict=True):
         rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
         number = len(shape.semi_axes_m) if isinstance(shape, Ellipsoids) else len(model.facets(shape, accuracy).faces)
         kind = f"{number} {'ellipsoids' if isinstance(shape, Ellipsoids) else 'facets'}"
@@ -352,7 +352,7 @@ def _told(plan: Plan) -> list[str]:
         if accuracy.occlusion:
             how = _sampled(accuracy.visibility_rate_hz, accuracy.visibility_subdivision)
         lines.append(f"  {OCCLUSION}: {how}")
-    fastest = max(farthest_and_fastest(shape, radar, model.span_s)[1] for shape in model.shapes)
+    fastest = max(farthest_and_fastest(shape, radar, model.span_s)[1] for shape in model.geometries)
     asked_hz, sent_hz = (4 * speed / radar.wavelength_m for speed in (fastest, radar.max_speed_mps))
     lines.append(
         f"  slow time: up to {fastest:.1f} m/s asks for {asked_hz:.0f} chirps a second, {sent_hz:.0f} are sent"

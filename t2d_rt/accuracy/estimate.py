@@ -12,7 +12,7 @@ from t2d_rt.cubes import Cube
 from t2d_rt.echo.streams import batches
 from t2d_rt.model import Model, with_method
 from t2d_rt.radar.direct import between, chirp_samples
-from t2d_rt.trace.visibility import key_times
+from t2d_rt.trace.visibility import sample_times
 from t2d_rt.types import Accuracy, EchoStream, Motion, Radar
 from t2d_rt.types.accuracy import MOST_RANGE_DB
 
@@ -69,7 +69,7 @@ def field(model: Model, accuracy: Accuracy, chirps: Chirps, *, visibility_rate_h
     """
     radar, keys = model.radar, None
     if visibility_rate_hz is not None:
-        every = key_times(*model.span_s, visibility_rate_hz)
+        every = sample_times(*model.span_s, visibility_rate_hz)
         after = np.clip(np.searchsorted(every, chirps.starts_s, side="right"), 1, len(every) - 1)
         keys = every[np.unique([after - 1, after])]
     total = np.zeros((len(chirps.rows), len(chirps.samples)), complex)

@@ -39,7 +39,7 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stance:
-    """When a foot stands still on the ground."""
+    """When a foot is at rest on the ground."""
 
     frames: np.ndarray
     """Indices of the frames."""
@@ -77,8 +77,8 @@ def fit(template: Template, motion: Motion) -> Fitted:
     lengths = _lengths(motion)
     ratio = {bone: length / float(np.linalg.norm(rest[bone[1]] - rest[bone[0]])) for bone, length in lengths.items()}
     tall = [TORSO, *((f"{side}_{a}", f"{side}_{b}") for side in SIDES for a, b in LIMBS[:2])]
-    share = np.array([lengths[bone] / ratio[bone] for bone in tall])
-    scale = float(share @ [ratio[bone] for bone in tall] / share.sum())
+    weight = np.array([lengths[bone] / ratio[bone] for bone in tall])
+    scale = float(weight @ [ratio[bone] for bone in tall] / weight.sum())
     ankle = {side: _ankle_ratio(motion, side, rest, scale) for side in SIDES}
     joints, shapes = _stretch(rest, ratio, scale, ankle)
     old, new = (np.array([points[name] for name in CANONICAL_JOINTS]) for points in (rest, joints))

@@ -64,11 +64,11 @@ class Posing:
         hips, shoulders = (at["left_hip"] + at["right_hip"]) / 2, at["spine3"] + chest @ self.shoulder_centre
         rest_hips, rest_shoulders = ((rest[f"left_{j}"] + rest[f"right_{j}"]) / 2 for j in ("hip", "shoulder"))
         for name in ("pelvis", "spine1", "spine2", "spine3", "neck", "left_collar", "right_collar"):
-            share = np.clip((rest[name] - rest_hips)[2] / (rest_shoulders - rest_hips)[2], 0, 1)
-            share = share * share * (3 - 2 * share)
+            fraction = np.clip((rest[name] - rest_hips)[2] / (rest_shoulders - rest_hips)[2], 0, 1)
+            fraction = fraction * fraction * (3 - 2 * fraction)
             below = hips + turn["pelvis"] @ (rest[name] - rest_hips)
             above = shoulders + turn["spine3"] @ (rest[name] - rest_shoulders)
-            origin[name] = (1 - share) * below + share * above
+            origin[name] = (1 - fraction) * below + fraction * above
         turn["spine1"] = between(turn["pelvis"], turn["spine3"], 1 / 3)
         turn["spine2"] = between(turn["pelvis"], turn["spine3"], 2 / 3)
         turn["neck"] = between(turn["spine3"], turn["head"], 0.5)
@@ -126,7 +126,7 @@ def _trunk_offsets(
     rest = body.joints
     hips = (at["left_hip"] + at["right_hip"]) / 2
     torso = unit(at["spine3"] + source["spine3"] @ centre - hips)
-    # Upright moments tell what an unbent back is.
+    # Upright instants tell what an unbent back is.
     upright = np.clip(torso[:, 2], 0.02, 1) ** 4
     upright /= upright.sum()
     rest_torso = sum(rest[f"{s}_shoulder"] - rest[f"{s}_hip"] for s in SIDES)

@@ -23,7 +23,7 @@ class Segment:
 
     bone: str
     joints: tuple[str, ...]
-    """Joints whose share of the surface it takes."""
+    """Joints whose part of the surface it takes."""
     ends: tuple[str, str]
     """Its long axis in the rest pose."""
 
@@ -82,9 +82,9 @@ def segments(
 def segment_of_faces(body: Fitted) -> np.ndarray:
     """The number among SEGMENTS of the segment that each face belongs to, (F,)."""
     columns = [[CANONICAL_JOINTS.index(joint) for joint in part.joints] for part in SEGMENTS.values()]
-    share = np.stack([body.template.weights[:, group].sum(1) for group in columns], axis=1)
+    membership = np.stack([body.template.weights[:, group].sum(1) for group in columns], axis=1)
     faces = body.template.faces
-    owner = share[faces].sum(1).argmax(1)
+    owner = membership[faces].sum(1).argmax(1)
     trunk = [i for i, part in enumerate(SEGMENTS.values()) if part.joints == TRUNK]
     storey = np.searchsorted([body.joints[joint][2] for joint in TRUNK_CUTS], body.vertices[faces].mean(1)[:, 2])
     return np.where(np.isin(owner, trunk), np.array(trunk)[storey], owner)

@@ -86,11 +86,11 @@ def bone_weights(body: Fitted) -> np.ndarray:
         axis = body.joints[end] - body.joints[start]
         along = (body.vertices - body.joints[start]) @ axis / (axis @ axis)
         low, high = FOREARM_RAMP if "forearm" in bone else UPPER_ARM_RAMP
-        share = np.clip((along - low) / (high - low), 0, 1)
-        share = share if "forearm" in bone else 1 - share
+        fraction = np.clip((along - low) / (high - low), 0, 1)
+        fraction = fraction if "forearm" in bone else 1 - fraction
         carrier = BONES.index(start)
-        weights[:, BONES.index(bone)] = share * weights[:, carrier]
-        weights[:, carrier] *= 1 - share
+        weights[:, BONES.index(bone)] = fraction * weights[:, carrier]
+        weights[:, carrier] *= 1 - fraction
     return weights
 
 
@@ -116,11 +116,11 @@ def linear_track(motion: Motion) -> JointTrack:
 
     def track(times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         frame = np.clip(np.searchsorted(times, times_s, side="right") - 1, 0, len(times) - 2)
-        share = (times_s * motion.rate_hz - frame)[:, None, None]
+        fraction = (times_s * motion.rate_hz - frame)[:, None, None]
         q, r = motion.rotations[frame], motion.rotations[frame + 1]
         r = np.where((q * r).sum(-1, keepdims=True) < 0, -r, r)
-        turn = (1 - share) * q + share * r
-        joints = (1 - share) * motion.joints[frame] + share * motion.joints[frame + 1]
+        turn = (1 - fraction) * q + fraction * r
+        joints = (1 - fraction) * motion.joints[frame] + fraction * motion.joints[frame + 1]
         return joints, turn / np.linalg.norm(turn, axis=-1, keepdims=True)
 
     return track

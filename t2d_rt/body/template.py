@@ -54,9 +54,9 @@ def _read(name: str) -> Template:
         if names != [*CANONICAL_JOINTS, *OPTIONAL_JOINTS]:
             raise InputError(f"body {name!r} has joints {names}; expected the 22 canonical joints and the five ends")
         weights = data["weights"].astype(np.float64)
-        starts, indices, shares = (data[f"ring_{part}"] for part in ("starts", "vertices", "weights"))
+        starts, indices, ring_weights = (data[f"ring_{part}"] for part in ("starts", "vertices", "weights"))
         rings = {
-            str(ring): (indices[i:j].astype(np.intp), shares[i:j].astype(np.float64))
+            str(ring): (indices[i:j].astype(np.intp), ring_weights[i:j].astype(np.float64))
             for ring, i, j in zip(data["ring_names"], starts, starts[1:], strict=False)
         }
         return Template(
@@ -71,4 +71,4 @@ def _read(name: str) -> Template:
 
 def regressed_joints(body: Template, vertices: np.ndarray) -> dict[str, np.ndarray]:
     """Joints (..., 3) read off posed surface vertices (..., V, 3): the weighted mean of each ring."""
-    return {name: share @ vertices[..., index, :] for name, (index, share) in body.rings.items()}
+    return {name: weight @ vertices[..., index, :] for name, (index, weight) in body.rings.items()}

@@ -236,7 +236,7 @@ def _compare(options: Namespace) -> None:
 def _scene(options: Namespace) -> None:
     from t2d_rt.motion import load_motion
     from t2d_rt.plots import plot_scene
-    from t2d_rt.room import ways_to
+    from t2d_rt.room import paths_to
     from t2d_rt.trace.scenes import load_scene
 
     if not 0 <= options.reflections <= 4:
@@ -255,8 +255,8 @@ def _scene(options: Namespace) -> None:
         )
         track = motion.joints[:, 0]
         target = track[len(track) // 2]
-    ways = ways_to(scene, radar, target, reflections=options.reflections)
-    figure = plot_scene(scene, radar.tx_position_m, ways_m=ways, track_m=track, title=scene.name)
+    ways = paths_to(scene, radar, target, reflections=options.reflections)
+    figure = plot_scene(scene, radar.tx_position_m, paths_m=ways, track_m=track, title=scene.name)
     _write_picture(figure, picture, overwrite=options.overwrite)
     say(
         f"{len(scene.surfaces)} objects, {len(ways)} ways to ({', '.join(f'{x:.2f}' for x in target)}) m: "

@@ -12,8 +12,8 @@ def seen_by(radar: Radar, echoes: EchoArrays, departure_m: np.ndarray, arrival_m
     amplitude, slope = echoes.amplitude, echoes.slope
     if radar.directional:
         outward = (
-            sight / np.linalg.norm(sight, axis=-1, keepdims=True)
-            for sight in (departure_m - radar.tx_position_m, arrival_m - radar.rx_position_m)
+            line_of_sight / np.linalg.norm(line_of_sight, axis=-1, keepdims=True)
+            for line_of_sight in (departure_m - radar.tx_position_m, arrival_m - radar.rx_position_m)
         )
         factor = radar.antenna_factor(*outward).astype(np.float32)
         amplitude, slope = amplitude * factor, None if slope is None else slope * factor

@@ -1,4 +1,4 @@
-"""Echoes of what stands still: mirrors' by Friis' equation, rough points' by the radar equation (docs/physics.md, eq. 26)."""
+"""Echoes of the static scene: mirrors' by Friis' equation, rough points' by the radar equation (docs/physics.md, eq. 26)."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.antennas import seen_by
 from t2d_rt.types import EchoArrays, EchoStream, Radar, StaticPath
 
-Shares = Callable[[np.ndarray], np.ndarray]
+Fractions = Callable[[np.ndarray], np.ndarray]
 """0..1 (K, N) at times [s] (K,)."""
 
 
 def mirror_echoes(
-    paths: Sequence[StaticPath], radar: Radar, *, times_s: np.ndarray, shares: Shares | None = None
+    paths: Sequence[StaticPath], radar: Radar, *, times_s: np.ndarray, fractions: Fractions | None = None
 ) -> EchoStream:
-    """One echo of each path at surface frames `times_s`, of which `shares` pass."""
+    """One echo of each path at surface frames `times_s`, of which `fractions` are not occluded."""
     departure, arrival = (np.array([getattr(path, end) for path in paths]) for end in ("departure_m", "arrival_m"))
     length = np.linalg.norm(arrival - radar.rx_position_m, axis=1)
     gain = radar.tx_pattern.gain((departure - radar.tx_position_m) / length[:, None] @ radar.axes.T)
@@ -32,7 +32,7 @@ def mirror_echoes(
         delay_s=length / SPEED_OF_LIGHT, amplitude=scale * middle, slope=scale * (high - low) / band_hz,
         departure_m=departure if radar.is_array else None, arrival_m=arrival if radar.is_array else None,
     )  # fmt: skip
-    return _standing(echoes, times_s, shares)
+    return _standing(echoes, times_s, fractions)
 
 
 def rough_echoes(
@@ -42,26 +42,26 @@ def rough_echoes(
     *,
     times_s: np.ndarray,
     seed: int,
-    shares: Shares | None = None,
+    fractions: Fractions | None = None,
 ) -> EchoStream:
-    """One echo of random phase of each point (Q, 3) at surface frames `times_s`, of which `shares` pass."""
+    """One echo of random phase of each point (Q, 3) at surface frames `times_s`, of which `fractions` are not occluded."""
     phase = 2 * math.pi * np.random.default_rng(seed).random(len(points_m))
-    ways = [np.linalg.norm(points_m - place, axis=1) for place in (radar.tx_position_m, radar.rx_position_m)]
-    amplitude = radar.link_amplitude * np.sqrt(rcs_m2) / (ways[0] * ways[1]) * np.exp(1j * phase)
-    echoes = EchoArrays(delay_s=(ways[0] + ways[1]) / SPEED_OF_LIGHT, amplitude=amplitude)
-    return _standing(seen_by(radar, echoes, points_m, points_m), times_s, shares)
+    ranges = [np.linalg.norm(points_m - place, axis=1) for place in (radar.tx_position_m, radar.rx_position_m)]
+    amplitude = radar.link_amplitude * np.sqrt(rcs_m2) / (ranges[0] * ranges[1]) * np.exp(1j * phase)
+    echoes = EchoArrays(delay_s=(ranges[0] + ranges[1]) / SPEED_OF_LIGHT, amplitude=amplitude)
+    return _standing(seen_by(radar, echoes, points_m, points_m), times_s, fractions)
 
 
-def _standing(echoes: EchoArrays, times_s: np.ndarray, shares: Shares | None) -> EchoStream:
-    """What does not change (N, ...) as a stream, but for the shares that pass."""
+def _standing(echoes: EchoArrays, times_s: np.ndarray, fractions: Fractions | None) -> EchoStream:
+    """Constant echoes (N, ...) as a stream, times the fractions that are not occluded."""
 
     def frames(start: int, stop: int) -> EchoArrays:
-        still = [None if field is None else np.broadcast_to(field, (stop - start, *field.shape)) for field in echoes]
-        found = EchoArrays(*still)  # type: ignore[arg-type]
-        passed = 1.0 if shares is None else shares(times_s[start:stop])
+        static = [None if field is None else np.broadcast_to(field, (stop - start, *field.shape)) for field in echoes]
+        found = EchoArrays(*static)  # type: ignore[arg-type]
+        unblocked = 1.0 if fractions is None else fractions(times_s[start:stop])
         return found._replace(
-            amplitude=(found.amplitude * passed).astype(np.complex64),
-            slope=None if found.slope is None else (found.slope * passed).astype(np.complex64),
+            amplitude=(found.amplitude * unblocked).astype(np.complex64),
+            slope=None if found.slope is None else (found.slope * unblocked).astype(np.complex64),
             departure_m=None if found.departure_m is None else found.departure_m.astype(np.float32),
             arrival_m=None if found.arrival_m is None else found.arrival_m.astype(np.float32),
         )

@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.antennas import seen_by, side_by_side
-from t2d_rt.echo.legs import Arrivals, View, unfolded, weighted
+from t2d_rt.echo.paths import Arrivals, View, unfolded, weighted
 from t2d_rt.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
@@ -20,7 +20,7 @@ FORWARD = 0.08, 0.2
 REACH_FRAMES = 48
 """How far from where an echo is seen its delay must be right: as far as a window of the sum and the splines around it."""
 CONVERGED_RAD, MOST_STEPS = 1e-6, 40
-"""Last turn of the normal: the path's error is of second order. Only what has all but faded out takes long."""
+"""Last rotation of the normal: the path's error is of second order. Only what has all but faded out takes long."""
 PhaseFrom = Literal["specular", "centre"]
 
 
@@ -33,11 +33,11 @@ def ellipsoid_echoes(
     phase_from: PhaseFrom = "specular",
     views: Sequence[View] = (View(),),
 ) -> EchoStream:
-    """One echo per ellipsoid and view at surface frames `times_s`; ellipsoids do not hide one another.
+    """One echo per ellipsoid and view at surface frames `times_s`; ellipsoids do not occlude one another.
 
     "specular" takes phase, range and curvature from the point of shortest path, exact also in the near field; "centre" is the
-    Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `views` say over
-    which legs, and what of each ellipsoid is seen.
+    Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `views` give
+    the path pairs and the visibility of each ellipsoid over them.
     """
     reflection = complex(material.reflection(radar.mid_frequency_hz)).conjugate()  # IF = tx conj(rx)
     model = {"specular": _specular, "centre": _centre}[phase_from]
@@ -47,7 +47,7 @@ def ellipsoid_echoes(
 
     def frames(start: int, stop: int) -> EchoArrays:
         centres, axes = ellipsoids.at(times_s[start:stop])
-        if any(view.legs is None for view in views):
+        if any(view.paths is None for view in views):
             _check_between(centres, radar.tx_position_m, radar.rx_position_m)
         shown, near = _shown(views, times_s, start, stop, count)
         # An echo over each view, whose antennas stand in places of its own; one that is dark is where the centre is.
@@ -57,7 +57,7 @@ def ellipsoid_echoes(
         field = np.zeros(path.shape)
         # Between an antenna and an image is a shadow and no reflection: it fades, and in line with both there is none to look for.
         aside = np.linalg.norm(_bisector(own, tx, rx), axis=-1)
-        share = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
+        fade = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
         lit = np.nonzero(near & (aside > FORWARD[0] / 2))
         ends = [own.copy(), own.copy()]
         semi_axes = ellipsoids.semi_axes_m[lit[1] % count]
@@ -67,20 +67,20 @@ def ellipsoid_echoes(
         known = np.isfinite(found[0] + found[1])
         lit = (lit[0][known], lit[1][known])
         path[lit], field[lit], ends[0][lit], ends[1][lit] = (each[known] for each in found)
-        field *= radar.link_amplitude * share * share * (3 - 2 * share)
+        field *= radar.link_amplitude * fade * fade * (3 - 2 * fade)
         amplitude = (reflection * field * shown).astype(np.complex64)
         arrivals = Arrivals(radar, centres)
         parts = []
         for number, view in enumerate(views):
             mine = slice(number * count, (number + 1) * count)
-            past = 0.0 if view.legs is None else view.legs.delay_s
+            past = 0.0 if view.paths is None else view.paths.delay_s
             echoes = EchoArrays(path[:, mine] / SPEED_OF_LIGHT + past, amplitude[:, mine])
             departure, arrival = (end[:, mine] for end in ends)
-            if view.legs is None:
+            if view.paths is None:
                 parts.append(seen_by(radar, echoes, departure, arrival))
             else:
-                echoes = weighted(echoes, *arrivals.weight(view.legs))
-                parts.append(unfolded(radar, echoes, view.legs, departure, arrival))
+                echoes = weighted(echoes, *arrivals.weight(view.paths))
+                parts.append(unfolded(radar, echoes, view.paths, departure, arrival))
         return side_by_side(parts)
 
     return EchoStream(times_s=times_s, frames=frames)
@@ -89,23 +89,26 @@ def ellipsoid_echoes(
 def _shown(
     views: Sequence[View], times_s: np.ndarray, start: int, stop: int, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What share of each ellipsoid each view sees at frames start..stop - 1, (T, views x count), and whether any of it shortly
+    """Visibility of each ellipsoid in each view at frames start..stop - 1, (T, views x count), and whether it is above 0 shortly
     before or after."""
     from scipy.ndimage import maximum_filter1d
 
     first, last = max(0, start - REACH_FRAMES), min(len(times_s), stop + REACH_FRAMES)
-    every = [np.ones((last - first, count)) if view.seen is None else view.seen(times_s[first:last]) for view in views]
-    shares = np.concatenate(every, axis=1)
+    every = [
+        np.ones((last - first, count)) if view.visibility is None else view.visibility(times_s[first:last])
+        for view in views
+    ]
+    fractions = np.concatenate(every, axis=1)
     here = slice(start - first, stop - first)
-    near = maximum_filter1d(shares, 2 * REACH_FRAMES + 1, axis=0, mode="constant") > 0
-    return shares[here], near[here]
+    near = maximum_filter1d(fractions, 2 * REACH_FRAMES + 1, axis=0, mode="constant") > 0
+    return fractions[here], near[here]
 
 
 def _places(radar: Radar, view: View) -> tuple[np.ndarray, np.ndarray]:
     """Of transmitter and receiver, or of their images."""
-    if view.legs is None:
+    if view.paths is None:
         return radar.tx_position_m, radar.rx_position_m
-    return view.legs.out.image_m, view.legs.back.image_m
+    return view.paths.out.image_m, view.paths.back.image_m
 
 
 def _check_between(centres: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> None:
@@ -148,7 +151,8 @@ def specular_points(
 def _nearer(
     normal: np.ndarray, semi_axes_m: np.ndarray, tx: np.ndarray, rx: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A step of Newton's towards the shortest path, all (M, 3) in the ellipsoids' axes: the new normals and how far they turned."""
+    """A step of Newton's towards the shortest path, all (M, 3) in the ellipsoids' axes: the new normals and how far they
+    rotated."""
     plane = np.linalg.norm(semi_axes_m * normal, axis=-1)
     point = semi_axes_m**2 * normal / plane[:, None]
     tangents = _tangents(normal)
@@ -165,7 +169,7 @@ def _nearer(
     hessian = bend + facing[:, None, None] * curvature
     descent = _solved(hessian, np.einsum("mti,mi->mt", tangents, towards))
     step = np.einsum("mts,ms->mt", curvature, descent)
-    # The normal turns by at most half a radian at once.
+    # The normal rotates by at most half a radian at once.
     step /= np.maximum(1, 2 * np.linalg.norm(step, axis=-1, keepdims=True))
     return unit(normal + np.einsum("mt,mti->mi", step, tangents)), np.abs(step).max(axis=1)
 
@@ -213,7 +217,7 @@ def _centre(
 ) -> tuple[np.ndarray, ...]:
     """As `_specular`, of the centre: path [m] and sqrt(sigma)/(R_tx R_rx) (M,), the paper's eq. 1,
 
-    sigma = pi a^4 c^2/(a^2 sin^2 psi + c^2 cos^2 psi)^2, psi between the long axis (the third) and the bisector of the legs;
+    sigma = pi a^4 c^2/(a^2 sin^2 psi + c^2 cos^2 psi)^2, psi between the long axis (the third) and the bisector of the two paths;
     a^2 is the product of the two short semi-axes.
     """
     to_tx, to_rx = tx_m - centres, rx_m - centres

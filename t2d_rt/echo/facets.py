@@ -14,7 +14,7 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.echo.patches import Patches
 from t2d_rt.echo.phase_integral import SERIES_TERMS, Ops, divided_differences
 from t2d_rt.geometry.vectors import cross, dot
-from t2d_rt.types import EchoArrays, LegPair, Radar
+from t2d_rt.types import EchoArrays, PathPair, Radar
 from t2d_rt.types.radar import one_view
 
 Vector = tuple[Any, ...]
@@ -23,31 +23,31 @@ Vector = tuple[Any, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """The places that a target is seen from, over one pair of legs."""
+    """The places that a target is seen from, over one path pair."""
 
     places_m: list[np.ndarray]
     """Transmitter and receiver or their images, (3,) each, or one place where both stand in it."""
     views_m: list[np.ndarray]
-    """The same as far as shapes of echoes are concerned (`one_view`)."""
+    """The same where only the form of the echoes matters (`one_view`)."""
     frequency_hz: float
     """At mid-sweep."""
     link_amplitude: float
     """sqrt(W) m: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
     delay_s: float = 0.0
-    """Beside that of the distances: of slabs passed."""
+    """Added to that of the distances: delay of slabs on the paths."""
 
     @classmethod
-    def of(cls, radar: Radar, legs: LegPair | None = None) -> Pair:
-        """That of the radar's array centres, or of their images over a pair of legs."""
+    def of(cls, radar: Radar, paths: PathPair | None = None) -> Pair:
+        """That of the radar's array centres, or of their images over a path pair."""
         places = [radar.tx_position_m, radar.rx_position_m]
-        if legs is not None:
-            places = [legs.out.image_m, legs.back.image_m]
+        if paths is not None:
+            places = [paths.out.image_m, paths.back.image_m]
         return cls(
             places_m=places[:1] if np.array_equal(places[0], places[1]) else places,
             views_m=one_view(*places),
             frequency_hz=radar.mid_frequency_hz,
             link_amplitude=radar.link_amplitude,
-            delay_s=0.0 if legs is None else legs.delay_s,
+            delay_s=0.0 if paths is None else paths.delay_s,
         )
 
     def delays(self, at: _Gather, ranges: list[Any]) -> Any:
@@ -60,18 +60,18 @@ THIRDS = [1 / 3, 1 / 3, 1 / 3]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Weights:
-    """What a way through a room makes of amplitudes, known at anchors; each echo takes the mean of a few."""
+    """Factors of a path pair on amplitudes, known at anchors; each echo takes the weighted mean of a few."""
 
     near: Any
     """Numbers of each echo's anchors, flat UInt32 (N, n) on the device."""
-    share: Any
-    """Their shares, flat Float32 (N, n)."""
+    fraction: Any
+    """Weight of each of these, flat Float32 (N, n)."""
     count: int
     """n."""
     values: Any
     """Flat Float32 (anchor, T, 4): factor of the amplitude, and its slope over frequency [1/Hz]."""
     reach: np.ndarray
-    """Which echoes anything gets to, bool (N,)."""
+    """Which echoes the field reaches, bool (N,)."""
 
 
 class Block:
@@ -138,7 +138,7 @@ def patch_echoes(
 
     vertices: flat Float32 (V, T, 4), place [m] relative to origin (T, 3) and visibility in 0..1; centres: flat Float64 (G, T, 3) m,
     whose delay is the patch's. `patches` are some of the G, by their `numbers` (P,), and go to `columns` (P,). Reflection is
-    Gamma of the surface times the share that stays coherent.
+    Gamma of the surface times the fraction that stays coherent.
     """
     at = _Gather(vertices, len(origin), len(patches), backend)
     dr, Float32, UInt32 = at.dr, backend.Float32, backend.UInt32
@@ -156,10 +156,11 @@ def patch_echoes(
         packets = at.packets(at.vertices(columns_of, facet))
         corners = [_minus(packet[:3], centre) for packet in packets]
         normal, doubled_area = _normal(corners, at)
-        sights = [_minus(antenna, _combined(corners, THIRDS)) for antenna in antennas]
-        ranges = [_norm(sight) for sight in sights]
+        lines_of_sight = [_minus(antenna, _combined(corners, THIRDS)) for antenna in antennas]
+        ranges = [_norm(line_of_sight) for line_of_sight in lines_of_sight]
         cosines = [
-            dot(normal, sight) / (doubled_area * distance) for sight, distance in zip(sights, ranges, strict=True)
+            dot(normal, line_of_sight) / (doubled_area * distance)
+            for line_of_sight, distance in zip(lines_of_sight, ranges, strict=True)
         ]
         paths = [sum(_extra_path(corner, antenna) for antenna in antennas) for corner in corners]
         # Half the sum of the cosines is the obliquity, 2 A F the phase integral (eq. 3). One antenna stands for both.
@@ -183,8 +184,8 @@ def patch_echoes(
     wavelength = SPEED_OF_LIGHT / pair.frequency_hz
     scale = Float32(at.constant(pair.link_amplitude * math.sqrt(4 * math.pi) / wavelength))
     # IF = tx conj(rx): the conjugate of the usual -j/lambda Gamma ... e^{-jkR}.
-    turn = -1j * complex(reflection).conjugate()
-    real, imag = (scale * dr.opaque(Float32, float(x)) for x in (turn.real, turn.imag))
+    factor = -1j * complex(reflection).conjugate()
+    real, imag = (scale * dr.opaque(Float32, float(x)) for x in (factor.real, factor.imag))
     per_hz = dr.opaque(Float32, 1 / pair.frequency_hz)
     amplitude = _complex_times(real, imag, total[0], total[1])
     slope = _complex_times(real * per_hz, imag * per_hz, total[2], total[3])
@@ -219,9 +220,11 @@ def diffuse_echoes(
     corners = at.points(index)
     point = _combined(corners, [at.per_item(barycentric[:, i]) for i in range(3)])
     normal, doubled_area = _normal(corners, at)
-    sights = [_minus(at.place(antenna), point) for antenna in pair.places_m]
-    ranges = [_norm(sight) for sight in sights]
-    cosines = [at.dr.maximum(dot(normal, s) / (doubled_area * d), 0) for s, d in zip(sights, ranges, strict=True)]
+    lines_of_sight = [_minus(at.place(antenna), point) for antenna in pair.places_m]
+    ranges = [_norm(line_of_sight) for line_of_sight in lines_of_sight]
+    cosines = [
+        at.dr.maximum(dot(normal, s) / (doubled_area * d), 0) for s, d in zip(lines_of_sight, ranges, strict=True)
+    ]
     root = at.per_item(pair.link_amplitude * 2 * scattered * np.sqrt(area_m2))
     weight = backend.Float32(root * at.dr.sqrt(cosines[0] * cosines[-1]) / (ranges[0] * ranges[-1]))
     if visibility is not None:
@@ -295,11 +298,11 @@ class _Gather:
         for k in range(weights.count):
             place = number * weights.count + k
             anchor = self.dr.gather(self.backend.UInt32, weights.near, place)
-            share = self.dr.gather(self.backend.Float32, weights.share, place)
-            total += share * self.dr.gather(Packet, weights.values, anchor * self.stride + self.frame)
+            fraction = self.dr.gather(self.backend.Float32, weights.fraction, place)
+            total += fraction * self.dr.gather(Packet, weights.values, anchor * self.stride + self.frame)
         changed = _complex_times(*slope, total[0], total[1])
-        turned = _complex_times(*amplitude, total[2], total[3])
-        return _complex_times(*amplitude, total[0], total[1]), (changed[0] + turned[0], changed[1] + turned[1])
+        rotated = _complex_times(*amplitude, total[2], total[3])
+        return _complex_times(*amplitude, total[0], total[1]), (changed[0] + rotated[0], changed[1] + rotated[1])
 
     def constant(self, value: float) -> Any:
         """A number that is data to the kernel, not code."""

@@ -21,21 +21,21 @@ Csr = Any
 """A scipy.sparse matrix."""
 Ends = tuple[np.ndarray, np.ndarray]
 """Places of a transmitter and a receiver, or of their images [m]."""
-TURNS_PER_STEP = 0.5
-"""Greatest change, from one surface frame to the next, of the phase between two facets of a patch [turns]."""
-SWEEP_TURNS = 0.25
-"""Greatest change over the sweep of the phase between two facets of a patch [turns], along each axis."""
-APERTURE_TURNS = 0.05
+CYCLES_PER_STEP = 0.5
+"""Greatest change, from one surface frame to the next, of the phase between two facets of a patch [cycles]."""
+SWEEP_CYCLES = 0.25
+"""Greatest change over the sweep of the phase between two facets of a patch [cycles], along each axis."""
+APERTURE_CYCLES = 0.05
 """Greatest change from an array's centre to its outermost antennas, likewise; -38 dB with 3 x 4 antennas, -24 dB with 12 x 16,
 whose facets alone exceed it (validation/report, arrays)."""
-FAST_SHARE = 0.02
-"""Share of the surface that may turn too fast for its facets before a warning."""
+FAST_FRACTION = 0.02
+"""Fraction of the surface that may rotate too fast for its facets before a warning."""
 MOST_FACETS = 256
 """A power of two: patches are blocks of that many facets, or halves of these, quarters and so on."""
 RANGE_STEP = 1.25
-"""Ratio of the least ranges that are told apart; a body's facets differ by a percent from one to the next."""
+"""Ratio of the least ranges that are distinguished; a body's facets differ by a percent from one to the next."""
 PROBE_RATE_HZ, PROBES = 12.5, 40
-"""How often motion is looked at, and how many moments together (and at least)."""
+"""Rate at which motion is sampled, and the number of instants together (and at least)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,8 +71,8 @@ def patches(
     times_s: np.ndarray,
     *,
     seen_from: Sequence[Ends] | None = None,
-    turns_per_step: float = TURNS_PER_STEP,
-    sweep_turns: float = SWEEP_TURNS,
+    cycles_per_step: float = CYCLES_PER_STEP,
+    sweep_cycles: float = SWEEP_CYCLES,
 ) -> Patches:
     """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough at all times.
 
@@ -86,7 +86,7 @@ def patches(
     filled = np.append(order, np.full(-len(order) % MOST_FACETS, order[-1]))
     first = np.arange(len(filled)) % MOST_FACETS == 0
     # In units of what is allowed: no column may spread by more than 1 over a patch.
-    per_m = 2 * radar.bandwidth_hz / SPEED_OF_LIGHT / sweep_turns
+    per_m = 2 * radar.bandwidth_hz / SPEED_OF_LIGHT / sweep_cycles
     if radar.is_array:
         reach = sum(
             np.linalg.norm(places - centre, axis=1).max()
@@ -96,28 +96,28 @@ def patches(
             )
         )
         range_m = least_range_m(surface, seen_from, times_s)
-        per_m = max(per_m, reach / range_m / radar.wavelength_m / APERTURE_TURNS)
+        per_m = max(per_m, reach / range_m / radar.wavelength_m / APERTURE_CYCLES)
     _cut(first, rest[filled] * per_m)
     rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
-    allowed_mps = radar.wavelength_m * rate_hz * turns_per_step
+    allowed_mps = radar.wavelength_m * rate_hz * cycles_per_step
     centroid = _mean_rows(fine.faces[filled], np.arange(len(filled) + 1), fine.linear).astype(np.float32)
     widest = np.zeros(len(corners))
     for speeds in _path_speeds(surface, seen_from, times_s) if allowed_mps < math.inf else ():
-        turns = speeds / allowed_mps
-        _cut(first, centroid @ turns)
+        cycles = speeds / allowed_mps
+        _cut(first, centroid @ cycles)
         starts = np.append(np.flatnonzero(first[: len(order)]), len(order))
         alone = starts[:-1][np.diff(starts) == 1]
         if len(alone):
-            spread = np.ptp((fine.linear @ turns)[corners[alone]], axis=1).max(axis=1)
+            spread = np.ptp((fine.linear @ cycles)[corners[alone]], axis=1).max(axis=1)
             widest[alone] = np.maximum(widest[alone], spread)
     by_spread = np.argsort(widest)
     spans = (fine.operator @ surface.rest)[corners[by_spread]]
     area = np.cumsum(np.linalg.norm(edge_cross(spans), axis=1))
-    widest_of_most = float(widest[by_spread[np.searchsorted(area, (1 - FAST_SHARE) * area[-1])]])
+    widest_of_most = float(widest[by_spread[np.searchsorted(area, (1 - FAST_FRACTION) * area[-1])]])
     if widest_of_most > 4:
         warnings.warn(
-            f"{surface.name} turns too fast for its facets: phases across {FAST_SHARE:.0%} of them change by more than "
-            f"{widest_of_most * turns_per_step:.2g} turns between frames; raise surface_rate_hz to "
+            f"{surface.name} rotates too fast for its facets: phases across {FAST_FRACTION:.0%} of them change by more than "
+            f"{widest_of_most * cycles_per_step:.2g} cycles between frames; raise surface_rate_hz to "
             f"{rate_hz * widest_of_most:.0f}, or give a finer mesh",
             T2DWarning,
             stacklevel=5,
@@ -139,8 +139,8 @@ def _mean_rows(corners: np.ndarray, starts: np.ndarray, linear: Csr) -> Csr:
     from scipy.sparse import csr_array
 
     sizes = np.diff(starts)
-    share = np.repeat(1 / (3.0 * sizes), 3 * sizes)
-    return csr_array((share, corners.ravel(), 3 * starts), shape=(len(sizes), linear.shape[0])) @ linear
+    fraction = np.repeat(1 / (3.0 * sizes), 3 * sizes)
+    return csr_array((fraction, corners.ravel(), 3 * starts), shape=(len(sizes), linear.shape[0])) @ linear
 
 
 def least_range_m(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.ndarray) -> float:
@@ -176,9 +176,9 @@ def _path_speeds(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.nda
     """Rate of change [m/s] of the unrefined vertices' path from transmitter to receiver, float32 (V, up to PROBES)."""
     step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
     count = max(PROBES, int(PROBE_RATE_HZ * (times_s[-1] - times_s[0])))
-    moments = np.linspace(times_s[0], times_s[-1] - step, count)
+    instants = np.linspace(times_s[0], times_s[-1] - step, count)
     for first in range(0, count, PROBES):
-        for times in blocks(moments[first : first + PROBES], 2 * len(surface.rest)):
+        for times in blocks(instants[first : first + PROBES], 2 * len(surface.rest)):
             vertices = surface.at(np.concatenate([times, times + step]))
             for tx, rx in seen_from:
                 before, after = np.split(ranges_m(vertices, tx) + ranges_m(vertices, rx), 2)
@@ -187,8 +187,8 @@ def _path_speeds(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.nda
 
 def ranges_m(vertices: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Distances (K, V) of vertices (K, V, 3) from one place."""
-    sight = vertices - place
-    return np.sqrt(np.einsum("kvi,kvi->kv", sight, sight))
+    line_of_sight = vertices - place
+    return np.sqrt(np.einsum("kvi,kvi->kv", line_of_sight, line_of_sight))
 
 
 def _morton(points: np.ndarray) -> np.ndarray:

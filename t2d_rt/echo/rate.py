@@ -1,4 +1,4 @@
-"""How often a moving shape must be looked at for its delays' splines and facets' amplitudes to hold (docs/physics.md, eq. 22)."""
+"""Surface rate at which the splines of a moving target's delays and facets' amplitudes hold (docs/physics.md, eq. 22)."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 
 TOLERANCE_DB = -38.0
 """What the splines may add to the field's error unless something else is asked for."""
-TURN_RAD = 0.1
-"""By how much a mesh's edges may turn between frames, root mean square, for the cubics of facets' amplitudes: a fan's moving
+ROTATION_RAD = 0.1
+"""Greatest rotation of a mesh's edges between frames, root mean square, for the cubics of facets' amplitudes: a fan's moving
 field errs by -23.6 dB at 0.1 rad, by -18 dB at 0.2 (validation/report, movers). A walker's delays ask for more than that."""
 DB_PER_OCTAVE = 6.0
-"""What half of that turn gains, by the same figures."""
+"""What half of that rotation gains, by the same figures."""
 LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 10_000.0, 5.0
 PROBE_RATE_HZ, FINER = 240.0, 4.0
-"""How often motion is looked at, unless the record is shorter than a look; by how much more often what needs a higher rate."""
+"""Rate at which motion is sampled, unless the record is shorter than such a short record; factor on it for faster motion."""
 PROBE_FRAMES = 12
-"""Frames of one look, five of which make a fourth difference."""
-LOOKS_PER_S, LEAST_LOOKS, MOST_LOOKS = 3, 4, 40
+"""Frames of one short record, five of which make a fourth difference."""
+RECORDS_PER_S, LEAST_RECORDS, MOST_RECORDS = 3, 4, 40
 
 
 def needed_rate_hz(
-    shape: MovingMesh | Ellipsoids, radar: Radar, start_s: float, stop_s: float, tolerance_db: float = TOLERANCE_DB
+    geometry: MovingMesh | Ellipsoids, radar: Radar, start_s: float, stop_s: float, tolerance_db: float = TOLERANCE_DB
 ) -> float:
-    """Rate of surface frames [Hz] between two times, from the fourth derivative of the shape's paths.
+    """Rate of surface frames [Hz] between two times, from the fourth derivative of its points' paths.
 
     A cubic spline of frames h apart misses x(t) by 16 u^2 (1 - u)^2 h^4 x''''/384 within an interval; the square of that has the
     mean 0.406.
     """
     probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / (stop_s - start_s))
-    needed = _needed(shape, radar, start_s, stop_s, probe_hz, tolerance_db)
+    needed = _needed(geometry, radar, start_s, stop_s, probe_hz, tolerance_db)
     while probe_hz < needed < MOST_HZ:
         probe_hz *= FINER
-        needed = _needed(shape, radar, start_s, stop_s, probe_hz, tolerance_db)
+        needed = _needed(geometry, radar, start_s, stop_s, probe_hz, tolerance_db)
     return float(np.clip(math.ceil(needed / STEP_HZ) * STEP_HZ, LEAST_HZ, MOST_HZ))
 
 
 def _needed(
-    shape: MovingMesh | Ellipsoids,
+    geometry: MovingMesh | Ellipsoids,
     radar: Radar,
     start_s: float,
     stop_s: float,
@@ -51,40 +51,40 @@ def _needed(
 ) -> float:
     step = 1 / probe_hz
     length = (PROBE_FRAMES - 1) * step
-    looks = int(np.clip(LOOKS_PER_S * (stop_s - start_s), LEAST_LOOKS, MOST_LOOKS))
-    begin = np.linspace(start_s, stop_s - length, looks)
-    count = len(shape.rest if isinstance(shape, MovingMesh) else shape.semi_axes_m)
+    records = int(np.clip(RECORDS_PER_S * (stop_s - start_s), LEAST_RECORDS, MOST_RECORDS))
+    begin = np.linspace(start_s, stop_s - length, records)
+    count = len(geometry.rest if isinstance(geometry, MovingMesh) else geometry.semi_axes_m)
     some = list(blocks(begin, PROBE_FRAMES * count))
-    phase, turned = _mean([_mean_squares(shape, radar, each, step) for each in some], [len(each) for each in some])
+    phase, rotation = _mean([_mean_squares(geometry, radar, each, step) for each in some], [len(each) for each in some])
     for_delays = float((0.406 * phase / 10 ** (tolerance_db / 10)) ** 0.125)
-    if not isinstance(shape, MovingMesh):
+    if not isinstance(geometry, MovingMesh):
         return for_delays
-    turn_rad = TURN_RAD * 2 ** ((tolerance_db - TOLERANCE_DB) / DB_PER_OCTAVE)
-    return max(for_delays, math.sqrt(turned) / step / turn_rad)
+    rotation_rad = ROTATION_RAD * 2 ** ((tolerance_db - TOLERANCE_DB) / DB_PER_OCTAVE)
+    return max(for_delays, math.sqrt(rotation) / step / rotation_rad)
 
 
 def _mean_squares(
-    shape: MovingMesh | Ellipsoids, radar: Radar, begin_s: np.ndarray, step_s: float
+    geometry: MovingMesh | Ellipsoids, radar: Radar, begin_s: np.ndarray, step_s: float
 ) -> tuple[float, float]:
     """Mean squares over short records that begin at `begin_s`: of what a spline misses of the phases,
-    for frames one second apart [rad], and of the angles by which edges turn from frame to frame [rad]."""
+    for frames one second apart [rad], and of the angles by which edges rotate from frame to frame [rad]."""
     times = (begin_s[:, None] + step_s * np.arange(PROBE_FRAMES)).ravel()
-    points = shape.at(times) if isinstance(shape, MovingMesh) else shape.at(times)[0]
+    points = geometry.at(times) if isinstance(geometry, MovingMesh) else geometry.at(times)[0]
     paths = sum(np.linalg.norm(points - place, axis=2) for place in (radar.tx_position_m, radar.rx_position_m))
     fourth = np.diff(np.reshape(paths, (len(begin_s), PROBE_FRAMES, -1)), n=4, axis=1) / step_s**4
     rad_per_m = 2 * math.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT
     phase = np.mean((rad_per_m * fourth / 384) ** 2)
-    if not isinstance(shape, MovingMesh):
+    if not isinstance(geometry, MovingMesh):
         return float(phase), 0.0
 
     def squares(faces: np.ndarray) -> tuple[float, float]:
         edges = points[:, faces[:, 1]] - points[:, faces[:, 0]]
-        turned = np.diff(edges.reshape(len(begin_s), PROBE_FRAMES, -1, 3), axis=1)
-        return float(np.mean(turned**2)), float(np.mean(edges**2))
+        rotation = np.diff(edges.reshape(len(begin_s), PROBE_FRAMES, -1, 3), axis=1)
+        return float(np.mean(rotation**2)), float(np.mean(edges**2))
 
-    some = list(blocks(shape.faces, len(times)))
-    turned, edges = _mean([squares(each) for each in some], [len(each) for each in some])
-    return float(phase), turned / edges
+    some = list(blocks(geometry.faces, len(times)))
+    rotation, edges = _mean([squares(each) for each in some], [len(each) for each in some])
+    return float(phase), rotation / edges
 
 
 def _mean(values: list[tuple[float, float]], counts: list[int]) -> tuple[float, float]:

@@ -1,14 +1,14 @@
 """Surfaces as arrays: refinement on one fixed curved surface, points spread over it, what lies inside."""
 
-from t2d_rt.geometry.halved import Halved
 from t2d_rt.geometry.refine import Refinement, curvature, refine, refinements
 from t2d_rt.geometry.subdivide import Subdivision, crease_corners, sharp_edges, subdivide, topology
+from t2d_rt.geometry.subdivided import SubdividedMesh
 from t2d_rt.geometry.surface_points import SurfacePoints, hash_uniform, point_spacing, surface_points
 from t2d_rt.geometry.winding import winding
 
 __all__ = [
-    "Halved",
     "Refinement",
+    "SubdividedMesh",
     "Subdivision",
     "SurfacePoints",
     "crease_corners",

@@ -3,12 +3,12 @@
 Every fine vertex is a vertex of a uniform butterfly level (`subdivide`), so all refinements of a mesh sample one and
 the same curved surface, and fine vertices at any time are `operator @ coarse vertices`.
 
-A facet is refined while its phase sagitta, at its centroid, exceeds the bar s. It is the mean of its edges'
+A facet is refined while its phase sagitta, at its centroid, exceeds the limit s. It is the mean of its edges'
 
     q = 2 k L^2 (|kappa| + 1/R) / 6
 
 L an edge's length, kappa the normal curvature along it, R the range (for an equilateral facet on a sphere q is the same
-on all edges); the edges with q > s are the ones split, so facets grow long where the surface is bent one way only.
+on all edges); the edges with q > s are the ones split, so facets grow long where the surface is bent in one direction only.
 kappa = 8 d / L^2 comes from the distance d of the edge's next midpoint from its chord: curvature is measured on the
 surface that is sampled, at the scale of the edge, and needs no estimate from the coarse mesh.
 """
@@ -56,7 +56,7 @@ class Refinement:
 class _Level:
     """The part of a uniform butterfly level that is built, and what is split of it. `ids` count over all levels.
 
-    While levels are built for B bars together, `split` and `red` have one row for each.
+    While levels are built for B limits together, `split` and `red` have one row for each.
     """
 
     mesh: Topology
@@ -69,7 +69,7 @@ class _Level:
     points: np.ndarray
     """Rest positions, (V, 3)."""
     scale: np.ndarray
-    """Per vertex: 1/R, and 2 k / (6 s) for each bar, (V, 1 + B)."""
+    """Per vertex: 1/R, and 2 k / (6 s) for each limit, (V, 1 + B)."""
     middle: Csr
     """Butterfly midpoints, (E, V); rows are empty until they are asked for (`_complete`)."""
     split: np.ndarray
@@ -94,7 +94,7 @@ def refine(
 ) -> Refinement:
     """Refine a mesh (V, 3), (F, 3) until facets have a phase sagitta of at most `sagitta_rad`.
 
-    `wavenumber` k = 2 pi / lambda [rad/m]; `range_m` the least range R and `sagitta_rad` the bar s, each one number or
+    `wavenumber` k = 2 pi / lambda [rad/m]; `range_m` the least range R and `sagitta_rad` the limit s, each one number or
     one per vertex (V,). `crease_deg` as in `MovingMesh`. `max_edge_m` bounds edges whatever their phase, where
     something else varies over the surface. `displace` moves vertices outward so that facets lie on the surface in the
     mean.
@@ -118,7 +118,7 @@ def refinements(
     displace: bool = True,
     max_faces: int = 2_000_000,
 ) -> list[Refinement]:
-    """What `refine` gives for each bar alone; most of the work is the surface itself, which all of them share."""
+    """What `refine` gives for each limit alone; most of the work is the surface itself, which is the same for all of them."""
     rest, faces = np.asarray(rest, dtype=np.float64), np.asarray(faces)
     scale = _scale(rest, wavenumber, range_m, sagittas_rad, max_edge_m)
     levels, steps, linear_steps = _build_levels(rest, faces, scale, crease_deg, max_edge_m, max_faces)
@@ -128,7 +128,7 @@ def refinements(
 
 
 def _refined(levels: list[_Level], rest: np.ndarray, operator: Csr, linear: Csr, displace: bool) -> Refinement:
-    """The refinement for one bar, from what it marked in the levels and the matrices of all their vertices."""
+    """The refinement for one limit, from what it marked in the levels and the matrices of all their vertices."""
     _grade(levels)
     parts = [_leaves(level, finer) for level, finer in zip(levels, _tree_masks(levels), strict=True)]
     corners_ids = np.concatenate([part.faces for part in parts])
@@ -156,17 +156,20 @@ def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> 
 def _scale(
     rest: np.ndarray, wavenumber: float, range_m: object, sagittas_rad: Sequence[object], max_edge_m: float
 ) -> np.ndarray:
-    """Columns 1/R and, for each bar, 2 k / (6 s) per vertex, (V, 1 + B)."""
+    """Columns 1/R and, for each limit, 2 k / (6 s) per vertex, (V, 1 + B)."""
     if rest.ndim != 2 or rest.shape[1] != 3 or not np.isfinite(rest).all():
         raise InputError(f"rest must hold finite positions of shape (vertex, 3), got shape {rest.shape}")
     for name, value in (
-        ("wavenumber", wavenumber), ("range_m", range_m), *(("sagitta_rad", bar) for bar in sagittas_rad),
+        ("wavenumber", wavenumber), ("range_m", range_m), *(("sagitta_rad", limit) for limit in sagittas_rad),
         ("max_edge_m", max_edge_m),
     ):  # fmt: skip
         array = np.asarray(value, dtype=np.float64)
         if array.shape not in ((), (len(rest),)) or not (array > 0).all():
             raise InputError(f"{name} must be positive, one number or one per vertex ({len(rest)},), got {value}")
-    columns = 1 / np.asarray(range_m, float), *(2 * wavenumber / (6 * np.asarray(bar, float)) for bar in sagittas_rad)
+    columns = (
+        1 / np.asarray(range_m, float),
+        *(2 * wavenumber / (6 * np.asarray(limit, float)) for limit in sagittas_rad),
+    )
     return np.stack([np.broadcast_to(column, (len(rest),)) for column in columns], axis=1)
 
 
@@ -207,16 +210,16 @@ def _level(
     mesh: Topology, corners: np.ndarray, ids: np.ndarray, crease: np.ndarray, parent: np.ndarray, base: np.ndarray,
     points: np.ndarray, scale: np.ndarray, wanted: np.ndarray, max_edge_m: float,
 ) -> _Level:  # fmt: skip
-    """A level with the midpoints of the faces `wanted` for any bar, (B, F), and what these ask for."""
+    """A level with the midpoints of the faces `wanted` for any limit, (B, F), and what these ask for."""
     asked = np.any(wanted, axis=0)
     middle = midpoints(mesh, corners, points, _edges_of(mesh, asked))
     a, b = (points.take(mesh.edges[:, j], axis=0) for j in range(2))
     depth = _depth(mesh, middle @ points - (a + b) / 2, points, asked)
     length2 = ((b - a) ** 2).sum(axis=1)
-    nearness, *bars = scale[mesh.edges].mean(axis=1).T
+    nearness, *limits = scale[mesh.edges].mean(axis=1).T
     marks = [
-        _mark(mesh, bar * (8 * depth + length2 * nearness), length2, faces, max_edge_m)
-        for bar, faces in zip(bars, wanted, strict=True)
+        _mark(mesh, limit * (8 * depth + length2 * nearness), length2, faces, max_edge_m)
+        for limit, faces in zip(limits, wanted, strict=True)
     ]
     split, red = (np.stack(each) for each in zip(*marks, strict=True))
     return _Level(mesh, corners, ids, crease, parent, base, points, scale, middle, split, red)
@@ -225,7 +228,7 @@ def _level(
 def _mark(
     mesh: Topology, sagitta: np.ndarray, length2: np.ndarray, wanted: np.ndarray, max_edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Edges to be split (E,) and faces to be quartered (F,) for what is `wanted`; `sagitta` in units of the bar."""
+    """Edges to be split (E,) and faces to be quartered (F,) for what is `wanted`; `sagitta` in units of the limit."""
     facet = sagitta[mesh.face_edges].mean(axis=1)
     split = _edges_of(mesh, wanted & (facet > 1)) & (sagitta > 1) | _edges_of(mesh, wanted) & (length2 > max_edge_m**2)
     far = _edges_of(mesh, wanted) & (length2 > 4 * max_edge_m**2)
@@ -243,7 +246,7 @@ def _complete(level: _Level, needed: np.ndarray) -> None:
 def _depth(mesh: Topology, offset: np.ndarray, points: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Depth (E,) of offsets (E, 3) along the normals of the faces beside each edge: drift within the surface is no curvature.
 
-    Only edges of `wanted` faces are looked at, the others' depth is 0.
+    Only edges of `wanted` faces are evaluated, the others' depth is 0.
     """
     edges = _edges_of(mesh, wanted)
     faces = _any(edges[mesh.face_edges])
@@ -406,7 +409,7 @@ def _leaves(level: _Level, tree: np.ndarray) -> _Leaves:
 
 
 def _depth_weights(codes: np.ndarray) -> np.ndarray:
-    """Mean depth of a triangle in a parent face, as shares of the parent edges' midpoint offsets o01, o12, o20, (3,).
+    """Mean depth of a triangle in a parent face, as fractions of the parent edges' midpoint offsets o01, o12, o20, (3,).
 
     On a quadratic surface the offset of a chord with barycentric difference d is -sum_{i<j} d_i d_j o_ij, and a
     triangle lies below the surface by a third of the sum of its own three offsets (the mean of l_i l_j is 1/12).
@@ -434,8 +437,8 @@ def _displacement(
             made = level.middle_ids[level.crease]
             crease[made[made >= 0]] = True
     area = np.linalg.norm(edge_cross(points[fine]), axis=1)
-    around = np.bincount(fine.ravel(), weights=np.repeat(area, 3), minlength=len(used))
-    share = np.where(crease[used], 0.0, 1 / np.maximum(around, 1e-300))
+    area_of_vertex = np.bincount(fine.ravel(), weights=np.repeat(area, 3), minlength=len(used))
+    weight = np.where(crease[used], 0.0, 1 / np.maximum(area_of_vertex, 1e-300))
     move = sparse.csr_matrix((len(used), total))
     stops = np.cumsum([len(part.faces) for part in parts])
     for level, part, stop in zip(levels, parts, stops, strict=True):
@@ -446,13 +449,13 @@ def _displacement(
         )
         corners = fine[mine].ravel()
         mean = sparse.csr_matrix(
-            (share[corners] * np.repeat(area[mine], 3), (corners, np.repeat(np.arange(count), 3))),
+            (weight[corners] * np.repeat(area[mine], 3), (corners, np.repeat(np.arange(count), 3))),
             shape=(len(used), count),
         )
         edges = np.zeros(len(level.mesh.edges), bool)
         edges[part.edges] = True
         _complete(level, edges)
         move = move + _columns(mean @ depth @ (level.middle - _chords(level.mesh)), level.ids, total)
-    # sums follow the order of storage, and what one bar gives must not depend on others by as much as a bit
+    # sums follow the order of storage, and what one limit gives must not depend on others by as much as a bit
     move.sort_indices()
     return move

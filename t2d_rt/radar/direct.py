@@ -15,7 +15,7 @@ FRAMES_AROUND = 12
 def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray, *, every: int = 1, antenna: int = 0) -> np.ndarray:
     """ADC samples (len(chirps), sample) complex128 of one antenna of the cube's given rows; `every` n-th sample of each.
 
-    s(t) = sum A(f) exp(j 2 pi (f_c tau + S tau t - S tau^2/2)), tau and A at the moment of each sample, f = f_c + S t.
+    s(t) = sum A(f) exp(j 2 pi (f_c tau + S tau t - S tau^2/2)), tau and A at the instant of each sample, f = f_c + S t.
     """
     starts = radar.chirp_times_s(float(echoes.times_s[-1] - echoes.times_s[0]))[chirps]
     receivers, samples = len(radar.rx_offsets_m), np.arange(0, radar.samples, every)
@@ -46,9 +46,9 @@ def chirp_samples(
                 t = sample / radar.sample_rate_hz
                 frequency = radar.carrier_hz + radar.slope_hz_per_s * t
                 tau = start + (end - start) * (t / radar.sample_times_s[-1])
-                turns = frequency * tau - 0.5 * radar.slope_hz_per_s * tau**2
+                cycles = frequency * tau - 0.5 * radar.slope_hz_per_s * tau**2
                 whole = value + per_hz * (frequency - radar.mid_frequency_hz)
-                out[k, number] += factor * np.sum(whole * np.exp(2j * np.pi * (turns % 1.0)))
+                out[k, number] += factor * np.sum(whole * np.exp(2j * np.pi * (cycles % 1.0)))
     return out
 
 
@@ -114,8 +114,8 @@ def _pair(echoes: Echoes, radar: Radar, starts: np.ndarray, tx: int, rx: int, sa
             tau = at(delay_s, tau_slopes)
             frequency = radar.carrier_hz + radar.slope_hz_per_s * t
             amplitude = at(echoes.amplitude, a_slopes) + at(slopes, s_slopes) * (frequency - radar.mid_frequency_hz)
-            turns = frequency * tau - 0.5 * radar.slope_hz_per_s * tau**2
-            cube[row, sample] = np.sum(amplitude * np.exp(2j * np.pi * (turns % 1.0)))
+            cycles = frequency * tau - 0.5 * radar.slope_hz_per_s * tau**2
+            cube[row, sample] = np.sum(amplitude * np.exp(2j * np.pi * (cycles % 1.0)))
     return cube
 
 

@@ -22,9 +22,9 @@ MOST_BINS = 3.0
 BUCKET_BINS = 3.0
 """Width of a bucket of groups."""
 WIDE = 0.25
-"""Share of what the smallest groups may span from which the outermost antennas of an array count too."""
+"""Fraction of what the smallest groups may span from which the outermost antennas of an array count too."""
 PROBE_EVERY = 4
-"""Frames between looks at how echoes part."""
+"""Frames between samples of the echoes' phase rates and delays."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,18 +56,18 @@ class Level:
 
 
 def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: Sequence[Delay] = ()) -> list[Level]:
-    """Levels worth having for moments that come `rate` times per frame interval, none where summing echo by echo is less work.
+    """Levels that save work for instants that come `rate` times per frame interval, none where summing echo by echo is less work.
 
     `extras`: what is added to the delays [s] and their slopes, each (n + 3, L), at the outermost antennas of an array.
     """
     rates = [first for limit_db, first in FIRST_RATES if tolerance >= 10 ** (limit_db / 20) * (1 - 1e-9)]
     if not rates:
         return []
-    allowed = _turns_per_step(tolerance)
-    turns, bins = _features(window, sweep, extras, (WIDE * allowed * rates[0], WIDE * FIRST_BINS))
+    allowed = _cycles_per_step(tolerance)
+    cycles, bins = _features(window, sweep, extras, (WIDE * allowed * rates[0], WIDE * FIRST_BINS))
     found: list[Level] = []
     samples, width = rates[0], FIRST_BINS
-    low = high = np.concatenate([turns, bins], axis=1)
+    low = high = np.concatenate([cycles, bins], axis=1)
     here, delay, slope = len(low), window.delay, window.delay_slope
     work, spent = [here * rate * WORK_ECHO], 0.0
     while samples <= rate:
@@ -75,7 +75,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
         spent += here * samples * (WORK_NODE * points if found else WORK_ECHO)
         if spent >= min(work):
             break
-        limits = np.repeat(np.array([allowed * samples, width], np.float32), [turns.shape[1], bins.shape[1]])
+        limits = np.repeat(np.array([allowed * samples, width], np.float32), [cycles.shape[1], bins.shape[1]])
         scaled = low / limits
         group = _grouped(scaled, scaled if low is high else high / limits)
         mean = _mean(group)
@@ -97,8 +97,8 @@ def bucket_nodes(width: float, tolerance: float) -> int:
     return nodes_for(math.pi * (BUCKET_BINS / 2 + 0.8 * width), tolerance)
 
 
-def _turns_per_step(tolerance: float) -> float:
-    """Greatest difference of the phase steps within a group [turns per sample].
+def _cycles_per_step(tolerance: float) -> float:
+    """Greatest difference of the phase steps within a group [cycles per sample].
 
     A cubic at the midpoint of four samples misses a phasor of step w by (3/128) w^4, of w uniform in -pi p..pi p by (pi p)^4/3
     of that in the mean square. That is the last step, at the chirps; the levels' midpoints are those of quintics and leave less.
@@ -109,22 +109,22 @@ def _turns_per_step(tolerance: float) -> float:
 def _features(
     window: Window, sweep: Sweep, extras: Sequence[Delay], wide: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What tells echoes apart, at a few moments of the window: phase rates [turns per frame] and delays that the beat shows [bins],
-    float32 (L, probes); the same at outermost antennas for which either differs by more than `wide` from echo to echo."""
+    """What distinguishes echoes, at a few instants of the window: phase rates [cycles per frame] and delays that the beat shows
+    [bins], float32 (L, probes); the same at outermost antennas for which either differs by more than `wide` from echo to echo."""
     last = len(window.delay) - 1
-    moments = np.unique(np.linspace(0, last, 2 + last // PROBE_EVERY).astype(int))
-    rates = window.delay_slope[moments].T
-    # Delays at all of these moments too: limbs that pass each other at some are a metre apart at others.
-    shown = window.delay[moments].T + rates * (sweep.coupling_s / window.step_s)
+    instants = np.unique(np.linspace(0, last, 2 + last // PROBE_EVERY).astype(int))
+    rates = window.delay_slope[instants].T
+    # Delays at all of these instants too: limbs that pass each other at some are a metre apart at others.
+    shown = window.delay[instants].T + rates * (sweep.coupling_s / window.step_s)
     # Relative to the first echo: float32 would round absolute delays.
-    turns, bins = (rates - rates[:1]) * sweep.mid_hz, (shown - shown[:1]) / sweep.bin_s
-    found = [(turns, bins)]
+    cycles, bins = (rates - rates[:1]) * sweep.mid_hz, (shown - shown[:1]) / sweep.bin_s
+    found = [(cycles, bins)]
     for more, slope in extras:
-        more_turns, more_bins = slope[moments].T * sweep.mid_hz, more[moments].T / sweep.bin_s
-        if np.ptp(more_turns, axis=0).max() > wide[0] or np.ptp(more_bins, axis=0).max() > wide[1]:
-            found.append((turns + more_turns, bins + more_bins))
-    turns, bins = (np.concatenate(each, axis=1).astype(np.float32) for each in zip(*found, strict=True))
-    return turns, bins
+        more_cycles, more_bins = slope[instants].T * sweep.mid_hz, more[instants].T / sweep.bin_s
+        if np.ptp(more_cycles, axis=0).max() > wide[0] or np.ptp(more_bins, axis=0).max() > wide[1]:
+            found.append((cycles + more_cycles, bins + more_bins))
+    cycles, bins = (np.concatenate(each, axis=1).astype(np.float32) for each in zip(*found, strict=True))
+    return cycles, bins
 
 
 def _grouped(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -168,8 +168,8 @@ def _mean(group: np.ndarray) -> Any:
     """Sparse (N, K): values of items times this are the means of their groups."""
     from scipy.sparse import csr_array
 
-    share = 1 / np.bincount(group)
-    return csr_array((share[group], group, np.arange(len(group) + 1)), shape=(len(group), len(share)))
+    weight = 1 / np.bincount(group)
+    return csr_array((weight[group], group, np.arange(len(group) + 1)), shape=(len(group), len(weight)))
 
 
 def _hulls(group: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

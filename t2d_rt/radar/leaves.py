@@ -11,12 +11,12 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.radar.array_delays import ArrayDelays, extra_length
+from t2d_rt.radar.coefficients import Members, References, amplitudes, phases
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
-from t2d_rt.radar.moments import Members, References, amplitudes, phases
-from t2d_rt.radar.phasors import rotated, sin_cos, turned
+from t2d_rt.radar.phasors import rotated, sin_cos, times_phasor
 from t2d_rt.radar.sweep import Sweep, nodes
-from t2d_rt.radar.ways import Ways, longer
 from t2d_rt.radar.windows import Window
 
 
@@ -40,7 +40,7 @@ class Leaves:
     """Tables of `amplitudes`."""
     phase: tuple[Any, Any]
     """Tables of `phases`, relative to the groups."""
-    ends: tuple[Ways, ...] = ()
+    ends: tuple[ArrayDelays, ...] = ()
     """Transmitters and receivers, each pair of which is to have groups of its own."""
 
 
@@ -65,13 +65,13 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
     """Factors of the first level's groups, those of one pair of antennas after those of another, straight from the echoes.
 
     One kernel: its lanes are (group, frame interval), its loop runs over the group's echoes, of which a lane reads each once for
-    all moments and all pairs. Every level takes two samples before and three after: an interval before the window, and a little
+    all instants and all pairs. Every level takes two samples before and three after: an interval before the window, and a little
     more than one after it, where the last lanes go on with the last interval's cubics.
     """
     import drjit as dr
 
     Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
-    members, groups, intervals = leaves.members, leaves.members.collectors, len(window.delay) - 1
+    members, groups, intervals = leaves.members, leaves.members.bins, len(window.delay) - 1
     lane = dr.arange(UInt32, groups * (intervals + 1))
     per_group = dr.opaque(UInt32, intervals + 1)
     group = lane // per_group
@@ -82,21 +82,21 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
     starts = UInt32(members.starts.astype(np.uint32))
     echoes = UInt32(members.members.astype(np.uint32))
     width = dr.opaque(UInt32, intervals)
-    per_turn, per_rate, _ = (dr.opaque(Float32, value) for value in sweep.per_turn(window.step_s))
+    per_cycle, per_rate, _ = (dr.opaque(Float32, value) for value in sweep.per_cycle(window.step_s))
     x = [float(v) for v in nodes(level.nodes)[::2]]
     pairs = math.prod(len(end) for end in leaves.ends)
-    ends = [_Longer(end, group, interval, sweep, window, backend) for end in leaves.ends if end.table is not None]
+    ends = [_ExtraPhases(end, group, interval, sweep, window, backend) for end in leaves.ends if end.table is not None]
 
     def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         echo = dr.gather(UInt32, echoes, i)
         member = echo * width + interval
         parts = [dr.gather(Packet, values, member) for values in leaves.fields]
-        turns, theta = dr.gather(Packet, leaves.phase[0], member), dr.gather(Float32, leaves.phase[1], member)
-        of_pairs = [(turns, theta)] * pairs
+        cycles, theta = dr.gather(Packet, leaves.phase[0], member), dr.gather(Float32, leaves.phase[1], member)
+        of_pairs = [(cycles, theta)] * pairs
         if ends:
-            out, back = (end.turns(echo) for end in ends)
+            out, back = (end.cycles(echo) for end in ends)
             more = [Packet([a + b for a, b in zip(*pair, strict=True)]) for pair in itertools.product(out, back)]
-            of_pairs = [(turns + each, theta + each[0] * per_turn) for each in more]
+            of_pairs = [(cycles + each, theta + each[0] * per_cycle) for each in more]
         out = []
         for k in range(level.rate):
             u = beyond + k / level.rate
@@ -113,7 +113,7 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
                 phase = cubic[0] + travelled
                 sin, cos = sin_cos(phase)
                 out += rotated(
-                    turned(at_nodes, sin, cos), start + travelled * per_turn + rate * per_rate, x, small=True
+                    times_phasor(at_nodes, sin, cos), start + travelled * per_cycle + rate * per_rate, x, small=True
                 )
         return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
 
@@ -134,43 +134,46 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
     return Factors(values, (intervals + 1) * level.rate, -level.rate)
 
 
-class _Longer:
-    """By how much the phases of the leaves' echoes are longer from each antenna of an array's end, counted from their groups'."""
+class _ExtraPhases:
+    """Extra phases of the leaves' echoes from each antenna of an array's end, relative to those of their groups."""
 
-    def __init__(self, ways: Ways, group: Any, interval: Any, sweep: Sweep, window: Window, backend: Backend) -> None:
+    def __init__(
+        self, delays: ArrayDelays, group: Any, interval: Any, sweep: Sweep, window: Window, backend: Backend
+    ) -> None:
         import drjit as dr
 
         Float32, self.packet = backend.Float32, backend.arrays.Array4f
         frames = len(window.delay)
-        self.table: Any = ways.table
+        self.table: Any = delays.table
         self.interval = interval
         self.frames = dr.opaque(backend.UInt32, frames)
         self.centre, *self.offsets = (
-            [dr.opaque(Float32, float(x)) for x in place] for place in (ways.end.centre_m, *ways.end.offsets_m)
+            [dr.opaque(Float32, float(x)) for x in place] for place in (delays.end.centre_m, *delays.end.offsets_m)
         )
-        # The residual video phase of the way's part, -S tau e, with the window's mean delay: within a group it hardly differs.
+        # The residual video phase of the extra delay, -S tau e, with the window's mean delay: within a group it hardly differs.
         mid_hz = sweep.mid_hz - sweep.slope * float(window.delay.mean())
         self.per_metre = dr.opaque(Float32, mid_hz / SPEED_OF_LIGHT)
         self.groups = []
-        for delay, slope in (levels[0] for levels in ways.groups):
+        for delay, slope in (levels[0] for levels in delays.groups):
             own = Float32(
                 (np.stack([delay, slope], axis=-1).swapaxes(0, 1) * SPEED_OF_LIGHT).astype(np.float32).ravel()
             )
             place = (group * self.frames + interval) * 2
             self.groups.append([dr.gather(Float32, own, place + k) for k in range(4)])
 
-    def turns(self, echo: Any) -> list[list[Any]]:
-        """Cubics of the phase [turns] of each antenna."""
+    def cycles(self, echo: Any) -> list[list[Any]]:
+        """Cubics of the phase [cycles] of each antenna."""
         import drjit as dr
 
         place = echo * self.frames + self.interval
         points, steps = ([dr.gather(self.packet, values, place + k) for k in (0, 1)] for values in self.table)
-        sights = [[point[axis] - self.centre[axis] for axis in range(3)] for point in points]
+        lines_of_sight = [[point[axis] - self.centre[axis] for axis in range(3)] for point in points]
         found = []
         for offset, own in zip(self.offsets, self.groups, strict=True):
-            (way, slope), (later, slope_later) = (
-                longer(sight, step, offset, dr.sqrt) for sight, step in zip(sights, steps, strict=True)
+            (extra, slope), (later, slope_later) = (
+                extra_length(line_of_sight, step, offset, dr.sqrt)
+                for line_of_sight, step in zip(lines_of_sight, steps, strict=True)
             )
-            relative = way - own[0], later - own[2], slope - own[1], slope_later - own[3]
+            relative = extra - own[0], later - own[2], slope - own[1], slope_later - own[3]
             found.append(list(hermite(*(value * self.per_metre for value in relative))))
         return found

@@ -1,8 +1,8 @@
 """Groups of echoes merged level by level, each level at twice the rate of the one before (docs/physics.md, eq. 21).
 
 A group returns its members' sum as a factor beside its own delay, the mean of theirs, at a few nodes of the sweep. The factor
-turns slowly, so it is sampled at a rate far below the chirps'; a larger group turns faster and is sampled faster. What a group may
-hold follows from how fast its members' phases part and how far their delays lie apart.
+varies slowly, so it is sampled at a rate far below the chirps'; that of a larger group varies faster and is sampled faster. What
+a group may hold follows from how fast its members' phases part and how far their delays lie apart.
 """
 
 from __future__ import annotations
@@ -15,17 +15,19 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import Backend
+from t2d_rt.radar.array_delays import ArrayDelays
+from t2d_rt.radar.coefficients import Members
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.leaves import Factors, Leaves, smallest
-from t2d_rt.radar.moments import Members
-from t2d_rt.radar.phasors import read, rotated, sin_cos, spread_to, turned
+from t2d_rt.radar.phasors import read, rotated, sin_cos, spread_to, times_phasor
 from t2d_rt.radar.sweep import Sweep, nodes
-from t2d_rt.radar.ways import Ways
 from t2d_rt.radar.windows import Window
 
 
-def at_antennas(tree: list[Level], leaves: Leaves, send: Ways, receive: Ways) -> tuple[list[Level], Leaves]:
+def at_antennas(
+    tree: list[Level], leaves: Leaves, send: ArrayDelays, receive: ArrayDelays
+) -> tuple[list[Level], Leaves]:
     """Levels and leaves of all pairs of antennas: groups of the first transmitter with the first receiver, with the second, ..."""
     many, below = [], 0
     pairs = list(itertools.product(send.groups, receive.groups))
@@ -59,16 +61,16 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     bounds = UInt32(np.append(0, np.cumsum(np.bincount(level.group))).astype(np.uint32))
     steps = inner.samples - 5
     places = _places(inner, below)
-    interval, moment = UInt32(places[0].astype(np.uint32)), Float32(places[1].astype(np.float32))
+    interval, instant = UInt32(places[0].astype(np.uint32)), Float32(places[1].astype(np.float32))
     lane = dr.arange(UInt32, len(level) * steps)
     width = dr.opaque(UInt32, steps)
     group = lane // width
     index = lane - group * width
     row = dr.gather(UInt32, interval, index) * dr.opaque(UInt32, len(below))
-    start = dr.gather(Float32, moment, index)
+    start = dr.gather(Float32, instant, index)
     u = start, start + dr.opaque(Float32, 0.5 / below.rate)
     samples = dr.opaque(UInt32, inner.samples)
-    per_turn, per_rate, _ = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
+    per_cycle, per_rate, _ = (dr.opaque(Float32, value) for value in sweep.per_cycle(step_s))
     spread = spread_to(below.nodes, level.nodes)
     x = [float(v) for v in nodes(level.nodes)[::2]]
 
@@ -82,10 +84,10 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
         ]
         out = []
         for time, values in zip(u, (frames[2], middle), strict=True):
-            turns = cubic[0] + time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
+            cycles = cubic[0] + time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
             rate = cubic[1] + time * (2 * cubic[2] + time * (3 * cubic[3]))
-            sin, cos = sin_cos(turns)
-            out += rotated(spread(turned(values, sin, cos)), turns * per_turn + rate * per_rate, x)
+            sin, cos = sin_cos(cycles)
+            out += rotated(spread(times_phasor(values, sin, cos)), cycles * per_cycle + rate * per_rate, x)
         return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
 
     zeros = [dr.zeros(Float32, dr.width(lane)) for _ in range(4 * level.nodes)]
@@ -110,7 +112,7 @@ def _places(inner: Factors, below: Level) -> tuple[np.ndarray, np.ndarray]:
     return interval, place / below.rate - (interval - 1)
 
 
-def at_moments(
+def at_instants(
     inner: Factors,
     first: int,
     level: Level,
@@ -123,20 +125,20 @@ def at_moments(
     sweep: Sweep,
     backend: Backend,
 ) -> np.ndarray:
-    """Fields of buckets at `count` nodes of the sweep, complex64 (moment, bucket, node), from groups' factors.
+    """Fields of buckets at `count` nodes of the sweep, complex64 (instant, bucket, node), from groups' factors.
 
     The factors of `level`'s groups are those of `inner` from `first` on. `members` says which groups stand in which bucket when,
-    `phase` holds the tables of `phases` for the groups, `centres` the buckets' theta, `position` the moments [frames after the
+    `phase` holds the tables of `phases` for the groups, `centres` the buckets' theta, `position` the instants [frames after the
     window's start], ascending.
     """
     import drjit as dr
 
     Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
-    buckets = members.collectors
+    buckets = members.bins
     slot = members.slot(position)
     row = slot * buckets + np.arange(buckets)[:, None]
-    bucket, moment = np.nonzero(members.starts[row + 1] > members.starts[row])
-    row = row[bucket, moment]
+    bucket, instant = np.nonzero(members.starts[row + 1] > members.starts[row])
+    row = row[bucket, instant]
     place = position * level.rate - inner.first
     sample = np.clip(np.floor(place).astype(np.int64), 1, inner.samples - 3)
     p = place - sample
@@ -145,21 +147,21 @@ def at_moments(
         [-p * (p - 1) * (p - 2) / 6, (p + 1) * (p - 1) * (p - 2) / 2, -(p + 1) * p * (p - 2) / 2, (p + 1) * p * (p - 1) / 6], axis=1
     )  # fmt: skip
 
-    def per_moment(values: np.ndarray, kind: Any) -> Any:
-        return dr.gather(kind, backend.lanes(values, kind), lane_moment)
+    def per_instant(values: np.ndarray, kind: Any) -> Any:
+        return dr.gather(kind, backend.lanes(values, kind), lane_instant)
 
-    lane_moment = backend.lanes(moment)
+    lane_instant = backend.lanes(instant)
     begin, end = backend.lanes(members.starts[row]), backend.lanes(members.starts[row + 1])
     interval = slot // members.slots_per_interval
     intervals = dr.opaque(UInt32, len(level.delay) - 1)
-    interval_of_lane = per_moment(interval, UInt32)
-    u = per_moment(position + 1 - interval, Float32)
-    index = per_moment(sample - 1, UInt32)
-    weight = dr.gather(Packet, Float32(weights.astype(np.float32).ravel()), lane_moment)
+    interval_of_lane = per_instant(interval, UInt32)
+    u = per_instant(position + 1 - interval, Float32)
+    index = per_instant(sample - 1, UInt32)
+    weight = dr.gather(Packet, Float32(weights.astype(np.float32).ravel()), lane_instant)
     centre = backend.lanes(centres[bucket], Float32)
     table = backend.lanes(members.members)
     samples, skipped = dr.opaque(UInt32, inner.samples), dr.opaque(UInt32, first)
-    per_turn, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
+    per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_cycle(step_s))
     spread = spread_to(level.nodes, count)
     x = [float(v) for v in nodes(count)[::2]]
 
@@ -172,10 +174,10 @@ def at_moments(
         values = [sum(w * v for w, v in zip(weight, parts, strict=True)) for parts in zip(*frames, strict=True)]
         travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
         rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
-        turns = cubic[0] + travelled
-        sin, cos = sin_cos(turns)
-        theta = theta + travelled * per_turn + rate * per_rate
-        out = rotated(spread(turned(values, sin, cos)), theta, x, bend=rate * eps_per_rate)
+        cycles = cubic[0] + travelled
+        sin, cos = sin_cos(cycles)
+        theta = theta + travelled * per_cycle + rate * per_rate
+        out = rotated(spread(times_phasor(values, sin, cos)), theta, x, bend=rate * eps_per_rate)
         return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
 
     zeros = [dr.zeros(Float32, dr.width(begin)) for _ in range(2 * count)]
@@ -183,15 +185,15 @@ def at_moments(
         state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
     )
     out = dr.zeros(Float32, len(position) * buckets * 2 * count)
-    dr.scatter(out, backend.arrays.ArrayXf(sums), backend.lanes(moment * buckets + bucket))
+    dr.scatter(out, backend.arrays.ArrayXf(sums), backend.lanes(instant * buckets + bucket))
     return np.asarray(out.numpy()).view(np.complex64).reshape(len(position), buckets, count)
 
 
 def _relative(below: Level, level: Level, sweep: Sweep) -> np.ndarray:
-    """Phase of each group against its parent's [turns], cubics in the frame step, float32 (n + 2, K, 4)."""
+    """Phase of each group against its parent's [cycles], cubics in the frame step, float32 (n + 2, K, 4)."""
     above, above_slope = level.delay[:, level.group], level.delay_slope[:, level.group]
-    turns = (sweep.mid_hz - 0.5 * sweep.slope * (below.delay + above)) * (below.delay - above)
+    cycles = (sweep.mid_hz - 0.5 * sweep.slope * (below.delay + above)) * (below.delay - above)
     rate = (sweep.mid_hz - sweep.slope * below.delay) * below.delay_slope - (
         sweep.mid_hz - sweep.slope * above
     ) * above_slope
-    return np.stack(hermite(turns[:-1], turns[1:], rate[:-1], rate[1:]), axis=-1).astype(np.float32)
+    return np.stack(hermite(cycles[:-1], cycles[1:], rate[:-1], rate[1:]), axis=-1).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Complex numbers on the device, as real and imaginary parts in turn, and what turns them."""
+"""Complex numbers on the device, as alternating real and imaginary parts, and their products with phasors."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 from t2d_rt.radar.sweep import interpolation, nodes
 
 
-def sin_cos(turns: Any, *, within_half: bool = False) -> tuple[Any, Any]:
-    """Sine and cosine of 2 pi `turns`, each to 6e-7; twice as fast as those of the library, which have to reduce any angle.
+def sin_cos(cycles: Any, *, within_half: bool = False) -> tuple[Any, Any]:
+    """Sine and cosine of 2 pi `cycles`, each to 6e-7; twice as fast as those of the library, which have to reduce any angle.
 
-    `within_half`: |turns| <= 1/2 is known.
+    `within_half`: |cycles| <= 1/2 is known.
     """
     import drjit as dr
 
-    rest = turns if within_half else turns - dr.round(turns)
+    rest = cycles if within_half else cycles - dr.round(cycles)
     square = rest * rest
     sine, cosine = _polynomials()
     return rest * _horner(sine, square), _horner(cosine, square)
@@ -53,8 +53,8 @@ def read(values: Any, sample: Any, count: int, packet: Any) -> list[Any]:
     return [part for k in range(count // 2) for part in dr.gather(packet, values, base + k)]
 
 
-def turned(values: list[Any], sin: Any, cos: Any) -> list[Any]:
-    """Complex numbers, as real and imaginary parts in turn, times exp(j phase)."""
+def times_phasor(values: list[Any], sin: Any, cos: Any) -> list[Any]:
+    """Complex numbers, as alternating real and imaginary parts, times exp(j phase)."""
     out = []
     for real, imag in zip(values[::2], values[1::2], strict=True):
         out += [real * cos - imag * sin, real * sin + imag * cos]

@@ -43,8 +43,8 @@ class Sweep:
         """What a rate of delay adds to the delay that the beat shows [s]: f_mid / S."""
         return self.mid_hz / self.slope
 
-    def per_turn(self, step_s: float) -> tuple[float, float, float]:
-        """What phase gives: theta per turn at mid-sweep; theta and eps per turn per frame, frames being `step_s` apart."""
+    def per_cycle(self, step_s: float) -> tuple[float, float, float]:
+        """Conversion of phase: theta per cycle at mid-sweep; theta and eps per cycle per frame, frames being `step_s` apart."""
         return (
             self.theta_per_s / self.mid_hz,
             self.theta_per_s / (self.slope * step_s),

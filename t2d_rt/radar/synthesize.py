@@ -27,12 +27,12 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, new_cube
 from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget
+from t2d_rt.radar.array_delays import array_delays, ends
+from t2d_rt.radar.coefficients import TERMS, Members, amplitudes, chebyshev_coefficients, phases
 from t2d_rt.radar.groups import BUCKET_BINS, Level, bucket_nodes, levels
 from t2d_rt.radar.leaves import Factors, leaves
-from t2d_rt.radar.moments import TERMS, Members, amplitudes, moments, phases
-from t2d_rt.radar.multilevel import at_antennas, at_moments, factors
+from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
 from t2d_rt.radar.sweep import Sweep, chebyshev, interpolation
-from t2d_rt.radar.ways import ends, ways
 from t2d_rt.radar.windows import Delay, Window, windows
 from t2d_rt.types import Echoes, EchoStream, Radar, stream
 
@@ -45,7 +45,7 @@ MOST_SLOTS = 1000
 """Buckets that an echo may cross in a frame interval."""
 MANY_SLOTS = 16
 """Where a frame interval has more slots than this, those that hold no chirp are left out."""
-MOST_MOMENTS, FEWER_MOMENTS, MANY_ECHOES = 20_000, 2_500, 50_000
+MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
 """Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames. Fewer beside many
 echoes, which take memory themselves."""
 BASIS_NUMBERS = 8_000_000
@@ -72,7 +72,7 @@ def synthesize(
     Motion within a chirp is included. The direct sum of the same echoes (`direct.direct_sum`) is met within `tolerance_db` of NMSE.
     `read_frames` is about how many frames of echoes are held at once, by default as many as fit a fixed amount of memory; it does
     not change the result. `onto`: a cube of the same shape that the samples are added to and that is returned. `memory`: what
-    may be taken; unused memory is given back between windows. `progress` is called with the share done, 0..1.
+    may be taken; unused memory is given back between windows. `progress` is called with the fraction done, 0..1.
     """
     from threadpoolctl import threadpool_limits
 
@@ -132,7 +132,7 @@ def _filling(out: np.ndarray, sums: Iterator[_Sum], radar: Radar, rows: slice) -
         out[:] = 0
     for tx, rx, chirps, spectra in sums:
         if ddm:
-            yield partial(spectra.add_turned, out[chirps, rx], phase[chirps, tx, None])
+            yield partial(spectra.add_rotated, out[chirps, rx], phase[chirps, tx, None])
         else:
             yield partial(spectra.to_samples, out[chirps, tx * receivers + rx])
 
@@ -144,20 +144,20 @@ def _sums(
     rate = len(position) / (window.stop - window.start)
     both = ends(window, radar)
     outermost = (end.some(which).extra_delays() for end, which in zip(both, np.transpose(radar.outermost), strict=True))
-    more = [] if window.sights is None else [_both(*pair) for pair in zip(*outermost, strict=True)]
+    more = [] if window.apparent is None else [_both(*pair) for pair in zip(*outermost, strict=True)]
     tree = levels(window, sweep, rate, tolerance, more) if window.delay.size else []
-    moments = [position] * len(radar.tx_positions_m)
+    instants = [position] * len(radar.tx_positions_m)
     if radar.multiplexing == "tdm":
-        moments = [position + tx / radar.prf_hz / window.step_s for tx in range(len(moments))]
+        instants = [position + tx / radar.prf_hz / window.step_s for tx in range(len(instants))]
     if not tree:
         for (tx, out), (rx, back) in itertools.product(*(enumerate(end.extra_delays()) for end in both)):
             extra, slope = _both(out, back)
             here = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + slope)
             for chirps in _chirp_blocks(len(position), window):
-                yield tx, rx, chirps, _sum_echoes(here, moments[tx][chirps], sweep, backend)
+                yield tx, rx, chirps, _sum_echoes(here, instants[tx][chirps], sweep, backend)
         return
     own = leaves(window, tree[0], sweep, backend)
-    send, receive = ways(both, [level.mean for level in tree], backend)
+    send, receive = array_delays(both, [level.mean for level in tree], backend)
     at_once = max(1, MOST_SUMS // (RECEIVERS * 2 * tree[0].nodes * tree[0].rate))
     for some_tx, some_rx in itertools.product(_batches(len(send), at_once), _batches(len(receive), RECEIVERS)):
         deep, own_here = at_antennas(tree, own, send.some(some_tx), receive.some(some_rx))
@@ -166,13 +166,13 @@ def _sums(
             top = deep[-1].part(number, len(some_tx))
             for chirps in _chirp_blocks(len(position), window):
                 found = _sum_groups(
-                    top, inner, number * len(top), len(some_rx), moments[tx][chirps], window.step_s, sweep, tolerance, backend
+                    top, inner, number * len(top), len(some_rx), instants[tx][chirps], window.step_s, sweep, tolerance, backend
                 )  # fmt: skip
                 yield from ((tx, rx, chirps, spectra) for rx, spectra in zip(some_rx, found, strict=True))
 
 
 def _chirp_blocks(count: int, window: Window) -> list[slice]:
-    size = FEWER_MOMENTS if window.delay.shape[1] > MANY_ECHOES else MOST_MOMENTS
+    size = FEWER_INSTANTS if window.delay.shape[1] > MANY_ECHOES else MOST_INSTANTS
     return [slice(first, first + size) for first in range(0, count, size)]
 
 
@@ -217,7 +217,7 @@ class _Spectra:
             columns = part[:, used].reshape(len(part), -1)
             np.matmul(columns, basis[used].reshape(-1, basis.shape[2]), out=out[start : start + PRODUCT_CHIRPS])
 
-    def add_turned(self, out: np.ndarray, phase: np.ndarray) -> None:
+    def add_rotated(self, out: np.ndarray, phase: np.ndarray) -> None:
         """Adds the samples times `phase` (chirp, 1) to `out` (chirp, sample)."""
         samples = np.empty(out.shape, out.dtype)
         self.to_samples(samples)
@@ -226,7 +226,7 @@ class _Spectra:
 
 def _sum_echoes(window: Window, position: np.ndarray, sweep: Sweep, backend: Backend) -> _Spectra:
     """Chirps at `position` [frames after window.start], echo by echo."""
-    # An antenna's turn may come a little after the window's end.
+    # An antenna's time slot may come a little after the window's end.
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
     weights = chebyshev(TERMS, sweep.x)
@@ -237,7 +237,9 @@ def _sum_echoes(window: Window, position: np.ndarray, sweep: Sweep, backend: Bac
     )
     table = phases(window.delay, window.delay_slope, sweep, None, buckets.origin_s, backend)
     fields = amplitudes(window, sweep, backend)
-    terms = moments(buckets.members, table, fields, buckets.centres, position, window.step_s, sweep, backend)
+    terms = chebyshev_coefficients(
+        buckets.members, table, fields, buckets.centres, position, window.step_s, sweep, backend
+    )
     return _Spectra(terms.transpose(1, 0, 2), weights, buckets.theta(sweep), sweep.x)
 
 
@@ -261,7 +263,7 @@ def _sum_groups(
     )
     table = phases(top.delay, top.delay_slope, sweep, None, buckets.origin_s, backend)
     count = bucket_nodes(top.bins, tolerance)
-    fields = at_moments(
+    fields = at_instants(
         inner, first, top, buckets.members, table, buckets.centres, position, step_s, count, sweep, backend
     )
     theta, weights = buckets.theta(sweep), interpolation(count, sweep.x).T

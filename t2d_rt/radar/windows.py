@@ -28,20 +28,20 @@ Delay = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True)
-class Sights:
-    """Where echoes seem to stand, float32 (3, n + 3, L)."""
+class ApparentPositions:
+    """Apparent positions of echoes, float32 (3, n + 3, L)."""
 
     points_m: np.ndarray
     steps_m: np.ndarray
     """How that changes [m per frame]."""
 
-    def mean(self, mean: Any) -> Sights:
+    def mean(self, mean: Any) -> ApparentPositions:
         """Of groups: `mean` is sparse, (L, K)."""
         points, steps = (
             (values.reshape(-1, values.shape[-1]) @ mean).reshape(*values.shape[:2], -1)
             for values in (self.points_m, self.steps_m)
         )
-        return Sights(points, steps)
+        return ApparentPositions(points, steps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Window:
     """Slope over frequency, likewise."""
     lit: tuple[np.ndarray, np.ndarray]
     """(interval, echo) of all echoes that are not dark in an interval, whose frames are four of the amplitude's."""
-    sights: tuple[Sights, Sights] | None
+    apparent: tuple[ApparentPositions, ApparentPositions] | None
     """For transmitters and for receivers."""
 
 
@@ -125,19 +125,19 @@ def _window(
             values, slope = np.concatenate([values, values[-1:] + slope[-1:]]), np.concatenate([slope, slope[-1:]])
         return values, slope
 
-    def sights_of(points: np.ndarray) -> Sights:
+    def apparent_of(points: np.ndarray) -> ApparentPositions:
         values, steps = zip(*(framed(points[..., axis]) for axis in range(3)), strict=True)
-        return Sights(np.stack(values), np.stack(steps))
+        return ApparentPositions(np.stack(values), np.stack(steps))
 
     keep = slice(max(0, start - 1) - low, min(total, stop + 2) - low)
     amplitude = with_ends(1)
     lit = amplitude != 0
     delay, delay_slope = framed(taken(0, low, high))
-    sample, sights = held[0][1], None
+    sample, apparent = held[0][1], None
     if sample.departure_m is not None and sample.arrival_m is not None:
         same = all(part.departure_m is part.arrival_m for _, part in held)
-        seen = [sights_of(taken(3, low, high))]
-        sights = seen[0], seen[0] if same else sights_of(taken(4, low, high))
+        positions = [apparent_of(taken(3, low, high))]
+        apparent = positions[0], positions[0] if same else apparent_of(taken(4, low, high))
     return Window(
         start=start,
         stop=stop,
@@ -147,7 +147,7 @@ def _window(
         amplitude=amplitude,
         sweep=None if sample.slope is None else with_ends(2),
         lit=np.nonzero(lit[:-3] | lit[1:-2] | lit[2:-1] | lit[3:]),  # type: ignore[arg-type]
-        sights=sights,
+        apparent=apparent,
     )
 
 

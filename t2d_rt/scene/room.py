@@ -71,7 +71,7 @@ class Piece(Fields):
     z_m: Coordinate = 0.0
     """Of its middle, and of the floor it stands on [m]."""
     heading_deg: Number = 0.0
-    """Where it looks: 0 is +x, 90 is +y."""
+    """Direction that it faces: 0 is +x, 90 is +y."""
 
 
 class Room(Fields):
@@ -198,7 +198,7 @@ def furniture_kinds() -> list[str]:
 
 
 def furniture(kind: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Vertices (V, 3) m and faces (F, 3) of each material of a piece, which stands on z = 0 and looks along +x."""
+    """Vertices (V, 3) m and faces (F, 3) of each material of a piece, which stands on z = 0 and faces +x."""
     if kind not in furniture_kinds():
         raise InputError(f"unknown furniture {shown(kind)}; choose one of {', '.join(furniture_kinds())}")
     found = {}

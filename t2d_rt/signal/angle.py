@@ -31,8 +31,8 @@ def array_spectrum(
 ) -> ArraySpectrum:
     """Range-Doppler spectrum of every virtual antenna, all chirps of the cube as one coherent interval.
 
-    A steady target of power P reads |X|^2 = P in its peak cell. `mti="mean"` takes the still echoes away.
-    `compensate_tdm` takes back the phase that a mover gathers until transmitter m's turn has come, 2 pi f_D m / PRF,
+    A steady target of power P reads |X|^2 = P in its peak cell. `mti="mean"` removes static echoes.
+    `compensate_tdm` takes back the phase that a mover gathers until the time slot of transmitter m, 2 pi f_D m / PRF,
     with the Doppler frequency of each row (physics.md, eq. 18); right for all speeds within `radar.max_speed_mps`.
     """
     from scipy import fft
@@ -48,8 +48,8 @@ def array_spectrum(
     spectra = fft.fft(cells, axis=0, overwrite_x=True, workers=-1)
     if compensate_tdm and radar.multiplexing == "tdm":
         doppler_hz = np.fft.fftfreq(chirps, radar.loop_interval_s)
-        turn = np.exp(-2j * np.pi * np.outer(doppler_hz, radar.antenna_delays_s))
-        spectra *= turn.astype(spectra.dtype)[:, :, None]
+        phasor = np.exp(-2j * np.pi * np.outer(doppler_hz, radar.antenna_delays_s))
+        spectra *= phasor.astype(spectra.dtype)[:, :, None]
     return ArraySpectrum(
         spectrum=ascending(spectra), velocity_mps=radar.speed_axis_mps(chirps), range_m=radar.range_axis_m()
     )
@@ -82,15 +82,15 @@ def steering_vectors(radar: Radar, directions: np.ndarray, range_m: np.ndarray |
         range_m = array("range_m", range_m, limit=LARGEST_M, unit="m")
         if range_m.shape not in ((), directions.shape[:-1]):
             raise InputError(f"range_m must be one range or of shape {directions.shape[:-1]}, got {range_m.shape}")
-    legs = []
+    ends = []
     for offsets in (np.array(radar.tx_offsets_m), np.array(radar.rx_offsets_m)):
         if range_m is None:
             excess = -(directions @ offsets.T)
         else:
             distance = np.asarray(range_m, dtype=float)[..., None]
             excess = np.linalg.norm((distance * directions)[..., None, :] - offsets, axis=-1) - distance
-        legs.append(np.exp(2j * np.pi / radar.wavelength_m * excess))
-    return (legs[0][..., :, None] * legs[1][..., None, :]).reshape(
+        ends.append(np.exp(2j * np.pi / radar.wavelength_m * excess))
+    return (ends[0][..., :, None] * ends[1][..., None, :]).reshape(
         *directions.shape[:-1], len(radar.tx_offsets_m) * len(radar.rx_offsets_m)
     )
 
@@ -114,11 +114,11 @@ def range_angle(
     Every Doppler row is steered, powers are added over the rows and divided by the window's noise bandwidth: a target
     of power P reads P at its peak (on a range bin; up to 1.4 dB less between two) whatever its speed.
 
-    azimuth_rad: directions to look in, positive to the left; by default -pi/2..pi/2, four or more to a beamwidth.
+    azimuth_rad: directions of the beams, positive to the left; by default -pi/2..pi/2, four or more to a beamwidth.
     elevation_rad: of all of them.
-    range_gate_m: nearest and farthest range to look at.
+    range_gate_m: nearest and farthest range of the map.
     speed_gate_mps: least and greatest speed whose rows are added, positive approaching; all by default.
-    mti: "mean" takes the still echoes away.
+    mti: "mean" removes static echoes.
     compensate_tdm: see `array_spectrum`.
     far_field: plane waves instead of beams focused at each bin's range.
     """

@@ -12,7 +12,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.signal.range import taper
 
 RANK = 0.75
-"""Which of the ordered training cells OS-CFAR takes, as a share of their number."""
+"""Which of the ordered training cells OS-CFAR takes, as a fraction of their number."""
 MOST_LOOKS, MOST_CELLS = 100_000, 2_000
 """Antennas and training cells that a threshold is computed for."""
 
@@ -32,7 +32,7 @@ def cfar(
     Returns the noise power, (velocity, range), the detections `power > factor * noise`, likewise, and the factor.
 
     power: mean (or sum) over `looks` antennas of |spectrum|^2.
-    false_alarm_rate: share of the cells with nothing but noise that are detected.
+    false_alarm_rate: fraction of the cells with nothing but noise that are detected.
     method: "ca", the mean of the training cells, or "os", their 75 % order statistic, which other targets among them
         disturb less.
     guard_cells, training_cells: along velocity and range, on either side of the cell. Both axes are circular, as those

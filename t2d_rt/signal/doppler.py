@@ -167,8 +167,8 @@ def range_doppler(
     if correct_coupling:
         # The Doppler shift of the beat during a chirp, taken back on the samples of each row: no interpolation.
         doppler_hz = fft.fftfreq(chirps, radar.loop_interval_s)
-        turn = np.exp(-2j * np.pi * np.outer(doppler_hz, radar.sample_times_s)).astype(cube.dtype)
-        spectra *= turn.reshape(chirps, *[1] * (cube.ndim - 2), -1)
+        phasor = np.exp(-2j * np.pi * np.outer(doppler_hz, radar.sample_times_s)).astype(cube.dtype)
+        spectra *= phasor.reshape(chirps, *[1] * (cube.ndim - 2), -1)
     spectra = fft.fft(spectra * taper(range_window, radar.samples).astype(real), axis=-1, overwrite_x=True, workers=-1)
     with np.errstate(over="ignore"):
         power = spectra.real**2 + spectra.imag**2
@@ -202,10 +202,10 @@ def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_
     columns = np.ascontiguousarray(weights.astype(cells.real.dtype)[:, None])
     power = np.zeros((len(starts), n_fft), dtype=cells.real.dtype)
 
-    def run(share: np.ndarray) -> None:
+    def run(chunk: np.ndarray) -> None:
         for first in range(0, cells.shape[1], CELLS):
             some = cells[:, first : first + CELLS]
-            for index in share:
+            for index in chunk:
                 window = some[starts[index] : starts[index] + len(weights)]
                 weighted = np.multiply(window, columns, order="C")  # whatever the layout of what the user gave
                 spectra = fft.fft(weighted, n_fft, axis=0, overwrite_x=True)

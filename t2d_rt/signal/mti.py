@@ -1,4 +1,4 @@
-"""Slow time: moving-target indication, which takes the still echoes away."""
+"""Slow time: moving-target indication, which removes static echoes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def mti(
     - "mean": minus the mean over the record. A null of the width of one over the duration; movers lose nothing.
     - "highpass": Butterworth of `order` at `cutoff_hz`, run forwards and backwards (no delay; 6 dB down at the
       cut-off). The widest null. Text2Doppler's code runs order 4 at 0.00375 PRF, forwards only. Needs `prf_hz`.
-    - "canceller": FIR `kernel`, centred, ends held. The default 1 -2 3 -2 1 is the paper's and does *not* cancel still
+    - "canceller": FIR `kernel`, centred, ends held. The default 1 -2 3 -2 1 is the paper's and does *not* cancel static
       echoes: its response is (1 - 2 cos w)^2, w = 2 pi f_D/PRF, that is 0 dB at zero Doppler, nulls at +-PRF/6, 19 dB
       (a factor of 9) at +-PRF/2. Kernels whose sum is zero cancel: (1, -2, 1) is the three-pulse canceller, (1, -4, 6,
       -4, 1) the five-pulse one.
@@ -79,7 +79,7 @@ def _convolve(profile: np.ndarray, kernel: Sequence[float]) -> np.ndarray:
     if taps.ndim != 1 or not 1 <= len(taps) <= len(profile):
         raise InputError(f"kernel must be 1 to {len(profile)} finite numbers, got {shown(kernel)}")
     before = (len(taps) - 1) // 2
-    # Held ends: with zeros outside, a still echo would click at both.
+    # Held ends: with zeros outside, a static echo would click at both.
     ends = [(before, len(taps) - 1 - before)] + [(0, 0)] * (profile.ndim - 1)
     padded = np.pad(profile, ends, mode="edge")
     filtered = np.zeros_like(profile)

@@ -39,7 +39,7 @@ def point_cloud(
 ) -> PointCloud:
     """Detections of a cube (chirp, antenna, sample), frame by frame: range, direction, speed, SNR.
 
-    Each frame is one coherent interval: still echoes removed (`mti="mean"`, or "none"), range-Doppler spectra, their
+    Each frame is one coherent interval: static echoes removed (`mti="mean"`, or "none"), range-Doppler spectra, their
     powers averaged over the antennas, CFAR (see `cfar`), local maxima, and for each of these the direction in which
     the array's beam, focused at its range, is strongest. One point for each cell of range and speed: two targets that
     differ in direction alone give one. Range and speed are those of a parabola through the peak; ranges are not
@@ -145,8 +145,8 @@ def _between(power: np.ndarray, row: np.ndarray, column: np.ndarray, *, axis: in
     """Where a peak lies between cells along an axis, -1/2..1/2 of a cell: a parabola through the levels in dB."""
     step = (1, 0) if axis == 0 else (0, 1)
     rows, columns = power.shape
-    around = [power[(row + k * step[0]) % rows, (column + k * step[1]) % columns] for k in (-1, 0, 1)]
-    return np.clip(_vertex(*np.log(np.maximum(around, around[1] * 1e-12))), -0.5, 0.5)
+    neighbours = [power[(row + k * step[0]) % rows, (column + k * step[1]) % columns] for k in (-1, 0, 1)]
+    return np.clip(_vertex(*np.log(np.maximum(neighbours, neighbours[1] * 1e-12))), -0.5, 0.5)
 
 
 def _vertex(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> np.ndarray:

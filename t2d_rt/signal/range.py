@@ -23,7 +23,7 @@ def taper(name: str, length: int, *, periodic: bool = False) -> np.ndarray:
     """Window divided by its sum, so that a tone of amplitude A reads A in its peak bin, float64 (length,).
 
     `name` is scipy's ("hann", "boxcar", "blackmanharris", ...). Symmetric for fast time: its centre, the phase centre
-    of the range bins, is exactly mid-sweep. Periodic for slow time: still echoes, on a bin there, leak into no Doppler
+    of the range bins, is exactly mid-sweep. Periodic for slow time: static echoes, on a bin there, leak into no Doppler
     bin beyond the main lobe (a symmetric Hann window of 256 leaks -66 dB). Its centre is sample length/2.
     """
     from scipy.signal import get_window

@@ -1,4 +1,4 @@
-"""Static clutter: ways from antenna to antenna over what stands still, and what bodies let pass (docs/physics.md, eq. 26)."""
+"""Static clutter: paths from antenna to antenna over the static scene, and their occlusion by bodies (docs/physics.md, eq. 26)."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 
 from t2d_rt.backend import Backend, aligned
 from t2d_rt.trace.fresnel import bundle, disc
-from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.materials import resolved
 from t2d_rt.trace.mirrors import Mirrors, sphere
 from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
+from t2d_rt.trace.paths import find_paths
 from t2d_rt.trace.slabs import slab
 from t2d_rt.trace.surroundings import polarization
 from t2d_rt.trace.visibility import FACES_PER_SCENE, faded, side_by_side
-from t2d_rt.types import Ellipsoids, Leg, Material, MovingMesh, Radar, Scene, StaticPath
+from t2d_rt.types import Ellipsoids, Material, MovingMesh, OneWayPath, Radar, Scene, StaticPath
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
-"""Where transmitter and receiver are one, ways over a corner meet its very edge. Which of them exist, and how they are polarised
-straight up and down, is asked this far beside: of the orders in which a corner's walls are met just one is left there."""
+"""Where transmitter and receiver are one, paths over a corner meet its very edge. Which of them exist, and how they are polarised
+straight up and down, is evaluated this far beside: of the orders in which a corner's walls are met just one is left there."""
 DIRECTIONS = 4_000
 """Points of rough surfaces lie where as many rays from the transmitters meet them."""
 RAYS, PIECES = 32, 4
@@ -32,7 +32,7 @@ POINT_RAYS, POINT_PIECES = 4, 1
 def static_paths(mirrors: Mirrors, radar: Radar, *, order: int) -> list[StaticPath]:
     """Specular paths over 1 to `order` mirrors; the line of sight between the antennas is leakage, not clutter."""
     frequency_hz, receivers = radar.mid_frequency_hz, radar.rx_position_m
-    legs = find_legs(
+    paths = find_paths(
         mirrors,
         radar.tx_position_m,
         polarization(radar, radar.tx_polarization_deg),
@@ -41,22 +41,22 @@ def static_paths(mirrors: Mirrors, radar: Radar, *, order: int) -> list[StaticPa
         probes_m=(receivers + ASIDE_M)[None],
     )
     across = polarization(radar, radar.rx_polarization_deg)
-    return [_path(leg, receivers, across) for leg in legs if leg.order]
+    return [_path(path, receivers, across) for path in paths if path.order]
 
 
-def _path(leg: Leg, receivers: np.ndarray, across: np.ndarray) -> StaticPath:
+def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray) -> StaticPath:
     beside = receivers + ASIDE_M
-    stops = leg.way(beside)
+    stops = path.vertices(beside)
     ahead = stops[-1] - stops[-2]
     ahead /= np.linalg.norm(ahead)
     taken = across - (ahead @ across) * ahead
     taken /= np.maximum(np.linalg.norm(taken), 1e-12)
     return StaticPath(
-        chain=leg.chain,
+        chain=path.chain,
         stops_m=stops,
-        departure_m=leg.unfolded(receivers),
-        arrival_m=leg.image_m,
-        coefficients=lambda frequencies_hz: leg.field(beside, frequencies_hz) @ taken,
+        departure_m=path.unfolded(receivers),
+        arrival_m=path.image_m,
+        coefficients=lambda frequencies_hz: path.field(beside, frequencies_hz) @ taken,
     )
 
 
@@ -71,9 +71,9 @@ def roughened(scene: Scene, scattering_coefficient: float, frequency_hz: float) 
 
 
 def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray]:
-    """Points of rough surfaces that transmitters and receivers see, (Q, 3) m, and their RCS (Q,) m^2 (docs/physics.md, eq. 9).
+    """Points of rough surfaces visible to transmitters and receivers, (Q, 3) m, and their RCS (Q,) m^2 (docs/physics.md, eq. 9).
 
-    Each stands for as much of the surface as the transmitters see in an equal share of all directions.
+    Each stands for as much of the surface as the transmitters see in an equal fraction of all directions.
     """
     tx, rx = radar.tx_position_m, radar.rx_position_m
     direction = sphere(DIRECTIONS)
@@ -85,7 +85,7 @@ def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray
     cosine = np.einsum("qi,qi->q", direction, normal)
     back = rx - points
     cosine_back = -np.sign(cosine) * np.einsum("qi,qi->q", back, normal) / np.linalg.norm(back, axis=1)
-    # Of the area Omega R^2 / cos_i only Omega R^2 is seen.
+    # The projected area of Omega R^2 / cos_i is Omega R^2.
     rcs = 4 * (4 * np.pi / DIRECTIONS) * distance**2 * np.maximum(cosine_back, 0)
     of = np.array([each.surface for each in mirrors.each])[mirror]
     for number, surface in enumerate(mirrors.scene.surfaces):
@@ -93,92 +93,93 @@ def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray
         material = resolved(surface.material, radar.mid_frequency_hz)
         slabs = slab(material, surface.thickness_m, np.abs(cosine[mine]), radar.mid_frequency_hz)
         rcs[mine] *= material.scattering_coefficient**2 * np.mean(np.abs(slabs[:2]) ** 2, axis=0)
-    seen = rcs > 0
-    seen[seen] = mirrors.free(rx, points[seen])
-    return points[seen], rcs[seen]
+    visible = rcs > 0
+    visible[visible] = mirrors.free(rx, points[visible])
+    return points[visible], rcs[visible]
 
 
 class Shadows:
-    """What bodies let pass of ways: the free share of the first Fresnel zone, traced now and then (docs/physics.md, eq. 27)."""
+    """Occlusion of static paths by bodies: the free fraction of the first Fresnel zone at sample times (docs/physics.md, eq.
+    27)."""
 
     def __init__(
         self,
-        shapes: Sequence[MovingMesh | Ellipsoids],
-        ways_m: Sequence[np.ndarray],
+        geometries: Sequence[MovingMesh | Ellipsoids],
+        paths_m: Sequence[np.ndarray],
         wavelength_m: float,
         *,
         rays: int = RAYS,
         pieces: int = PIECES,
-        keys_s: np.ndarray,
+        samples_s: np.ndarray,
         backend: Backend,
     ) -> None:
-        """`ways_m`: places (stop, 3) [m] along each of the P ways, from one antenna to the other; looked at `keys_s`."""
-        self._keys = keys_s
-        self._known = np.full((len(self._keys), len(ways_m)), np.nan, np.float32)
-        solids = [_solid(shape) for shape in shapes]
+        """`paths_m`: vertices (stop, 3) [m] of each of the P paths, from one antenna to the other; traced at `samples_s`."""
+        self._samples_s = samples_s
+        self._known = np.full((len(self._samples_s), len(paths_m)), np.nan, np.float32)
+        solids = [_solid(geometry) for geometry in geometries]
         self._vertices_at = [vertices_at for vertices_at, _, _ in solids]
         before = np.cumsum([0, *(count for *_, count in solids)])
         self._faces = np.concatenate([faces + first for (_, faces, _), first in zip(solids, before[:-1], strict=True)])
         self._at_once = int(np.clip(FACES_PER_SCENE // len(self._faces), 1, 64))
-        bundles = [bundle(np.asarray(way, float), wavelength_m, disc(rays), pieces) for way in ways_m]
-        self._way = np.repeat(np.arange(len(bundles)), [len(each) * pieces for each in bundles])
+        bundles = [bundle(np.asarray(path, float), wavelength_m, disc(rays), pieces) for path in paths_m]
+        self._path_of_bundle = np.repeat(np.arange(len(bundles)), [len(each) * pieces for each in bundles])
         self._starts = np.concatenate([each[:, :-1].reshape(-1, rays, 3) for each in bundles])
         self._stops = np.concatenate([each[:, 1:].reshape(-1, rays, 3) for each in bundles])
         self._mitsuba = mitsuba(backend)
 
-    def shares(self, times_s: np.ndarray) -> np.ndarray:
-        """Shares in 0..1 of the ways' field at times [s] (K,), float32 (K, P)."""
-        return faded(times_s, self._keys, self._at_keys)
+    def fractions(self, times_s: np.ndarray) -> np.ndarray:
+        """Fractions in 0..1 of the paths' field at times [s] (K,), float32 (K, P)."""
+        return faded(times_s, self._samples_s, self._at_samples)
 
-    def _at_keys(self, numbers: np.ndarray) -> np.ndarray:
+    def _at_samples(self, numbers: np.ndarray) -> np.ndarray:
         new = numbers[np.isnan(self._known[numbers, 0])]
         for first in range(0, len(new), self._at_once):
             some = new[first : first + self._at_once]
-            self._known[some] = self.traced(self._keys[some])
+            self._known[some] = self.traced(self._samples_s[some])
         return self._known[numbers]
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
-        """Shares at just these times, float32 (K, P); at most as many as stand in one scene."""
+        """Fractions at just these times, float32 (K, P); at most as many as stand in one scene."""
         vertices = np.concatenate([vertices_at(times_s) for vertices_at in self._vertices_at], axis=1)
-        if (vertices == vertices[:1]).all():  # what stands still has one and the same shadow, to the last bit
+        if (vertices == vertices[:1]).all():  # a static target has one and the same shadow, to the last bit
             vertices = vertices[:1]
         blocked = np.zeros((len(vertices), len(self._known[0]), self._starts.shape[1]), bool)
-        # Few parts of the ways come near a body at any moment.
+        # Few parts of the paths come near a body at any instant.
         ends = np.stack([self._starts, self._stops])
         low, high = ends.min(axis=(0, 2)), ends.max(axis=(0, 2))
         near = (low <= vertices.max(axis=1)[:, None]) & (high >= vertices.min(axis=1)[:, None])
-        moment, piece = np.nonzero(near.all(axis=2))
+        instant, piece = np.nonzero(near.all(axis=2))
         if len(piece):
-            np.logical_or.at(blocked, (moment, self._way[piece]), self._stopped(vertices, moment, piece))
+            np.logical_or.at(blocked, (instant, self._path_of_bundle[piece]), self._stopped(vertices, instant, piece))
         return np.broadcast_to(1 - blocked.mean(axis=2, dtype=np.float32), (len(times_s), blocked.shape[1]))
 
-    def _stopped(self, vertices: np.ndarray, moment: np.ndarray, piece: np.ndarray) -> np.ndarray:
-        """Which rays of pieces (R,) of bundles meet the bodies (K, V, 3) at their moment (R,), bool (R, rays)."""
+    def _stopped(self, vertices: np.ndarray, instant: np.ndarray, piece: np.ndarray) -> np.ndarray:
+        """Which rays of pieces (R,) of bundles meet the bodies (K, V, 3) at their instant (R,), bool (R, rays)."""
         mi = self._mitsuba
         reach = 2.2 * max(float(np.abs(each).max()) for each in (vertices, self._starts, self._stops))
         shift = side_by_side(len(vertices), reach)
         faces = self._faces + np.arange(len(vertices))[:, None, None] * vertices.shape[1]
         bodies = mitsuba_mesh(mi, (vertices + shift).reshape(-1, 3), faces.reshape(-1, 3))
-        way = self._stops[piece] - self._starts[piece]
-        length = np.linalg.norm(way, axis=2)
-        direction = way / np.maximum(length, 1e-12)[..., None]
-        origin = self._starts[piece] + shift[moment]
+        path = self._stops[piece] - self._starts[piece]
+        length = np.linalg.norm(path, axis=2)
+        direction = path / np.maximum(length, 1e-12)[..., None]
+        origin = self._starts[piece] + shift[instant]
         ray = mi.Ray3f(mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)))
         ray.maxt = mi.Float(aligned(length, np.float32))
         return np.asarray(traceable(mi, bodies).ray_test(ray).numpy().reshape(length.shape))
 
 
-def _solid(shape: MovingMesh | Ellipsoids) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, int]:
+def _solid(geometry: MovingMesh | Ellipsoids) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, int]:
     """Vertices (K, V, 3) at times (K,), triangles, and V."""
-    if isinstance(shape, MovingMesh):
-        return shape.at, shape.faces, len(shape.rest)
+    if isinstance(geometry, MovingMesh):
+        return geometry.at, geometry.faces, len(geometry.rest)
     from trimesh.creation import icosphere
 
-    ball, count = icosphere(subdivisions=2), len(shape.semi_axes_m)
-    surface = shape.semi_axes_m[:, None] * ball.vertices
+    ball, count = icosphere(subdivisions=2), len(geometry.semi_axes_m)
+    surface = geometry.semi_axes_m[:, None] * ball.vertices
 
     def vertices_at(times_s: np.ndarray) -> np.ndarray:
-        centres, axes = shape.at(times_s)
+        centres, axes = geometry.at(times_s)
         return (centres[:, :, None] + np.einsum("knij,nvj->knvi", axes, surface)).reshape(len(centres), -1, 3)
 
     faces = ball.faces + len(ball.vertices) * np.arange(count)[:, None, None]

@@ -1,4 +1,4 @@
-"""Targets that go through what stands still, or start outside the room: which, when and where."""
+"""Targets that go through the static scene, or start outside the room: which, when and where."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from t2d_rt.backend import Backend
 from t2d_rt.trace.mirrors import Mirrors, sphere
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
 
-LOOK_RATE_HZ = 25.0
-"""A walker goes 6 cm between two looks, in the mean."""
+SAMPLE_RATE_HZ = 25.0
+"""A walker goes 6 cm between two instants, in the mean."""
 GOLDEN = 0.6180339887
-"""Looks are uneven by this share of their distance, again and again: in even ones a fan of 1500 rpm would stand still."""
+"""Instants are uneven by this fraction of their interval, again and again: at even ones a fan of 1500 rpm would seem static."""
 DEEP_M = 0.05
 """As far on both sides of a surface a point has gone through it: feet dip into floors, doors close flush with their wall, people
 sink into a sofa."""
 PARTS = 12
-"""Of a mesh, whose middles are looked at: a hand that touches a table is not through it."""
-LOOKS_AT_ONCE, VERTICES_AT_ONCE = 50, 2_500_000
-"""Of a mesh, for memory: as many looks, or fewer where it has many vertices."""
+"""Of a mesh, whose middles are tested: a hand that touches a table is not through it."""
+INSTANTS_AT_ONCE, VERTICES_AT_ONCE = 50, 2_500_000
+"""Of a mesh, for memory: as many instants, or fewer where it has many vertices."""
 MIDDLE = (
     ("left_knee", "right_knee", "left_ankle", "right_ankle"), ("left_knee", "right_knee"), ("pelvis",), ("spine3",), ("head",),
 )  # fmt: skip
@@ -59,10 +59,10 @@ def find_collisions(
 ) -> list[Collision]:
     """The first of each target that has any, between two times.
 
-    Outside, where targets may start or not, is what lies beyond the box around a scene that is a room or has the antennas inside.
+    Outside, where targets may start or not, is beyond the bounding box of a scene that is a room or has the antennas inside.
     """
     mirrors = Mirrors.of(scene, backend)
-    times = looks(start_s, stop_s)
+    times = uneven_times(start_s, stop_s)
     low, high = scene.bounds_m
     around_radar = all(((low < place) & (place < high)).all() for place in (radar.tx_position_m, radar.rx_position_m))
     has_outside = not outside and (around_radar or is_room(mirrors))
@@ -115,9 +115,9 @@ def _lines(
     yield track_m.transpose(1, 0, 2), np.broadcast_to(times_s, track_m.shape[1::-1]), 0.0
 
 
-def looks(start_s: float, stop_s: float) -> np.ndarray:
-    """Moments [s] at which targets are looked at, the first and the last of them the times given."""
-    count = max(2, int(np.ceil((stop_s - start_s) * LOOK_RATE_HZ)) + 1)
+def uneven_times(start_s: float, stop_s: float) -> np.ndarray:
+    """Instants [s] at which targets are tested, the first and the last of them the times given."""
+    count = max(2, int(np.ceil((stop_s - start_s) * SAMPLE_RATE_HZ)) + 1)
     uneven = np.arange(count) + np.arange(count) * GOLDEN % 1
     return start_s + (stop_s - start_s) * uneven / uneven[-1]
 
@@ -131,14 +131,14 @@ def middles(target: Motion | MovingMesh | Ellipsoids, times_s: np.ndarray) -> np
         )
         frame = np.clip(times_s * target.rate_hz, 0, len(line) - 1)
         before = np.minimum(frame.astype(int), len(line) - 2)
-        share = (frame - before)[:, None, None]
-        return np.asarray((1 - share) * line[before] + share * line[before + 1])
+        fraction = (frame - before)[:, None, None]
+        return np.asarray((1 - fraction) * line[before] + fraction * line[before + 1])
     if isinstance(target, Ellipsoids):
         return target.at(times_s)[0]
     part = _parts(target.rest)
     members = [np.flatnonzero(part == number) for number in range(part.max() + 1)]
     found = []
-    step = max(1, min(LOOKS_AT_ONCE, VERTICES_AT_ONCE // len(part)))
+    step = max(1, min(INSTANTS_AT_ONCE, VERTICES_AT_ONCE // len(part)))
     for first in range(0, len(times_s), step):
         vertices = target.at(times_s[first : first + step])
         found.append(np.stack([vertices[:, some].mean(axis=1) for some in members], axis=1))
@@ -166,15 +166,15 @@ def first_crossing(
         return None
     start, step = lines_m[line, point], lines_m[line, point + 1] - lines_m[line, point]
     length = np.linalg.norm(step, axis=1)
-    way, met = mirrors.first(start, step / length[:, None])
-    share = way / length
-    when = times_s[line, point] + share * (times_s[line, point + 1] - times_s[line, point])
+    distance, met = mirrors.first(start, step / length[:, None])
+    fraction = distance / length
+    when = times_s[line, point] + fraction * (times_s[line, point + 1] - times_s[line, point])
     for number in np.argsort(when):
         mirror = mirrors.each[met[number]]
-        if share[number] > 1 or abs(mirror.normal[2]) < least_upright:
+        if fraction[number] > 1 or abs(mirror.normal[2]) < least_upright:
             continue
         if _through(lines_m[line[number]] @ mirror.normal - mirror.offset_m, int(point[number])):
-            place = start[number] + share[number] * step[number]
+            place = start[number] + fraction[number] * step[number]
             return float(when[number]), place, mirrors.scene.surfaces[mirror.surface].name
     return None
 

@@ -1,4 +1,4 @@
-"""How the field of a leg fades at the edges of its mirrors and of what stands in its way (docs/physics.md, eq. 28)."""
+"""How the field of a one-way path fades at the edges of its mirrors and of obstacles (docs/physics.md, eq. 28)."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ FEW = RIM * np.array([(0.0, 0.0), (0.9, 0.37), (-0.37, 0.9), (-0.9, -0.37), (0.3
 MANY = (RIM * disc(20)).astype(np.float32)
 """Rays where the few disagree."""
 PIECES = 4
-"""Chords that a way's rays are bent by, at least; each straight part has as many as any other."""
+"""Chords that approximate a path's curved rays, at least; each straight part has as many as any other."""
 CELL_M = 0.15
 """Points of one such cell are known to be free together."""
 POINTS_AT_ONCE = 4096
 NO_LENGTH_M = 1e-6
-"""Ways in float32 are right to that."""
+"""Paths in float32 are right to that."""
 STOPPED, LEFT_OUT = 1, 2
 """What may happen to a ray."""
 DIRECTIONS = (
@@ -30,8 +30,8 @@ DIRECTIONS = (
 )
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 """What lies apart along one of these 13, the axes and the diagonals of a cube, does not touch (Klosowski et al. 1998)."""
-Way = Callable[[np.ndarray], tuple[np.ndarray, list[np.ndarray]]]
-"""For which points (..., 3) a chain of mirrors has a way, bool (...), and its stops (..., 3) m, antenna first."""
+PathVertices = Callable[[np.ndarray], tuple[np.ndarray, list[np.ndarray]]]
+"""For which points (..., 3) a chain of mirrors has a path, bool (...), and its vertices (..., 3) m, antenna first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,37 +65,37 @@ class Edges:
             ],
         )
 
-    def share(self, points: np.ndarray, way: Way, chain: Sequence[int]) -> np.ndarray:
-        """Of the field that reaches points (..., 3) m over mirrors, float32 (...)."""
+    def fraction(self, points: np.ndarray, path: PathVertices, chain: Sequence[int]) -> np.ndarray:
+        """Fraction of the field that reaches points (..., 3) m over mirrors, float32 (...)."""
         flat = points.reshape(-1, 3)
         corner, cell = np.unique(_codes(flat), return_inverse=True)
-        found, near, rims = self._cells((_places(corner) + 0.5) * CELL_M, way, chain)
-        share = found[cell]
-        doubtful = np.flatnonzero(np.isnan(share))
+        found, near, rims = self._cells((_places(corner) + 0.5) * CELL_M, path, chain)
+        fraction = found[cell]
+        doubtful = np.flatnonzero(np.isnan(fraction))
         for first in range(0, len(doubtful), POINTS_AT_ONCE):
             some = doubtful[first : first + POINTS_AT_ONCE]
-            share[some] = self._points(flat[some], near[:, cell[some]], rims[:, cell[some]], way, chain)
-        return share.reshape(points.shape[:-1])
+            fraction[some] = self._points(flat[some], near[:, cell[some]], rims[:, cell[some]], path, chain)
+        return fraction.reshape(points.shape[:-1])
 
     def _points(
-        self, points: np.ndarray, near: np.ndarray, rims: np.ndarray, way: Way, chain: Sequence[int]
+        self, points: np.ndarray, near: np.ndarray, rims: np.ndarray, path: PathVertices, chain: Sequence[int]
     ) -> np.ndarray:
-        """Of points (P, 3): pieces of their ways that have something `near` (S, P), mirrors met near their `rims` (m, P)."""
-        asked, stops = way(points)
-        share = np.zeros(len(points), np.float32)
+        """Of points (P, 3): pieces of their paths that have something `near` (S, P), mirrors met near their `rims` (m, P)."""
+        asked, stops = path(points)
+        fraction = np.zeros(len(points), np.float32)
         for places in (FEW, MANY):
             if asked.any():
                 some = np.stack([stop[asked] for stop in stops]).astype(np.float32)  # a wavelength is 4 mm
-                share[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, chain)
-            asked = (share > 0) & (share < 1)
-        return share
+                fraction[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, chain)
+            asked = (fraction > 0) & (fraction < 1)
+        return fraction
 
     def _free_rays(
         self, stops: np.ndarray, near: np.ndarray, rims: np.ndarray, places: np.ndarray, chain: Sequence[int]
     ) -> np.ndarray:
-        """The free share of the rays around ways (stop, P, 3), (P,).
+        """The free fraction of the rays around paths (stop, P, 3), (P,).
 
-        A plane that both ends of a straight part stand before cuts no way from one to the other, and what it reflects has an image
+        A plane that both ends of a straight part stand before cuts no path from one to the other, and what it reflects has an image
         of its own: rays bent into it are left out.
         """
         pieces, used = _pieces(chain), [self.mirrors.each[number] for number in chain]
@@ -103,7 +103,7 @@ class Edges:
         for k, mirror in enumerate(used):  # from the cross-section on to the mirror's plane
             ahead, normal = stops[k + 1] - stops[k], mirror.normal.astype(np.float32)
             towards = ahead @ normal
-            # Where two mirrors meet the way between them has no length, and so no direction: its rays stay where they are.
+            # Where two mirrors meet the path between them has no length, and so no direction: its rays stay where they are.
             towards = np.where(np.abs(towards) > NO_LENGTH_M, towards, np.float32(np.inf))
             height = ((rays[k, -1] - stops[k + 1, :, None]) @ normal) / towards[:, None]
             rays[k, -1] = rays[k + 1, 0] = rays[k, -1] - height[..., None] * ahead[:, None]
@@ -141,13 +141,15 @@ class Edges:
         distance, mirror = self.mirrors.first(starts + skin[..., None] * ahead, ahead, length - skin - other)
         return np.isfinite(distance), mirror
 
-    def _cells(self, centres: np.ndarray, way: Way, chain: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The share in all of a cell where no ray is needed to know it, else NaN, float32 (C,); which pieces of ways to it may meet
-        something, bool (S, C); which mirrors of the chain may be met outside, bool (m, C)."""
-        good, found = way(centres)
+    def _cells(
+        self, centres: np.ndarray, path: PathVertices, chain: Sequence[int]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The fraction in all of a cell where no ray is needed to know it, else NaN, float32 (C,); which pieces of paths to it
+        may meet something, bool (S, C); which mirrors of the chain may be met outside, bool (m, C)."""
+        good, found = path(centres)
         stops = np.stack(found)
-        middle, share, radius = zone(stops, self.wavelength_m, _pieces(chain))
-        wide = share * (CELL_M * np.sqrt(3) / 2)  # a ball around the cell, seen from the antenna's image
+        middle, fraction, radius = zone(stops, self.wavelength_m, _pieces(chain))
+        wide = fraction * (CELL_M * np.sqrt(3) / 2)  # a ball around the cell, seen from the antenna's image
         dark, rims = np.zeros(len(centres), bool), np.zeros((len(chain), len(centres)), bool)
         for k, number in enumerate(chain):
             mirror, ahead = self.mirrors.each[number], stops[k + 1] - stops[k]
@@ -168,7 +170,7 @@ class Edges:
         return np.where(dark & good, 0, known).astype(np.float32), near, rims
 
     def _parting(self, stops: np.ndarray, wide: np.ndarray, chain: Sequence[int]) -> np.ndarray:
-        """Which mirrors' planes may stand between the ends of straight parts of ways to cells, bool (part, C, M).
+        """Which mirrors' planes may stand between the ends of straight parts of paths to cells, bool (part, C, M).
 
         Stops (stop, C, 3) are off by up to `wide` (part, C) at their ends, though not off the mirrors, and by half a cell at last.
         """
@@ -227,7 +229,7 @@ def _outline(triangles: np.ndarray) -> np.ndarray:
 
 def _distance(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """From points (P, 3) to the nearest of edges (E, 2, 3), (P,) m."""
-    start, way = edges[:, 0], edges[:, 1] - edges[:, 0]
+    start, path = edges[:, 0], edges[:, 1] - edges[:, 0]
     offset = points[:, None] - start
-    along = np.clip(np.einsum("pei,ei->pe", offset, way) / np.maximum(np.einsum("ei,ei->e", way, way), 1e-30), 0, 1)
-    return np.asarray(np.linalg.norm(offset - along[..., None] * way, axis=2).min(axis=1, initial=np.inf))
+    along = np.clip(np.einsum("pei,ei->pe", offset, path) / np.maximum(np.einsum("ei,ei->e", path, path), 1e-30), 0, 1)
+    return np.asarray(np.linalg.norm(offset - along[..., None] * path, axis=2).min(axis=1, initial=np.inf))

@@ -1,4 +1,4 @@
-"""A scene's plane parts, the chains of them that rays from a place can take, and what stands in a ray's way."""
+"""A scene's plane parts, the chains of them that rays from a place can take, and what blocks a ray."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from t2d_rt.types import Scene
 Chain = tuple[int, ...]
 """What a ray meets: k is a reflection by mirror k, ~k (that is -1 - k) a passage through it."""
 RAYS = 1 << 20
-"""Rays that look for chains: one for each 1.2e-5 sr, 1 cm^2 at 3 m."""
+"""Rays that search for chains: one for each 1.2e-5 sr, 1 cm^2 at 3 m."""
 SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
 """Triangles of a surface that lie in one plane to within these are one mirror."""
 OUTLINE_M = 1e-7
@@ -44,15 +44,15 @@ class Mirror:
     triangles: np.ndarray
     """(F, 3, 3) m."""
     edges: tuple[np.ndarray, np.ndarray]
-    """Of each triangle's three edges: which way is inward (3 F, 3), and how far along that the edge lies (3 F,)."""
+    """Of each triangle's three edges: the inward direction (3 F, 3), and how far along that the edge lies (3 F,)."""
     covers: tuple[Mirror, ...] = ()
     """Others of its plane that count instead where they overlap it."""
 
     @classmethod
     def of(cls, name: str, surface: int, normal: np.ndarray, triangles: np.ndarray) -> Mirror:
         """From triangles (F, 3, 3) of one plane."""
-        turn = edge_cross(triangles)
-        inward = np.cross(turn[:, None], np.roll(triangles, -1, axis=1) - triangles)
+        normals = edge_cross(triangles)
+        inward = np.cross(normals[:, None], np.roll(triangles, -1, axis=1) - triangles)
         inward /= np.linalg.norm(inward, axis=2, keepdims=True)
         offset = np.einsum("fei,fei->fe", inward, triangles)
         edges = inward.reshape(-1, 3), offset.ravel() - OUTLINE_M
@@ -219,7 +219,7 @@ class Mirrors:
         number = hit.prim_index.numpy().reshape(distance.shape)
         return distance, self.of_face[np.where(np.isfinite(distance), number, 0)]
 
-    def around(self, place_m: np.ndarray) -> str | None:
+    def enclosing(self, place_m: np.ndarray) -> str | None:
         """Name of a surface that holds a place within itself or its thickness, None if none does."""
         for number, surface in enumerate(self.scene.surfaces):
             mine = [mirror for mirror in self.each if mirror.surface == number]
@@ -234,14 +234,14 @@ class Mirrors:
         return None
 
     def free(self, start_m: np.ndarray, stop_m: np.ndarray) -> np.ndarray:
-        """Whether nothing stands between points (..., 3) and points (..., 3), bool (...); what they lie on does not."""
+        """Whether segments between points (..., 3) and points (..., 3) are free, bool (...), but for what they lie on."""
         mi = mitsuba(self.backend)
         start, stop = np.broadcast_arrays(start_m, stop_m)
         if not start.size:  # Dr.Jit aborts the process over rays that are none
             return np.ones(start.shape[:-1], bool)
-        way = (stop - start).reshape(-1, 3)
-        length = np.linalg.norm(way, axis=1)
-        direction = way / np.maximum(length, 1e-12)[:, None]
+        offset = (stop - start).reshape(-1, 3)
+        length = np.linalg.norm(offset, axis=1)
+        direction = offset / np.maximum(length, 1e-12)[:, None]
         ray = mi.Ray3f(
             mi.Point3f(*columns(mi, start.reshape(-1, 3) + SKIN_M * direction)), mi.Vector3f(*columns(mi, direction))
         )
@@ -251,7 +251,7 @@ class Mirrors:
 
 @dataclass(frozen=True, slots=True)
 class _Rays:
-    """Rays on their way, and what they have met."""
+    """Rays in flight, and the mirrors that they have met."""
 
     origin: Any
     direction: Any
@@ -280,7 +280,7 @@ class _Rays:
 
 
 def _plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Number of the plane of each triangle (F, 3, 3), whichever side its normal (F, 3) looks to."""
+    """Number of the plane of each triangle (F, 3, 3), whichever side its normal (F, 3) points to."""
     axis = np.argmax(np.abs(normal) + [3e-6, 2e-6, 1e-6], axis=1)
     normal = normal * np.sign(np.take_along_axis(normal, axis[:, None], axis=1))
     offset = np.einsum("fi,fi->f", normal, triangles[:, 0])
@@ -300,7 +300,7 @@ def _once(triangles: np.ndarray) -> np.ndarray:
 
 
 def _side(normal: np.ndarray) -> str:
-    """Which way a normal looks, roughly."""
+    """Axis that a normal points along, roughly."""
     axis = int(np.argmax(np.abs(normal)))
     return ("-" if normal[axis] < 0 else "+") + "xyz"[axis]
 
@@ -309,6 +309,6 @@ def sphere(count: int) -> np.ndarray:
     """Directions (count, 3), evenly spread: a Fibonacci lattice."""
     index = np.arange(count)
     height = 1 - (2 * index + 1) / count
-    turn = np.pi * (3 - np.sqrt(5)) * index
+    angle = np.pi * (3 - np.sqrt(5)) * index
     radius = np.sqrt(1 - height**2)
-    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])

@@ -1,4 +1,4 @@
-"""What a room does between antennas and targets: legs found, and how much of a target each of them sees."""
+"""One-way paths between antennas and targets in a room, and their blockage by the room."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ import numpy as np
 from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError
 from t2d_rt.memory import blocks
-from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.visibility import faded, key_times
-from t2d_rt.types import Ellipsoids, Leg, MovingMesh, Radar, Scene
+from t2d_rt.trace.paths import find_paths
+from t2d_rt.trace.visibility import faded, sample_times
+from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene
 
 PROBE_RATE_HZ, PROBES = 5.0, 40
-"""Legs are looked for at so many points of a target, so often."""
+"""Paths are searched to so many points of a target, so often."""
 
 
-def probes(shapes: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: float) -> np.ndarray:
+def probes(geometries: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: float) -> np.ndarray:
     """Points of the targets over the record, (P, 3) m."""
-    times = key_times(start_s, stop_s, PROBE_RATE_HZ)
+    times = sample_times(start_s, stop_s, PROBE_RATE_HZ)
     found = []
-    for shape in shapes:
-        for some in blocks(times, len(shape.rest if isinstance(shape, MovingMesh) else shape.semi_axes_m)):
-            points = shape.at(some) if isinstance(shape, MovingMesh) else shape.at(some)[0]
+    for geometry in geometries:
+        for some in blocks(times, len(geometry.rest if isinstance(geometry, MovingMesh) else geometry.semi_axes_m)):
+            points = geometry.at(some) if isinstance(geometry, MovingMesh) else geometry.at(some)[0]
             every = max(1, points.shape[1] // PROBES)
             found.append(points[:, ::every].reshape(-1, 3))
     return np.concatenate(found)
 
 
-def radar_legs(
+def radar_paths(
     scene: Scene, radar: Radar, probes_m: np.ndarray, *, order: int, transmissions: int = 0, backend: Backend
-) -> tuple[list[Leg], list[Leg]]:
-    """Legs of the transmitters' and of the receivers' centre; one list twice where these are one antenna."""
+) -> tuple[list[OneWayPath], list[OneWayPath]]:
+    """One-way paths of the transmitters' and of the receivers' centre; one list twice where these are one antenna."""
     mirrors = Mirrors.of(scene, backend)
     _check_inside(scene, mirrors, radar)
     found = []
@@ -46,10 +46,10 @@ def radar_legs(
         found.append((place, polarization(radar, angle_deg)))
     (tx, tx_across), (rx, rx_across) = found
     common: dict[str, Any] = {"order": order, "transmissions": transmissions, "probes_m": probes_m}
-    out = find_legs(mirrors, tx, tx_across, radar.mid_frequency_hz, **common)
+    out = find_paths(mirrors, tx, tx_across, radar.mid_frequency_hz, **common)
     if np.array_equal(tx, rx) and np.array_equal(tx_across, rx_across):
         return out, out
-    return out, find_legs(mirrors, rx, rx_across, radar.mid_frequency_hz, **common)
+    return out, find_paths(mirrors, rx, rx_across, radar.mid_frequency_hz, **common)
 
 
 def polarization(radar: Radar, angle_deg: float) -> np.ndarray:
@@ -61,7 +61,7 @@ def polarization(radar: Radar, angle_deg: float) -> np.ndarray:
 def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar) -> None:
     """Refuses a radar inside a closed surface, or within a slab."""
     for place in (radar.tx_position_m, radar.rx_position_m):
-        name = mirrors.around(place)
+        name = mirrors.enclosing(place)
         if name is not None:
             where = ", ".join(f"{x:.3g}" for x in place)
             raise InputError(
@@ -69,31 +69,31 @@ def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar) -> None:
             )
 
 
-class Passed:
-    """What legs let pass to points of a target, past what stands still: looked at now and then, faded in between."""
+class Blockage:
+    """Blockage of one-way paths to points of a target by the static scene: sampled at sample times, faded in between."""
 
-    def __init__(self, points_at: Callable[[np.ndarray], np.ndarray], keys_s: np.ndarray) -> None:
-        """`points_at`: points (K, N, Q, 3) [m] at times [s] (K,), Q of them for each of the N values."""
-        self._keys, self._points = keys_s, points_at(keys_s)
+    def __init__(self, points_at: Callable[[np.ndarray], np.ndarray], samples_s: np.ndarray) -> None:
+        """`points_at`: points (K, N, Q, 3) [m] at times [s] (K,), Q of them for each of the N fractions."""
+        self._samples_s, self._points = samples_s, points_at(samples_s)
 
     @classmethod
-    def to_vertices(cls, mesh: MovingMesh, vertices: np.ndarray, keys_s: np.ndarray) -> Passed:
+    def to_vertices(cls, mesh: MovingMesh, vertices: np.ndarray, samples_s: np.ndarray) -> Blockage:
         """Of some vertices of a mesh."""
         return cls(
             lambda times_s: np.concatenate(
                 [mesh.at(some)[:, vertices, None] for some in blocks(times_s, len(mesh.rest))]
             ),
-            keys_s,
+            samples_s,
         )
 
     @classmethod
-    def to_centres(cls, ellipsoids: Ellipsoids, keys_s: np.ndarray) -> Passed:
+    def to_centres(cls, ellipsoids: Ellipsoids, samples_s: np.ndarray) -> Blockage:
         """Of ellipsoids' centres alone."""
-        return cls(lambda times_s: ellipsoids.at(times_s)[0][:, :, None], keys_s)
+        return cls(lambda times_s: ellipsoids.at(times_s)[0][:, :, None], samples_s)
 
     @classmethod
-    def to_ellipsoids(cls, ellipsoids: Ellipsoids, keys_s: np.ndarray) -> Passed:
-        """Of ellipsoids: their centres and far ends; across them, the field fades over as much as they measure."""
+    def to_ellipsoids(cls, ellipsoids: Ellipsoids, samples_s: np.ndarray) -> Blockage:
+        """Of ellipsoids: their centres and far ends; across them, the field fades over about their width."""
         number = np.arange(len(ellipsoids.semi_axes_m))
         longest = ellipsoids.semi_axes_m.argmax(axis=1)
 
@@ -102,18 +102,18 @@ class Passed:
             end = axes[:, number, :, longest].swapaxes(0, 1) * ellipsoids.semi_axes_m.max(axis=1)[:, None]
             return np.stack([centres, centres + end, centres - end], axis=2)
 
-        return cls(points_at, keys_s)
+        return cls(points_at, samples_s)
 
-    def over(self, leg: Leg, *, in_the_mean: bool = False) -> Callable[[np.ndarray], np.ndarray]:
-        """Shares (K, N) at times [s] (K,); `in_the_mean` over the N the same for all."""
+    def over(self, path: OneWayPath, *, in_the_mean: bool = False) -> Callable[[np.ndarray], np.ndarray]:
+        """Unblocked fractions (K, N) at times [s] (K,); `in_the_mean`: their mean over the N."""
         known: list[np.ndarray] = []
 
-        def at_keys(numbers: np.ndarray) -> np.ndarray:
+        def at_samples(numbers: np.ndarray) -> np.ndarray:
             if not known:  # all at once: a kernel's start costs as much as some thousand rays
-                share = leg.share(self._points).mean(axis=2)
+                fraction = path.fraction(self._points).mean(axis=2)
                 if in_the_mean:
-                    share[:] = share.mean(axis=1, keepdims=True)
-                known.append(share)
+                    fraction[:] = fraction.mean(axis=1, keepdims=True)
+                known.append(fraction)
             return known[0][numbers]
 
-        return lambda times_s: faded(times_s, self._keys, at_keys)
+        return lambda times_s: faded(times_s, self._samples_s, at_samples)

@@ -3,10 +3,10 @@
 from t2d_rt.types.accuracy import Accuracy, PathTier
 from t2d_rt.types.echoes import EchoArrays, Echoes, EchoStream, resampled, stream
 from t2d_rt.types.ellipsoids import Ellipsoids
-from t2d_rt.types.legs import Leg, LegPair, StaticPath
 from t2d_rt.types.material import PEC, Material
 from t2d_rt.types.mesh import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
+from t2d_rt.types.paths import OneWayPath, PathPair, StaticPath
 from t2d_rt.types.radar import Radar
 from t2d_rt.types.scene import Scene, Surface
 
@@ -20,11 +20,11 @@ __all__ = [
     "EchoStream",
     "Echoes",
     "Ellipsoids",
-    "Leg",
-    "LegPair",
     "Material",
     "Motion",
     "MovingMesh",
+    "OneWayPath",
+    "PathPair",
     "PathTier",
     "Radar",
     "Scene",

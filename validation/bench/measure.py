@@ -22,11 +22,11 @@ import t2d_rt as t2d
 from t2d_rt import cubes, model, result, stage, summation
 from t2d_rt.backend import select
 from t2d_rt.echo import mesh
-from t2d_rt.echo.legs import Arrivals
+from t2d_rt.echo.paths import Arrivals
 from t2d_rt.radar import synthesize, windows
 from t2d_rt.radar.windows import Window
 from t2d_rt.resources import resource as shipped
-from t2d_rt.trace.surroundings import Passed
+from t2d_rt.trace.surroundings import Blockage
 from t2d_rt.trace.visibility import Occlusion
 from t2d_rt.types import Ellipsoids, Motion, MovingMesh, Radar
 
@@ -40,16 +40,16 @@ MOTION, WAYS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST = (
 )  # fmt: skip
 STAGES = (MOTION, WAYS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST)
 ENTRIES: tuple[tuple[str, Any, str], ...] = (
-    (MOTION, model, "_shape"),
+    (MOTION, model, "_geometry"),
     (MOTION, MovingMesh, "at"),
     (MOTION, Ellipsoids, "at"),
-    (WAYS, stage, "find_ways"),
+    (WAYS, stage, "find_path_pairs"),
     (WAYS, model, "clutter_streams"),
     (WAYS, Arrivals, "weight"),
     (SETUP, mesh._Model, "of"),
     (OCCLUSION, Occlusion, "__init__"),
     (OCCLUSION, Occlusion, "visibility"),
-    (OCCLUSION, Passed, "over"),
+    (OCCLUSION, Blockage, "over"),
     (FACETS, mesh, "_carried"),
     (FACETS, mesh._Model, "put"),
     (FACETS, mesh.Block, "arrays"),

@@ -17,7 +17,7 @@ from validation.report import Check, Section, new_figure, save_chart
 ROOMS = ("empty_room", "living_room")
 START_S, STRETCH_S = 1.9, 0.5
 CHIRPS, SAMPLES = 6, (20, 236)
-FINE_CHIRPS, FINER_SAGITTA_RAD, FINER_WEAK_RAD = 2, 0.05, 0.08
+FINE_CHIRPS, FINER_SAGITTA_RAD, FINER_MINOR_RAD = 2, 0.05, 0.08
 LIMIT_DB, DEFAULT_DB, AGREEMENT_DB, CONVERGED_DB = -20.0, -6.0, -25.0, -30.0
 DEFAULT, ASKED, FULL = "default", "tolerance_db=-20", "all pairs in full detail"
 DOMINANT, SECONDARY, _ = DEFAULT_TIERS
@@ -92,12 +92,12 @@ def _simulated(
 
 def _agreement(surface: MovingMesh, radar: Radar, chirps: np.ndarray) -> float:
     facets = {"sagitta_rad": SAME_FACETS_RAD, "occlusion": False}
-    reference = _reference(surface, radar, chirps, ROOMS[0], weak_sagitta_rad=SAME_FACETS_RAD, **facets)
+    reference = _reference(surface, radar, chirps, ROOMS[0], minor_sagitta_rad=SAME_FACETS_RAD, **facets)
     return nmse_db(_simulated(surface, radar, chirps, ROOMS[0], ALL_DOMINANT | facets | FINE_RATES), reference)
 
 
 def _convergence(surface: MovingMesh, radar: Radar, chirps: np.ndarray) -> float:
-    finer = {"sagitta_rad": FINER_SAGITTA_RAD, "weak_sagitta_rad": FINER_WEAK_RAD}
+    finer = {"sagitta_rad": FINER_SAGITTA_RAD, "weak_sagitta_rad": FINER_MINOR_RAD}
     coarse, fine = (_reference(surface, radar, chirps, ROOMS[0], **options) for options in ({}, finer))
     return nmse_db(coarse, fine)
 

@@ -13,10 +13,10 @@ from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.template import template
 from t2d_rt.echo.ellipsoid import specular_points
-from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
+from t2d_rt.echo.paths import View
 from t2d_rt.signal import PointCloud, point_cloud, range_angle, steering_vectors, unit_vectors
-from t2d_rt.trace.visibility import Occlusion, key_times
+from t2d_rt.trace.visibility import Occlusion, sample_times
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 from t2d_rt.types.motion import CANONICAL_JOINTS
 from validation.bodies import walking
@@ -268,12 +268,12 @@ def _torso(body: MovingMesh, position: np.ndarray, times_s: np.ndarray) -> np.nd
 
 def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     """Mean of the echoes' places weighted with their powers, (T, 3)."""
-    keys = key_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0)
-    view = Occlusion([body], radar.tx_position_m, keys_s=keys, backend=select("auto"))
+    keys = sample_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0)
+    view = Occlusion([body], radar.tx_position_m, samples_s=keys, backend=select("auto"))
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, sagitta_rad=body.sagitta_rad, seed=0,
-        views=[View(seen=lambda t: view.visibility(t)[0])], backend=select("auto"),
+        views=[View(visibility=lambda t: view.visibility(t)[0])], backend=select("auto"),
     ).frames(0, len(times_s))  # fmt: skip
     power = np.abs(echoes.amplitude) ** 2
     assert echoes.departure_m is not None

@@ -11,8 +11,8 @@ import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.resources import resource
-from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.trace.paths import find_paths
 from t2d_rt.types import Radar, Scene, Surface
 from validation.report import Check, Section, new_figure, save_chart
 
@@ -23,8 +23,8 @@ CUPBOARD_M = (1.5, 0.6, 0.0), (1.9, 1.4, 2.2)
 
 
 def run() -> Section:
-    v, share = _across_an_edge()
-    level, exact = 20 * np.log10(np.maximum(share, 1e-6)), knife_edge_db(v)
+    v, fraction = _across_an_edge()
+    level, exact = 20 * np.log10(np.maximum(fraction, 1e-6)), knife_edge_db(v)
     alone, there = (_walk(scene) for scene in ("free_space", Scene(name="cupboard", surfaces=(_cupboard(),))))
     power = [10 ** (each.values / 10) for each in (alone, there)]
     time_s = alone.time_s.values
@@ -68,8 +68,8 @@ def _across_an_edge() -> tuple[np.ndarray, np.ndarray]:
     points = np.array([total, 0, 1]) + np.outer(height * total / BEFORE_M, [0, 1, 0])
     mirrors = Mirrors.of(Scene(name="screen", surfaces=(screen,)), select("auto"))
     antenna, up = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0])
-    (direct,) = find_legs(mirrors, antenna, up, FREQUENCY_HZ, order=0, probes_m=points)
-    return v, direct.share(points)
+    (direct,) = find_paths(mirrors, antenna, up, FREQUENCY_HZ, order=0, probes_m=points)
+    return v, direct.fraction(points)
 
 
 def _cupboard() -> Surface:

@@ -10,11 +10,11 @@ from trimesh.creation import icosphere
 
 import t2d_rt as t2d
 from t2d_rt.backend import select
-from t2d_rt.echo.legs import ranked_pairs
+from t2d_rt.echo.paths import ranked_pairs
 from t2d_rt.signal import range_doppler
 from t2d_rt.trace.scenes import load_scene
-from t2d_rt.trace.surroundings import radar_legs
-from t2d_rt.types import LegPair, MovingMesh, Radar, Scene, Surface
+from t2d_rt.trace.surroundings import radar_paths
+from t2d_rt.types import MovingMesh, PathPair, Radar, Scene, Surface
 from validation.report import Check, Section, new_figure, save_chart
 
 RADIUS_M, WALL_M = 0.15, 2.0
@@ -210,10 +210,10 @@ def _labelled() -> tuple[list[dict[str, Any]], str]:
     result = t2d.simulate(target, radar=radar, scene="empty_room", clutter="none")
     image = range_doppler(result.adc.values[:, 0], radar, correct_coupling=True)
     middle = start + VELOCITY_MPS * TIME_S / 2
-    out, back = radar_legs(load_scene("empty_room"), radar, middle[None], order=2, backend=select("auto"))
+    out, back = radar_paths(load_scene("empty_room"), radar, middle[None], order=2, backend=select("auto"))
     ranked = ranked_pairs(radar, out, back, middle[None], order=2)[:SHOWN]
 
-    def ghost(pair: LegPair) -> tuple[float, float]:
+    def ghost(pair: PathPair) -> tuple[float, float]:
         sights = [leg.image_m - middle for leg in (pair.out, pair.back)]
         lengths = [float(np.linalg.norm(sight)) for sight in sights]
         units = [sight / length for sight, length in zip(sights, lengths, strict=True)]

@@ -13,11 +13,11 @@ import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.resources import resource
-from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
+from t2d_rt.trace.paths import find_paths
 from t2d_rt.trace.scenes import load_scene
-from t2d_rt.types import Leg, Radar
+from t2d_rt.types import OneWayPath, Radar
 from validation.report import Check, Section, new_figure, save_chart
 
 SCENES, POSITIONS, SEED = ("empty_room", "living_room"), 20, 1
@@ -76,35 +76,35 @@ def _compared(scene: str) -> Compared:
     theirs.add(target)
     points = np.random.default_rng(SEED).uniform(LOW_M, HIGH_M, (POSITIONS, 3))
     mirrors = Mirrors.of(load_scene(scene), select("auto"))
-    legs = find_legs(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=2, probes_m=points)
+    paths = find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=2, probes_m=points)
     compared = Compared()
     for point in points:
         target.position = mi.Point3f(*point.tolist())
         found = RCSSolver()(theirs, max_depth=3, refraction=False, seed=SEED)
         delay, amplitude = np.array(found.tau).ravel(), (np.array(found.a[0]) + 1j * np.array(found.a[1])).ravel()
-        _compare(_paths(legs, point), list(zip(delay[delay > 0], amplitude[delay > 0], strict=True)), compared)
+        _compare(_paths(paths, point), list(zip(delay[delay > 0], amplitude[delay > 0], strict=True)), compared)
     return compared
 
 
-def _paths(legs: list[Leg], point: np.ndarray) -> list[tuple[float, complex]]:
+def _paths(paths: list[OneWayPath], point: np.ndarray) -> list[tuple[float, complex]]:
     """Delay [s] and amplitude of each path to a point of 1 m^2 that keeps the theta and phi components of the field."""
-    lit = [leg for leg in legs if leg.clear(point[None])[0] and _shortest(leg, point) > SHORTEST_M]
-    paths = []
+    lit = [path for path in paths if path.exists(point[None])[0] and _shortest(path, point) > SHORTEST_M]
+    found = []
     for out in lit:
         for back in lit:
             if out.order + back.order > 2:
                 continue
-            lengths = [float(np.linalg.norm(point - leg.image_m)) for leg in (out, back)]
+            lengths = [float(np.linalg.norm(point - path.image_m)) for path in (out, back)]
             headings = (point - out.image_m) / lengths[0], (back.image_m - point) / lengths[1]
-            fields = [leg.field(point, np.array([FREQUENCY_HZ]))[0] for leg in (out, back)]
+            fields = [path.field(point, np.array([FREQUENCY_HZ]))[0] for path in (out, back)]
             kept = sum((a @ fields[0]) * (b @ fields[1]) for a, b in zip(*map(_spherical, headings), strict=True))
             wavelength = SPEED_OF_LIGHT / FREQUENCY_HZ
-            paths.append((sum(lengths) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(lengths) * kept))
-    return paths
+            found.append((sum(lengths) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(lengths) * kept))
+    return found
 
 
-def _shortest(leg: Leg, point: np.ndarray) -> float:
-    return float(np.linalg.norm(np.diff(leg.way(point), axis=0), axis=1).min())
+def _shortest(path: OneWayPath, point: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(path.vertices(point), axis=0), axis=1).min())
 
 
 def _spherical(heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,8 +15,8 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.segments import segment_of_faces
 from t2d_rt.body.template import template
 from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
-from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
+from t2d_rt.echo.paths import View
 from t2d_rt.trace.visibility import Occlusion
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Motion, MovingMesh, Radar
 
@@ -83,9 +83,9 @@ def mesh_fields(
     times_s = mesh.times_s
     views = [View()]
     if occlusion:
-        traced = Occlusion([mesh], radar.tx_position_m, keys_s=times_s, backend=backend)
-        views = [View(seen=lambda at: traced.visibility(at)[0])]
-    views += [View(seen=_constant(share)) for share in only]
+        traced = Occlusion([mesh], radar.tx_position_m, samples_s=times_s, backend=backend)
+        views = [View(visibility=lambda at: traced.visibility(at)[0])]
+    views += [View(visibility=_constant(share)) for share in only]
     stream = mesh_echoes(
         mesh, radar,
         times_s=times_s, material=resolve_material(mesh.material, radar.mid_frequency_hz), sagitta_rad=mesh.sagitta_rad,

@@ -340,7 +340,7 @@ def _pictures(folder: Path) -> list[Call]:
              {"velocity_mps": speed, "time_s": time, "first_db": levels, "second_db": levels, "labels": ("a", "b"),
               "difference_db": 10}, _drawn),
         Call("plot_scene", plots.plot_scene,
-             {"scene": scene, "radar_m": np.zeros(3), "ways_m": [("a", np.eye(3))], "track_m": np.eye(3)}, _drawn),
+             {"scene": scene, "radar_m": np.zeros(3), "paths_m": [("a", np.eye(3))], "track_m": np.eye(3)}, _drawn),
     ]  # fmt: skip
 
 

@@ -36,7 +36,7 @@ class Curtain(Fields):
     position_m: Vector
     """Middle of its upper edge, at the rail [m]."""
     heading_deg: Angle = 180.0
-    """Where its front looks: 0 is +x, 90 is +y."""
+    """Direction that its front faces: 0 is +x, 90 is +y."""
     width_m: Length = 1.2
     height_m: Length = 2.2
     fold_m: Annotated[Number, Field(gt=0.02, le=1)] = 0.15
@@ -71,21 +71,21 @@ class Curtain(Fields):
         aside = np.linspace(-self.width_m / 2, self.width_m / 2, columns)
         up = np.linspace(0, 1, rows)
         folds = self.depth_m / 2 * np.sin(2 * math.pi * aside / self.fold_m)
-        # Seen from its front, which looks along +x, the curtain's +y is to the right.
+        # Seen from its front, which faces +x, the curtain's +y is to the right.
         rest = np.stack(np.broadcast_arrays(folds, aside, (up[:, None] - 1) * self.height_m), axis=-1)
         zeros = jn_zeros(0, MODES)
         frequency = zeros / 2 * math.sqrt(STANDARD_GRAVITY / self.height_m)
-        shape = j0(zeros * np.sqrt(up)[:, None]) * self.draught_m / np.arange(1, MODES + 1) ** 2
-        shape[-1] = 0  # at the rail, where a zero is one to rounding only
+        mode_shapes = j0(zeros * np.sqrt(up)[:, None]) * self.draught_m / np.arange(1, MODES + 1) ** 2
+        mode_shapes[-1] = 0  # at the rail, where a zero is one to rounding only
         rng = np.random.default_rng(self.seed)
-        phase, way = rng.uniform(0, 2 * math.pi, MODES), rng.choice([-1, 1], MODES)
-        wave = way * 2 * math.pi * aside[:, None] / self.wavelength_m + phase
+        phase, direction = rng.uniform(0, 2 * math.pi, MODES), rng.choice([-1, 1], MODES)
+        wave = direction * 2 * math.pi * aside[:, None] / self.wavelength_m + phase
         turn = about_z(math.radians(self.heading_deg))
         half = np.array([THICKNESS_M / 2, 0, 0])
         front, faces = sheet(rest + half, rest - half)
 
         def track(times_s: np.ndarray) -> np.ndarray:
-            swing = np.einsum("rm,kcm->krc", shape, np.sin(frequency * times_s[:, None, None] - wave))
+            swing = np.einsum("rm,kcm->krc", mode_shapes, np.sin(frequency * times_s[:, None, None] - wave))
             moved = np.repeat(front[None], len(times_s), axis=0)
             moved[..., 0] += np.concatenate([swing, swing[..., ::-1]], axis=2).reshape(len(times_s), -1)
             return moved @ turn.T + self.position_m

@@ -14,7 +14,7 @@ from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector
 
 STEP_M = 0.1
-"""Between vertices: shadows are looked at there."""
+"""Between vertices: visibility is sampled there."""
 
 
 class Door(Fields):

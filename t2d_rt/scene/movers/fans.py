@@ -36,13 +36,13 @@ HUB_AROUND = 24
 FACET_M = 0.008
 """About the size of a blade's triangles: their phases may not part by much from one surface frame to the next."""
 HUB, CHORD = 0.22, 0.55
-"""Radius of the hub, and width of a table fan's blade, as shares of the tips' radius."""
+"""Radius of the hub, and width of a table fan's blade, as fractions of the tips' radius."""
 PITCH_AT, TIP = 0.75, 0.94
-"""The radius, as a share of the tip's, that pitch is given at; how far outline and section reach towards their pointed ends."""
+"""The radius, as a fraction of the tip's, that pitch is given at; how far outline and section reach towards their pointed ends."""
 
 
 class TableFan(Fields):
-    """A table or pedestal fan: hub and blades. Motor, stand and wire guard stand still and are left out."""
+    """A table or pedestal fan: hub and blades. Motor, stand and wire guard are static and are left out."""
 
     noun: ClassVar[str] = "fan"
 
@@ -85,7 +85,7 @@ class TableFan(Fields):
 
 
 class CeilingFan(Fields):
-    """A ceiling fan that blows down: hub and blades. Its rod stands still and is left out."""
+    """A ceiling fan that blows down: hub and blades. Its rod is static and is left out."""
 
     noun: ClassVar[str] = "ceiling fan"
 

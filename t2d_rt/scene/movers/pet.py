@@ -27,7 +27,7 @@ from t2d_rt.types.fields import Fields, Number, Vector
 DUTY_FACTOR = 0.65
 """Share of a stride that a paw stands on the floor; walks lie in 0.5..0.75 (Hildebrand, Am. Zool. 20, 1980)."""
 TOUCHDOWN = {"left hind": 0.0, "left fore": 0.25, "right hind": 0.5, "right fore": 0.75}
-"""When each paw touches down, as a share of the stride: the lateral sequence, evenly spaced (Hildebrand)."""
+"""When each paw touches down, as a fraction of the stride: the lateral sequence, evenly spaced (Hildebrand)."""
 FASTEST_WALK = 0.5
 """Froude number at which animals change to a trot (Alexander and Jayes, J. Zool. 201, 1983)."""
 SAGITTA_RAD = 0.3
@@ -77,7 +77,7 @@ NOD_DEG, WAG_DEG = 6.0, 15.0
 class Pet(Fields):
     """A dog or a cat that walks on a circle to its left, or straight on.
 
-    Stride and speed belong together by Alexander's relation (docs/physics.md, eq. 25). Paws that bear stand still on the floor.
+    Stride and speed belong together by Alexander's relation (docs/physics.md, eq. 25). Paws that bear are at rest on the floor.
     """
 
     noun: ClassVar[str] = "pet"

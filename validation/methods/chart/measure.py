@@ -24,7 +24,7 @@ from validation.methods.kept import kept_samples
 from validation.methods.reference import nmse_db
 
 SAMPLES = np.array([20, 128, 236])
-REFERENCE_RAD, ROOM_REFERENCE_RAD, WEAK_RAD = 0.08, 0.12, 0.3
+REFERENCE_RAD, ROOM_REFERENCE_RAD, MINOR_RAD = 0.08, 0.12, 0.3
 """Facets of the reference, in rooms, and there over pairs of ways weaker than the strongest by 12 dB."""
 LONG_S = 3.0
 """A run that takes longer than that is not repeated once kernels are warm."""
@@ -62,7 +62,7 @@ class Case:
         return kept_samples(
             self.surface, self.radar, self.chirps, SAMPLES,
             material=resolve_material("skin", self.radar.mid_frequency_hz), scene=None if free else self.scene,
-            sagitta_rad=REFERENCE_RAD if free else ROOM_REFERENCE_RAD, weak_sagitta_rad=WEAK_RAD,
+            sagitta_rad=REFERENCE_RAD if free else ROOM_REFERENCE_RAD, minor_sagitta_rad=MINOR_RAD,
         )  # fmt: skip
 
     @cached_property

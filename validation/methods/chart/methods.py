@@ -17,7 +17,7 @@ from t2d_rt.echo.phase_integral import Ops, Parts
 from t2d_rt.geometry import Refinement, refine
 from t2d_rt.model import skin
 from t2d_rt.result import Recording
-from t2d_rt.trace.visibility import Looked, Occlusion
+from t2d_rt.trace.visibility import Occlusion, VisibilitySamples
 from t2d_rt.types import Ellipsoids, MovingMesh
 from validation.methods.chart.measure import Case
 
@@ -147,11 +147,11 @@ def _capsules(limbs: Ellipsoids) -> type[Occlusion]:
     """Visibility where the segments' ellipsoids hide what lies behind them, worked out and not traced."""
 
     class Capsules(Occlusion):
-        def looked(self, times_s: np.ndarray) -> Looked:
+        def sampled(self, times_s: np.ndarray) -> VisibilitySamples:
             self.now = limbs.at(times_s)
-            return super().looked(times_s)
+            return super().sampled(times_s)
 
-        def clear(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        def visible(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
             free = np.ones(points.shape[:2], bool)
             for centre, axes, half in zip(
                 self.now[0].swapaxes(0, 1), self.now[1].swapaxes(0, 1), limbs.semi_axes_m, strict=True
@@ -159,10 +159,10 @@ def _capsules(limbs: Ellipsoids) -> type[Occlusion]:
                 # where the ellipsoid is the unit sphere
                 start = np.einsum("kji,kqj->kqi", axes, points - centre[:, None]) / half
                 stop = np.einsum("kji,kj->ki", axes, self._viewpoint - centre)[:, None] / half
-                way = stop - start
-                length2 = np.einsum("kqi,kqi->kq", way, way)
-                nearest = np.clip(-np.einsum("kqi,kqi->kq", start, way) / length2, 0, 1)
-                miss2 = np.sum((start + nearest[..., None] * way) ** 2, axis=2)
+                segment = stop - start
+                length2 = np.einsum("kqi,kqi->kq", segment, segment)
+                nearest = np.clip(-np.einsum("kqi,kqi->kq", start, segment) / length2, 0, 1)
+                miss2 = np.sum((start + nearest[..., None] * segment) ** 2, axis=2)
                 free &= (miss2 > SHRUNK**2) | (np.sum(start**2, axis=2) < NEAR**2)
             return free
 

@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from t2d_rt.backend import select
-from t2d_rt.echo.legs import View
 from t2d_rt.echo.mesh import mesh_echoes
+from t2d_rt.echo.paths import View
 from t2d_rt.scene import Room
-from t2d_rt.trace.legs import find_legs
 from t2d_rt.trace.mirrors import Mirrors
 from t2d_rt.trace.mitsuba import mitsuba
+from t2d_rt.trace.paths import find_paths
 from t2d_rt.types import Material, MovingMesh, Radar, Scene, Surface
 from validation.bodies import WALK, recorded
 from validation.methods.stability.case import Case, Theme
@@ -267,8 +267,8 @@ def touching(radar: Radar) -> Case:
         place = np.array([3.0, WALL_M - gap, 1.0])
         target.position = mi.Point3f(*place.tolist())
         delay = np.array(RCSSolver()(theirs, max_depth=3, refraction=False, seed=1).tau).ravel()
-        legs = find_legs(mirrors, radar.tx_position_m, up, radar.mid_frequency_hz, order=1, probes_m=place[None])
-        counts.append((np.count_nonzero(delay > 0), len(legs) ** 2))
+        paths = find_paths(mirrors, radar.tx_position_m, up, radar.mid_frequency_hz, order=1, probes_m=place[None])
+        counts.append((np.count_nonzero(delay > 0), len(paths) ** 2))
     finite = []
     for depth in DEPTHS_M:
         vertices, faces = sphere(0.1, np.array([3.0, WALL_M - 0.1 + depth, 1.0]), 3)

@@ -1,8 +1,8 @@
-"""Ways between an antenna and a target in a room: which there are, and what each does to the field (docs/physics.md, eq. 24).
+"""One-way paths between an antenna and a target in a room, and the field over each (docs/physics.md, eq. 24).
 
-Rays from the antenna find the chains of mirrors that exist at all; from then on a chain is exact for every point: an image of the
-antenna, a product of slab coefficients in the two polarisations, points inside the mirrors' outlines, free segments. A mirror
-reflects, or it lets the way through as it is.
+Rays from the antenna find the chains of mirrors that exist at all; from then on a path is exact for every point: an image of the
+antenna, a product of slab coefficients in the two polarisations, intersections inside the mirrors' outlines, free segments. A
+mirror reflects, or it transmits without refraction.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from t2d_rt.trace.edges import Edges
 from t2d_rt.trace.materials import resolved
 from t2d_rt.trace.mirrors import Mirror, Mirrors
 from t2d_rt.trace.slabs import slab
-from t2d_rt.types import Leg, Material
+from t2d_rt.types import Material, OneWayPath
 
 Coefficients = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """TE and TM coefficients (F, ...) at angles of incidence given by their cosine (...), at frequencies [Hz] (F,)."""
@@ -29,7 +29,7 @@ Coefficients = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True, slots=True)
 class Met:
-    """A mirror as a chain meets it: it reflects, or lets through."""
+    """A mirror in a chain: it reflects or transmits."""
 
     number: int
     """Of the mirror, among all."""
@@ -38,15 +38,15 @@ class Met:
     coefficients: Coefficients
     """Of reflection, or of transmission without the phase of `delay_s`."""
     delay_s: float
-    """Of what passes it straight on, from face to face; 0 for a reflection."""
+    """Of the transmitted wave, straight on from face to face; 0 for a reflection."""
 
     @property
     def name(self) -> str:
-        """Of the mirror, with "(through)" for a passage."""
+        """Of the mirror, with "(through)" for a transmission."""
         return f"{self.mirror.name} (through)" if self.through else self.mirror.name
 
 
-def find_legs(
+def find_paths(
     mirrors: Mirrors,
     place_m: np.ndarray,
     polarization: np.ndarray,
@@ -55,9 +55,9 @@ def find_legs(
     order: int,
     transmissions: int = 0,
     probes_m: np.ndarray,
-) -> list[Leg]:
-    """Legs of up to `order` reflections and passages through `transmissions` slabs between an antenna at `place_m`, of that
-    polarisation (3,), and any of points (P, 3)."""
+) -> list[OneWayPath]:
+    """One-way paths of up to `order` reflections and `transmissions` slabs between an antenna at `place_m`, of that polarisation
+    (3,), and any of points (P, 3)."""
     materials = [resolved(surface.material, frequency_hz) for surface in mirrors.scene.surfaces]
     loss_db = _losses_db(mirrors, materials, frequency_hz) if transmissions else None
     chains = mirrors.chains(place_m, order, transmissions=transmissions, loss_db=loss_db)
@@ -66,56 +66,58 @@ def find_legs(
     found = []
     for chain in chains:
         met = [_met(mirrors, k, materials) for k in chain]
-        leg = _leg(mirrors, edges, met, np.asarray(place_m, float), polarization)
-        if leg.clear(probes_m).any():
-            found.append(leg)
+        path = _one_way_path(mirrors, edges, met, np.asarray(place_m, float), polarization)
+        if path.exists(probes_m).any():
+            found.append(path)
     return found
 
 
 def _losses_db(mirrors: Mirrors, materials: Sequence[Material], frequency_hz: float) -> np.ndarray:
-    """What each mirror (M,) takes from a wave that passes it at normal incidence."""
+    """Transmission loss of each mirror (M,) at normal incidence."""
     slabs = zip(materials, mirrors.scene.surfaces, strict=True)
-    passed = [slab(material, surface.thickness_m, np.array(1.0), frequency_hz)[2] for material, surface in slabs]
-    return -20 * np.log10(np.maximum(np.abs(passed), 1e-30))[[mirror.surface for mirror in mirrors.each]]
+    transmitted = [slab(material, surface.thickness_m, np.array(1.0), frequency_hz)[2] for material, surface in slabs]
+    return -20 * np.log10(np.maximum(np.abs(transmitted), 1e-30))[[mirror.surface for mirror in mirrors.each]]
 
 
 def _met(mirrors: Mirrors, number: int, materials: Sequence[Material]) -> Met:
-    """An element of a chain."""
+    """One element of a chain."""
     through = number < 0
     number = ~number if through else number
     mirror = mirrors.each[number]
     material, thickness_m = materials[mirror.surface], mirrors.scene.surfaces[mirror.surface].thickness_m
     delay_s = thickness_m * math.sqrt(material.relative_permittivity) / SPEED_OF_LIGHT if through else 0.0
-    # What a rough surface scatters is missing from what it reflects (docs/physics.md, eq. 9), not from what passes.
+    # What a rough surface scatters is missing from what it reflects (docs/physics.md, eq. 9), not from what it transmits.
     smooth = math.sqrt(1 - material.scattering_coefficient**2)
 
     def coefficients(cosine: np.ndarray, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found = []
         for frequency in map(float, frequencies_hz):
             r_te, r_tm, t_te, t_tm = slab(material, thickness_m, cosine, frequency)
-            turn = cmath.exp(2j * math.pi * frequency * delay_s)
-            found.append((turn * t_te, turn * t_tm) if through else (smooth * r_te, smooth * r_tm))
+            phasor = cmath.exp(2j * math.pi * frequency * delay_s)
+            found.append((phasor * t_te, phasor * t_tm) if through else (smooth * r_te, smooth * r_tm))
         te, tm = np.stack(found, axis=1)
         return te, tm
 
     return Met(number, mirror, through, coefficients, delay_s)
 
 
-def _leg(mirrors: Mirrors, edges: Edges, chain: Sequence[Met], place: np.ndarray, polarization: np.ndarray) -> Leg:
+def _one_way_path(
+    mirrors: Mirrors, edges: Edges, chain: Sequence[Met], place: np.ndarray, polarization: np.ndarray
+) -> OneWayPath:
     used, numbers = [met.mirror for met in chain], [met.number for met in chain]
-    images, turn, shift = [place], np.eye(3), np.zeros(3)
+    images, mirror_matrix, shift = [place], np.eye(3), np.zeros(3)
     for met in chain:
         if met.through:
             images.append(images[-1])
             continue
         mirror = met.mirror
         images.append(mirror.reflected(images[-1]))
-        shift = shift + turn @ (2 * mirror.offset_m * mirror.normal)
-        turn = turn @ (np.eye(3) - 2 * np.outer(mirror.normal, mirror.normal))
+        shift = shift + mirror_matrix @ (2 * mirror.offset_m * mirror.normal)
+        mirror_matrix = mirror_matrix @ (np.eye(3) - 2 * np.outer(mirror.normal, mirror.normal))
 
     def field(points: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
-        # The way from the image, bent back mirror by mirror, begins at the antenna.
-        ahead = points @ turn.T + shift - place
+        # The straight path from the image, folded back mirror by mirror, begins at the antenna.
+        ahead = points @ mirror_matrix.T + shift - place
         ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
         wave = (polarization - (ahead @ polarization)[..., None] * ahead).astype(complex)
         wave /= np.maximum(np.linalg.norm(wave, axis=-1, keepdims=True), 1e-12)
@@ -124,8 +126,8 @@ def _leg(mirrors: Mirrors, edges: Edges, chain: Sequence[Met], place: np.ndarray
             wave, ahead = _after(wave, ahead, met, frequencies_hz)
         return wave
 
-    def clear(points: np.ndarray) -> np.ndarray:
-        good, stops = _way(points, images, used)
+    def exists(points: np.ndarray) -> np.ndarray:
+        good, stops = _vertices(points, images, used)
         inside = good.copy()
         if good.any():
             stops = [stop[good] for stop in stops]
@@ -137,22 +139,22 @@ def _leg(mirrors: Mirrors, edges: Edges, chain: Sequence[Met], place: np.ndarray
             inside[good] = whole
         return inside.astype(np.float32)
 
-    return Leg(
+    return OneWayPath(
         chain=tuple(met.name for met in chain),
         image_m=images[-1],
-        turn=turn,
+        mirror_matrix=mirror_matrix,
         shift_m=shift,
         field=field,
-        way=lambda points: np.stack(_way(points, images, used)[1]),
-        clear=clear,
-        share=lambda points: edges.share(points, lambda some: _way(some, images, used), numbers),
+        vertices=lambda points: np.stack(_vertices(points, images, used)[1]),
+        exists=exists,
+        fraction=lambda points: edges.fraction(points, lambda some: _vertices(some, images, used), numbers),
         transmissions=sum(met.through for met in chain),
         delay_s=sum(met.delay_s for met in chain),
     )
 
 
-def _way(points: np.ndarray, images: list[np.ndarray], used: list[Mirror]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """For which points (..., 3) every mirror is met between its neighbours, and the way: antenna, where it meets them, points."""
+def _vertices(points: np.ndarray, images: list[np.ndarray], used: list[Mirror]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """For which points (..., 3) every mirror is met between its neighbours, and the path: antenna, intersections, points."""
     stops = [points]
     good = np.ones(points.shape[:-1], bool)
     for image, mirror in zip(images[:0:-1], used[::-1], strict=True):
@@ -160,8 +162,8 @@ def _way(points: np.ndarray, images: list[np.ndarray], used: list[Mirror]) -> tu
         before, after = image @ mirror.normal - mirror.offset_m, here @ mirror.normal - mirror.offset_m
         # The image lies on one side of the mirror, the point on the other.
         good &= before * after < 0
-        share = after / np.where(after == before, 1, after - before)
-        stops.append(here + share[..., None] * (image - here))
+        fraction = after / np.where(after == before, 1, after - before)
+        stops.append(here + fraction[..., None] * (image - here))
     stops.append(np.broadcast_to(images[0], points.shape))
     return good, stops[::-1]
 

@@ -1,4 +1,4 @@
-"""A mesh with its edges halved, so that a field of it can be looked at more closely: nothing moves."""
+"""A subdivided mesh at whose vertices visibility is sampled: edges are halved, and nothing moves."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from t2d_rt.geometry.subdivide import split_in_four, topology
 
 
 @dataclass(frozen=True, slots=True)
-class Halved:
-    """A mesh whose edges are halved so many times; the first vertices are its own."""
+class SubdividedMesh:
+    """A mesh whose edges are halved `level` times; the first vertices are its own."""
 
     faces: np.ndarray
     """(4^n F, 3), those of each face together."""
     operator: Csr
     """Sparse (V', V): the vertices, and any field of them, from those of the mesh."""
-    times: int
+    level: int
 
     @classmethod
-    def of(cls, faces: np.ndarray, vertex_count: int, times: int) -> Halved:
+    def of(cls, faces: np.ndarray, vertex_count: int, level: int) -> SubdividedMesh:
         """Of triangles (F, 3) of so many vertices."""
         from scipy import sparse
 
         operator = sparse.eye_array(vertex_count, format="csr", dtype=np.float32)
-        for _ in range(times):
+        for _ in range(level):
             mesh = topology(faces, operator.shape[0])
             count = len(mesh.edges)
             ends = np.repeat(np.arange(count), 2), mesh.edges.ravel()
             half = sparse.csr_array((np.full(2 * count, 0.5, np.float32), ends), shape=(count, operator.shape[0]))
             faces = split_in_four(mesh.faces, operator.shape[0] + mesh.face_edges)
             operator = sparse.vstack([operator, half @ operator], format="csr")
-        return cls(np.asarray(faces), operator, times)
+        return cls(np.asarray(faces), operator, level)
 
     def to(self, fine: Refinement, faces: np.ndarray) -> Csr:
         """Sparse float32 (Vf, V'): a field of these vertices, carried linearly to those of a refinement of the mesh of `faces`."""
@@ -43,14 +43,14 @@ class Halved:
         face = np.zeros(len(rows), np.int64)
         face[fine.faces.ravel()] = np.repeat(fine.base_face, 3)
         corners = faces[face]
-        share = np.asarray(fine.linear[np.repeat(rows, 3), corners.ravel()]).reshape(-1, 3)
-        for _ in range(self.times):
-            corner = share.argmax(axis=1)
-            inner = share.max(axis=1) < 0.5
+        weights = np.asarray(fine.linear[np.repeat(rows, 3), corners.ravel()]).reshape(-1, 3)
+        for _ in range(self.level):
+            corner = weights.argmax(axis=1)
+            inner = weights.max(axis=1) < 0.5
             face = 4 * face + np.where(inner, 3, corner)
             # A child's vertices: a corner and the two middles beside it, or the middles of edges 01, 12 and 20.
-            outer = 2 * share
+            outer = 2 * weights
             outer[rows, corner] -= 1
-            share = np.where(inner[:, None], 1 - 2 * share[:, [2, 0, 1]], outer)
-        entries = share.astype(np.float32).ravel(), (np.repeat(rows, 3), self.faces[face].ravel())
+            weights = np.where(inner[:, None], 1 - 2 * weights[:, [2, 0, 1]], outer)
+        entries = weights.astype(np.float32).ravel(), (np.repeat(rows, 3), self.faces[face].ravel())
         return sparse.csr_array(entries, shape=(len(rows), self.operator.shape[0]))

@@ -1,7 +1,7 @@
-"""Echoes into Chebyshev coefficients over the sweep, at any moments (docs/physics.md, eq. 16).
+"""Chebyshev coefficients of echoes over the sweep, at any instants (docs/physics.md, eq. 16).
 
-One kernel does the sum: its lanes are (collector, a few moments), its loop runs over the collector's echoes. A
-collector is a bucket of fixed delay.
+One kernel does the sum: its lanes are (bin, a few instants), its loop runs over the echoes of the bin. A bin
+is a bucket of fixed delay.
 """
 
 from __future__ import annotations
@@ -23,38 +23,45 @@ TERMS = 6
 SLOPE_TERMS = 4
 """Those of the amplitude's slope, itself a small part."""
 
-MOST_SHARES, ENOUGH_LANES = 16, 1 << 14
-"""A collector's echoes go to several lanes where there are fewer lanes than that."""
+MOST_PARTS, ENOUGH_LANES = 16, 1 << 14
+"""The echoes of a bin are divided among several lanes where there are fewer lanes than that."""
 UNROLLS, READ_WORK = (1, 2, 4, 8), 2
-"""Moments that a lane may hold in registers, and what it takes to read an echo, in moments."""
+"""Instants that a lane may hold in registers, and the cost of reading an echo, in instants."""
 
 
 @dataclass(frozen=True, slots=True)
 class Members:
-    """Which echoes each collector gathers during each slot, a slot being a part of a frame interval."""
+    """Which echoes fall into each bin during each time slot, a part of a frame interval."""
 
-    collectors: int
+    bins: int
     slots_per_interval: int
     starts: np.ndarray
-    """(slot * collectors + 1,): row r's echoes are members[starts[r]:starts[r + 1]], r = slot * collectors + collector."""
+    """(slot * bins + 1,): row r's echoes are members[starts[r]:starts[r + 1]], r = slot * bins + bin."""
     members: np.ndarray
     """Echo of each."""
 
     @classmethod
     def of(
-        cls, slot: np.ndarray, collector: np.ndarray, member: np.ndarray, *, shape: tuple[int, int], per: int, size: int
+        cls,
+        slot: np.ndarray,
+        bin_number: np.ndarray,
+        member: np.ndarray,
+        *,
+        shape: tuple[int, int],
+        per: int,
+        size: int,
     ) -> Members:
-        """From triples; `shape` is (slots, collectors), `per` the slots of an interval, `size` the number of echoes."""
+        """From triples; `shape` is (slots, bins), `per` the slots of an interval, `size` the number of echoes."""
         from scipy.sparse import coo_array
 
-        # A counting sort: the rows of a CSR matrix are the collectors' members.
-        row = slot * shape[1] + collector
+        # A counting sort: the rows of a CSR matrix are the members of the bins.
+        row = slot * shape[1] + bin_number
         table = coo_array((np.ones(len(row), np.int8), (row, member)), shape=(shape[0] * shape[1], size)).tocsr()
         return cls(shape[1], per, table.indptr, table.indices)
 
     def slot(self, position: np.ndarray) -> np.ndarray:
-        """Slot of moments [frames after the window's start, of which one interval lies before], ascending."""
-        last = (len(self.starts) - 1) // self.collectors - 1
+        """Time slot of instants [frames after the window's start, of which one interval lies before], ascending."""
+        last = (len(self.starts) - 1) // self.bins - 1
         return np.clip(np.floor((position + 1) * self.slots_per_interval).astype(np.int64), 0, last)
 
 
@@ -78,12 +85,12 @@ def phases(
     origin_s: float,
     backend: Backend,
 ) -> tuple[Any, Any]:
-    """Flat float32 tables for every (echo, interval) of delays [s] (n + 3, L) and their slopes [s per frame]: the phase [turns] as
+    """Flat float32 tables for every (echo, interval) of delays [s] (n + 3, L) and their slopes [s per frame]: the phase [cycles] as
     cubics in the frame step u, four numbers each, and theta at u = 0. Neighbouring lanes are neighbouring intervals, mostly of one
     echo: they read neighbouring numbers.
 
-    Both are relative to the echo's reference; where there is none, phase comes without whole turns and theta is that of the delay
-    after `origin_s`. Delays are float64, as thousands of turns need of which the fraction counts.
+    Both are relative to the echo's reference; where there is none, phase comes without whole cycles and theta is that of the delay
+    after `origin_s`. Delays are float64, as needed for the fraction of thousands of cycles.
     """
     import drjit as dr
 
@@ -94,14 +101,14 @@ def phases(
         dr.opaque(Real, float(x)) for x in (sweep.mid_hz, sweep.slope, origin_s, sweep.theta_per_s)
     )
 
-    def turns(delays: np.ndarray, slopes: np.ndarray, indices: list[Any]) -> tuple[list[Any], Any]:
+    def cycles(delays: np.ndarray, slopes: np.ndarray, indices: list[Any]) -> tuple[list[Any], Any]:
         """Phase at both frames and its slopes there, and the delay at the first."""
         flat = [Real(np.ascontiguousarray(a).ravel()) for a in (delays, slopes)]
         taus, rates = ([dr.gather(Real, values, index) for index in indices] for values in flat)
         phase = [mid * tau - 0.5 * ramp * tau * tau for tau in taus]
         return phase + [(mid - ramp * tau) * rate for tau, rate in zip(taus, rates, strict=True)], taus[0]
 
-    ends, first = turns(delay, delay_slope, [here, here + echoes])
+    ends, first = cycles(delay, delay_slope, [here, here + echoes])
     if references is None:
         cubic: Any = hermite(*ends)
         cubic = (cubic[0] - dr.floor(cubic[0]), *cubic[1:])
@@ -109,7 +116,7 @@ def phases(
     else:
         count = dr.opaque(UInt32, references.delay.shape[1])
         place = dr.gather(UInt32, UInt32(references.of.astype(np.uint32)), echo) + interval * count
-        others, other = turns(references.delay, references.delay_slope, [place, place + count])
+        others, other = cycles(references.delay, references.delay_slope, [place, place + count])
         cubic = hermite(*(end - other for end, other in zip(ends, others, strict=True)))
         first -= other
     tables = dr.ravel(backend.arrays.Array4f(*map(Float32, cubic))), Float32(first * per_s)
@@ -149,7 +156,7 @@ def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
     return echo, lane - echo * intervals, dr.opaque(UInt32, delay.shape[1])
 
 
-def moments(
+def chebyshev_coefficients(
     members: Members,
     table: tuple[Any, Any],
     fields: list[Any],
@@ -159,41 +166,42 @@ def moments(
     sweep: Sweep,
     backend: Backend,
 ) -> np.ndarray:
-    """Chebyshev coefficients of every collector over the sweep, complex64 (collector, moment, TERMS).
+    """Chebyshev coefficients of every bin over the sweep, complex64 (bin, instant, TERMS).
 
-    `table` is that of `phases`, `fields` those of `amplitudes`; `centres` the collectors' theta, relative to what that of the
-    echoes is relative to; `position` the moments [frames after the window's start], ascending; `step_s` the frame interval.
+    `table` is that of `phases`, `fields` those of `amplitudes`; theta at the centre of each bin is in `centres`, with the same
+    reference as that of the echoes; `position` holds the instants [frames after the window's start], ascending; `step_s` the
+    frame interval.
     """
     import drjit as dr
 
     Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
-    collectors = members.collectors
+    bins = members.bins
     slot = members.slot(position)
-    deal = _Deal.of(slot)
+    batching = _Batches.of(slot)
 
     # All that changes from window to window comes in as arrays: a number in the code would compile a new kernel.
     lanes_of = backend.lanes
-    # (collector, hand of moments) where there are echoes, and shares of them where these are few for all the lanes of a device.
-    row = np.arange(collectors)[:, None] + slot[deal.moment] * collectors
+    # (bin, batch of instants) where there are echoes, in several parts where these are few for all the lanes of a device.
+    row = np.arange(bins)[:, None] + slot[batching.instant] * bins
     size = members.starts[row + 1] - members.starts[row]
-    collector, hand = np.nonzero(size)
-    row, moment = row[collector, hand], deal.moment[hand]
-    shares = MOST_SHARES
-    while shares > 1 and len(row) * shares > ENOUGH_LANES:
-        shares //= 2
-    begin = lanes_of(members.starts[row][:, None] + np.arange(shares))
-    end = lanes_of(np.repeat(members.starts[row + 1], shares))
-    moment_of_lane = lanes_of(np.repeat(moment, shares))
-    stride = dr.opaque(UInt32, shares)
+    bin_number, batch = np.nonzero(size)
+    row, instant = row[bin_number, batch], batching.instant[batch]
+    parts_per_bin = MOST_PARTS
+    while parts_per_bin > 1 and len(row) * parts_per_bin > ENOUGH_LANES:
+        parts_per_bin //= 2
+    begin = lanes_of(members.starts[row][:, None] + np.arange(parts_per_bin))
+    end = lanes_of(np.repeat(members.starts[row + 1], parts_per_bin))
+    instant_of_lane = lanes_of(np.repeat(instant, parts_per_bin))
+    stride = dr.opaque(UInt32, parts_per_bin)
     echoes = UInt32(members.members.astype(np.uint32))
     interval = slot // members.slots_per_interval
-    intervals = dr.opaque(UInt32, (len(members.starts) - 1) // collectors // members.slots_per_interval)
-    interval_of_lane = lanes_of(np.repeat(interval[moment], shares))
+    intervals = dr.opaque(UInt32, (len(members.starts) - 1) // bins // members.slots_per_interval)
+    interval_of_lane = lanes_of(np.repeat(interval[instant], parts_per_bin))
     times = position + 1 - interval
-    times = Float32(np.append(times, np.zeros(deal.unroll)).astype(np.float32))
-    u = [dr.gather(Float32, times, moment_of_lane + k) for k in range(deal.unroll)]
-    centre = lanes_of(np.repeat(centres[collector], shares), Float32)
-    per_turn, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_turn(step_s))
+    times = Float32(np.append(times, np.zeros(batching.unroll)).astype(np.float32))
+    u = [dr.gather(Float32, times, instant_of_lane + k) for k in range(batching.unroll)]
+    centre = lanes_of(np.repeat(centres[bin_number], parts_per_bin), Float32)
+    per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_cycle(step_s))
 
     def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
         member = dr.gather(UInt32, echoes, i) * intervals + interval_of_lane
@@ -204,65 +212,65 @@ def moments(
         for time, acc in zip(u, sums, strict=True):
             travelled = time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
             rate = cubic[1] + time * (2 * cubic[2] + time * (3 * cubic[3]))
-            theta = theta_start + travelled * per_turn + rate * per_rate
-            turns = cubic[0] + travelled
+            theta = theta_start + travelled * per_cycle + rate * per_rate
+            cycles = cubic[0] + travelled
             # eps x^2 = h (T_0 + T_2), h = eps/2
             half_eps = 0.5 * eps_per_rate * rate
-            sin, cos = sin_cos(turns + half_eps * (0.5 / math.pi))
+            sin, cos = sin_cos(cycles + half_eps * (0.5 / math.pi))
             weights = _jacobi_anger(theta)
-            real, imag = _turned(parts[0], parts[1], time, sin, cos)
+            real, imag = _times_phasor(parts[0], parts[1], time, sin, cos)
             out = [(re + real * w, im + imag * w) for (re, im), w in zip(acc, weights, strict=False)]
             bends = [half_eps * bend for bend in _bend(weights)]
             out = [(re + imag * bend, im - real * bend) for (re, im), bend in zip(out, bends, strict=True)]
             if len(parts) > 2:
-                real, imag = _turned(parts[2], parts[3], time, sin, cos)
+                real, imag = _times_phasor(parts[2], parts[3], time, sin, cos)
                 out += [(re + real * w, im + imag * w) for (re, im), w in zip(acc[TERMS:], weights, strict=False)]
             new.append(out)
         return i + stride, new
 
     count = TERMS + SLOPE_TERMS if len(fields) > 2 else TERMS
-    zeros = [[(dr.zeros(Float32, dr.width(begin)),) * 2 for _ in range(count)] for _ in range(deal.unroll)]
+    zeros = [[(dr.zeros(Float32, dr.width(begin)),) * 2 for _ in range(count)] for _ in range(batching.unroll)]
     _, sums = dr.while_loop(
         state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
     )
-    if shares > 1:
-        dr.eval(sums)  # all at once; else each share's sum would run the loop again
-        sums = [[tuple(dr.block_sum(part, shares) for part in pair) for pair in acc] for acc in sums]
+    if parts_per_bin > 1:
+        dr.eval(sums)  # all at once; else each part's sum would run the loop again
+        sums = [[tuple(dr.block_sum(part, parts_per_bin) for part in pair) for pair in acc] for acc in sums]
     values = backend.arrays.ArrayXf([part for acc in sums for pair in _with_slope(acc) for part in pair])
-    dealt = dr.zeros(Float32, collectors * deal.hands * len(values))
+    summed = dr.zeros(Float32, bins * batching.batches * len(values))
     # One scatter: each further one into the same array would run the loop again.
-    dr.scatter(dealt, values, lanes_of(collector * deal.hands + hand))
-    by_hand = dealt.numpy().view(np.complex64).reshape(collectors, deal.hands, deal.unroll, TERMS)
-    return by_hand[:, deal.hand, np.arange(len(slot)) - deal.moment[deal.hand]]
+    dr.scatter(summed, values, lanes_of(bin_number * batching.batches + batch))
+    by_batch = summed.numpy().view(np.complex64).reshape(bins, batching.batches, batching.unroll, TERMS)
+    return by_batch[:, batching.batch, np.arange(len(slot)) - batching.instant[batching.batch]]
 
 
 @dataclass(frozen=True, slots=True)
-class _Deal:
-    """How moments, slot by slot, are dealt: a hand is `unroll` moments of one slot, for which a lane reads an echo once."""
+class _Batches:
+    """Batches of instants: each is `unroll` instants of one time slot, for which a lane reads an echo once."""
 
-    moment: np.ndarray
-    """First moment of each hand."""
+    instant: np.ndarray
+    """First instant of each batch."""
     unroll: int
-    hand: np.ndarray
-    """Hand of each moment."""
+    batch: np.ndarray
+    """Batch of each instant."""
 
     @property
-    def hands(self) -> int:
-        return len(self.moment)
+    def batches(self) -> int:
+        return len(self.instant)
 
     @classmethod
-    def of(cls, slot: np.ndarray) -> _Deal:
-        """For the slot of each moment, ascending (moment,)."""
+    def of(cls, slot: np.ndarray) -> _Batches:
+        """For the slot of each instant, ascending (instant,)."""
         bounds = np.flatnonzero(np.diff(slot, prepend=-1, append=slot[-1] + 1))
         sizes = np.diff(bounds)
         unroll = min(UNROLLS, key=lambda unroll: np.sum(-(-sizes // unroll)) * (READ_WORK + unroll))
         counts = -(-sizes // unroll)
         within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        moment = np.repeat(bounds[:-1], counts) + within * unroll
-        return cls(moment, unroll, np.searchsorted(moment, np.arange(len(slot)), side="right") - 1)
+        instant = np.repeat(bounds[:-1], counts) + within * unroll
+        return cls(instant, unroll, np.searchsorted(instant, np.arange(len(slot)), side="right") - 1)
 
 
-def _turned(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]:
+def _times_phasor(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]:
     """A complex cubic at u, times exp(j phase)."""
     re, im = (c[0] + u * (c[1] + u * (c[2] + u * c[3])) for c in (real, imag))
     return re * cos - im * sin, re * sin + im * cos
@@ -288,14 +296,14 @@ def _bend(w: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def _with_slope(sums: list[Any]) -> list[Any]:
     """Real and imaginary parts of TERMS sums with j^m put in and the part linear in x, x T_m = (T_{m-1} + T_{m+1})/2, added."""
-    out, slopes = ([_turned_by_j(pair, m) for m, pair in enumerate(part)] for part in (sums[:TERMS], sums[TERMS:]))
+    out, slopes = ([_times_j(pair, m) for m, pair in enumerate(part)] for part in (sums[:TERMS], sums[TERMS:]))
     for m, pair in enumerate(slopes):
         for k in (abs(m - 1), m + 1):
             out[k] = tuple(a + 0.5 * b for a, b in zip(out[k], pair, strict=True))
     return out
 
 
-def _turned_by_j(pair: Any, power: int) -> Any:
+def _times_j(pair: Any, power: int) -> Any:
     """(re, im) times j^power."""
     real, imag = pair
     return ((real, imag), (-imag, real), (-real, -imag), (imag, -real))[power % 4]

@@ -1,0 +1,112 @@
+"""Delays from the antennas of an array's end, its transmitters or its receivers, relative to those from its centre."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.geometry.vectors import dot
+from t2d_rt.radar.windows import ApparentPositions, Delay, Window
+from t2d_rt.types import Radar
+
+
+def extra_length(line_of_sight: Any, step: Any, offset: Any, sqrt: Callable[[Any], Any]) -> Any:
+    """Distance of points from an antenna less that from its array's centre, and its rate of change, without cancellation.
+
+    `line_of_sight` is the vector from the centre to the points, `step` how that changes, `offset` where the antenna is: three
+    numbers each, NumPy or Dr.Jit.
+    """
+    squared = dot(line_of_sight, line_of_sight)
+    more = dot(offset, offset) - 2 * dot(line_of_sight, offset)
+    near, far = sqrt(squared), sqrt(squared + more)
+    extra = more / (near + far)
+    return extra, -(dot(line_of_sight, step) * extra / near + dot(offset, step)) / far
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """An array's transmitters or receivers, and the apparent positions of echoes for them."""
+
+    centre_m: np.ndarray
+    offsets_m: np.ndarray
+    """(antenna, 3)."""
+    apparent: ApparentPositions | None
+    """None where they are unknown: then all antennas have the centre's delay."""
+
+    def extra_delays(self) -> list[Delay]:
+        """Each antenna's delays less the centre's, float32."""
+        if self.apparent is None:
+            return [(np.zeros((1, 1), np.float32), np.zeros((1, 1), np.float32))] * len(self.offsets_m)
+        line_of_sight = [
+            points - np.float32(place) for points, place in zip(self.apparent.points_m, self.centre_m, strict=True)
+        ]
+        per_s = np.float32(1 / SPEED_OF_LIGHT)
+        extras = (
+            extra_length(line_of_sight, self.apparent.steps_m, each, np.sqrt)
+            for each in self.offsets_m.astype(np.float32)
+        )
+        return [(extra * per_s, step * per_s) for extra, step in extras]
+
+    def some(self, antennas: Sequence[int] | slice) -> End:
+        """Those antennas only."""
+        return replace(self, offsets_m=self.offsets_m[antennas])
+
+
+def ends(window: Window, radar: Radar) -> tuple[End, End]:
+    """Transmitters and receivers."""
+    apparent = window.apparent or (None, None)
+    return (
+        End(radar.tx_position_m, radar.tx_positions_m - radar.tx_position_m, apparent[0]),
+        End(radar.rx_position_m, radar.rx_positions_m - radar.rx_position_m, apparent[1]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayDelays:
+    """Delays of an end's antennas, for echoes on the device and for the groups that they are merged to."""
+
+    end: End
+    table: tuple[Any, Any] | None
+    """The echoes' points [m] and steps [m per frame]: flat float32 (echo, frame, 4)."""
+    groups: list[list[Delay]]
+    """Of each antenna and level: that of its groups' mean points, from which their members' are counted."""
+
+    def __len__(self) -> int:
+        return len(self.groups)
+
+    def some(self, antennas: range) -> ArrayDelays:
+        """Those antennas only."""
+        chosen = slice(antennas.start, antennas.stop)
+        return ArrayDelays(self.end.some(chosen), self.table, self.groups[chosen])
+
+
+def array_delays(pair: tuple[End, End], means: list[Any], backend: Backend) -> tuple[ArrayDelays, ArrayDelays]:
+    """Of both ends; `means`: sparse, from each level's values to the means of the groups of the next."""
+    # Where transmitters and receivers stand in one place, apparent positions are the same for both.
+    same = pair[0].apparent is pair[1].apparent
+    tables = [_table(end.apparent, backend) for end in pair[: 1 if same else 2]]
+    return _of_end(pair[0], means, tables[0]), _of_end(pair[1], means, tables[-1])
+
+
+def _of_end(end: End, means: list[Any], table: tuple[Any, Any] | None) -> ArrayDelays:
+    of_levels, apparent = [], end.apparent
+    for mean in means:
+        apparent = None if apparent is None else apparent.mean(mean)
+        of_levels.append(replace(end, apparent=apparent).extra_delays())
+    return ArrayDelays(end, table, [list(each) for each in zip(*of_levels, strict=True)])
+
+
+def _table(apparent: ApparentPositions | None, backend: Backend) -> tuple[Any, Any] | None:
+    if apparent is None:
+        return None
+    tables = []
+    for values in (apparent.points_m, apparent.steps_m):
+        packed = np.zeros((*values.shape[:0:-1], 4), np.float32)
+        packed[..., :3] = values.T
+        tables.append(backend.Float32(packed.ravel()))
+    return tables[0], tables[1]
