@@ -90,7 +90,7 @@ def test_a_plan_tells_the_memory() -> None:
     assert f"{plan.memory_bytes / 1e9:.1f} GB" in str(plan)
 
 
-def test_moments_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_instants_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     surface = approaching(5)
     expected = farthest_and_fastest(surface, RADAR, (0.0, 0.3)), needed_rate_hz(surface, RADAR, 0.0, 0.3)
     monkeypatch.setattr(memory, "BLOCK_BYTES", 2**21)
