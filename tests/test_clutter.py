@@ -92,7 +92,7 @@ def corner(*, inside: bool) -> list[Surface]:
     ]
 
 
-def test_a_corner_has_as_many_ways_as_images() -> None:
+def test_a_corner_has_as_many_paths_as_images() -> None:
     """An antenna has seven images in a trihedral, though its faces can be met in 15 orders."""
     paths = found(*corner(inside=True))
     away = np.array([3.0, 2.0, 1.0])
@@ -113,14 +113,14 @@ def test_an_edge_that_sticks_out_sends_nothing_back() -> None:
     assert found(*corner(inside=False)) == []
 
 
-def test_between_two_walls_both_ways_round_count() -> None:
+def test_between_two_walls_both_paths_round_count() -> None:
     behind = plate("behind", [(-1, -5, -4), (-1, 5, -4), (-1, 5, 6), (-1, -5, 6)], PEC)
     chains = [path.chain for path in found(ahead(3.0), behind)]
     one, other = ("ahead", "behind"), ("behind", "ahead")
     assert sorted(chains) == sorted([one[:1], other[:1], one, other, (*one, "ahead"), (*other, "behind")])
 
 
-def test_antennas_look_where_their_pattern_does() -> None:
+def test_antennas_radiate_where_their_pattern_does() -> None:
     behind = plate("behind", [(-1, -5, -4), (-1, 5, -4), (-1, 5, 6), (-1, -5, 6)], PEC)
     pattern = {"kind": "cosine", "exponent": 2}
     radar = Radar.preset("table2", tx_pattern=pattern, rx_pattern=pattern)
@@ -294,7 +294,7 @@ def test_bodies_of_ellipsoids_and_of_triangles_have_the_same_shadow() -> None:
 
 
 @pytest.mark.slow
-def test_all_that_stands_still_stays_at_zero_doppler() -> None:
+def test_the_static_scene_stays_at_zero_doppler() -> None:
     """Also in a shadow, and with rough walls."""
     short = ball((2.5, 0.4, 1.0), time_s=0.1, radius_m=0.15, frames=2)
     radar = Radar.preset("table2", prf_hz=2000.0)

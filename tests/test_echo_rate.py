@@ -52,7 +52,7 @@ def test_still_and_short_records() -> None:
 
 
 @pytest.mark.parametrize("turns_hz", [15.0, 100.0])
-def test_what_turns_fast_is_looked_at_often(turns_hz: float) -> None:
+def test_what_rotates_fast_has_a_high_surface_rate(turns_hz: float) -> None:
     def turning(times_s: np.ndarray) -> np.ndarray:
         angle = 2 * np.pi * turns_hz * times_s
         turn = np.moveaxis(np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), 2, 0)

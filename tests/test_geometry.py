@@ -412,7 +412,7 @@ def test_curvature_does_not_depend_on_place_and_scales_with_size() -> None:
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_halved_edges_move_nothing_and_hold_finer_fields(times: int) -> None:
+def test_subdivided_edges_move_nothing_and_hold_finer_fields(times: int) -> None:
     vertices, faces = uneven_sphere(60, 0.1, 0.3)
     fine = refine(vertices, faces, wavenumber=WAVENUMBER, range_m=3, sagitta_rad=0.5)
     subdivided = SubdividedMesh.of(faces, len(vertices), times)

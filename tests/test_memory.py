@@ -99,7 +99,7 @@ def test_a_plan_tells_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_moments_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_instants_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     surface = approaching(5)
     expected = farthest_and_fastest(surface, RADAR, (0.0, 0.3)), needed_rate_hz(surface, RADAR, 0.0, 0.3)
     monkeypatch.setattr(memory, "BLOCK_BYTES", 2**21)

@@ -214,7 +214,7 @@ def test_scene_radar_and_target_may_be_moved_together() -> None:
     assert nmse_db(other.adc.values, one.adc.values) < -60
 
 
-def test_what_stands_still_stays_at_zero_doppler() -> None:
+def test_a_static_target_stays_at_zero_doppler() -> None:
     still = ball((3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
     result = t2d.simulate(still, radar=Radar.preset("table2"), scene=small_room())
     cube = result.adc.values[:, 0]

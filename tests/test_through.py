@@ -1,4 +1,4 @@
-"""Ways through thin slabs: against Sionna RT's path solver, closed forms of a sphere behind a partition, and their cost."""
+"""Paths through thin slabs: against Sionna RT's path solver, closed forms of a sphere behind a partition, and their cost."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_paths_through_walls_and_doors_are_those_of_sionna(
 
 
 def test_a_half_wave_window_lets_all_through() -> None:
-    """|T| = 1 of a lossless slab of whole half-waves, and its delay is that of the way in it."""
+    """|T| = 1 of a lossless slab of whole half-waves, and its delay is that of the path in it."""
     half_wave = SPEED_OF_LIGHT / FREQUENCY_HZ / math.sqrt(4.0) / 2
     scene = partition(Material(relative_permittivity=4.0), 3 * half_wave)
     behind = np.array([[4.0, 0.0, 1.0]])
@@ -142,7 +142,7 @@ def test_a_sphere_behind_a_partition_is_weaker_by_what_it_takes_both_ways(
 
 @pytest.mark.slow
 def test_what_lets_too_little_through_changes_nothing() -> None:
-    """Metal and a concrete wall end a way, so a target before them is recorded as without transmissions, to the last bit."""
+    """Metal and a concrete wall end a path, so a target before them is recorded as without transmissions, to the last bit."""
     target = ball((1.5, 0.4, 1.1), time_s=0.05)
     for scene in (partition("metal", 0.001), partition("concrete", 0.15)):
         cubes = [t2d.simulate(target, scene=scene, transmissions=most, clutter="none").adc.values for most in (0, 2)]

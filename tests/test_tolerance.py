@@ -112,7 +112,7 @@ def test_ellipsoids_where_they_suffice(walk: Motion) -> None:
 
 
 @pytest.mark.slow
-def test_what_stands_behind_is_looked_at() -> None:
+def test_visibility_of_what_stands_behind_is_sampled() -> None:
     """Of two balls in line one hides the other; side by side they do not."""
     behind, beside = balls((2, 0, 1), (3, 0, 1)), balls((2, 0, 1), (3, 0.8, 1))
     settings = [
@@ -122,7 +122,7 @@ def test_what_stands_behind_is_looked_at() -> None:
 
 
 @pytest.mark.slow
-def test_what_only_a_wall_sees_behind_another_is_looked_at() -> None:
+def test_visibility_of_what_only_a_wall_sees_behind_another_is_sampled() -> None:
     """Side by side before the radar, one behind the other before its image in the left wall, which is 11 dB weaker."""
     beside, options = (
         balls((2.4, 0.55, 1), (3, -0.6, 1)),
@@ -167,7 +167,7 @@ def test_the_plan_predicts_the_seconds_of_the_whole_record(monkeypatch: pytest.M
 
 
 @pytest.mark.slow
-def test_pairs_of_ways_are_left_out_by_what_they_cost(walk: Motion) -> None:
+def test_path_pairs_are_left_out_by_what_they_cost(walk: Motion) -> None:
     options = {"radar": RADAR, "scene": "empty_room", "reflections": 1, "clutter": "none", "measure_error": False}
     few, many = (t2d.simulate(walk, tolerance_db=db, **options).settings for db in (-3.0, -15.0))
     assert len(few["pairs"]) < len(many["pairs"])

@@ -183,7 +183,7 @@ def passing() -> list[MovingMesh]:
     return [moving_sphere(0.3, [[2, -0.8, 1], [2, 0.8, 1]], LONG_S), sphere(0.3, [4, 0, 1])]
 
 
-def test_it_fades_by_a_smooth_step_between_keys(passing: list[MovingMesh], backend: Backend) -> None:
+def test_it_fades_by_a_smooth_step_between_sample_times(passing: list[MovingMesh], backend: Backend) -> None:
     view = occlusion(passing, backend, RATE_HZ)
     samples_s = np.linspace(0, 1, 11)
     fine = 40  # times between two keys
@@ -206,7 +206,7 @@ def test_it_fades_by_a_smooth_step_between_keys(passing: list[MovingMesh], backe
     np.testing.assert_allclose(middle, (at_samples[:-1] + at_samples[1:]) / 2, atol=1e-6)
 
 
-def test_keys_are_what_straight_lines_say(passing: list[MovingMesh], backend: Backend) -> None:
+def test_samples_are_what_straight_lines_say(passing: list[MovingMesh], backend: Backend) -> None:
     times_s = np.linspace(0, 1, 11)
     hidden = occlusion(passing, backend, RATE_HZ).visibility(times_s)[1] == 0
     lit = facing(passing[1])
@@ -228,7 +228,7 @@ def test_times_may_be_asked_for_in_any_portions(passing: list[MovingMesh], backe
             assert np.array_equal(np.concatenate([p[mesh] for p in parts]), values)
 
 
-def test_more_keys_than_one_scene_holds(backend: Backend, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_sample_times_than_one_scene_holds(backend: Backend, monkeypatch: pytest.MonkeyPatch) -> None:
     meshes = [moving_sphere(0.3, [[2, -0.8, 1], [2, 0.8, 1]], LONG_S, level=2), sphere(0.3, [4, 0, 1], level=2)]
     times_s = np.linspace(0, 1, 201)
     view = occlusion(meshes, backend, 200.0)
@@ -327,7 +327,7 @@ def test_the_far_leg_and_arm_pass_behind_the_body(walker: MovingMesh, backend: B
 
 
 @pytest.mark.filterwarnings("ignore:.*is not watertight")
-def test_halved_edges_place_a_shadows_edge_more_closely(backend: Backend) -> None:
+def test_subdivision_places_a_shadows_edge_more_closely(backend: Backend) -> None:
     # A strip, half as far away as a floor of 10 cm squares, shades twice its own width of that.
     side = np.linspace(-0.5, 0.5, 11)
     places = np.stack([np.full((11, 11), 4.0), *np.meshgrid(side, side + 1.0, indexing="ij")], axis=-1).reshape(-1, 3)
