@@ -302,7 +302,7 @@ def test_faces_that_look_away_would_hide_nothing_more(
     times_s = np.linspace(0, 1.2, 13)
     some = occlusion([walker], backend).traced(times_s)
     monkeypatch.setattr(
-        "t2d_rt.trace.visibility._looks_here", lambda vertices, faces: np.ones((len(vertices), len(faces)), bool)
+        "t2d_rt.trace.visibility._faces_origin", lambda vertices, faces: np.ones((len(vertices), len(faces)), bool)
     )
     assert np.array_equal(some, occlusion([walker], backend).traced(times_s))
 
