@@ -277,7 +277,14 @@ class TargetVisibility:
             known = {place: (end, path) for place, end, path in ends if place in counts}
             fractions = [self._fraction(*end, geometry, True, counts[place]) for place, end in known.items()]
             others = [unblocked[id(path)] for place, _, path in ends if place not in counts]
-            found.append(View(paths=pair, visibility=_product(fractions), unblocked=_product(others)))
+            found.append(
+                View(
+                    paths=pair,
+                    visibility=_product(fractions),
+                    subdivision=0 if id(geometry) in self._fast_rotating else self._subdivision,
+                    unblocked=_product(others),
+                )
+            )
         return found
 
     def _place(self, end: int, path: OneWayPath | None) -> _Place:

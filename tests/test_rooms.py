@@ -404,3 +404,14 @@ def test_a_material_without_values_is_named() -> None:
     brick = Scene(name="brick", surfaces=(plate("wall", [(0, 2, 0), (5, 2, 0), (5, 2, 3), (0, 2, 3)], "brick"),))
     with pytest.raises(InputError, match=r"no values for brick at 77\.864 GHz; use one of ceiling_board"):
         t2d.simulate(ball((3, 0, 1), (0, 0, 0)), scene=brick)
+
+
+@pytest.mark.slow
+def test_subdivided_visibility_with_every_tier() -> None:
+    """Secondary path pairs share the occlusion that dominant ones have traced, at its subdivision."""
+    target = [t2d.trim(walk(), 0, 0.1), t2d.TableFan(position_m=(2, -1, 1), rpm=900)]
+    options = {"scene": small_room(), "clutter": "none", "collisions": "ignore"}
+    cubes = [
+        t2d.simulate(target, **options, accuracy={"sagitta_rad": 1.0, "visibility_subdivision": n}).cube for n in (0, 1)
+    ]
+    assert -70 < nmse_db(*cubes) < -20, "shadows' edges differ a little"
