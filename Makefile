@@ -5,16 +5,18 @@
 PYTHON ?= python3
 PY := .venv/bin/python
 STAMP := .venv/.installed
+# Files go to one process each, in the order that tests/conftest.py gives them.
+SPREAD := --dist loadfile --no-loadscope-reorder
 
 demo: $(STAMP)
 	$(PY) examples/demo.py
 
 test: $(STAMP)
-	$(PY) -m pytest -q -n 2 --dist loadfile
+	$(PY) -m pytest -q -n 2 $(SPREAD)
 
 # Formatter, linter, types, fast tests (the import layers are among them: tests/test_layers.py) and doctests.
 check: style doctest
-	$(PY) -m pytest -q -n 2 --dist loadfile -m "not slow"
+	$(PY) -m pytest -q -n 2 $(SPREAD) -m "not slow"
 
 style: $(STAMP)
 	.venv/bin/ruff format --check .

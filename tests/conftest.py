@@ -13,6 +13,24 @@ from t2d_rt.types import Radar
 
 ReadField = Callable[..., np.ndarray]
 
+LONGEST = (
+    "test_tolerance",
+    "test_experiment",
+    "test_examples",
+    "test_synthesize",
+    "test_echo_facets",
+    "test_cli",
+    "test_api",
+    "test_chart",
+)
+"""Files that take longest, which start first so that no process waits for another at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Puts them first."""
+    place = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.stem, len(place)))
+
 
 @pytest.fixture(scope="session")
 def backend() -> Backend:

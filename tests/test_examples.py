@@ -118,7 +118,7 @@ def test_programs_of_the_readme(walk_folder: Path) -> None:
             # Blank lines before it, so that a failure names the README's own line.
             exec(compile("\n" * (line - 1) + text, "README.md", "exec"), names)
     saved = t2d.Recording.load(walk_folder / "walk.zarr")
-    made = names["result"]
+    made = names["recording"]
     assert np.array_equal(saved.cube, made.cube)
     assert np.array_equal(saved.spectrogram, made.spectrogram)
     assert nmse_db(names["finer"].cube, made.cube) < -3  # the same walk

@@ -82,7 +82,7 @@ class Motion:
             flag("placed", self.placed)
         values = {
             "joints": joints, "rotations": rotations, "names": names, "parents": parents, "rate_hz": checked_rate(self.rate_hz),
-            "report": text("report", self.report), "origin": tuple(text("origin", each) for each in self.origin),
+            "report": text("report", self.report), "origin": tuple(text("origin", each) for each in _listed(self.origin)),
         }  # fmt: skip
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -125,6 +125,10 @@ class Motion:
         if not isinstance(name, str) or name not in self.names:
             raise InputError(f"the motion has no joint {shown(name)}; choose one of {', '.join(self.names)}")
         return self.names.index(name)
+
+
+def _listed(origin: Any) -> Sequence[Any]:
+    return cast(Sequence[Any], instance("origin", origin, (list, tuple), "a list of texts"))
 
 
 def checked_motion(motion: Any) -> Motion:
