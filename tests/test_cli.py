@@ -323,6 +323,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
     ("options", "sentence"),
     [
         ("--foo 3", "unknown option --foo"),
+        (f"--accuracy.sagitta-scale {'1' * 400}", "a number of more than 300 digits"),
         ("--dist 4", "unknown option --dist;"),
         ("-x 3", "unknown option -x"),
         ("--radar.foo 3", "unknown option --radar.foo"),

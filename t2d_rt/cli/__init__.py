@@ -119,6 +119,10 @@ def _run(arguments: list[str]) -> int:
         check_nulls(parser, options)
     except ArgumentError as error:
         raise InputError(one_sentence(str(error), arguments[0])) from None
+    except OverflowError:  # of an integer that no float holds
+        raise InputError(
+            f"an option of {arguments[0]} got a number of more than 300 digits; give it in SI units, as in 77e9"
+        ) from None
     action(options)
     if sys.stdout is not None:  # closed by the caller
         sys.stdout.flush()
