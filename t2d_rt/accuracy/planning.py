@@ -58,10 +58,11 @@ def plan(
     static, _ = model.clutter(clutter, accuracy)
     memory = check_memory(model, [*model.streams(accuracy), *static], measured=wanted.measured)
     del static
-    tried = [_tried(found, length, clutter, device) for length in (PILOT_S[1], *PILOT_S)]
-    (short, first), (long, second) = tried[1:]
-    per_second = max(0.0, second - first) / (long - short) if long > short else 0.0
-    running = second + per_second * (model.span_s[1] - model.span_s[0] - long)
+    whole_s = model.span_s[1] - model.span_s[0]
+    lengths = sorted({min(length, whole_s) for length in PILOT_S})
+    _, *taken = (_tried(found, length, clutter, device) for length in (lengths[-1], *lengths))  # the first one compiles
+    per_second = max(0.0, taken[-1] - taken[0]) / (lengths[-1] - lengths[0]) if len(lengths) > 1 else 0.0
+    running = taken[-1] + per_second * (whole_s - lengths[-1])
     for _ in range(2):  # the first one compiles
         _, measuring = _timed(lambda: converged(model, accuracy, found.error_db, hidden=found.hidden))
     seconds = {"preparing": preparing, "planning": planning, "running": running, "measuring": measuring}
@@ -69,10 +70,9 @@ def plan(
     return replace(found, seconds=seconds, memory_bytes=memory)
 
 
-def _tried(found: Plan, length_s: float, clutter: Clutter, device: Any) -> tuple[float, float]:
-    """What a piece in the middle of the record is long, and takes with its spectrogram [s]."""
+def _tried(found: Plan, length_s: float, clutter: Clutter, device: Any) -> float:
+    """What a piece of that length in the middle of the record takes with its spectrogram [s]."""
     start, stop = found.model.span_s
-    length_s = min(length_s, stop - start)
     middle = (start + stop - length_s) / 2
     model, accuracy = replace(found.model, span_s=(middle, middle + length_s)), found.accuracy
 
@@ -81,7 +81,7 @@ def _tried(found: Plan, length_s: float, clutter: Clutter, device: Any) -> tuple
         cube = summed(model.streams(accuracy), static, model.radar, accuracy, device=device, memory=model.memory)
         spectrogram(cube, model.radar, mti="mean" if static else "none")
 
-    return length_s, _timed(run)[1]
+    return _timed(run)[1]
 
 
 def _timed(work: Callable[[], T]) -> tuple[T, float]:
