@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from t2d_rt.model import segments, skin
     from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
     from t2d_rt.named import bodies, example, examples, movers, presets, scenes
+    from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.radar.synthesize import synthesize
     from t2d_rt.result import Recording, Simulation
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.signal import load_recording
     from t2d_rt.simulate import run, simulate
-    from t2d_rt.trace.scenes import load_scene
     from t2d_rt.types import (
         Accuracy,
         Echoes,
@@ -53,7 +53,7 @@ _HOMES = {
     "t2d_rt.accuracy": ("plan",),
     "t2d_rt.model": ("segments", "skin"),
     "t2d_rt.simulate": ("run", "simulate"),
-    "t2d_rt.trace.scenes": ("load_scene",),
+    "t2d_rt.propagation.scenes": ("load_scene",),
     "t2d_rt.types": (
         *(
             "Accuracy",

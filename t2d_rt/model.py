@@ -13,18 +13,18 @@ from t2d_rt.backend import Backend
 from t2d_rt.body import segments as fit_segments
 from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
-from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
-from t2d_rt.echo.mesh import REFINING_BYTES, Sagitta, facets, mesh_echoes
-from t2d_rt.echo.patches import CYCLES_PER_STEP, SWEEP_CYCLES
-from t2d_rt.echo.paths import Ranked
-from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget, blocks
 from t2d_rt.motion import place, track
+from t2d_rt.propagation.materials import itu_material
+from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.room import ChosenPairs, Clutter, Geometry, TargetVisibility, clutter_streams, coarse_views
+from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
+from t2d_rt.scattering.mesh import REFINING_BYTES, Sagitta, facets, mesh_echoes
+from t2d_rt.scattering.patches import CYCLES_PER_STEP, SWEEP_CYCLES
+from t2d_rt.scattering.paths import Ranked
+from t2d_rt.scattering.rate import needed_rate_hz
 from t2d_rt.scene import Mover
-from t2d_rt.trace.materials import itu_material
-from t2d_rt.trace.visibility import sample_times
 from t2d_rt.types import (
     Accuracy,
     EchoStream,

@@ -14,9 +14,9 @@ from typing import Any
 from t2d_rt import body, motion
 from t2d_rt.checks import file_path, names_advice, shown, text, unknown_name
 from t2d_rt.errors import InputError
+from t2d_rt.propagation.scenes import scene_names
 from t2d_rt.resources import resource
 from t2d_rt.scene.movers import KINDS
-from t2d_rt.trace.scenes import scene_names
 from t2d_rt.types import Motion, Radar
 from t2d_rt.types.radar import preset_names
 

@@ -11,14 +11,14 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.backend import Backend, select
-from t2d_rt.echo.clutter import mirror_echoes, rough_echoes
-from t2d_rt.echo.paths import FacetVisibility, Fraction, Ranked, View, anchor_vertices, ranked_pairs
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.trace.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
-from t2d_rt.trace.collisions import Collision, find_collisions, radar_outside
-from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.surroundings import Blockage, probes, radar_paths
-from t2d_rt.trace.visibility import ExactVisibility, Occlusion
+from t2d_rt.propagation.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
+from t2d_rt.propagation.collisions import Collision, find_collisions, radar_outside
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.surroundings import Blockage, probes, radar_paths
+from t2d_rt.propagation.visibility import ExactVisibility, Occlusion
+from t2d_rt.scattering.clutter import mirror_echoes, rough_echoes
+from t2d_rt.scattering.paths import FacetVisibility, Fraction, Ranked, View, anchor_vertices, ranked_pairs
 from t2d_rt.types import (
     Accuracy,
     EchoStream,

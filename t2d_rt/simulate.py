@@ -8,7 +8,6 @@ from typing import Any
 
 from t2d_rt.accuracy import Wanted, check_memory, chosen, measured_db
 from t2d_rt.backend import Device
-from t2d_rt.echo.ellipsoid import PhaseFrom
 from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
 from t2d_rt.model import Method, Target
@@ -16,6 +15,7 @@ from t2d_rt.progress import shown_progress
 from t2d_rt.radar.synthesize import Progress
 from t2d_rt.result import Recording, again, versions
 from t2d_rt.room import Clutter, Collisions
+from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Room
 from t2d_rt.stage import Stage, set_up
 from t2d_rt.summation import summed

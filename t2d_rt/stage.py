@@ -12,17 +12,17 @@ import numpy as np
 
 from t2d_rt.backend import select
 from t2d_rt.checks import choice, integer, shown, text
-from t2d_rt.echo.mesh import REFINING_BYTES, check_outside
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.experiment import Experiment, Inputs, Store, sources_of, stored_scene
 from t2d_rt.memory import Budget
 from t2d_rt.model import Model, Target, farthest_and_fastest, geometries_of, placed, shared_time
 from t2d_rt.motion import placement
 from t2d_rt.named import radar_named, target_named
+from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar import check_speed
 from t2d_rt.room import Geometry, checked_time, find_path_pairs
+from t2d_rt.scattering.mesh import REFINING_BYTES, check_outside
 from t2d_rt.scene import Room
-from t2d_rt.trace.scenes import load_scene
 from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.material import checked_material
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from t2d_rt.backend import Device
 from t2d_rt.cubes import Cube
-from t2d_rt.echo.streams import batches
 from t2d_rt.memory import Budget
 from t2d_rt.radar.synthesize import Progress, synthesize
+from t2d_rt.scattering.streams import batches
 from t2d_rt.types import Accuracy, EchoStream, Radar
 
 BESIDE_CLUTTER_DB = -50.0

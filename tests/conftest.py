@@ -18,7 +18,7 @@ LONGEST = (
     "test_experiment",
     "test_examples",
     "test_synthesize",
-    "test_echo_facets",
+    "test_scattering_facets",
     "test_cli",
     "test_api",
     "test_chart",

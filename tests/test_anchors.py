@@ -13,8 +13,8 @@ from builders import walk
 from t2d_rt.backend import Backend
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.compare import envelope, figures
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.echo.paths import View
+from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.paths import View
 from t2d_rt.types import MovingMesh, Radar
 
 RADAR = Radar.preset("table2")

@@ -13,8 +13,8 @@ import pytest
 import t2d_rt as t2d
 from builders import icosphere, moving
 from t2d_rt.backend import Backend
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.echo.paths import View
+from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.paths import View
 from t2d_rt.signal import point_cloud, unit_vectors
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 

@@ -9,8 +9,8 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from t2d_rt.echo import facets
-from t2d_rt.echo.phase_integral import NUMPY_OPS, divided_differences
+from t2d_rt.scattering import facets
+from t2d_rt.scattering.phase_integral import NUMPY_OPS, divided_differences
 from t2d_rt.types import Radar
 from validation.bodies import WALK
 from validation.methods import kept

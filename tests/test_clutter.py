@@ -10,21 +10,21 @@ from scipy.signal import get_window
 from trimesh.creation import box
 
 import t2d_rt as t2d
-import t2d_rt.trace.clutter as traced
+import t2d_rt.propagation.clutter as traced
 from builders import ball, moving, plate
 from measures import knife_edge_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.clutter import mirror_echoes
 from t2d_rt.errors import InputError
+from t2d_rt.propagation.clutter import Shadows, rough_points, roughened, static_paths
+from t2d_rt.propagation.fresnel import bundle, disc
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.propagation.scenes import load_scene
+from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.resources import resource
-from t2d_rt.trace.clutter import Shadows, rough_points, roughened, static_paths
-from t2d_rt.trace.fresnel import bundle, disc
-from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.mitsuba import mitsuba
-from t2d_rt.trace.scenes import load_scene
-from t2d_rt.trace.visibility import sample_times
+from t2d_rt.scattering.clutter import mirror_echoes
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar, Scene, StaticPath, Surface
 
 Corners = list[tuple[float, float, float]]

@@ -13,10 +13,10 @@ import t2d_rt as t2d
 from builders import ball, plate
 from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.propagation.collisions import Collision, find_collisions, is_room, radar_outside, uneven_times
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.scenes import load_scene, scene_names
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Room, TableFan
-from t2d_rt.trace.collisions import Collision, find_collisions, is_room, radar_outside, uneven_times
-from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.scenes import load_scene, scene_names
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
 
 RADAR = Radar.preset("table2")

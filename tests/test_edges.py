@@ -13,11 +13,11 @@ from builders import ANTENNA_M, UP, plate, walk
 from measures import knife_edge_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.trace.edges import Edges
-from t2d_rt.trace.fresnel import bundle
-from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.paths import find_paths
-from t2d_rt.trace.scenes import load_scene
+from t2d_rt.propagation.edges import Edges
+from t2d_rt.propagation.fresnel import bundle
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.types import OneWayPath, Radar, Scene, Surface
 
 FREQUENCY_HZ = 77.87e9

@@ -39,7 +39,7 @@ def test_contracts_hold() -> None:
     ("module", "imported"),
     [
         ("echo", "t2d_rt.radar"),  # sideways
-        ("types", "t2d_rt.echo"),  # upward
+        ("types", "t2d_rt.scattering"),  # upward
         ("geometry", "t2d_rt.plots"),
         ("signal", "mitsuba"),
         ("echo", "sionna.rt"),

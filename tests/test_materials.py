@@ -8,7 +8,7 @@ import pytest
 
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material, skin_permittivity
 from t2d_rt.errors import InputError
-from t2d_rt.trace.materials import itu_material, itu_names
+from t2d_rt.propagation.materials import itu_material, itu_names
 from t2d_rt.types import PEC, Material
 
 CARRIER_HZ = 77e9

@@ -11,14 +11,14 @@ from builders import ball
 from measures import nmse_db
 from t2d_rt import memory
 from t2d_rt.backend import select
-from t2d_rt.echo import mesh as echo_mesh
-from t2d_rt.echo import streams as echo_streams
-from t2d_rt.echo.paths import View
-from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.model import farthest_and_fastest
+from t2d_rt.propagation.edges import Edges
+from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.radar import synthesize as synthesis
-from t2d_rt.trace.edges import Edges
-from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.scattering import mesh as echo_mesh
+from t2d_rt.scattering import streams as echo_streams
+from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.rate import needed_rate_hz
 
 RADAR = t2d.Radar.preset("table2-uniform")
 ROUGH = t2d.Material(name="rough", relative_permittivity=6.6, conductivity_s_per_m=36.0, scattering_coefficient=0.4)

@@ -16,10 +16,10 @@ import t2d_rt as t2d
 from builders import icosphere, still
 from measures import nmse_db
 from t2d_rt.backend import Backend
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.echo.paths import View
 from t2d_rt.errors import BackendError, InputError, T2DWarning
 from t2d_rt.geometry import refinements
+from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.paths import View
 from t2d_rt.types import PEC, Ellipsoids, Material, Motion, MovingMesh, Radar
 
 RADAR = Radar.preset("ci4r", prf_hz=8000)
@@ -267,8 +267,8 @@ def test_a_body_is_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:
         calls.append(options["range_m"])
         return refinements(*args, **options)
 
-    monkeypatch.setattr("t2d_rt.echo.mesh.refinements", counted)
-    monkeypatch.setattr("t2d_rt.echo.mesh._kept", OrderedDict())
+    monkeypatch.setattr("t2d_rt.scattering.mesh.refinements", counted)
+    monkeypatch.setattr("t2d_rt.scattering.mesh._kept", OrderedDict())
     rest, faces = icosphere(2, 0.1)
 
     def at(range_m: float) -> np.ndarray:

@@ -12,18 +12,18 @@ from builders import ANTENNA_M, UP, ball, plate, small_room, walk
 from measures import nmse_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.ellipsoid import ellipsoid_echoes
-from t2d_rt.echo.paths import View
 from t2d_rt.errors import InputError
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.scenes import load_scene
+from t2d_rt.propagation.surroundings import radar_paths
+from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.resources import resource
 from t2d_rt.room import TargetVisibility, coarse_views
+from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
+from t2d_rt.scattering.paths import View
 from t2d_rt.signal import range_doppler
-from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.mitsuba import mitsuba
-from t2d_rt.trace.paths import find_paths
-from t2d_rt.trace.scenes import load_scene
-from t2d_rt.trace.surroundings import radar_paths
-from t2d_rt.trace.visibility import sample_times
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar, Scene, Surface
 
 

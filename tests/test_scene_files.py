@@ -18,10 +18,10 @@ from builders import walk
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.geometry import mesh_files
 from t2d_rt.geometry.mesh_files import parsed_mesh
+from t2d_rt.propagation import scene_xml, shapes
+from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.resources import resource
 from t2d_rt.scene import Room, save_scene
-from t2d_rt.trace import scene_xml, shapes
-from t2d_rt.trace.scenes import load_scene
 from t2d_rt.types import Material, Scene, Surface
 from t2d_rt.types import scene as scene_types
 
@@ -229,7 +229,7 @@ def test_to_world(make: Make, steps: str, corner: tuple[float, float, float]) ->
 def test_the_users_features_are_as_in_sionna(make: Make) -> None:
     """Bit for bit without a transform, to rounding with one."""
     from t2d_rt.backend import select
-    from t2d_rt.trace.mitsuba import mitsuba
+    from t2d_rt.propagation.mitsuba import mitsuba
 
     mi = mitsuba(select("cpu"))
     import sionna.rt
@@ -340,8 +340,8 @@ def test_shapes_that_cannot_be(make: Make, body: str, message: str) -> None:
 def test_limits_of_a_scene(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     three = "".join(shape(name=f"wall{k}") for k in range(3))
     cases = [
-        ("t2d_rt.trace.scenes.MAX_SURFACES", 2, three, "it has 3 shapes, more than 2"),
-        ("t2d_rt.trace.scene_xml.MAX_ELEMENTS", 5, three, "holds more than 5 elements"),
+        ("t2d_rt.propagation.scenes.MAX_SURFACES", 2, three, "it has 3 shapes, more than 2"),
+        ("t2d_rt.propagation.scene_xml.MAX_ELEMENTS", 5, three, "holds more than 5 elements"),
         ("t2d_rt.types.scene.MAX_TRIANGLES", 1, shape(), "wall has 2 triangles and 4 vertices, more than 1"),
         ("t2d_rt.types.scene.MAX_TRIANGLES", 5, three, "has 3 surfaces and 6 triangles, more than 2000 and 5"),
     ]

@@ -12,12 +12,12 @@ import t2d_rt as t2d
 from measures import volume
 from t2d_rt.backend import select
 from t2d_rt.errors import InputError
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.propagation.scenes import load_scene, scene_names
 from t2d_rt.resources import folder, resource
 from t2d_rt.scene import Room, save_scene
 from t2d_rt.scene.room import furniture, furniture_kinds
-from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.mitsuba import mitsuba
-from t2d_rt.trace.scenes import load_scene, scene_names
 from t2d_rt.types import Scene, Surface
 
 DOOR = {"name": "door", "wall": "-y", "along_m": 0.5, "width_m": 0.9, "height_m": 2.0}

@@ -15,10 +15,6 @@ from measures import nmse_db
 from t2d_rt import cubes
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.ellipsoid import ellipsoid_echoes
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.echo.paths import View
-from t2d_rt.echo.phase_integral import divided_difference
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, refinements
 from t2d_rt.radar import groups, multilevel
@@ -26,6 +22,10 @@ from t2d_rt.radar import synthesize as module
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
+from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, resampled, stream
 from t2d_rt.types.radar import preset_names
 
@@ -384,8 +384,8 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
         made.extend(refinements(*args, **options))  # type: ignore[arg-type]
         return made
 
-    monkeypatch.setattr("t2d_rt.echo.mesh.refinements", spy)
-    monkeypatch.setattr("t2d_rt.echo.mesh._kept", OrderedDict())
+    monkeypatch.setattr("t2d_rt.scattering.mesh.refinements", spy)
+    monkeypatch.setattr("t2d_rt.scattering.mesh._kept", OrderedDict())
     radar = Radar.preset(preset)
     body = trimesh.creation.icosphere(subdivisions=2, radius=0.12)
     if shape == "skew plate":

@@ -14,14 +14,14 @@ from t2d_rt.backend import select
 from t2d_rt.cli.options import simulate_parser
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
+from t2d_rt.propagation.materials import itu_material
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.scenes import load_scene
+from t2d_rt.propagation.slabs import slab
 from t2d_rt.resources import resource
 from t2d_rt.scene import Room
-from t2d_rt.trace.materials import itu_material
-from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.mitsuba import mitsuba
-from t2d_rt.trace.paths import find_paths
-from t2d_rt.trace.scenes import load_scene
-from t2d_rt.trace.slabs import slab
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, Radar, Scene
 
 FREQUENCY_HZ = 77.87e9

@@ -15,7 +15,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.body.template import template
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import SubdividedMesh
-from t2d_rt.trace.visibility import Occlusion, sample_times
+from t2d_rt.propagation.visibility import Occlusion, sample_times
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -234,7 +234,7 @@ def test_more_sample_times_than_one_scene_holds(backend: Backend, monkeypatch: p
     view = occlusion(meshes, backend, 200.0)
     many = view.visibility(times_s)  # more than 64 moments, four scenes
     assert len(many[0]) > 3 * 64
-    monkeypatch.setattr("t2d_rt.trace.visibility.FACES_PER_SCENE", 1)  # one moment in a scene
+    monkeypatch.setattr("t2d_rt.propagation.visibility.FACES_PER_SCENE", 1)  # one moment in a scene
     alone = occlusion(meshes, backend, 200.0)
     some = np.arange(0, 201, 8)
     for whole, one in zip(many, alone.visibility(times_s[some]), strict=True):
@@ -302,7 +302,8 @@ def test_faces_that_look_away_would_hide_nothing_more(
     times_s = np.linspace(0, 1.2, 13)
     some = occlusion([walker], backend).traced(times_s)
     monkeypatch.setattr(
-        "t2d_rt.trace.visibility._faces_origin", lambda vertices, faces: np.ones((len(vertices), len(faces)), bool)
+        "t2d_rt.propagation.visibility._faces_origin",
+        lambda vertices, faces: np.ones((len(vertices), len(faces)), bool),
     )
     assert np.array_equal(some, occlusion([walker], backend).traced(times_s))
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 from t2d_rt.accuracy.estimate import FIELD_BYTES, FINER
 from t2d_rt.cubes import is_large
-from t2d_rt.echo.mesh import REFINING_BYTES
-from t2d_rt.echo.streams import batches
 from t2d_rt.memory import release
 from t2d_rt.model import Model
+from t2d_rt.scattering.mesh import REFINING_BYTES
+from t2d_rt.scattering.streams import batches
 from t2d_rt.types import EchoStream
 
 SUMMED_BYTES, SUMMED_ARRAY_BYTES = 7_200, 12_000

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.cubes import Cube
-from t2d_rt.echo.streams import batches
 from t2d_rt.model import Model, with_method
+from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.radar.direct import between, chirp_samples
-from t2d_rt.trace.visibility import sample_times
+from t2d_rt.scattering.streams import batches
 from t2d_rt.types import Accuracy, EchoStream, Motion, Radar
 from t2d_rt.types.accuracy import MOST_RANGE_DB
 

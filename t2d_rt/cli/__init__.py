@@ -240,8 +240,8 @@ def _compare(options: Namespace) -> None:
 def _scene(options: Namespace) -> None:
     from t2d_rt.motion import load_motion
     from t2d_rt.plots import plot_scene
+    from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.room import paths_to
-    from t2d_rt.trace.scenes import load_scene
 
     if not 0 <= options.reflections <= 4:
         raise InputError(f"option reflections must lie in 0..4, got {options.reflections}")

@@ -35,7 +35,7 @@ def _presets() -> Iterator[tuple[str, str]]:
 
 def _scenes() -> Iterator[tuple[str, str]]:
     from t2d_rt.named import FREE_SPACE, scenes
-    from t2d_rt.trace.scenes import load_scene
+    from t2d_rt.propagation.scenes import load_scene
 
     for name in scenes():
         if name == FREE_SPACE:

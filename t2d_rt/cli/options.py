@@ -220,9 +220,9 @@ def _add_piece(parser: ArgumentParser) -> None:
 
 def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bool = True) -> None:
     from t2d_rt.motion import load_motion
+    from t2d_rt.propagation.scenes import scene_names
     from t2d_rt.signal import spectrogram
     from t2d_rt.simulate import simulate
-    from t2d_rt.trace.scenes import scene_names
 
     model = parser.add_argument_group("model")
     model.add_argument(

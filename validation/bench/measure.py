@@ -21,13 +21,13 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt import cubes, model, result, stage, summation
 from t2d_rt.backend import select
-from t2d_rt.echo import mesh
-from t2d_rt.echo.paths import Arrivals
+from t2d_rt.propagation.surroundings import Blockage
+from t2d_rt.propagation.visibility import Occlusion
 from t2d_rt.radar import synthesize, windows
 from t2d_rt.radar.windows import Window
 from t2d_rt.resources import resource as shipped
-from t2d_rt.trace.surroundings import Blockage
-from t2d_rt.trace.visibility import Occlusion
+from t2d_rt.scattering import mesh
+from t2d_rt.scattering.paths import Arrivals
 from t2d_rt.types import Ellipsoids, Motion, MovingMesh, Radar
 
 ENOUGH_S = 15.0

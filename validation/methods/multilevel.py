@@ -13,10 +13,10 @@ from scipy.signal.windows import blackmanharris
 import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.echo.paths import View
-from t2d_rt.echo.rate import needed_rate_hz
 from t2d_rt.radar.direct import direct_sum
+from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.rate import needed_rate_hz
 from t2d_rt.types import Echoes, MovingMesh, Radar
 from validation.bodies import RUN, WALK, random_chirps, walking
 from validation.methods.reference import nmse_db

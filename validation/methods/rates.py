@@ -6,7 +6,7 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.echo.rate import needed_rate_hz
+from t2d_rt.scattering.rate import needed_rate_hz
 from t2d_rt.types import MovingMesh, Radar
 from validation.bodies import random_chirps, walking
 from validation.methods.reference import nmse_db, reference_samples

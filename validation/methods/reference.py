@@ -18,13 +18,13 @@ import numpy as np
 from t2d_rt.accuracy import nmse_db
 from t2d_rt.backend import Backend, select
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.mesh import POINT_SAGITTA_RAD, POINTS_PER_MESH, least_range_m
-from t2d_rt.echo.paths import ranked_pairs
-from t2d_rt.echo.phase_integral import SERIES_TERMS, divided_differences
 from t2d_rt.geometry import Refinement, point_spacing, refine, surface_points
-from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh
-from t2d_rt.trace.scenes import load_scene
-from t2d_rt.trace.surroundings import polarization, probes, radar_paths
+from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh
+from t2d_rt.propagation.scenes import load_scene
+from t2d_rt.propagation.surroundings import polarization, probes, radar_paths
+from t2d_rt.scattering.mesh import POINT_SAGITTA_RAD, POINTS_PER_MESH, least_range_m
+from t2d_rt.scattering.paths import ranked_pairs
+from t2d_rt.scattering.phase_integral import SERIES_TERMS, divided_differences
 from t2d_rt.types import Material, MovingMesh, OneWayPath, PathPair, Radar, Scene
 
 __all__ = ["nmse_db", "reference_samples", "refined"]

@@ -8,9 +8,9 @@ import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.echo.paths import View
 from t2d_rt.radar.direct import direct_sum
+from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.paths import View
 from t2d_rt.types import Echoes, MovingMesh, Radar
 from t2d_rt.types.radar import preset_names
 from validation.bodies import walking

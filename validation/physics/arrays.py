@@ -12,11 +12,11 @@ import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.template import template
-from t2d_rt.echo.ellipsoid import specular_points
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.echo.paths import View
+from t2d_rt.propagation.visibility import Occlusion, sample_times
+from t2d_rt.scattering.ellipsoid import specular_points
+from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.paths import View
 from t2d_rt.signal import PointCloud, point_cloud, range_angle, steering_vectors, unit_vectors
-from t2d_rt.trace.visibility import Occlusion, sample_times
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 from t2d_rt.types.motion import CANONICAL_JOINTS
 from validation.bodies import walking

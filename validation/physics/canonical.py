@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from t2d_rt.backend import select
-from t2d_rt.echo.clutter import mirror_echoes
+from t2d_rt.propagation.clutter import static_paths
+from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.radar.synthesize import synthesize
-from t2d_rt.trace.clutter import static_paths
-from t2d_rt.trace.mirrors import Mirrors
+from t2d_rt.scattering.clutter import mirror_echoes
 from t2d_rt.types import PEC, MovingMesh, Radar, Scene, Surface
 from validation.physics import exact
 from validation.physics.rcs import TIMES_S, read_rcs, sphere

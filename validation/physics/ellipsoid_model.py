@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import t2d_rt as t2d
 from t2d_rt.compare import envelope, mean_rcs_m2, ridge
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.ellipsoid import ellipsoid_echoes
+from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.types import PEC, Radar
 from validation.bodies import RUN, WALK, recorded
 from validation.physics.rcs import sphere

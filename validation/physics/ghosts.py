@@ -10,10 +10,10 @@ from trimesh.creation import icosphere
 
 import t2d_rt as t2d
 from t2d_rt.backend import select
-from t2d_rt.echo.paths import ranked_pairs
+from t2d_rt.propagation.scenes import load_scene
+from t2d_rt.propagation.surroundings import radar_paths
+from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.signal import range_doppler
-from t2d_rt.trace.scenes import load_scene
-from t2d_rt.trace.surroundings import radar_paths
 from t2d_rt.types import MovingMesh, PathPair, Radar, Scene, Surface
 from validation.report import Check, Section, new_figure, save_chart
 

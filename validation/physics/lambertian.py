@@ -13,8 +13,8 @@ from scipy.spatial import ConvexHull
 
 import t2d_rt as t2d
 from t2d_rt.backend import select
-from t2d_rt.echo import mesh
-from t2d_rt.echo.paths import View
+from t2d_rt.scattering import mesh
+from t2d_rt.scattering.paths import View
 from t2d_rt.types import Material, MovingMesh, Radar
 from validation.report import Check, Section, new_figure, save_chart
 

@@ -12,11 +12,11 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.resources import resource
-from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.mitsuba import mitsuba
-from t2d_rt.trace.paths import find_paths
-from t2d_rt.trace.scenes import load_scene
 from t2d_rt.types import OneWayPath, Radar
 from validation.report import Check, Section, new_figure, save_chart
 

@@ -14,10 +14,10 @@ from t2d_rt.body.fit import fit
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.segments import segment_of_faces
 from t2d_rt.body.template import template
-from t2d_rt.echo.ellipsoid import PhaseFrom, ellipsoid_echoes
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.echo.paths import View
-from t2d_rt.trace.visibility import Occlusion
+from t2d_rt.propagation.visibility import Occlusion
+from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
+from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.paths import View
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Motion, MovingMesh, Radar
 
 STEP_S = 0.01

@@ -14,10 +14,10 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.compare import envelope
-from t2d_rt.echo import mesh
-from t2d_rt.echo.patches import Patches, patches
 from t2d_rt.geometry import Refinement
 from t2d_rt.result import Recording
+from t2d_rt.scattering import mesh
+from t2d_rt.scattering.patches import Patches, patches
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation.bodies import random_chirps
 from validation.methods.kept import kept_samples

@@ -12,12 +12,12 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt import model, room
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.echo import facets, mesh
-from t2d_rt.echo.phase_integral import Ops, Parts
 from t2d_rt.geometry import Refinement, refine
 from t2d_rt.model import skin
+from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
 from t2d_rt.result import Recording
-from t2d_rt.trace.visibility import Occlusion, VisibilitySamples
+from t2d_rt.scattering import facets, mesh
+from t2d_rt.scattering.phase_integral import Ops, Parts
 from t2d_rt.types import Ellipsoids, MovingMesh
 from validation.methods.chart.measure import Case
 

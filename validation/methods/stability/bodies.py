@@ -9,9 +9,9 @@ from scipy.signal.windows import blackmanharris
 
 import t2d_rt as t2d
 from t2d_rt.backend import select
-from t2d_rt.echo.phase_integral import divided_difference
-from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
-from t2d_rt.trace.visibility import Occlusion
+from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
+from t2d_rt.propagation.visibility import Occlusion
+from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 from validation.methods.stability.case import Case, Theme
 from validation.methods.stability.targets import decibel

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
-from t2d_rt.echo.phase_integral import divided_difference
+from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.types import MovingMesh, Radar
 from validation.methods.stability.case import Case, Theme
 from validation.methods.stability.targets import ball, ball_rcs, decibel, measured_rcs, still

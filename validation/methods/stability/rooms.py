@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from t2d_rt.backend import select
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.echo.paths import View
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.propagation.paths import find_paths
+from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.paths import View
 from t2d_rt.scene import Room
-from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.mitsuba import mitsuba
-from t2d_rt.trace.paths import find_paths
 from t2d_rt.types import Material, MovingMesh, Radar, Scene, Surface
 from validation.bodies import WALK, recorded
 from validation.methods.stability.case import Case, Theme

@@ -17,7 +17,7 @@ import numpy as np
 from t2d_rt.backend import Backend, aligned
 from t2d_rt.geometry import SubdividedMesh, topology
 from t2d_rt.geometry.vectors import cross
-from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
+from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import MovingMesh
 
 FACES_PER_SCENE = 250_000

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.backend import Backend
-from t2d_rt.trace.mirrors import Mirrors, sphere
+from t2d_rt.propagation.mirrors import Mirrors, sphere
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
 
 SAMPLE_RATE_HZ = 25.0

@@ -12,9 +12,9 @@ from t2d_rt.checks import shown
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.files import read_bytes, size
 from t2d_rt.geometry.mesh_files import MAX_MESH_BYTES, Mesh, parsed_mesh
-from t2d_rt.trace.materials import known_itu
-from t2d_rt.trace.scene_xml import SceneFile
-from t2d_rt.trace.transforms import moved, numbers, to_world
+from t2d_rt.propagation.materials import known_itu
+from t2d_rt.propagation.scene_xml import SceneFile
+from t2d_rt.propagation.transforms import moved, numbers, to_world
 from t2d_rt.types import Material, Surface
 from t2d_rt.types.scene import MAX_TRIANGLES
 

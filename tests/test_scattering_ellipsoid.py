@@ -16,10 +16,10 @@ from builders import icosphere
 from measures import db
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.ellipsoid import ellipsoid_echoes, specular_points
-from t2d_rt.echo.mesh import mesh_echoes
-from t2d_rt.echo.paths import View
 from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.scattering.ellipsoid import ellipsoid_echoes, specular_points
+from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.paths import View
 from t2d_rt.types import PEC, Echoes, EchoStream, Ellipsoids, Material, MovingMesh, Radar
 
 TABLE2 = Radar.preset("table2")

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from builders import icosphere
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.rate import LEAST_HZ, MOST_HZ, ROTATION_RAD, STEP_HZ, TOLERANCE_DB, needed_rate_hz
+from t2d_rt.scattering.rate import LEAST_HZ, MOST_HZ, ROTATION_RAD, STEP_HZ, TOLERANCE_DB, needed_rate_hz
 from t2d_rt.types import MovingMesh, Radar
 
 RADAR = Radar.preset("table2")

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from builders import icosphere, still
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.patches import MOST_FACETS, Patches, centres, normals, patches, tilts
 from t2d_rt.geometry import Refinement, refine
+from t2d_rt.scattering.patches import MOST_FACETS, Patches, centres, normals, patches, tilts
 from t2d_rt.types import MovingMesh, Radar
 
 TABLE2 = Radar.preset("table2")

@@ -11,9 +11,9 @@ import numpy as np
 from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError
 from t2d_rt.memory import blocks
-from t2d_rt.trace.mirrors import Mirrors
-from t2d_rt.trace.paths import find_paths
-from t2d_rt.trace.visibility import faded, sample_times
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.visibility import faded, sample_times
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene
 
 PROBE_RATE_HZ, PROBES = 5.0, 40

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from t2d_rt.echo.antennas import side_by_side
+from t2d_rt.scattering.antennas import side_by_side
 from t2d_rt.types import EchoStream, Radar
 
 MOST_ECHOES = 150_000

@@ -14,9 +14,9 @@ from xml.etree.ElementTree import Element
 
 from t2d_rt.checks import file_path, shown, unknown_name
 from t2d_rt.errors import InputError
+from t2d_rt.propagation.scene_xml import SceneFile
+from t2d_rt.propagation.shapes import PICTURE, Shapes
 from t2d_rt.resources import listing, resource
-from t2d_rt.trace.scene_xml import SceneFile
-from t2d_rt.trace.shapes import PICTURE, Shapes
 from t2d_rt.types import Scene, Surface
 from t2d_rt.types.scene import MAX_SURFACES
 

@@ -15,13 +15,13 @@ from builders import icosphere, still
 from measures import db
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.mesh import check_outside, mesh_echoes
-from t2d_rt.echo.paths import View
-from t2d_rt.echo.phase_integral import divided_difference
-from t2d_rt.echo.streams import joined
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.geometry import Refinement, refinements
 from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.scattering.mesh import check_outside, mesh_echoes
+from t2d_rt.scattering.paths import View
+from t2d_rt.scattering.phase_integral import divided_difference
+from t2d_rt.scattering.streams import joined
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Material, MovingMesh, Radar
 
 TABLE2 = Radar.preset("table2")
@@ -232,8 +232,8 @@ def test_facets_are_the_sum_in_float64(backend: Backend, monkeypatch: pytest.Mon
         made.extend(refinements(*args, **options))  # type: ignore[arg-type]
         return made
 
-    monkeypatch.setattr("t2d_rt.echo.mesh.refinements", spy)
-    monkeypatch.setattr("t2d_rt.echo.mesh._kept", OrderedDict())
+    monkeypatch.setattr("t2d_rt.scattering.mesh.refinements", spy)
+    monkeypatch.setattr("t2d_rt.scattering.mesh._kept", OrderedDict())
     radar = TABLE2.replace(**BISTATIC)
     vertices, faces = icosphere(2, 0.1, [0, 0, 0])
     mesh = still(vertices @ np.diag([0.7, 1.0, 1.5]) + [1.2, 0.1, 0.9], faces)

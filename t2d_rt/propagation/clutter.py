@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned
-from t2d_rt.trace.fresnel import bundle, disc
-from t2d_rt.trace.materials import resolved
-from t2d_rt.trace.mirrors import Mirrors, sphere
-from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
-from t2d_rt.trace.paths import find_paths
-from t2d_rt.trace.slabs import slab
-from t2d_rt.trace.surroundings import polarization
-from t2d_rt.trace.visibility import FACES_PER_SCENE, faded, side_by_side
+from t2d_rt.propagation.fresnel import bundle, disc
+from t2d_rt.propagation.materials import resolved
+from t2d_rt.propagation.mirrors import Mirrors, sphere
+from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
+from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.slabs import slab
+from t2d_rt.propagation.surroundings import polarization
+from t2d_rt.propagation.visibility import FACES_PER_SCENE, faded, side_by_side
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, OneWayPath, Radar, Scene, StaticPath
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])

@@ -14,9 +14,13 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned_empty
-from t2d_rt.echo.antennas import seen_by, side_by_side
-from t2d_rt.echo.facets import Block, Pair, Weights, diffuse_echoes, patch_delays, patch_echoes
-from t2d_rt.echo.patches import (
+from t2d_rt.errors import InputError
+from t2d_rt.geometry import Refinement, SubdividedMesh, point_spacing, refinements, surface_points, winding
+from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.memory import blocks
+from t2d_rt.scattering.antennas import seen_by, side_by_side
+from t2d_rt.scattering.facets import Block, Pair, Weights, diffuse_echoes, patch_delays, patch_echoes
+from t2d_rt.scattering.patches import (
     CYCLES_PER_STEP,
     SWEEP_CYCLES,
     Csr,
@@ -28,12 +32,8 @@ from t2d_rt.echo.patches import (
     patches,
     tilts,
 )
-from t2d_rt.echo.paths import Anchors, Arrivals, View, anchor_vertices, unfolded
-from t2d_rt.echo.streams import in_parts, most_echoes
-from t2d_rt.errors import InputError
-from t2d_rt.geometry import Refinement, SubdividedMesh, point_spacing, refinements, surface_points, winding
-from t2d_rt.geometry.vectors import edge_cross
-from t2d_rt.memory import blocks
+from t2d_rt.scattering.paths import Anchors, Arrivals, View, anchor_vertices, unfolded
+from t2d_rt.scattering.streams import in_parts, most_echoes
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off

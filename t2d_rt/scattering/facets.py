@@ -11,9 +11,9 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.patches import Patches
-from t2d_rt.echo.phase_integral import SERIES_TERMS, Ops, divided_differences
 from t2d_rt.geometry.vectors import cross, dot
+from t2d_rt.scattering.patches import Patches
+from t2d_rt.scattering.phase_integral import SERIES_TERMS, Ops, divided_differences
 from t2d_rt.types import EchoArrays, PathPair, Radar
 from t2d_rt.types.radar import one_view
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.antennas import seen_by
+from t2d_rt.scattering.antennas import seen_by
 from t2d_rt.types import EchoArrays, EchoStream, Radar, StaticPath
 
 Fractions = Callable[[np.ndarray], np.ndarray]

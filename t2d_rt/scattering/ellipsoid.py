@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.echo.antennas import seen_by, side_by_side
-from t2d_rt.echo.paths import Arrivals, View, unfolded, weighted
 from t2d_rt.errors import InputError
 from t2d_rt.geometry.vectors import unit
+from t2d_rt.scattering.antennas import seen_by, side_by_side
+from t2d_rt.scattering.paths import Arrivals, View, unfolded, weighted
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Material, Radar
 
 FORWARD = 0.08, 0.2

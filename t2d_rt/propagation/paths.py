@@ -17,10 +17,10 @@ import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import cross
-from t2d_rt.trace.edges import Edges
-from t2d_rt.trace.materials import resolved
-from t2d_rt.trace.mirrors import Mirror, Mirrors
-from t2d_rt.trace.slabs import slab
+from t2d_rt.propagation.edges import Edges
+from t2d_rt.propagation.materials import resolved
+from t2d_rt.propagation.mirrors import Mirror, Mirrors
+from t2d_rt.propagation.slabs import slab
 from t2d_rt.types import Material, OneWayPath
 
 Coefficients = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]

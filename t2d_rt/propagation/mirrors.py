@@ -12,7 +12,7 @@ from t2d_rt.backend import Backend, aligned
 from t2d_rt.geometry import winding
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.memory import blocks
-from t2d_rt.trace.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
+from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import Scene
 
 Chain = tuple[int, ...]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.trace.fresnel import bundle, disc, zone
-from t2d_rt.trace.mirrors import OUTLINE_M, SKIN_M, Mirrors
+from t2d_rt.propagation.fresnel import bundle, disc, zone
+from t2d_rt.propagation.mirrors import OUTLINE_M, SKIN_M, Mirrors
 
 RIM = 0.9
 """How much of the zone's radius the rays fill: with so much, the lit side of a knife edge is met best."""

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from t2d_rt.backend import Backend
-from t2d_rt.echo.facets import _ops
-from t2d_rt.echo.phase_integral import NUMPY_OPS, SERIES_TERMS, divided_difference, divided_differences
+from t2d_rt.scattering.facets import _ops
+from t2d_rt.scattering.phase_integral import NUMPY_OPS, SERIES_TERMS, divided_difference, divided_differences
 
 # Both sides of the switch from series to quotient (1 rad), multiples of 2 pi (the true zeros), and the whole range.
 DIFFERENCES = [0, 1e-12, 1e-9, 1e-6, 1e-4, 1e-2, 0.3, 0.999999, 1.000001, 2, np.pi, 2 * np.pi, 30, 100, 8 * np.pi, 1e3]

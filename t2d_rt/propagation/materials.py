@@ -8,7 +8,7 @@ from typing import Any
 from t2d_rt.backend import select
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.trace.mitsuba import imported
+from t2d_rt.propagation.mitsuba import imported
 from t2d_rt.types import Material
 
 
