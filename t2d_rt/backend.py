@@ -8,6 +8,7 @@ import functools
 import os
 import re
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -41,6 +42,9 @@ _LIBRARY_GLOBS = (
     "usr/lib/llvm*/lib/libLLVM*.so*",
     "usr/lib/wsl/lib/libLLVM*.so*",
 )
+
+
+YARDSTICK_SIZE, YARDSTICK_SINES, YARDSTICK_TRIES = 400_000, 20, 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,6 +102,34 @@ def select(device: str = "auto") -> Backend:
         )
     require_llvm()
     return _backend("llvm")
+
+
+def yardstick_s(backend: Backend) -> float:
+    """Time that a fixed piece of work takes here [s], the best of a few tries: what the seconds of the laws are counted in.
+
+    Half of it are sines on the backend, half a sparse product in one thread.
+    """
+    import drjit as dr
+    import numpy as np
+    from scipy import sparse
+
+    rng = np.random.default_rng(0)
+    rows = YARDSTICK_SIZE // 8
+    matrix = sparse.csr_matrix(
+        (np.ones(YARDSTICK_SIZE, np.float32), rng.integers(rows, size=YARDSTICK_SIZE), np.arange(0, YARDSTICK_SIZE + 1, 8)),
+        shape=(rows, rows),
+    )  # fmt: skip
+    values, lanes = np.ones((rows, 30), np.float32), backend.lanes(rng.random(YARDSTICK_SIZE * 4), backend.Float32)
+    taken = []
+    for _ in range(YARDSTICK_TRIES):
+        start = time.perf_counter()
+        found = lanes
+        for _ in range(YARDSTICK_SINES):
+            found = dr.sin(found + lanes)
+        np.asarray(found)
+        matrix @ values
+        taken.append(time.perf_counter() - start)
+    return min(taken[1:])
 
 
 @functools.cache

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.accuracy import Wanted, check_memory, chosen, measured_db
+from t2d_rt.accuracy import Wanted, check_memory, chosen, measured
 from t2d_rt.backend import Device
 from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
@@ -112,7 +112,7 @@ def _recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress |
         stage.described(model, accuracy) | counts | plan.described() | {"predicted_memory_gb": needed_bytes / 1e9}
     )
     if wanted.measured:
-        settings["error_db"] = measured_db(plan, cube, static)
+        settings |= measured(plan, cube, static).described()
     after_call()
     return Recording(
         cube, model.radar, experiment=stage.experiment.model_copy(update={"method": model.method}), accuracy=accuracy,

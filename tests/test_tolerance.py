@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,12 @@ import builders
 import t2d_rt as t2d
 from builders import ball
 from measures import nmse_db
-from t2d_rt import summation
-from t2d_rt.accuracy import planning
+from t2d_rt.accuracy.cost import facet_counts
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.radar.direct import between, direct_sum
 from t2d_rt.types import Echoes, Motion, MovingMesh, Radar
 from t2d_rt.types.echoes import stream
+from validation.methods.laws import modelled
 
 RADAR = Radar.preset("table2")
 
@@ -149,21 +148,45 @@ def test_the_plan_says_what_is_modelled_left_out_and_predicted(walk: Motion) -> 
     assert plan.error_db <= -15
 
 
-def test_the_plan_predicts_the_seconds_of_the_whole_record(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a clock that only the sum moves on: pieces of 0.5 and 2 s tell what the record takes."""
-    clock, summed = [0.0], summation.synthesize
+def test_a_plan_tries_nothing(walk: Motion, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No facet is made and nothing is summed before it is known what a run takes."""
 
-    def slow(*args: Any, **options: Any) -> Any:
-        cube = summed(*args, **options)
-        clock[0] += 0.5 + 0.01 * len(cube)
-        return cube
+    def forbidden(*_: object, **__: object) -> None:
+        raise AssertionError("a plan must not do that")
 
-    monkeypatch.setattr(summation, "synthesize", slow)
-    monkeypatch.setattr(planning, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
-    radar = RADAR.replace(prf_hz=2000)
-    plan = t2d.plan(ball((3, 0, 1), (-0.2, 0, 0), 6.0, level=1), radar=radar, tolerance_db=-15.0)
-    assert plan.seconds["running"] == pytest.approx(0.5 + 0.01 * len(radar.chirp_times_s(6.0)), rel=1e-3)
-    assert plan.seconds["preparing"] == plan.seconds["planning"] == plan.seconds["measuring"] == 0
+    monkeypatch.setattr("t2d_rt.scattering.mesh.refinements", forbidden)
+    monkeypatch.setattr("t2d_rt.summation.synthesize", forbidden)
+    assert t2d.plan(walk, radar=RADAR, tolerance_db=-15.0).accuracy.sagitta_scale > 1
+
+
+def test_a_plan_predicts_more_work_for_longer_and_finer_records(walk: Motion) -> None:
+    longer = t2d.place(t2d.trim(builders.walk(), 1.0, 3.0), distance_m=3.0)
+    seconds, memory = zip(
+        *(
+            (each.seconds["running"], each.memory_bytes)
+            for each in (
+                t2d.plan(motion, radar=RADAR, tolerance_db=tolerance, measure_error=False)
+                for motion, tolerance in ((walk, -12.0), (walk, -26.0), (longer, -26.0))
+            )
+        ),
+        strict=True,
+    )
+    assert seconds[2] > 1.5 * seconds[1] > 1.5 * 1.5 * seconds[0] > 0
+    assert memory[1] > 1.5 * memory[0] > 0
+
+
+def test_a_plan_serves_other_recordings(walk: Motion) -> None:
+    plan = t2d.plan(walk, radar=RADAR, tolerance_db=-15.0)
+    other = t2d.place(t2d.trim(builders.walk(), 3.0, 3.2), distance_m=3.0)
+    assert t2d.simulate(other, radar=RADAR, accuracy=plan.accuracy).accuracy == plan.accuracy
+
+
+def test_facets_are_counted_before_they_are_made(walk: Motion) -> None:
+    model = modelled(walk)
+    (counted,) = facet_counts(model, t2d.Accuracy())
+    for scale in (0.5, 1.0, 4.0, 100.0):
+        (mesh,) = (model.facets(g, t2d.Accuracy(sagitta_scale=scale)) for g in model.geometries)
+        assert counted.at(scale) == pytest.approx(len(mesh.faces), rel=0.1)
 
 
 @pytest.mark.slow

@@ -1,8 +1,10 @@
-"""Accuracy: chosen for a tolerance (`budget`), measured on random chirps (`estimate`), and what it costs (`cost`)."""
+"""Accuracy chosen for a tolerance (`search`) by fitted `laws`, measured on random chirps (`measured`); what it takes (`cost`)."""
 
-from t2d_rt.accuracy.budget import Plan, Wanted, chosen, measured_db
 from t2d_rt.accuracy.cost import check_memory
 from t2d_rt.accuracy.estimate import nmse_db
+from t2d_rt.accuracy.measured import measured
 from t2d_rt.accuracy.planning import plan
+from t2d_rt.accuracy.plans import Plan
+from t2d_rt.accuracy.wanted import Wanted, chosen
 
-__all__ = ["Plan", "Wanted", "check_memory", "chosen", "measured_db", "nmse_db", "plan"]
+__all__ = ["Plan", "Wanted", "check_memory", "chosen", "measured", "nmse_db", "plan"]

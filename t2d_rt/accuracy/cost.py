@@ -1,45 +1,145 @@
-"""Memory that a run needs, estimated before it starts."""
+"""What a run takes: seconds by fitted laws of its parts, and memory, both known before it starts."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from t2d_rt.accuracy.estimate import FIELD_BYTES, FINER
+import numpy as np
+
+from t2d_rt.accuracy.estimate import FIELD_BYTES
+from t2d_rt.accuracy.laws import COARSER, Laws
 from t2d_rt.cubes import is_large
+from t2d_rt.geometry.refine import curvature
 from t2d_rt.memory import release
-from t2d_rt.model import Model
+from t2d_rt.model import Model, sagitta_rad
+from t2d_rt.room import Clutter
 from t2d_rt.scattering.mesh import REFINING_BYTES
-from t2d_rt.scattering.streams import batches
-from t2d_rt.types import EchoStream
+from t2d_rt.scattering.streams import batches, most_echoes
+from t2d_rt.types import Accuracy, EchoStream, MovingMesh, PathTier
 
 SUMMED_BYTES, SUMMED_ARRAY_BYTES = 7_200, 12_000
 """Bytes that an echo takes while a window of frames is summed, for one antenna and for an array (measured: 133 000 echoes of a
 walk in living_room add 0.96 GB)."""
 POSED_BYTES = 40 * 64
 """Bytes that a facet's vertex takes in the frames of a window."""
+FACETS_PER_SAGITTA = 1.7
+"""Facets of a cage face over its phase sagitta in units of the limit (1.65 to 1.76 for bodies from 1.5 to 4 m, limits from 0.15 to
+2.4 rad)."""
+ECHOES_PER_FACET, POINTS = 0.25, 4_000
+"""Echoes over facets and path pairs, and how many diffuse points there are beside (measured as above)."""
 
 
-def memory_bytes(model: Model, streams: Sequence[EchoStream], *, measured: bool) -> float:
-    """Greatest memory to be expected of summing streams, and of measuring the error after it, beyond what the process held."""
+@dataclass(frozen=True, slots=True)
+class FacetCount:
+    """How many facets a mesh is refined into, known without refining it."""
+
+    sagitta_rad: np.ndarray
+    """Phase sagitta of each face over the mesh's own limit, as it is (F,)."""
+
+    @classmethod
+    def of(cls, model: Model, mesh: MovingMesh, accuracy: Accuracy) -> FacetCount:
+        """At the least range in the record, from the mesh's curvature at rest."""
+        middle = np.array([np.mean(model.span_s)])
+        places = np.array([model.radar.tx_position_m])
+        range_m = float(np.linalg.norm(mesh.at(middle)[0][:, None] - places, axis=2).min())
+        limit = np.broadcast_to(sagitta_rad(mesh, accuracy.replace(sagitta_scale=1.0)), (len(mesh.rest),))
+        ends = np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2)
+        length2 = ((mesh.rest[ends[..., 0]] - mesh.rest[ends[..., 1]]) ** 2).sum(axis=2)
+        bend = curvature(mesh.rest, mesh.faces, mesh.crease_deg)[ends].mean(axis=2) + 1 / range_m
+        wavenumber = 2 * math.pi / model.radar.wavelength_m
+        return cls((wavenumber / 3 * length2 * bend / limit[ends].mean(axis=2)).mean(axis=1))
+
+    def at(self, scale: float) -> float:
+        """At that sagitta scale."""
+        return float(np.maximum(1, FACETS_PER_SAGITTA / scale * self.sagitta_rad).sum())
+
+
+def facet_counts(model: Model, accuracy: Accuracy) -> list[FacetCount]:
+    """Of each mesh among the targets."""
+    return [FacetCount.of(model, mesh, accuracy) for mesh in model.geometries if isinstance(mesh, MovingMesh)]
+
+
+def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter: Clutter = "none") -> dict[str, float]:
+    """Units of each kind of work that the sum of a record takes, without what sets it up; each kind has its fitted seconds."""
+    radar, length_s = model.radar, model.span_s[1] - model.span_s[0]
+    frames = float(max(len(times) for times in model.frame_times(accuracy)))
+    pairs = model.pairs(accuracy)
+    tiers: list[tuple[PathTier, int]] = [(accuracy.tiers[0], 1)]
+    if pairs is not None:
+        tiers = [(tier, len(some)) for tier, some in pairs.by_tier(accuracy)]
+    chirps = float(len(radar.chirp_times_s(length_s)) * radar.samples * radar.antennas)
+    found = {
+        "call": 1.0, "ADC sample": chirps, "refined facet": 0.0, "surface frame": frames * len(model.geometries),
+        "facet of a frame": 0.0, "secondary facet of a frame": 0.0, "ellipsoids of a frame": 0.0, "ray": 0.0, "obstacle": 0.0,
+        "clutter": length_s if model.scene is not None and clutter != "none" else 0.0,
+    }  # fmt: skip
+    samples = length_s * accuracy.visibility_rate_hz
+    vertices = sum(len(mesh.rest) for mesh in model.geometries if isinstance(mesh, MovingMesh))
+    for number, (tier, count) in enumerate(tiers):
+        if model.method == "ellipsoid" or tier.scatterer == "ellipsoids" or not counts:
+            found["ellipsoids of a frame"] += frames * count / tier.decimation
+        else:
+            facets = sum(each.at(accuracy.sagitta_scale * tier.sagitta_scale) for each in counts)
+            found["refined facet"] += facets
+            found["secondary facet of a frame" if number else "facet of a frame"] += frames * facets * count
+    if model.method == "mesh" and accuracy.occlusion and counts:
+        found["ray"] = samples * places_of(model, accuracy) * vertices * 4.0**accuracy.visibility_subdivision
+    if pairs is not None:
+        paths = {path.chain for pair in pairs.pairs for path in (pair.out, pair.back)}
+        found["obstacle"] = samples / 2 * len(paths)
+    return found
+
+
+def places_of(model: Model, accuracy: Accuracy) -> int:
+    """Antennas and images of these from which occlusion is traced."""
+    pairs = model.pairs(accuracy)
+    if pairs is None:
+        return len(model.radar.views_m)
+    return len({path.chain for pair in pairs.occluded for path in (pair.out, pair.back)})
+
+
+def seconds(units: dict[str, float], laws: Laws) -> float:
+    """Time that work takes on a machine whose yardstick takes a second."""
+    return sum(laws.seconds[kind] * count for kind, count in units.items())
+
+
+def memory_bytes(model: Model, *, echoes: float, vertices: float, facets: float, measured: bool) -> float:
+    """Greatest memory to be expected of a run beyond what the process held: of its greatest batch of echoes with that many facets'
+    vertices, and of `facets` that are refined at once."""
     radar = model.radar
     of_echo = SUMMED_ARRAY_BYTES if radar.is_array else SUMMED_BYTES
-    most: float = max(of_echo * part.echoes + POSED_BYTES * part.vertices for part in batches(streams, radar))
-    if measured:
-        # A surface has twice as many facets as vertices; their number goes with the inverse of the phase sagitta.
-        facets = 2 * max(stream.vertices for stream in streams) / FINER
-        most = max(most, REFINING_BYTES * facets, FIELD_BYTES)
+    most = max(of_echo * echoes + POSED_BYTES * vertices, REFINING_BYTES * facets, FIELD_BYTES if measured else 0.0)
     shape = (len(radar.chirp_times_s(model.span_s[1] - model.span_s[0])), radar.antennas, radar.samples)
     cube = 0.0 if is_large(shape, model.memory.limit_bytes) else 8.0 * math.prod(shape)
     return model.memory.taken_bytes + most + cube
 
 
+def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], *, measured: bool) -> float:
+    """The same before anything is refined."""
+    units = work(model, accuracy, counts)
+    frames = units["surface frame"] / len(model.geometries)
+    of_all = units["facet of a frame"] + units["secondary facet of a frame"]
+    echoes = min(ECHOES_PER_FACET * of_all / frames + POINTS * len(counts), most_echoes(model.radar))
+    facets = units["refined facet"]
+    return memory_bytes(model, echoes=echoes, vertices=facets / 2, facets=facets, measured=measured)
+
+
 def check_memory(model: Model, streams: Sequence[EchoStream], *, measured: bool) -> float:
-    """The same, refused where it is more than the run may take."""
-    needed = memory_bytes(model, streams, measured=measured)
+    """What summing these streams needs, refused where it is more than the run may take."""
+
+    def needed_bytes() -> float:
+        parts = batches(streams, model.radar)
+        greatest = max(parts, key=lambda part: part.echoes * SUMMED_BYTES + part.vertices * POSED_BYTES)
+        # A surface has twice as many facets as vertices; these exist by now, but not the coarser ones of a measurement.
+        facets = 2 * max(part.vertices for part in parts) / COARSER if measured else 0.0
+        return memory_bytes(model, echoes=greatest.echoes, vertices=greatest.vertices, facets=facets, measured=measured)
+
+    needed = needed_bytes()
     if needed > model.memory.limit_bytes:
         release()  # what is free counts for nothing
-        needed = memory_bytes(model, streams, measured=measured)
+        needed = needed_bytes()
     remedy = (
         "ask for a looser tolerance or a coarser sagitta_rad, cut the record, or measure no error (measure_error=False)"
     )

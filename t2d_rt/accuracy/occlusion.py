@@ -1,0 +1,96 @@
+"""Whether occlusion of targets by themselves and one another matters, from their unrefined meshes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.accuracy.estimate import Chirps
+from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.model import Model
+from t2d_rt.propagation.visibility import Occlusion
+from t2d_rt.types import Accuracy, MovingMesh
+
+INSTANTS, ROOM_INSTANTS = 12, 8
+LEAST_DB = -45.0
+"""Less cannot be told from faces' centroids."""
+LEVEL_DB = -20.0
+"""Occlusion is judged over path pairs down to that level: who walks towards the radar occludes nothing from there, but much from a
+wall's image."""
+GLINT_RAD = math.radians(15)
+"""Faces return power where their normal is about that close to the bisector of the directions to the antennas: the mesh's faces, as
+they are, lie so far apart in direction."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Faces:
+    """The meshes' faces at some instants."""
+
+    vertices: np.ndarray
+    """(K, V, 3) m."""
+    middle: np.ndarray
+    """(K, F, 3) m."""
+    normal: np.ndarray
+    """(K, F, 3)."""
+    area_m2: np.ndarray
+    """(K, F)."""
+
+    @classmethod
+    def of(cls, meshes: list[MovingMesh], times_s: np.ndarray) -> _Faces:
+        vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
+        first = np.cumsum([0, *(len(mesh.rest) for mesh in meshes)])
+        faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=False)])
+        corners = vertices[:, faces]
+        across = edge_cross(corners)
+        twice = np.maximum(np.linalg.norm(across, axis=2), 1e-30)
+        return cls(vertices, corners.mean(axis=2), across / twice[..., None], twice / 2)
+
+    def towards(self, place_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Unit vectors to a place (K, F, 3) and the distances (K, F) [m]."""
+        offset = place_m - self.middle
+        distance = np.linalg.norm(offset, axis=2)
+        return offset / distance[..., None], distance
+
+
+def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
+    """Power that occlusion takes from the targets' echoes over the power that is left [dB], about.
+
+    In geometrical optics a surface returns power where its normal points to the middle between the antennas, as much as its radii
+    of curvature say: the area of a mesh's faces whose normals lie near that direction is in proportion. Which of that area is
+    occluded is traced from the faces' centroids at a few random chirps (`Laws.occlusion` has the difference from the field's).
+    """
+    fast = model.fast_rotating(accuracy)
+    meshes = [g for g, rotates in zip(model.geometries, fast, strict=True) if isinstance(g, MovingMesh) and not rotates]
+    if not meshes:
+        return -math.inf
+    count = INSTANTS if model.scene is None else ROOM_INSTANTS
+    faces = _Faces.of(meshes, Chirps.random(model.radar, model.span_s, seed=model.seed, count=count).starts_s)
+    visible: dict[bytes, np.ndarray] = {}
+    taken = left = 0.0
+    for power, out_m, back_m in _ends(model, accuracy):
+        for place in (out_m, back_m):
+            if place.tobytes() not in visible:
+                traced = Occlusion(meshes, place, samples_s=np.zeros(0), backend=model.backend)
+                visible[place.tobytes()] = traced.visible(faces.vertices, faces.middle, faces.normal)
+        (there, to), (here, back) = faces.towards(out_m), faces.towards(back_m)
+        middle = there + here
+        cosine = np.einsum("kfi,kfi->kf", faces.normal, middle) / np.maximum(np.linalg.norm(middle, axis=2), 1e-30)
+        glint = np.exp(-((np.arccos(np.clip(cosine, -1, 1)) / GLINT_RAD) ** 2)) * faces.area_m2 / (to * back) ** 2
+        seen = visible[out_m.tobytes()] & visible[back_m.tobytes()]
+        total = max(float(glint.sum()), 1e-300)
+        taken += power * float(glint[~seen].sum()) / total
+        left += power * float(glint[seen].sum()) / total
+    return max(LEAST_DB, 10 * math.log10(max(taken, 1e-30) / max(left, 1e-30)))
+
+
+def _ends(model: Model, accuracy: Accuracy) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    """Power of each path pair and where its antennas appear to stand [m]."""
+    if model.scene is None:
+        yield 1.0, model.radar.tx_position_m, model.radar.rx_position_m
+    least_db = max(LEVEL_DB, accuracy.least_level_db)
+    for each in model.ranked:
+        if each.mean_db >= least_db:
+            yield 10 ** (each.mean_db / 10), each.pair.out.image_m, each.pair.back.image_m

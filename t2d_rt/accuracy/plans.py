@@ -1,0 +1,86 @@
+"""`Plan`: how a recording will be modelled, in values and in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from t2d_rt.accuracy.budget import OCCLUSION, Budget, Omission, db, sampled
+from t2d_rt.model import Model, farthest_and_fastest
+from t2d_rt.types import Accuracy, Ellipsoids
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How a recording will be modelled to keep to a tolerance."""
+
+    budget: Budget
+    tolerance_db: float | None
+    """None where an accuracy was given instead."""
+    accuracy: Accuracy
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    """What the parts of `simulate` and the spectrogram will take."""
+    memory_bytes: float = math.nan
+    """Greatest memory of the process beyond what it held before."""
+
+    @property
+    def model(self) -> Model:
+        """How targets become echoes."""
+        return self.budget.model
+
+    @property
+    def omissions(self) -> Sequence[Omission]:
+        """What is left out, and what is not because it would cost too much."""
+        return self.budget.omissions(self.accuracy)
+
+    @property
+    def error_db(self) -> float:
+        """Error to be expected: the sum of what is left out."""
+        return db(sum(each.energy for each in self.omissions if each.taken))
+
+    def described(self) -> dict[str, float]:
+        """For a recording's settings."""
+        return {} if self.tolerance_db is None else {"tolerance_db": self.tolerance_db}
+
+    def __str__(self) -> str:
+        return summary(self)
+
+
+def summary(plan: Plan) -> str:
+    """What is modelled, what is left out, and what the run takes, line by line."""
+    model, accuracy = plan.model, plan.accuracy
+    radar, counts = model.radar, iter(plan.budget.counts)
+    lines = [f"tolerance {plan.tolerance_db:g} dB, expected error {plan.error_db:.1f} dB", "modelled:"]
+    for geometry, times_s in zip(model.geometries, model.frame_times(accuracy), strict=True):
+        rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
+        what = (
+            f"{len(geometry.semi_axes_m)} ellipsoids"
+            if isinstance(geometry, Ellipsoids)
+            else f"about {next(counts).at(accuracy.sagitta_scale):,.0f} facets".replace(",", " ")
+        )
+        lines.append(f"  {geometry.name}: {what} at {rate_hz:.0f} surface frames a second")
+    pairs = model.pairs(accuracy)
+    if pairs is not None:
+        coarse = len(pairs.pairs) - pairs.dominant
+        lines.append(f"  {len(pairs.pairs)} path pairs: {pairs.dominant} dominant, {coarse} modelled more coarsely")
+    if model.method == "mesh":
+        how = "not traced"
+        if accuracy.occlusion:
+            how = sampled(accuracy.visibility_rate_hz, accuracy.visibility_subdivision)
+        lines.append(f"  {OCCLUSION}: {how}")
+    fastest = max(farthest_and_fastest(geometry, radar, model.span_s)[1] for geometry in model.geometries)
+    needed_hz, sent_hz = (4 * speed / radar.wavelength_m for speed in (fastest, radar.max_speed_mps))
+    lines.append(
+        f"  slow time: speeds up to {fastest:.1f} m/s need {needed_hz:.0f} chirps a second, the radar sends {sent_hz:.0f}"
+    )
+    lines.append("left out, and what that costs:")
+    lines += [f"  {each.error_db:6.1f} dB  {each.what}" for each in plan.omissions if each.taken]
+    kept = [each for each in plan.omissions if not each.taken and math.isfinite(each.error_db)]
+    if kept:
+        lines += ["not left out, for it would cost:", *(f"  {each.error_db:6.1f} dB  {each.what}" for each in kept)]
+    if plan.seconds:
+        parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in plan.seconds.items())
+        total = sum(plan.seconds.values())
+        lines.append(f"predicted: {total:.1f} s once kernels are compiled ({parts}), {plan.memory_bytes / 1e9:.1f} GB")
+    return "\n".join(lines)

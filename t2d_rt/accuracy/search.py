@@ -1,0 +1,150 @@
+"""No more than needed: the cheapest accuracy that keeps to a tolerance."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.accuracy.budget import SURELY, Budget, ratio
+from t2d_rt.accuracy.plans import Plan
+from t2d_rt.checks import number
+from t2d_rt.errors import T2DWarning
+from t2d_rt.model import Model, with_method
+from t2d_rt.types import Accuracy, Motion, PathTier
+from t2d_rt.types.accuracy import EVERY_PATH_DB
+
+LEAST_DB, MOST_DB = -40.0, 6.0
+"""Tolerances that there are settings for."""
+SCALES = tuple(2 ** (n / 8) for n in range(24, -29, -1))
+"""Sagitta scales, coarsest first: in steps, so that recordings of about the same tolerance have their facets in common."""
+VISIBILITY = (12.5, 0), (25.0, 0), (50.0, 1), (100.0, 1), (100.0, 2)
+"""Rates [Hz] at which visibility may be sampled, and subdivisions, cheapest first."""
+MOST_SUBDIVISION = 2
+MOST_VISIBILITIES = 3
+"""So many of them are tried, the cheapest that are good enough."""
+SECONDARY_SCALES = 2.0, 4.0
+"""How much coarser the facets of secondary path pairs may be."""
+SECONDARY_BELOW_DB = -3.0, -6.0, -10.0, -15.0, -21.0
+"""Levels below which path pairs may be secondary."""
+LEFT_OUT = 0.1, 0.25, 0.5
+"""Path pairs left out may cost such fractions of the error allowed."""
+GREATEST_SAGITTA_RAD = 3.0
+"""Limit of secondary facets' phase sagitta: beyond it they say nothing."""
+SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
+"""What the splines and the sum may add lies that far below the tolerance."""
+GREATEST_SYNTHESIS_DB = -40.0
+"""Greatest error of the sum."""
+OVER_DB = 1.0
+"""A plan may expect that much more than the tolerance before it warns."""
+
+
+def check_tolerance(tolerance_db: float) -> None:
+    """Refuses one for which there are no settings."""
+    hint = "-20 suits most uses, at 0 there is as much error as signal"
+    number("tolerance_db", tolerance_db, LEAST_DB, MOST_DB, unit="dB", hint=hint)
+
+
+def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
+    """The cheapest accuracy that keeps to the tolerance by the fitted laws; what is set in the `given` one stays."""
+    check_tolerance(tolerance_db)
+    allowed, asked = ratio(tolerance_db), given.model_fields_set
+    in_time: dict[str, Any] = {
+        "spline_error_db": tolerance_db - SPLINES_BELOW_DB,
+        "synthesis_error_db": min(GREATEST_SYNTHESIS_DB, tolerance_db - SYNTHESIS_BELOW_DB),
+        "fast_rotating_hz": given.fastest_sampled_hz, "clutter_occlusion": given.occludes_clutter,
+    }  # fmt: skip
+    start = given.replace(**{name: value for name, value in in_time.items() if name not in asked})
+    bodies = [isinstance(target, Motion) for target in model.targets]
+    if model.method == "mesh" and all(bodies) and not asked:
+        simpler = Budget(with_method(model, "ellipsoid"), start)
+        if sum(each.surely for each in simpler.omissions(start)) <= allowed:
+            return Plan(simpler, float(tolerance_db), start)
+    budget = Budget(model, start)
+    found = list(_candidates(budget, start, asked, allowed))
+    if not asked:
+        found.append((Accuracy(), sum(each.surely for each in budget.omissions(Accuracy()) if each.taken)))
+    good = [accuracy for accuracy, error in found if error <= allowed]
+    best = min(good, key=budget.seconds) if good else min(found, key=lambda each: each[1])[0]
+    return _checked(Plan(budget, float(tolerance_db), best))
+
+
+def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float) -> Iterator[tuple[Accuracy, float]]:
+    """Accuracies and the errors that they hardly exceed, each with facets as coarse as what is allowed lets them be, or the finest
+    ones."""
+    fixed = not asked.isdisjoint(("sagitta_rad", "sagitta_scale")) or not budget.counts
+    scales = (start.sagitta_scale,) if fixed else SCALES
+    in_time = sum(each.surely for each in budget.in_time(start))
+    visibilities = _visibilities(budget, start, asked, allowed)
+    for paths in _paths(budget, start, asked, allowed):
+        tiers = list(budget.tiers(start.replace(**paths)))
+        errors = [
+            in_time + sum(each.surely for each in budget.of_tiers(tiers, scale) if each.taken) for scale in scales
+        ]
+        for seen, unseen in visibilities:
+            number = next((n for n, error in enumerate(errors) if error + unseen <= allowed), len(scales) - 1)
+            yield start.replace(**paths, **seen, sagitta_scale=scales[number]), errors[number] + unseen
+
+
+def _visibilities(
+    budget: Budget, start: Accuracy, asked: set[str], allowed: float
+) -> list[tuple[dict[str, Any], float]]:
+    """Whether, how often and from where visibility may be sampled, and the error that this hardly exceeds; the best way if none is
+    good enough."""
+    if not budget.counts or budget.model.method == "ellipsoid":
+        return [({}, 0.0)]
+    found: list[dict[str, Any]] = [{"occlusion": False}]
+    if start.occlusion:
+        rates = [start.visibility_rate_hz] if "visibility_rate_hz" in asked else []
+        ladder = [(rate, n) for rate in rates for n in range(MOST_SUBDIVISION + 1)] or list(VISIBILITY)
+        if "visibility_subdivision" in asked:
+            ladder = list(dict.fromkeys((rate, start.visibility_subdivision) for rate, _ in ladder))
+        sampled: list[dict[str, Any]] = [
+            {"visibility_rate_hz": rate, "visibility_subdivision": n} for rate, n in ladder
+        ]
+        found = sampled if asked & {"occlusion", "visibility_rate_hz"} else found + sampled
+    costs = [sum(each.surely for each in budget.of_visibility(start.replace(**seen)) if each.taken) for seen in found]
+    good = [(seen, cost) for seen, cost in zip(found, costs, strict=True) if cost < allowed]
+    return good[:MOST_VISIBILITIES] or [min(zip(found, costs, strict=True), key=lambda each: each[1])]
+
+
+def _paths(budget: Budget, start: Accuracy, asked: set[str], allowed: float) -> list[dict[str, Any]]:
+    """Which path pairs may be left out and which be modelled by coarser facets."""
+    if len(budget.power) < 2 or not asked.isdisjoint(("tiers", "least_level_db")):
+        return [{}]
+    levels = np.array([each.mean_db for each in budget.model.ranked])
+    order = np.argsort(levels)
+    lost = np.cumsum(budget.power[order]) * ratio(budget.laws.pairs.mean_db + SURELY * budget.laws.pairs.scatter_db)
+    least = sorted({max(float(levels[order[min(int(np.searchsorted(lost, f * allowed, side="right")), len(order) - 1)]]),
+                        EVERY_PATH_DB) for f in LEFT_OUT})  # fmt: skip
+    found = []
+    for level_db in least:
+        found.append({"least_level_db": level_db, "tiers": (PathTier(level_db=EVERY_PATH_DB),)})
+        for high_db, scale in itertools.product(
+            (each for each in SECONDARY_BELOW_DB if each > level_db), SECONDARY_SCALES
+        ):
+            secondary = PathTier(
+                level_db=EVERY_PATH_DB,
+                sagitta_scale=scale,
+                greatest_sagitta_rad=GREATEST_SAGITTA_RAD,
+                patch_phase_scale=2.0,
+            )
+            found.append({"least_level_db": level_db, "tiers": (PathTier(level_db=high_db), secondary)})
+    return found
+
+
+def _checked(plan: Plan) -> Plan:
+    """Warns where a tolerance is not in reach."""
+    assert plan.tolerance_db is not None
+    if plan.error_db > plan.tolerance_db + OVER_DB:
+        worst = max((each for each in plan.omissions if each.taken), key=lambda each: each.error_db)
+        warnings.warn(
+            f"a tolerance of {plan.tolerance_db:g} dB is not in reach, {plan.error_db:.1f} dB is: {worst.what} alone cost "
+            f"{worst.error_db:.1f} dB; ask for less, or leave the settings to the tolerance",
+            T2DWarning,
+            stacklevel=5,
+        )
+    return plan
