@@ -131,10 +131,14 @@ class Budget:
         own = self.facets[0] * scale
         return max(own, min(tier.sagitta_scale * own, tier.greatest_sagitta_rad))
 
+    @property
+    def of_bodies(self) -> bool:
+        """Whether there is a body among the targets, which ellipsoids may stand for."""
+        return any(isinstance(target, Motion) for target in self.model.targets)
+
     def by_limbs(self, tier: PathTier) -> bool:
         """Whether bodies are ellipsoids over that tier's paths."""
-        bodies = any(isinstance(target, Motion) for target in self.model.targets)
-        return bodies and (self.model.method == "ellipsoid" or tier.scatterer == "ellipsoids")
+        return self.of_bodies and (self.model.method == "ellipsoid" or tier.scatterer == "ellipsoids")
 
     def of_tiers(self, tiers: Sequence[tuple[PathTier, int, float]], scale: float) -> list[Omission]:
         """What facets of a sagitta scale, ellipsoids and path pairs left out cost, for what `tiers` gives."""
@@ -147,12 +151,14 @@ class Budget:
                 law = self.laws.limbs
                 found.append(Omission(f"the skin: limbs by ellipsoids{over}", level_db + law.mean_db, law.scatter_db))
             elif self.counts:
-                error = self.laws.facets(self.sagitta_of(tier, scale), smooth=self.facets[1])
-                found.append(
-                    Omission(
-                        f"the curve of the skin between facets' corners{over}", level_db + error, self.laws.scatter_db
+                if not number and self.of_bodies:
+                    what = "the skin: limbs by ellipsoids"
+                    found.append(
+                        Omission(what, level_db + self.laws.limbs.mean_db, self.laws.limbs.scatter_db, taken=False)
                     )
-                )
+                error = self.laws.facets(self.sagitta_of(tier, scale), smooth=self.facets[1])
+                what = f"the curve of the skin between facets' corners{over}"
+                found.append(Omission(what, level_db + error, self.laws.scatter_db))
         if count < len(self.model.ranked):
             left_db = db(1 - kept) + self.laws.pairs.mean_db
             what = f"{len(self.model.ranked) - count} path pairs left out"

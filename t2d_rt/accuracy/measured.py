@@ -17,7 +17,7 @@ from t2d_rt.accuracy.search import OVER_DB
 from t2d_rt.cubes import Cube
 from t2d_rt.errors import T2DWarning
 from t2d_rt.model import with_method
-from t2d_rt.types import Accuracy, EchoStream, Motion, PathTier
+from t2d_rt.types import Accuracy, EchoStream, PathTier
 from t2d_rt.types.accuracy import EVERY_PATH_DB
 
 CHIRPS = 12, 30
@@ -58,7 +58,7 @@ def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredEr
     """
     budget, model, accuracy = plan.budget, plan.model, plan.accuracy
     coarser, expected, fraction = compared_with(budget, accuracy)
-    full = with_method(model, "mesh") if model.method == "ellipsoid" and _has_bodies(budget) else model
+    full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
     edges = sum(each.energy for each in budget.of_visibility(accuracy) if each.taken)
     for count in CHIRPS:
         chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=count)
@@ -131,7 +131,3 @@ def _coarser(accuracy: Accuracy) -> Accuracy:
         )
         changes["least_level_db"] = LIMBS_DOWN_TO_DB
     return accuracy.replace(**changes, tiers=tuple(tiers))
-
-
-def _has_bodies(budget: Budget) -> bool:
-    return any(isinstance(target, Motion) for target in budget.model.targets)
