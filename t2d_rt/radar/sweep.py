@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -50,6 +50,28 @@ class Sweep:
             self.theta_per_s / (self.slope * step_s),
             2 * math.pi * self.half_time_s**2 * self.slope / (self.mid_hz * step_s),
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Instants:
+    """Chirps of a window of frames: when they are sent, and their sweep."""
+
+    position: np.ndarray
+    """[frames after the window's start], ascending, (instant,)."""
+    step_s: float
+    """Frame interval."""
+    sweep: Sweep
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def __getitem__(self, some: slice) -> Instants:
+        return replace(self, position=self.position[some])
+
+    @property
+    def per_cycle(self) -> tuple[float, float, float]:
+        """Conversion of phase, as `Sweep.per_cycle` gives it."""
+        return self.sweep.per_cycle(self.step_s)
 
 
 @lru_cache(maxsize=64)
