@@ -13,7 +13,8 @@ import numpy as np
 from t2d_rt.backend import select
 from t2d_rt.checks import choice, integer, shown, text
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.experiment import Experiment, Inputs, Store, sources_of, stored_scene
+from t2d_rt.experiment import Experiment, sources_of, stored_scene
+from t2d_rt.inputs import Inputs, Store
 from t2d_rt.memory import Budget
 from t2d_rt.model import Model, Target, farthest_and_fastest, geometries_of, placed, shared_time
 from t2d_rt.motion import placement

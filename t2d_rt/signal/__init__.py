@@ -14,7 +14,7 @@ from t2d_rt.signal.multiplex import separate_ddm
 from t2d_rt.signal.points import point_cloud
 from t2d_rt.signal.range import gate, range_fft, range_profile, taper
 from t2d_rt.signal.range_time import coherent_interval, range_time
-from t2d_rt.signal.recording import load_recording
+from t2d_rt.signal.recording import load_cube
 
 __all__ = [
     "ArraySpectrum",
@@ -29,7 +29,7 @@ __all__ = [
     "cfar_factor",
     "coherent_interval",
     "gate",
-    "load_recording",
+    "load_cube",
     "mti",
     "point_cloud",
     "range_angle",

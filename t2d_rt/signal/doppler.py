@@ -115,18 +115,24 @@ def spectrogram(
 ) -> Spectrogram:
     """Micro-Doppler spectrogram of a cube (chirp, antenna, sample).
 
-    Range FFT, MTI (see `mti`; None is "none"; `cutoff_mps` for "highpass", `kernel` for "canceller"), STFT per range bin, and the
-    bins within `range_gate_m` (nearest, farthest; all by default) combined:
+    Range FFT, MTI, STFT per range bin, and the bins combined. With "tdm" and "ddm" chirps are loops of the transmitters, which are
+    taken apart first. Windows stay inside a burst.
 
-    - "noncoherent": powers added and divided by the range window's noise bandwidth, so that a target of power P reads P
-      in its peak cell wherever it stands between bins. Antennas are averaged.
-    - "coherent": complex bins added before the STFT, as Text2Doppler's code does (without a range window:
-      `range_window="boxcar"`). Bins next to each other alternate in sign, so the level is not calibrated; the sum over
-      *all* bins is the chirp's first sample, which a tapered window sets to zero: give a gate.
-
-    The window is 256 chirps with an overlap of 200, with "tdm" and "ddm" counted in loops of the transmitters, which
-    are taken apart first. Bursts: windows stay inside a burst, by default one window per
-    burst.
+    range_window: window over the samples of a chirp.
+    range_gate_m: nearest and farthest range that is used [m], such as [1, 5]; all ranges by default.
+    mti: filter that removes static echoes: none, mean, highpass or canceller (see `mti`); "none" by default, of a recording with
+        clutter "mean".
+    cutoff_mps: speed below which mti highpass filters [m/s].
+    kernel: weights of the chirps that mti canceller adds up.
+    combine: how range bins are combined. "noncoherent": powers are added and divided by the range window's noise bandwidth, so that
+        a target of power P reads P in its peak cell wherever it lies between bins; antennas are averaged. "coherent": complex bins
+        are added before the STFT, as Text2Doppler's code does (with range_window boxcar). Neighbouring bins alternate in sign, so
+        the level is not calibrated; and the sum over all bins is the chirp's first sample, which a tapered window sets to zero, so
+        a range gate is needed.
+    window: window over the chirps of a column.
+    n_window: number of chirps in a column; 256 by default, with bursts at most one burst.
+    overlap: number of chirps that neighbouring columns have in common; 200 of 256 by default.
+    n_fft: number of Doppler bins; n_window by default.
     """
     check_recording(adc, radar)
     clutter_filter = Mti.of(mti, cutoff_mps, kernel)
