@@ -144,7 +144,7 @@ def _checked_spectrogram(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[
 
 
 def _correlation(one: np.ndarray, two: np.ndarray) -> float:
-    """Pearson correlation of (row, time) with each row about its own mean: rows of different means would look alike."""
+    """Pearson correlation of (row, time) with each row about its own mean: different means alone would correlate rows."""
     if not (np.ptp(one, axis=1).any() and np.ptp(two, axis=1).any()):
         return math.nan
     one, two = (values - values.mean(axis=1, keepdims=True) for values in (one, two))

@@ -213,7 +213,7 @@ class Experiment(_Plain):
         return next((each.description for each in self.targets if isinstance(each, Unknown)), None)
 
     def targets_from(self, inputs: Inputs, folder: Path | None = None) -> list[Target]:
-        """The targets themselves; files are looked for from `folder`."""
+        """The targets themselves; file names are relative to `folder`."""
         return [_target(each, inputs, self.radar, folder) for each in self.targets]
 
     def scene_from(self, inputs: Inputs) -> str | Scene:

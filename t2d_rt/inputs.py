@@ -1,4 +1,4 @@
-"""The arrays that an experiment names, kept under the hash of their content: collected, looked up, written and read."""
+"""The arrays that an experiment names, kept under the hash of their content: collected, found, written and read."""
 
 from __future__ import annotations
 

@@ -157,7 +157,7 @@ def plot_point_cloud(
         raise InputError(f"xyz_m must have shape ({len(speed_mps)}, 3), one row for each speed, got {xyz_m.shape}")
     if not len(xyz_m):
         raise InputError(
-            "nothing to plot: the point cloud is empty; lower the threshold or look at the range-Doppler map"
+            "nothing to plot: the point cloud is empty; raise the false-alarm rate, or plot the range-Doppler map"
         )
     figure = blank_figure(7.0, 3.6)
     check_colours(cmap)

@@ -54,7 +54,7 @@ def simulate(
     target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar (see `place`) where its
         `placed` is False; where that is None, with a warning. The settings' "placement" tells what was done. A motion may also be
         given as its file, or as the name of a bundled one (`examples`).
-        The record is the time that all targets share, movers going on for as long; its own clock starts at 0.
+        The record is the time that all targets have in common, movers going on for as long; its own clock starts at 0.
     radar: a `Radar`, a preset's name (`presets`) or a .yaml file; the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     tolerance_db: greatest error of the targets' field [dB], its energy relative to the field's own, against a converged model.
@@ -95,8 +95,8 @@ def run(
     tolerance_db: float | None = None, measure_error: bool | None = None, device: Device = "auto", memory_gb: float = LIMIT_GB,
     progress: Progress | bool | None = None,
 ) -> Recording:  # fmt: skip
-    """The recording of an experiment, whose files are looked for in the working directory; or that of a recording again, at its own
-    accuracy unless another one is given: the same samples, bit for bit, on the same machine. Options as in `simulate`."""
+    """The recording of an experiment, whose file names are relative to the working directory; or that of a recording again, at its
+    own accuracy unless another one is given: the same samples, bit for bit, on the same machine. Options as in `simulate`."""
     experiment, inputs, accuracy, known = _again(experiment, accuracy, tolerance_db)
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
     targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)

@@ -16,8 +16,7 @@ import xarray as xr
 
 import t2d_rt as t2d
 from builders import point_cube
-from t2d_rt import cubes, rows
-from t2d_rt import result as result_module
+from t2d_rt import cubes, rows, saved
 from t2d_rt.errors import InputError
 from t2d_rt.result import Recording
 from t2d_rt.types import Radar
@@ -248,7 +247,7 @@ def spoil(path: Path, how: str) -> None:
 def seal(path: Path) -> None:
     """The checksum of what the folder holds now, as someone who means ill could write it."""
     metadata = json.loads((path / "zarr.json").read_text())
-    metadata["attributes"]["checksum"] = result_module._checksum(path, metadata)
+    metadata["attributes"]["checksum"] = saved._checksum(path, metadata)
     (path / "zarr.json").write_text(json.dumps(metadata))
 
 

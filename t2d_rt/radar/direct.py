@@ -9,7 +9,7 @@ from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
 from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar
 
 FRAMES_AROUND = 12
-"""So many frames around a chirp are right to what all of them would give: a spline forgets what is farther away."""
+"""Frames on either side of a chirp that determine its spline; the influence of farther ones is below 2e-7 (0.268 per frame)."""
 
 
 def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray, *, every: int = 1, antenna: int = 0) -> np.ndarray:

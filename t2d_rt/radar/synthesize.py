@@ -1,6 +1,6 @@
 """Echoes to the ADC cube: the only code that knows chirps.
 
-Around mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physics.md, eq. 16)
+Relative to mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physics.md, eq. 16)
 
     psi + theta x + eps x^2,   psi = 2 pi (f_m tau - S tau^2/2),  theta = pi B (tau + f_m tau'/S),  eps = 2 pi (T/2)^2 S tau'
 

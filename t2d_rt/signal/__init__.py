@@ -1,5 +1,4 @@
-"""From ADC samples to range profiles, spectrograms and range-Doppler maps; simulated and recorded cubes go the same
-way.
+"""From ADC samples to range profiles, spectrograms and range-Doppler maps, of simulated and measured cubes alike.
 
 Cubes are (chirp, antenna, sample), or (chirp, sample) for one antenna. Levels are calibrated: a steady target of power
 P reads P in its peak cell.

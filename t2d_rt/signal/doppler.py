@@ -342,7 +342,7 @@ def window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarra
 
 
 def check_window(n_window: int, overlap: int, n_fft: int | None, chirps: int) -> int:
-    """The FFT length, after a look at the others."""
+    """The FFT length, once window and overlap have been checked."""
     integer("n_window", n_window), integer("overlap", overlap)
     if not 2 <= n_window <= chirps:
         raise InputError(f"n_window must lie in 2..{chirps} (the chirps there are), got {n_window}")

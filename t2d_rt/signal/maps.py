@@ -87,7 +87,7 @@ class PointCloud:
     speed_mps: np.ndarray
     """Positive = approaching."""
     snr_db: np.ndarray
-    """Power of the peak cell, mean over the antennas, against the noise level around it."""
+    """Power of the peak cell, mean over the antennas, relative to the noise level in the cells near it."""
 
     @property
     def xyz_m(self) -> np.ndarray:

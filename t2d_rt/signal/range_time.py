@@ -64,7 +64,7 @@ def coherent_interval(
     cutoff_mps: float = 0.1,
     kernel: Sequence[float] = PAPER_KERNEL,
 ) -> tuple[np.ndarray, Radar, float]:
-    """Rows of the cube around a time, for `range_doppler`: their samples after MTI over the record, their radar (its transmitters
+    """Rows of the cube centred on a time, for `range_doppler`: their samples after MTI over the record, their radar (transmitters
     taken apart), and the middle of the interval [s].
 
     time_s: middle of the interval; that of the record by default. Towards its ends, and those of a burst, the interval is moved
