@@ -41,9 +41,9 @@ AXIS_UNITS = {"m": "m", "s": "s", "mps": "m/s"}
 class Recording:
     """A radar recording, simulated or measured: ADC cube, radar, and what follows from them.
 
-    A simulated one holds its `experiment` and `accuracy`, and the arrays that the experiment names (`inputs`), so that it can be
-    made `again`. `processing` holds options of `signal.spectrogram` (mti, range_gate_m, n_window, ...); `processed` changes them.
-    With clutter mti is "mean" unless another one is asked for.
+    A simulated recording holds its `experiment` and `accuracy`, and the arrays that the experiment names (`inputs`), so that it can
+    be simulated `again`. `processing` holds options of `signal.spectrogram` (mti, range_gate_m, n_window, ...), which `processed`
+    changes. If the scene has clutter, mti is "mean" by default.
     """
 
     def __init__(

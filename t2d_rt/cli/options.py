@@ -45,6 +45,11 @@ EXAMPLES = {
 }
 
 
+PRINT_CONFIG_HELP = (
+    "Prints all options with their values as a config file, and does nothing else; skip_default leaves out defaults."
+)
+
+
 def simulate_parser() -> ArgumentParser:
     """Options of `t2d-rt simulate`."""
     parser = _parser(
@@ -192,6 +197,9 @@ def _parser(
             action="config",
             help="YAML file of options; options on the command line override those in the file.",
         )
+        for action in parser._actions:  # the parser adds --print_config by itself
+            if action.dest == "print_config":
+                action.help = PRINT_CONFIG_HELP
     return parser
 
 

@@ -120,8 +120,7 @@ def spectrogram(
 
     range_window: window over the samples of a chirp.
     range_gate_m: nearest and farthest range that is used [m], such as [1, 5]; all ranges by default.
-    mti: filter that removes static echoes: none, mean, highpass or canceller (see `mti`); "none" by default, of a recording with
-        clutter "mean".
+    mti: filter that removes static echoes: none, mean, highpass or canceller; by default none, with clutter mean.
     cutoff_mps: speed below which mti highpass filters [m/s].
     kernel: weights of the chirps that mti canceller adds up.
     combine: how range bins are combined. "noncoherent": powers are added and divided by the range window's noise bandwidth, so that

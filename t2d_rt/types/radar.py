@@ -52,9 +52,9 @@ class Radar(Fields):
     prf_hz: Annotated[Number, Field(ge=1e-3, le=1e8)]
     """Chirps per second, of all transmitters together [Hz]; with bursts the rate inside a burst."""
     chirps_per_frame: Annotated[Count, Field(ge=1, le=1_000_000)] | None = None
-    """Number of chirps in one burst, of all transmitters together; None for continuous chirps."""
+    """Number of chirps in one burst, of all transmitters together; left out for continuous chirps."""
     frame_interval_s: Annotated[Number, Field(gt=0, le=1e6)] | None = None
-    """Time from the start of one burst to the start of the next [s]; None for continuous chirps."""
+    """Time from the start of one burst to the start of the next [s]; left out for continuous chirps."""
     tx_power_dbm: Decibel = 12.0
     """Power that each transmitter feeds into its antenna [dBm]."""
     tx_gain_dbi: Decibel = 9.0
@@ -76,9 +76,10 @@ class Radar(Fields):
     multiplexing: Literal["simultaneous", "tdm", "ddm"] = "simultaneous"
     """How transmitters share the chirps; virtual antenna a = tx * N + rx is one pair.
 
-    "simultaneous": every pair on each chirp, an ideal device. "tdm": transmitter m sends chirps m, m + M, ...; a row of
-    the cube is a loop of M chirps. "ddm": all at once, the phase of transmitter m advanced by 2 pi m k / M on chirp k;
-    a row is a chirp, its antennas are the receivers, and `signal.separate_ddm` takes the transmitters apart.
+    "simultaneous": every pair is recorded on each chirp, as by an ideal device. "tdm": transmitter m sends chirps m, m + M, ...; a
+    row of the cube is a loop of M chirps. "ddm": all transmitters send on each chirp, the phase of transmitter m advanced by
+    2 pi m k / M on chirp k; a row of the cube is a chirp, its antennas are the receivers, and `signal.separate_ddm` separates the
+    transmitters.
     """
     tx_pattern: Pattern = Isotropic()
     """Gain of the transmit antennas over direction, relative to their peak `tx_gain_dbi`."""
