@@ -1,4 +1,4 @@
-"""Two recordings of one motion side by side: what a radar engineer reads off their spectrograms, in figures."""
+"""Two recordings of one motion side by side: figures that a radar engineer reads off their spectrograms."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TARGET_LEVEL_DB = -40.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """What one recording shows."""
+    """Figures of one recording."""
 
     mean_rcs_dbsm: float
     """Mean over chirps of the radar cross-section, all range bins with a target added."""

@@ -102,7 +102,7 @@ class MeshArrays(_Plain):
 
 
 class EllipsoidArrays(_Plain):
-    """Ellipsoids of the user, their places stored."""
+    """Ellipsoids of the user, their positions stored."""
 
     noun: ClassVar[str] = "ellipsoids"
 
@@ -173,21 +173,21 @@ class Experiment(_Plain):
     reflections: Annotated[Count, Field(ge=0, le=4)] = 2
     """Greatest number of reflections on the paths out and back together."""
     transmissions: Annotated[Count, Field(ge=0, le=4)] = 0
-    """Greatest number of thin slabs passed on them."""
+    """Greatest number of thin slabs that these paths pass through."""
     clutter: Clutter = "specular"
     """Echoes of the static scene: "specular", "diffuse" or "none"."""
     collisions: Collisions = "warn"
-    """What becomes of targets that go through walls: "warn", "stop" just before, or "ignore"."""
+    """Treatment of targets that go through walls: "warn", "stop" the record just before, or "ignore"."""
     method: Method = "mesh"
     """Scattering model: physical optics of a "mesh", or "ellipsoid"."""
     body: str = "adult"
     """Template of the bodies."""
     material: Substance | None = None
-    """Of everything but movers; by default each target's own."""
+    """Material of everything but movers; by default each target's own."""
     phase_from: Literal["specular", "centre"] = "specular"
     """Point of an ellipsoid that its phase comes from."""
     seed: Annotated[Count, Field(ge=0)] = 0
-    """Of the diffuse points."""
+    """Seed of the diffuse points."""
 
     @field_validator("radar", mode="before")
     @classmethod
@@ -204,12 +204,12 @@ class Experiment(_Plain):
 
     @property
     def hash(self) -> str:
-        """Of its content: the same for equal experiments."""
+        """Hash of its content: the same for equal experiments."""
         return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()[:32]
 
     @property
     def lost(self) -> str | None:
-        """What of it was not stored, so that a recording cannot be made again; None where all was."""
+        """Description of a target that was not stored, so that a recording cannot be made again; None where all were."""
         return next((each.description for each in self.targets if isinstance(each, Unknown)), None)
 
     def targets_from(self, inputs: Inputs, folder: Path | None = None) -> list[Target]:

@@ -20,7 +20,7 @@ Inputs = Mapping[str, Mapping[str, np.ndarray]]
 """Arrays by name, by the hash of their content."""
 Hash = Annotated[str, Field(pattern=r"[0-9a-f]{32}")]
 LARGEST_INPUT_BYTES = 2 * 2**30
-"""Of one file of arrays, unpacked."""
+"""Largest size of one file of arrays, unpacked."""
 
 
 @dataclass(slots=True)
@@ -30,7 +30,7 @@ class Store:
     inputs: dict[str, dict[str, np.ndarray]]
 
     def keep(self, **arrays: np.ndarray) -> str:
-        """Their hash."""
+        """Stores arrays by name; their hash."""
         digest = hashlib.sha256()
         for name, array in arrays.items():
             digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())

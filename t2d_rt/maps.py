@@ -32,14 +32,14 @@ class Maps:
     mti: str
 
     def range_time(self) -> RangeTime:
-        """In the columns of the spectrogram."""
+        """Range over time, in the columns of the spectrogram."""
         n_window, overlap = self._columns()
         return range_time(
             self.cube, self.radar, range_window=self._range_window(), n_window=n_window, overlap=overlap, **self._mti()
         )
 
     def range_doppler_at(self, time_s: float | None, interval_s: float | None) -> tuple[RangeDoppler, float, float]:
-        """Of one coherent interval; its middle and its length [s]."""
+        """Range-Doppler map of one coherent interval, and the interval's middle and length [s]."""
         interval = self.radar.separated.loop_interval_s
         if interval_s is None:
             chirps, _ = self._columns()

@@ -35,7 +35,7 @@ class Budget:
 
     @classmethod
     def of(cls, memory_gb: float = LIMIT_GB) -> Budget:
-        """From now on."""
+        """A budget that counts from now on."""
         memory_gb = number("memory_gb", memory_gb, 1, 1e6, unit="GB", hint=f"{LIMIT_GB:g} is the default")
         return cls(memory_gb * 1e9, resident_bytes())
 

@@ -1,4 +1,4 @@
-"""What has a name: radar presets, scenes, bodies, movers and example motions, listed and found by it.
+"""Radar presets, scenes, bodies, movers and example motions by their names.
 
 >>> "walk" in examples(), "table2" in presets(), "living_room" in scenes()
 (True, True, True)

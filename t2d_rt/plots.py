@@ -241,7 +241,7 @@ def _checked_paths(paths_m: Any) -> list[tuple[str, np.ndarray]]:
 
 
 def _outline(surface: Surface) -> np.ndarray:
-    """Edges (E, 2, 3) where a surface ends or bends."""
+    """Edges (E, 2, 3) on a surface's boundary and at its creases."""
     triangles = surface.vertices[surface.faces]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)

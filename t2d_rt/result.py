@@ -23,6 +23,7 @@ from t2d_rt.rows import DIMENSIONS, NAME
 from t2d_rt.saved import FORMAT, MADE_BY, check_free, check_replaceable, not_a_result, read_folder, write_folder
 from t2d_rt.signal import load_cube, range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
+from t2d_rt.signal.maps import decibel
 from t2d_rt.store import check_taken, replacing
 from t2d_rt.tables import html_table, size
 from t2d_rt.types import Accuracy, Radar
@@ -164,7 +165,7 @@ class Recording:
         if self._spectrogram is None:
             result = spectrogram(self.cube, self.radar, **{**self.processing, "mti": self._mti})
             axes = {"velocity_mps": result.velocity_mps, "time_s": result.time_s}
-            self._spectrogram = self._labelled("spectrogram", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
+            self._spectrogram = self._labelled("spectrogram", decibel(result.power), tuple(axes), axes, "dB re 1 W")
         return self._spectrogram
 
     @property
@@ -177,7 +178,7 @@ class Recording:
         """Range-Doppler map of the whole record, power [dB re 1 W] (velocity_mps, range_m)."""
         result = range_doppler(self.cube, self.radar)
         axes = {"velocity_mps": result.velocity_mps, "range_m": result.range_m}
-        return self._labelled("range_doppler", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
+        return self._labelled("range_doppler", decibel(result.power), tuple(axes), axes, "dB re 1 W")
 
     def _labelled(
         self, name: str, values: Any, dims: tuple[str, ...], axes: Mapping[str, Any], units: str
@@ -216,7 +217,7 @@ class Recording:
         """Range over time after MTI, power [dB re 1 W] (range_m, time_s); its columns are those of the spectrogram."""
         result = self._maps.range_time()
         axes = {"range_m": result.range_m, "time_s": result.time_s}
-        return self._labelled("range_time", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
+        return self._labelled("range_time", decibel(result.power), tuple(axes), axes, "dB re 1 W")
 
     def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
         """Range-Doppler map of one coherent interval after MTI, power [dB re 1 W] (velocity_mps, range_m).
@@ -226,7 +227,7 @@ class Recording:
         """
         result, middle_s, length_s = self._maps.range_doppler_at(time_s, interval_s)
         axes = {"velocity_mps": result.velocity_mps, "range_m": result.range_m}
-        array = self._labelled("range_doppler", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
+        array = self._labelled("range_doppler", decibel(result.power), tuple(axes), axes, "dB re 1 W")
         array.attrs |= {"time_s": middle_s, "interval_s": length_s}
         return array
 
@@ -324,10 +325,7 @@ class Recording:
                 check_taken(picture, overwrite=overwrite)
 
         with replacing(target, check) as new:
-            labelled, adc = self._labelled_spectrogram(), self.adc
-            labelled.attrs = self.attributes
-            own = {"units": adc.attrs["units"], "coordinates": " ".join(map(str, adc.coords))}
-            write_folder(new, self.cube, labelled, own, self.inputs)
+            self._write(new)
             if figure is not None and picture is not None:
                 figure.savefig(new.with_name(picture.name))
 
@@ -338,6 +336,12 @@ class Recording:
         """
         target = check_export(path, self.cube, overwrite=overwrite)
         write_export(target, self.cube, self._labelled_spectrogram(), self.attributes, overwrite=overwrite)
+
+    def _write(self, folder: Path) -> None:
+        labelled, adc = self._labelled_spectrogram(), self.adc
+        labelled.attrs = self.attributes
+        own = {"units": adc.attrs["units"], "coordinates": " ".join(map(str, adc.coords))}
+        write_folder(folder, self.cube, labelled, own, self.inputs)
 
     def _labelled_spectrogram(self) -> xr.Dataset:
         """The spectrogram, whose attributes are its units alone, with the axes of the samples."""
@@ -392,8 +396,3 @@ def _json(name: str, values: Mapping[str, Any]) -> str:
 def _plain(value: Any) -> Any:
     """Numbers and lists in place of NumPy's, which JSON does not take."""
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
-
-
-def _decibel(power: np.ndarray) -> np.ndarray:
-    # The floor keeps exact silence finite: far below thermal noise in any bin.
-    return 10 * np.log10(np.maximum(power, 1e-30))

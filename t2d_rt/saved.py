@@ -157,7 +157,7 @@ def check_replaceable(target: Path, *, overwrite: bool) -> None:
 
 
 def _state(folder: Path) -> tuple[int, ...] | None:
-    """Changes with the folder that stands there."""
+    """What identifies a folder: it changes when the folder is replaced or written to."""
     try:
         found = folder.stat()
     except OSError:
@@ -177,7 +177,7 @@ def _metadata(folder: Path) -> dict[str, Any]:
 
 
 def _checksum(folder: Path, metadata: Mapping[str, Any]) -> str:
-    """Of the metadata but the checksum itself, and of every other file but the samples, whose own checksum is among them."""
+    """Checksum of the metadata without itself, and of all other files but the samples, whose checksum the metadata hold."""
     attributes = {name: value for name, value in metadata["attributes"].items() if name != "checksum"}
     digest = hashlib.sha256(json.dumps({**metadata, "attributes": attributes}, sort_keys=True).encode())
     files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if not path.is_dir()}
@@ -193,7 +193,7 @@ def _checksum(folder: Path, metadata: Mapping[str, Any]) -> str:
 
 
 def _sha256(cube: Cube) -> str:
-    """Of all samples, in order."""
+    """Checksum of all samples, in order."""
     digest = hashlib.sha256()
     for _, block in row_blocks(cube):
         digest.update(np.ascontiguousarray(block).view(np.uint8).data)

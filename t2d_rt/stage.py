@@ -120,7 +120,7 @@ def _placed(motion: Motion, radar: Radar) -> Motion:
 
 
 def _check_steps(motion: Motion) -> None:
-    """Refuses a motion that jumps: between two frames nobody moves as fast, and a spline through the jump means nothing."""
+    """Refuses a motion that jumps: no person moves as fast between two frames, and a spline through the jump has no meaning."""
     speeds = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1) * motion.rate_hz
     frame, joint = np.unravel_index(int(speeds.argmax()), speeds.shape)
     if speeds[frame, joint] > JUMP_MPS:

@@ -41,7 +41,7 @@ class Members:
         per: int,
         size: int,
     ) -> Members:
-        """From triples; `shape` is (slots, bins), `per` the slots of an interval, `size` the number of echoes."""
+        """Of triples (slot, bin, member); `shape` is (slots, bins), `per` slots of an interval, `size` the number of echoes."""
         from scipy.sparse import coo_array
 
         # A counting sort: the rows of a CSR matrix are the members of the bins.
@@ -50,7 +50,7 @@ class Members:
         return cls(shape[1], per, table.indptr, table.indices)
 
     def slot(self, position: np.ndarray) -> np.ndarray:
-        """Time slot of instants [frames after the window's start, of which one interval lies before], ascending."""
+        """Time slots of instants [frames after the window's start, of which one interval lies before], ascending."""
         last = (len(self.starts) - 1) // self.bins - 1
         return np.clip(np.floor((position + 1) * self.slots_per_interval).astype(np.int64), 0, last)
 
@@ -69,7 +69,7 @@ class Buckets:
     """Which echoes fall into each during which slot, so short that no echo moves by more than a bucket."""
 
     def theta(self, sweep: Sweep) -> np.ndarray:
-        """Of their carriers, in phase over x, (bucket,)."""
+        """theta of the buckets' carriers, their phase over x, (bucket,)."""
         return self.origin_s * sweep.theta_per_s + self.centres
 
 
@@ -131,7 +131,7 @@ def _occupied(
 
 
 def _ranked(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different numbers, all 0 or more, ascending, and the place of each given one among them."""
+    """The distinct numbers, all 0 or more, ascending, and the index of each given number among them."""
     present = np.flatnonzero(np.bincount(numbers))
     rank = np.zeros(present[-1] + 1, np.int64)
     rank[present] = np.arange(len(present))

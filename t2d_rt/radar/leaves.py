@@ -34,7 +34,7 @@ class Factors:
 
 @dataclass(frozen=True, slots=True)
 class Leaves:
-    """What the first level's groups gather."""
+    """The echoes that the first level's groups add up."""
 
     members: Members
     fields: list[Any]

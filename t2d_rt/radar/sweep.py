@@ -1,4 +1,4 @@
-"""The sweep of a chirp as x in -1..1: its figures, and polynomials over it."""
+"""The sweep of a chirp as x in -1..1: its quantities, and polynomials over it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from t2d_rt.types import Radar
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """The figures of a sweep that the sum needs; x = -1 at its first sample, 1 at its last."""
+    """Quantities of a sweep that the sum needs; x = -1 at its first sample, 1 at its last."""
 
     mid_hz: float
     slope: float
@@ -40,7 +40,7 @@ class Sweep:
 
     @property
     def coupling_s(self) -> float:
-        """What a rate of delay adds to the delay that the beat shows [s]: f_mid / S."""
+        """Range-Doppler coupling [s]: apparent delay per rate of delay, f_mid / S."""
         return self.mid_hz / self.slope
 
     def per_cycle(self, step_s: float) -> tuple[float, float, float]:

@@ -120,7 +120,7 @@ def _blocks(
 
 
 def _filling(out: np.ndarray, sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[Callable[[], None]]:
-    """Calls that fill `out` (row, antenna, sample), the cube's `rows`, from what comes of `_sums`."""
+    """Calls that fill `out` (row, antenna, sample), the cube's `rows`, from the results of `_sums`."""
     receivers, ddm = len(radar.rx_positions_m), radar.multiplexing == "ddm"
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
     if ddm:
