@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from t2d_rt.named import bodies, example, examples, movers, presets, scenes
     from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.radar.synthesize import synthesize
-    from t2d_rt.result import Recording, Simulation
+    from t2d_rt.result import Recording, load_recording
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
-    from t2d_rt.signal import load_recording
     from t2d_rt.simulate import run, simulate
     from t2d_rt.types import (
         Accuracy,
@@ -45,9 +44,8 @@ _HOMES = {
     "t2d_rt.errors": ("BackendError", "InputError", "T2DError", "T2DWarning"),
     "t2d_rt.motion": ("describe", "load_motion", "motion_from_joints", "place", "repeat", "resample", "smooth", "trim"),
     "t2d_rt.radar.synthesize": ("synthesize",),
-    "t2d_rt.result": ("Recording", "Simulation"),
+    "t2d_rt.result": ("Recording", "load_recording"),
     "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
-    "t2d_rt.signal": ("load_recording",),
     "t2d_rt.experiment": ("Experiment",),
     "t2d_rt.named": ("bodies", "example", "examples", "movers", "presets", "scenes"),
     "t2d_rt.accuracy": ("plan",),
@@ -92,7 +90,6 @@ __all__ = [
     "Recording",
     "Room",
     "Scene",
-    "Simulation",
     "Surface",
     "T2DError",
     "T2DWarning",

@@ -1,4 +1,4 @@
-"""What all pictures share: figures that notebooks show, colours of levels, checked and thinned maps, labels that can be drawn."""
+"""What is common to pictures: figures that notebooks show, colours of levels, checked and thinned maps, drawable labels."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def draw_image(
     *,
     peak: float | None = None,
 ) -> None:
-    """A map relative to its peak, or to the `peak` that several share, with its colour bar; levels below the range are clipped."""
+    """A map relative to its peak, or to a `peak` common to several, with its colour bar; levels below the range are clipped."""
     dynamic_range_db = positive("dynamic_range_db", dynamic_range_db, 1000, unit="dB", hint="50 is usual")
     check_colours(cmap)
     relative = np.clip(power_db - (peak_db(power_db) if peak is None else peak), -dynamic_range_db, 0)

@@ -1,4 +1,4 @@
-"""Two recordings of one motion side by side: what a radar engineer reads off their spectrograms, in figures."""
+"""Two recordings of one motion side by side: figures that a radar engineer reads off their spectrograms."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TARGET_LEVEL_DB = -40.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """What one recording shows."""
+    """Figures of one recording."""
 
     mean_rcs_dbsm: float
     """Mean over chirps of the radar cross-section, all range bins with a target added."""
@@ -144,7 +144,7 @@ def _checked_spectrogram(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[
 
 
 def _correlation(one: np.ndarray, two: np.ndarray) -> float:
-    """Pearson correlation of (row, time) with each row about its own mean: rows of different means would look alike."""
+    """Pearson correlation of (row, time) with each row about its own mean: different means alone would correlate rows."""
     if not (np.ptp(one, axis=1).any() and np.ptp(two, axis=1).any()):
         return math.nan
     one, two = (values - values.mean(axis=1, keepdims=True) for values in (one, two))

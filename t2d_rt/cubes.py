@@ -13,8 +13,8 @@ from t2d_rt.errors import InputError
 from t2d_rt.rows import DTYPE, SavedRows, ScratchRows, block_rows, row_bytes
 
 LARGE_BYTES = 512 * 2**20
-"""Cubes beyond it go to disk, and those beyond `LARGE_SHARE` of what a run may take."""
-LARGE_SHARE = 1 / 8
+"""Cubes beyond it go to disk, and those beyond `LARGE_FRACTION` of what a run may take."""
+LARGE_FRACTION = 1 / 8
 
 
 class DiskCube:
@@ -198,12 +198,21 @@ Cube = np.ndarray | DiskCube
 
 def is_large(shape: tuple[int, ...], limit_bytes: float = math.inf) -> bool:
     """Whether a complex64 cube of that shape goes to disk, in a run that may take `limit_bytes` of memory."""
-    return shape[0] * row_bytes(shape) > min(LARGE_BYTES, LARGE_SHARE * limit_bytes)
+    return shape[0] * row_bytes(shape) > min(LARGE_BYTES, LARGE_FRACTION * limit_bytes)
 
 
 def new_cube(shape: tuple[int, ...], limit_bytes: float = math.inf) -> Cube:
     """A complex64 cube to be filled from its first row on, on disk where it is large; in memory it holds zeros."""
     return DiskCube(ScratchRows(shape)) if is_large(shape, limit_bytes) else np.zeros(shape, DTYPE)
+
+
+def check_complex64(cube: np.ndarray) -> None:
+    """Refuses samples that complex64, in which results are kept, would turn to infinity or to zero."""
+    greatest = float(np.abs(cube).max(initial=0.0)) if cube.dtype.itemsize > DTYPE.itemsize else 0.0
+    if greatest and not 1e-30 < greatest < 1e30:
+        raise InputError(
+            f"ADC samples are kept as complex64 and must lie within 1e-30..1e30 sqrt(W), got up to {greatest:.3g}; scale them"
+        )
 
 
 def row_blocks(cube: Cube) -> Iterator[tuple[slice, np.ndarray]]:

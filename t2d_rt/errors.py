@@ -1,4 +1,4 @@
-"""What goes wrong in a user's hands: one sentence with what was given, what was expected and what to do."""
+"""Errors and warnings for users: one sentence with what was given, what was expected and what to do."""
 
 from __future__ import annotations
 

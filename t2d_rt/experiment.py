@@ -1,13 +1,10 @@
-"""`Experiment`: what there is, as plain data, with the arrays that it names kept beside it under the hash of their content."""
+"""`Experiment`: what there is, as plain data; the arrays that it names are kept beside it (`inputs`)."""
 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
 
@@ -15,19 +12,16 @@ import numpy as np
 from pydantic import ConfigDict, Discriminator, Field, field_validator
 
 from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes, read_yaml
+from t2d_rt.files import read_yaml
+from t2d_rt.inputs import Hash, Inputs, Store, named_arrays
 from t2d_rt.model import Method, Target, segments, skin
 from t2d_rt.motion import load_motion, place, trim
+from t2d_rt.named import found_from, motion_path
 from t2d_rt.room import Clutter, Collisions
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Pet, TableFan
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, Surface
 from t2d_rt.types.fields import Count, Fields, Number
 
-Inputs = Mapping[str, Mapping[str, np.ndarray]]
-"""Arrays by name, by the hash of their content."""
-Hash = Annotated[str, Field(pattern=r"[0-9a-f]{32}")]
-LARGEST_INPUT_BYTES = 2 * 2**30
-"""Of one file of arrays, unpacked."""
 Substance = str | Material
 Fraction = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
@@ -43,7 +37,7 @@ class MotionFile(_Plain):
 
     kind: Literal["file"] = "file"
     file: str
-    """Path; in a YAML file relative to its folder."""
+    """Path, in a YAML file relative to its folder; or the name of a bundled motion."""
     start_s: Fraction = 0.0
     """First instant of the motion that is used [s]."""
     stop_s: Fraction | None = None
@@ -108,7 +102,7 @@ class MeshArrays(_Plain):
 
 
 class EllipsoidArrays(_Plain):
-    """Ellipsoids of the user, their places stored."""
+    """Ellipsoids of the user, their positions stored."""
 
     noun: ClassVar[str] = "ellipsoids"
 
@@ -179,21 +173,21 @@ class Experiment(_Plain):
     reflections: Annotated[Count, Field(ge=0, le=4)] = 2
     """Greatest number of reflections on the paths out and back together."""
     transmissions: Annotated[Count, Field(ge=0, le=4)] = 0
-    """Greatest number of thin slabs passed on them."""
+    """Greatest number of thin slabs that these paths pass through."""
     clutter: Clutter = "specular"
     """Echoes of the static scene: "specular", "diffuse" or "none"."""
     collisions: Collisions = "warn"
-    """What becomes of targets that go through walls: "warn", "stop" just before, or "ignore"."""
+    """Treatment of targets that go through walls: "warn", "stop" the record just before, or "ignore"."""
     method: Method = "mesh"
     """Scattering model: physical optics of a "mesh", or "ellipsoid"."""
     body: str = "adult"
     """Template of the bodies."""
     material: Substance | None = None
-    """Of everything but movers; by default each target's own."""
+    """Material of everything but movers; by default each target's own."""
     phase_from: Literal["specular", "centre"] = "specular"
     """Point of an ellipsoid that its phase comes from."""
     seed: Annotated[Count, Field(ge=0)] = 0
-    """Of the diffuse points."""
+    """Seed of the diffuse points."""
 
     @field_validator("radar", mode="before")
     @classmethod
@@ -210,23 +204,23 @@ class Experiment(_Plain):
 
     @property
     def hash(self) -> str:
-        """Of its content: the same for equal experiments."""
+        """Hash of its content: the same for equal experiments."""
         return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()[:32]
 
     @property
     def lost(self) -> str | None:
-        """What of it was not stored, so that a recording cannot be made again; None where all was."""
+        """Description of a target that was not stored, so that a recording cannot be made again; None where all were."""
         return next((each.description for each in self.targets if isinstance(each, Unknown)), None)
 
     def targets_from(self, inputs: Inputs, folder: Path | None = None) -> list[Target]:
-        """The targets themselves; files are looked for from `folder`."""
+        """The targets themselves; file names are relative to `folder`."""
         return [_target(each, inputs, self.radar, folder) for each in self.targets]
 
     def scene_from(self, inputs: Inputs) -> str | Scene:
         """The scene, or its name."""
         if isinstance(self.scene, str):
             return self.scene
-        arrays = _arrays(inputs, self.scene.input, ("vertices", "faces"))
+        arrays = named_arrays(inputs, self.scene.input, ("vertices", "faces"))
         vertices, faces, surfaces = arrays["vertices"], arrays["faces"], []
         for each in self.scene.surfaces:
             mine, vertices = vertices[: each.vertices], vertices[each.vertices :]
@@ -250,14 +244,16 @@ class Experiment(_Plain):
             found = cls.model_validate(values)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        beside = path.parent
+        folder = path.parent
         targets = tuple(
-            each.model_copy(update={"file": str(beside / each.file)}) if isinstance(each, MotionFile) else each
+            each.model_copy(update={"file": str(found_from(folder, each.file))})
+            if isinstance(each, MotionFile)
+            else each
             for each in found.targets
         )
         scene = found.scene
         if isinstance(scene, str) and scene.lower().endswith(".xml"):
-            scene = str(beside / scene)
+            scene = str(folder / scene)
         return found.model_copy(update={"targets": targets, "scene": scene})
 
     def to_yaml(self) -> str:
@@ -265,23 +261,6 @@ class Experiment(_Plain):
         import yaml
 
         return str(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
-
-
-@dataclass(slots=True)
-class Store:
-    """Arrays that an experiment names, as they are collected."""
-
-    inputs: dict[str, dict[str, np.ndarray]]
-
-    def keep(self, **arrays: np.ndarray) -> str:
-        """Their hash."""
-        digest = hashlib.sha256()
-        for name, array in arrays.items():
-            digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-            digest.update(np.ascontiguousarray(array).tobytes())
-        key = digest.hexdigest()[:32]
-        self.inputs[key] = dict(arrays)
-        return key
 
 
 def sources_of(targets: Sequence[Target], store: Store) -> tuple[Any, ...]:
@@ -336,7 +315,7 @@ def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> T
     if isinstance(source, Mover):
         return source
     if isinstance(source, MotionFile):
-        motion = load_motion((folder or Path()) / source.file)
+        motion = load_motion(motion_path(found_from(folder or Path(), source.file)))
         if source.start_s or source.stop_s is not None:
             motion = trim(motion, source.start_s, motion.duration_s if source.stop_s is None else source.stop_s)
         return place(
@@ -344,7 +323,7 @@ def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> T
             boresight=radar.boresight,
         )  # fmt: skip
     if isinstance(source, MotionArrays):
-        arrays = _arrays(inputs, source.input, ("joints", "rotations"))
+        arrays = named_arrays(inputs, source.input, ("joints", "rotations"))
         fields = source.model_dump(include={"rate_hz", "names", "parents", "placed", "report", "origin"})
         return Motion(**fields, joints=arrays["joints"], rotations=arrays["rotations"])
     if isinstance(source, BodyMesh):
@@ -353,48 +332,13 @@ def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> T
     if isinstance(source, MoverMesh):
         return source.mover.mesh(source.start_s, source.stop_s)
     if isinstance(source, MeshArrays):
-        arrays = _arrays(inputs, source.input, ("vertices", "faces", "times_s", "sagitta_rad"))
+        arrays = named_arrays(inputs, source.input, ("vertices", "faces", "times_s", "sagitta_rad"))
         sagitta = arrays["sagitta_rad"]
         return MovingMesh(
             arrays["vertices"], arrays["faces"], arrays["times_s"], source.material, crease_deg=source.crease_deg,
             sagitta_rad=sagitta if sagitta.ndim else float(sagitta), name=source.name,
         )  # fmt: skip
     if isinstance(source, EllipsoidArrays):
-        arrays = _arrays(inputs, source.input, ("semi_axes_m", "centres", "axes", "times_s"))
+        arrays = named_arrays(inputs, source.input, ("semi_axes_m", "centres", "axes", "times_s"))
         return Ellipsoids(**arrays, material=source.material, names=source.names)
     raise InputError(f"{source.description} was computed by a function and is not stored; give it again")
-
-
-def _arrays(inputs: Inputs, key: str, names: Sequence[str]) -> dict[str, np.ndarray]:
-    found = inputs.get(key)
-    if found is None or set(found) != set(names):
-        raise InputError(
-            f"the experiment names arrays {key} of {', '.join(names)}, and they are not there; give the recording's whole folder"
-        )
-    return dict(found)
-
-
-def packed(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """A compressed .npz file."""
-    file = io.BytesIO()
-    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-    return file.getvalue()
-
-
-def unpacked(path: Path) -> dict[str, np.ndarray]:
-    """What `packed` wrote, checked against the hash that is the file's name."""
-    data = read_bytes(path, limit=LARGEST_INPUT_BYTES, noun="file of arrays")
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as members:
-            size = sum(each.file_size for each in members.infolist())
-        if size > LARGEST_INPUT_BYTES:
-            raise InputError(f"{path} unpacks to {size / 1e9:.1f} GB, more than {LARGEST_INPUT_BYTES / 1e9:.1f} GB")
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except InputError:
-        raise
-    except Exception as error:  # files of any content
-        raise InputError(f"{path} is not a whole file of arrays ({error}); simulate the recording again") from None
-    if Store({}).keep(**arrays) != path.stem:
-        raise InputError(f"{path} is damaged: its arrays are not those that its name is the hash of; simulate it again")
-    return arrays

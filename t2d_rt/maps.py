@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from t2d_rt.canvas import checked_axes
+from t2d_rt.canvas import Scale, checked_axes
 from t2d_rt.checks import positive
 from t2d_rt.cubes import Cube
-from t2d_rt.plots import new_figure
+from t2d_rt.plots import draw_map, new_figure
 from t2d_rt.signal import coherent_interval, range_doppler, range_time
 from t2d_rt.signal.doppler import checked_windows
 from t2d_rt.signal.maps import RangeDoppler, RangeTime
 from t2d_rt.types import Radar
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -33,14 +32,14 @@ class Maps:
     mti: str
 
     def range_time(self) -> RangeTime:
-        """In the columns of the spectrogram."""
+        """Range over time, in the columns of the spectrogram."""
         n_window, overlap = self._columns()
         return range_time(
             self.cube, self.radar, range_window=self._range_window(), n_window=n_window, overlap=overlap, **self._mti()
         )
 
     def range_doppler_at(self, time_s: float | None, interval_s: float | None) -> tuple[RangeDoppler, float, float]:
-        """Of one coherent interval; its middle and its length [s]."""
+        """Range-Doppler map of one coherent interval, and the interval's middle and length [s]."""
         interval = self.radar.separated.loop_interval_s
         if interval_s is None:
             chirps, _ = self._columns()
@@ -65,12 +64,11 @@ class Maps:
         return checked_windows(radar, rows, n_window, overlap, None)[:2]
 
 
-def drawn(kind: str, ax: Any, draw: Callable[..., None], *maps: np.ndarray, **options: Any) -> Figure | Axes:
-    """A map in a figure of its own, or in axes of the user's, which are returned."""
-    if ax is not None:
-        axes = checked_axes(ax)
-        draw(axes, *maps, **options)
-        return axes
-    figure = new_figure(kind)
-    draw(figure.subplots(), *maps, **options)
-    return figure
+def drawn(image: xr.DataArray, ax: Any, scale: Scale, title: str | None, note: str | None = None) -> Figure | Axes:
+    """A labelled map in a figure of its own, or in axes of the user's, which are returned."""
+    kind: Any = image.name
+    y, x = (image[axis].values for axis in image.dims)
+    figure = None if ax is not None else new_figure(kind)
+    axes = checked_axes(ax) if figure is None else figure.subplots()
+    draw_map(axes, kind, y, x, image.values, scale=scale, title=title, note=note)
+    return axes if figure is None else figure

@@ -18,11 +18,11 @@ from t2d_rt.errors import InputError
 LIMIT_GB = 2.0
 """Of a run, unless the user says otherwise."""
 RELEASE_ABOVE = 0.7
-"""Share of the limit above which unused memory is given back to the system between blocks of work."""
+"""Fraction of the limit above which unused memory is given back to the system between blocks of work."""
 RELEASE_EVERY = 10
 """Calls of `simulate` and `plan` after which all unused memory is given back."""
 BLOCK_BYTES = 96 * 2**20
-"""Size of the largest array that a block of work makes, such as a mesh's vertices at many moments."""
+"""Size of the largest array that a block of work makes, such as a mesh's vertices at many instants."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Budget:
 
     @classmethod
     def of(cls, memory_gb: float = LIMIT_GB) -> Budget:
-        """From now on."""
+        """A budget that counts from now on."""
         memory_gb = number("memory_gb", memory_gb, 1, 1e6, unit="GB", hint=f"{LIMIT_GB:g} is the default")
         return cls(memory_gb * 1e9, resident_bytes())
 

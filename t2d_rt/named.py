@@ -1,4 +1,4 @@
-"""What has a name: radar presets, scenes, bodies, movers and example motions, listed and found by it.
+"""Radar presets, scenes, bodies, movers and example motions by their names.
 
 >>> "walk" in examples(), "table2" in presets(), "living_room" in scenes()
 (True, True, True)
@@ -18,7 +18,7 @@ from t2d_rt.propagation.scenes import scene_names
 from t2d_rt.resources import resource
 from t2d_rt.scene.movers import KINDS
 from t2d_rt.types import Motion, Radar
-from t2d_rt.types.radar import preset_names
+from t2d_rt.types.presets import preset_names
 
 EXAMPLES: dict[str, tuple[str, str]] = {
     "walk": ("12_01_walk.bvh", "a walk of 4.4 s (CMU 12_01)"),
@@ -76,6 +76,12 @@ def motion_path(source: str | Path) -> Path:
         advice = names_advice(source, EXAMPLES, hint=", or give a .bvh file")
         raise InputError(f"there is no motion file {shown(str(source))} and no bundled motion of that name; {advice}")
     return path
+
+
+def found_from(folder: Path, source: str) -> Path:
+    """A motion file relative to a folder; where there is none of that path, but a bundled motion of that name, the name."""
+    path = folder / source
+    return Path(source) if _example_path(source) is not None and not os.path.lexists(path) else path
 
 
 def target_named(target: Any) -> Any:

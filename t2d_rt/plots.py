@@ -6,7 +6,7 @@ Every function returns a `matplotlib.figure.Figure`; `figure.savefig("walk.png")
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -33,29 +33,51 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SIZES_IN = {"spectrogram": (7.0, 3.6), "range_time": (7.0, 3.6), "range_doppler": (5.4, 4.2)}
-"""Width and height of the figures of maps."""
+MapKind = Literal["spectrogram", "range_time", "range_doppler"]
+
+MAPS: dict[MapKind, tuple[tuple[str, str], tuple[float, float]]] = {
+    "spectrogram": (("velocity_mps", "time_s"), (7.0, 3.6)),
+    "range_time": (("range_m", "time_s"), (7.0, 3.6)),
+    "range_doppler": (("velocity_mps", "range_m"), (5.4, 4.2)),
+}
+"""Names of a map's axes, upward and to the right, and width and height of its figure [inch]."""
 
 VELOCITY_LABEL = "Radial velocity (m/s), approaching > 0"
 
+LABELS = {"velocity_mps": VELOCITY_LABEL, "range_m": "Range (m)", "time_s": "Time (s)"}
 
-def draw_spectrogram(
+
+def draw_map(
     axes: Axes,
-    velocity_mps: np.ndarray,
-    time_s: np.ndarray,
+    kind: MapKind,
+    y: np.ndarray,
+    x: np.ndarray,
     power_db: np.ndarray,
     *,
     scale: Scale | None = None,
     title: str | None = None,
     note: str | None = None,
 ) -> None:
-    """As `plot_spectrogram`, into axes of a figure of one's own."""
-    velocity_mps, time_s, power_db = checked_map("velocity_mps", velocity_mps, "time_s", time_s, power_db)
-    time_s, power_db = thinned(time_s, power_db)
-    low, _ = scaled_image(axes, time_s, velocity_mps, power_db, scale)
-    axes.set_ylim(occupied(velocity_mps, power_db.max(axis=1), low))
-    label_axes(axes, "Time (s)", VELOCITY_LABEL, title)
+    """A map (y, x) into axes of a figure of one's own, and only as much of it as holds anything."""
+    (y_name, x_name), _ = MAPS[kind]
+    y, x, power_db = checked_map(y_name, y, x_name, x, power_db)
+    if x_name == "time_s":
+        x, power_db = thinned(x, power_db)
+    low, _ = scaled_image(axes, x, y, power_db, scale)
+    axes.set_ylim(occupied(y, power_db.max(axis=1), low))
+    if x_name != "time_s":
+        axes.set_xlim(occupied(x, power_db.max(axis=0), low, zero=False))
+    label_axes(axes, LABELS[x_name], LABELS[y_name], title)
     draw_note(axes, note)
+
+
+def _plotted(
+    kind: MapKind, y: np.ndarray, x: np.ndarray, power_db: np.ndarray, scale: Scale, title: Any, note: Any
+) -> Figure:
+    """A map in a figure of its own."""
+    figure = new_figure(kind)
+    draw_map(figure.subplots(), kind, y, x, power_db, scale=scale, title=title, note=note)
+    return figure
 
 
 def plot_spectrogram(
@@ -71,28 +93,7 @@ def plot_spectrogram(
 ) -> Figure:
     """Micro-Doppler spectrogram; `power_db` (velocity, time). `note` stands in a corner of it."""
     scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
-    figure = new_figure("spectrogram")
-    draw_spectrogram(figure.subplots(), velocity_mps, time_s, power_db, scale=scale, title=title, note=note)
-    return figure
-
-
-def draw_range_time(
-    axes: Axes,
-    range_m: np.ndarray,
-    time_s: np.ndarray,
-    power_db: np.ndarray,
-    *,
-    scale: Scale | None = None,
-    title: str | None = None,
-    note: str | None = None,
-) -> None:
-    """As `plot_range_time`, into axes of a figure of one's own, and only up to the farthest range that holds anything."""
-    range_m, time_s, power_db = checked_map("range_m", range_m, "time_s", time_s, power_db)
-    time_s, power_db = thinned(time_s, power_db)
-    low, _ = scaled_image(axes, time_s, range_m, power_db, scale)
-    axes.set_ylim(occupied(range_m, power_db.max(axis=1), low))
-    label_axes(axes, "Time (s)", "Range (m)", title)
-    draw_note(axes, note)
+    return _plotted("spectrogram", velocity_mps, time_s, power_db, scale, title, note)
 
 
 def plot_range_time(
@@ -108,28 +109,7 @@ def plot_range_time(
 ) -> Figure:
     """Range over time; `power_db` (range, time). `note` stands in a corner of it."""
     scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
-    figure = new_figure("range_time")
-    draw_range_time(figure.subplots(), range_m, time_s, power_db, scale=scale, title=title, note=note)
-    return figure
-
-
-def draw_range_doppler(
-    axes: Axes,
-    range_m: np.ndarray,
-    velocity_mps: np.ndarray,
-    power_db: np.ndarray,
-    *,
-    scale: Scale | None = None,
-    title: str | None = None,
-    note: str | None = None,
-) -> None:
-    """As `plot_range_doppler`, into axes of a figure of one's own, and only where there is anything."""
-    velocity_mps, range_m, power_db = checked_map("velocity_mps", velocity_mps, "range_m", range_m, power_db)
-    low, _ = scaled_image(axes, range_m, velocity_mps, power_db, scale)
-    axes.set_ylim(occupied(velocity_mps, power_db.max(axis=1), low))
-    axes.set_xlim(occupied(range_m, power_db.max(axis=0), low, zero=False))
-    label_axes(axes, "Range (m)", VELOCITY_LABEL, title)
-    draw_note(axes, note)
+    return _plotted("range_time", range_m, time_s, power_db, scale, title, note)
 
 
 def plot_range_doppler(
@@ -145,9 +125,7 @@ def plot_range_doppler(
 ) -> Figure:
     """Range-Doppler map; `power_db` (velocity, range). `note` stands in a corner of it."""
     scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
-    figure = new_figure("range_doppler")
-    draw_range_doppler(figure.subplots(), range_m, velocity_mps, power_db, scale=scale, title=title, note=note)
-    return figure
+    return _plotted("range_doppler", velocity_mps, range_m, power_db, scale, title, note)
 
 
 def plot_range_angle(
@@ -179,7 +157,7 @@ def plot_point_cloud(
         raise InputError(f"xyz_m must have shape ({len(speed_mps)}, 3), one row for each speed, got {xyz_m.shape}")
     if not len(xyz_m):
         raise InputError(
-            "nothing to plot: the point cloud is empty; lower the threshold or look at the range-Doppler map"
+            "nothing to plot: the point cloud is empty; raise the false-alarm rate, or plot the range-Doppler map"
         )
     figure = blank_figure(7.0, 3.6)
     check_colours(cmap)
@@ -263,7 +241,7 @@ def _checked_paths(paths_m: Any) -> list[tuple[str, np.ndarray]]:
 
 
 def _outline(surface: Surface) -> np.ndarray:
-    """Edges (E, 2, 3) where a surface ends or bends."""
+    """Edges (E, 2, 3) on a surface's boundary and at its creases."""
     triangles = surface.vertices[surface.faces]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
@@ -347,6 +325,6 @@ def occupied_speeds(velocity_mps: np.ndarray, power_db: np.ndarray, dynamic_rang
     return occupied(velocity_mps, power_db.max(axis=1), peak_db(power_db) - dynamic_range_db)
 
 
-def new_figure(kind: str) -> Figure:
-    """An empty figure of the size of a "spectrogram", a "range_time" or a "range_doppler" map."""
-    return blank_figure(*SIZES_IN[kind])
+def new_figure(kind: MapKind) -> Figure:
+    """An empty figure of the size of a map of that kind."""
+    return blank_figure(*MAPS[kind][1])

@@ -1,31 +1,30 @@
-"""`Recording`: a radar recording with labelled axes, its configuration, its spectrogram, and the way to disk and back."""
+"""`Recording`: a radar recording, simulated or measured, with labelled axes, its settings, its spectrogram and other maps."""
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import json
 import math
-import platform
-import re
-import warnings
 from collections.abc import Mapping
-from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from t2d_rt.checks import call, file_path, flag, instance, numeric
-from t2d_rt.cubes import Cube, DiskCube, is_large, row_blocks
+from t2d_rt.cubes import Cube, DiskCube, check_complex64
 from t2d_rt.errors import InputError, printable
-from t2d_rt.experiment import Experiment, Inputs, packed, unpacked
+from t2d_rt.experiment import Experiment
 from t2d_rt.export import check_export, write_export
-from t2d_rt.rows import DIMENSIONS, NAME, SavedRows, new_array
-from t2d_rt.signal import range_doppler, range_profile, spectrogram
+from t2d_rt.inputs import Inputs
+from t2d_rt.named import radar_named
+from t2d_rt.rows import DIMENSIONS, NAME
+from t2d_rt.saved import FORMAT, MADE_BY, check_free, check_replaceable, not_a_result, read_folder, write_folder
+from t2d_rt.signal import load_cube, range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
-from t2d_rt.store import check_place, check_taken, replacing, settle
+from t2d_rt.signal.maps import decibel
+from t2d_rt.store import check_taken, replacing
 from t2d_rt.tables import html_table, size
 from t2d_rt.types import Accuracy, Radar
 
@@ -36,41 +35,16 @@ if TYPE_CHECKING:
 
     from t2d_rt.maps import Maps
 
-FORMAT = 4
-"""Of the folders that `save` writes; `load` refuses others."""
-MADE_BY = "t2d-rt"
-"""The mark of a result; only what carries it is replaced."""
-UNMARKED_FORMATS = ("1", "2")
-"""Of results from before the mark, known by their attributes."""
-ARRAYS = (NAME, "spectrogram", "chirp_time_s", "sample_time_s", "velocity_mps", "time_s")
-INPUTS = "inputs"
-"""Folder of the arrays that the experiment names."""
-FILES = re.compile(rf"zarr\.json|{INPUTS}/[0-9a-f]{{32}}\.npz|({'|'.join(ARRAYS)})/(zarr\.json|c(/\d+)*)")
-"""That a result's folder holds, by their paths within it."""
-LARGEST_METADATA_BYTES = 64 * 2**20
-"""Of a result's zarr.json, which holds its settings."""
-
 AXIS_UNITS = {"m": "m", "s": "s", "mps": "m/s"}
 """Units of an axis by the end of its name."""
-
-
-def versions() -> dict[str, str]:
-    """Versions of what a result depends on."""
-    found = {"python": platform.python_version()}
-    for name in ("t2d-rt", "numpy", "scipy", "drjit", "mitsuba", "sionna-rt"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:  # a checkout that is not installed
-            found[name] = "unknown"
-    return found
 
 
 class Recording:
     """A radar recording, simulated or measured: ADC cube, radar, and what follows from them.
 
-    A simulated one holds its `experiment` and `accuracy`, and the arrays that the experiment names (`inputs`), so that it can be
-    made `again`. `processing` holds options of `signal.spectrogram` (mti, range_gate_m, n_window, ...); `processed` changes them.
-    With clutter mti is "mean" unless another one is asked for.
+    A simulated recording holds its `experiment` and `accuracy`, and the arrays that the experiment names (`inputs`), so that it can
+    be simulated `again`. `processing` holds options of `signal.spectrogram` (mti, range_gate_m, n_window, ...), which `processed`
+    changes. If the scene has clutter, mti is "mean" by default.
     """
 
     def __init__(
@@ -88,7 +62,7 @@ class Recording:
         instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
         if not isinstance(cube, DiskCube):
             cube = numeric("an ADC cube", cube)
-            _check_complex64(cube)
+            check_complex64(cube)
         if cube.ndim != 3 or cube.shape[2] != radar.samples:
             raise InputError(f"an ADC cube must have shape (chirp, antenna, {radar.samples}), got {cube.shape}")
         self.cube = cube
@@ -117,7 +91,7 @@ class Recording:
         self._spectrogram: xr.DataArray | None = None
 
     def __repr__(self) -> str:
-        return f"Recording({self._cube_size}, {self._made_with})\n  of {self.radar!r}"
+        return f"Recording({self._made_with}, {self.radar.carrier_hz / 1e9:.4g} GHz, {self._cube_size})"
 
     def _repr_html_(self) -> str:
         error = "not measured" if self.error_db is None else f"{self.error_db:.1f} dB"
@@ -140,10 +114,10 @@ class Recording:
 
     @property
     def _made_with(self) -> str:
-        """Method, scene and error, as far as the settings know them."""
+        """Method, scene and error, as far as the settings tell them."""
         known = [str(self.settings[name]) for name in ("method", "scene") if name in self.settings]
         measured = [] if self.error_db is None else [f"measured error {self.error_db:.1f} dB"]
-        return printable(", ".join([*known, *measured])) or "unknown settings"
+        return printable(", ".join([*known, *measured])) or ("measured" if self.experiment is None else "simulated")
 
     @property
     def error_db(self) -> float | None:
@@ -191,12 +165,12 @@ class Recording:
         if self._spectrogram is None:
             result = spectrogram(self.cube, self.radar, **{**self.processing, "mti": self._mti})
             axes = {"velocity_mps": result.velocity_mps, "time_s": result.time_s}
-            self._spectrogram = self._labelled("spectrogram", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
+            self._spectrogram = self._labelled("spectrogram", decibel(result.power), tuple(axes), axes, "dB re 1 W")
         return self._spectrogram
 
     @property
     def _mti(self) -> str:
-        """That asked for; by default what still surfaces return is taken away where there are any."""
+        """The filter that was asked for; by default "mean" where the scene has clutter, which it removes."""
         return self.processing.get("mti") or ("mean" if self.settings.get("clutter", "none") != "none" else "none")
 
     @property
@@ -204,7 +178,7 @@ class Recording:
         """Range-Doppler map of the whole record, power [dB re 1 W] (velocity_mps, range_m)."""
         result = range_doppler(self.cube, self.radar)
         axes = {"velocity_mps": result.velocity_mps, "range_m": result.range_m}
-        return self._labelled("range_doppler", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
+        return self._labelled("range_doppler", decibel(result.power), tuple(axes), axes, "dB re 1 W")
 
     def _labelled(
         self, name: str, values: Any, dims: tuple[str, ...], axes: Mapping[str, Any], units: str
@@ -243,7 +217,7 @@ class Recording:
         """Range over time after MTI, power [dB re 1 W] (range_m, time_s); its columns are those of the spectrogram."""
         result = self._maps.range_time()
         axes = {"range_m": result.range_m, "time_s": result.time_s}
-        return self._labelled("range_time", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
+        return self._labelled("range_time", decibel(result.power), tuple(axes), axes, "dB re 1 W")
 
     def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
         """Range-Doppler map of one coherent interval after MTI, power [dB re 1 W] (velocity_mps, range_m).
@@ -253,7 +227,7 @@ class Recording:
         """
         result, middle_s, length_s = self._maps.range_doppler_at(time_s, interval_s)
         axes = {"velocity_mps": result.velocity_mps, "range_m": result.range_m}
-        array = self._labelled("range_doppler", _decibel(result.power), tuple(axes), axes, "dB re 1 W")
+        array = self._labelled("range_doppler", decibel(result.power), tuple(axes), axes, "dB re 1 W")
         array.attrs |= {"time_s": middle_s, "interval_s": length_s}
         return array
 
@@ -283,15 +257,8 @@ class Recording:
         dynamic_range_db: of the colours, below the peak.
         limits_db: least and greatest level of the colours [dB re 1 W] instead, for pictures that are to be compared.
         """
-        from t2d_rt.canvas import Scale
-        from t2d_rt.maps import drawn
-        from t2d_rt.plots import draw_spectrogram
-
-        image = self.spectrogram
         note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
-        scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
-        maps = image.velocity_mps.values, image.time_s.values, image.values
-        return drawn("spectrogram", ax, draw_spectrogram, *maps, scale=scale, title=title, note=note)
+        return self._drawn(self.spectrogram, ax, title, note, cmap, dynamic_range_db, limits_db)
 
     @overload
     def plot_range_time(
@@ -308,14 +275,7 @@ class Recording:
         limits_db: tuple[float, float] | None = None,
     ) -> Figure | Axes:  # fmt: skip
         """`range_time` as a figure; options as of `plot`."""
-        from t2d_rt.canvas import Scale
-        from t2d_rt.maps import drawn
-        from t2d_rt.plots import draw_range_time
-
-        image = self.range_time
-        scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
-        maps = image.range_m.values, image.time_s.values, image.values
-        return drawn("range_time", ax, draw_range_time, *maps, scale=scale, title=title)
+        return self._drawn(self.range_time, ax, title, None, cmap, dynamic_range_db, limits_db)
 
     @overload
     def plot_range_doppler(
@@ -333,15 +293,19 @@ class Recording:
         limits_db: tuple[float, float] | None = None,
     ) -> Figure | Axes:  # fmt: skip
         """`range_doppler_at` as a figure; options as of `plot`, and time and length of the interval [s]."""
+        image = self.range_doppler_at(time_s, interval_s=interval_s)
+        note = f"{1e3 * image.attrs['interval_s']:.3g} ms, its middle at {image.attrs['time_s']:.3f} s"
+        return self._drawn(image, ax, title, note, cmap, dynamic_range_db, limits_db)
+
+    def _drawn(
+        self, image: xr.DataArray, ax: Axes | None, title: str | None, note: str | None, cmap: str, dynamic_range_db: float,
+        limits_db: tuple[float, float] | None,
+    ) -> Figure | Axes:  # fmt: skip
+        """A map in a figure of its own, or in axes of the user's."""
         from t2d_rt.canvas import Scale
         from t2d_rt.maps import drawn
-        from t2d_rt.plots import draw_range_doppler
 
-        image = self.range_doppler_at(time_s, interval_s=interval_s)
-        scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
-        maps = image.range_m.values, image.velocity_mps.values, image.values
-        note = f"{1e3 * image.attrs['interval_s']:.3g} ms around {image.attrs['time_s']:.3f} s"
-        return drawn("range_doppler", ax, draw_range_doppler, *maps, scale=scale, title=title, note=note)
+        return drawn(image, ax, Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db), title, note)
 
     def save(self, path: str | Path, *, overwrite: bool = False, figure: Figure | None = None) -> None:
         """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were.
@@ -356,7 +320,7 @@ class Recording:
         check_free(target, overwrite=overwrite)
 
         def check() -> None:
-            _check_replaceable(target, overwrite=overwrite)
+            check_replaceable(target, overwrite=overwrite)
             if picture is not None:
                 check_taken(picture, overwrite=overwrite)
 
@@ -370,111 +334,55 @@ class Recording:
 
         .mat for MATLAB takes cubes up to 2 GiB, .nc (NetCDF) up to 8 GiB, .h5 (HDF5, needs h5py) and .npz (NumPy) any.
         """
-        import xarray as xr
-
         target = check_export(path, self.cube, overwrite=overwrite)
-        axes = {name: axis.variable for name, axis in self.adc.coords.items()}
-        labelled = xr.Dataset({"spectrogram": self.spectrogram}, coords=axes)
-        labelled.spectrogram.attrs = {"units": self.spectrogram.attrs["units"]}
-        write_export(target, self.cube, labelled, self.attributes, overwrite=overwrite)
+        write_export(target, self.cube, self._labelled_spectrogram(), self.attributes, overwrite=overwrite)
 
     def _write(self, folder: Path) -> None:
-        """The zarr group of arrays and attributes, which seal one another: see `_checksum`."""
+        labelled, adc = self._labelled_spectrogram(), self.adc
+        labelled.attrs = self.attributes
+        own = {"units": adc.attrs["units"], "coordinates": " ".join(map(str, adc.coords))}
+        write_folder(folder, self.cube, labelled, own, self.inputs)
+
+    def _labelled_spectrogram(self) -> xr.Dataset:
+        """The spectrogram, whose attributes are its units alone, with the axes of the samples."""
         import xarray as xr
 
-        adc = self.adc
-        data = xr.Dataset({"spectrogram": self.spectrogram}, coords=dict(adc.coords))
-        data.spectrogram.attrs = {"units": self.spectrogram.attrs["units"]}  # the rest is the same for all
-        data.attrs = self.attributes
-        samples, digest = new_array(folder, self.cube.shape), hashlib.sha256()
-        for rows, block in row_blocks(self.cube):
-            samples[rows] = block
-            digest.update(np.ascontiguousarray(block, np.complex64).view(np.uint8).data)
-        units, axes = adc.attrs["units"], " ".join(map(str, adc.coords))
-        samples.attrs.update({"units": units, "coordinates": axes, "sha256": digest.hexdigest()})
-        with warnings.catch_warnings():
-            # Without consolidated metadata a plain xarray.open_zarr warns, with it the writer does; both can do either.
-            warnings.filterwarnings("ignore", message="Consolidated metadata is currently not part")
-            data.to_zarr(folder, mode="a", consolidated=True, write_empty_chunks=True)
-        if self.inputs:
-            (folder / INPUTS).mkdir()
-        for name, arrays in self.inputs.items():
-            (folder / INPUTS / f"{name}.npz").write_bytes(packed(arrays))
-        metadata = _metadata(folder)
-        metadata["attributes"]["checksum"] = _checksum(folder, metadata)
-        (folder / "zarr.json").write_text(json.dumps(metadata, indent=2), encoding="utf-8")
+        axes = {name: axis.variable for name, axis in self.adc.coords.items()}
+        data = xr.Dataset({"spectrogram": self.spectrogram}, coords=axes)
+        data.spectrogram.attrs = {"units": self.spectrogram.attrs["units"]}
+        return data
 
     @classmethod
     def load(cls, path: str | Path) -> Recording:
         """Read what `save` wrote."""
         source = file_path("path", path).resolve()
-        while True:
-            before = _state(source)
-            try:
-                return cls._read(source)
-            except InputError:
-                if _state(source) == before:  # else it was replaced while it was read
-                    raise
-
-    @classmethod
-    def _read(cls, source: Path) -> Recording:
-        if not source.is_dir():
-            with suppress(OSError):  # a folder that is not there, or may only be read
-                settle(source)
-        if not source.is_dir():
-            raise InputError(f"{source} is not a result folder; give a .zarr folder that `simulate` wrote")
+        saved = read_folder(source)
+        known = {each.name: getattr(saved, each.name) for each in fields(saved)}
         try:
-            metadata = _metadata(source)
-            found = metadata["attributes"]
-            if found["format"] != str(FORMAT):
-                raise InputError(f"{source} has format {found['format']}, expected {FORMAT}; simulate it again")
-            if found["checksum"] != _checksum(source, metadata):
-                raise InputError(f"{source} is damaged: it is not as it was written; simulate it again")
-            attributes = {name: json.loads(found[name]) for name in ("settings", "processing", "versions")}
-            radar = Radar(**json.loads(found["radar"]))
-            experiment, accuracy = (json.loads(found[name]) for name in ("experiment", "accuracy"))
-            inputs = {file.stem: unpacked(file) for file in sorted((source / INPUTS).glob("*.npz"))}
-            rows = SavedRows.of(source)
-            saved = DiskCube(rows)
-            result = cls(
-                saved if is_large(rows.shape) else np.asarray(saved), radar, **attributes, inputs=inputs,
-                experiment=None if experiment is None else Experiment.model_validate(experiment),
-                accuracy=None if accuracy is None else Accuracy.model_validate(accuracy),
-            )  # fmt: skip
-            if rows.sha256 != _sha256(result.cube):
-                raise InputError(f"the ADC samples in {source} are damaged; simulate it again")
-            return result
+            return cls(**known)
         except InputError:
             raise
-        except Exception as error:  # files of any content
-            reason = f"no {error}" if isinstance(error, KeyError) else error
-            raise InputError(f"{source} does not hold a t2d-rt result ({reason}); simulate it again") from error
+        except Exception as error:  # attributes of any content
+            raise not_a_result(source, error) from error
 
 
-Simulation = Recording
-"""The former name."""
+def load_recording(path: str | Path, radar: Radar | str | Path | None = None) -> Recording:
+    """A recording, simulated or measured: the .zarr folder of a result, or a .npy file of measured ADC samples.
 
+    radar: of a .npy file, which holds samples only: a `Radar`, a preset's name or a .yaml file. A result holds its own.
 
-def again(
-    experiment: Experiment | Recording, accuracy: Accuracy | Mapping[str, Any] | None, tolerance_db: float | None
-) -> tuple[Experiment, Inputs, Accuracy | Mapping[str, Any] | None, dict[str, Any]]:
-    """What is to be run: the experiment, its arrays, its accuracy, and what is known of the recording beforehand."""
-    instance("experiment", experiment, (Experiment, Recording), "an Experiment or a Recording")
-    if isinstance(experiment, Experiment):
-        return experiment, {}, accuracy, {}
-    recording, made = experiment, experiment.experiment
-    if made is None:
-        raise InputError("a measured recording cannot be simulated again; give an Experiment or a simulated recording")
-    if made.lost is not None:
-        raise InputError(
-            f"the recording cannot be made again: {made.lost} was computed by a function, which is not stored"
-        )
-    if accuracy is not None or tolerance_db is not None:
-        return made, recording.inputs, accuracy, {}
-    known: dict[str, Any] = {
-        name: recording.settings[name] for name in ("error_db", "tolerance_db") if name in recording.settings
-    }
-    return made, recording.inputs, recording.accuracy, known
+    Samples of a .npy file are complex, (chirp, sample) or (chirp, antenna, sample); see `signal.load_cube`. Levels of a measured
+    recording are those of its samples: they are powers [dB re 1 W] only where the samples are calibrated to sqrt(W).
+    """
+    source = file_path("path", path)
+    if source.is_dir() or source.suffix.lower() == ".zarr":
+        if radar is not None:
+            raise InputError(f"{source} is a result, which holds its own radar, and a radar was given; leave radar out")
+        return Recording.load(source)
+    cube = load_cube(source)
+    if radar is None:
+        raise InputError(f"{source} holds samples only; give its radar, a Radar, a preset's name or a .yaml file")
+    return Recording(cube, radar_named(radar))
 
 
 def _json(name: str, values: Mapping[str, Any]) -> str:
@@ -485,93 +393,6 @@ def _json(name: str, values: Mapping[str, Any]) -> str:
         raise InputError(f"{name} of a result must be plain numbers, texts and lists of them: {error}") from None
 
 
-def _check_complex64(cube: np.ndarray) -> None:
-    """Refuses samples that complex64, in which results are kept, would turn to infinity or to zero."""
-    greatest = float(np.abs(cube).max(initial=0.0)) if cube.dtype.itemsize > DiskCube.dtype.itemsize else 0.0
-    if greatest and not 1e-30 < greatest < 1e30:
-        raise InputError(
-            f"ADC samples are kept as complex64 and must lie within 1e-30..1e30 sqrt(W), got up to {greatest:.3g}; scale them"
-        )
-
-
-def check_free(target: Path, *, overwrite: bool) -> None:
-    """Refuses a place for a result that is taken or cannot be written, before any work is done."""
-    if target.is_file():
-        raise InputError(f"{target} is a file and a result is a folder; choose another name")
-    check_place(target, overwrite=overwrite)
-    _check_replaceable(target, overwrite=overwrite)
-
-
-def _check_replaceable(target: Path, *, overwrite: bool) -> None:
-    """Refuses what exists, unless `overwrite` and it is a result and holds nothing else."""
-    check_taken(target, overwrite=overwrite)
-    if not target.exists():
-        return
-    try:
-        attributes = _metadata(target)["attributes"]
-        marked = attributes.get("made_by") == MADE_BY
-        known = (
-            attributes.get("format") in UNMARKED_FORMATS and {"radar", "settings", "processing"} <= attributes.keys()
-        )
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
-        marked = known = False
-    if not (marked or known):
-        raise InputError(f"{target} is a folder but not a result, so it is not replaced; choose another name")
-    for path in target.rglob("*"):
-        if not path.is_dir() and not FILES.fullmatch(path.relative_to(target).as_posix()):
-            raise InputError(
-                f"{target} is not replaced, for it holds {path.name} besides a result; move that elsewhere"
-            )
-
-
-def _state(folder: Path) -> tuple[int, ...] | None:
-    """Changes with the folder that stands there."""
-    try:
-        found = folder.stat()
-    except OSError:
-        return None
-    return found.st_dev, found.st_ino, found.st_mtime_ns
-
-
-def _metadata(folder: Path) -> dict[str, Any]:
-    """The group's zarr.json, which holds the arrays' too."""
-    path = folder / "zarr.json"
-    if not path.is_file() or path.stat().st_size > LARGEST_METADATA_BYTES:
-        raise ValueError("its zarr.json is missing or too large")
-    found = json.loads(path.read_text(encoding="utf-8"))
-    if not isinstance(found, dict):
-        raise ValueError("its zarr.json is no JSON object")
-    return found
-
-
-def _checksum(folder: Path, metadata: Mapping[str, Any]) -> str:
-    """Of the metadata but the checksum itself, and of every other file but the samples, whose own checksum is among them."""
-    attributes = {name: value for name, value in metadata["attributes"].items() if name != "checksum"}
-    digest = hashlib.sha256(json.dumps({**metadata, "attributes": attributes}, sort_keys=True).encode())
-    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if not path.is_dir()}
-    for name in sorted(files):
-        hidden = name.rpartition("/")[2].startswith(".")  # file systems and desktops leave such
-        if name == "zarr.json" or name.startswith(f"{NAME}/c/") or hidden:
-            continue
-        if not files[name].is_file():
-            raise InputError(f"{folder} holds {name}, which is no plain file; simulate it again")
-        with files[name].open("rb") as file:
-            digest.update(f"\n{name} {hashlib.file_digest(file, 'sha256').hexdigest()}".encode())
-    return digest.hexdigest()
-
-
-def _sha256(cube: Cube) -> str:
-    digest = hashlib.sha256()
-    for _, block in row_blocks(cube):
-        digest.update(np.ascontiguousarray(block).view(np.uint8).data)
-    return digest.hexdigest()
-
-
 def _plain(value: Any) -> Any:
     """Numbers and lists in place of NumPy's, which JSON does not take."""
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
-
-
-def _decibel(power: np.ndarray) -> np.ndarray:
-    # The floor keeps exact silence finite: far below thermal noise in any bin.
-    return 10 * np.log10(np.maximum(power, 1e-30))

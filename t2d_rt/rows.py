@@ -112,7 +112,7 @@ class SavedRows:
 
     @classmethod
     def of(cls, folder: Path) -> SavedRows:
-        """Those that the folder holds now."""
+        """The rows that the folder holds now."""
         array = _saved_array(folder)
         return cls(folder, tuple(array.shape), str(array.attrs.get("sha256")))
 
@@ -203,7 +203,7 @@ def block_rows(shape: tuple[int, ...]) -> int:
 
 
 def row_bytes(shape: tuple[int, ...]) -> int:
-    """Of one chirp."""
+    """Bytes of one chirp."""
     return DTYPE.itemsize * math.prod(shape[1:])
 
 

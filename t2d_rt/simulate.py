@@ -8,18 +8,22 @@ from typing import Any
 
 from t2d_rt.accuracy import Wanted, check_memory, chosen, measured
 from t2d_rt.backend import Device
+from t2d_rt.checks import instance
+from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
+from t2d_rt.inputs import Inputs
 from t2d_rt.memory import LIMIT_GB, after_call
 from t2d_rt.model import Method, Target
 from t2d_rt.progress import shown_progress
 from t2d_rt.radar.synthesize import Progress
-from t2d_rt.result import Recording, again, versions
+from t2d_rt.result import Recording
 from t2d_rt.room import Clutter, Collisions
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Room
 from t2d_rt.stage import Stage, set_up
 from t2d_rt.summation import summed
 from t2d_rt.types import Accuracy, Material, Radar, Scene
+from t2d_rt.versions import versions
 
 
 def simulate(
@@ -50,30 +54,32 @@ def simulate(
     target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar (see `place`) where its
         `placed` is False; where that is None, with a warning. The settings' "placement" tells what was done. A motion may also be
         given as its file, or as the name of a bundled one (`examples`).
-        The record is the time that all targets share, movers going on for as long; its own clock starts at 0.
+        The record is the time that all targets have in common, movers going on for as long; its own clock starts at 0.
     radar: a `Radar`, a preset's name (`presets`) or a .yaml file; the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
-    tolerance_db: error to keep to [dB], the energy of the field's difference from a converged model of the targets over the field's
-        energy: model, facets, rates, visibility and path tiers follow from it (`plan` tells how).
+    tolerance_db: greatest error of the targets' field [dB], its energy relative to the field's own, against a converged model.
+        Model, facets, rates, visibility and path tiers are chosen to keep to it (`plan` shows the choice).
     accuracy: an `Accuracy`, or a mapping of its fields, that says how finely targets are modelled; with a tolerance the fields that
         it sets stay. The default comes to about -22 dB for a walk in free space, to -6 to -12 dB in rooms.
-    reflections: greatest number of reflections on the paths out and back together.
-    transmissions: greatest number of thin slabs passed on them; 2 for a target behind a partition.
-    clutter: of the room itself, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls too) or "none".
-    collisions: "warn" of targets that go through walls or furniture, or are outside the room, "stop" just before, or "ignore" it;
-        a radar outside is told, too, unless `transmissions` let it look in.
-    method: "mesh", physical optics of the skin, or "ellipsoid", one point for each segment of the body.
-    seed: of the diffuse points; the same seed gives the same cube bit for bit.
-    body: the template to skin.
-    material: of everything but movers; by default a body's is "skin" and a mesh's its own.
-    phase_from: of the ellipsoid model: its "specular" point, or its "centre" as in the Text2Doppler paper.
-    measure_error: whether a few random chirps are made again at far finer settings, and the error that this shows is kept in
-        `Recording.error_db`; by default where a tolerance is given.
-    device: "auto" takes a CUDA device where there is one.
-    memory_gb: what the run may take [GB]: work is done in blocks to stay below it, and what needs more is refused beforehand.
-        It does not change the result.
-    progress: True shows a bar, on a terminal or in a notebook, or a line now and then in a log; a function is called with the
-        share done, 0..1.
+    reflections: greatest number of reflections, counted on the paths out and back together.
+    transmissions: greatest number of thin slabs that the paths pass through, counted out and back together; 2 for a target behind a
+        partition.
+    clutter: echoes of the static scene, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls scatter,
+        too) or "none".
+    collisions: what becomes of targets that go through walls or furniture, or are outside the room: "warn" of them, "stop" the
+        record just before, or "ignore" them. A radar outside the room is treated alike unless there are `transmissions`.
+    method: scattering model: "mesh" is physical optics of the body's surface, "ellipsoid" one point for each segment of the body.
+    seed: seed of the diffuse points; the same seed gives the same cube bit for bit.
+    body: the body template that motions are skinned with.
+    material: material of everything but movers; by default a body is "skin" and a mesh keeps its own.
+    phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
+    measure_error: whether the error is measured, from a few random chirps that are simulated again at far finer settings, and kept
+        in `Recording.error_db`; by default only where a tolerance is given.
+    device: "cpu", "gpu" (a CUDA device), or "auto" for a CUDA device where there is one and the CPU elsewhere.
+    memory_gb: most memory that the run may take [GB]: work is done in blocks to stay below it, and what needs more is refused
+        before it starts. It does not change the result.
+    progress: True shows a bar on a terminal or in a notebook, and a line now and then in a log; a function is called with the
+        fraction done, 0..1.
     """
     physics = {
         "reflections": reflections, "transmissions": transmissions, "clutter": clutter, "collisions": collisions,
@@ -89,15 +95,39 @@ def run(
     tolerance_db: float | None = None, measure_error: bool | None = None, device: Device = "auto", memory_gb: float = LIMIT_GB,
     progress: Progress | bool | None = None,
 ) -> Recording:  # fmt: skip
-    """The recording of an experiment, whose files are looked for in the working directory; or that of a recording again, at its own
-    accuracy unless another one is given: the same samples, bit for bit, on the same machine. Options as in `simulate`."""
-    experiment, inputs, accuracy, known = again(experiment, accuracy, tolerance_db)
+    """The recording of an experiment, whose file names are relative to the working directory; or that of a recording again, at its
+    own accuracy unless another one is given: the same samples, bit for bit, on the same machine. Options as in `simulate`."""
+    experiment, inputs, accuracy, known = _again(experiment, accuracy, tolerance_db)
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
     targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
     stage = set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
     recording = _recorded(stage, wanted, device, progress)
     recording.settings |= known
     return recording
+
+
+def _again(
+    experiment: Experiment | Recording, accuracy: Accuracy | Mapping[str, Any] | None, tolerance_db: float | None
+) -> tuple[Experiment, Inputs, Accuracy | Mapping[str, Any] | None, dict[str, Any]]:
+    """What is to be run: the experiment, its arrays, its accuracy, and what is known of the recording beforehand."""
+    instance("experiment", experiment, (Experiment, Recording), "an Experiment or a Recording")
+    if isinstance(experiment, Experiment):
+        return experiment, {}, accuracy, {}
+    recording, made = experiment, experiment.experiment
+    if made is None:
+        raise InputError(
+            "the recording was measured and has no experiment, so it cannot be simulated again; give an Experiment"
+        )
+    if made.lost is not None:
+        raise InputError(
+            f"the recording cannot be made again: {made.lost} was computed by a function, which is not stored"
+        )
+    if accuracy is not None or tolerance_db is not None:
+        return made, recording.inputs, accuracy, {}
+    known: dict[str, Any] = {
+        name: recording.settings[name] for name in ("error_db", "tolerance_db") if name in recording.settings
+    }
+    return made, recording.inputs, recording.accuracy, known
 
 
 def _recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | None) -> Recording:

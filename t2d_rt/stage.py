@@ -13,7 +13,8 @@ import numpy as np
 from t2d_rt.backend import select
 from t2d_rt.checks import choice, integer, shown, text
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.experiment import Experiment, Inputs, Store, sources_of, stored_scene
+from t2d_rt.experiment import Experiment, sources_of, stored_scene
+from t2d_rt.inputs import Inputs, Store
 from t2d_rt.memory import Budget
 from t2d_rt.model import Model, Target, farthest_and_fastest, geometries_of, placed, shared_time
 from t2d_rt.motion import placement
@@ -119,7 +120,7 @@ def _placed(motion: Motion, radar: Radar) -> Motion:
 
 
 def _check_steps(motion: Motion) -> None:
-    """Refuses a motion that jumps: between two frames nobody moves as fast, and a spline through the jump means nothing."""
+    """Refuses a motion that jumps: no person moves as fast between two frames, and a spline through the jump has no meaning."""
     speeds = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1) * motion.rate_hz
     frame, joint = np.unravel_index(int(speeds.argmax()), speeds.shape)
     if speeds[frame, joint] > JUMP_MPS:

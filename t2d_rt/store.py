@@ -7,7 +7,7 @@ Beside `target` a process makes `.NAME.partial-xxxxxxxx` with
     old/   what stood at the target before, until the move is done
 
 Which of these exist shows how far a process came, so that the next one can restore the old or complete the move (`settle`).
-Moves of one folder follow one another: its own flock is held for that moment.
+Moves of one folder follow one another: its own flock is held during a move.
 """
 
 from __future__ import annotations

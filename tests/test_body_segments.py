@@ -144,7 +144,7 @@ def test_two_frames_are_a_straight_line():
         ({"centres": np.zeros((2, 2, 3))}, r"centres must have shape \(2, 1, 3\), got \(2, 2, 3\)"),
         ({"centres": np.full((2, 1, 3), np.nan)}, "centres must be finite"),
         ({"times_s": [0, 0]}, "finite and increasing"),
-        ({"times_s": [0]}, "a still target stands twice"),
+        ({"times_s": [0]}, "a static target needs two equal frames"),
         ({"axes": np.eye(3)}, r"axes must have shape \(2, 1, 3, 3\) or \(1, 3, 3\), got \(3, 3\)"),
         ({"axes": -np.eye(3)[None]}, "right-handed orthogonal unit vectors"),
         ({"axes": 2 * np.eye(3)[None]}, "normalise them first"),

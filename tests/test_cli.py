@@ -551,7 +551,7 @@ def test_attributes_tell_how_it_was_made(run: Command) -> None:
 def test_scene_draws_a_room(run: Command, tmp_path: Path) -> None:
     code, out, _ = run("scene", "corridor", "--walk", "walk.bvh", "--reflections", "1")
     assert code == 0
-    assert "ways to (" in out
+    assert "paths to (" in out
     assert "direct, floor, ceiling, wall" in out
     check_picture(tmp_path / "corridor.png", colours=100)
 

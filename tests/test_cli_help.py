@@ -24,6 +24,7 @@ OPTIONS = [
 @pytest.mark.parametrize(("command", "option", "text"), OPTIONS, ids=[f"{c} {o}" for c, o, _ in OPTIONS])
 def test_every_option_has_a_help_that_ends(command: str, option: str, text: str | None) -> None:
     assert text, f"{command} {option} has no help"
+    assert re.match(r"[A-Z\"]", text), f"the help of {command} {option} begins in mid-sentence: {text}"
     assert re.search(r"\w[()'\"`\]]*\.$", text), f"the help of {command} {option} ends in mid-sentence: {text}"
     assert len(text.split()) >= 3
     assert text.count("(") == text.count(")")
@@ -33,8 +34,8 @@ def test_a_help_over_several_lines_is_whole() -> None:
     told = parameter_help(simulate)
     assert set(inspect.signature(simulate).parameters) <= set(told)
     assert told["accuracy"].endswith("to -6 to -12 dB in rooms.")
-    assert told["measure_error"].endswith("by default where a tolerance is given.")
-    assert parameter_help(load_motion)["floor"] == "height of the floor in the file [m]."
+    assert told["measure_error"].endswith("by default only where a tolerance is given.")
+    assert parameter_help(load_motion)["floor"] == "Height of the floor in the file [m]."
 
 
 def test_lines_of_another_entry_or_paragraph_do_not_belong_to_it() -> None:
@@ -52,7 +53,7 @@ def test_lines_of_another_entry_or_paragraph_do_not_belong_to_it() -> None:
         """
 
     assert parameter_help(function) == {
-        "Note": "nothing.", "first": "one and more: of it, 100 %% of it.", "second": "two.",
+        "Note": "Nothing.", "first": "One and more: of it, 100 %% of it.", "second": "Two.",
     }  # fmt: skip
 
 

@@ -112,6 +112,22 @@ def test_experiments_to_a_yaml_file_and_back(tmp_path: Path) -> None:
     assert t2d.Experiment.from_yaml(tmp_path / "a.yaml") == made.experiment
 
 
+def test_a_bundled_motion_is_a_file_by_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "experiment.yaml"
+    path.write_text("targets:\n- {kind: file, file: walk, start_s: 1, stop_s: 1.2}\nradar: ci4r\nmethod: ellipsoid\n")
+    made = t2d.run(t2d.Experiment.from_yaml(path))
+    path.write_text(path.read_text().replace("walk", str(MOTIONS / "12_01_walk.bvh")))
+    assert np.array_equal(made.cube, t2d.run(t2d.Experiment.from_yaml(path)).cube)
+    # A file of that name beside the experiment comes first, and what is neither is named.
+    (tmp_path / "walk").write_text("no motion")
+    path.write_text("targets: [{file: walk, kind: file}]\nradar: ci4r\n")
+    with pytest.raises(InputError, match=r"cannot read .*/walk': motions come as"):
+        t2d.run(t2d.Experiment.from_yaml(path))
+    path.write_text("targets: [{file: wolk, kind: file}]\nradar: ci4r\n")
+    with pytest.raises(InputError, match=r"no motion file .*wolk.* and no bundled motion of that name"):
+        t2d.run(t2d.Experiment.from_yaml(path))
+
+
 @pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")
 def test_what_a_function_computes_cannot_be_made_again(tmp_path: Path) -> None:
     mesh = t2d.MovingMesh.from_track(lambda t: np.repeat(TETRAHEDRON[None], len(t), axis=0), FACES, [0, 0.2])
@@ -122,7 +138,9 @@ def test_what_a_function_computes_cannot_be_made_again(tmp_path: Path) -> None:
 
 def test_a_measured_recording_cannot_be_made_again() -> None:
     measured = t2d.Recording(np.ones((4, 1, RADAR.samples), np.complex64), RADAR)
-    with pytest.raises(InputError, match="a measured recording cannot be simulated again"):
+    with pytest.raises(
+        InputError, match="was measured and has no experiment, so it cannot be simulated again; give an Experiment"
+    ):
         measured.again()
 
 
@@ -188,7 +206,7 @@ def test_a_new_field_of_accuracy_needs_no_other_edit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is found in Python, YAML, the help of the command line and the attributes of a saved recording."""
-    for module in ("t2d_rt.types", "t2d_rt.accuracy.budget", "t2d_rt.result"):
+    for module in ("t2d_rt.types", "t2d_rt.accuracy.budget", "t2d_rt.result", "t2d_rt.saved"):
         monkeypatch.setattr(f"{module}.Accuracy", Wider)
     made = t2d.simulate(tetrahedron(), radar=RADAR, accuracy={"sagitta_rad": 1.5, "extra_rate_hz": 3})
     made.save(tmp_path / "a.zarr")

@@ -269,7 +269,7 @@ def test_malformed_yaml(tmp_path: Path, case: str) -> None:
         Radar.from_yaml(path)
     assert len(str(caught.value)) < 600
     with pytest.raises(InputError, match=sentence):
-        cli.options.resolved(["--config", str(path)])
+        cli.arguments.resolved(["--config", str(path)])
 
 
 def test_aliases_in_bounds_are_read(tmp_path: Path) -> None:
@@ -364,7 +364,7 @@ def test_info_takes_no_radar_and_no_config(refused: Callable[..., str]) -> None:
     ["my, walk.bvh", "a,,b.bvh", "[x].bvh", "a: b.bvh", "'q'.bvh", "\U0001f600.bvh", "\x1b[31mred.bvh", "$x$.bvh", "&a.bvh"],
 )  # fmt: skip
 def test_names_of_persons_files_stand_as_they_are(name: str) -> None:
-    arguments = cli.options.resolved(["walk.bvh", "--add", f"person:{name}, distance_m = 3"])
+    arguments = cli.arguments.resolved(["walk.bvh", "--add", f"person:{name}, distance_m = 3"])
     added = cli.options.simulate_parser().parse_args(arguments).add
     (person,) = additions(added)
     assert person.model_dump(exclude_unset=True) == {"file": name, "distance_m": 3.0}

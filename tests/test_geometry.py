@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 import trimesh
@@ -18,8 +16,10 @@ from t2d_rt.errors import InputError
 from t2d_rt.geometry import (
     Refinement,
     SubdividedMesh,
+    Tessellation,
     crease_corners,
     curvature,
+    levels,
     refine,
     refinements,
     sharp_edges,
@@ -145,7 +145,7 @@ def test_edge_of_three_faces_is_sharp() -> None:
 @pytest.mark.parametrize("sagitta_rad", [0.4, 0.1])
 def test_refined_sphere_is_a_sphere(sagitta_rad: float) -> None:
     rest, faces = icosphere(3, 0.15)
-    result = refined(rest, faces, sagitta_rad, displace=False)
+    result = refined(rest, faces, sagitta_rad, tessellation=Tessellation(displace=False))
     radius = np.linalg.norm(result.operator @ rest, axis=1)
     assert np.abs(radius - 0.15).max() < 2e-5
     assert radius.std() < 3e-6
@@ -154,7 +154,7 @@ def test_refined_sphere_is_a_sphere(sagitta_rad: float) -> None:
 
 def test_facets_meet_the_bar() -> None:
     rest, faces = icosphere(3, 0.15)
-    fine = refined(rest, faces, 0.4, displace=False)
+    fine = refined(rest, faces, 0.4, tessellation=Tessellation(displace=False))
     corners = (fine.operator @ rest)[fine.faces]
     sagitta = 2 * WAVENUMBER * (0.15 - np.linalg.norm(corners.mean(axis=1), axis=1))
     assert 0.1 < sagitta.mean() < sagitta.max() < 0.45  # the 1/R term leaves it just under 0.4; 10 % for the surface
@@ -167,11 +167,11 @@ def test_facets_meet_the_bar() -> None:
 def test_displaced_facets_lie_on_the_surface_in_the_mean(axes: tuple[float, float, float], graded: bool) -> None:
     ball, faces = icosphere(4)
     rest = ball * axes
-    bar = 0.1 * 10 ** (ball[:, 2] + 1) if graded else 0.4
+    limit = 0.1 * 10 ** (ball[:, 2] + 1) if graded else 0.4
     true = 4 / 3 * np.pi * np.prod(axes)
     errors = []
     for displace in (False, True):
-        result = refined(rest, faces, bar, displace=displace)
+        result = refined(rest, faces, limit, tessellation=Tessellation(displace=displace))
         errors.append(volume(result.operator @ rest, result.faces) / true - 1)
     assert errors[0] < -5e-4
     assert abs(errors[1]) < 0.02 * abs(errors[0])
@@ -189,7 +189,7 @@ def test_displacement_converges_with_the_fourth_power() -> None:
 
 def test_uneven_sphere_stays_smooth() -> None:
     rest, faces = uneven_sphere(642, 0.15, 0.15)
-    result = refined(rest, faces, 0.2, displace=False)
+    result = refined(rest, faces, 0.2, tessellation=Tessellation(displace=False))
     fine = result.operator @ rest
     assert np.abs(np.linalg.norm(fine, axis=1) - 0.15).max() < 5e-5
     mesh = trimesh.Trimesh(fine, result.faces, process=False)
@@ -223,7 +223,7 @@ def test_plate_stays_a_plate_and_is_cut_for_the_near_field(side: float, sagitta_
 
 def test_cylinder_keeps_straight_generators_and_flat_caps() -> None:
     mesh = trimesh.creation.cylinder(radius=0.1, height=0.5, sections=32)
-    result = refined(mesh.vertices, mesh.faces, 0.1, range_m=5.0, displace=False)
+    result = refined(mesh.vertices, mesh.faces, 0.1, range_m=5.0, tessellation=Tessellation(displace=False))
     fine = result.operator @ mesh.vertices
     side = np.abs(fine[:, 2]) < 0.2499
     caps = np.linalg.norm(fine[:, :2], axis=1) < 0.09
@@ -236,7 +236,7 @@ def test_cylinder_keeps_straight_generators_and_flat_caps() -> None:
 
 def test_edges_are_bounded_on_request() -> None:
     rest, faces = icosphere(1)
-    result = refined(rest, faces, 1e9, max_edge_m=0.1, displace=False)
+    result = refined(rest, faces, 1e9, tessellation=Tessellation(max_edge_m=0.1, displace=False))
     corners = (result.operator @ rest)[result.faces]
     assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= 0.1 * 1.05
 
@@ -247,8 +247,8 @@ def test_edges_are_bounded_on_request() -> None:
 def test_any_grading_is_watertight_linear_and_balanced(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rest, faces = icosphere(2, 0.15)
-    bar = 10 ** rng.uniform(-0.7, 2.5, len(rest))
-    result = refined(rest, faces, bar)
+    limit = 10 ** rng.uniform(-0.7, 2.5, len(rest))
+    result = refined(rest, faces, limit)
     assert (edge_counts(result.faces) == 2).all()
     used = np.unique(result.faces)
     assert len(used) == result.operator.shape[0]
@@ -281,7 +281,9 @@ def test_rigid_motion_commutes(seed: int) -> None:
 def test_all_refinements_sample_one_surface() -> None:
     rest, faces = icosphere(2, 0.15)
     rest = rest * (0.5, 1.0, 1.7)
-    coarse, fine = (refined(rest, faces, s, displace=False).operator @ rest for s in (0.8, 0.05))
+    coarse, fine = (
+        refined(rest, faces, s, tessellation=Tessellation(displace=False)).operator @ rest for s in (0.8, 0.05)
+    )
     rows = {tuple(row) for row in np.round(fine, 9)}
     assert all(tuple(row) in rows for row in np.round(coarse, 9))
 
@@ -289,11 +291,11 @@ def test_all_refinements_sample_one_surface() -> None:
 @pytest.mark.slow
 def test_building_only_what_is_needed_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     rest, faces = uneven_sphere(642, 0.15, 0.15)
-    bar = np.full(len(rest), 300.0)
-    bar[[7, 400]] = 0.003
-    some = refined(rest, faces, bar)
-    monkeypatch.setattr(sys.modules["t2d_rt.geometry.refine"], "HALO_RINGS", 60)
-    everything = refined(rest, faces, bar)
+    limit = np.full(len(rest), 300.0)
+    limit[[7, 400]] = 0.003
+    some = refined(rest, faces, limit)
+    monkeypatch.setattr(levels, "HALO_RINGS", 60)
+    everything = refined(rest, faces, limit)
     assert some.operator.shape == everything.operator.shape
     distance, _ = cKDTree(everything.operator @ rest).query(some.operator @ rest)
     assert distance.max() < 1e-12
@@ -302,16 +304,17 @@ def test_building_only_what_is_needed_changes_nothing(monkeypatch: pytest.Monkey
 @pytest.mark.slow
 @pytest.mark.parametrize("max_edge_m", [np.inf, 0.02])
 def test_refined_together_is_refined_alone(max_edge_m: float) -> None:
-    """Bars of which now one, now the other is finer, on a smooth mesh and one with edges."""
+    """Limits of which now one, now the other is finer, on a smooth mesh and one with edges."""
+    tessellation = Tessellation(max_edge_m=max_edge_m)
     box = trimesh.creation.box((0.2, 0.15, 0.1)).subdivide()
     for rest, faces in (uneven_sphere(642, 0.15, 0.15), (np.array(box.vertices), np.array(box.faces))):
         here = rest[:, 0] > 0.03
-        bars = [np.where(here, 0.02, 5.0), np.where(here, 5.0, 0.1), 1.0]
+        limits = [np.where(here, 0.02, 5.0), np.where(here, 5.0, 0.1), 1.0]
         together = refinements(
-            rest, faces, wavenumber=WAVENUMBER, range_m=1.0, sagittas_rad=bars, max_edge_m=max_edge_m
+            rest, faces, wavenumber=WAVENUMBER, range_m=1.0, sagittas_rad=limits, tessellation=tessellation
         )
-        for bar, one in zip(bars, together, strict=True):
-            alone = refined(rest, faces, bar, range_m=1.0, max_edge_m=max_edge_m)
+        for limit, one in zip(limits, together, strict=True):
+            alone = refined(rest, faces, limit, range_m=1.0, tessellation=tessellation)
             assert len(one.faces) > 1.5 * len(faces)
             assert np.array_equal(one.faces, alone.faces)
             assert np.array_equal(one.base_face, alone.base_face)
@@ -335,7 +338,7 @@ def test_linear_fields_and_base_faces_follow_the_coarse_faces() -> None:
     [
         ({"sagitta_rad": 0.0}, "sagitta_rad must be positive"),
         ({"range_m": np.ones(3)}, "range_m must be positive, one number or one per vertex"),
-        ({"max_edge_m": -1.0}, "max_edge_m must be positive"),
+        ({"tessellation": Tessellation(max_edge_m=-1.0)}, "max_edge_m must be positive"),
         ({"max_faces": 1000}, "more than .* faces, the limit is 1000; ask for a looser"),
         ({"rest": SQUARE[:, :2]}, r"finite positions of shape \(vertex, 3\)"),
         ({"rest": SQUARE * np.nan}, "finite positions"),

@@ -38,11 +38,11 @@ def test_contracts_hold() -> None:
 @pytest.mark.parametrize(
     ("module", "imported"),
     [
-        ("echo", "t2d_rt.radar"),  # sideways
+        ("scattering", "t2d_rt.radar"),  # sideways
         ("types", "t2d_rt.scattering"),  # upward
         ("geometry", "t2d_rt.plots"),
         ("signal", "mitsuba"),
-        ("echo", "sionna.rt"),
+        ("scattering", "sionna.rt"),
         ("body", "drjit"),
     ],
 )

@@ -14,6 +14,7 @@ from t2d_rt.backend import select
 from t2d_rt.model import farthest_and_fastest
 from t2d_rt.propagation.edges import Edges
 from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.radar import buckets
 from t2d_rt.radar import synthesize as synthesis
 from t2d_rt.scattering import mesh as echo_mesh
 from t2d_rt.scattering import streams as echo_streams
@@ -136,7 +137,7 @@ def test_slots_without_a_chirp_are_left_out(monkeypatch: pytest.MonkeyPatch) -> 
     radar = t2d.Radar(carrier_hz=77e9, slope_hz_per_s=400e12, samples=64, sample_rate_hz=1e6, prf_hz=100.0)
     moving = approaching(1, 4, 3.0)
     left_out = t2d.simulate(moving, radar=radar).cube
-    monkeypatch.setattr(synthesis, "MANY_SLOTS", 1_000)
+    monkeypatch.setattr(buckets, "MANY_SLOTS", 1_000)
     assert np.array_equal(t2d.simulate(moving, radar=radar).cube, left_out)
 
 

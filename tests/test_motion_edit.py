@@ -332,7 +332,10 @@ def test_a_circle_is_repeated_as_a_circle(walk: Motion) -> None:
 
 def test_repeat_trims_and_refuses(walk: Motion) -> None:
     np.testing.assert_array_equal(repeat(walk, 2.0).joints, walk.joints[:241])
-    with pytest.raises(InputError, match="no two moments of like pose"):
+    with pytest.raises(
+        InputError,
+        match=r"no two instants of like pose .*\(it is too short for a cycle\); give a longer",
+    ):
         repeat(trim(walk, 0.0, 0.5), 10.0)
     with pytest.raises(InputError, match="duration_s must be finite"):
         repeat(walk, 0.0)

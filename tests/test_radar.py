@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from pydantic import ValidationError
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.radar import check_speed
-from t2d_rt.types.radar import Radar, preset_names, preset_path
+from t2d_rt.types.presets import preset_names, preset_path
+from t2d_rt.types.radar import Radar
 
 TABLE2 = Radar.preset("table2")
 
@@ -166,7 +168,7 @@ def test_pose() -> None:
         ({"multiplexing": "fdm"}, "multiplexing: got 'fdm', should be 'simultaneous', 'tdm' or 'ddm'"),
         (
             {"multiplexing": "tdm", "tx_offsets_m": ((0, 0, 0),) * 3, "chirps_per_frame": 128, "frame_interval_s": 0.1},
-            "bursts of 128 chirps do not give 3 transmitters equal turns; set chirps_per_frame to a multiple of 3",
+            "bursts of 128 chirps do not give 3 transmitters equally many each; set chirps_per_frame to a multiple of 3",
         ),
         ({"tx_pattern": {"kind": "horn"}}, "tx_pattern: got {'kind': 'horn'}, tag 'horn' found using 'kind'"),
         ({"tx_pattern": {"kind": "cosine"}}, "needs either exponent or half_power_beamwidth_deg, got None and None"),
@@ -229,6 +231,25 @@ def test_yaml_round_trip(tmp_path) -> None:
         assert Radar.from_yaml(tmp_path / "radar.yaml") == radar
     with pytest.raises(InputError, match=r"cannot write .*choose a writable place"):
         TABLE2.to_yaml(tmp_path / "missing" / "radar.yaml")
+    with pytest.raises(InputError, match=r"cannot write .*: it is a folder; choose the name of a file"):
+        TABLE2.to_yaml(tmp_path)
+
+
+def test_a_yaml_file_is_never_half_written(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "radar.yaml"
+    TABLE2.to_yaml(path)
+
+    def full(self: Path, text: str, **_: object) -> int:
+        with self.open("w") as file:
+            file.write(text[:20])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(InputError, match=r"cannot write .*No space left on device"):
+        TABLE2.replace(samples=128).to_yaml(path)
+    monkeypatch.undo()
+    assert Radar.from_yaml(path) == TABLE2
+    assert [each.name for each in tmp_path.iterdir()] == ["radar.yaml"]
 
 
 @pytest.mark.parametrize(

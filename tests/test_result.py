@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import t2d_rt as t2d
 from builders import point_cube
-from t2d_rt import cubes, rows
-from t2d_rt import result as result_module
+from t2d_rt import cubes, rows, saved
 from t2d_rt.errors import InputError
-from t2d_rt.result import Recording, versions
+from t2d_rt.result import Recording
 from t2d_rt.types import Radar
+from t2d_rt.versions import versions
 
 RADAR = Radar.preset("ci4r")
 
@@ -246,7 +247,7 @@ def spoil(path: Path, how: str) -> None:
 def seal(path: Path) -> None:
     """The checksum of what the folder holds now, as someone who means ill could write it."""
     metadata = json.loads((path / "zarr.json").read_text())
-    metadata["attributes"]["checksum"] = result_module._checksum(path, metadata)
+    metadata["attributes"]["checksum"] = saved._checksum(path, metadata)
     (path / "zarr.json").write_text(json.dumps(metadata))
 
 
@@ -278,3 +279,49 @@ def test_broken_results_are_refused(result: Recording, tmp_path: Path, how: str,
 def test_what_is_no_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not a result folder"):
         Recording.load(tmp_path / "gone.zarr")
+
+
+def test_recordings_are_loaded_alike_simulated_or_measured(tmp_path: Path) -> None:
+    radar = t2d.Radar.preset("ci4r", samples=16)
+    rng = np.random.default_rng(0)
+    cube = (rng.normal(size=(300, 16)) + 1j * rng.normal(size=(300, 16))).astype(np.complex64)
+    np.save(tmp_path / "frames.npy", cube)
+    radar.to_yaml(tmp_path / "radar.yaml")
+    measured = t2d.load_recording(tmp_path / "frames.npy", tmp_path / "radar.yaml")
+    assert np.array_equal(measured.cube, cube[:, None])
+    assert measured.radar == radar
+    assert measured.experiment is None
+    measured.save(tmp_path / "frames.zarr")
+    back = t2d.load_recording(str(tmp_path / "frames.zarr"))
+    assert np.array_equal(back.cube, measured.cube)
+    assert np.array_equal(back.spectrogram, measured.spectrogram)
+    for each in (measured, back):
+        with pytest.raises(
+            InputError, match=r"^the recording was measured and has no experiment, so it cannot be simulated again; "
+        ):
+            each.again()
+
+
+@pytest.mark.parametrize(
+    ("name", "radar", "sentence"),
+    [
+        (
+            "frames.npy",
+            None,
+            r"frames.npy holds samples only; give its radar, a Radar, a preset's name or a .yaml file",
+        ),
+        ("frames.npy", "ci4r", r"must have shape \(chirp, antenna, \d+\), got \(4, 1, 8\)"),
+        ("frames.npy", 3, "radar must be a Radar, got 3"),
+        ("frames.zarr", None, "frames.zarr is not a result folder"),
+        (
+            "frames.zarr",
+            "ci4r",
+            "frames.zarr is a result, which holds its own radar, and a radar was given; leave radar out",
+        ),
+        ("none.npy", "ci4r", "cannot read recording .*none.npy"),
+    ],
+)
+def test_what_is_no_recording_is_refused(tmp_path: Path, name: str, radar: object, sentence: str) -> None:
+    np.save(tmp_path / "frames.npy", np.ones((4, 8), np.complex64))
+    with pytest.raises(InputError, match=sentence):
+        t2d.load_recording(tmp_path / name, radar)  # type: ignore[arg-type]

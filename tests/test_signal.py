@@ -15,7 +15,7 @@ from t2d_rt.plots import plot_comparison, plot_range_doppler, plot_range_time, p
 from t2d_rt.signal import (
     doppler,
     gate,
-    load_recording,
+    load_cube,
     mti,
     range_doppler,
     range_fft,
@@ -331,7 +331,7 @@ def test_neither_layout_nor_what_is_next_in_memory_matters(gate_m: tuple[float, 
 
 def test_recorded_frame() -> None:
     radar = Radar.preset("openradar")
-    cube = load_recording(FRAME)
+    cube = load_cube(FRAME)
     assert cube.shape == (128, 1, 128)
     assert cube.dtype == np.complex64
     result = range_doppler(cube, radar)
@@ -353,12 +353,12 @@ def test_recorded_frame() -> None:
 def test_load_recording_shapes_and_words(tmp_path) -> None:
     path = tmp_path / "cube.npy"
     np.save(path, np.array([[[65535 + 1j, -5 + 32768j]]]))
-    assert np.array_equal(load_recording(path), np.array([[[-1 + 1j, -5 - 32768j]]], np.complex64))
+    assert np.array_equal(load_cube(path), np.array([[[-1 + 1j, -5 - 32768j]]], np.complex64))
     simulated = (np.arange(8).reshape(2, 2, 2) + 0.5j) * 1e-6
     np.save(path, simulated)
-    assert np.array_equal(load_recording(path), simulated.astype(np.complex64))
+    assert np.array_equal(load_cube(path), simulated.astype(np.complex64))
     np.save(path, np.asfortranarray(np.arange(6).reshape(2, 3) * (1 + 1j)))
-    assert np.array_equal(load_recording(path)[:, 0], np.arange(6).reshape(2, 3) * (1 + 1j))
+    assert np.array_equal(load_cube(path)[:, 0], np.arange(6).reshape(2, 3) * (1 + 1j))
 
 
 @pytest.mark.parametrize(
@@ -374,24 +374,24 @@ def test_bad_recordings(tmp_path, array: np.ndarray, message: str) -> None:
     path = tmp_path / "cube.npy"
     np.save(path, array)
     with pytest.raises(InputError, match=message):
-        load_recording(path)
+        load_cube(path)
 
 
 def test_broken_recordings(tmp_path) -> None:
     path = tmp_path / "cube.npy"
     with pytest.raises(InputError, match="cannot read recording"):
-        load_recording(path)
+        load_cube(path)
     os.mkfifo(tmp_path / "pipe.npy")
     with pytest.raises(InputError, match="is a pipe; give the path of one recording"):
-        load_recording(tmp_path / "pipe.npy")
+        load_cube(tmp_path / "pipe.npy")
     data = FRAME.read_bytes()
     for content in (b"", b"not numpy at all", data[:50], data[:5000]):
         path.write_bytes(content)
         with pytest.raises(InputError, match=r"not a whole .npy array"):
-            load_recording(path)
+            load_cube(path)
     np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(InputError, match=r"not a whole .npy array"):
-        load_recording(path)
+        load_cube(path)
 
 
 # --- guards ---

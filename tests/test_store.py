@@ -21,8 +21,7 @@ import numpy as np
 import pytest
 import zarr
 
-from t2d_rt import result as result_module
-from t2d_rt import store
+from t2d_rt import saved, store
 from t2d_rt.cli import main
 from t2d_rt.errors import InputError
 from t2d_rt.resources import folder
@@ -173,7 +172,7 @@ def test_ctrl_c_after_the_move_says_what_was_written(
 
 def test_the_second_of_two_writers_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.zarr"
-    check = partial(result_module._check_replaceable, path, overwrite=False)
+    check = partial(saved.check_replaceable, path, overwrite=False)
 
     def write_slowly() -> None:
         with replacing(path, check) as slow:
@@ -183,7 +182,7 @@ def test_the_second_of_two_writers_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"another process has changed the place meanwhile: .* exists already"):
         write_slowly()
     assert value_of(path) == 2
-    with replacing(path, partial(result_module._check_replaceable, path, overwrite=True)) as slow:
+    with replacing(path, partial(saved.check_replaceable, path, overwrite=True)) as slow:
         recording(3)._write(slow)
         recording(4).save(path, overwrite=True)
         assert value_of(path) == 4

@@ -27,7 +27,7 @@ from t2d_rt.scattering.mesh import mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, resampled, stream
-from t2d_rt.types.radar import preset_names
+from t2d_rt.types.presets import preset_names
 
 TABLE2 = Radar.preset("table2")
 LARGE = {"imaging-12x16", "automotive-79", "indoor-60", "array-3x4"}

@@ -145,7 +145,7 @@ def test_vertices_must_fit_the_times(shape: tuple[int, ...]) -> None:
 @pytest.mark.parametrize(
     ("times_s", "message"),
     [
-        ([0.0], r"times_s must hold at least 2 times, got shape \(1,\); a still target stands twice"),
+        ([0.0], r"times_s must hold at least 2 times, got shape \(1,\); a static target needs two equal frames"),
         ([[0.0, 1.0]], r"times_s must hold at least 2 times, got shape \(1, 2\)"),
         ([1.0, 0.0], "times_s must be finite and increasing"),
         ([1.0, 1.0], "times_s must be finite and increasing"),

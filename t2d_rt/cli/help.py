@@ -13,7 +13,7 @@ ENTRY = re.compile(r"^( *)(\w+): (.*(?:\n\1 +\S.*)*)", flags=re.MULTILINE)
 
 
 def parameter_help(function: Callable[..., Any]) -> dict[str, str]:
-    """What a function's docstring says about each of its parameters, on one line.
+    """What a function's docstring says about each of its parameters, as a sentence on one line.
 
     >>> def sail(knots):
     ...     '''Sail.
@@ -22,9 +22,9 @@ def parameter_help(function: Callable[..., Any]) -> dict[str, str]:
     ...         over ground.
     ...     '''
     >>> parameter_help(sail)
-    {'knots': 'how fast, over ground.'}
+    {'knots': 'How fast, over ground.'}
     """
-    return {name: one_line(text) for _, name, text in ENTRY.findall(function.__doc__ or "")}
+    return {name: one_line(text[0].upper() + text[1:]) for _, name, text in ENTRY.findall(function.__doc__ or "")}
 
 
 def field_help(model: type[BaseModel]) -> dict[str, str]:
@@ -33,5 +33,5 @@ def field_help(model: type[BaseModel]) -> dict[str, str]:
 
 
 def one_line(text: str) -> str:
-    """A text as the parser wants it: its line breaks are spaces, its percent signs are no placeholders."""
+    """A text as the parser wants it: line breaks become spaces, and percent signs are doubled, as they would be placeholders."""
     return " ".join(text.split()).replace("%", "%%")

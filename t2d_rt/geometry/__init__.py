@@ -1,6 +1,6 @@
 """Surfaces as arrays: refinement on one fixed curved surface, points spread over it, what lies inside."""
 
-from t2d_rt.geometry.refine import Refinement, curvature, refine, refinements
+from t2d_rt.geometry.refine import Refinement, Tessellation, curvature, refine, refinements
 from t2d_rt.geometry.subdivide import Subdivision, crease_corners, sharp_edges, subdivide, topology
 from t2d_rt.geometry.subdivided import SubdividedMesh
 from t2d_rt.geometry.surface_points import SurfacePoints, hash_uniform, point_spacing, surface_points
@@ -11,6 +11,7 @@ __all__ = [
     "SubdividedMesh",
     "Subdivision",
     "SurfacePoints",
+    "Tessellation",
     "crease_corners",
     "curvature",
     "hash_uniform",

@@ -1,4 +1,4 @@
-"""A subdivided mesh at whose vertices visibility is sampled: edges are halved, and nothing moves."""
+"""A subdivided mesh at whose vertices visibility is sampled: edges are split at their midpoints, and no vertex moves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from t2d_rt.geometry.subdivide import split_in_four, topology
 
 @dataclass(frozen=True, slots=True)
 class SubdividedMesh:
-    """A mesh whose edges are halved `level` times; the first vertices are its own."""
+    """A mesh at subdivision level `level`; the first vertices are its own."""
 
     faces: np.ndarray
     """(4^n F, 3), those of each face together."""

@@ -23,7 +23,7 @@ PLACED = "placed "
 CLOSEST_APPROACH_M = 1.5
 """Horizontal distance of the nearest joint to the radar that `place` keeps if no distance is given."""
 
-STILL_M = 0.5
+TRAVEL_M = 0.5
 """Motions whose pelvis ends nearer than this to its start do not travel: they are placed by what the body faces."""
 
 
@@ -37,9 +37,9 @@ class MotionInfo:
     stature_m: float
     """Estimate from bone lengths, +- 5 %."""
     travelled_m: float
-    """Horizontal way of the pelvis."""
+    """Length of the pelvis's horizontal track."""
     mean_speed_mps: float
-    """The way over the duration."""
+    """That length over the duration."""
     top_speed_mps: float
     top_speed_joint: str
 
@@ -52,16 +52,16 @@ class MotionInfo:
 
 
 def describe(motion: Motion) -> MotionInfo:
-    """Duration, stature, way, mean and top speed of a motion."""
+    """Duration, stature, distance travelled, mean and top speed of a motion."""
     checked_motion(motion)
-    # The way is taken at 10 Hz, that jitter does not lengthen it.
+    # The track is sampled at 10 Hz, so that jitter does not lengthen it.
     stride = max(1, round(motion.rate_hz / 10.0))
     coarse = np.concatenate([motion.joints[:-1:stride, 0, :2], motion.joints[-1:, 0, :2]])
-    way = float(np.linalg.norm(np.diff(coarse, axis=0), axis=-1).sum())
+    travelled_m = float(np.linalg.norm(np.diff(coarse, axis=0), axis=-1).sum())
     speeds = np.linalg.norm(np.gradient(motion.joints, 1.0 / motion.rate_hz, axis=0), axis=-1)
     return MotionInfo(
         duration_s=motion.duration_s, frames=len(motion.joints), rate_hz=motion.rate_hz,
-        stature_m=stature_m(_points(motion)), travelled_m=way, mean_speed_mps=way / motion.duration_s,
+        stature_m=stature_m(_points(motion)), travelled_m=travelled_m, mean_speed_mps=travelled_m / motion.duration_s,
         top_speed_mps=float(speeds.max()), top_speed_joint=motion.names[int(speeds.max(axis=0).argmax())],
     )  # fmt: skip
 
@@ -168,12 +168,12 @@ def _points(motion: Motion) -> dict[str, np.ndarray]:
 
 def _main_direction(motion: Motion) -> np.ndarray:
     """Horizontal unit vector (2,): principal axis of the pelvis track from start to end, or the facing at the start."""
-    way = motion.joints[:, 0, :2]
-    net = way[-1] - way[0]
-    if np.linalg.norm(net) < STILL_M:
+    track = motion.joints[:, 0, :2]
+    net = track[-1] - track[0]
+    if np.linalg.norm(net) < TRAVEL_M:
         ahead = facing(_points(motion))[: max(1, round(0.5 * motion.rate_hz)), :2].mean(axis=0)
         return ahead / max(float(np.linalg.norm(ahead)), 1e-9)
-    axis = np.linalg.svd(way - way.mean(axis=0), full_matrices=False)[2][0]
+    axis = np.linalg.svd(track - track.mean(axis=0), full_matrices=False)[2][0]
     return axis if axis @ net >= 0 else -axis
 
 
@@ -209,15 +209,15 @@ def _best_cycle(motion: Motion, window: int) -> tuple[int, int]:
     distance = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * feature[picked] @ feature[picked].T, 0.0))
     span = (picked[None, :] - picked[:, None]) / motion.rate_hz
     distance[span < max(0.5, 2.0 * window / motion.rate_hz)] = np.inf
-    # Standing still is easiest to repeat and not what is asked for: the cycle must be about as lively as the whole.
+    # Standing is easiest to repeat and not what is asked for: the cycle must be about as lively as the whole.
     effort = np.cumsum(np.linalg.norm(np.diff(pose, axis=0, prepend=pose[:1]), axis=-1).mean(axis=1))
     lively = (effort[picked][None, :] - effort[picked][:, None]) / np.maximum(span, 1e-9)
     distance[lively < 0.8 * effort[-1] / motion.duration_s] = np.inf
     best = distance.min() if distance.size else np.inf
     if not best < 0.25:
+        why = "it is too short for a cycle" if math.isinf(best) else f"the nearest differ by {best:.2f} m RMS per joint"
         raise InputError(
-            "the motion has no two moments of like pose to repeat between (nearest differ by "
-            f"{best:.2f} m RMS per joint); give a longer recording or a shorter duration"
+            f"the motion has no two instants of like pose to repeat between ({why}); give a longer recording or a shorter duration"
         )
     # Of the cycles that are about as good, the longest: more of the person's own variation.
     good = np.where(distance <= 1.3 * best, span, -1.0)

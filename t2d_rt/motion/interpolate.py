@@ -21,7 +21,7 @@ JITTER_CUTOFF_HZ = 12.0
 """Human movement lies below it, but for impacts of a few milliseconds (Winter, Biomechanics, 2.2)."""
 
 JITTER_LIMIT_MPS = 0.03
-"""Jitter from which a file counts as noisy: at 20 Hz a way of 0.2 mm, a third of a radian of phase at 77 GHz."""
+"""Jitter from which a file counts as noisy: at 20 Hz a displacement of 0.2 mm, a third of a radian of phase at 77 GHz."""
 
 MOST_NUMBERS = 100_000_000
 """Coordinates of joints that a motion may be made to hold, 0.8 GB: three hours at 120 Hz."""

@@ -44,7 +44,7 @@ def continuous(quaternion: np.ndarray) -> np.ndarray:
 
 
 def blend(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Normalised mean of two rotations along the shorter way; `weight` (..., 1) is that of the second."""
+    """Normalised mean of two rotations along the shorter arc; `weight` (..., 1) is that of the second."""
     near = np.where(np.sum(first * second, axis=-1, keepdims=True) < 0, -second, second)
     return normalise((1.0 - weight) * first + weight * near)
 

@@ -54,12 +54,13 @@ def load_motion(
     """Read a .bvh or .bvh.gz file: canonical joints, metres, right-handed, z up, floor at z = 0.
 
     Everything left None is detected and told in `Motion.report`.
-    units: metres per unit, or one of m, cm, mm, inch, ft, cmu.
-    up: the file's upward axis, e.g. "y" or "-z".
+
+    units: length of the file's unit in metres, or its name: m, cm, mm, inch, ft or cmu.
+    up: the file's upward axis, such as "y" or "-z".
     floor: height of the floor in the file [m].
-    drop_tpose: drop (or keep) the calibration pose at the start.
-    smooth_hz: low-pass cut-off, None for none, "auto" for 12 Hz where the file jitters.
-    flavour: a name in `flavours()`.
+    drop_tpose: whether the calibration pose at the start is dropped.
+    smooth_hz: cut-off of a low-pass filter [Hz]; null does not filter, "auto" filters at 12 Hz where the file jitters.
+    flavour: how the file names its joints, one of `t2d_rt.motion.flavours()`.
     """
     path = file_path("path", path)
     _check_reading(units, up, floor, drop_tpose, smooth_hz, flavour)

@@ -44,7 +44,7 @@ PARENT_OF: Mapping[str, str | None] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flavour:
-    """One way of naming joints."""
+    """A convention for naming joints."""
 
     name: str
     joints: Mapping[str, Source]
@@ -84,7 +84,7 @@ def register_flavour(
     text("name", name)
     instance("joints", joints, Mapping, "a mapping of canonical joints to the file's names")
     if lost_bones is not None:
-        instance("lost_bones", lost_bones, Mapping, "a mapping of joints to (parent, child, share)")
+        instance("lost_bones", lost_bones, Mapping, "a mapping of joints to (parent, child, fraction)")
     flavour = Flavour(name=name, joints=dict(joints), lost_bones=dict(lost_bones or {}))
     _flavours.pop(name, None)
     _flavours[name] = flavour
@@ -92,7 +92,7 @@ def register_flavour(
 
 
 def plain_names(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names without a namespace that all share (`mixamorig:Hips`, `mixamorig1_Hips`, `actor:rig:Hips` -> `Hips`)."""
+    """Names without the namespace that they have in common (`mixamorig:Hips`, `mixamorig1_Hips`, `actor:rig:Hips` -> `Hips`)."""
     own = [name for name in names if not name.endswith(":end")]
     match = re.match(r"(.*:|mixamorig\d*_?)", own[0]) if own else None
     prefix = match.group(1) if match else ""

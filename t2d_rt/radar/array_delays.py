@@ -16,7 +16,7 @@ from t2d_rt.types import Radar
 
 
 def extra_length(line_of_sight: Any, step: Any, offset: Any, sqrt: Callable[[Any], Any]) -> Any:
-    """Distance of points from an antenna less that from its array's centre, and its rate of change, without cancellation.
+    """Distance of points from an antenna relative to that from its array's centre, and its rate of change, without cancellation.
 
     `line_of_sight` is the vector from the centre to the points, `step` how that changes, `offset` where the antenna is: three
     numbers each, NumPy or Dr.Jit.
@@ -39,7 +39,7 @@ class End:
     """None where they are unknown: then all antennas have the centre's delay."""
 
     def extra_delays(self) -> list[Delay]:
-        """Each antenna's delays less the centre's, float32."""
+        """Each antenna's delays relative to the centre's, float32."""
         if self.apparent is None:
             return [(np.zeros((1, 1), np.float32), np.zeros((1, 1), np.float32))] * len(self.offsets_m)
         line_of_sight = [
@@ -53,12 +53,12 @@ class End:
         return [(extra * per_s, step * per_s) for extra, step in extras]
 
     def some(self, antennas: Sequence[int] | slice) -> End:
-        """Those antennas only."""
+        """The same for the chosen antennas only."""
         return replace(self, offsets_m=self.offsets_m[antennas])
 
 
 def ends(window: Window, radar: Radar) -> tuple[End, End]:
-    """Transmitters and receivers."""
+    """The array's transmitters, and its receivers."""
     apparent = window.apparent or (None, None)
     return (
         End(radar.tx_position_m, radar.tx_positions_m - radar.tx_position_m, apparent[0]),
@@ -80,13 +80,13 @@ class ArrayDelays:
         return len(self.groups)
 
     def some(self, antennas: range) -> ArrayDelays:
-        """Those antennas only."""
+        """The same for the chosen antennas only."""
         chosen = slice(antennas.start, antennas.stop)
         return ArrayDelays(self.end.some(chosen), self.table, self.groups[chosen])
 
 
 def array_delays(pair: tuple[End, End], means: list[Any], backend: Backend) -> tuple[ArrayDelays, ArrayDelays]:
-    """Of both ends; `means`: sparse, from each level's values to the means of the groups of the next."""
+    """Delays of both ends; `means`: sparse, from each level's values to the means of the groups of the next."""
     # Where transmitters and receivers stand in one place, apparent positions are the same for both.
     same = pair[0].apparent is pair[1].apparent
     tables = [_table(end.apparent, backend) for end in pair[: 1 if same else 2]]

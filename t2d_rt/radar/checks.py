@@ -1,4 +1,4 @@
-"""Does the waveform fit the motion?"""
+"""Whether the waveform's unambiguous speed suffices for the motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from t2d_rt.types.radar import Radar
 
 
 def check_speed(radar: Radar, top_speed_mps: float, *, what: str = "target") -> None:
-    """Warn where the top speed of `what` exceeds the unambiguous one, with the prf_hz that would do."""
+    """Warn where the top speed of `what` exceeds the unambiguous one, with the prf_hz that would suffice."""
     if abs(top_speed_mps) <= radar.max_speed_mps:
         return
     needed = math.ceil(radar.prf_hz * abs(top_speed_mps) / radar.max_speed_mps / 10) * 10

@@ -1,7 +1,6 @@
 """Chebyshev coefficients of echoes over the sweep, at any instants (docs/physics.md, eq. 16).
 
-One kernel does the sum: its lanes are (bin, a few instants), its loop runs over the echoes of the bin. A bin
-is a bucket of fixed delay.
+One kernel does the sum: its lanes are (bucket, a few instants), its loop runs over the echoes of the bucket.
 """
 
 from __future__ import annotations
@@ -13,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import Backend
+from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.phasors import sin_cos
-from t2d_rt.radar.sweep import Sweep
+from t2d_rt.radar.sweep import Instants, Sweep
 from t2d_rt.radar.windows import Window
 
 TERMS = 6
@@ -27,42 +27,6 @@ MOST_PARTS, ENOUGH_LANES = 16, 1 << 14
 """The echoes of a bin are divided among several lanes where there are fewer lanes than that."""
 UNROLLS, READ_WORK = (1, 2, 4, 8), 2
 """Instants that a lane may hold in registers, and the cost of reading an echo, in instants."""
-
-
-@dataclass(frozen=True, slots=True)
-class Members:
-    """Which echoes fall into each bin during each time slot, a part of a frame interval."""
-
-    bins: int
-    slots_per_interval: int
-    starts: np.ndarray
-    """(slot * bins + 1,): row r's echoes are members[starts[r]:starts[r + 1]], r = slot * bins + bin."""
-    members: np.ndarray
-    """Echo of each."""
-
-    @classmethod
-    def of(
-        cls,
-        slot: np.ndarray,
-        bin_number: np.ndarray,
-        member: np.ndarray,
-        *,
-        shape: tuple[int, int],
-        per: int,
-        size: int,
-    ) -> Members:
-        """From triples; `shape` is (slots, bins), `per` the slots of an interval, `size` the number of echoes."""
-        from scipy.sparse import coo_array
-
-        # A counting sort: the rows of a CSR matrix are the members of the bins.
-        row = slot * shape[1] + bin_number
-        table = coo_array((np.ones(len(row), np.int8), (row, member)), shape=(shape[0] * shape[1], size)).tocsr()
-        return cls(shape[1], per, table.indptr, table.indices)
-
-    def slot(self, position: np.ndarray) -> np.ndarray:
-        """Time slot of instants [frames after the window's start, of which one interval lies before], ascending."""
-        last = (len(self.starts) - 1) // self.bins - 1
-        return np.clip(np.floor((position + 1) * self.slots_per_interval).astype(np.int64), 0, last)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,91 +121,100 @@ def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
 
 
 def chebyshev_coefficients(
-    members: Members,
-    table: tuple[Any, Any],
-    fields: list[Any],
-    centres: np.ndarray,
-    position: np.ndarray,
-    step_s: float,
-    sweep: Sweep,
-    backend: Backend,
+    buckets: Buckets, table: tuple[Any, Any], fields: list[Any], instants: Instants, backend: Backend
 ) -> np.ndarray:
-    """Chebyshev coefficients of every bin over the sweep, complex64 (bin, instant, TERMS).
+    """Chebyshev coefficients of every bucket over the sweep, complex64 (bucket, instant, TERMS).
 
-    `table` is that of `phases`, `fields` those of `amplitudes`; theta at the centre of each bin is in `centres`, with the same
-    reference as that of the echoes; `position` holds the instants [frames after the window's start], ascending; `step_s` the
-    frame interval.
+    `table` is that of `phases`, with the buckets' origin, `fields` those of `amplitudes`.
     """
     import drjit as dr
 
     Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
-    bins = members.bins
-    slot = members.slot(position)
+    members = buckets.members
+    slot = members.slot(instants.position)
     batching = _Batches.of(slot)
-
     # All that changes from window to window comes in as arrays: a number in the code would compile a new kernel.
-    lanes_of = backend.lanes
-    # (bin, batch of instants) where there are echoes, in several parts where these are few for all the lanes of a device.
-    row = np.arange(bins)[:, None] + slot[batching.instant] * bins
-    size = members.starts[row + 1] - members.starts[row]
-    bin_number, batch = np.nonzero(size)
-    row, instant = row[bin_number, batch], batching.instant[batch]
-    parts_per_bin = MOST_PARTS
-    while parts_per_bin > 1 and len(row) * parts_per_bin > ENOUGH_LANES:
-        parts_per_bin //= 2
-    begin = lanes_of(members.starts[row][:, None] + np.arange(parts_per_bin))
-    end = lanes_of(np.repeat(members.starts[row + 1], parts_per_bin))
-    instant_of_lane = lanes_of(np.repeat(instant, parts_per_bin))
-    stride = dr.opaque(UInt32, parts_per_bin)
+    lanes = _Lanes.of(buckets, instants, slot, batching, backend)
+    stride = dr.opaque(UInt32, lanes.parts)
     echoes = UInt32(members.members.astype(np.uint32))
-    interval = slot // members.slots_per_interval
-    intervals = dr.opaque(UInt32, (len(members.starts) - 1) // bins // members.slots_per_interval)
-    interval_of_lane = lanes_of(np.repeat(interval[instant], parts_per_bin))
-    times = position + 1 - interval
-    times = Float32(np.append(times, np.zeros(batching.unroll)).astype(np.float32))
-    u = [dr.gather(Float32, times, instant_of_lane + k) for k in range(batching.unroll)]
-    centre = lanes_of(np.repeat(centres[bin_number], parts_per_bin), Float32)
-    per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_cycle(step_s))
+    intervals = dr.opaque(UInt32, (len(members.starts) - 1) // members.bins // members.slots_per_interval)
+    per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in instants.per_cycle)
 
     def add(i: Any, sums: list[list[Any]]) -> tuple[Any, list[list[Any]]]:
-        member = dr.gather(UInt32, echoes, i) * intervals + interval_of_lane
+        member = dr.gather(UInt32, echoes, i) * intervals + lanes.interval
         parts = [dr.gather(Packet, values, member) for values in fields]
         cubic = dr.gather(Packet, table[0], member)
-        theta_start = dr.gather(Float32, table[1], member) - centre
+        theta_start = dr.gather(Float32, table[1], member) - lanes.centre
         new = []
-        for time, acc in zip(u, sums, strict=True):
+        for time, acc in zip(lanes.u, sums, strict=True):
             travelled = time * (cubic[1] + time * (cubic[2] + time * cubic[3]))
             rate = cubic[1] + time * (2 * cubic[2] + time * (3 * cubic[3]))
             theta = theta_start + travelled * per_cycle + rate * per_rate
-            cycles = cubic[0] + travelled
-            # eps x^2 = h (T_0 + T_2), h = eps/2
-            half_eps = 0.5 * eps_per_rate * rate
-            sin, cos = sin_cos(cycles + half_eps * (0.5 / math.pi))
-            weights = _jacobi_anger(theta)
-            real, imag = _times_phasor(parts[0], parts[1], time, sin, cos)
-            out = [(re + real * w, im + imag * w) for (re, im), w in zip(acc, weights, strict=False)]
-            bends = [half_eps * bend for bend in _bend(weights)]
-            out = [(re + imag * bend, im - real * bend) for (re, im), bend in zip(out, bends, strict=True)]
-            if len(parts) > 2:
-                real, imag = _times_phasor(parts[2], parts[3], time, sin, cos)
-                out += [(re + real * w, im + imag * w) for (re, im), w in zip(acc[TERMS:], weights, strict=False)]
-            new.append(out)
+            new.append(_added(acc, parts, time, cubic[0] + travelled, theta, eps_per_rate * rate))
         return i + stride, new
 
     count = TERMS + SLOPE_TERMS if len(fields) > 2 else TERMS
-    zeros = [[(dr.zeros(Float32, dr.width(begin)),) * 2 for _ in range(count)] for _ in range(batching.unroll)]
+    zeros = [[(dr.zeros(Float32, dr.width(lanes.begin)),) * 2 for _ in range(count)] for _ in range(batching.unroll)]
     _, sums = dr.while_loop(
-        state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
+        state=(lanes.begin, zeros), cond=lambda i, sums: i < lanes.end, body=add, labels=("i", "sums"), mode="symbolic"
     )
-    if parts_per_bin > 1:
+    if lanes.parts > 1:
         dr.eval(sums)  # all at once; else each part's sum would run the loop again
-        sums = [[tuple(dr.block_sum(part, parts_per_bin) for part in pair) for pair in acc] for acc in sums]
+        sums = [[tuple(dr.block_sum(part, lanes.parts) for part in pair) for pair in acc] for acc in sums]
     values = backend.arrays.ArrayXf([part for acc in sums for pair in _with_slope(acc) for part in pair])
-    summed = dr.zeros(Float32, bins * batching.batches * len(values))
+    summed = dr.zeros(Float32, members.bins * batching.batches * len(values))
     # One scatter: each further one into the same array would run the loop again.
-    dr.scatter(summed, values, lanes_of(bin_number * batching.batches + batch))
-    by_batch = summed.numpy().view(np.complex64).reshape(bins, batching.batches, batching.unroll, TERMS)
+    dr.scatter(summed, values, lanes.place)
+    by_batch = summed.numpy().view(np.complex64).reshape(members.bins, batching.batches, batching.unroll, TERMS)
     return by_batch[:, batching.batch, np.arange(len(slot)) - batching.instant[batching.batch]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Lanes:
+    """Lanes of the kernel, on the device: one for each bucket and batch of instants at which the bucket holds any echo, or
+    several, which divide its echoes, where these are few for all the lanes of a device."""
+
+    parts: int
+    """Lanes of a bucket and batch."""
+    begin: Any
+    """First echo of a lane among the members."""
+    end: Any
+    """One after the bucket's last."""
+    interval: Any
+    """Frame interval that the batch lies in."""
+    u: list[Any]
+    """Where in it each instant of the batch lies, 0..1."""
+    centre: Any
+    """theta of the bucket's middle."""
+    place: Any
+    """Number of the result, one for all parts."""
+
+    @classmethod
+    def of(cls, buckets: Buckets, instants: Instants, slot: np.ndarray, batching: _Batches, backend: Backend) -> _Lanes:
+        """For instants in the given time slots."""
+        import drjit as dr
+
+        Float32, members = backend.Float32, buckets.members
+        row = np.arange(members.bins)[:, None] + slot[batching.instant] * members.bins
+        size = members.starts[row + 1] - members.starts[row]
+        bin_number, batch = np.nonzero(size)
+        row, instant = row[bin_number, batch], batching.instant[batch]
+        parts = MOST_PARTS
+        while parts > 1 and len(row) * parts > ENOUGH_LANES:
+            parts //= 2
+        first = backend.lanes(np.repeat(instant, parts))
+        interval = slot // members.slots_per_interval
+        times = instants.position + 1 - interval
+        times = Float32(np.append(times, np.zeros(batching.unroll)).astype(np.float32))
+        return cls(
+            parts=parts,
+            begin=backend.lanes(members.starts[row][:, None] + np.arange(parts)),
+            end=backend.lanes(np.repeat(members.starts[row + 1], parts)),
+            interval=backend.lanes(np.repeat(interval[instant], parts)),
+            u=[dr.gather(Float32, times, first + k) for k in range(batching.unroll)],
+            centre=backend.lanes(np.repeat(buckets.centres[bin_number], parts), Float32),
+            place=backend.lanes(bin_number * batching.batches + batch),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +241,22 @@ class _Batches:
         within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
         instant = np.repeat(bounds[:-1], counts) + within * unroll
         return cls(instant, unroll, np.searchsorted(instant, np.arange(len(slot)), side="right") - 1)
+
+
+def _added(acc: list[Any], parts: list[Any], u: Any, cycles: Any, theta: Any, eps: Any) -> list[Any]:
+    """Sums with one echo added: its amplitude's `parts` as cubics in u, its phase, theta, and eps."""
+    # eps x^2 = h (T_0 + T_2), h = eps/2
+    half_eps = 0.5 * eps
+    sin, cos = sin_cos(cycles + half_eps * (0.5 / math.pi))
+    weights = _jacobi_anger(theta)
+    real, imag = _times_phasor(parts[0], parts[1], u, sin, cos)
+    out = [(re + real * w, im + imag * w) for (re, im), w in zip(acc, weights, strict=False)]
+    bends = [half_eps * bend for bend in _bend(weights)]
+    out = [(re + imag * bend, im - real * bend) for (re, im), bend in zip(out, bends, strict=True)]
+    if len(parts) > 2:
+        real, imag = _times_phasor(parts[2], parts[3], u, sin, cos)
+        out += [(re + real * w, im + imag * w) for (re, im), w in zip(acc[TERMS:], weights, strict=False)]
+    return out
 
 
 def _times_phasor(real: Any, imag: Any, u: Any, sin: Any, cos: Any) -> tuple[Any, Any]:

@@ -9,7 +9,7 @@ from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
 from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar
 
 FRAMES_AROUND = 12
-"""So many frames around a chirp are right to what all of them would give: a spline forgets what is farther away."""
+"""Frames on either side of a chirp that determine its spline; the influence of farther ones is below 2e-7 (0.268 per frame)."""
 
 
 def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray, *, every: int = 1, antenna: int = 0) -> np.ndarray:
@@ -74,14 +74,14 @@ def between(
 
 
 def _heard(radar: Radar, row: int, antenna: int) -> list[tuple[int, int, complex]]:
-    """Transmitters and the receiver that an antenna of the cube hears in a row, and each one's factor."""
+    """Transmitters and the receiver that an antenna of the cube records in a row, and each one's factor."""
     if radar.multiplexing == "ddm":
         return [(tx, int(antenna), factor) for tx, factor in enumerate(radar.tx_phase(np.array([row]))[0])]
     return [(*divmod(int(antenna), len(radar.rx_offsets_m)), 1.0)]
 
 
 def _seen_from(echoes: Echoes | EchoArrays, radar: Radar, tx: int, rx: int) -> np.ndarray:
-    """By how much delays differ from those of the arrays' centres (T, N) [s]."""
+    """Delays relative to those of the arrays' centres (T, N) [s]."""
     if echoes.departure_m is None or echoes.arrival_m is None:
         return np.zeros(echoes.delay_s.shape)
     return (
@@ -120,6 +120,6 @@ def _pair(echoes: Echoes, radar: Radar, starts: np.ndarray, tx: int, rx: int, sa
 
 
 def _extra_m(points: np.ndarray, centre: np.ndarray, antenna: np.ndarray) -> np.ndarray:
-    """How much farther points (T, N, 3) are from an antenna than from its array's centre [m]."""
+    """Distance of points (T, N, 3) from an antenna relative to that from its array's centre [m]."""
     points = points.astype(np.float64)
     return np.asarray(np.linalg.norm(points - antenna, axis=-1) - np.linalg.norm(points - centre, axis=-1))

@@ -50,7 +50,7 @@ class Level:
         return self.delay.shape[1]
 
     def part(self, number: int, parts: int) -> Level:
-        """One of equal parts of the groups."""
+        """One of `parts` equal parts of the groups."""
         some = slice(number * len(self) // parts, (number + 1) * len(self) // parts)
         return replace(self, delay=self.delay[:, some], delay_slope=self.delay_slope[:, some])
 
@@ -93,7 +93,7 @@ WORK_ECHO, WORK_NODE = 1.0, 0.25
 
 
 def bucket_nodes(width: float, tolerance: float) -> int:
-    """Nodes of a bucket that holds groups of `width` bins."""
+    """Number of nodes of a bucket that holds groups of `width` bins."""
     return nodes_for(math.pi * (BUCKET_BINS / 2 + 0.8 * width), tolerance)
 
 
@@ -173,7 +173,7 @@ def _mean(group: np.ndarray) -> Any:
 
 
 def _hulls(group: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What each group spans."""
+    """Extent of each group in each feature."""
     order = np.argsort(group, kind="stable")
     starts = np.flatnonzero(np.diff(group[order], prepend=-1))
     return np.minimum.reduceat(low[order], starts), np.maximum.reduceat(high[order], starts)

@@ -12,7 +12,8 @@ import numpy as np
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.array_delays import ArrayDelays, extra_length
-from t2d_rt.radar.coefficients import Members, References, amplitudes, phases
+from t2d_rt.radar.buckets import Members
+from t2d_rt.radar.coefficients import References, amplitudes, phases
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.phasors import rotated, sin_cos, times_phasor
@@ -33,7 +34,7 @@ class Factors:
 
 @dataclass(frozen=True, slots=True)
 class Leaves:
-    """What the first level's groups gather."""
+    """The echoes that the first level's groups add up."""
 
     members: Members
     fields: list[Any]
@@ -100,13 +101,7 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
         out = []
         for k in range(level.rate):
             u = beyond + k / level.rate
-            values = [c[0] + u * (c[1] + u * (c[2] + u * c[3])) for c in parts]
-            slopes = values[2:] or [0.0, 0.0]
-            at_nodes = [
-                value + node * slope
-                for node in nodes(level.nodes).tolist()
-                for value, slope in zip(values[:2], slopes, strict=True)
-            ]
+            at_nodes = _at_nodes(parts, u, level.nodes)
             for cubic, start in of_pairs:
                 travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
                 rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
@@ -132,6 +127,15 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
     values = dr.concat(values) if pairs > 1 else values[0]
     dr.eval(values)
     return Factors(values, (intervals + 1) * level.rate, -level.rate)
+
+
+def _at_nodes(parts: list[Any], u: Any, count: int) -> list[Any]:
+    """An echo's amplitude at u, cubics of its parts in the frame step, at nodes of the sweep: real and imaginary parts in turn."""
+    values = [c[0] + u * (c[1] + u * (c[2] + u * c[3])) for c in parts]
+    slopes = values[2:] or [0.0, 0.0]
+    return [
+        value + node * slope for node in nodes(count).tolist() for value, slope in zip(values[:2], slopes, strict=True)
+    ]
 
 
 class _ExtraPhases:

@@ -8,7 +8,7 @@ a group may hold follows from how fast its members' phases part and how far thei
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -16,12 +16,12 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.radar.array_delays import ArrayDelays
-from t2d_rt.radar.coefficients import Members
+from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.leaves import Factors, Leaves, smallest
 from t2d_rt.radar.phasors import read, rotated, sin_cos, spread_to, times_phasor
-from t2d_rt.radar.sweep import Sweep, nodes
+from t2d_rt.radar.sweep import Instants, Sweep, nodes
 from t2d_rt.radar.windows import Window
 
 
@@ -116,62 +116,36 @@ def at_instants(
     inner: Factors,
     first: int,
     level: Level,
-    members: Members,
+    buckets: Buckets,
     phase: tuple[Any, Any],
-    centres: np.ndarray,
-    position: np.ndarray,
-    step_s: float,
+    instants: Instants,
     count: int,
-    sweep: Sweep,
     backend: Backend,
 ) -> np.ndarray:
     """Fields of buckets at `count` nodes of the sweep, complex64 (instant, bucket, node), from groups' factors.
 
-    The factors of `level`'s groups are those of `inner` from `first` on. `members` says which groups stand in which bucket when,
-    `phase` holds the tables of `phases` for the groups, `centres` the buckets' theta, `position` the instants [frames after the
-    window's start], ascending.
+    The factors of `level`'s groups are those of `inner` from `first` on, `phase` holds the tables of `phases` for the groups.
     """
     import drjit as dr
 
     Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
-    buckets = members.bins
-    slot = members.slot(position)
-    row = slot * buckets + np.arange(buckets)[:, None]
-    bucket, instant = np.nonzero(members.starts[row + 1] > members.starts[row])
-    row = row[bucket, instant]
-    place = position * level.rate - inner.first
-    sample = np.clip(np.floor(place).astype(np.int64), 1, inner.samples - 3)
-    p = place - sample
-    # The cubic through the samples at -1, 0, 1, 2.
-    weights = np.stack(
-        [-p * (p - 1) * (p - 2) / 6, (p + 1) * (p - 1) * (p - 2) / 2, -(p + 1) * p * (p - 2) / 2, (p + 1) * p * (p - 1) / 6], axis=1
-    )  # fmt: skip
-
-    def per_instant(values: np.ndarray, kind: Any) -> Any:
-        return dr.gather(kind, backend.lanes(values, kind), lane_instant)
-
-    lane_instant = backend.lanes(instant)
-    begin, end = backend.lanes(members.starts[row]), backend.lanes(members.starts[row + 1])
-    interval = slot // members.slots_per_interval
+    lanes = _Lanes.of(inner, level, buckets, instants, backend)
+    table = backend.lanes(buckets.members.members)
     intervals = dr.opaque(UInt32, len(level.delay) - 1)
-    interval_of_lane = per_instant(interval, UInt32)
-    u = per_instant(position + 1 - interval, Float32)
-    index = per_instant(sample - 1, UInt32)
-    weight = dr.gather(Packet, Float32(weights.astype(np.float32).ravel()), lane_instant)
-    centre = backend.lanes(centres[bucket], Float32)
-    table = backend.lanes(members.members)
     samples, skipped = dr.opaque(UInt32, inner.samples), dr.opaque(UInt32, first)
-    per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in sweep.per_cycle(step_s))
-    spread = spread_to(level.nodes, count)
+    per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in instants.per_cycle)
+    spread, u = spread_to(level.nodes, count), lanes.u
     x = [float(v) for v in nodes(count)[::2]]
 
     def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         group = dr.gather(UInt32, table, i)
-        member = group * intervals + interval_of_lane
+        member = group * intervals + lanes.interval
         cubic = dr.gather(Packet, phase[0], member)
-        theta = dr.gather(Float32, phase[1], member) - centre
-        frames = [read(inner.values, (skipped + group) * samples + index + k, level.nodes, Packet) for k in range(4)]
-        values = [sum(w * v for w, v in zip(weight, parts, strict=True)) for parts in zip(*frames, strict=True)]
+        theta = dr.gather(Float32, phase[1], member) - lanes.centre
+        frames = [
+            read(inner.values, (skipped + group) * samples + lanes.sample + k, level.nodes, Packet) for k in range(4)
+        ]
+        values = [sum(w * v for w, v in zip(lanes.weights, parts, strict=True)) for parts in zip(*frames, strict=True)]
         travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
         rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
         cycles = cubic[0] + travelled
@@ -180,13 +154,73 @@ def at_instants(
         out = rotated(spread(times_phasor(values, sin, cos)), theta, x, bend=rate * eps_per_rate)
         return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
 
-    zeros = [dr.zeros(Float32, dr.width(begin)) for _ in range(2 * count)]
+    zeros = [dr.zeros(Float32, dr.width(lanes.begin)) for _ in range(2 * count)]
     _, sums = dr.while_loop(
-        state=(begin, zeros), cond=lambda i, sums: i < end, body=add, labels=("i", "sums"), mode="symbolic"
+        state=(lanes.begin, zeros), cond=lambda i, sums: i < lanes.end, body=add, labels=("i", "sums"), mode="symbolic"
     )
-    out = dr.zeros(Float32, len(position) * buckets * 2 * count)
-    dr.scatter(out, backend.arrays.ArrayXf(sums), backend.lanes(instant * buckets + bucket))
-    return np.asarray(out.numpy()).view(np.complex64).reshape(len(position), buckets, count)
+    out = dr.zeros(Float32, len(instants) * buckets.members.bins * 2 * count)
+    dr.scatter(out, backend.arrays.ArrayXf(sums), lanes.place)
+    return np.asarray(out.numpy()).view(np.complex64).reshape(len(instants), buckets.members.bins, count)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Lanes:
+    """Lanes of the kernel of `at_instants`, on the device: one for each bucket and instant at which the bucket holds any group."""
+
+    begin: Any
+    """First of the bucket's members at that instant."""
+    end: Any
+    """One after the last."""
+    interval: Any
+    """Frame interval that the instant lies in."""
+    u: Any
+    """Where in it, 0..1."""
+    sample: Any
+    """First of the four samples of a factor that are interpolated."""
+    weights: Any
+    """Of these four."""
+    centre: Any
+    """theta of the bucket's middle."""
+    place: Any
+    """Number of the result."""
+
+    @classmethod
+    def of(cls, inner: Factors, level: Level, buckets: Buckets, instants: Instants, backend: Backend) -> _Lanes:
+        """For the factors of a level's groups."""
+        import drjit as dr
+
+        Float32, UInt32, Packet = backend.Float32, backend.UInt32, backend.arrays.Array4f
+        members, position = buckets.members, instants.position
+        slot = members.slot(position)
+        row = slot * members.bins + np.arange(members.bins)[:, None]
+        bucket, instant = np.nonzero(members.starts[row + 1] > members.starts[row])
+        row = row[bucket, instant]
+        place = position * level.rate - inner.first
+        sample = np.clip(np.floor(place).astype(np.int64), 1, inner.samples - 3)
+        p = place - sample
+        # The cubic through the samples at -1, 0, 1, 2.
+        weights = [
+            -p * (p - 1) * (p - 2) / 6,
+            (p + 1) * (p - 1) * (p - 2) / 2,
+            -(p + 1) * p * (p - 2) / 2,
+            (p + 1) * p * (p - 1) / 6,
+        ]
+        interval = slot // members.slots_per_interval
+        of_lane = backend.lanes(instant)
+
+        def per_instant(values: np.ndarray, kind: Any) -> Any:
+            return dr.gather(kind, backend.lanes(values, kind), of_lane)
+
+        return cls(
+            begin=backend.lanes(members.starts[row]),
+            end=backend.lanes(members.starts[row + 1]),
+            interval=per_instant(interval, UInt32),
+            u=per_instant(position + 1 - interval, Float32),
+            sample=per_instant(sample - 1, UInt32),
+            weights=dr.gather(Packet, Float32(np.stack(weights, axis=1).astype(np.float32).ravel()), of_lane),
+            centre=backend.lanes(buckets.centres[bucket], Float32),
+            place=backend.lanes(instant * members.bins + bucket),
+        )
 
 
 def _relative(below: Level, level: Level, sweep: Sweep) -> np.ndarray:

@@ -1,9 +1,9 @@
-"""The sweep of a chirp as x in -1..1: its figures, and polynomials over it."""
+"""The sweep of a chirp as x in -1..1: its quantities, and polynomials over it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +13,7 @@ from t2d_rt.types import Radar
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """The figures of a sweep that the sum needs; x = -1 at its first sample, 1 at its last."""
+    """Quantities of a sweep that the sum needs; x = -1 at its first sample, 1 at its last."""
 
     mid_hz: float
     slope: float
@@ -40,7 +40,7 @@ class Sweep:
 
     @property
     def coupling_s(self) -> float:
-        """What a rate of delay adds to the delay that the beat shows [s]: f_mid / S."""
+        """Range-Doppler coupling [s]: apparent delay per rate of delay, f_mid / S."""
         return self.mid_hz / self.slope
 
     def per_cycle(self, step_s: float) -> tuple[float, float, float]:
@@ -50,6 +50,28 @@ class Sweep:
             self.theta_per_s / (self.slope * step_s),
             2 * math.pi * self.half_time_s**2 * self.slope / (self.mid_hz * step_s),
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Instants:
+    """Chirps of a window of frames: when they are sent, and their sweep."""
+
+    position: np.ndarray
+    """[frames after the window's start], ascending, (instant,)."""
+    step_s: float
+    """Frame interval."""
+    sweep: Sweep
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def __getitem__(self, some: slice) -> Instants:
+        return replace(self, position=self.position[some])
+
+    @property
+    def per_cycle(self) -> tuple[float, float, float]:
+        """Conversion of phase, as `Sweep.per_cycle` gives it."""
+        return self.sweep.per_cycle(self.step_s)
 
 
 @lru_cache(maxsize=64)

@@ -1,6 +1,6 @@
 """Echoes to the ADC cube: the only code that knows chirps.
 
-Around mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physics.md, eq. 16)
+Relative to mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physics.md, eq. 16)
 
     psi + theta x + eps x^2,   psi = 2 pi (f_m tau - S tau^2/2),  theta = pi B (tau + f_m tau'/S),  eps = 2 pi (T/2)^2 S tau'
 
@@ -12,7 +12,6 @@ a polynomial over the sweep, and a small matrix product per chirp then gives the
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -23,28 +22,24 @@ import numpy as np
 
 from t2d_rt import checks
 from t2d_rt.backend import Backend, select
-from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, new_cube
-from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget
 from t2d_rt.radar.array_delays import array_delays, ends
-from t2d_rt.radar.coefficients import TERMS, Members, amplitudes, chebyshev_coefficients, phases
+from t2d_rt.radar.buckets import buckets
+from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, phases
 from t2d_rt.radar.groups import BUCKET_BINS, Level, bucket_nodes, levels
 from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
-from t2d_rt.radar.sweep import Sweep, chebyshev, interpolation
+from t2d_rt.radar.sweep import Instants, Sweep, chebyshev, interpolation
 from t2d_rt.radar.windows import Delay, Window, windows
 from t2d_rt.types import Echoes, EchoStream, Radar, stream
 
 ECHO_BUCKET_BINS = 0.25
+"""Width of a bucket of echoes, in range bins."""
 PRODUCT_CHIRPS = 512
 """Chirps at once from buckets to samples: few enough that buckets which the target has left, or not reached, need not be summed."""
 RECEIVERS, MOST_SUMS = 4, 400
 """Receivers worked on at once, with as many transmitters as leave a lane of the leaves' kernel that many numbers to sum."""
-MOST_SLOTS = 1000
-"""Buckets that an echo may cross in a frame interval."""
-MANY_SLOTS = 16
-"""Where a frame interval has more slots than this, those that hold no chirp are left out."""
 MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
 """Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames. Fewer beside many
 echoes, which take memory themselves."""
@@ -125,7 +120,7 @@ def _blocks(
 
 
 def _filling(out: np.ndarray, sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[Callable[[], None]]:
-    """Calls that fill `out` (row, antenna, sample), the cube's `rows`, from what comes of `_sums`."""
+    """Calls that fill `out` (row, antenna, sample), the cube's `rows`, from the results of `_sums`."""
     receivers, ddm = len(radar.rx_positions_m), radar.multiplexing == "ddm"
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
     if ddm:
@@ -146,15 +141,16 @@ def _sums(
     outermost = (end.some(which).extra_delays() for end, which in zip(both, np.transpose(radar.outermost), strict=True))
     more = [] if window.apparent is None else [_both(*pair) for pair in zip(*outermost, strict=True)]
     tree = levels(window, sweep, rate, tolerance, more) if window.delay.size else []
-    instants = [position] * len(radar.tx_positions_m)
+    late = [0.0] * len(radar.tx_positions_m)
     if radar.multiplexing == "tdm":
-        instants = [position + tx / radar.prf_hz / window.step_s for tx in range(len(instants))]
+        late = [tx / radar.prf_hz / window.step_s for tx in range(len(late))]
+    instants = [Instants(position + slot, window.step_s, sweep) for slot in late]
     if not tree:
         for (tx, out), (rx, back) in itertools.product(*(enumerate(end.extra_delays()) for end in both)):
             extra, slope = _both(out, back)
             here = replace(window, delay=window.delay + extra, delay_slope=window.delay_slope + slope)
             for chirps in _chirp_blocks(len(position), window):
-                yield tx, rx, chirps, _sum_echoes(here, instants[tx][chirps], sweep, backend)
+                yield tx, rx, chirps, _sum_echoes(here, instants[tx][chirps], backend)
         return
     own = leaves(window, tree[0], sweep, backend)
     send, receive = array_delays(both, [level.mean for level in tree], backend)
@@ -166,7 +162,7 @@ def _sums(
             top = deep[-1].part(number, len(some_tx))
             for chirps in _chirp_blocks(len(position), window):
                 found = _sum_groups(
-                    top, inner, number * len(top), len(some_rx), instants[tx][chirps], window.step_s, sweep, tolerance, backend
+                    top, inner, number * len(top), len(some_rx), instants[tx][chirps], tolerance, backend
                 )  # fmt: skip
                 yield from ((tx, rx, chirps, spectra) for rx, spectra in zip(some_rx, found, strict=True))
 
@@ -224,134 +220,34 @@ class _Spectra:
         out += samples * phase
 
 
-def _sum_echoes(window: Window, position: np.ndarray, sweep: Sweep, backend: Backend) -> _Spectra:
-    """Chirps at `position` [frames after window.start], echo by echo."""
+def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> _Spectra:
+    """Chirps at `instants`, echo by echo."""
+    sweep = instants.sweep
     # An antenna's time slot may come a little after the window's end.
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
     weights = chebyshev(TERMS, sweep.x)
     if not len(echo):
-        return _Spectra(np.zeros((len(position), 0, TERMS), np.complex64), weights, np.zeros(0), sweep.x)
-    buckets = _buckets(
-        window.delay, window.delay_slope, interval, echo, position, ECHO_BUCKET_BINS, sweep, window.step_s
-    )
-    table = phases(window.delay, window.delay_slope, sweep, None, buckets.origin_s, backend)
-    fields = amplitudes(window, sweep, backend)
-    terms = chebyshev_coefficients(
-        buckets.members, table, fields, buckets.centres, position, window.step_s, sweep, backend
-    )
-    return _Spectra(terms.transpose(1, 0, 2), weights, buckets.theta(sweep), sweep.x)
+        return _Spectra(np.zeros((len(instants), 0, TERMS), np.complex64), weights, np.zeros(0), sweep.x)
+    found = buckets((window.delay, window.delay_slope), interval, echo, instants, ECHO_BUCKET_BINS)
+    table = phases(window.delay, window.delay_slope, sweep, None, found.origin_s, backend)
+    terms = chebyshev_coefficients(found, table, amplitudes(window, sweep, backend), instants, backend)
+    return _Spectra(terms.transpose(1, 0, 2), weights, found.theta(sweep), sweep.x)
 
 
 def _sum_groups(
-    top: Level,
-    inner: Factors,
-    first: int,
-    pairs: int,
-    position: np.ndarray,
-    step_s: float,
-    sweep: Sweep,
-    tolerance: float,
-    backend: Backend,
+    top: Level, inner: Factors, first: int, pairs: int, instants: Instants, tolerance: float, backend: Backend
 ) -> list[_Spectra]:
     """The same group by group, for each of the `pairs` of antennas whose groups `top` holds; their factors are those of `inner`
     from `first` on."""
+    sweep = instants.sweep
     interval, group = np.indices((len(top.delay) - 2, len(top))).reshape(2, -1)
     pair = group // (len(top) // pairs)
-    buckets = _buckets(
-        top.delay, top.delay_slope, interval + 1, group, position, BUCKET_BINS, sweep, step_s, apart=pair
-    )
-    table = phases(top.delay, top.delay_slope, sweep, None, buckets.origin_s, backend)
+    found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, BUCKET_BINS, apart=pair)
+    table = phases(top.delay, top.delay_slope, sweep, None, found.origin_s, backend)
     count = bucket_nodes(top.bins, tolerance)
-    fields = at_instants(
-        inner, first, top, buckets.members, table, buckets.centres, position, step_s, count, sweep, backend
-    )
-    theta, weights = buckets.theta(sweep), interpolation(count, sweep.x).T
-    bounds = np.searchsorted(buckets.part, np.arange(pairs + 1))
+    fields = at_instants(inner, first, top, found, table, instants, count, backend)
+    theta, weights = found.theta(sweep), interpolation(count, sweep.x).T
+    bounds = np.searchsorted(found.part, np.arange(pairs + 1))
     ranges = pairwise(bounds.tolist())
     return [_Spectra(fields[:, first:last], weights, theta[first:last], sweep.x) for first, last in ranges]
-
-
-@dataclass(frozen=True, slots=True)
-class _Buckets:
-    """Buckets of fixed delay."""
-
-    origin_s: float
-    """Where they are counted from."""
-    centres: np.ndarray
-    """theta of each bucket's middle, counted from there."""
-    part: np.ndarray
-    """Which part each bucket belongs to, ascending."""
-    members: Members
-    """Which echoes fall into each during which slot, so short that no echo moves by more than a bucket."""
-
-    def theta(self, sweep: Sweep) -> np.ndarray:
-        """Of their carriers, in phase over x, (bucket,)."""
-        return self.origin_s * sweep.theta_per_s + self.centres
-
-
-def _buckets(
-    delay: np.ndarray,
-    delay_slope: np.ndarray,
-    interval: np.ndarray,
-    echo: np.ndarray,
-    position: np.ndarray,
-    width: float,
-    sweep: Sweep,
-    step_s: float,
-    apart: np.ndarray | None = None,
-) -> _Buckets:
-    """Buckets of `width` range bins for (interval, echo); those of different parts `apart` go to different buckets."""
-    # The delay that the beat frequency shows.
-    effective = delay + delay_slope * (sweep.coupling_s / step_s)
-    width_s = width * sweep.bin_s
-    before, after = effective[interval, echo], effective[interval + 1, echo]
-    travel = float(np.abs(after - before).max()) / width_s
-    if travel > MOST_SLOTS:
-        raise InputError(
-            f"an echo's range changes by {travel * width_s * SPEED_OF_LIGHT / 2:.3g} m from one surface frame to the next, "
-            f"{step_s * 1e3:.3g} ms later, and at most {MOST_SLOTS * width_s * SPEED_OF_LIGHT / 2:.3g} m can be followed; remove "
-            "the jump from the target, raise surface_rate_hz, or give echoes of your own in seconds of delay"
-        )
-    slots = max(1, math.ceil(travel))
-    origin_s = float(min(before.min(), after.min())) - width_s
-    parts = []
-    for slot, (here, some) in enumerate(_occupied(interval, position, slots, len(delay) - 1)):
-        place = before[some] + (slot + 0.5) / slots * (after[some] - before[some])
-        parts.append((((place - origin_s) / width_s).astype(np.int64), here * slots + slot, some))
-    bucket = np.concatenate([each for each, _, _ in parts])
-    which = np.concatenate([np.broadcast_to(np.arange(len(echo))[some], len(each)) for each, _, some in parts])
-    span = int(bucket.max()) + 1
-    if apart is not None:
-        bucket += span * apart[which]
-    occupied, rank = _ranked(bucket)
-    members = Members.of(
-        np.concatenate([number for _, number, _ in parts]), rank, echo[which],
-        shape=((len(delay) - 1) * slots, len(occupied)), per=slots, size=delay.shape[1],
-    )  # fmt: skip
-    return _Buckets(origin_s, (occupied % span + 0.5) * width * math.pi, occupied // span, members)
-
-
-def _occupied(
-    interval: np.ndarray, position: np.ndarray, slots: int, intervals: int
-) -> Iterator[tuple[np.ndarray, np.ndarray | slice]]:
-    """For each slot of an interval, the pairs (interval, echo) that need a bucket in it: their intervals, and their indices.
-
-    Where there are many slots most hold no chirp, and the pairs in those are left out.
-    """
-    used = np.zeros(intervals * slots, bool)
-    used[np.clip(np.floor((position + 1) * slots).astype(np.int64), 0, intervals * slots - 1)] = True
-    if slots <= MANY_SLOTS or not used.reshape(-1, slots)[interval].any():
-        yield from ((interval, slice(None)) for _ in range(slots))
-        return
-    for slot in range(slots):
-        some = np.flatnonzero(used[interval * slots + slot])
-        yield interval[some], some
-
-
-def _ranked(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different numbers, all 0 or more, ascending, and the place of each given one among them."""
-    present = np.flatnonzero(np.bincount(numbers))
-    rank = np.zeros(present[-1] + 1, np.int64)
-    rank[present] = np.arange(len(present))
-    return present, rank[numbers]

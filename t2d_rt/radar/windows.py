@@ -36,7 +36,7 @@ class ApparentPositions:
     """How that changes [m per frame]."""
 
     def mean(self, mean: Any) -> ApparentPositions:
-        """Of groups: `mean` is sparse, (L, K)."""
+        """Mean positions of groups; `mean` is sparse, (L, K)."""
         points, steps = (
             (values.reshape(-1, values.shape[-1]) @ mean).reshape(*values.shape[:2], -1)
             for values in (self.points_m, self.steps_m)

@@ -1,5 +1,4 @@
-"""From ADC samples to range profiles, spectrograms and range-Doppler maps; simulated and recorded cubes go the same
-way.
+"""From ADC samples to range profiles, spectrograms and range-Doppler maps, of simulated and measured cubes alike.
 
 Cubes are (chirp, antenna, sample), or (chirp, sample) for one antenna. Levels are calibrated: a steady target of power
 P reads P in its peak cell.
@@ -14,7 +13,7 @@ from t2d_rt.signal.multiplex import separate_ddm
 from t2d_rt.signal.points import point_cloud
 from t2d_rt.signal.range import gate, range_fft, range_profile, taper
 from t2d_rt.signal.range_time import coherent_interval, range_time
-from t2d_rt.signal.recording import load_recording
+from t2d_rt.signal.recording import load_cube
 
 __all__ = [
     "ArraySpectrum",
@@ -29,7 +28,7 @@ __all__ = [
     "cfar_factor",
     "coherent_interval",
     "gate",
-    "load_recording",
+    "load_cube",
     "mti",
     "point_cloud",
     "range_angle",

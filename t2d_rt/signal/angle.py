@@ -29,11 +29,12 @@ def array_spectrum(
     mti: str = "none",
     compensate_tdm: bool = True,
 ) -> ArraySpectrum:
-    """Range-Doppler spectrum of every virtual antenna, all chirps of the cube as one coherent interval.
+    """Range-Doppler spectrum of every virtual antenna; all chirps of the cube form one coherent interval.
 
-    A steady target of power P reads |X|^2 = P in its peak cell. `mti="mean"` removes static echoes.
-    `compensate_tdm` takes back the phase that a mover gathers until the time slot of transmitter m, 2 pi f_D m / PRF,
-    with the Doppler frequency of each row (physics.md, eq. 18); right for all speeds within `radar.max_speed_mps`.
+    A target of constant power P and speed reads |X|^2 = P in its peak cell. `mti="mean"` removes static echoes.
+    With TDM, transmitter m sends m / PRF after the first, and by then the phase of a moving target has advanced by
+    2 pi f_D m / PRF; `compensate_tdm` subtracts this, f_D being the Doppler frequency of each row (physics.md, eq. 18).
+    It is exact for speeds within `radar.max_speed_mps`.
     """
     from scipy import fft
 
@@ -69,10 +70,10 @@ def unit_vectors(azimuth_rad: np.ndarray | float, elevation_rad: np.ndarray | fl
 
 
 def steering_vectors(radar: Radar, directions: np.ndarray, range_m: np.ndarray | float | None = None) -> np.ndarray:
-    """IF phase factors of a point on every virtual antenna against the radar's position, complex (..., M N) (eq. 18).
+    """IF phase factors of a point at every virtual antenna relative to the radar's position, complex (..., M N) (eq. 18).
 
-    Exact for a point at `range_m` in each of `directions` (..., 3), of the radar's frame; without a range for one far
-    away. A point of amplitude A gives A times these on the antennas.
+    Exact for a point at `range_m` in each of `directions` (..., 3) in the radar's frame; without a range, for a point in
+    the far field. A point of amplitude A is recorded as A times these factors.
     """
     instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
     directions = array("directions", directions, limit=2)
@@ -149,13 +150,13 @@ def range_angle(
 
 
 def beam_step(radar: Radar, axis: int, most: float) -> float:
-    """A fourth of the beam's half width lambda / (2 L) in direction cosine along y (1) or z (2), `most` at most."""
+    """A quarter of the beam's half width lambda / (2 L) in direction cosine along y (1) or z (2), but at most `most`."""
     extent = float(np.ptp(radar.virtual_offsets_m[:, axis]))
     return min(most, radar.wavelength_m / (8 * extent)) if extent else most
 
 
 def check_static(mti: str) -> None:
-    """Refuses the filters that change a mover's level or need a cut-off."""
+    """Refuses filters that change the level of moving targets or need a cut-off."""
     choice("mti of an array's spectrum", mti, ("none", "mean"))
 
 

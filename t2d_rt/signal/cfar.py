@@ -137,7 +137,7 @@ def _os_log_rate(correlation: np.ndarray, looks: int) -> Callable[[float], float
 
 
 def check_rate(false_alarm_rate: float) -> float:
-    """Refuses what is no rate, or one beyond what a threshold can be computed for."""
+    """Refuses what is no false-alarm rate, and rates for which no threshold can be computed."""
     return number("false_alarm_rate", false_alarm_rate, 1e-12, 0.5, hint="1e-4 is usual")
 
 

@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,40 @@ PIECE = 8192
 """Chirps of a long record that are worked on at once; of several antennas fewer."""
 CELLS = 256
 """Range cells that go through the STFT at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mti:
+    """A filter against static echoes: its method and, where the method has them, its cut-off and its kernel."""
+
+    method: str
+    cutoff_mps: float
+    """Speed below which "highpass" filters [m/s]."""
+    kernel: Sequence[float]
+    """Weights of the chirps that "canceller" adds up."""
+
+    @classmethod
+    def of(cls, method: str | None, cutoff_mps: float, kernel: Sequence[float]) -> Mti:
+        """From the options of a call; no method is "none"."""
+        return cls(choice("MTI method", "none" if method is None else method, METHODS), cutoff_mps, kernel)
+
+    def filter(self, cells: np.ndarray, radar: Radar) -> np.ndarray:
+        """Cells (chirp, ...) of a whole record, not filtered across the dead time between bursts; the mean is the record's."""
+        cutoff_mps = number("cutoff_mps", self.cutoff_mps, unit="m/s")
+        if self.method == "highpass" and not 0 < cutoff_mps < radar.max_speed_mps:
+            raise InputError(f"cutoff_mps must lie between 0 and {radar.max_speed_mps:.4g} m/s, got {cutoff_mps}")
+        cutoff_hz = 2 * cutoff_mps / radar.wavelength_m
+        burst = radar.loops_per_frame or len(cells)
+        if self.method in ("none", "mean") or burst >= len(cells):
+            prf_hz = 1 / radar.loop_interval_s
+            return mti_filter(cells, self.method, prf_hz=prf_hz, cutoff_hz=cutoff_hz, kernel=self.kernel)
+        if self.method == "highpass":
+            raise InputError(
+                f"mti='highpass' needs evenly spaced chirps, got bursts of {burst}; use mti='mean' or a radar with "
+                "continuous chirps"
+            )
+        parts = (cells[start : start + burst] for start in range(0, len(cells), burst))
+        return np.concatenate([mti_filter(part, self.method, kernel=self.kernel) for part in parts])
 
 
 def stft(
@@ -80,21 +115,26 @@ def spectrogram(
 ) -> Spectrogram:
     """Micro-Doppler spectrogram of a cube (chirp, antenna, sample).
 
-    Range FFT, MTI (see `mti`; None is "none"; `cutoff_mps` for "highpass", `kernel` for "canceller"), STFT per range bin, and the
-    bins within `range_gate_m` (nearest, farthest; all by default) combined:
+    Range FFT, MTI, STFT per range bin, and the bins combined. With "tdm" and "ddm" chirps are loops of the transmitters, which are
+    taken apart first. Windows stay inside a burst.
 
-    - "noncoherent": powers added and divided by the range window's noise bandwidth, so that a target of power P reads P
-      in its peak cell wherever it stands between bins. Antennas are averaged.
-    - "coherent": complex bins added before the STFT, as Text2Doppler's code does (without a range window:
-      `range_window="boxcar"`). Bins next to each other alternate in sign, so the level is not calibrated; the sum over
-      *all* bins is the chirp's first sample, which a tapered window sets to zero: give a gate.
-
-    The window is 256 chirps with an overlap of 200, with "tdm" and "ddm" counted in loops of the transmitters, which
-    are taken apart first. Bursts: windows stay inside a burst, by default one window per
-    burst.
+    range_window: window over the samples of a chirp.
+    range_gate_m: nearest and farthest range that is used [m], such as [1, 5]; all ranges by default.
+    mti: filter that removes static echoes: none, mean, highpass or canceller; by default none, with clutter mean.
+    cutoff_mps: speed below which mti highpass filters [m/s].
+    kernel: weights of the chirps that mti canceller adds up.
+    combine: how range bins are combined. "noncoherent": powers are added and divided by the range window's noise bandwidth, so that
+        a target of power P reads P in its peak cell wherever it lies between bins; antennas are averaged. "coherent": complex bins
+        are added before the STFT, as Text2Doppler's code does (with range_window boxcar). Neighbouring bins alternate in sign, so
+        the level is not calibrated; and the sum over all bins is the chirp's first sample, which a tapered window sets to zero, so
+        a range gate is needed.
+    window: window over the chirps of a column.
+    n_window: number of chirps in a column; 256 by default, with bursts at most one burst.
+    overlap: number of chirps that neighbouring columns have in common; 200 of 256 by default.
+    n_fft: number of Doppler bins; n_window by default.
     """
     check_recording(adc, radar)
-    choice("MTI method", "none" if mti is None else mti, METHODS)
+    clutter_filter = Mti.of(mti, cutoff_mps, kernel)
     adc, radar = separated(adc, radar)
     bins = gate(radar.range_axis_m(), range_gate_m)
     fast = taper(range_window, radar.samples)
@@ -116,9 +156,7 @@ def spectrogram(
             return part * (fast * np.sqrt(radar.samples)).astype(part.real.dtype)
         return range_fft(part, window=range_window, bins=bins)
 
-    for first, windows, cells in filtered(
-        adc, radar, burst, starts, n_window, cells_of, "none" if mti is None else mti, cutoff_mps, kernel
-    ):
+    for first, windows, cells in filtered(adc, radar, starts, n_window, cells_of, clutter_filter):
         if combine == "coherent":
             cells = cells.sum(axis=-1, keepdims=True)
         powers.append(_summed_power(cells.reshape(len(cells), -1), windows - first, slow, n_fft))
@@ -228,21 +266,19 @@ def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
 
 
 def filtered(
-    adc: Any, radar: Radar, burst: int, starts: np.ndarray, n_window: int, cells_of: Callable[[Any], np.ndarray], mti: str,
-    cutoff_mps: float, kernel: Sequence[float],
-) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:  # fmt: skip
+    adc: Any, radar: Radar, starts: np.ndarray, n_window: int, cells_of: Callable[[Any], np.ndarray], mti: Mti
+) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Cells after MTI piece by piece: the first chirp of each piece, the starts of the windows in it, and its cells.
 
     Only "highpass" and "canceller" hold the whole record in memory.
     """
     piece = max(PIECE // (1 if adc.ndim == 2 else adc.shape[1]), 8 * n_window)
-    if adc.shape[0] <= piece or mti not in ("none", "mean"):
-        cells = cells_of(adc)
-        yield 0, starts, _filter_bursts(cells, burst, mti, radar, cutoff_mps, kernel)
+    if adc.shape[0] <= piece or mti.method not in ("none", "mean"):
+        yield 0, starts, mti.filter(cells_of(adc), radar)
         return
     # The mean of the cells is the cells of the mean chirp.
     steady = None
-    if mti == "mean":
+    if mti.method == "mean":
         chirp = np.zeros((1, *adc.shape[1:]), np.complex128)
         for start in range(0, adc.shape[0], piece):
             chirp += np.sum(adc[start : start + piece], axis=0, dtype=np.complex128) / adc.shape[0]
@@ -262,25 +298,6 @@ def filtered(
             if following is not None:
                 coming = pool.submit(moving, following)
             yield int(windows[0]), windows, cells
-
-
-def _filter_bursts(
-    cells: np.ndarray, burst: int, method: str, radar: Radar, cutoff_mps: float, kernel: Sequence[float]
-) -> np.ndarray:
-    """MTI that does not filter across the dead time between bursts; the mean is that of the whole record."""
-    cutoff_mps = number("cutoff_mps", cutoff_mps, unit="m/s")
-    if method == "highpass" and not 0 < cutoff_mps < radar.max_speed_mps:
-        raise InputError(f"cutoff_mps must lie between 0 and {radar.max_speed_mps:.4g} m/s, got {cutoff_mps}")
-    cutoff_hz = 2 * cutoff_mps / radar.wavelength_m
-    if method in ("none", "mean") or burst >= len(cells):
-        return mti_filter(cells, method, prf_hz=1 / radar.loop_interval_s, cutoff_hz=cutoff_hz, kernel=kernel)
-    if method == "highpass":
-        raise InputError(
-            f"mti='highpass' needs evenly spaced chirps, got bursts of {burst}; use mti='mean' or a radar with "
-            "continuous chirps"
-        )
-    parts = [mti_filter(cells[start : start + burst], method, kernel=kernel) for start in range(0, len(cells), burst)]
-    return np.concatenate(parts)
 
 
 def checked_windows(
@@ -324,7 +341,7 @@ def window_starts(chirps: int, burst: int, n_window: int, hop: int) -> np.ndarra
 
 
 def check_window(n_window: int, overlap: int, n_fft: int | None, chirps: int) -> int:
-    """The FFT length, after a look at the others."""
+    """The FFT length, once window and overlap have been checked."""
     integer("n_window", n_window), integer("overlap", overlap)
     if not 2 <= n_window <= chirps:
         raise InputError(f"n_window must lie in 2..{chirps} (the chirps there are), got {n_window}")

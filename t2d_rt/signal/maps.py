@@ -87,7 +87,7 @@ class PointCloud:
     speed_mps: np.ndarray
     """Positive = approaching."""
     snr_db: np.ndarray
-    """Power of the peak cell, mean over the antennas, against the noise level around it."""
+    """Power of the peak cell, mean over the antennas, relative to the noise level in the cells near it."""
 
     @property
     def xyz_m(self) -> np.ndarray:
@@ -101,3 +101,8 @@ class PointCloud:
             ],
             axis=-1,
         )
+
+
+def decibel(power: np.ndarray) -> np.ndarray:
+    """Power [dB re 1 W]; silence reads -300 dB, far below thermal noise in any bin."""
+    return np.asarray(10 * np.log10(np.maximum(power, 1e-30)))

@@ -127,7 +127,7 @@ def check_size(size_bytes: int, what: str, remedy: str) -> None:
 
 
 def check_cube(adc: Any, radar: Radar | None = None) -> int:
-    """Samples per chirp of a cube, after a look at its shape."""
+    """Samples per chirp of a cube, once its shape has been checked."""
     if not all(hasattr(adc, name) for name in ("ndim", "shape", "dtype")):
         raise InputError(f"adc must be an array (chirp, antenna, sample), got {shown(adc)}")
     if isinstance(adc, np.ma.MaskedArray):

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import choice, integer, number
+from t2d_rt.checks import integer, number
 from t2d_rt.errors import InputError
-from t2d_rt.signal.doppler import checked_windows, filtered, window_starts
+from t2d_rt.signal.doppler import Mti, checked_windows, filtered, window_starts
 from t2d_rt.signal.maps import RangeTime
-from t2d_rt.signal.mti import METHODS, PAPER_KERNEL
+from t2d_rt.signal.mti import PAPER_KERNEL
 from t2d_rt.signal.multiplex import separated
 from t2d_rt.signal.range import check_finite, check_recording, range_fft
 from t2d_rt.types.radar import Radar
@@ -35,7 +35,7 @@ def range_time(
     bin.
     """
     check_recording(adc, radar)
-    method = choice("MTI method", "none" if mti is None else mti, METHODS)
+    clutter_filter = Mti.of(mti, cutoff_mps, kernel)
     adc, radar = separated(adc, radar)
     n_window, overlap, _ = checked_windows(radar, adc.shape[0], n_window, overlap, None)
     starts = window_starts(adc.shape[0], radar.loops_per_frame or adc.shape[0], n_window, n_window - overlap)
@@ -44,9 +44,7 @@ def range_time(
     def cells_of(part: Any) -> np.ndarray:
         return range_fft(part, window=range_window)
 
-    for first, windows, cells in filtered(
-        adc, radar, radar.loops_per_frame or adc.shape[0], starts, n_window, cells_of, method, cutoff_mps, kernel
-    ):
+    for first, windows, cells in filtered(adc, radar, starts, n_window, cells_of, clutter_filter):
         power = cells.real**2 + cells.imag**2
         power = power if power.ndim == 2 else power.mean(axis=1)
         columns += [power[start : start + n_window].mean(axis=0) for start in windows - first]
@@ -66,7 +64,7 @@ def coherent_interval(
     cutoff_mps: float = 0.1,
     kernel: Sequence[float] = PAPER_KERNEL,
 ) -> tuple[np.ndarray, Radar, float]:
-    """Rows of the cube around a time, for `range_doppler`: their samples after MTI over the record, their radar (its transmitters
+    """Rows of the cube centred on a time, for `range_doppler`: their samples after MTI over the record, their radar (transmitters
     taken apart), and the middle of the interval [s].
 
     time_s: middle of the interval; that of the record by default. Towards its ends, and those of a burst, the interval is moved
@@ -74,7 +72,7 @@ def coherent_interval(
     chirps: rows; by default those of a window of `spectrogram`.
     """
     check_recording(adc, radar)
-    method = choice("MTI method", "none" if mti is None else mti, METHODS)
+    clutter_filter = Mti.of(mti, cutoff_mps, kernel)
     adc, radar = separated(adc, radar)
     rows = adc.shape[0]
     starts_s = radar.chirp_starts_s(rows)
@@ -97,7 +95,7 @@ def coherent_interval(
     start = int(np.clip(nearest - chirps // 2, low, high))
     window = np.array([start])
     # Copies: MTI subtracts in place.
-    _, _, part = next(filtered(adc, radar, burst, window, chirps, np.array, method, cutoff_mps, kernel))
+    _, _, part = next(filtered(adc, radar, window, chirps, np.array, clutter_filter))
     offset = start if len(part) == rows else 0
     middle_s = float(starts_s[start]) + chirps / 2 * radar.loop_interval_s
     return part[offset : offset + chirps], radar, middle_s

@@ -1,4 +1,4 @@
-"""Recorded ADC frames."""
+"""Measured ADC samples."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.files import regular_file
 
 
-def load_recording(path: str | Path) -> np.ndarray:
+def load_cube(path: str | Path) -> np.ndarray:
     """ADC cube, complex64 (chirp, antenna, sample), from a .npy file of (chirp, sample) or (chirp, antenna, sample).
 
     Raw 16-bit words that were stored as unsigned numbers (0..65535, as OpenRadar does) are turned back into signed

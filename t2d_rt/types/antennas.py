@@ -15,6 +15,11 @@ from pydantic import Field, model_validator
 from t2d_rt.errors import InputError
 from t2d_rt.types.fields import Decibel, Fields, Number
 
+ONE_VIEW_M = 0.01
+"""Where transmitters and receivers are closer together than this [m], visibility is sampled from the midpoint between them. At 77
+GHz that costs 0.01 rad within a patch of 2 cm at 0.3 m, and falls with the square of the range; the vertices at which visibility is
+sampled are farther apart."""
+
 
 class Isotropic(Fields):
     """The same gain in all directions, behind too."""
@@ -87,7 +92,7 @@ class Tabulated(Fields):
         if len(self.gain_db) != rows or any(len(row) != columns for row in self.gain_db):
             raise InputError(
                 f"gain_db must have {rows} rows (azimuth) of {columns} numbers (elevation), got {len(self.gain_db)} rows "
-                f"of {sorted({len(row) for row in self.gain_db})}; transpose it if it is the other way round"
+                f"of {sorted({len(row) for row in self.gain_db})}; transpose it if its axes are swapped"
             )
         peak = max(max(row) for row in self.gain_db)
         if peak > 1e-9:
@@ -113,7 +118,7 @@ Pattern = Annotated[Isotropic | CosinePower | Tabulated, Field(discriminator="ki
 
 
 def polarization_product(departure: np.ndarray, arrival: np.ndarray, tx_rad: float, rx_rad: float) -> np.ndarray:
-    """Share of the field that a co-polar scatterer brings from one linear polarisation to the other, -1..1 (...).
+    """Fraction of the field that a co-polar scatterer brings from one linear polarisation to the other, -1..1 (...).
 
     0 is vertical, pi/2 horizontal (to the left). Both unit vectors are made transverse to the bisector of the two
     rays, which is the normal of a surface that reflects from one to the other.
@@ -141,5 +146,10 @@ def _cell(name: str, values_deg: np.ndarray, axis_deg: tuple[float, ...]) -> tup
         )
     axis = np.asarray(axis_deg)
     index = np.clip(np.searchsorted(axis, values_deg, side="right") - 1, 0, len(axis) - 2)
-    share = (values_deg - axis[index]) / (axis[index + 1] - axis[index])
-    return index, np.clip(share, 0, 1)
+    fraction = (values_deg - axis[index]) / (axis[index + 1] - axis[index])
+    return index, np.clip(fraction, 0, 1)
+
+
+def one_view(tx_m: np.ndarray, rx_m: np.ndarray) -> list[np.ndarray]:
+    """Both positions, or the midpoint between them where they are within `ONE_VIEW_M`."""
+    return [tx_m, rx_m] if np.linalg.norm(tx_m - rx_m) > ONE_VIEW_M else [(tx_m + rx_m) / 2]

@@ -1,4 +1,4 @@
-"""What models that people write down as YAML share: kinds of numbers, and errors in one sentence."""
+"""Common parts of the models that people write as YAML: kinds of numbers, and errors in one sentence."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ class Material:
     conductivity_s_per_m: float = 0.0
     """Conductivity at the carrier, all losses included."""
     scattering_coefficient: float = 0.0
-    """S of the effective-roughness model (Degli-Esposti 2007): a share S^2 of the reflected power is scattered diffusely."""
+    """S of the effective-roughness model (Degli-Esposti 2007): a fraction S^2 of the reflected power is scattered diffusely."""
 
     def __post_init__(self) -> None:
         text("name of a material", self.name)

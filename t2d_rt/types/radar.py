@@ -8,26 +8,25 @@ speed.
 from __future__ import annotations
 
 import math
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from t2d_rt.checks import file_path, integer, number, numeric, positive, shown, unknown_name
+from t2d_rt.checks import file_path, integer, number, numeric, positive, shown
 from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
-from t2d_rt.files import read_yaml
+from t2d_rt.store import replacing
 from t2d_rt.tables import html_table
-from t2d_rt.types.antennas import Isotropic, Pattern, polarization_product
+from t2d_rt.types.antennas import Isotropic, Pattern, one_view, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
+from t2d_rt.types.presets import preset_path, read_radar
+from t2d_rt.types.radar_text import described, one_line
+from t2d_rt.types.timing import check_timing, chirp_starts, chirp_times
 
-MOST_CHIRPS, MOST_BINS = 10**8, 2**26
-"""Of a record (three hours of `table2`), and of an axis: their numbers must fit memory."""
-ONE_VIEW_M = 0.01
-"""Transmitters and receivers less far apart see a target as from the middle between them. At 77 GHz that costs 0.01 rad within a
-patch of 2 cm at 0.3 m, and falls with the square of the range; shadows are traced at vertices farther apart than that."""
+MOST_BINS = 2**26
+"""Of an axis, which must fit memory."""
 
 
 class Radar(Fields):
@@ -53,9 +52,9 @@ class Radar(Fields):
     prf_hz: Annotated[Number, Field(ge=1e-3, le=1e8)]
     """Chirps per second, of all transmitters together [Hz]; with bursts the rate inside a burst."""
     chirps_per_frame: Annotated[Count, Field(ge=1, le=1_000_000)] | None = None
-    """Number of chirps in one burst, of all transmitters together; None for continuous chirps."""
+    """Number of chirps in one burst, of all transmitters together; left out for continuous chirps."""
     frame_interval_s: Annotated[Number, Field(gt=0, le=1e6)] | None = None
-    """Time from the start of one burst to the start of the next [s]; None for continuous chirps."""
+    """Time from the start of one burst to the start of the next [s]; left out for continuous chirps."""
     tx_power_dbm: Decibel = 12.0
     """Power that each transmitter feeds into its antenna [dBm]."""
     tx_gain_dbi: Decibel = 9.0
@@ -67,19 +66,20 @@ class Radar(Fields):
     if_gain_db: Decibel = 0.0
     """Gain from the receive antenna to the ADC [dB]."""
     position_m: Vector = (0.0, 0.0, 1.0)
-    """Place of the radar in the world, x, y and z (up) [m]."""
+    """Position of the radar in the world, x, y and z (up) [m]."""
     boresight: Vector = (1.0, 0.0, 0.0)
-    """Direction in the world that the radar looks in, x, y and z (up), of any length."""
+    """Direction in the world in which the antennas point, x, y and z (up); a vector of any length."""
     tx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
-    """Places of the M transmitters from `position_m` in the radar's frame [m]: x boresight, y left, z up; one x, y, z will do."""
+    """Positions of the M transmitters in the radar's frame, from `position_m` [m]: x boresight, y left, z up; one will do."""
     rx_offsets_m: Vectors = ((0.0, 0.0, 0.0),)
-    """Places of the N receivers from `position_m` in the radar's frame [m]: x boresight, y left, z up; one x, y, z will do."""
+    """Positions of the N receivers in the radar's frame, from `position_m` [m]: x boresight, y left, z up; one will do."""
     multiplexing: Literal["simultaneous", "tdm", "ddm"] = "simultaneous"
     """How transmitters share the chirps; virtual antenna a = tx * N + rx is one pair.
 
-    "simultaneous": every pair on each chirp, an ideal device. "tdm": transmitter m sends chirps m, m + M, ...; a row of
-    the cube is a loop of M chirps. "ddm": all at once, the phase of transmitter m advanced by 2 pi m k / M on chirp k;
-    a row is a chirp, its antennas are the receivers, and `signal.separate_ddm` takes the transmitters apart.
+    "simultaneous": every pair is recorded on each chirp, as by an ideal device. "tdm": transmitter m sends chirps m, m + M, ...; a
+    row of the cube is a loop of M chirps. "ddm": all transmitters send on each chirp, the phase of transmitter m advanced by
+    2 pi m k / M on chirp k; a row of the cube is a chirp, its antennas are the receivers, and `signal.separate_ddm` separates the
+    transmitters.
     """
     tx_pattern: Pattern = Isotropic()
     """Gain of the transmit antennas over direction, relative to their peak `tx_gain_dbi`."""
@@ -92,86 +92,49 @@ class Radar(Fields):
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
-        interval = 1 / self.prf_hz
-        if self.sweep_time_s > interval * (1 + 1e-9):
-            raise InputError(
-                f"sampling window of {self.sweep_time_s * 1e6:.6g} us ({self.samples} samples at "
-                f"{self.sample_rate_hz:.6g} Hz) is longer than the chirp interval of {interval * 1e6:.6g} us; "
-                f"lower prf_hz to {math.floor(1 / self.sweep_time_s * 1e3) / 1e3:.10g} or take fewer samples"
-            )
-        if (self.chirps_per_frame is None) != (self.frame_interval_s is None):
-            raise InputError(
-                f"bursts need both chirps_per_frame and frame_interval_s, got {self.chirps_per_frame} and "
-                f"{self.frame_interval_s}; give both, or neither for continuous chirps"
-            )
-        if self.chirps_per_frame is not None and self.frame_interval_s is not None:
-            burst = self.chirps_per_frame * interval
-            if burst > self.frame_interval_s * (1 + 1e-9):
-                raise InputError(
-                    f"burst of {self.chirps_per_frame} chirps lasts {burst * 1e3:.6g} ms, longer than its frame of "
-                    f"{self.frame_interval_s * 1e3:.6g} ms; raise frame_interval_s or prf_hz, or take fewer chirps"
-                )
-            if self.chirps_per_frame % self._turns:
-                raise InputError(
-                    f"bursts of {self.chirps_per_frame} chirps do not give {self._turns} transmitters equal turns; set "
-                    f"chirps_per_frame to a multiple of {self._turns}"
-                )
+        check_timing(self)
         if math.hypot(*self.boresight) < 1e-9:
-            raise InputError(f"boresight must be a direction, got {self.boresight}; (1, 0, 0) looks along x")
+            raise InputError(f"boresight must be a direction, got {self.boresight}; (1, 0, 0) points along x")
         return self
 
     def __repr__(self) -> str:
-        antennas = f"{len(self.tx_offsets_m)} x {len(self.rx_offsets_m)} antennas"
-        return (
-            f"Radar({self.carrier_hz / 1e9:.4g} GHz, sweep {self.bandwidth_hz / 1e9:.3g} GHz in {self.samples} samples, PRF "
-            f"{self.prf_hz / 1e3:.4g} kHz, {antennas}, range bin {100 * self.range_resolution_m:.3g} cm up to "
-            f"{self.max_range_m:.3g} m, +-{self.max_speed_mps:.3g} m/s)"
-        )
+        return one_line(self)
+
+    def __str__(self) -> str:
+        return one_line(self)
 
     def _repr_html_(self) -> str:
-        place, ahead = (", ".join(f"{x:.3g}" for x in vector) for vector in (self.position_m, self.boresight))
-        chirps = "continuous chirps"
-        if self.chirps_per_frame is not None and self.frame_interval_s is not None:
-            chirps = f"bursts of {self.chirps_per_frame} chirps every {1e3 * self.frame_interval_s:.4g} ms"
-        rows = [
-            ("carrier, mid-sweep", f"{self.carrier_hz / 1e9:.4f} GHz, {self.mid_frequency_hz / 1e9:.4f} GHz"),
-            ("bandwidth", f"{self.bandwidth_hz / 1e9:.4f} GHz"),
-            ("samples", f"{self.samples} at {self.sample_rate_hz / 1e6:.4g} MHz, {self.sweep_time_s * 1e6:.4g} us"),
-            ("range bin, farthest range", f"{100 * self.range_resolution_m:.2f} cm, {self.max_range_m:.2f} m"),
-            ("PRF", f"{self.prf_hz:.6g} Hz, {chirps}"),
-            ("unambiguous speed", f"+-{self.max_speed_mps:.2f} m/s"),
-            ("antennas", f"{len(self.tx_offsets_m)} x {len(self.rx_offsets_m)} (tx x rx), {self.multiplexing}"),
-            ("power, gains", f"{self.tx_power_dbm:g} dBm, {self.tx_gain_dbi:g} and {self.rx_gain_dbi:g} dBi"),
-            ("place, boresight", f"({place}) m, ({ahead})"),
-        ]
-        return html_table("Radar", rows)
+        return html_table("Radar", described(self))
 
     # --- reading, writing, changing ---
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> Radar:
         """A radar by name, e.g. "table2"; '-' and '_' are the same. `changes` override its fields."""
-        return cls(**{**_read_yaml(preset_path(name)), **changes})
+        return cls(**{**read_radar(preset_path(name)), **changes})
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Radar:
         """Read a radar from a YAML file of field names and values."""
-        values = _read_yaml(path)
+        values = read_radar(path)
         try:
             return cls(**values)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
     def to_yaml(self, path: str | Path) -> None:
-        """Write all fields to a YAML file that `from_yaml` reads back exactly."""
+        """Write all fields to a YAML file that `from_yaml` reads back exactly; it is written whole or not at all."""
         import yaml
 
-        path = file_path("path", path)
-        text = yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
-        try:
-            path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"cannot write {path}: {error.strerror}; choose a writable place") from None
+        target = file_path("path", path).resolve()
+
+        def check() -> None:
+            if target.is_dir():
+                raise InputError(f"cannot write {target}: it is a folder; choose the name of a file")
+
+        check()
+        with replacing(target, check) as new:
+            new.write_text(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
 
     def replace(self, **changes: Any) -> Radar:
         """A copy with some fields changed, checked like a new one."""
@@ -200,8 +163,8 @@ class Radar(Fields):
         return None if self.chirps_per_frame is None else self.chirps_per_frame // self.loop_chirps
 
     @property
-    def _turns(self) -> int:
-        """Transmitters that share the chirps, in time or in Doppler."""
+    def sharing_transmitters(self) -> int:
+        """Transmitters that share the chirps, in time (TDM) or in Doppler (DDM); 1 where all send on each chirp alone."""
         return 1 if self.multiplexing == "simultaneous" else len(self.tx_offsets_m)
 
     @property
@@ -226,7 +189,7 @@ class Radar(Fields):
 
     @property
     def wavelength_m(self) -> float:
-        """Wavelength at mid-sweep [m]: the one that turns Doppler frequency into speed."""
+        """Wavelength at mid-sweep [m], by which Doppler frequency is converted to speed."""
         return SPEED_OF_LIGHT / self.mid_frequency_hz
 
     @property
@@ -248,8 +211,8 @@ class Radar(Fields):
 
     @property
     def max_speed_mps(self) -> float:
-        """Unambiguous speed lambda PRF / 4 [m/s], either way; 1/M of that where M transmitters share the chirps."""
-        return self.wavelength_m * self.prf_hz / (4 * self._turns)
+        """Unambiguous speed lambda PRF / 4 [m/s], approaching or receding; 1/M of that where M transmitters share the chirps."""
+        return self.wavelength_m * self.prf_hz / (4 * self.sharing_transmitters)
 
     def speed_resolution_mps(self, duration_s: float) -> float:
         """Speed bin lambda/(2 T) of a coherent interval of T = `duration_s` [m/s]."""
@@ -257,7 +220,7 @@ class Radar(Fields):
         return self.wavelength_m / (2 * duration_s)
 
     def beat_frequency_hz(self, range_m: float | np.ndarray) -> float | np.ndarray:
-        """Beat frequency 2 S R / c of a still target [Hz]."""
+        """Beat frequency 2 S R / c of a static target [Hz]."""
         numeric("range_m", range_m)
         return 2 * self.slope_hz_per_s * range_m / SPEED_OF_LIGHT
 
@@ -285,27 +248,12 @@ class Radar(Fields):
 
     def chirp_starts_s(self, chirps: int) -> np.ndarray:
         """First ADC samples of the first `chirps` rows of the cube [s], (chirps,): with "tdm", of loops."""
-        chirp = np.arange(integer("chirps", chirps, 0, MOST_CHIRPS, hint="cut the record"))
-        if self.loops_per_frame is None or self.frame_interval_s is None:
-            return chirp * self.loop_chirps / self.prf_hz
-        frame, within = np.divmod(chirp, self.loops_per_frame)
-        return frame * self.frame_interval_s + within * self.loop_chirps / self.prf_hz
+        return chirp_starts(self, chirps)
 
     def chirp_times_s(self, duration_s: float) -> np.ndarray:
         """First ADC samples of all rows of the cube whose samples lie within `duration_s` [s], (chirps,); whole loops
         of the transmitters, and of bursts the whole ones."""
-        duration_s = positive("duration_s", duration_s, unit="s")
-        window = (self.samples - 1) / self.sample_rate_hz
-        if self.chirps_per_frame is None or self.frame_interval_s is None:
-            name, group, period = "chirp" if self._turns == 1 else "loop", self._turns, self._turns / self.prf_hz
-        else:
-            name, group, period = "burst", self.chirps_per_frame, self.frame_interval_s
-        last = window + (group - 1) * self.chirp_interval_s  # last sample of a group, from its start
-        # The slack keeps a chirp that ends with the record on paper but not in the last digit.
-        groups = math.floor((duration_s - last) / period + 1e-9) + 1
-        if groups < 1:
-            raise InputError(f"duration of {duration_s:.6g} s holds no whole {name}; it must be at least {last:.6g} s")
-        return self.chirp_starts_s(groups * group // self.loop_chirps)
+        return chirp_times(self, duration_s)
 
     # --- link budget ---
 
@@ -340,7 +288,7 @@ class Radar(Fields):
         """Unit vectors boresight, left, up of the radar in the world, rows of (3, 3)."""
         forward = np.array(self.boresight) / np.linalg.norm(self.boresight)
         left = np.cross((0.0, 0.0, 1.0), forward)
-        if np.linalg.norm(left) < 1e-9:  # looks straight up or down: left is the world's y
+        if np.linalg.norm(left) < 1e-9:  # straight up or down: left is the world's y
             left = np.array((0.0, 1.0, 0.0))
         left /= np.linalg.norm(left)
         return np.stack([forward, left, np.cross(forward, left)])
@@ -367,8 +315,8 @@ class Radar(Fields):
 
     @property
     def views_m(self) -> list[np.ndarray]:
-        """Places in the world that a target is seen from [m], (3,) each: the centres of transmitters and receivers, or the
-        middle where these are as good as one, as far as shadows and the shapes of echoes are concerned; delays tell them apart."""
+        """Positions in the world from which visibility is sampled [m], (3,) each: the centres of the transmitters and of the
+        receivers, or the midpoint between them where they are within `ONE_VIEW_M`. Delays always use the true positions."""
         return one_view(self.tx_position_m, self.rx_position_m)
 
     # --- antennas ---
@@ -381,9 +329,9 @@ class Radar(Fields):
 
     @property
     def outermost(self) -> list[tuple[int, int]]:
-        """Numbers of the transmitters and receivers that stand farthest out together, to either side along each axis."""
+        """Pairs (transmitter, receiver) of the antennas farthest out in either direction along each axis."""
         tx, rx = np.array(self.tx_offsets_m), np.array(self.rx_offsets_m)
-        ends = {(int(np.argmax(tx @ way)), int(np.argmax(rx @ way))) for way in (*np.eye(3), *-np.eye(3))}
+        ends = {(int(np.argmax(tx @ axis)), int(np.argmax(rx @ axis))) for axis in (*np.eye(3), *-np.eye(3))}
         return sorted(ends)
 
     @property
@@ -399,15 +347,15 @@ class Radar(Fields):
         exp(-j 2 pi m k / M) with "ddm", minus because IF conjugates the received wave; else 1.
         """
         transmitters = len(self.tx_offsets_m)
-        # By remainders: whole turns do not cost digits however long the record.
+        # By remainders: whole cycles do not cost digits however long the record.
         step = np.outer(chirps, np.arange(transmitters)) % transmitters * (self.multiplexing == "ddm")
         return np.exp(-2j * np.pi / transmitters * step)
 
     @property
     def virtual_offsets_m(self) -> np.ndarray:
-        """Virtual antennas from `position_m` in the radar's frame [m], (M N, 3): midpoints of transmitter and receiver.
+        """Virtual antennas relative to `position_m` in the radar's frame [m], (M N, 3): midpoints of transmitter and receiver.
 
-        Where both would stand at its virtual antenna, a pair has the same far-field phase.
+        In the far field a pair records the same phase as one antenna at the midpoint that transmits and receives.
         """
         pairs = np.array(self.tx_offsets_m)[:, None] + np.array(self.rx_offsets_m)
         return pairs.reshape(-1, 3) / 2
@@ -422,9 +370,9 @@ class Radar(Fields):
         """The radar that a cube from `signal.separate_ddm` belongs to: every pair on each chirp, at PRF / M."""
         if self.multiplexing != "ddm":
             return self
-        turns = self._turns
-        chirps = None if self.chirps_per_frame is None else self.chirps_per_frame // turns
-        return self.replace(multiplexing="simultaneous", prf_hz=self.prf_hz / turns, chirps_per_frame=chirps)
+        shared = self.sharing_transmitters
+        chirps = None if self.chirps_per_frame is None else self.chirps_per_frame // shared
+        return self.replace(multiplexing="simultaneous", prf_hz=self.prf_hz / shared, chirps_per_frame=chirps)
 
     @property
     def is_array(self) -> bool:
@@ -447,33 +395,3 @@ class Radar(Fields):
             departure, arrival, math.radians(self.tx_polarization_deg), math.radians(self.rx_polarization_deg)
         )
         return np.sqrt(self.tx_pattern.gain(departure) * self.rx_pattern.gain(arrival)) * polarization
-
-
-def one_view(tx_m: np.ndarray, rx_m: np.ndarray) -> list[np.ndarray]:
-    """Two places, or the middle between them where that is as good as both to see shadows and the shapes of echoes from."""
-    return [tx_m, rx_m] if np.linalg.norm(tx_m - rx_m) > ONE_VIEW_M else [(tx_m + rx_m) / 2]
-
-
-def preset_names() -> list[str]:
-    """Names that `Radar.preset` knows."""
-    return sorted(
-        entry.name.removesuffix(".yaml") for entry in _preset_folder().iterdir() if entry.name.endswith(".yaml")
-    )
-
-
-def preset_path(name: str) -> Path:
-    """The packaged YAML file of a preset."""
-    known = preset_names()
-    wanted = str(name).lower().replace("_", "-")
-    if wanted not in known:
-        raise unknown_name("radar preset", name, known, hint=", or give a YAML file")
-    return _preset_folder() / f"{wanted}.yaml"
-
-
-def _preset_folder() -> Path:
-    # By path, not as a package: data of the radar stage, none of its code.
-    return Path(str(files("t2d_rt"))) / "radar" / "presets"
-
-
-def _read_yaml(path: str | Path) -> dict[str, Any]:
-    return read_yaml(path, noun="radar file", example="field names and values such as 'prf_hz: 10240'")

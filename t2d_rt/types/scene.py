@@ -1,4 +1,4 @@
-"""`Scene`: what stands still around the target, as triangles of slabs."""
+"""`Scene`: the static surroundings of the targets, as triangles of slabs."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Surface:
         if len(faces) > MAX_TRIANGLES or len(vertices) > MAX_VERTICES:
             raise InputError(
                 f"{self.name} has {len(faces)} triangles and {len(vertices)} vertices, more than {MAX_TRIANGLES} and "
-                f"{MAX_VERTICES}; make it coarser"
+                f"{MAX_VERTICES}; give it fewer vertices"
             )
         faces = faces.astype(np.int64)
         if not (_twice_area(vertices, faces) > NO_AREA_M2).any():
@@ -93,7 +93,7 @@ def _twice_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """Surfaces around a target: walls, doors, furniture."""
+    """Static surfaces: walls, doors, furniture."""
 
     name: str
     surfaces: tuple[Surface, ...]
@@ -116,7 +116,7 @@ class Scene:
         if len(self.surfaces) > MAX_SURFACES or triangles > MAX_TRIANGLES:
             raise InputError(
                 f"scene {self.name} has {len(self.surfaces)} surfaces and {triangles} triangles, more than {MAX_SURFACES} and "
-                f"{MAX_TRIANGLES}; leave out what hardly reflects, or make its meshes coarser"
+                f"{MAX_TRIANGLES}; leave out what hardly reflects, or give its meshes fewer triangles"
             )
         low, high = self.bounds_m
         if not (high - low).max() <= LARGEST_M:
@@ -154,6 +154,6 @@ class Scene:
 
     @property
     def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner of the box around everything [m]."""
+        """Lowest and highest corner of the bounding box [m]."""
         vertices = np.concatenate([surface.vertices for surface in self.surfaces])
         return vertices.min(axis=0), vertices.max(axis=0)

@@ -1,4 +1,4 @@
-"""Times at which a moving shape is known."""
+"""Times at which a moving target is known."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ def checked_times(value: Any) -> np.ndarray:
     """At least two finite, increasing times as a float64 array of one's own (T,)."""
     times_s = numeric("times_s", value)
     if times_s.ndim != 1 or len(times_s) < 2:
-        raise InputError(f"times_s must hold at least 2 times, got shape {times_s.shape}; a still target stands twice")
+        raise InputError(
+            f"times_s must hold at least 2 times, got shape {times_s.shape}; a static target needs two equal frames"
+        )
     if not np.isfinite(times_s).all():
         raise InputError("times_s must be finite and increasing, got NaN or infinite times")
     times_s = array("times_s", times_s, limit=LATEST_S, unit="s").copy()

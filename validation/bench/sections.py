@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.result import versions
 from t2d_rt.types import Radar
-from t2d_rt.types.radar import preset_names
+from t2d_rt.types.presets import preset_names
+from t2d_rt.versions import versions
 from validation.bench.measure import FACETS, STAGES, SYNTHESIS, Case, import_seconds, sincos_rate
 from validation.report import Check, Section, processor
 

@@ -12,7 +12,7 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt import model, room
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.geometry import Refinement, refine
+from t2d_rt.geometry import Refinement, Tessellation, refine
 from t2d_rt.model import skin
 from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
 from t2d_rt.result import Recording
@@ -80,7 +80,7 @@ def cut_to(surface: MovingMesh, edge_m: float, wavenumber: float, range_m: float
         _cuts.clear()  # these are large
         _cuts[key] = refine(
             surface.rest, surface.faces, wavenumber=wavenumber, range_m=range_m, sagitta_rad=FLAT,
-            max_edge_m=edge_m, crease_deg=surface.crease_deg, max_faces=20_000_000,
+            tessellation=Tessellation(max_edge_m=edge_m), crease_deg=surface.crease_deg, max_faces=20_000_000,
         )  # fmt: skip
     return _cuts[key]
 

@@ -20,7 +20,8 @@ import numpy as np
 from t2d_rt.cli import main
 from t2d_rt.errors import InputError
 from t2d_rt.resources import resource
-from t2d_rt.result import Recording, check_free
+from t2d_rt.result import Recording
+from t2d_rt.saved import check_free
 from validation.report import Check, Section
 from validation.robustness.results.processes import found, picture, save, sentence, start_writer
 

@@ -1,0 +1,267 @@
+"""What each command does with its options."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from t2d_rt.checks import unknown_name
+from t2d_rt.cli.experiments import is_experiment, recorded
+from t2d_rt.cli.options import simulate_parser
+from t2d_rt.cli.output import check_picture, radar_info, recording_info, say, write_picture
+from t2d_rt.errors import InputError, T2DError, T2DWarning
+from t2d_rt.progress import ProgressBar
+
+if TYPE_CHECKING:
+    from jsonargparse import Namespace
+    from matplotlib.figure import Figure
+
+    from t2d_rt.cli.add import Person
+    from t2d_rt.result import Recording
+    from t2d_rt.scene import Mover
+    from t2d_rt.simulate import Method
+    from t2d_rt.types import Motion, Radar
+
+MODEL = (
+    "method", "scene", "tolerance_db", "reflections", "transmissions", "clutter", "collisions", "seed", "body", "material",
+    "phase_from", "measure_error", "device", "memory_gb",
+)  # fmt: skip
+"""Options that go to the pipeline by their names."""
+
+
+def simulate_command(options: Namespace) -> None:
+    """Simulates a motion file or an experiment, or a result again, and writes the recording and its picture."""
+    from t2d_rt.cli.add import additions
+    from t2d_rt.saved import check_free
+
+    source, added = Path(options.file), additions(options.add)
+    stem = (
+        f"{source.stem}_again" if source.suffix == ".zarr" else source.stem if is_experiment(source) else _stem(source)
+    )
+    target = Path(options.output or f"{stem}.zarr")
+    if target.suffix != ".zarr":
+        raise InputError(f"a result is a folder that ends in .zarr, got '{target}'; the picture is written beside it")
+    if target.is_symlink():  # the result is written to where the link leads, and the picture goes beside it
+        target = target.resolve()
+    picture = target.with_suffix(".png")
+    check_free(target, overwrite=options.overwrite)
+    check_picture(picture, overwrite=options.overwrite)
+    if is_experiment(source):
+        result = recorded(source, options, simulate_parser(), _accuracy(options))
+    else:
+        radar = _radar(options)
+        result = _recorded(_motion(options, source, radar), options, radar, options.method, added)
+    where = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
+    figure = _drawn(result, f"{source.name}, {result.settings['method']}{where}")
+    result.save(target, overwrite=options.overwrite, figure=figure)
+    if result.error_db is not None:
+        say(f"measured error {result.error_db:.1f} dB")
+    say(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
+
+
+def _drawn(result: Recording, title: str) -> Figure | None:
+    """The spectrogram's figure; None and a warning where it cannot be drawn: that must not cost the result."""
+    try:
+        figure = result.plot(title=title)
+        figure.draw_without_rendering()
+    except T2DError:
+        raise
+    except Exception as error:  # whatever a drawing library may raise
+        reason = " ".join(str(error).split()) or type(error).__name__
+        warnings.warn(
+            f"the picture cannot be drawn ({reason}); the result is written without it", T2DWarning, stacklevel=2
+        )
+        return None
+    return figure
+
+
+def plan_command(options: Namespace) -> None:
+    """Prints what a tolerance would model, leave out and cost."""
+    from t2d_rt.accuracy import plan
+
+    radar = _radar(options)
+    motion = _motion(options, Path(options.file), radar)
+    names = [name for name in MODEL if name != "measure_error"]
+    say(plan(motion, radar=radar, accuracy=_accuracy(options), **{name: options[name] for name in names}))
+
+
+def compare_command(options: Namespace) -> None:
+    """Simulates a motion with both methods, writes their picture and prints figures of their difference."""
+    from t2d_rt.compare import compare
+    from t2d_rt.plots import plot_comparison
+
+    source = Path(options.file)
+    picture = Path(options.output or f"{_stem(source)}_compare.png")
+    check_picture(picture, overwrite=options.overwrite)
+    radar = _radar(options)
+    motion = _motion(options, source, radar)
+    ellipsoid = _recorded(motion, options, radar, "ellipsoid")
+    mesh = _recorded(motion, options, radar, "mesh")
+    found = compare(ellipsoid, mesh)
+    image, other = ellipsoid.spectrogram, mesh.spectrogram
+    figure = plot_comparison(
+        image.velocity_mps.values, image.time_s.values, image.values, other.values, title=source.name
+    )
+    write_picture(figure, picture, overwrite=options.overwrite)
+    say(found)
+    say(f"wrote {picture}")
+
+
+def scene_command(options: Namespace) -> None:
+    """Draws a room with its radar and the paths to a point."""
+    from t2d_rt.motion import load_motion
+    from t2d_rt.plots import plot_scene
+    from t2d_rt.propagation.scenes import load_scene
+    from t2d_rt.room import paths_to
+
+    if not 0 <= options.reflections <= 4:
+        raise InputError(f"option reflections must lie in 0..4, got {options.reflections}")
+    scene, radar = load_scene(options.file), _radar(options)
+    picture = Path(options.output or f"{scene.name}.png")
+    check_picture(picture, overwrite=options.overwrite)
+    track = None
+    target = radar.tx_position_m + 2.5 * radar.axes[0]
+    if options.walk is not None:
+        from t2d_rt.motion import place
+        from t2d_rt.named import motion_path
+
+        motion = place(
+            load_motion(motion_path(options.walk)), radar_position_m=radar.position_m, boresight=radar.boresight
+        )
+        track = motion.joints[:, 0]
+        target = track[len(track) // 2]
+    paths = paths_to(scene, radar, target, reflections=options.reflections)
+    figure = plot_scene(scene, radar.tx_position_m, paths_m=paths, track_m=track, title=scene.name)
+    write_picture(figure, picture, overwrite=options.overwrite)
+    say(
+        f"{len(scene.surfaces)} objects, {len(paths)} paths to ({', '.join(f'{x:.2f}' for x in target)}) m: "
+        f"{', '.join(name for name, _ in paths)}"
+    )
+    say(f"wrote {picture}")
+
+
+def info_command(options: Namespace) -> None:
+    """Prints what a file holds."""
+    from t2d_rt.store import settle
+
+    source = Path(options.file)
+    with suppress(OSError, ValueError):  # no folder, or one that may only be read: what follows says so
+        settle(source)
+    if not source.exists():
+        from t2d_rt.named import motion_path
+
+        source = motion_path(source)
+    if not source.exists():
+        raise InputError(f"{source} does not exist; check the path")
+    if source.is_dir():
+        from t2d_rt.result import Recording
+
+        say(recording_info(Recording.load(source)))
+    elif source.suffix.lower() in (".yaml", ".yml"):
+        from t2d_rt.types import Radar
+
+        say(radar_info(Radar.from_yaml(source)))
+    else:
+        from t2d_rt.motion import describe, load_motion
+
+        motion = load_motion(source)
+        say(motion.report)
+        say(describe(motion))
+
+
+def export_command(options: Namespace) -> None:
+    """Writes a result as one file for other programs."""
+    from t2d_rt.result import Recording
+
+    source = Path(options.file)
+    target = Path(options.output or source.with_suffix(".mat").name)
+    Recording.load(source).export(target, overwrite=options.overwrite)
+    say(f"wrote {target}")
+
+
+def list_command(options: Namespace) -> None:
+    """Prints the names that the commands take."""
+    from t2d_rt.cli.listing import KINDS, lines
+
+    if options.file is not None and options.file not in KINDS:
+        raise unknown_name("list", options.file, KINDS)
+    for kind in KINDS if options.file is None else (options.file,):
+        say("\n".join(lines(kind)))
+
+
+def _radar(options: Namespace) -> Radar:
+    from t2d_rt.types import Radar
+
+    return Radar(**options.radar.as_dict())
+
+
+def _accuracy(options: Namespace) -> dict[str, Any]:
+    """The fields that were given."""
+    return options.accuracy.as_dict() if "accuracy" in options else {}
+
+
+def _motion(options: Namespace, source: Path, radar: Radar) -> Motion:
+    from t2d_rt.cli.add import cut
+    from t2d_rt.motion import load_motion, place
+    from t2d_rt.named import motion_path
+
+    motion = load_motion(motion_path(source), **options.motion.as_dict())
+    say(motion.report)
+    motion = cut(motion, options.start_s, options.stop_s)
+    return place(
+        motion,
+        distance_m=options.distance_m,
+        angle_deg=options.angle_deg,
+        radar_position_m=radar.position_m,
+        boresight=radar.boresight,
+    )
+
+
+def _recorded(
+    motion: Motion, options: Namespace, radar: Radar, method: Method, added: Sequence[Mover | Person] = ()
+) -> Recording:
+    from t2d_rt.cli.add import Person
+    from t2d_rt.simulate import simulate
+    from t2d_rt.types import Motion
+
+    names = [name for name in MODEL if name in options and name != "method"]
+    processing = options.signal.as_dict()
+    targets = [motion, *(each.motion(radar) if isinstance(each, Person) else each for each in added)]
+    _check_processing(processing, radar, min(each.duration_s for each in targets if isinstance(each, Motion)))
+    with ProgressBar(method) as progress:
+        result = simulate(
+            targets, radar=radar, method=method, progress=progress, accuracy=_accuracy(options), **{n: options[n] for n in names}
+        )  # fmt: skip
+    source = {name: options[name] for name in ("file", "distance_m", "angle_deg", "start_s", "stop_s")}
+    result.settings["motion"] = {**source, "file": Path(options.file).name, **options.motion.as_dict()}
+    if added:
+        result.settings["added"] = [_described(each) for each in added]
+    return result.processed(**processing)
+
+
+def _described(added: Mover | Person) -> dict[str, Any]:
+    """What goes into a result of a mover or person: of a file its name, not the folders of this machine."""
+    found = added.model_dump(mode="json")
+    return {**found, "file": Path(found["file"]).name} if "file" in found else found
+
+
+def _check_processing(processing: dict[str, Any], radar: Radar, duration_s: float) -> None:
+    """Tries the options of the spectrogram on a short silence, so that a wrong one does not show after a long run."""
+    import numpy as np
+
+    from t2d_rt.signal import spectrogram
+    from t2d_rt.signal.doppler import check_processing
+
+    check_processing(radar, len(radar.chirp_times_s(duration_s)), processing)
+    radar = radar.separated
+    enough = max(256, processing["n_window"] or 0, radar.loops_per_frame or 0)
+    chirps = min(enough, len(radar.chirp_times_s(duration_s)))
+    spectrogram(np.zeros((chirps, 1, radar.samples), np.complex64), radar, **processing)
+
+
+def _stem(source: Path) -> str:
+    return re.sub(r"\.bvh(\.gz)?$", "", source.name, flags=re.IGNORECASE)

@@ -1,0 +1,109 @@
+"""The habits of the code: modules of at most 400 lines, functions of at most 60 lines and at most 8 parameters."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS = 400, 60, 8
+
+FACADE = {
+    "t2d_rt/simulate.py simulate",
+    "t2d_rt/plots.py plot_comparison",
+    "t2d_rt/signal/angle.py range_angle",
+    "t2d_rt/signal/doppler.py spectrogram",
+    "t2d_rt/signal/points.py point_cloud",
+}
+"""Calls that people type, whose parameters are named options with defaults: they may have more than eight."""
+
+PENDING = {
+    "t2d_rt/model.py _of",
+    "t2d_rt/room.py",
+    "t2d_rt/room.py __init__",
+    "t2d_rt/scattering/facets.py diffuse_echoes",
+    "t2d_rt/scattering/facets.py patch_echoes",
+    "t2d_rt/scattering/mesh.py",
+    "t2d_rt/scattering/mesh.py mesh_echoes",
+    "t2d_rt/scattering/mesh.py of",
+    "validation/bench/sections.py sweeps",
+    "validation/methods/reference.py reference_samples",
+    "validation/methods/stability/facets.py",
+    "validation/physics/canonical.py",
+    "validation/physics/canonical.py run",
+    "validation/physics/ellipsoid_model.py",
+    "validation/physics/ellipsoid_model.py run",
+    "validation/robustness/api_calls.py",
+}
+"""Modules and functions that are still to be split."""
+
+
+def faults(name: str, source: str) -> Iterator[tuple[str, str]]:
+    """What is too long or takes too much: its name, and a sentence. A docstring does not count, nor does self."""
+    if (lines := len(source.splitlines())) > MOST_LINES:
+        yield name, f"{name} has {lines} lines, at most {MOST_LINES} are meant"
+    for found in ast.walk(ast.parse(source)):
+        if not isinstance(found, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        assert found.end_lineno is not None
+        lines = found.end_lineno - found.lineno + 1
+        if ast.get_docstring(found) is not None:
+            told = found.body[0]
+            assert told.end_lineno is not None
+            lines -= told.end_lineno - told.lineno + 1
+        given = found.args
+        names = [each.arg for each in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+        count = len(names) - (names[:1] in (["self"], ["cls"])) + (given.vararg is not None) + (given.kwarg is not None)
+        place = f"{name} {found.name}"
+        if lines > MOST_FUNCTION_LINES:
+            yield place, f"{place} has {lines} lines, at most {MOST_FUNCTION_LINES} are meant"
+        if count > MOST_PARAMETERS and place not in FACADE:
+            yield (
+                place,
+                f"{place} has {count} parameters, at most {MOST_PARAMETERS} are meant; make some a value with a name",
+            )
+
+
+def found() -> dict[str, str]:
+    """Every fault of the project by its place."""
+    files = [path for folder in ("t2d_rt", "validation") for path in sorted((ROOT / folder).rglob("*.py"))]
+    assert len(files) > 150
+    return dict(fault for path in files for fault in faults(path.relative_to(ROOT).as_posix(), path.read_text()))
+
+
+def test_modules_and_functions_are_short() -> None:
+    new = [sentence for place, sentence in found().items() if place not in PENDING]
+    assert not new, "\n".join(new)
+
+
+def test_nothing_is_excepted_that_needs_it_no_more() -> None:
+    assert not PENDING - found().keys()
+    for place in FACADE:
+        name, function = place.split()
+        tree = ast.parse((ROOT / name).read_text())
+        (call,) = (each for each in tree.body if isinstance(each, ast.FunctionDef) and each.name == function)
+        assert len(call.args.args) + len(call.args.kwonlyargs) > MOST_PARAMETERS, place
+
+
+@pytest.mark.parametrize(
+    ("source", "sentences"),
+    [
+        ("x = 1\n" * 400, []),
+        ("x = 1\n" * 401, ["a.py has 401 lines, at most 400 are meant"]),
+        ("def f(a, b, c, d, e, f, g, /, h): ...", []),
+        ("def f(a, b, c, d, e, f, g, /, h, *i): ...", ["a.py f has 9 parameters"]),
+        ("class A:\n    def f(self, a, b, c, d, e, f, g, *, h): ...", []),
+        ("class A:\n    async def f(self, a, b, c, d, e, f, g, *, h, **i): ...", ["a.py f has 9 parameters"]),
+        ("def f():\n" + "    x = 1\n" * 59, []),
+        ("def f():\n" + "    x = 1\n" * 60, ["a.py f has 61 lines"]),
+        ('def f():\n    """Long.\n\n' + "    text\n" * 70 + '    """\n' + "    x = 1\n" * 59, []),
+    ],
+)
+def test_what_is_too_long_is_noticed(source: str, sentences: list[str]) -> None:
+    told = [sentence for _, sentence in faults("a.py", source)]
+    assert len(told) == len(sentences)
+    assert all(sentence.startswith(start) for sentence, start in zip(told, sentences, strict=True))
