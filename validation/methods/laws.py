@@ -32,6 +32,7 @@ from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB
 from t2d_rt.model import Model, with_method
 from t2d_rt.propagation.visibility import sample_times
+from t2d_rt.signal import spectrogram
 from t2d_rt.stage import set_up
 from t2d_rt.summation import summed
 from t2d_rt.types import Accuracy, MovingMesh, PathTier, Radar
@@ -255,9 +256,10 @@ def timed(each: Run) -> dict[str, Any]:
         static, _ = model.clutter(each.physics.get("clutter", "none"), accuracy)
         streams = model.streams(accuracy)
         cube = summed(streams, static, radar, accuracy, device="auto", memory=model.memory)
-        t2d.spectrogram(cube, radar)
+        spectrogram(cube, radar)
         taken.append((time.perf_counter() - start) / yardstick)
     units = cost.work(model, accuracy, cost.facet_counts(model, accuracy), each.physics.get("clutter", "none"))
+    print(f"{each.name}, {each.length_s:g} s, {each.scene}: {min(taken[1:]):.1f} yardsticks", file=sys.stderr, flush=True)
     return {"run": each.name, "scene": each.scene, "length_s": each.length_s, "taken": min(taken[1:]), "work": units}
 
 
