@@ -16,7 +16,8 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.propagation.mitsuba import mitsuba, mitsuba_mesh
 from t2d_rt.types import Radar
 from validation.methods.chart.measure import SAMPLES, Case, Point
-from validation.methods.chart.methods import SUMMED, cut_to
+from validation.methods.chart.methods import SUMMED
+from validation.methods.chart.variants import cut_to
 from validation.methods.reference import nmse_db, reference_samples
 
 FLOAT64_SCALES = (4.0, 1.0)
