@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from validation.bench.measure import STAGES
 from validation.bench.sections import Found, Sweep, power_law, seconds, synthesis_seconds
+from validation.bench.stages import STAGES
 from validation.report import new_figure, save_chart
 
 

@@ -7,13 +7,13 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.scattering.mesh import mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import Echoes, MovingMesh, Radar
 from t2d_rt.types.radar import preset_names
 from validation.bodies import walking
+from validation.echoes import random_echoes
 from validation.methods.reference import nmse_db, reference_samples
 from validation.report import Check, Section, new_figure, save_chart
 
@@ -47,23 +47,6 @@ def run() -> Section:
         "interpolation in time cost.",
         charts=[_chart(wide)],
     )
-
-
-def random_echoes(radar: Radar, *, count: int = 60, frames: int = 40) -> Echoes:
-    """Echoes at 3..4 m, up to 5 m/s either way, swinging, some dark for a while; a tenth of the amplitude as slope."""
-    rng = np.random.default_rng(0)
-    t = np.arange(frames)[:, None] / 100
-    range_m = (
-        3 + rng.random(count) + rng.uniform(-5, 5, count) * t + 0.1 * np.sin(4 * np.pi * t + 6 * rng.random(count))
-    )
-    turning = np.cumsum(rng.normal(size=(frames, count)) * 0.3, axis=0)
-    amplitude = (rng.normal(size=count) + 1j * rng.normal(size=count)) * np.exp(1j * turning)
-    amplitude[10:20, ::3] = 0
-    slope = amplitude * (rng.normal(size=count) + 1j * rng.normal(size=count)) * 0.2 / radar.bandwidth_hz
-    return Echoes(
-        times_s=t[:, 0], delay_s=2 * np.maximum(range_m, 0.3) / SPEED_OF_LIGHT, amplitude=amplitude.astype(np.complex64),
-        slope=slope.astype(np.complex64),
-    )  # fmt: skip
 
 
 def _against_direct(echoes: Echoes, radar: Radar, every: int) -> float:
