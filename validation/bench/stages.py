@@ -59,8 +59,10 @@ def stage_seconds(
     clock = Stopwatch()
     model, static = _set_up(clock, target, radar, scene=scene, method=method)
     settings = chosen(model, Wanted.of(accuracy, None)).accuracy
-    with clock(PATHS):
-        clutter, _ = model.clutter(static, settings)
+    clutter: list[EchoStream] = []
+    if model.scene is not None:
+        with clock(PATHS):
+            clutter, _ = model.clutter(static, settings)
     with clock(SETUP):
         streams = model.streams(settings)
     if settings.occlusion:
