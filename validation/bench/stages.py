@@ -65,12 +65,7 @@ def stage_seconds(
             clutter, _ = model.clutter(static, settings)
     with clock(SETUP):
         streams = model.streams(settings)
-    if settings.occlusion:
-        without = Stopwatch()
-        for batch in batches(model.streams(settings.replace(occlusion=False)), radar):
-            for _ in held(without, batch):
-                pass
-        clock.spent[OCCLUSION] = -without.spent[FACETS]
+    without = _making_s(model, settings.replace(occlusion=False)) if settings.occlusion else 0.0
     done = _work(model, streams, settings)
     cubes = []
     for batch in batches([*streams, *clutter], radar):
@@ -81,7 +76,7 @@ def stage_seconds(
             done += echo_terms(echoes, radar, len(parts[-1]))
         cubes.append(np.concatenate(parts))
     if settings.occlusion:
-        clock.spent[OCCLUSION] = max(0.0, clock.spent[OCCLUSION] + clock.spent[FACETS])
+        clock.spent[OCCLUSION] = max(0.0, clock.spent[FACETS] - without)
         clock.spent[FACETS] -= clock.spent[OCCLUSION]
     cube = sum(each[: min(map(len, cubes))] for each in cubes)
     with clock(SPECTROGRAM):
@@ -108,6 +103,16 @@ def _set_up(
             )  # fmt: skip
     clock.spent[REST] = max(0.0, whole - clock.spent[MOTION] - clock.spent[PATHS])
     return model, physics["clutter"]
+
+
+def _making_s(model: Model, accuracy: Accuracy) -> float:
+    """Seconds that making all echoes takes."""
+    clock = Stopwatch()
+    for batch in batches(model.streams(accuracy), model.radar):
+        batch.frames(0, LEAST_FRAMES)  # compiles the kernels
+        for _ in held(clock, batch):
+            pass
+    return clock.spent[FACETS]
 
 
 def _work(model: Model, streams: list[EchoStream], accuracy: Accuracy) -> Counter[str]:
