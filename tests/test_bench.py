@@ -109,8 +109,12 @@ def test_stages_are_told_apart(scene: str) -> None:
     walk = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")), distance_m=3.0)
     radar = t2d.Radar.preset("table2", prf_hz=5120.0)
     target = t2d.trim(walk, 0.5, 0.75)
-    whole = t2d.simulate(target, radar=radar, scene=scene, accuracy={"sagitta_rad": 2.0, "dynamic_range_db": 10})  # compiles the kernels
-    spent, done = stage_seconds(target, radar, scene=scene, method="mesh", accuracy={"sagitta_rad": 2.0, "dynamic_range_db": 10})
+    whole = t2d.simulate(
+        target, radar=radar, scene=scene, accuracy={"sagitta_rad": 2.0, "dynamic_range_db": 10}
+    )  # compiles the kernels
+    spent, done = stage_seconds(
+        target, radar, scene=scene, method="mesh", accuracy={"sagitta_rad": 2.0, "dynamic_range_db": 10}
+    )
     assert set(spent) == set(STAGES)
     assert min(spent.values()) >= 0
     assert (spent[PATHS] > 0) == (scene != "free_space")

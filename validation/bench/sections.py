@@ -28,6 +28,7 @@ WALK_BARS_S = {
 ROOM, ROOM_BAR_S = "living_room", 20.0
 IMPORT_BAR_S, MEMORY_BAR_GB, ARRAY_BAR, MEMORY_GROWTH_BAR = 0.5, 2.0, 4.0, 1.1
 EXPONENT_BAR = 1.05
+ANTENNAS = ((1, 1), (3, 1), (3, 4), (12, 4), (12, 16))
 SLOW_PRF_HZ, FAST_PRF_HZ, FAST_BAR = 1280.0, 12800.0, 3.0
 PRESET_S = 0.25
 ON_DISK_GB = 1.0
@@ -128,10 +129,8 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
     """Sweeps by name: faces of a body and of a sphere, chirp rates, durations, antennas."""
     base_s = 1.0 if quick else 4.0
 
-    def of(full: Sequence[float], few: Sequence[float]) -> Sequence[float]:
+    def of(full: Sequence[Any], few: Sequence[Any]) -> Sequence[Any]:
         return few if quick else full
-
-    pairs = ((3, 1), (3, 4)) if quick else ((1, 1), (3, 1), (3, 4), (12, 4), (12, 16))
 
     found = {
         "faces": Sweep(
@@ -173,10 +172,19 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
             ],
             note="The walk repeated, table2-uniform; a long one begins beyond the radar's 22 m and folds, which takes no longer.",
         ),
+        **_antennas_and_pairs(base_s, of),
+    }  # fmt: skip
+    if quick:
+        del found["sphere"]
+    return found
+
+
+def _antennas_and_pairs(base_s: float, of: Callable[[Sequence[Any], Sequence[Any]], Sequence[Any]]) -> dict[str, Sweep]:
+    return {
         "antennas": Sweep(
             title="Antennas",
             variable="antennas",
-            cases=[_antennas(*pair, duration_s=base_s / 8) for pair in pairs],
+            cases=[_antennas(*pair, duration_s=base_s / 8) for pair in of(ANTENNAS, ANTENNAS[1:3])],
             note=f"Walk of {base_s / 8:g} s, transmitters and receivers spread over the layout of imaging-12x16, all at once, "
             "4 167 rows per second. One antenna alone has no aperture, so its patches are larger, and fewer.",
         ),
@@ -190,9 +198,6 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
             note=f"Walk of {base_s:g} s on the spot in the {ROOM}, table2-uniform, with all pairs of ways within more and more dB.",
         ),
     }  # fmt: skip
-    if quick:
-        del found["sphere"]
-    return found
 
 
 def streamed(run: Run) -> tuple[Section, Found]:

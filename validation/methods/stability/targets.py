@@ -11,6 +11,9 @@ import t2d_rt as t2d
 from t2d_rt.types import PEC, MovingMesh, Radar
 from validation.physics.rcs import TIMES_S, read_rcs, sphere
 
+SPHERE_M = 0.15
+"""Radius."""
+
 
 def decibel(ratio: Any) -> Any:
     """Of a power ratio, or of many."""
