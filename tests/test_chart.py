@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from t2d_rt.scattering.phase_integral import NUMPY_OPS, divided_differences
-from t2d_rt.types import Radar
+from t2d_rt.types import PEC, Radar
 from validation.bodies import WALK
 from validation.methods.chart import point, stretch
 from validation.methods.chart.front import front, gap, seconds_at
@@ -17,7 +18,7 @@ from validation.methods.chart.measure import SAMPLES, Case, Point, simulated
 from validation.methods.chart.methods import METHODS, with_visibility
 from validation.methods.chart.variants import one_point, one_point_each
 from validation.methods.kept import kept_samples
-from validation.methods.reference import nmse_db
+from validation.methods.reference import Converged, nmse_db
 
 
 @pytest.fixture(scope="module")
@@ -64,13 +65,19 @@ def test_ways_to_find_visibility_agree_where_little_is_occluded(case: Case) -> N
 def test_a_kept_reference_is_read_again(case: Case, tmp_path: Path) -> None:
     made = []
 
-    def compute(*_: object, sagitta_rad: float) -> np.ndarray:
-        made.append(sagitta_rad)
-        return np.full((2, 3), sagitta_rad + 0j)
+    def compute(*given: Any) -> np.ndarray:
+        made.append(given[-1].sagitta_rad)
+        return np.full((2, 3), made[-1] + 0j)
 
     for sagitta_rad in (0.5, 0.5, 0.4):
         found = kept_samples(
-            case.surface, case.radar, case.chirps, SAMPLES, folder=tmp_path, compute=compute, sagitta_rad=sagitta_rad
+            case.surface,
+            case.radar,
+            case.chirps,
+            SAMPLES,
+            Converged(material=PEC, sagitta_rad=sagitta_rad),
+            folder=tmp_path,
+            compute=compute,
         )
         np.testing.assert_array_equal(found, np.full((2, 3), sagitta_rad))
     assert made == [0.5, 0.4]

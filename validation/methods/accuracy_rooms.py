@@ -11,7 +11,7 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.types import MovingMesh, Radar
 from t2d_rt.types.accuracy import DEFAULT_TIERS
 from validation.bodies import random_chirps, walking
-from validation.methods.reference import nmse_db, reference_samples
+from validation.methods.reference import Converged, nmse_db, reference_samples
 from validation.report import Check, Section, new_figure, save_chart
 
 ROOMS = ("empty_room", "living_room")
@@ -79,7 +79,9 @@ def run() -> Section:
 
 def _reference(surface: MovingMesh, radar: Radar, chirps: np.ndarray, name: str, **options: Any) -> np.ndarray:
     material = resolve_material("skin", radar.mid_frequency_hz)
-    return reference_samples(surface, radar, chirps, np.array(SAMPLES), material=material, scene=name, **options)
+    return reference_samples(
+        surface, radar, chirps, np.array(SAMPLES), Converged(material=material, scene=name, **options)
+    )
 
 
 def _simulated(

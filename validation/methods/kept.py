@@ -6,12 +6,12 @@ import hashlib
 import inspect
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from t2d_rt.types import MovingMesh, Radar
 from validation.methods import reference
+from validation.methods.reference import Converged
 
 CACHE = Path(__file__).parents[1] / ".cache"
 
@@ -21,21 +21,21 @@ def kept_samples(
     radar: Radar,
     chirps: np.ndarray,
     samples: np.ndarray,
+    how: Converged,
     *,
     folder: Path = CACHE,
     compute: Callable[..., np.ndarray] = reference.reference_samples,
-    **options: Any,
 ) -> np.ndarray:
     """What `compute` makes of the other arguments, read from `folder` where it was made before."""
     instants = surface.times_s[0] + radar.chirp_times_s(surface.duration_s)[chirps]
     inputs = (
-        radar.model_dump_json(), chirps.tolist(), samples.tolist(), sorted((k, repr(v)) for k, v in options.items()),
+        radar.model_dump_json(), chirps.tolist(), samples.tolist(), repr(how),
         surface.at(instants).round(9).tobytes(), surface.faces.tolist(), inspect.getsource(reference),
     )  # fmt: skip
     file = folder / f"reference_{hashlib.sha256(repr(inputs).encode()).hexdigest()[:20]}.npy"
     if file.exists():
         return np.asarray(np.load(file, allow_pickle=False))
-    found = compute(surface, radar, chirps, samples, **options)
+    found = compute(surface, radar, chirps, samples, how)
     folder.mkdir(exist_ok=True)
     np.save(file, found)
     return found

@@ -9,7 +9,7 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.scattering.rate import needed_rate_hz
 from t2d_rt.types import MovingMesh, Radar
 from validation.bodies import random_chirps, walking
-from validation.methods.reference import nmse_db, reference_samples
+from validation.methods.reference import Converged, nmse_db, reference_samples
 from validation.report import Check, Section, new_figure, save_chart
 
 SURFACE_RATES_HZ, FINE_HZ = (30.0, 40.0, 60.0, 80.0, 120.0), 300.0
@@ -65,7 +65,11 @@ def _errors(
     chirps = random_chirps(surface, radar, CHIRPS)
     material = resolve_material("skin", radar.mid_frequency_hz)
     reference = reference_samples(
-        surface, radar, chirps, np.array(SAMPLES), material=material, sagitta_rad=sagitta_rad, occlusion=occlusion
+        surface,
+        radar,
+        chirps,
+        np.array(SAMPLES),
+        Converged(material=material, sagitta_rad=sagitta_rad, occlusion=occlusion),
     )
     cubes = (t2d.simulate(surface, radar=radar, accuracy=setting).cube[:, 0] for setting in settings)
     return [nmse_db(cube[np.ix_(chirps, SAMPLES)], reference) for cube in cubes]

@@ -27,7 +27,7 @@ from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.scattering.phase_integral import SERIES_TERMS, divided_differences
 from t2d_rt.types import Material, MovingMesh, OneWayPath, PathPair, Radar, Scene
 
-__all__ = ["nmse_db", "reference_samples", "refined"]
+__all__ = ["Converged", "nmse_db", "reference_samples", "refined"]
 
 MINOR_DB, MINOR_SAGITTA_RAD = -15.0, 0.12
 """Pairs of ways that much weaker than the strongest one, in the mean over the target, are summed over coarser facets."""
@@ -37,28 +37,35 @@ HORIZON = 0.1
 """Cosine beyond which a vertex is too far round to belong to a lit facet."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Converged:
+    """How finely the reference models a target, and what of it."""
+
+    material: Material
+    scene: str | Scene | None = None
+    """None: free space."""
+    reflections: int = 2
+    dynamic_range_db: float = 80.0
+    seed: int = 0
+    sagitta_rad: float | np.ndarray = 0.08
+    minor_sagitta_rad: float | np.ndarray = MINOR_SAGITTA_RAD
+    occlusion: bool = True
+
+
 def reference_samples(
     surface: MovingMesh,
     radar: Radar,
     chirps: np.ndarray,
     samples: np.ndarray,
-    *,
-    material: Material,
-    scene: str | Scene | None = None,
-    reflections: int = 2,
-    dynamic_range_db: float = 80.0,
-    seed: int = 0,
-    sagitta_rad: float | np.ndarray = 0.08,
-    minor_sagitta_rad: float | np.ndarray = MINOR_SAGITTA_RAD,
-    occlusion: bool = True,
+    how: Converged,
 ) -> np.ndarray:
     """ADC samples [sqrt(W)] complex128 (len(chirps), len(samples)) of a co-located radar with isotropic antennas, in free space
     or in a scene, whose own echoes are left out."""
-    dominant, minor = _path_pairs(surface, radar, scene, reflections, dynamic_range_db)
-    points = _points(surface, radar, seed)
+    dominant, minor = _path_pairs(surface, radar, how.scene, how.reflections, how.dynamic_range_db)
+    points = _points(surface, radar, how.seed)
     parts = [
-        _Part.of(pairs, refined(surface, radar, sagitta), points, material, radar, occlusion)
-        for pairs, sagitta in ((dominant, sagitta_rad), (minor, minor_sagitta_rad))
+        _Part.of(pairs, refined(surface, radar, sagitta), points, how.material, radar, how.occlusion)
+        for pairs, sagitta in ((dominant, how.sagitta_rad), (minor, how.minor_sagitta_rad))
         if pairs
     ]
     times = samples / radar.sample_rate_hz

@@ -8,7 +8,7 @@ import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.types import MovingMesh, Radar
 from validation.bodies import random_chirps, walking
-from validation.methods.reference import nmse_db, reference_samples, refined
+from validation.methods.reference import Converged, nmse_db, reference_samples, refined
 from validation.report import Check, Section, new_figure, save_chart
 
 SAGITTAS_RAD = (0.8, 0.4, 0.2, 0.1)
@@ -23,7 +23,11 @@ def run() -> Section:
     chirps = random_chirps(surface, radar, CHIRPS)
     material = resolve_material("skin", radar.mid_frequency_hz)
     reference = reference_samples(
-        surface, radar, chirps, np.array(SAMPLES), material=material, sagitta_rad=REFERENCE_RAD, occlusion=False
+        surface,
+        radar,
+        chirps,
+        np.array(SAMPLES),
+        Converged(material=material, sagitta_rad=REFERENCE_RAD, occlusion=False),
     )
     rows = []
     for sagitta in SAGITTAS_RAD:

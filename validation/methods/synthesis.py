@@ -14,7 +14,7 @@ from t2d_rt.types import Echoes, MovingMesh, Radar
 from t2d_rt.types.radar import preset_names
 from validation.bodies import walking
 from validation.echoes import random_echoes
-from validation.methods.reference import nmse_db, reference_samples
+from validation.methods.reference import Converged, nmse_db, reference_samples
 from validation.report import Check, Section, new_figure, save_chart
 
 SURFACE_RATE_HZ = 150.0
@@ -93,8 +93,10 @@ def _wideband(preset: str) -> tuple[np.ndarray, np.ndarray]:
     chirps = np.sort(np.random.default_rng(0).choice(len(cube), CHIRPS, replace=False))
     samples = np.linspace(0, radar.samples - 1, 9).astype(int)
     reference = reference_samples(
-        surface, radar, chirps, samples, material=resolve_material("skin", radar.mid_frequency_hz),
-        sagitta_rad=WIDEBAND_SAGITTA_RAD, occlusion=False,
+        surface, radar, chirps, samples,
+        Converged(
+            material=resolve_material("skin", radar.mid_frequency_hz), sagitta_rad=WIDEBAND_SAGITTA_RAD, occlusion=False
+        ),
     )  # fmt: skip
     return cube[np.ix_(chirps, samples)], reference
 

@@ -22,7 +22,7 @@ from t2d_rt.scattering.patches import least_range_m
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation.bodies import random_chirps
 from validation.methods.kept import CACHE, kept_samples
-from validation.methods.reference import nmse_db
+from validation.methods.reference import Converged, nmse_db
 
 SAMPLES = np.array([20, 128, 236])
 REFERENCE_RAD, ROOM_REFERENCE_RAD, MINOR_RAD = 0.08, 0.12, 0.3
@@ -88,8 +88,10 @@ class Case:
         free = self.scene == "free_space"
         return kept_samples(
             self.surface, self.radar, self.chirps, SAMPLES,
-            material=resolve_material("skin", self.radar.mid_frequency_hz), scene=None if free else self.scene,
-            sagitta_rad=self.reference_rad or (REFERENCE_RAD if free else ROOM_REFERENCE_RAD), minor_sagitta_rad=MINOR_RAD,
+            Converged(
+                material=resolve_material("skin", self.radar.mid_frequency_hz), scene=None if free else self.scene,
+                sagitta_rad=self.reference_rad or (REFERENCE_RAD if free else ROOM_REFERENCE_RAD), minor_sagitta_rad=MINOR_RAD,
+            ),
             folder=self.cache,
         )  # fmt: skip
 

@@ -18,7 +18,7 @@ from t2d_rt.types import Radar
 from validation.methods.chart.measure import SAMPLES, Case, Point
 from validation.methods.chart.methods import SUMMED
 from validation.methods.chart.variants import cut_to
-from validation.methods.reference import nmse_db, reference_samples
+from validation.methods.reference import Converged, nmse_db, reference_samples
 
 FLOAT64_SCALES = (4.0, 1.0)
 RAYS, POSE_RATE_HZ = (10_000, 100_000, 1_000_000), 50.0
@@ -37,8 +37,8 @@ def float64(case: Case) -> list[Point]:
         def run(samples: np.ndarray, some: np.ndarray, scale: float = scale) -> tuple[float, np.ndarray]:
             start = time.perf_counter()
             found = reference_samples(
-                case.surface, radar, some, samples, material=material, scene=case.scene,
-                sagitta_rad=scale * np.asarray(case.surface.sagitta_rad),
+                case.surface, radar, some, samples,
+                Converged(material=material, scene=case.scene, sagitta_rad=scale * np.asarray(case.surface.sagitta_rad)),
             )  # fmt: skip
             return time.perf_counter() - start, found
 
