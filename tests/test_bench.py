@@ -51,7 +51,7 @@ def test_power_law_of_points_on_one_in_any_order() -> None:
     assert (law.power, law.factor, law.start) == pytest.approx((1.2, 0.3, 5))
 
 
-def test_power_law_looks_at_the_upper_half_only() -> None:
+def test_power_law_takes_the_upper_half_only() -> None:
     x = np.array([1.0, 2, 4, 8, 16, 32])
     assert power_law(x, np.where(x < 4, 100, x)).power == pytest.approx(1)
 
@@ -65,7 +65,7 @@ def test_a_sweep_is_judged_by_its_exponent(durations: tuple[Sweep, Found]) -> No
     assert (row["from"], row["fitted from"], row["to"]) == (1, 10, 60)
 
 
-def test_slow_cases_miss_their_bars() -> None:
+def test_slow_cases_miss_their_limits() -> None:
     section, _ = walk(lambda case: {**made_up(case), "seconds": 21.0}, quick=False)
     missed = {check.what for check in section.checks if not check.passed}
     assert missed == {

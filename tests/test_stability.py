@@ -39,6 +39,6 @@ def test_small_differences_and_aliasing_hold(tmp_path: Path) -> None:
 
 
 def test_a_case_whose_failing_method_holds_is_missed() -> None:
-    case = Case(name="c", failing="f", failing_error=0.1, fails_by=1, ours="o", error=0.1, bar=0.3, unit="dB")
+    case = Case(name="c", failing="f", failing_error=0.1, fails_by=1, ours="o", error=0.1, limit=0.3, unit="dB")
     assert [check.passed for check in case.checks] == [False, True]
     assert "so does the other" in str(case.row["verdict"])

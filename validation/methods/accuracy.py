@@ -52,7 +52,7 @@ def run() -> Section:
     pooled = nmse_db(np.concatenate([s.simulated for s in walk]), np.concatenate([s.reference for s in walk]))
     checks.append(Check(what="walk, all stretches", measured=pooled, limit=-20, unit="dB"))
     checks.append(
-        Check(what="the reference itself, against one still finer", measured=_convergence(radar), limit=-30, unit="dB")
+        Check(what="the reference itself, against a finer one", measured=_convergence(radar), limit=-30, unit="dB")
     )
     checks.append(
         Check(what="the reference's sphere, against its closed form", measured=_sphere(radar), limit=-30, unit="dB")
@@ -62,10 +62,10 @@ def run() -> Section:
         checks=checks,
         note=f"Field NMSE of ADC samples, `table2`, free space, skin with its diffuse part, self-occlusion: {CHIRPS} "
         f"random chirps of each stretch at {len(SAMPLES)} places of the sweep. The reference "
-        f"(validation/methods/reference.py) sums facets of {SAGITTA_RAD} rad at each sample's own moment and frequency, "
-        "in float64, and traces what is hidden through the fine mesh at each chirp; the finer one has "
+        f"(validation/methods/reference.py) sums facets of {SAGITTA_RAD} rad at each sample's own time and frequency, "
+        "in float64, and traces occlusion through the fine mesh at each chirp; the finer one has "
         f"{FINER_SAGITTA_RAD} rad ({FINER_CHIRPS} chirps). "
-        "What limits the run is what is hidden: with nothing hidden in either it reads -25 dB. `simulate` traces at the "
+        "What limits the run is occlusion: without occlusion in either it reads -25 dB. `simulate` traces at the "
         "vertices of its control cage, 25 mm apart, and fades between them and between its keys at 25 Hz.",
         table=[_row(s) for s in stretches],
         charts=[_chart(stretches)],
@@ -132,7 +132,7 @@ def _chart(stretches: list[Stretch]) -> str:
     for s in stretches:
         error = 10 * np.log10(np.mean(np.abs(s.simulated - s.reference) ** 2, axis=1) / mean[s.name])
         axis.plot(s.times_s, error, "o" if s.name == "walk" else "x", label=f"{s.name} {s.start_s:g} s")
-    axis.axhline(-20, color="C3", linestyle=":", label="bar")
+    axis.axhline(-20, color="C3", linestyle=":", label="limit")
     axis.set(xlabel="time in the recording [s]", ylabel="error of a chirp, re mean power [dB]")
     axis.set_title("mesh at default settings against the reference")
     axis.legend(fontsize=8)

@@ -55,21 +55,21 @@ def run() -> Section:
     return Section(
         title="Merging level by level",
         checks=checks,
-        note="Echoes of a skinned body (skin, default settings, nothing hidden but back faces) of a second of a walk (12_01), run "
+        note="Echoes of a skinned body (skin, default settings, no occlusion but of back faces) of a second of a walk (12_01), run "
         "(iClone 002_03) and jumping jacks (CMU 14_14) at the surface rate that each asks for, by `synthesize` against the direct "
         f"float64 sum, {CHIRPS} random chirps, 28 samples of each; seconds of the faster of two runs. Below, the Doppler spectrum "
         "(`table2`, five samples of the sweep, Blackman-Harris over the record) of what merging at default tolerance changes "
         f"against summing echo by echo: for one pose that glides at {GLIDE_MPS:g} m/s, and for the walk. Its level within "
         f"{LINE_HZ:g} Hz of the strongest line +-1, 2, 4, 8 surface rates is set against that half a surface rate to either "
         "side. Between levels factors are interpolated, which leaves images at the levels' rates, 4, 8, ... surface rates; the "
-        "walk's smear hides them but for those beyond its own Doppler.",
+        "walk's smear masks them but for those beyond its own Doppler.",
         table=rows,
         charts=[_chart(rows), _leak_chart(leaks)],
     )  # fmt: skip
 
 
 def body_echoes(surface: MovingMesh, radar: Radar) -> Echoes:
-    """A body's echoes at the surface rate that its motion asks for; skin, default settings, nothing hidden but back faces."""
+    """A body's echoes at the surface rate that its motion asks for; skin, default settings, no occlusion but of back faces."""
     rate = needed_rate_hz(surface, radar, float(surface.times_s[0]), float(surface.times_s[-1]))
     times = np.linspace(surface.times_s[0], surface.times_s[-1], int(np.ceil(surface.duration_s * rate)) + 1)
     return mesh_echoes(

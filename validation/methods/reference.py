@@ -1,9 +1,9 @@
 """A converged float64 reference for a mesh's ADC samples: no patches, no surface rate, no buckets, no slopes, no anchors.
 
-Every facet and diffuse point is summed anew at each sample's own moment and frequency, with its own physical-optics integral
-(docs/physics.md, eq. 3, 4, 9); in a room over every pair of ways (eq. 24). What the target hides of itself is traced through the
-fine mesh at the chirp's own moment, from each way's image; what still things let past (eq. 28) and what mirrors make of the
-polarisation is worked out at each unrefined vertex, and linear in between. Which ways there are is taken from `simulate`'s search.
+Every facet and diffuse point is summed anew at each sample's own time and frequency, with its own physical-optics integral
+(docs/physics.md, eq. 3, 4, 9); in a room over every path pair (eq. 24). Self-occlusion is traced through the
+fine mesh at the chirp's own time, from each path's image; blockage (eq. 28) and what mirrors make of the
+polarisation is worked out at each unrefined vertex, and linear in between. Which paths there are is taken from `simulate`'s search.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from t2d_rt.types import Material, MovingMesh, OneWayPath, PathPair, Radar, Scen
 __all__ = ["Converged", "nmse_db", "reference_samples", "refined"]
 
 MINOR_DB, MINOR_SAGITTA_RAD = -15.0, 0.12
-"""Pairs of ways that much weaker than the strongest one, in the mean over the target, are summed over coarser facets."""
+"""Path pairs that much weaker than the strongest one, in the mean over the target, are summed over coarser facets."""
 LIFT_M = 2e-3
 """Rays start that far off the surface, along its normal and ahead."""
 HORIZON = 0.1
@@ -310,11 +310,11 @@ def _cross(a: list[Any], b: list[Any]) -> list[Any]:
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
-# --- what the target hides of itself ---
+# --- self-occlusion ---
 
 
 class _View:
-    """A fine mesh at one moment, to look at from anywhere."""
+    """A fine mesh at one instant, seen from anywhere."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, incidence: Any, backend: Backend) -> None:
         self.vertices = vertices

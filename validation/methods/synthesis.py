@@ -40,10 +40,11 @@ def run() -> Section:
         title="ADC cube against direct float64 sums",
         checks=checks,
         note="First the echoes of one model summed twice, by `synthesize` and echo by echo at every sample's own "
-        "moment: 60 random echoes at up to 5 m/s that swing, change and go dark, and a walking body's own echoes "
-        f"(skin, default settings). Then the walking body (skin, facets of {WIDEBAND_SAGITTA_RAD} rad, nothing "
-        f"hidden but back faces) by `simulate` at a surface rate of {SURFACE_RATE_HZ:g} Hz against the sum of the same facets and "
-        "points, each integral anew at each sample's frequency and moment: what patches, slopes and "
+        "time: 60 random echoes at up to 5 m/s that swing, change and go dark, and a walking body's own echoes "
+        f"(skin, default settings). Then the walking body (skin, facets of {WIDEBAND_SAGITTA_RAD} rad, no "
+        f"occlusion but of back faces) by `simulate` at a surface rate of {SURFACE_RATE_HZ:g} Hz against the "
+        f"sum of the same facets and "
+        "points, each integral anew at each sample's frequency and time: what patches, slopes and "
         "interpolation in time cost.",
         charts=[_chart(wide)],
     )
@@ -106,7 +107,7 @@ def _chart(wide: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
     for preset, (cube, reference) in wide.items():
         place = np.linspace(-1, 1, cube.shape[1])
         axis.plot(place, [nmse_db(cube[:, i], reference[:, i]) for i in range(len(place))], "o-", label=preset)
-    axis.axhline(-35, color="C3", linestyle=":", label="bar")
+    axis.axhline(-35, color="C3", linestyle=":", label="limit")
     axis.set(xlabel="place in the sweep, from start (-1) to end (1)", ylabel="field NMSE [dB]")
     axis.set_title("walking body, same facets, each sample's own frequency")
     axis.legend()

@@ -27,7 +27,7 @@ FLOAT64_CHIRPS = 4
 
 
 def float64(case: Case) -> list[Point]:
-    """Every facet at every sample of every chirp in float64, from a few chirps; what is hidden traced through the fine mesh."""
+    """Every facet at every sample of every chirp in float64, from a few chirps; occlusion traced through the fine mesh."""
     radar = case.radar
     material = resolve_material("skin", radar.mid_frequency_hz)
     chirps = case.chirps[:FLOAT64_CHIRPS]
@@ -98,7 +98,7 @@ def _seconds_per_chirp(case: Case, edge_m: float) -> float:
 
 
 def sionna_paths(case: Case) -> list[Point]:
-    """The posed mesh in a scene of Sionna RT, its paths summed, at the very moments looked at; the seconds are those of 50 poses a
+    """The posed mesh in a scene of Sionna RT, its paths summed, at the very instants compared; the seconds are those of 50 poses a
     second. A spectrogram needs a pose for every chirp, 200 times as many."""
     radar = case.radar
     scene, body = _scene(radar)

@@ -41,7 +41,7 @@ def near_field(radar: Radar) -> tuple[list[Case], str]:
             fails_by=10,
             ours="facets with the vertices' exact ranges",
             error=abs(decibel(ours[0] / exact[0])),
-            bar=0.3,
+            limit=0.3,
             unit="dB",
         ),
         Case(
@@ -51,7 +51,7 @@ def near_field(radar: Radar) -> tuple[list[Case], str]:
             fails_by=1,
             ours="facets with the vertices' exact ranges",
             error=max(abs(decibel(m / e)) for m, e in zip(ours[1:], exact[1:], strict=True)),
-            bar=0.3,
+            limit=0.3,
             unit="dB",
         ),
     ]
@@ -87,7 +87,7 @@ def close_by(radar: Radar) -> Case:
         fails_by=6,
         ours="facets, worst of four ranges",
         error=max(errors),
-        bar=0.3,
+        limit=0.3,
         unit="dB",
     )
 
@@ -109,7 +109,7 @@ def inside(radar: Radar) -> Case:
         fails_by=1,
         ours="refused in one sentence",
         error=float(not refused),
-        bar=0,
+        limit=0,
         unit="of cases silent",
     )
 
@@ -167,7 +167,7 @@ def caustic(radar: Radar) -> tuple[Case, str]:
         error=max(
             abs(decibel(ours[middle] / closed)), *(abs(decibel(m / e)) for m, e in zip(ours, exact, strict=True))
         ),
-        bar=0.3,
+        limit=0.3,
         unit="dB",
     )
     ranges = np.linspace(0.45, 2.1, 800)

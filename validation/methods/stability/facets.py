@@ -59,7 +59,7 @@ def facet_size(radar: Radar) -> tuple[Case, str]:
         fails_by=10,
         ours="the same mesh, refined on its curved surface",
         error=rms,
-        bar=0.3,
+        limit=0.3,
         unit="dB",
     )
     figure, axis = new_figure()
@@ -67,7 +67,7 @@ def facet_size(radar: Radar) -> tuple[Case, str]:
         axis.loglog(edges, found, mark, label=name)
     axis.plot(edges[0], rms, "k*", markersize=12, label="t2d_rt, given the coarsest mesh")
     axis.axvline(0.5, color="grey", linestyle=":", label="half a wavelength")
-    axis.axhline(0.3, color="C3", linestyle=":", label="bar")
+    axis.axhline(0.3, color="C3", linestyle=":", label="limit")
     ticks = (0.5, 1, 2, 4, 8)
     axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axis.minorticks_off()
@@ -126,10 +126,10 @@ def small_differences(folder: Path = FOLDER) -> tuple[list[Case], str]:
             fails_by=1,
             ours="series where they are small",
             error=max(worst["ours", dtype]),
-            bar=bar,
+            limit=limit,
             unit="of the value",
         )
-        for dtype, bar in ((np.float32, 1e-5), (np.float64, 1e-12))
+        for dtype, limit in ((np.float32, 1e-5), (np.float64, 1e-12))
     ]
     figure, axis = new_figure()
     for (name, dtype), errors in worst.items():
@@ -172,12 +172,12 @@ def tangent(radar: Radar) -> list[Case]:
     return [
         Case(
             name="exactly tangent: a plate seen from its edge",
-            failing="plain divided difference, share of facets that are NaN",
+            failing="plain divided difference, fraction of facets that are NaN",
             failing_error=float(np.mean(~np.isfinite(plain))),
             fails_by=1,
-            ours="share of samples that are NaN",
+            ours="fraction of samples that are NaN",
             error=float(np.mean(~np.isfinite(samples))),
-            bar=0,
+            limit=0,
             unit="of all",
         ),
         Case(
@@ -187,7 +187,7 @@ def tangent(radar: Radar) -> list[Case]:
             fails_by=1e-3,
             ours="jump of the field",
             error=jump,
-            bar=1e-6,
+            limit=1e-6,
             unit="of broadside",
         ),
     ]
@@ -226,12 +226,12 @@ def degenerate(radar: Radar, range_m: float = 3.0) -> Case:
     error = abs(decibel(measured_rcs(mesh, radar, range_m) / ball_rcs(SPHERE_M, range_m)))
     return Case(
         name="triangles of no area",
-        failing="normals by division, share of sums that are NaN",
+        failing="normals by division, fraction of sums that are NaN",
         failing_error=float(np.isnan(naive)),
         fails_by=1,
         failing_unit="of all",
         ours="the same mesh with slivers, collapsed edges and double corners, of the whole sphere",
         error=float(error) if np.isfinite(samples).all() else math.nan,
-        bar=1,
+        limit=1,
         unit="dB",
     )

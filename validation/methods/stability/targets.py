@@ -1,4 +1,4 @@
-"""Still and moving conductors that several cases look at."""
+"""Conductors at rest and in motion that several cases use."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def trihedral_pattern(radar: Radar, *, triangular: bool) -> Pattern:
     vertices = np.array(points)
     used, inverse = np.unique(np.array(faces), return_inverse=True)
     vertices, triangles = vertices[used], inverse.reshape(-1, 3)
-    # The axis (1, 1, 1) becomes the way to the radar, horizontal; the third edge stays in the vertical plane.
+    # The axis (1, 1, 1) becomes the line of sight, horizontal; the third edge stays in the vertical plane.
     axis = np.ones(3) / math.sqrt(3)
     left = np.array([-1, 1, 0]) / math.sqrt(2)
     frame = np.stack([axis, left, np.cross(axis, left)])
@@ -105,7 +105,7 @@ def trihedral_pattern(radar: Radar, *, triangular: bool) -> Pattern:
 
 
 def room_corner(radar: Radar, walls: int) -> dict[str, object]:
-    """The power that comes back from a corner of 2 or 3 endless metal walls, as an RCS: pi R^2, R the way to the corner."""
+    """The power that comes back from a corner of 2 or 3 endless metal walls, as an RCS: pi R^2, R the distance of the corner."""
     away = np.ones(3) if walls == 3 else np.array([1.0, 1.0, 0])
     away *= CORNER_RANGE_M / np.linalg.norm(away)
     surfaces = tuple(_wall(radar.tx_position_m + away, axis) for axis in range(walls))

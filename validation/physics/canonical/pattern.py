@@ -81,6 +81,6 @@ def worst_db(rows: list[dict[str, object]]) -> float:
 def rcs_over_aspect(
     radar: Radar, vertices: np.ndarray, faces: np.ndarray, angles: np.ndarray, range_m: float = FAR_M
 ) -> np.ndarray:
-    """RCS [m^2] over the turntable's angles, nothing hidden but backs."""
+    """RCS [m^2] over the turntable's angles, no occlusion but of back faces."""
     shape = on_turntable(vertices, faces, angles, radar.tx_position_m + [range_m, 0, 0])
     return rcs(mesh_fields(shape, radar, occlusion=False)[0], range_m)

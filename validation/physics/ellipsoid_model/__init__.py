@@ -67,7 +67,7 @@ def _checks(spheroids: list[Spheroid], turned: Turned, activities: list[Activity
             unit="degrees",
         ),
         Check(
-            what="mean RCS of the standing body, ellipsoids against mesh, nothing hidden",
+            what="mean RCS of the standing body, ellipsoids against mesh, without occlusion",
             measured=abs(float(turned.rows[-2]["difference dB"])),
             limit=BODY_LIMIT_DB,
             unit="dB",

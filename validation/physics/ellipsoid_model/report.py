@@ -43,7 +43,7 @@ def note(spheroids: list[Spheroid], turned: Turned, activities: list[Activity]) 
         "the centre (the paper's baseline) the range is too long by what the spheroid reaches towards the radar, so "
         f"that a limb that swings at {SWING_RAD_PER_S:g} rad/s has a speed wrong by up to "
         f"{max(s.centre_mps for s in spheroids):.1f} m/s, and the level is that of another range. Standing body: the "
-        f"first moment of {JACKS}, conductor, at {BODY_RANGE_M:g} m, {BODY_ASPECTS} aspects; a segment's part of the "
+        f"first frame of {JACKS}, conductor, at {BODY_RANGE_M:g} m, {BODY_ASPECTS} aspects; a segment's part of the "
         "mesh is the whole mesh's surface, fading out over one row of faces where others take over. Where they "
         "agree: speeds (torso, envelope), for both hang on the same bones, and mean levels of limbs (thigh "
         f"{rows['left_thigh']:+.1f} and {rows['right_thigh']:+.1f} dB, shank {rows['left_shank']:+.1f} dB, forearm "
@@ -53,17 +53,17 @@ def note(spheroids: list[Spheroid], turned: Turned, activities: list[Activity]) 
         "and spreads the same power smoothly. The trunk is one tall, flat surface, cut into three ellipsoids that "
         f"are each bent in height: they return too little (abdomen {rows['abdomen']:+.1f} dB, pelvis "
         f"{rows['pelvis']:+.1f}, chest {rows['chest']:+.1f}), and so the whole body does "
-        f"({rows['body, nothing hidden']:+.1f} dB with nothing hidden, {rows['body, mesh with its shadows']:+.1f} dB "
+        f"({rows['body, without occlusion']:+.1f} dB without occlusion, {rows['body, mesh with its shadows']:+.1f} dB "
         f"against the mesh with its shadows). Feet are no ellipsoids either ({rows['left_foot']:+.1f} dB): soles and "
         f"insteps are flat. In spectrograms the cells within {NEAR_PEAK_DB:g} dB of the peak differ by "
         f"{min(cells):.0f} to {max(cells):.0f} dB RMS, where two speckle patterns of one mean would by 7.9: "
         "seventeen lines cannot fill what a skin fills. The line of the torso, the centre of the power within 10 dB "
-        f"of the strongest cell, parts by {min(lines):.2f} to {max(lines):.2f} m/s RMS from moment to moment: beside "
+        f"of the strongest cell, parts by {min(lines):.2f} to {max(lines):.2f} m/s RMS from instant to instant: beside "
         "a trunk that is too weak the limbs pull the ellipsoids' line to and fro. Its median does not. Shadows: who "
-        f"faces the radar hides little of himself (walk {hidden['walk']:.1f} dB RMS, jumping jacks "
+        f"faces the radar occludes little of himself (walk {hidden['walk']:.1f} dB RMS, jumping jacks "
         f"{hidden['jumping jacks']:.1f}); arms and knees that swing across the body do (run {hidden['run']:.1f}, "
-        f"stylised walk {hidden['stylised walk']:.1f}), and from the side one leg hides the other (chart). The "
-        "ellipsoids of one body do not hide one another. White lines in the spectrograms: the envelope, 35 dB below "
+        f"stylised walk {hidden['stylised walk']:.1f}), and from the side one leg occludes the other (chart). The "
+        "ellipsoids of one body do not occlude one another. White lines in the spectrograms: the envelope, 35 dB below "
         "the ridge."
     )
 
@@ -86,7 +86,7 @@ def spheroid_chart(spheroids: list[Spheroid]) -> str:
     axes[1, 1].legend(fontsize=7, loc="upper center", ncols=2)
     axes[1, 1].set(ylim=(30, 290))
     for axis in axes[1]:
-        axis.set(xlabel="angle of the long axis to the sight [deg]", xticks=range(0, 181, 30))
+        axis.set(xlabel="angle of the long axis to the line of sight [deg]", xticks=range(0, 181, 30))
     for axis in axes.ravel():
         axis.grid(alpha=0.3)
     return save_chart(figure, "ellipsoid_spheroids.png")
@@ -112,7 +112,7 @@ def body_chart(turned: Turned) -> str:
     figure, axis = new_figure(figsize=(7.5, 4))
     for values, colour, label in (
         (turned.mesh, "C0", "mesh with its shadows"),
-        (turned.unhidden, "C2", "mesh, nothing hidden"),
+        (turned.unhidden, "C2", "mesh, without occlusion"),
         (turned.ellipsoids, "C1", "17 ellipsoids"),
     ):
         axis.plot(turned.angle_deg, db(values), color=colour, linewidth=0.3, alpha=0.35)
@@ -131,7 +131,7 @@ def body_chart(turned: Turned) -> str:
 def activity_chart(activity: Activity) -> str:
     figure, axes = new_figure(ncols=3, figsize=(11, 3.6), sharey=True)
     peak = max(image.max() for image in activity.images.values())
-    titles = {"ellipsoid": "ellipsoids", "mesh": "mesh", "unhidden": "mesh, nothing hidden"}
+    titles = {"ellipsoid": "ellipsoids", "mesh": "mesh", "unhidden": "mesh, without occlusion"}
     for axis, (key, title) in zip(axes, titles.items(), strict=True):
         shown = axis.pcolormesh(
             activity.times_s, activity.speeds_mps, activity.images[key] - peak, vmin=-50, vmax=0, cmap="viridis", rasterized=True

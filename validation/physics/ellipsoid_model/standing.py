@@ -39,10 +39,10 @@ class Turned:
 
     @property
     def rows(self) -> list[dict[str, object]]:
-        """Each segment's, and the body's with nothing hidden and with its shadows."""
+        """Each segment's, and the body's without occlusion and with its shadows."""
         pairs = [
             *zip(self.names, self.limbs, self.parts, strict=True),
-            ("body, nothing hidden", self.ellipsoids, self.unhidden),
+            ("body, without occlusion", self.ellipsoids, self.unhidden),
         ]
         pairs.append(("body, mesh with its shadows", self.ellipsoids, self.mesh))
         return [_agreement(*pair) for pair in pairs]
