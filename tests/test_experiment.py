@@ -83,6 +83,7 @@ def made_twice(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[t2d.
     return {kind: (first[kind], again[number]) for number, kind in enumerate(MADE)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", MADE)
 def test_a_recording_is_made_again_from_its_folder_alone(
     kind: str, made_twice: dict[str, tuple[t2d.Recording, t2d.Recording]]
