@@ -20,13 +20,14 @@ Make = Callable[..., Path]
 
 LONGEST = (
     "test_tolerance",
-    "test_experiment",
     "test_examples",
+    "test_experiment",
     "test_synthesize",
     "test_scattering_facets",
     "test_cli",
     "test_api",
     "test_chart",
+    "test_bench",
 )
 """Files that take longest, which start first so that no process waits for another at the end."""
 
