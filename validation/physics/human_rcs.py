@@ -84,18 +84,18 @@ def run() -> Section:
         )
         for material, cut in standing.items()
     ]
-    checks.append(
-        Check(
-            what="skin: the same aspects from ADC cubes, power of 9", measured=_from_cubes(radar), limit=0.1, unit="dB"
-        )
-    )
     return Section(
         title="RCS of the standing adult",
-        checks=checks,
+        checks=[*checks, _cubes_check(radar)],
         note=_note(means, standing),
         table=rows,
         charts=[_polar_chart(standing), _spread_chart(skin)],
     )
+
+
+def _cubes_check(radar: Radar) -> Check:
+    what = "skin: the same aspects from ADC cubes, power of 9"
+    return Check(what=what, measured=_from_cubes(radar), limit=0.1, unit="dB")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
