@@ -122,3 +122,24 @@ def rest_pose(*, seed: int | None = None, ends: bool = True, frames: int = 5) ->
     turn = Rotation.identity(len(names)) if seed is None else Rotation.random(len(names), rng=seed)
     quaternions = np.tile(turn.as_quat(), (frames, 1, 1))
     return Motion(joints=joints, rotations=quaternions, rate_hz=30.0, names=names, parents=parents)
+
+
+# --- scene files ---
+
+HEADER = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+end_header
+"""
+POINTS, FACES = "0 0 0\n1 0 0\n1 2 0\n0 2 0\n", "3 0 1 2\n3 0 2 3\n"
+WALL = HEADER + POINTS + FACES
+REF = '<ref id="mat-itu_concrete" name="bsdf"/>'
+
+
+def shape(file: str = "wall.ply", inside: str = REF, kind: str = "ply", name: str = "wall") -> str:
+    return f'<shape type="{kind}" id="{name}"><string name="filename" value="{file}"/>{inside}</shape>'

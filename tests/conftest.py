@@ -1,27 +1,33 @@
-"""What several test files share: a kernel backend, and how a target's field is read out of the ADC cube."""
+"""Fixtures of several test files: a kernel backend, the field of a target in an ADC cube, scene files, the command line."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from builders import WALK, WALL
+from command_line import Command, Run, listing
 from t2d_rt.backend import Backend, select
+from t2d_rt.cli import main
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.types import Radar
 
 ReadField = Callable[..., np.ndarray]
+Make = Callable[..., Path]
 
 LONGEST = (
     "test_tolerance",
-    "test_experiment",
     "test_examples",
+    "test_experiment",
     "test_synthesize",
     "test_scattering_facets",
     "test_cli",
     "test_api",
     "test_chart",
+    "test_bench",
 )
 """Files that take longest, which start first so that no process waits for another at the end."""
 
@@ -54,3 +60,52 @@ def field_in_cube() -> ReadField:
         return field / np.sqrt(radar.received_power_w(1.0, range_m, rx_range_m))
 
     return read
+
+
+@pytest.fixture
+def make(tmp_path: Path) -> Make:
+    """Writes a scene of that body, with one material and wall.ply, and gives its path."""
+
+    def made(body: str, wall: str | bytes = WALL) -> Path:
+        home = tmp_path / "home"
+        home.mkdir(exist_ok=True)
+        (home / "wall.ply").write_bytes(wall if isinstance(wall, bytes) else wall.encode())
+        path = home / "scene.xml"
+        path.write_text(f'<scene version="2.1.0"><bsdf type="diffuse" id="mat-itu_concrete"/>{body}</scene>')
+        return path
+
+    return made
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
+    """`run("simulate", ...)` in an empty folder; the walk is there as walk.bvh."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "walk.bvh").symlink_to(WALK)
+
+    def run_command(*arguments: str) -> Run:
+        capsys.readouterr()
+        try:
+            code = main(arguments)
+        except SystemExit as stop:  # --help and --print_config of the parser
+            code = stop.code if isinstance(stop.code, int) else 0
+        return Run(code, *capsys.readouterr())
+
+    return run_command
+
+
+@pytest.fixture
+def refused(run: Command, tmp_path: Path) -> Callable[..., str]:
+    """`refused(...)`: the one sentence of a run that must fail and leave everything as it was."""
+
+    def check(*arguments: str) -> str:
+        before = listing(tmp_path)
+        code, _, err = run(*arguments)
+        assert code == 2
+        assert err.startswith("t2d-rt: ")
+        assert err.count("\n") == 1
+        assert "Traceback" not in err
+        assert listing(tmp_path) == before
+        return err.strip()
+
+    return check

@@ -20,20 +20,8 @@ from t2d_rt.cli import main
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.plots import plot_spectrogram
 from t2d_rt.types import Ellipsoids, MovingMesh
-from validation.robustness.api_calls import (
-    FACES,
-    RADAR,
-    TETRAHEDRON,
-    TIMES_S,
-    Call,
-    arrays_of,
-    calls,
-    cube,
-    egg,
-    faults_of,
-    result,
-    walk,
-)
+from validation.robustness.api_arguments import FACES, RADAR, TETRAHEDRON, TIMES_S, cube, egg, result, walk
+from validation.robustness.api_calls import Call, arrays_of, calls, faults_of
 
 NAMES = [call.name for call in calls(Path())]
 VERTICES = np.repeat(TETRAHEDRON[None], 3, axis=0)

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
-import time
-from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import t2d_rt as t2d
+from t2d_rt.resources import resource
 from validation.bench.charts import stage_chart, sweep_chart
-from validation.bench.measure import STAGES, SYNTHESIS, Case, stage_seconds
+from validation.bench.measure import Case
 from validation.bench.sections import Found, Sweep, overview, power_law, sweeps, swept, walk
+from validation.bench.stages import (
+    ECHO_BYTES,
+    FACETS,
+    OCCLUSION,
+    PATHS,
+    PIECE_BYTES,
+    SPECTROGRAM,
+    STAGES,
+    SYNTHESIS,
+    pieces,
+    stage_seconds,
+)
 from validation.report import record, write_report
 
 
@@ -38,7 +51,7 @@ def test_power_law_of_points_on_one_in_any_order() -> None:
     assert (law.power, law.factor, law.start) == pytest.approx((1.2, 0.3, 5))
 
 
-def test_power_law_looks_at_the_upper_half_only() -> None:
+def test_power_law_takes_the_upper_half_only() -> None:
     x = np.array([1.0, 2, 4, 8, 16, 32])
     assert power_law(x, np.where(x < 4, 100, x)).power == pytest.approx(1)
 
@@ -52,7 +65,7 @@ def test_a_sweep_is_judged_by_its_exponent(durations: tuple[Sweep, Found]) -> No
     assert (row["from"], row["fitted from"], row["to"]) == (1, 10, 60)
 
 
-def test_slow_cases_miss_their_bars() -> None:
+def test_slow_cases_miss_their_limits() -> None:
     section, _ = walk(lambda case: {**made_up(case), "seconds": 21.0}, quick=False)
     missed = {check.what for check in section.checks if not check.passed}
     assert missed == {
@@ -81,24 +94,32 @@ def test_report_has_tables_and_charts(durations: tuple[Sweep, Found], tmp_path: 
     assert all((tmp_path / chart).stat().st_size > 1000 for chart in charts)
 
 
-def test_stages_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    from t2d_rt.radar import windows
-    from validation.bench import measure
+@pytest.mark.parametrize(("frames", "echoes"), [(4, 10), (5, 0), (300, 200_000), (293, 200_000), (5000, 50_000)])
+def test_pieces_cover_a_record(frames: int, echoes: int) -> None:
+    found = pieces(frames, echoes)
+    assert (found[0][0], found[-1][1]) == (0, frames)
+    assert all(first == stop - 1 for (_, stop), (first, _) in pairwise(found))
+    assert min(stop - first for first, stop in found) >= 4
+    assert max(stop - first for first, stop in found) * echoes * ECHO_BYTES < 2 * PIECE_BYTES
 
-    class Work:
-        def outer(self) -> None:
-            time.sleep(0.01)
-            self.inner()
 
-        def inner(self) -> None:
-            time.sleep(0.2)
-
-    def run() -> None:
-        with windows.ThreadPoolExecutor(1) as pool:
-            future = pool.submit(Work().outer)
-            assert future.done()  # else stages would overlap
-
-    monkeypatch.setattr(measure, "ENTRIES", (("occlusion", Work, "outer"), ("synthesis", Work, "inner")))
-    spent, _ = stage_seconds(run)
-    assert 0.01 <= spent["occlusion"] < 0.2 <= spent["synthesis"]
-    assert windows.ThreadPoolExecutor is ThreadPoolExecutor
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["free_space", "empty_room"])
+def test_stages_are_told_apart(scene: str) -> None:
+    walk = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")), distance_m=3.0)
+    radar = t2d.Radar.preset("table2", prf_hz=5120.0)
+    target = t2d.trim(walk, 0.5, 0.75)
+    whole = t2d.simulate(
+        target, radar=radar, scene=scene, accuracy={"sagitta_rad": 2.0, "dynamic_range_db": 10}
+    )  # compiles the kernels
+    spent, done = stage_seconds(
+        target, radar, scene=scene, method="mesh", accuracy={"sagitta_rad": 2.0, "dynamic_range_db": 10}
+    )
+    assert set(spent) == set(STAGES)
+    assert min(spent.values()) >= 0
+    assert (spent[PATHS] > 0) == (scene != "free_space")
+    assert min(spent[FACETS], spent[OCCLUSION], spent[SYNTHESIS], spent[SPECTROGRAM]) > 0
+    assert done["instants"] >= len(whole.cube)
+    assert done["facets"] > 6_402
+    assert done["echo_terms"] > done["instants"]
+    assert done["facet_terms"] > 10 * done["facets"]

@@ -4,32 +4,29 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from unittest import mock
+from typing import Any
 
 import numpy as np
 import pytest
 
-from t2d_rt.scattering import facets
 from t2d_rt.scattering.phase_integral import NUMPY_OPS, divided_differences
-from t2d_rt.types import Radar
+from t2d_rt.types import PEC, Radar
 from validation.bodies import WALK
-from validation.methods import kept
-from validation.methods.chart import measure as measures
 from validation.methods.chart import point, stretch
 from validation.methods.chart.front import front, gap, seconds_at
-from validation.methods.chart.measure import Case, Point
-from validation.methods.chart.methods import METHODS, one_point, seen_by, simulated
+from validation.methods.chart.measure import SAMPLES, Case, Point, simulated
+from validation.methods.chart.methods import METHODS, with_visibility
+from validation.methods.chart.variants import one_point, one_point_each
+from validation.methods.kept import kept_samples
+from validation.methods.reference import Converged, nmse_db
 
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
-    with (
-        mock.patch.object(kept, "CACHE", tmp_path_factory.mktemp("cache")),
-        mock.patch.multiple(measures, REFERENCE_RAD=0.15, FINE_SCALE=1.0),
-    ):
-        found = Case("free_space", "walk", stretch(WALK, 1.9, 0.2), Radar.preset("table2", prf_hz=5120), count=4)
-        _ = found.truth, found.fine
-    return found
+    return Case(
+        "free_space", "walk", stretch(WALK, 1.9, 0.2), Radar.preset("table2", prf_hz=5120), count=4, fine_scale=1.0,
+        reference_rad=0.15, cache=tmp_path_factory.mktemp("cache"),
+    )  # fmt: skip
 
 
 def test_one_point_is_the_closed_form_without_phase_differences() -> None:
@@ -42,8 +39,7 @@ def test_one_point_is_the_closed_form_without_phase_differences() -> None:
 @pytest.mark.slow
 def test_finer_facets_and_the_closed_form_err_less(case: Case) -> None:
     coarse, default = (case.error_db(simulated(case, scale=scale).cube) for scale in (6.0, 1.0))
-    with mock.patch.object(facets, "divided_differences", one_point):
-        alone = case.error_db(simulated(case).cube)
+    alone = case.error_db(one_point_each(case, None).cube)
     assert default < coarse - 5 < alone - 5
     assert default < -18
 
@@ -57,24 +53,34 @@ def test_methods_in_order_of_their_error(case: Case) -> None:
 
 
 @pytest.mark.slow
-def test_ways_to_find_what_is_hidden_agree_where_little_is(case: Case) -> None:
+def test_ways_to_find_visibility_agree_where_little_is_occluded(case: Case) -> None:
     default = simulated(case).cube
     for how in ("capsules", "none"):
-        cube = seen_by(case, how).cube
+        cube = with_visibility(case, how).cube
         assert not np.array_equal(cube, default)
-        assert measures.nmse_db(cube, default) < -20
+        assert nmse_db(cube, default) < -20
 
 
 @pytest.mark.slow
 def test_a_kept_reference_is_read_again(case: Case, tmp_path: Path) -> None:
-    asked = case.surface, case.radar, case.chirps, measures.SAMPLES
-    with mock.patch.object(kept, "CACHE", tmp_path), mock.patch.object(kept.reference, "reference_samples") as sums:
-        sums.return_value = np.ones((2, 3), complex)
-        for _ in range(2):
-            np.testing.assert_array_equal(kept.kept_samples(*asked, sagitta_rad=0.5), np.ones((2, 3)))
-        sums.assert_called_once()
-        kept.kept_samples(*asked, sagitta_rad=0.4)
-        assert sums.call_count == 2
+    made = []
+
+    def compute(*given: Any) -> np.ndarray:
+        made.append(given[-1].sagitta_rad)
+        return np.full((2, 3), made[-1] + 0j)
+
+    for sagitta_rad in (0.5, 0.5, 0.4):
+        found = kept_samples(
+            case.surface,
+            case.radar,
+            case.chirps,
+            SAMPLES,
+            Converged(material=PEC, sagitta_rad=sagitta_rad),
+            folder=tmp_path,
+            compute=compute,
+        )
+        np.testing.assert_array_equal(found, np.full((2, 3), sagitta_rad))
+    assert made == [0.5, 0.4]
 
 
 def test_front_and_gaps() -> None:

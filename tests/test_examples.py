@@ -1,4 +1,4 @@
-"""What a newcomer runs: the scripts in examples/ and every command and program in the README."""
+"""What a newcomer runs: the scripts in examples/ and every command and program in the README and in docs/."""
 
 from __future__ import annotations
 
@@ -20,13 +20,31 @@ from t2d_rt.cli import main
 from t2d_rt.errors import T2DWarning
 
 FRAMES = 40
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = ROOT / "README.md"
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+SLOW = "t2d-rt plan", "t2d-rt simulate walk --start-s 2 --stop-s 2.3 --scene"
+"""Commands that take a minute: `test_tolerance` and the README's commands have the same in small."""
 
 
-def blocks(language: str) -> list[tuple[int, str]]:
-    """Line number and text of every fenced block of that language in the README."""
-    found = re.finditer(rf"^```{language}\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
-    return [(README.count("\n", 0, match.start(1)) + 1, match[1]) for match in found]
+def blocks(page: Path, language: str = "python|sh") -> list[tuple[int, str, str]]:
+    """Line number, language and text of every fenced block of a page."""
+    text = page.read_text(encoding="utf-8")
+    found = re.finditer(rf"^```({language})\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+    return [(text.count("\n", 0, match.start(2)) + 1, match[1], match[2]) for match in found]
+
+
+def run_program(page: Path, line: int, text: str, names: dict[str, Any]) -> None:
+    """Runs a block of Python; blank lines before it, so that a failure names the page's own line."""
+    exec(compile("\n" * (line - 1) + text, page.name, "exec"), names)
+
+
+def commands(page: Path, line: int, text: str) -> list[tuple[str, list[str]]]:
+    """The t2d-rt commands of a block, each with its place and words."""
+    return [
+        (f"{page.name}:{line + offset}: {each}", shlex.split(each, comments=True)[1:])
+        for offset, each in enumerate(text.splitlines())
+        if each.startswith("t2d-rt ")
+    ]
 
 
 @pytest.fixture(autouse=True)
@@ -109,14 +127,13 @@ def test_point_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 @pytest.mark.slow
 def test_programs_of_the_readme(walk_folder: Path) -> None:
-    programs = blocks("python")
+    programs = blocks(README, "python")
     assert programs
     names: dict[str, Any] = {}
     # With a tenth of the facets no tolerance is kept, and the measured error tells.
     with pytest.warns(T2DWarning, match="misses the tolerance of -25 dB"):  # noqa: PT031
-        for line, text in programs:
-            # Blank lines before it, so that a failure names the README's own line.
-            exec(compile("\n" * (line - 1) + text, "README.md", "exec"), names)
+        for line, _, text in programs:
+            run_program(README, line, text, names)
     saved = t2d.Recording.load(walk_folder / "walk.zarr")
     made = names["recording"]
     assert np.array_equal(saved.cube, made.cube)
@@ -126,21 +143,59 @@ def test_programs_of_the_readme(walk_folder: Path) -> None:
 
 @pytest.mark.slow
 def test_commands_of_the_readme(walk_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = [
-        (start + offset, shlex.split(text, comments=True))
-        for start, block in blocks("sh")
-        for offset, text in enumerate(block.splitlines())
-        if text.startswith("t2d-rt ")
-    ]
-    assert {words[1] for _, words in lines} >= {"simulate", "compare", "info"}
-    for number, words in lines:
-        assert main(words[1:]) == 0, f"README.md:{number}: {' '.join(words)}: {capsys.readouterr().err}"
+    found = [each for line, _, text in blocks(README, "sh") for each in commands(README, line, text)]
+    assert {words[0] for _, words in found} >= {"simulate", "compare", "info"}
+    for place, words in found:
+        assert main(words) == 0, f"{place}: {capsys.readouterr().err}"
     check_picture(walk_folder / "walk.png")
     assert t2d.Recording.load(walk_folder / "walk.zarr").settings["method"] == "mesh"
 
 
-def test_links_of_the_readme_lead_somewhere() -> None:
-    targets = re.findall(r"\]\(([^)#]+)[^)]*\)", README)
-    assert targets
-    missing = [target for target in targets if "://" not in target and not (ROOT / target).exists()]
+# --- docs -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")  # coarse bodies miss tolerances, a walk may alias
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
+def test_programs_and_commands_of_the_docs(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "walk.bvh").write_bytes(WALK.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for line, language, text in blocks(page):
+        if language == "python":
+            run_program(page, line, text, names)
+            continue
+        for place, words in commands(page, line, text):
+            if place.partition(": ")[2].startswith(SLOW):
+                continue
+            into = re.search(r"> (\S+)$", place)
+            try:
+                status: Any = main(words[:-2] if into else words)
+            except SystemExit as stop:  # --print_config
+                status = stop.code
+            told = capsys.readouterr()
+            assert status == 0, f"{place}: {told.err}"
+            if into:
+                (tmp_path / into[1]).write_text(told.out)
+
+
+@pytest.mark.parametrize("page", [README, ROOT / "scenes" / "README.md", *PAGES], ids=lambda page: page.stem)
+def test_links_lead_somewhere(page: Path) -> None:
+    targets = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8"))
+    assert targets or page != README
+    missing = [target for target in targets if "://" not in target and not (page.parent / target).exists()]
     assert not missing
+
+
+@pytest.mark.parametrize(
+    "page", [ROOT / "scenes" / "README.md", ROOT / "docs" / "rooms.md"], ids=lambda page: page.stem
+)
+def test_sizes_of_rooms_are_those_of_their_files(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    told = dict(re.findall(r"^\| `(\w+)` \| ([\d.]+ x [\d.]+ x [\d.]+) \|", text, re.MULTILINE))
+    assert set(told) == set(t2d.scenes()) - {"free_space"}
+    for name, size in told.items():
+        low, high = t2d.load_scene(name).bounds_m
+        assert [float(x) for x in size.split(" x ")] == pytest.approx((high - low).tolist(), abs=0.01)

@@ -17,7 +17,7 @@ import t2d_rt as t2d
 from t2d_rt.cli import main
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.scene import Slab
-from validation.robustness.api_calls import FACES, TETRAHEDRON, TIMES_S, egg, walk
+from validation.robustness.api_arguments import FACES, TETRAHEDRON, TIMES_S, egg, walk
 
 RADAR = t2d.Radar.preset("ci4r", prf_hz=2000, samples=32)
 MOTIONS = Path(__file__).parents[1] / "examples" / "motions"
@@ -83,6 +83,7 @@ def made_twice(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[t2d.
     return {kind: (first[kind], again[number]) for number, kind in enumerate(MADE)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", MADE)
 def test_a_recording_is_made_again_from_its_folder_alone(
     kind: str, made_twice: dict[str, tuple[t2d.Recording, t2d.Recording]]

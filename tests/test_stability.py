@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from t2d_rt.types import Radar
-from validation.methods.stability import bodies, facets, motions, rooms, signals
+from validation.methods.stability import bodies, distances, facets, motions, rooms, signals
 from validation.methods.stability.case import Case
 
 pytestmark = pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")  # sheets and torn meshes are meant so
 QUICK: list[Callable[[Radar], Case | list[Case]]] = [
-    facets.inside,
+    distances.inside,
     facets.tangent,
     facets.degenerate,
     signals.coupling,
@@ -31,14 +32,13 @@ def test_it_holds_where_another_method_fails(case: Callable[[Radar], Case | list
         assert [check.what for check in each.checks if not check.passed] == []
 
 
-def test_small_differences_and_aliasing_hold(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(facets, "save_chart", lambda figure, name: name)
-    cases, _ = facets.small_differences()
+def test_small_differences_and_aliasing_hold(tmp_path: Path) -> None:
+    cases, _ = facets.small_differences(tmp_path)
     for each in (*cases, signals.aliasing(), motions.jitter()):
         assert [check.what for check in each.checks if not check.passed] == []
 
 
 def test_a_case_whose_failing_method_holds_is_missed() -> None:
-    case = Case(name="c", failing="f", failing_error=0.1, fails_by=1, ours="o", error=0.1, bar=0.3, unit="dB")
+    case = Case(name="c", failing="f", failing_error=0.1, fails_by=1, ours="o", error=0.1, limit=0.3, unit="dB")
     assert [check.passed for check in case.checks] == [False, True]
     assert "so does the other" in str(case.row["verdict"])

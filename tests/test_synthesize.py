@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,45 +16,28 @@ from t2d_rt import cubes
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
-from t2d_rt.geometry import Refinement, refinements
-from t2d_rt.radar import groups, multilevel
-from t2d_rt.radar import synthesize as module
+from t2d_rt.memory import Budget
+from t2d_rt.radar import multilevel
 from t2d_rt.radar.direct import direct_sum
+from t2d_rt.radar.groups import levels
 from t2d_rt.radar.interpolants import spline_slopes
+from t2d_rt.radar.sweep import Sweep
 from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.radar.windows import windows
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import facets, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, resampled, stream
 from t2d_rt.types.presets import preset_names
+from validation.echoes import random_echoes as made_up
 
 TABLE2 = Radar.preset("table2")
 LARGE = {"imaging-12x16", "automotive-79", "indoor-60", "array-3x4"}
 """Presets of many antennas, which take long."""
 
 
-def random_echoes(radar: Radar, *, frames: int = 40, count: int = 60, sloped: bool = True) -> Echoes:
-    """Echoes of 3..4 m at up to 5 m/s either way, swinging, changing in amplitude and phase, some dark for a while."""
-    rng = np.random.default_rng(0)
-    t = np.arange(frames)[:, None] / 100
-    range_m = (
-        3 + rng.random(count) + rng.uniform(-5, 5, count) * t + 0.1 * np.sin(4 * np.pi * t + 6 * rng.random(count))
-    )
-    turning = np.cumsum(rng.normal(size=(frames, count)) * 0.3, axis=0)
-    amplitude = (rng.normal(size=count) + 1j * rng.normal(size=count)) * np.exp(1j * turning)
-    amplitude[10:20, ::3] = 0
-    # Where they seem to stand, for arrays; a little apart for either leg.
-    heading = rng.normal(size=(count, 3)) * (0, 0.3, 0.3) + (1, 0, 0)
-    heading /= np.linalg.norm(heading, axis=1, keepdims=True)
-    places = [np.array(radar.position_m) + range_m[..., None] * heading + shift for shift in (0, (0, 0.1, 0))]
-    # A tenth of the amplitude at either end of the sweep: 2 cm facets at 4 GHz.
-    slope = amplitude * (rng.normal(size=count) + 1j * rng.normal(size=count)) * 0.2 / radar.bandwidth_hz
-    return Echoes(
-        times_s=t[:, 0], delay_s=2 * np.maximum(range_m, 0.3) / SPEED_OF_LIGHT,
-        amplitude=amplitude.astype(np.complex64), slope=slope.astype(np.complex64) if sloped else None,
-        departure_m=places[0], arrival_m=places[1],
-    )  # fmt: skip
+random_echoes = partial(made_up, apparent=True)
 
 
 def point(range_m: np.ndarray, times_s: np.ndarray, radar: Radar) -> Echoes:
@@ -110,18 +93,13 @@ def swinging_sheet(radar: Radar, *, frames: int = 60, rate_hz: float = 100.0) ->
 @pytest.mark.parametrize(
     "preset", ["table2", "table2-uniform", "table2-burst", "text2doppler-code", "ci4r", "array-3x4"]
 )
-def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float) -> None:
     radar = Radar.preset(preset)
     echoes = swinging_sheet(radar)
-    merged = []
-
-    def levels(*arguments: Any) -> list[groups.Level]:
-        merged.append(groups.levels(*arguments))
-        return merged[-1]
-
-    monkeypatch.setattr(module, "levels", levels)
     cube = synthesize(echoes, radar, tolerance_db=tolerance_db)
-    assert all(tree for tree in merged)
+    chirps_per_frame = len(cube) / (len(echoes.times_s) - 1)
+    for window in windows(stream(echoes)):
+        assert levels(window, Sweep.of(radar), chirps_per_frame, 10 ** (tolerance_db / 20)), "they are merged"
     chirps = np.random.default_rng(0).choice(len(cube), 12, replace=False)
     antenna = radar.antennas - 1
     expected = direct_sum(echoes, radar, chirps, every=9, antenna=antenna)
@@ -376,16 +354,8 @@ def facet_field(vertices: np.ndarray, faces: np.ndarray, radar: Radar, frequenci
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["table2", "text2doppler-code"])
 @pytest.mark.parametrize("shape", ["ball", "skew plate"])
-def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend) -> None:
     # Echoes carry amplitude and slope at mid-sweep; the sum here evaluates every facet at every sample's frequency.
-    made: list[Refinement] = []
-
-    def spy(*args: object, **options: object) -> list[Refinement]:
-        made.extend(refinements(*args, **options))  # type: ignore[arg-type]
-        return made
-
-    monkeypatch.setattr("t2d_rt.scattering.mesh.refinements", spy)
-    monkeypatch.setattr("t2d_rt.scattering.mesh._kept", OrderedDict())
     radar = Radar.preset(preset)
     body = trimesh.creation.icosphere(subdivisions=2, radius=0.12)
     if shape == "skew plate":
@@ -400,8 +370,8 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
     )  # fmt: skip
     cube = synthesize(stream, radar)[0, 0, ::5]
     times = radar.sample_times_s[::5]
-    fine = made[0].operator @ mesh.rest
-    field = facet_field(fine, made[0].faces, radar, radar.carrier_hz + radar.slope_hz_per_s * times)
+    fine = facets(mesh, radar, mesh.sagitta_rad, span_s=(0.0, 3 / radar.prf_hz))
+    field = facet_field(fine.rest, fine.faces, radar, radar.carrier_hz + radar.slope_hz_per_s * times)
     # Eq. 1 has S tau^2/2 besides, which over the target's depth changes by 0.01 rad.
     delay = 2 * np.linalg.norm(vertices.mean(axis=0) - radar.tx_position_m) / SPEED_OF_LIGHT
     expected = field * np.exp(-1j * np.pi * radar.slope_hz_per_s * delay**2)
@@ -412,12 +382,11 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
 
 
 @pytest.mark.slow
-def test_a_cube_on_disk_is_the_one_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cube_on_disk_is_the_one_in_memory() -> None:
     radar = Radar.preset("array-3x4")
     echoes = swinging_sheet(radar, frames=110)  # four windows, the last one short
     inside = synthesize(echoes, radar)
-    monkeypatch.setattr(cubes, "LARGE_BYTES", 0)
-    outside = synthesize(echoes, radar)
+    outside = synthesize(echoes, radar, memory=Budget(limit_bytes=8.0 * inside.size, held_bytes=0.0))
     assert isinstance(outside, cubes.DiskCube)
     np.testing.assert_array_equal(np.asarray(outside), inside)
 

@@ -22,7 +22,7 @@ SECTIONS = {
 
 
 def main(names: list[str]) -> int:
-    """Exit code: 0 if all bars are met."""
+    """Exit code: 0 if all limits are met."""
     unknown = [name for name in names if name not in SECTIONS]
     if unknown:
         print(f"unknown section {unknown[0]}; choose from {', '.join(SECTIONS)}", file=sys.stderr)
@@ -36,7 +36,7 @@ def main(names: list[str]) -> int:
         write_report(SECTIONS)
         print(f"\n{section.title} ({time.perf_counter() - start:.0f} s)\n{summary(section)}", flush=True)
         failed += sum(not check.passed for check in section.checks)
-    print(f"\n{'all bars are met' if not failed else f'bars missed: {failed}'}: validation/report/report.md")
+    print(f"\n{'all limits are met' if not failed else f'limits missed: {failed}'}: validation/report/report.md")
     return int(failed > 0)
 
 

@@ -1,4 +1,4 @@
-"""The recorded bodies that several sections look at."""
+"""The recorded bodies that several sections use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a section of the validation found, and its way into results.json and report.md."""
+"""What a section of the validation found, written to results.json and report.md."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ RESULTS = "results.json"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """A figure beside the bar it has to meet."""
+    """A figure beside the limit that it has to meet."""
 
     what: str
     measured: float
     limit: float
     unit: str
     at_least: bool = False
-    """Whether the bar is a lower one."""
+    """Whether the limit is a least value."""
 
     @property
     def passed(self) -> bool:
-        """Whether the figure meets the bar; NaN does not."""
+        """Whether the figure meets the limit; NaN does not."""
         return self.measured >= self.limit if self.at_least else self.measured <= self.limit
 
     @property
-    def bar(self) -> str:
-        """The bar in words."""
+    def asked(self) -> str:
+        """The limit in words."""
         return f"{'>=' if self.at_least else '<='} {self.limit:g} {self.unit}".strip()
 
 
@@ -51,7 +51,7 @@ class Section:
     note: str = ""
     """How it was measured."""
     table: list[dict[str, Any]] = field(default_factory=list)
-    """Rows of what was measured beyond the bars, all of the same columns."""
+    """Rows of what was measured beyond the limits, all of the same columns."""
     charts: list[str] = field(default_factory=list)
     """Files in the report's folder."""
 
@@ -78,7 +78,7 @@ def record(name: str, section: Section, folder: Path = FOLDER) -> None:
     path = folder / RESULTS
     results = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     checks = [
-        {"what": c.what, "bar": c.bar, "measured": _short(c.measured), "unit": c.unit, "passed": bool(c.passed)}
+        {"what": c.what, "limit": c.asked, "measured": _short(c.measured), "unit": c.unit, "passed": bool(c.passed)}
         for c in section.checks
     ]
     table = [{key: _short(value) for key, value in row.items()} for row in section.table]
@@ -120,7 +120,8 @@ def write_report(
 def summary(section: Section) -> str:
     """The section's figures as lines for the terminal."""
     lines = [
-        f"{'ok  ' if c.passed else 'FAIL'} {c.what}: {c.measured:.4g} {c.unit} (bar {c.bar})" for c in section.checks
+        f"{'ok  ' if c.passed else 'FAIL'} {c.what}: {c.measured:.4g} {c.unit} (limit {c.asked})"
+        for c in section.checks
     ]
     return "\n".join(lines)
 
@@ -128,8 +129,8 @@ def summary(section: Section) -> str:
 def _section(result: Mapping[str, Any]) -> list[str]:
     checks = [
         {
-            "bar": c["what"],
-            "asked": c["bar"],
+            "check": c["what"],
+            "limit": c["limit"],
             "measured": f"{c['measured']} {c['unit']}".strip(),
             "": "pass" if c["passed"] else "**FAIL**",
         }

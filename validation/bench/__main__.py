@@ -21,7 +21,7 @@ FOLDER, QUICK_FOLDER = Path(__file__).parent, Path("out/bench")
 
 
 def main(*, quick: bool) -> int:
-    """Exit code: 0 if all bars are met."""
+    """Exit code: 0 if all limits are met."""
     begin = time.perf_counter()
     folder = QUICK_FOLDER if quick else FOLDER
     done: dict[str, Section] = {}
@@ -56,7 +56,7 @@ def main(*, quick: bool) -> int:
     command = "python -m validation.bench --quick" if quick else "make bench"
     write_report(dict.fromkeys(order), folder / "bench.md", title="Benchmark", command=command)
     failed = sum(not check.passed for each in done.values() for check in each.checks)
-    print(f"\n{'all bars are met' if not failed else f'bars missed: {failed}'}: {folder / 'bench.md'}")
+    print(f"\n{'all limits are met' if not failed else f'limits missed: {failed}'}: {folder / 'bench.md'}")
     return int(failed > 0)
 
 

@@ -1,4 +1,4 @@
-"""Charts of the benchmark: shares of the stages, and time over each swept variable."""
+"""Charts of the benchmark: fractions of time by stage, and time over each swept variable."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from validation.bench.measure import STAGES
 from validation.bench.sections import Found, Sweep, power_law, seconds, synthesis_seconds
+from validation.bench.stages import STAGES
 from validation.report import new_figure, save_chart
 
 
 def stage_chart(cases: Found, folder: Path) -> str:
-    """A bar for each case, its stages' shares side by side."""
+    """A bar for each case, its stages side by side."""
     figure, axis = new_figure(figsize=(10, 1.8 + 0.34 * len(cases)))
     place = np.arange(len(cases))
     left = np.zeros(len(cases))
     totals = np.array([sum(each["stages"].values()) for each in cases])
     for number, stage in enumerate(STAGES):
-        share = 100 * np.array([each["stages"][stage] for each in cases]) / totals
-        axis.barh(place, share, left=left, color=f"C{number}", label=stage)
-        left += share
+        fraction = 100 * np.array([each["stages"][stage] for each in cases]) / totals
+        axis.barh(place, fraction, left=left, color=f"C{number}", label=stage)
+        left += fraction
     axis.set_yticks(place, [f"{each['name']} ({each['duration_s']:g} s)" for each in cases])
     for row, total in zip(place, totals, strict=True):
         axis.text(101, row, f"{total:.2g} s", va="center")
-    axis.set(xlabel="share of the time, stages one after another [%]", xlim=(0, 108))
+    axis.set(xlabel="fraction of the time, stages one after another [%]", xlim=(0, 108))
     axis.invert_yaxis()
     axis.legend(ncols=4, loc="lower center", bbox_to_anchor=(0.4, 1.0), frameon=False)
     return save_chart(figure, "stages.png", folder)

@@ -1,64 +1,29 @@
-"""One case, timed: seconds, peak memory, and what each stage takes when the stages do not overlap."""
+"""One case, timed: seconds, peak memory, and what each stage takes by itself."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import resource
 import subprocess
 import sys
-import threading
 import time
-from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from typing import Any
-from unittest import mock
 
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import cubes, model, result, stage, summation
 from t2d_rt.backend import select
-from t2d_rt.propagation.surroundings import Blockage
-from t2d_rt.propagation.visibility import Occlusion
-from t2d_rt.radar import synthesize, windows
-from t2d_rt.radar.windows import Window
+from t2d_rt.memory import LIMIT_GB
 from t2d_rt.resources import resource as shipped
-from t2d_rt.scattering import mesh
-from t2d_rt.scattering.paths import Arrivals
-from t2d_rt.types import Ellipsoids, Motion, MovingMesh, Radar
+from t2d_rt.types import Motion, MovingMesh, Radar
+from validation.bench.stages import stage_seconds
 
 ENOUGH_S = 15.0
 """A case is not run again once its runs have taken that long."""
 SPHERE_RADIUS_M, SPHERE_SPEED_MPS = 0.15, 1.0
 SINCOS_LANES, SINCOS_EACH = 1 << 22, 64
-MOTION, WAYS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST = (
-    "motion and body", "ways in a room", "refinement, patches, points", "occlusion", "facets and points", "synthesis",
-    "spectrogram", "rest",
-)  # fmt: skip
-STAGES = (MOTION, WAYS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST)
-ENTRIES: tuple[tuple[str, Any, str], ...] = (
-    (MOTION, model, "_geometry"),
-    (MOTION, MovingMesh, "at"),
-    (MOTION, Ellipsoids, "at"),
-    (WAYS, stage, "find_path_pairs"),
-    (WAYS, model, "clutter_streams"),
-    (WAYS, Arrivals, "weight"),
-    (SETUP, mesh._Model, "of"),
-    (OCCLUSION, Occlusion, "__init__"),
-    (OCCLUSION, Occlusion, "visibility"),
-    (OCCLUSION, Blockage, "over"),
-    (FACETS, mesh, "_carried"),
-    (FACETS, mesh._Model, "put"),
-    (FACETS, mesh.Block, "arrays"),
-    (FACETS, mesh._Model, "places"),
-    (SYNTHESIS, summation, "synthesize"),
-    (SYNTHESIS, synthesize, "_sums"),
-    (SPECTROGRAM, result, "spectrogram"),
-)
-"""Where each stage is entered. The rest is checks, the choice of the surface rate, and the ellipsoid model."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,8 +42,8 @@ class Case:
     """Cycles of CMU 12_01, repeated without a jump, or a "sphere" that comes nearer."""
     runs: int = 2
     """The best of so many counts."""
-    on_disk: bool = False
-    """Whether the cube goes to disk however small it is."""
+    memory_gb: float = LIMIT_GB
+    """What the run may take; a cube of more than an eighth of it goes to disk."""
     scene: str = "free_space"
     """In a room the walk is on the spot, 3 m before the radar."""
 
@@ -94,13 +59,10 @@ def measure(case: Case) -> dict[str, Any]:
     """Times one case.
 
     `seconds` is the best run from the target to the ADC cube and its spectrogram, `peak_gb` the largest memory of a process that
-    runs it once, `yardstick_s` ten times 1e7 complex exponentials in NumPy. A last run, whose stages wait for one another, gives
-    the `stages` [s] and what they had to do: `facets`, `echoes` that are not silent in a window, `facet_terms` (facets x surface
-    frames) and `echo_terms` (echoes x moments, a moment being one chirp at one pair of antennas).
+    runs it once, `yardstick_s` ten times 1e7 complex exponentials in NumPy, `stages` and the figures after them what
+    `stage_seconds` finds.
     """
     radar = Radar.preset(case.preset, **case.changes)
-    if case.on_disk:
-        cubes.LARGE_BYTES = 0
     if case.target == "sphere":
         target: Motion | MovingMesh = _sphere(case.duration_s)
     else:
@@ -110,9 +72,10 @@ def measure(case: Case) -> dict[str, Any]:
         found = t2d.simulate(
             target,
             radar=radar,
-            method=case.method,
+            method=case.method,  # type: ignore[arg-type]
             accuracy=case.accuracy,
-            scene=case.scene,  # type: ignore[arg-type]
+            scene=case.scene,
+            memory_gb=case.memory_gb,
         )
         _ = found.spectrogram
         return len(found.settings.get("pairs", [None]))
@@ -122,7 +85,7 @@ def measure(case: Case) -> dict[str, Any]:
     taken: list[float] = []
     while len(taken) < case.runs and sum(taken) < ENOUGH_S:
         taken.append(timed(run))
-    stages, done = stage_seconds(run)
+    stages, done = stage_seconds(target, radar, scene=case.scene, method=case.method, accuracy=case.accuracy)
     return {
         "name": case.name,
         "method": case.method,
@@ -134,68 +97,11 @@ def measure(case: Case) -> dict[str, Any]:
         "peak_gb": peak_gb,
         "yardstick_s": _yardstick_s(),
         "stages": stages,
-        "facets": round(done["facet_terms"] / max(1, done["frames"])),
-        "echoes": round(done["echo_terms"] / done["moments"]),
+        "facets": done["facets"],
+        "echoes": round(done["echo_terms"] / done["instants"]),
         "facet_terms": done["facet_terms"],
         "echo_terms": done["echo_terms"],
     }
-
-
-def stage_seconds(run: Callable[[], Any]) -> tuple[dict[str, float], Counter[str]]:
-    """Each stage's seconds in one run, without those of stages called within it, and what the stages had to do.
-
-    Echoes are otherwise made while earlier ones are summed; here each stage has all cores to itself.
-    """
-    spent = dict.fromkeys(STAGES, 0.0)
-    done: Counter[str] = Counter()
-    running = threading.local()
-
-    def watched(stage: str, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*args: Any, **options: Any) -> Any:
-            stack = running.__dict__.setdefault("stack", [])
-            stack.append(0.0)
-            start = time.perf_counter()
-            try:
-                return function(*args, **options)
-            finally:
-                taken = time.perf_counter() - start
-                spent[stage] += taken - stack.pop()
-                if stack:
-                    stack[-1] += taken
-                if name in COUNTERS:
-                    done.update(COUNTERS[name](*args))
-
-        return call
-
-    with contextlib.ExitStack() as patches:
-        for stage, home, name in ENTRIES:
-            patches.enter_context(mock.patch.object(home, name, watched(stage, name, getattr(home, name))))
-        for home in (windows, synthesize, cubes):
-            patches.enter_context(mock.patch.object(home, "ThreadPoolExecutor", _AtOnce))
-        total = timed(run)
-    spent[REST] = total - sum(spent.values())
-    return spent, done
-
-
-class _AtOnce(ThreadPoolExecutor):
-    """A pool whose work is done by who hands it in."""
-
-    def submit(self, function: Callable[..., Any], /, *args: Any, **options: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        future.set_result(function(*args, **options))
-        return future
-
-
-def _facet_terms(model: Any, block: Any, *_: Any) -> dict[str, int]:
-    return {"facet_terms": len(model.patches.corners) * block.shape[0], "frames": block.shape[0]}
-
-
-def _echo_terms(window: Window, radar: Radar, position: np.ndarray, *_: Any) -> dict[str, int]:
-    moments = len(position) * len(radar.tx_offsets_m) * len(radar.rx_offsets_m)
-    return {"echo_terms": window.delay.shape[1] * moments, "moments": moments}
-
-
-COUNTERS: dict[str, Callable[..., dict[str, int]]] = {"put": _facet_terms, "_sums": _echo_terms}
 
 
 def _walk(duration_s: float, *, on_the_spot: bool) -> Motion:
@@ -210,8 +116,8 @@ def _sphere(duration_s: float) -> MovingMesh:
 
     ball = icosphere(subdivisions=2, radius=SPHERE_RADIUS_M)
     times = np.linspace(0, duration_s, 9)
-    way = np.array([-SPHERE_SPEED_MPS, 0, 0]) * (times - duration_s)[:, None] + [2, 0, 1]
-    return MovingMesh(ball.vertices + way[:, None], ball.faces, times, name="sphere")
+    centre = np.array([-SPHERE_SPEED_MPS, 0, 0]) * (times - duration_s)[:, None] + [2, 0, 1]
+    return MovingMesh(ball.vertices + centre[:, None], ball.faces, times, name="sphere")
 
 
 def sincos_rate() -> float:

@@ -14,21 +14,25 @@ import numpy as np
 from t2d_rt.types import Radar
 from t2d_rt.types.presets import preset_names
 from t2d_rt.versions import versions
-from validation.bench.measure import FACETS, STAGES, SYNTHESIS, Case, import_seconds, sincos_rate
+from validation.bench.measure import Case, import_seconds, sincos_rate
+from validation.bench.stages import FACETS, STAGES, SYNTHESIS
 from validation.report import Check, Section, processor
 
 WALK_S = 10.0
-WALK_BARS_S = {
+WALK_LIMITS_S = {
     ("ellipsoid", "table2-uniform"): 1.5,
     ("ellipsoid", "table2"): 1.5,
     ("mesh", "table2-uniform"): 5.0,
     ("mesh", "table2"): 8.0,
 }
-ROOM, ROOM_BAR_S = "living_room", 20.0
-IMPORT_BAR_S, MEMORY_BAR_GB, ARRAY_BAR, MEMORY_GROWTH_BAR = 0.5, 2.0, 4.0, 1.1
-EXPONENT_BAR = 1.05
-SLOW_PRF_HZ, FAST_PRF_HZ, FAST_BAR = 1280.0, 12800.0, 3.0
+ROOM, ROOM_LIMIT_S = "living_room", 20.0
+IMPORT_LIMIT_S, MEMORY_LIMIT_GB, ARRAY_LIMIT, MEMORY_GROWTH_LIMIT = 0.5, 2.0, 4.0, 1.1
+EXPONENT_LIMIT = 1.05
+ANTENNAS = ((1, 1), (3, 1), (3, 4), (12, 4), (12, 16))
+SLOW_PRF_HZ, FAST_PRF_HZ, FAST_LIMIT = 1280.0, 12800.0, 3.0
 PRESET_S = 0.25
+ON_DISK_GB = 1.0
+"""Memory of a run whose cube of 10 s, 0.2 GB, goes to disk."""
 Run = Callable[[Case], dict[str, Any]]
 """Measures a case."""
 Found = list[dict[str, Any]]
@@ -45,8 +49,8 @@ class Sweep:
     unit: str = ""
     cases: Sequence[Case]
     note: str
-    bar: float | None = EXPONENT_BAR
-    """Of the exponent of time; None for the chirp rate, which has another bar."""
+    limit: float | None = EXPONENT_LIMIT
+    """Of the exponent of time; None for the chirp rate, which has another limit."""
 
     @property
     def axis(self) -> str:
@@ -75,12 +79,12 @@ def machine() -> Section:
 
 def walk(run: Run, *, quick: bool) -> tuple[Section, Found]:
     """The 10 s walk by both models, and what twelve antennas cost."""
-    bars = {case: bar for case, bar in WALK_BARS_S.items() if not quick or case[1] == "table2"}
+    limits = {case: limit for case, limit in WALK_LIMITS_S.items() if not quick or case[1] == "table2"}
     cases = [
         Case(name=f"{method}, {preset}", method=method, preset=preset, duration_s=WALK_S, runs=3)
-        for method, preset in bars
+        for method, preset in limits
     ]
-    bars["mesh", ROOM] = ROOM_BAR_S
+    limits["mesh", ROOM] = ROOM_LIMIT_S
     cases.append(
         Case(name=f"mesh, table2-uniform, {ROOM}", preset="table2-uniform", scene=ROOM, duration_s=WALK_S, runs=3)
     )
@@ -93,15 +97,15 @@ def walk(run: Run, *, quick: bool) -> tuple[Section, Found]:
             Case(name="the same, one antenna", preset="array-3x4", changes=one, duration_s=WALK_S, runs=3),
         ]
     found = [run(case) for case in cases]
-    checks = [Check(what="import t2d_rt", measured=import_seconds(), limit=IMPORT_BAR_S, unit="s")]
-    for each, bar in zip(found, bars.values(), strict=False):
+    checks = [Check(what="import t2d_rt", measured=import_seconds(), limit=IMPORT_LIMIT_S, unit="s")]
+    for each, limit in zip(found, limits.values(), strict=False):
         checks += [
-            Check(what=each["name"], measured=each["seconds"], limit=bar, unit="s"),
-            Check(what=f"{each['name']}: peak memory", measured=each["peak_gb"], limit=MEMORY_BAR_GB, unit="GB"),
+            Check(what=each["name"], measured=each["seconds"], limit=limit, unit="s"),
+            Check(what=f"{each['name']}: peak memory", measured=each["peak_gb"], limit=MEMORY_LIMIT_GB, unit="GB"),
         ]
     if not quick:
         ratio = found[-2]["seconds"] / found[-1]["seconds"]
-        checks.append(Check(what="array-3x4 against one antenna", measured=ratio, limit=ARRAY_BAR, unit="times"))
+        checks.append(Check(what="array-3x4 against one antenna", measured=ratio, limit=ARRAY_LIMIT, unit="times"))
     table = [
         {
             "case": each["name"],
@@ -116,7 +120,7 @@ def walk(run: Run, *, quick: bool) -> tuple[Section, Found]:
         "From a 10 s walk (cycles of CMU 12_01, repeated without a jump) to ADC cube and spectrogram, kernels warm and the body's "
         f"refinement kept from a run before, best of {'one' if quick else 'three'}, each case in a process of its own. A "
         "yardstick is 1e8 complex exponentials in NumPy, float64, in the same process. The one antenna sends with every row of "
-        "the array's cube. In the room it is a walk on the spot, 3 m away, with all pairs of ways within 60 dB."
+        "the array's cube. In the room it is a walk on the spot, 3 m away, with all path pairs within 60 dB."
     )
     return Section(title="10 s walk", checks=checks, note=note, table=table), found
 
@@ -125,18 +129,16 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
     """Sweeps by name: faces of a body and of a sphere, chirp rates, durations, antennas."""
     base_s = 1.0 if quick else 4.0
 
-    def of(full: Sequence[float], few: Sequence[float]) -> Sequence[float]:
+    def of(full: Sequence[Any], few: Sequence[Any]) -> Sequence[Any]:
         return few if quick else full
-
-    pairs = ((3, 1), (3, 4)) if quick else ((1, 1), (3, 1), (3, 4), (12, 4), (12, 16))
 
     found = {
         "faces": Sweep(
             title="Facets of a body",
             variable="facets",
             cases=[
-                Case(name=f"sagitta {bar:g} rad", accuracy={"sagitta_rad": bar}, duration_s=base_s)
-                for bar in of((2.0, 1.0, 0.5, 0.2, 0.12), (1.0, 0.25))
+                Case(name=f"sagitta {sagitta:g} rad", accuracy={"sagitta_rad": sagitta}, duration_s=base_s)
+                for sagitta in of((2.0, 1.0, 0.5, 0.2, 0.12), (1.0, 0.25))
             ],
             note=f"Walk of {base_s:g} s, table2. The body has 6 402 faces unrefined; 2 rad is the coarsest that is taken.",
         ),
@@ -144,8 +146,8 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
             title="Facets of a sphere",
             variable="facets",
             cases=[
-                Case(name=f"sagitta {bar:g} rad", target="sphere", accuracy={"sagitta_rad": bar}, duration_s=base_s)
-                for bar in (2.0, 0.7, 0.2, 0.07, 0.03)
+                Case(name=f"sagitta {sagitta:g} rad", target="sphere", accuracy={"sagitta_rad": sagitta}, duration_s=base_s)
+                for sagitta in (2.0, 0.7, 0.2, 0.07, 0.03)
             ],
             note=f"What the body cannot show, below 20 000 facets: a sphere of 15 cm that comes nearer for {base_s:g} s, table2.",
         ),
@@ -158,7 +160,7 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
                 for rate in of((1000.0, SLOW_PRF_HZ, 2560.0, 5120.0, 10240.0, FAST_PRF_HZ, 20000.0), (SLOW_PRF_HZ, FAST_PRF_HZ))
             ],
             note=f"Walk of {base_s:g} s, table2 at other rates.",
-            bar=None,
+            limit=None,
         ),
         "durations": Sweep(
             title="Duration",
@@ -170,35 +172,42 @@ def sweeps(*, quick: bool) -> dict[str, Sweep]:
             ],
             note="The walk repeated, table2-uniform; a long one begins beyond the radar's 22 m and folds, which takes no longer.",
         ),
-        "antennas": Sweep(
-            title="Antennas",
-            variable="antennas",
-            cases=[_antennas(*pair, duration_s=base_s / 8) for pair in pairs],
-            note=f"Walk of {base_s / 8:g} s, transmitters and receivers spread over the layout of imaging-12x16, all at once, "
-            "4 167 rows per second. One antenna alone has no aperture, so its patches are larger, and fewer.",
-        ),
-        "pairs": Sweep(
-            title="Pairs of ways",
-            variable="pairs",
-            cases=[
-                Case(name=f"{db:g} dB", preset="table2-uniform", scene=ROOM, accuracy={"dynamic_range_db": db}, duration_s=base_s)
-                for db in of((5.0, 15.0, 20.0, 25.0, 30.0, 60.0), (10.0, 60.0))
-            ],
-            note=f"Walk of {base_s:g} s on the spot in the {ROOM}, table2-uniform, with all pairs of ways within more and more dB.",
-        ),
+        **_antennas_and_pairs(base_s, of),
     }  # fmt: skip
     if quick:
         del found["sphere"]
     return found
 
 
+def _antennas_and_pairs(base_s: float, of: Callable[[Sequence[Any], Sequence[Any]], Sequence[Any]]) -> dict[str, Sweep]:
+    return {
+        "antennas": Sweep(
+            title="Antennas",
+            variable="antennas",
+            cases=[_antennas(*pair, duration_s=base_s / 8) for pair in of(ANTENNAS, ANTENNAS[1:3])],
+            note=f"Walk of {base_s / 8:g} s, transmitters and receivers spread over the layout of imaging-12x16, all at once, "
+            "4 167 rows per second. One antenna alone has no aperture, so its patches are larger, and fewer.",
+        ),
+        "pairs": Sweep(
+            title="Path pairs",
+            variable="pairs",
+            cases=[
+                Case(name=f"{db:g} dB", preset="table2-uniform", scene=ROOM, accuracy={"dynamic_range_db": db}, duration_s=base_s)
+                for db in of((5.0, 15.0, 20.0, 25.0, 30.0, 60.0), (10.0, 60.0))
+            ],
+            note=f"Walk of {base_s:g} s on the spot in the {ROOM}, table2-uniform, with all path pairs within more and more dB.",
+        ),
+    }  # fmt: skip
+
+
 def streamed(run: Run) -> tuple[Section, Found]:
     """What a long record takes in memory with its cube on disk."""
     found = [
-        run(Case(name=f"{duration:g} s, on disk", duration_s=duration, on_disk=True, runs=1)) for duration in (10, 60)
+        run(Case(name=f"{duration:g} s, on disk", duration_s=duration, memory_gb=ON_DISK_GB, runs=1))
+        for duration in (10, 60)
     ]
     growth = found[1]["peak_gb"] / found[0]["peak_gb"]
-    check = Check(what="peak memory of 60 s against 10 s", measured=growth, limit=MEMORY_GROWTH_BAR, unit="times")
+    check = Check(what="peak memory of 60 s against 10 s", measured=growth, limit=MEMORY_GROWTH_LIMIT, unit="times")
     table = [{"duration [s]": each["duration_s"], **_row(each)} for each in found]
     return Section(
         title="Cubes on disk", checks=[check], note="Walk, table2, the cube written to disk.", table=table
@@ -209,13 +218,13 @@ def swept(sweep: Sweep, run: Run) -> tuple[Section, Found]:
     """A sweep's figures and the exponents of its times."""
     found = [run(case) for case in sweep.cases]
     variable = sweep.values(found)
-    if sweep.bar is None:
+    if sweep.limit is None:
         summed = dict(zip(variable, synthesis_seconds(found), strict=True))
         ratio = summed[FAST_PRF_HZ] / summed[SLOW_PRF_HZ]
-        check = Check(what="synthesis at 12.8 kHz against 1.28 kHz", measured=ratio, limit=FAST_BAR, unit="times")
+        check = Check(what="synthesis at 12.8 kHz against 1.28 kHz", measured=ratio, limit=FAST_LIMIT, unit="times")
     else:
         power = power_law(variable, seconds(found)).power
-        check = Check(what=f"{sweep.title}: exponent of seconds", measured=power, limit=sweep.bar, unit="")
+        check = Check(what=f"{sweep.title}: exponent of seconds", measured=power, limit=sweep.limit, unit="")
     table = [{sweep.axis: value, **_row(each)} for value, each in zip(variable, found, strict=True)]
     return Section(title=sweep.title, checks=[check], note=sweep.note, table=table), found
 
@@ -238,7 +247,7 @@ def overview(done: Sequence[tuple[Sweep, Found]]) -> Section:
         )
     note = (
         "One variable each. Seconds are the best of two runs (of one where it is long), kernels warm, each point in a process of "
-        "its own; those of synthesis and of the facet stage are of one more run whose stages wait for one another. Exponents p of "
+        "its own; those of synthesis and of the facet stage are of stages called one after another. Exponents p of "
         "seconds ~ x^p by least squares in log-log over the upper half of the points, the middle one included, where fixed costs "
         "do not flatter them."
     )
@@ -272,9 +281,10 @@ def stages(cases: Found) -> Section:
         for each in cases
     ]
     note = (
-        "A run whose stages wait for one another, so that each has all cores; in the timed ones echoes are made while earlier "
-        "ones are summed. Facet terms are facets x surface frames (about half of them in the dark and passed over), echo terms "
-        "echoes x chirps x antennas, which levels of groups sum in fewer steps. "
+        "Stages called one after another, so that each has all cores; in the timed runs echoes are made while earlier ones are "
+        "summed. Occlusion is the time by which making the echoes takes longer with it than without. Facet terms are facets x "
+        "path pairs x surface frames (about half of them face away and are passed over), echo terms echoes x chirps x antennas, "
+        "which levels of groups sum in fewer steps. "
         f"This machine's Dr.Jit takes {rate / 1e6:.0f} million pairs of float32 sine and cosine per second on all cores."
     )
     return Section(title="Where the time goes", checks=[], note=note, table=table)

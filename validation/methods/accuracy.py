@@ -12,7 +12,7 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.types import PEC, MovingMesh, Radar
 from validation.bodies import RUN, WALK, random_chirps, walking
-from validation.methods.reference import nmse_db, reference_samples
+from validation.methods.reference import Converged, nmse_db, reference_samples
 from validation.physics.rcs import sphere
 from validation.report import Check, Section, new_figure, save_chart
 
@@ -52,7 +52,7 @@ def run() -> Section:
     pooled = nmse_db(np.concatenate([s.simulated for s in walk]), np.concatenate([s.reference for s in walk]))
     checks.append(Check(what="walk, all stretches", measured=pooled, limit=-20, unit="dB"))
     checks.append(
-        Check(what="the reference itself, against one still finer", measured=_convergence(radar), limit=-30, unit="dB")
+        Check(what="the reference itself, against a finer one", measured=_convergence(radar), limit=-30, unit="dB")
     )
     checks.append(
         Check(what="the reference's sphere, against its closed form", measured=_sphere(radar), limit=-30, unit="dB")
@@ -62,10 +62,10 @@ def run() -> Section:
         checks=checks,
         note=f"Field NMSE of ADC samples, `table2`, free space, skin with its diffuse part, self-occlusion: {CHIRPS} "
         f"random chirps of each stretch at {len(SAMPLES)} places of the sweep. The reference "
-        f"(validation/methods/reference.py) sums facets of {SAGITTA_RAD} rad at each sample's own moment and frequency, "
-        "in float64, and traces what is hidden through the fine mesh at each chirp; the finer one has "
+        f"(validation/methods/reference.py) sums facets of {SAGITTA_RAD} rad at each sample's own time and frequency, "
+        "in float64, and traces occlusion through the fine mesh at each chirp; the finer one has "
         f"{FINER_SAGITTA_RAD} rad ({FINER_CHIRPS} chirps). "
-        "What limits the run is what is hidden: with nothing hidden in either it reads -25 dB. `simulate` traces at the "
+        "What limits the run is occlusion: without occlusion in either it reads -25 dB. `simulate` traces at the "
         "vertices of its control cage, 25 mm apart, and fades between them and between its keys at 25 Hz.",
         table=[_row(s) for s in stretches],
         charts=[_chart(stretches)],
@@ -77,7 +77,9 @@ def _stretch(radar: Radar, name: str, recording: str, start_s: float) -> Stretch
     cube = t2d.simulate(surface, radar=radar).cube[:, 0]
     chirps = random_chirps(surface, radar, CHIRPS)
     material = resolve_material("skin", radar.mid_frequency_hz)
-    reference = reference_samples(surface, radar, chirps, np.array(SAMPLES), material=material, sagitta_rad=SAGITTA_RAD)
+    reference = reference_samples(
+        surface, radar, chirps, np.array(SAMPLES), Converged(material=material, sagitta_rad=SAGITTA_RAD)
+    )
     times = start_s + radar.chirp_starts_s(len(cube))[chirps]
     return Stretch(name, start_s, times, cube[np.ix_(chirps, SAMPLES)], reference)
 
@@ -88,7 +90,7 @@ def _convergence(radar: Radar) -> float:
     chirps = random_chirps(surface, radar, FINER_CHIRPS, seed=1)
     material = resolve_material("skin", radar.mid_frequency_hz)
     coarse, fine = (
-        reference_samples(surface, radar, chirps, np.array(SAMPLES), material=material, sagitta_rad=sagitta)
+        reference_samples(surface, radar, chirps, np.array(SAMPLES), Converged(material=material, sagitta_rad=sagitta))
         for sagitta in (SAGITTA_RAD, FINER_SAGITTA_RAD)
     )
     return nmse_db(coarse, fine)
@@ -98,7 +100,9 @@ def _sphere(radar: Radar, radius_m: float = 0.15, range_m: float = 3.0) -> float
     """Field NMSE [dB] of the reference for a conducting sphere against -sqrt(P) exp(j phase) of its specular point."""
     vertices, faces = sphere(radius_m, radar.tx_position_m + [range_m + radius_m, 0, 0], subdivisions=4)
     still = MovingMesh(np.stack([vertices, vertices]), faces, [0.0, 0.01], PEC)
-    found = reference_samples(still, radar, np.array([3]), np.array(SAMPLES), material=PEC, sagitta_rad=SAGITTA_RAD)[0]
+    found = reference_samples(
+        still, radar, np.array([3]), np.array(SAMPLES), Converged(material=PEC, sagitta_rad=SAGITTA_RAD)
+    )[0]
     power = radar.received_power_w(math.pi * radius_m**2 * (range_m / (range_m + radius_m)) ** 2, range_m)
     delay = 2 * range_m / SPEED_OF_LIGHT
     frequency = radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s[list(SAMPLES)]
@@ -128,7 +132,7 @@ def _chart(stretches: list[Stretch]) -> str:
     for s in stretches:
         error = 10 * np.log10(np.mean(np.abs(s.simulated - s.reference) ** 2, axis=1) / mean[s.name])
         axis.plot(s.times_s, error, "o" if s.name == "walk" else "x", label=f"{s.name} {s.start_s:g} s")
-    axis.axhline(-20, color="C3", linestyle=":", label="bar")
+    axis.axhline(-20, color="C3", linestyle=":", label="limit")
     axis.set(xlabel="time in the recording [s]", ylabel="error of a chirp, re mean power [dB]")
     axis.set_title("mesh at default settings against the reference")
     axis.legend(fontsize=8)

@@ -4,30 +4,38 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from t2d_rt.types import MovingMesh, Radar
 from validation.methods import reference
+from validation.methods.reference import Converged
 
 CACHE = Path(__file__).parents[1] / ".cache"
 
 
 def kept_samples(
-    surface: MovingMesh, radar: Radar, chirps: np.ndarray, samples: np.ndarray, **options: Any
+    surface: MovingMesh,
+    radar: Radar,
+    chirps: np.ndarray,
+    samples: np.ndarray,
+    how: Converged,
+    *,
+    folder: Path = CACHE,
+    compute: Callable[..., np.ndarray] = reference.reference_samples,
 ) -> np.ndarray:
-    """`reference_samples` of the same arguments."""
-    moments = surface.times_s[0] + radar.chirp_times_s(surface.duration_s)[chirps]
+    """What `compute` makes of the other arguments, read from `folder` where it was made before."""
+    instants = surface.times_s[0] + radar.chirp_times_s(surface.duration_s)[chirps]
     inputs = (
-        radar.model_dump_json(), chirps.tolist(), samples.tolist(), sorted((k, repr(v)) for k, v in options.items()),
-        surface.at(moments).round(9).tobytes(), surface.faces.tolist(), inspect.getsource(reference),
+        radar.model_dump_json(), chirps.tolist(), samples.tolist(), repr(how),
+        surface.at(instants).round(9).tobytes(), surface.faces.tolist(), inspect.getsource(reference),
     )  # fmt: skip
-    file = CACHE / f"reference_{hashlib.sha256(repr(inputs).encode()).hexdigest()[:20]}.npy"
+    file = folder / f"reference_{hashlib.sha256(repr(inputs).encode()).hexdigest()[:20]}.npy"
     if file.exists():
         return np.asarray(np.load(file, allow_pickle=False))
-    found = reference.reference_samples(surface, radar, chirps, samples, **options)
-    CACHE.mkdir(exist_ok=True)
+    found = compute(surface, radar, chirps, samples, how)
+    folder.mkdir(exist_ok=True)
     np.save(file, found)
     return found

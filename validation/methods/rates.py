@@ -1,4 +1,4 @@
-"""How the error falls with the rates at which shape and occlusion are looked at."""
+"""How the error falls with the rates at which shape and occlusion are sampled."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.scattering.rate import needed_rate_hz
 from t2d_rt.types import MovingMesh, Radar
 from validation.bodies import random_chirps, walking
-from validation.methods.reference import nmse_db, reference_samples
+from validation.methods.reference import Converged, nmse_db, reference_samples
 from validation.report import Check, Section, new_figure, save_chart
 
 SURFACE_RATES_HZ, FINE_HZ = (30.0, 40.0, 60.0, 80.0, 120.0), 300.0
 OCCLUSION_RATES_HZ, DEFAULT_OCCLUSION_HZ = (12.5, 25.0, 50.0), 25.0
 ACROSS_DEG = 75.0
-"""Walking past: arms and legs hide the trunk and one another."""
+"""Walking past: arms and legs occlude the trunk and one another."""
 OCCLUDED_SAGITTA_RAD = 0.15
 CHIRPS, SAMPLES = 16, (20, 128, 236)
 
@@ -38,7 +38,7 @@ def run() -> Section:
         ),
     ]
     rows = [
-        {"what": "surface rate, nothing hidden", "rate Hz": rate, "field NMSE dB": e}
+        {"what": "surface rate, without occlusion", "rate Hz": rate, "field NMSE dB": e}
         for rate, e in surface_rates.items()
     ]
     rows += [
@@ -51,7 +51,7 @@ def run() -> Section:
         checks=checks,
         note="Against the reference on the same facets, so that only the treatment of time (and the patches that "
         f"follow from it) differs. Surface rate: walk, default facets. Occlusion: walking at {ACROSS_DEG:g} deg "
-        f"to the sight, facets of {OCCLUDED_SAGITTA_RAD} rad, surface rate {FINE_HZ:g} Hz; the "
+        f"to the line of sight, facets of {OCCLUDED_SAGITTA_RAD} rad, surface rate {FINE_HZ:g} Hz; the "
         "reference traces through the fine mesh at each chirp, `simulate` through the control cage at its keys.",
         table=rows,
         charts=[_chart(surface_rates, occlusion_rates)],
@@ -65,7 +65,11 @@ def _errors(
     chirps = random_chirps(surface, radar, CHIRPS)
     material = resolve_material("skin", radar.mid_frequency_hz)
     reference = reference_samples(
-        surface, radar, chirps, np.array(SAMPLES), material=material, sagitta_rad=sagitta_rad, occlusion=occlusion
+        surface,
+        radar,
+        chirps,
+        np.array(SAMPLES),
+        Converged(material=material, sagitta_rad=sagitta_rad, occlusion=occlusion),
     )
     cubes = (t2d.simulate(surface, radar=radar, accuracy=setting).cube[:, 0] for setting in settings)
     return [nmse_db(cube[np.ix_(chirps, SAMPLES)], reference) for cube in cubes]
@@ -92,7 +96,7 @@ def _chart(surface_rates: dict[float, float], occlusion_rates: dict[float, float
     figure, axis = new_figure()
     axis.semilogx(surface_rates.keys(), surface_rates.values(), "o-", label="surface rate")
     axis.semilogx(occlusion_rates.keys(), occlusion_rates.values(), "s-", label=f"occlusion rate, {ACROSS_DEG:g} deg")
-    axis.axhline(-20, color="C3", linestyle=":", label="bar of the whole")
+    axis.axhline(-20, color="C3", linestyle=":", label="limit of the whole")
     rates = sorted({*surface_rates, *occlusion_rates})
     axis.set_xticks(rates, [f"{rate:g}" for rate in rates])
     axis.minorticks_off()

@@ -1,9 +1,9 @@
 """A converged float64 reference for a mesh's ADC samples: no patches, no surface rate, no buckets, no slopes, no anchors.
 
-Every facet and diffuse point is summed anew at each sample's own moment and frequency, with its own physical-optics integral
-(docs/physics.md, eq. 3, 4, 9); in a room over every pair of ways (eq. 24). What the target hides of itself is traced through the
-fine mesh at the chirp's own moment, from each way's image; what still things let past (eq. 28) and what mirrors make of the
-polarisation is worked out at each unrefined vertex, and linear in between. Which ways there are is taken from `simulate`'s search.
+Every facet and diffuse point is summed anew at each sample's own time and frequency, with its own physical-optics integral
+(docs/physics.md, eq. 3, 4, 9); in a room over every path pair (eq. 24). Self-occlusion is traced through the
+fine mesh at the chirp's own time, from each path's image; blockage (eq. 28) and what mirrors make of the
+polarisation is worked out at each unrefined vertex, and linear in between. Which paths there are is taken from `simulate`'s search.
 """
 
 from __future__ import annotations
@@ -27,14 +27,29 @@ from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.scattering.phase_integral import SERIES_TERMS, divided_differences
 from t2d_rt.types import Material, MovingMesh, OneWayPath, PathPair, Radar, Scene
 
-__all__ = ["nmse_db", "reference_samples", "refined"]
+__all__ = ["Converged", "nmse_db", "reference_samples", "refined"]
 
 MINOR_DB, MINOR_SAGITTA_RAD = -15.0, 0.12
-"""Pairs of ways that much weaker than the strongest one, in the mean over the target, are summed over coarser facets."""
+"""Path pairs that much weaker than the strongest one, in the mean over the target, are summed over coarser facets."""
 LIFT_M = 2e-3
 """Rays start that far off the surface, along its normal and ahead."""
 HORIZON = 0.1
 """Cosine beyond which a vertex is too far round to belong to a lit facet."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Converged:
+    """How finely the reference models a target, and what of it."""
+
+    material: Material
+    scene: str | Scene | None = None
+    """None: free space."""
+    reflections: int = 2
+    dynamic_range_db: float = 80.0
+    seed: int = 0
+    sagitta_rad: float | np.ndarray = 0.08
+    minor_sagitta_rad: float | np.ndarray = MINOR_SAGITTA_RAD
+    occlusion: bool = True
 
 
 def reference_samples(
@@ -42,23 +57,15 @@ def reference_samples(
     radar: Radar,
     chirps: np.ndarray,
     samples: np.ndarray,
-    *,
-    material: Material,
-    scene: str | Scene | None = None,
-    reflections: int = 2,
-    dynamic_range_db: float = 80.0,
-    seed: int = 0,
-    sagitta_rad: float | np.ndarray = 0.08,
-    minor_sagitta_rad: float | np.ndarray = MINOR_SAGITTA_RAD,
-    occlusion: bool = True,
+    how: Converged,
 ) -> np.ndarray:
     """ADC samples [sqrt(W)] complex128 (len(chirps), len(samples)) of a co-located radar with isotropic antennas, in free space
     or in a scene, whose own echoes are left out."""
-    dominant, minor = _path_pairs(surface, radar, scene, reflections, dynamic_range_db)
-    points = _points(surface, radar, seed)
+    dominant, minor = _path_pairs(surface, radar, how.scene, how.reflections, how.dynamic_range_db)
+    points = _points(surface, radar, how.seed)
     parts = [
-        _Part.of(pairs, refined(surface, radar, sagitta), points, material, radar, occlusion)
-        for pairs, sagitta in ((dominant, sagitta_rad), (minor, minor_sagitta_rad))
+        _Part.of(pairs, refined(surface, radar, sagitta), points, how.material, radar, how.occlusion)
+        for pairs, sagitta in ((dominant, how.sagitta_rad), (minor, how.minor_sagitta_rad))
         if pairs
     ]
     times = samples / radar.sample_rate_hz
@@ -303,11 +310,11 @@ def _cross(a: list[Any], b: list[Any]) -> list[Any]:
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
-# --- what the target hides of itself ---
+# --- self-occlusion ---
 
 
 class _View:
-    """A fine mesh at one moment, to look at from anywhere."""
+    """A fine mesh at one instant, seen from anywhere."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, incidence: Any, backend: Backend) -> None:
         self.vertices = vertices

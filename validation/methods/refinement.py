@@ -8,7 +8,7 @@ import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.types import MovingMesh, Radar
 from validation.bodies import random_chirps, walking
-from validation.methods.reference import nmse_db, reference_samples, refined
+from validation.methods.reference import Converged, nmse_db, reference_samples, refined
 from validation.report import Check, Section, new_figure, save_chart
 
 SAGITTAS_RAD = (0.8, 0.4, 0.2, 0.1)
@@ -23,7 +23,11 @@ def run() -> Section:
     chirps = random_chirps(surface, radar, CHIRPS)
     material = resolve_material("skin", radar.mid_frequency_hz)
     reference = reference_samples(
-        surface, radar, chirps, np.array(SAMPLES), material=material, sagitta_rad=REFERENCE_RAD, occlusion=False
+        surface,
+        radar,
+        chirps,
+        np.array(SAMPLES),
+        Converged(material=material, sagitta_rad=REFERENCE_RAD, occlusion=False),
     )
     rows = []
     for sagitta in SAGITTAS_RAD:
@@ -39,18 +43,18 @@ def run() -> Section:
     order = np.polyfit(np.log2(edges[:-1]), errors[:-1], 1)[0]
     steps = np.diff(errors) / np.diff(np.log2(edges))
     for row, step in zip(rows[1:], steps, strict=True):
-        row["dB per halved edge"] = step
-    rows[0]["dB per halved edge"] = ""
+        row["dB per halving of the edge"] = step
+    rows[0]["dB per halving of the edge"] = ""
     checks = [
-        Check(what="error over edge, fit, per halved edge", measured=order, limit=6, unit="dB", at_least=True),
+        Check(what="error over edge, fit, per halving of the edge", measured=order, limit=6, unit="dB", at_least=True),
         Check(what="the same, smallest step", measured=steps.min(), limit=6, unit="dB", at_least=True),
     ]
     return Section(
         title="Refinement",
         checks=checks,
-        note="Walking body, skin with its diffuse part, nothing hidden but back faces, surface rate "
+        note="Walking body, skin with its diffuse part, no occlusion but of back faces, surface rate "
         f"{SURFACE_RATE_HZ:g} Hz so that interpolation in time does not cover the error; reference: facets of "
-        f"{REFERENCE_RAD} rad, whose own error flatters the finest row: the fit leaves it out. The bar on the "
+        f"{REFERENCE_RAD} rad, whose own error flatters the finest row: the fit leaves it out. The limit on the "
         "sagitta is one number for the whole body here; the mean edge is weighted by area.",
         table=rows,
         charts=[_chart(edges, errors, order)],
@@ -68,8 +72,8 @@ def mean_edge(surface: MovingMesh, radar: Radar, sagitta_rad: float) -> tuple[in
 
 def _chart(edges: np.ndarray, errors: np.ndarray, order: float) -> str:
     figure, axis = new_figure()
-    axis.semilogx(edges, errors, "o-", label=f"body, fit without the finest: {order:.1f} dB per halved edge")
-    axis.semilogx(edges, errors[0] + 6 * np.log2(edges / edges[0]), "k:", label="6 dB per halved edge")
+    axis.semilogx(edges, errors, "o-", label=f"body, fit without the finest: {order:.1f} dB per halving of the edge")
+    axis.semilogx(edges, errors[0] + 6 * np.log2(edges / edges[0]), "k:", label="6 dB per halving of the edge")
     axis.set(xlabel="mean edge of the facets [mm]", ylabel="field NMSE [dB]", title="refinement, walking body, skin")
     axis.set_xticks(edges, [f"{edge:.1f}" for edge in edges])
     axis.minorticks_off()

@@ -7,14 +7,14 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.scattering.mesh import mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import Echoes, MovingMesh, Radar
 from t2d_rt.types.presets import preset_names
 from validation.bodies import walking
-from validation.methods.reference import nmse_db, reference_samples
+from validation.echoes import random_echoes
+from validation.methods.reference import Converged, nmse_db, reference_samples
 from validation.report import Check, Section, new_figure, save_chart
 
 SURFACE_RATE_HZ = 150.0
@@ -40,30 +40,14 @@ def run() -> Section:
         title="ADC cube against direct float64 sums",
         checks=checks,
         note="First the echoes of one model summed twice, by `synthesize` and echo by echo at every sample's own "
-        "moment: 60 random echoes at up to 5 m/s that swing, change and go dark, and a walking body's own echoes "
-        f"(skin, default settings). Then the walking body (skin, facets of {WIDEBAND_SAGITTA_RAD} rad, nothing "
-        f"hidden but back faces) by `simulate` at a surface rate of {SURFACE_RATE_HZ:g} Hz against the sum of the same facets and "
-        "points, each integral anew at each sample's frequency and moment: what patches, slopes and "
+        "time: 60 random echoes at up to 5 m/s that swing, change and go dark, and a walking body's own echoes "
+        f"(skin, default settings). Then the walking body (skin, facets of {WIDEBAND_SAGITTA_RAD} rad, no "
+        f"occlusion but of back faces) by `simulate` at a surface rate of {SURFACE_RATE_HZ:g} Hz against the "
+        f"sum of the same facets and "
+        "points, each integral anew at each sample's frequency and time: what patches, slopes and "
         "interpolation in time cost.",
         charts=[_chart(wide)],
     )
-
-
-def random_echoes(radar: Radar, *, count: int = 60, frames: int = 40) -> Echoes:
-    """Echoes at 3..4 m, up to 5 m/s either way, swinging, some dark for a while; a tenth of the amplitude as slope."""
-    rng = np.random.default_rng(0)
-    t = np.arange(frames)[:, None] / 100
-    range_m = (
-        3 + rng.random(count) + rng.uniform(-5, 5, count) * t + 0.1 * np.sin(4 * np.pi * t + 6 * rng.random(count))
-    )
-    turning = np.cumsum(rng.normal(size=(frames, count)) * 0.3, axis=0)
-    amplitude = (rng.normal(size=count) + 1j * rng.normal(size=count)) * np.exp(1j * turning)
-    amplitude[10:20, ::3] = 0
-    slope = amplitude * (rng.normal(size=count) + 1j * rng.normal(size=count)) * 0.2 / radar.bandwidth_hz
-    return Echoes(
-        times_s=t[:, 0], delay_s=2 * np.maximum(range_m, 0.3) / SPEED_OF_LIGHT, amplitude=amplitude.astype(np.complex64),
-        slope=slope.astype(np.complex64),
-    )  # fmt: skip
 
 
 def _against_direct(echoes: Echoes, radar: Radar, every: int) -> float:
@@ -110,8 +94,10 @@ def _wideband(preset: str) -> tuple[np.ndarray, np.ndarray]:
     chirps = np.sort(np.random.default_rng(0).choice(len(cube), CHIRPS, replace=False))
     samples = np.linspace(0, radar.samples - 1, 9).astype(int)
     reference = reference_samples(
-        surface, radar, chirps, samples, material=resolve_material("skin", radar.mid_frequency_hz),
-        sagitta_rad=WIDEBAND_SAGITTA_RAD, occlusion=False,
+        surface, radar, chirps, samples,
+        Converged(
+            material=resolve_material("skin", radar.mid_frequency_hz), sagitta_rad=WIDEBAND_SAGITTA_RAD, occlusion=False
+        ),
     )  # fmt: skip
     return cube[np.ix_(chirps, samples)], reference
 
@@ -121,7 +107,7 @@ def _chart(wide: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
     for preset, (cube, reference) in wide.items():
         place = np.linspace(-1, 1, cube.shape[1])
         axis.plot(place, [nmse_db(cube[:, i], reference[:, i]) for i in range(len(place))], "o-", label=preset)
-    axis.axhline(-35, color="C3", linestyle=":", label="bar")
+    axis.axhline(-35, color="C3", linestyle=":", label="limit")
     axis.set(xlabel="place in the sweep, from start (-1) to end (1)", ylabel="field NMSE [dB]")
     axis.set_title("walking body, same facets, each sample's own frequency")
     axis.legend()

@@ -18,7 +18,7 @@ from t2d_rt.resources import resource
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation.bodies import RUN, WALK, falling, random_chirps
 from validation.methods.kept import kept_samples
-from validation.methods.reference import nmse_db
+from validation.methods.reference import Converged, nmse_db
 from validation.physics.rcs import sphere
 from validation.report import Check, Section, new_figure, save_chart
 
@@ -181,7 +181,7 @@ def _reference(case: Case, radar: Radar) -> tuple[np.ndarray, np.ndarray]:
     for surface in surfaces:
         material = resolve_material("pec" if len(surfaces) > 1 else "skin", radar.mid_frequency_hz)
         expected = expected + kept_samples(
-            surface, radar, chirps, SAMPLES, material=material, scene=case.scene if in_room else None,
+            surface, radar, chirps, SAMPLES, Converged(material=material, scene=case.scene if in_room else None),
         )  # fmt: skip
     return chirps, np.asarray(expected)
 

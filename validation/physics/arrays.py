@@ -49,8 +49,9 @@ def run() -> Section:
         checks=checks,
         note=f"Directions: strongest point of `point_cloud` over {LOOPS} loops, preset `array-3x4`, conducting sphere of radius "
         f"{RADIUS_M} m with its nearest point at {RANGE_M:g} m, {AZIMUTH_DEG:g} degrees left and {ELEVATION_DEG:g} up; against "
-        "the direction of its centre. Spheroid 8 x 22 cm there, long axis at 0, 45 and 90 degrees to the sight; against its "
-        "nearest point, which lies up to 2.4 degrees beside the centre. Each antenna alone: a still body (and sphere) at 3 m by "
+        "the direction of its centre. Spheroid 8 x 22 cm there, long axis at 0, 45 and 90 degrees to the line "
+        "of sight; against its "
+        "nearest point, which lies up to 2.4 degrees beside the centre. Each antenna alone: a body (and sphere) at rest at 3 m by "
         "`simulate` with the array, first, middle and last antenna, against `simulate` with that pair as the only one. Imaging: "
         f"sphere at 3 m, {IMAGING_AZIMUTH_DEG:g} degrees left, {IMAGING_S:g} s, level of `range_angle`'s beam.  "
         f"Walk: 12_01 (mesh, skin, self-occlusion), {WALK_S[0]:g} to {WALK_S[1]:g} s, with receiver noise of "

@@ -36,7 +36,7 @@ def project(vertices: np.ndarray, faces: np.ndarray, towards: np.ndarray) -> tup
 
 
 def contact_sheet(path: Path, motion_file: str = "12_01_walk.bvh", count: int = 6) -> Path:
-    """Front and side views of the body at moments spread over a motion."""
+    """Front and side views of the body at instants spread over a motion."""
     import matplotlib as mpl
 
     mpl.use("Agg")

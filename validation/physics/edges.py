@@ -18,7 +18,7 @@ from validation.report import Check, Section, new_figure, save_chart
 
 FREQUENCY_HZ, BEFORE_M, BEYOND_M = 77.87e9, 1.5, 1.5
 HIDDEN_S, FAST_MPS = (1.6, 2.4), 4.5
-"""When no part of the walker is in sight, and beyond which speed there is none of him."""
+"""When no part of the walker is visible, and beyond which speed there is none of him."""
 CUPBOARD_M = (1.5, 0.6, 0.0), (1.9, 1.4, 2.2)
 
 
@@ -37,13 +37,14 @@ def run() -> Section:
         checks=[
             Check(what="lit side of a knife edge", measured=float(np.abs(level - exact)[v <= 0].max()), limit=2, unit="dB"),
             Check(what="at the edge itself", measured=abs(float(level[np.argmin(np.abs(v))]) + 6.02), limit=1, unit="dB"),
-            Check(what="walk hidden by a metal cupboard, down by", measured=float(loss_db[hidden].min()), limit=20, unit="dB",
+            Check(what="walk behind a metal cupboard, down by", measured=float(loss_db[hidden].min()), limit=20, unit="dB",
                   at_least=True),
-            Check(what=f"its power beyond {FAST_MPS:g} m/s beside the walk in sight", measured=beyond_db, limit=3, unit="dB"),
+            Check(what=f"its power beyond {FAST_MPS:g} m/s beside that of the visible walk", measured=beyond_db, limit=3,
+                  unit="dB"),
         ],
-        note=f"A point {BEFORE_M + BEYOND_M:g} m away passes behind a screen half-way; v is the edge's height over the way "
-        "in units of sqrt(lambda d1 d2 / (2 (d1 + d2))). The walk (CMU 12_01, mesh, `table2`) goes across, 3 m away, behind a "
-        "cupboard 1.5 m away and 0.8 m wide that stands free; before, its side face mirrors the walker.",
+        note=f"A point {BEFORE_M + BEYOND_M:g} m away passes behind a screen half-way; v is the edge's height "
+        "over the line of sight in units of sqrt(lambda d1 d2 / (2 (d1 + d2))). The walk (CMU 12_01, mesh, `table2`) goes "
+        "across, 3 m away, behind a cupboard 1.5 m away and 0.8 m wide that stands free; before, its side face mirrors the walker.",
         charts=[_chart(v, level, exact, there, float(alone.values.max()))],
     )  # fmt: skip
 
@@ -57,7 +58,7 @@ def knife_edge_db(v: np.ndarray) -> np.ndarray:
 
 
 def _across_an_edge() -> tuple[np.ndarray, np.ndarray]:
-    """Heights v, and the share of the field."""
+    """Heights v, and the fraction of the field."""
     corners = np.array([(BEFORE_M, y, z) for y, z in ((-3, -2), (0, -2), (0, 4), (-3, 4))], float)
     screen = Surface(
         name="screen", vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]), material="metal", thickness_m=0.01
@@ -89,7 +90,7 @@ def _walk(scene: str | Scene) -> Any:
 def _chart(v: np.ndarray, level: np.ndarray, exact: np.ndarray, image: Any, peak: float) -> str:
     figure, (left, right) = new_figure(figsize=(9, 3.6), ncols=2)
     left.plot(v, exact, "k", lw=1, label="knife edge (ITU-R P.526)")
-    left.plot(v, np.where(level > -60, level, np.nan), "C1", label="share of rays")
+    left.plot(v, np.where(level > -60, level, np.nan), "C1", label="fraction of rays")
     left.set(xlabel="v: lit < 0 < shadow", ylabel="Field (dB)", ylim=(-30, 4), xlim=(-3, 3))
     left.legend(loc="lower left")
     left.grid(alpha=0.3)
@@ -99,5 +100,5 @@ def _chart(v: np.ndarray, level: np.ndarray, exact: np.ndarray, image: Any, peak
     right.set(
         xlabel="Time (s)", ylabel="Radial velocity (m/s), approaching > 0", title="walk behind a cupboard", ylim=(-5, 4)
     )
-    figure.colorbar(drawn, ax=right, label="Power rel. to the peak in sight (dB)")
+    figure.colorbar(drawn, ax=right, label="Power relative to the peak while visible (dB)")
     return save_chart(figure, "edges.png")

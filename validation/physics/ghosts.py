@@ -31,7 +31,8 @@ def run() -> Section:
         title="Ghosts",
         checks=checks,
         note=f"A metal sphere of {RADIUS_M:g} m passes a metal wall {WALL_M:g} m aside: range, speed and power of its ghosts over "
-        "one leg (the path (R + R')/2 - a cos(beta/2)) and over both (R' - a) against closed forms. Then a small room: transmitter "
+        "one of the two paths (length (R + R')/2 - a cos(beta/2)) and over both (R' - a) against closed forms. "
+        "Then a small room: transmitter "
         "and receiver 20 cm apart change places; everything is turned and shifted together; nothing moves. The chart: such a "
         "sphere in the empty room, and where its ghosts must be.",
         table=rows,
@@ -95,7 +96,7 @@ def _beside_a_wall() -> list[Check]:
     found = []
     middle, step = TIME_S / 2, 1e-4
     alone_at = np.unravel_index(np.argmax(alone.power), alone.power.shape)
-    for name, pair, copies in (("one leg by the wall", (0, 1), 2), ("both legs by the wall", (1, 1), 1)):
+    for name, pair, copies in (("one path over the wall", (0, 1), 2), ("both paths over the wall", (1, 1), 1)):
         range_m, speed = path(middle, pair), (path(middle - step, pair) - path(middle + step, pair)) / (2 * step)
         at = _peak_near(there.power, there.velocity_mps, there.range_m, speed, range_m)
         seen_m = _between(there.range_m, there.power[at[0]], at[1])
@@ -132,7 +133,7 @@ def _around(power: np.ndarray, at: Any) -> float:
 
 
 def _sphere(out_m: float, back_m: float, beta: float) -> float:
-    """Power of a sphere's specular echo over two ways to its centre, up to a constant.
+    """Power of a sphere's specular echo over two paths to its centre, up to a constant.
 
     4 cos^2(beta/2) / det H, H the Hessian of the path on its surface.
     """
@@ -232,7 +233,13 @@ def _labelled() -> tuple[list[dict[str, Any]], str]:
         ax.plot(range_m, speed, "o", ms=9, mfc="none", mec="white", mew=0.8)
         ax.annotate(str(number), (range_m, speed), xytext=(5, 4), textcoords="offset points", color="white", fontsize=8)
         rows.append(
-            {"": number, "ways": each.pair.name, "range [m]": range_m, "speed [m/s]": speed, "level [dB]": each.best_db}
+            {
+                "": number,
+                "path pair": each.pair.name,
+                "range [m]": range_m,
+                "speed [m/s]": speed,
+                "level [dB]": each.best_db,
+            }
         )
         lines.append(f"{number}  {each.pair.name}")
     ax.set(xlabel="Range (m)", ylabel="Radial velocity (m/s), approaching > 0", xlim=(2.5, 9), ylim=(-1.5, 3))

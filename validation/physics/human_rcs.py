@@ -16,7 +16,7 @@ from validation.physics.turntable import Body, aspects, db, mesh_fields, rcs
 from validation.report import Check, Section, new_figure, save_chart
 
 STANDING, STRIDES = ("14_14_jumping_jacks.bvh", 0.0), ((WALK, 1.0), (WALK, 1.5), (WALK, 2.0))
-"""Recording and moment [s]: standing with arms down, and three moments of a stride."""
+"""Recording and time [s]: standing with arms down, and three instants of a stride."""
 MATERIALS = ("skin", "clothed")
 RANGE_M = 10.0
 ASPECTS = 360
@@ -62,7 +62,7 @@ def run() -> Section:
         ]
     checks += [
         Check(
-            what="skin: spread of single looks, at least 3GPP's",
+            what="skin: spread of single aspects, at least 3GPP's",
             measured=skin.single_db,
             limit=SPREAD_3GPP_DB,
             unit="dB",
@@ -84,16 +84,18 @@ def run() -> Section:
         )
         for material, cut in standing.items()
     ]
-    checks.append(
-        Check(what="skin: the same looks from ADC cubes, power of 9", measured=_from_cubes(radar), limit=0.1, unit="dB")
-    )
     return Section(
         title="RCS of the standing adult",
-        checks=checks,
+        checks=[*checks, _cubes_check(radar)],
         note=_note(means, standing),
         table=rows,
         charts=[_polar_chart(standing), _spread_chart(skin)],
     )
+
+
+def _cubes_check(radar: Radar) -> Check:
+    what = "skin: the same aspects from ADC cubes, power of 9"
+    return Check(what=what, measured=_from_cubes(radar), limit=0.1, unit="dB")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,7 +150,7 @@ def _cuts(radar: Radar, material: str, recording: str, time_s: float) -> Cut:
 
 
 def _from_cubes(radar: Radar) -> float:
-    """|Difference| [dB] of the power of a few looks on the turntable from that in the middle samples of `simulate`'s cubes."""
+    """|Difference| [dB] of the power of a few aspects on the turntable from that in the middle samples of `simulate`'s cubes."""
     body = Body.at(recorded(STANDING[0]), STANDING[1])
     turning = body.mesh(aspects(0, 80, 9), RANGE_M, "skin")
     # The two samples lie half a step to either side of mid-sweep.
@@ -176,7 +178,7 @@ def _rows(material: str, cuts: list[Cut]) -> list[dict[str, object]]:
             "pose": cut.pose,
             "mean dBsm": float(db(cut.rcs_m2.mean())),
             "median dBsm": float(np.median(db(cut.rcs_m2))),
-            "spread of single looks dB": cut.single_db,
+            "spread of single aspects dB": cut.single_db,
             "of means over the sweep dB": cut.sweep_db,
             f"of these over {SECTOR_DEG} degrees dB": cut.sector_db,
             **{f"{side} dBsm": cut.side_dbsm(middle) for side, middle in SIDES.items()},
@@ -202,10 +204,10 @@ def _note(means: dict[str, float], standing: dict[str, Cut]) -> str:
         "seams, buckles, phones, shoes; and the recorded actors are 1.57 and 1.67 m tall. Clothed differs from skin "
         "only by its roughness (S = 0.6 for 0.3), which moves power from glints to the diffuse part and keeps the "
         "sum: cloth's own reflection and loss are not modelled. Spread of dB values over aspect: "
-        f"{skin.single_db:.1f} dB of single looks (speckle alone has 5.6), {skin.sweep_db:.1f} dB of means over the "
+        f"{skin.single_db:.1f} dB of single aspects (speckle alone has 5.6), {skin.sweep_db:.1f} dB of means over the "
         f"sweep, {skin.sector_db:.1f} dB of these over sectors of {SECTOR_DEG} degrees; 3GPP's {SPREAD_3GPP_DB} dB "
-        "lies between looks at one frequency and means over a wide band, and holds other people and clothes "
-        f"besides. Standing in skin, means over {2 * SIDE_DEG} degrees: {sides} dBsm; median of single looks "
+        "lies between single aspects at one frequency and means over a wide band, and holds other people and clothes "
+        f"besides. Standing in skin, means over {2 * SIDE_DEG} degrees: {sides} dBsm; median of single aspects "
         f"{median:.1f} dBsm. A flat front returns most, where it squarely faces the radar. Sources: 3GPP TR 38.901, "
         "release 19, section 7.9; Fortuny-Guasch and Chareau, Radar Cross Section Measurements of Pedestrian "
         "Dummies and Humans in the 24/77 GHz Frequency Bands, JRC report EUR 25762 (2013), who find the means over "
@@ -241,7 +243,7 @@ def _polar_chart(standing: dict[str, Cut]) -> str:
     axis.set_rlim(-35, 10)
     axis.set_rticks([-30, -20, -10, 0, 10])
     axis.set_rlabel_position(22)
-    axis.set_title("standing adult at 10 m, RCS [dBsm], single looks at 77.9 GHz")
+    axis.set_title("standing adult at 10 m, RCS [dBsm], single aspects at 77.9 GHz")
     axis.legend(loc="lower center", bbox_to_anchor=(0.5, -0.24), fontsize=8)
     return save_chart(figure, "human_rcs_polar.png")
 
@@ -249,7 +251,7 @@ def _polar_chart(standing: dict[str, Cut]) -> str:
 def _spread_chart(skin: Cut) -> str:
     figure, axis = new_figure()
     for values, label in (
-        (skin.rcs_m2.ravel(), "single looks"),
+        (skin.rcs_m2.ravel(), "single aspects"),
         (skin.over_sweep_m2, "means over the sweep"),
         (skin.sectors_m2, f"means over sweep and {SECTOR_DEG} degrees"),
     ):
@@ -262,7 +264,7 @@ def _spread_chart(skin: Cut) -> str:
     axis.set(
         xlim=(-25, 8),
         xlabel="RCS [dBsm]",
-        ylabel="share of looks below",
+        ylabel="fraction of aspects below",
         title="standing adult, skin: spread over aspect",
     )
     axis.legend(fontsize=8)

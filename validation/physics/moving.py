@@ -1,4 +1,4 @@
-"""A sphere that comes at 4 m/s: range, speed and what leaks beside its Doppler line. And a body that stands still."""
+"""A sphere that comes at 4 m/s: range, speed and what leaks beside its Doppler line. And a body at rest."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def run() -> Section:
         Check(what="sign: speed read", measured=speed, limit=0, unit="m/s", at_least=True),
         Check(what="outside the window's main lobe, per bin", measured=spectrum[beside].max(), limit=-80, unit="dBc"),
         Check(what="lines at multiples of the surface rate", measured=_lines(spectrum, peak, bin_hz), limit=-80, unit="dBc"),
-        Check(what="still body: energy outside zero Doppler", measured=_still_body(radar), limit=-80, unit="dBc"),
+        Check(what="body at rest: energy outside zero Doppler", measured=_still_body(radar), limit=-80, unit="dBc"),
     ]  # fmt: skip
     return Section(
-        title="Moving sphere, still body",
+        title="Moving sphere, body at rest",
         checks=checks,
         note=f"Perfectly conducting sphere, radius {RADIUS_M} m, from {START_M:g} m at {SPEED_MPS:g} m/s for "
         f"{DURATION_S:g} s, `table2`, default settings (surface rate {SURFACE_RATE_HZ:g} Hz). Range: peak of the "
@@ -118,7 +118,7 @@ def _chart(spectrum: np.ndarray, peak: int, bin_hz: float) -> str:
     figure, axis = new_figure()
     offset = (np.arange(len(spectrum)) - peak) * bin_hz
     axis.plot(offset, spectrum, linewidth=0.6)
-    axis.axhline(-80, color="C3", linestyle=":", label="bar")
+    axis.axhline(-80, color="C3", linestyle=":", label="limit")
     axis.set(xlabel="Doppler frequency from the line [Hz]", ylabel="[dBc per bin]", ylim=(-160, 3))
     axis.set_title(f"sphere at {SPEED_MPS:g} m/s, {DURATION_S:g} s, surface rate {SURFACE_RATE_HZ:g} Hz")
     axis.legend()

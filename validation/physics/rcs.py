@@ -176,7 +176,9 @@ def _chart(facets: list[dict], ellipsoid: list[dict]) -> str:
     axis.plot(ASPECTS_DEG, [row["expected dBsm"] for row in facets], "k-", label="nearest-point geometrical optics")
     axis.plot(ASPECTS_DEG, [row["measured dBsm"] for row in facets], "o", label="facets, from the ADC cube")
     axis.plot(ASPECTS_DEG, [row["measured dBsm"] for row in ellipsoid], "x", label="ellipsoid model, from the ADC cube")
-    axis.set(xlabel="angle between long axis and sight [deg]", ylabel="RCS [dBsm]", title="spheroid 8 x 22 cm, 3 m")
+    axis.set(
+        xlabel="angle between long axis and line of sight [deg]", ylabel="RCS [dBsm]", title="spheroid 8 x 22 cm, 3 m"
+    )
     axis.legend()
     axis.grid(alpha=0.3)
     return save_chart(figure, "rcs_spheroid.png")

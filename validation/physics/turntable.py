@@ -77,8 +77,8 @@ def mesh_fields(
     only: Sequence[np.ndarray] = (),
     bands_hz: np.ndarray | None = None,
 ) -> np.ndarray:
-    """sqrt(sigma)/R^2 [1/m] with the phase of IF, complex (1 + len(only), aspects): of all that is seen, and of each share
-    0..1 of the vertices (V,) by itself, nothing hidden. With `bands_hz`, frequencies beside mid-sweep, (..., bands)."""
+    """sqrt(sigma)/R^2 [1/m] with the phase of IF, complex (1 + len(only), aspects): of all that is visible, and of each part
+    0..1 of the vertices (V,) by itself, without occlusion. With `bands_hz`, frequencies beside mid-sweep, (..., bands)."""
     backend = select("auto")
     times_s = mesh.times_s
     views = [View()]
@@ -162,7 +162,7 @@ def _turns(angles_rad: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """The adult of one moment of a recording, standing on z = 0, its pelvis over the origin, looking at the radar (-x)."""
+    """The adult of one frame of a recording, standing on z = 0, its pelvis over the origin, facing the radar (-x)."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -177,7 +177,7 @@ class Body:
 
     @classmethod
     def at(cls, motion: Motion, time_s: float) -> Body:
-        """Of a motion's moment."""
+        """Of a motion's frame."""
         skin, limbs = t2d.skin(motion), t2d.segments(motion)
         frame = int(np.argmin(np.abs(motion.times_s - time_s)))
         hips = [motion.joints[frame, motion.index(f"{side}_hip")] for side in ("left", "right")]
@@ -211,7 +211,7 @@ class Body:
         return ellipsoids_on_turntable(self.semi_axes_m, self.centres, self.axes, angles_rad, place, material)
 
     def part(self, number: int) -> np.ndarray:
-        """Share of each vertex in a segment, (V,): 1 inside and fading out over one row of faces."""
+        """Fraction of each vertex in a segment, (V,): 1 inside and fading out over one row of faces."""
         share = np.zeros(len(self.vertices))
         np.maximum.at(share, self.faces[self.segment == number].ravel(), 1.0)
         return share

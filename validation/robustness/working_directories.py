@@ -46,7 +46,8 @@ def run() -> Section:
             Check(what="cubes that differ", measured=differing, limit=0, unit=""),
             Check(what="folders whose plugins ran", measured=ran, limit=0, unit=""),
         ],
-        note=f"Each shipped scene with ellipsoids, and free space with a skinned body that hides itself, {SECONDS:g} s of a walk "
+        note=f"Each shipped scene with ellipsoids, and free space with a skinned body that occludes itself, "
+        f"{SECONDS:g} s of a walk "
         "(CMU 12_01), simulated by a process of its own in each folder. The planted plugins are libraries that write a file when "
         "they are loaded, named like those of Mitsuba; the planted meshes are another room's. The table shows the first digits of "
         "the cubes' SHA-256.",

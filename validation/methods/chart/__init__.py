@@ -27,9 +27,9 @@ FALL_S = 0.5
 """Start of the stretch of the fall."""
 STRETCH_S, ROOM_STRETCH_S = 1.0, 0.5
 CHIRPS, ROOM_CHIRPS = 16, 6
-FASTER_BAR, MERGED_BAR = 10.0, 3.0
+FASTER_LIMIT, MERGED_LIMIT = 10.0, 3.0
 """The second is for points that our own merging of echoes sums."""
-FINE_BAR_DB, ROOM_BAR_DB = -30.0, -20.0
+FINE_LIMIT_DB, ROOM_LIMIT_DB = -30.0, -20.0
 NAMES: dict[Error, str] = {"nmse_db": "the field's error", "spectrogram_db": "the spectrogram's error"}
 BENCH = Path(__file__).parents[2] / "bench" / "results.json"
 
@@ -85,10 +85,10 @@ def run() -> Section:
         found[case.scene, case.name] = points
     checks.append(
         Check(what="the stand-in's own field NMSE, walk in free space", measured=fine_db["free_space", "walk"],
-              limit=FINE_BAR_DB, unit="dB")
+              limit=FINE_LIMIT_DB, unit="dB")
     )  # fmt: skip
     in_rooms = max(db for (scene, _), db in fine_db.items() if scene != "free_space")
-    checks.append(Check(what="the same, the worst in rooms", measured=in_rooms, limit=ROOM_BAR_DB, unit="dB"))
+    checks.append(Check(what="the same, the worst in rooms", measured=in_rooms, limit=ROOM_LIMIT_DB, unit="dB"))
     checks += _fronts(found)
     speed_accuracy(found["free_space", "walk"])
     return Section(
@@ -105,9 +105,9 @@ def _fronts(found: dict[tuple[str, str], list[Point]]) -> list[Check]:
     checks = []
     for error, name in NAMES.items():
         for (scene, motion), points in found.items():
-            db, share = gap(points, default_of(points), error)
+            db, longer = gap(points, default_of(points), error)
             what = f"{scene}, {motion}: default off the front of {name}, in units of {GAP_DB:g} dB or {GAP_TIME:.0%} of time"
-            checks.append(Check(what=what, measured=min(db / GAP_DB, share / GAP_TIME), limit=1, unit=""))
+            checks.append(Check(what=what, measured=min(db / GAP_DB, longer / GAP_TIME), limit=1, unit=""))
     return checks
 
 
@@ -118,9 +118,9 @@ def _faster(points: Sequence[Point]) -> list[Check]:
         Check(
             what=f"walk in free space: time of {method}, at the default's error, against the default's",
             measured=seconds_at([p for p in points if p.method == method], default.nmse_db) / default.seconds_per_second,
-            limit=bar, unit="times", at_least=True,
+            limit=limit, unit="times", at_least=True,
         )
-        for method, bar in ((SUMMED, FASTER_BAR), ("facets with one point each", MERGED_BAR))
+        for method, limit in ((SUMMED, FASTER_LIMIT), ("facets with one point each", MERGED_LIMIT))
     ]  # fmt: skip
 
 
@@ -143,7 +143,7 @@ def _note(found: dict[tuple[str, str], list[Point]], fine_db: dict[tuple[str, st
         f"The other figures are beside the mesh at far finer settings, whose own field NMSE is: "
         f"{own}. One point per facet: the closed form's value where its phases do not differ, facets cut to even edges (m), which "
         "is the best for it: with facets of the default's shapes it needs more of them. Closed form: the default's phase sagitta "
-        "times the knob; 1e+06 leaves the body's 6 402 faces. Full mesh: what is hidden traced at the facets' own vertices. Sionna "
+        "times the knob; 100 leaves the body's 6 402 faces. Full mesh: occlusion traced at the facets' own vertices. Sionna "
         f"RT: its specular and diffuse paths off the posed cage, {POSE_RATE_HZ:g} poses per second, which is no spectrogram yet. "
         "Summed chirp by chirp: the same points, moved to each chirp and summed in float64 with one exponential each, which is "
         "one sample of a chirp, not a range profile; a few chirps' time, for all chirps of a second. "
@@ -156,8 +156,8 @@ def _off(found: dict[tuple[str, str], list[Point]]) -> str:
     parts = []
     for (scene, motion), points in found.items():
         if scene != "free_space":
-            db, share = gap(points, default_of(points))
-            parts.append(f"{db:.1f} dB and {share:.0%} ({scene}, {motion})")
+            db, longer = gap(points, default_of(points))
+            parts.append(f"{db:.1f} dB and {longer:.0%} ({scene}, {motion})")
     return ", ".join(parts)
 
 

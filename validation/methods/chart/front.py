@@ -32,7 +32,7 @@ def front(points: Sequence[Point], error: Error = "nmse_db") -> list[Point]:
 
 
 def gap(points: Sequence[Point], default: Point, error: Error = "nmse_db") -> tuple[float, float]:
-    """By how much the default errs more than what is as fast [dB], and takes longer than what is as good [share of that]."""
+    """By how much the default errs more than what is as fast [dB], and takes longer than what is as good [fraction of that]."""
     own = error_of(default, error)
     as_fast = min(error_of(p, error) for p in points if p.seconds_per_second <= default.seconds_per_second)
     as_good = min(p.seconds_per_second for p in points if error_of(p, error) <= own)

@@ -3,35 +3,38 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.compare import envelope
-from t2d_rt.geometry import Refinement
+from t2d_rt.geometry import refine
+from t2d_rt.model import sagitta_rad
 from t2d_rt.result import Recording
-from t2d_rt.scattering import mesh
-from t2d_rt.scattering.patches import Patches, patches
+from t2d_rt.scattering.mesh import facets
+from t2d_rt.scattering.patches import least_range_m
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation.bodies import random_chirps
-from validation.methods.kept import kept_samples
-from validation.methods.reference import nmse_db
+from validation.methods.kept import CACHE, kept_samples
+from validation.methods.reference import Converged, nmse_db
 
 SAMPLES = np.array([20, 128, 236])
 REFERENCE_RAD, ROOM_REFERENCE_RAD, MINOR_RAD = 0.08, 0.12, 0.3
-"""Facets of the reference, in rooms, and there over pairs of ways weaker than the strongest by 12 dB."""
+"""Facets of the reference, in rooms, and there over path pairs weaker than the strongest by 12 dB."""
+FLAT = 1e6
+"""A phase sagitta [rad] that asks for no refinement."""
 LONG_S = 3.0
 """A run that takes longer than that is not repeated once kernels are warm."""
 NEAR_PEAK_DB = 40.0
 FINE: dict[str, Any] = {"surface_rate_hz": 100.0, "visibility_rate_hz": 100.0}
-FINE_SCALE, ROOM_FINE_DB = 0.4, -24.0
-"""The stand-in for the reference over the whole record: facets of that much less sagitta, in rooms what that tolerance asks for."""
+ROOM_FINE_DB = -24.0
+"""The stand-in for the reference over the whole record in rooms is what that tolerance asks for."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,13 @@ class Case:
     motion: Motion
     radar: Radar
     count: int = 16
-    """Chirps looked at."""
+    """Chirps at which the field is compared."""
+    fine_scale: float = 0.4
+    """Phase sagitta of the stand-in's facets in free space, relative to the default."""
+    reference_rad: float | None = None
+    """Phase sagitta of the reference's facets; None: `REFERENCE_RAD`, in rooms `ROOM_REFERENCE_RAD`."""
+    cache: Path = CACHE
+    """Folder in which the reference is kept."""
 
     @cached_property
     def surface(self) -> MovingMesh:
@@ -51,8 +60,26 @@ class Case:
         return t2d.skin(self.motion)
 
     @cached_property
+    def refined(self) -> MovingMesh:
+        """The facets of the default setting as a mesh of their own, which is refined no further."""
+        surface, radar = self.surface, self.radar
+        range_m = least_range_m(surface, [(radar.tx_position_m, radar.rx_position_m)], surface.times_s)
+        fine = refine(
+            surface.rest, surface.faces, wavenumber=2 * np.pi / radar.wavelength_m, range_m=range_m,
+            sagitta_rad=surface.sagitta_rad, crease_deg=surface.crease_deg,
+        )  # fmt: skip
+
+        def vertices(times_s: np.ndarray) -> np.ndarray:
+            columns = surface.at(times_s).transpose(1, 0, 2).reshape(len(surface.rest), -1)
+            return np.asarray((fine.operator @ columns).reshape(-1, len(times_s), 3).transpose(1, 0, 2))
+
+        return MovingMesh.from_track(
+            vertices, fine.faces, surface.times_s, rest=fine.operator @ surface.rest, crease_deg=0, sagitta_rad=FLAT
+        )
+
+    @cached_property
     def chirps(self) -> np.ndarray:
-        """Numbers of the chirps looked at."""
+        """Their numbers."""
         return random_chirps(self.surface, self.radar, self.count)
 
     @cached_property
@@ -61,17 +88,18 @@ class Case:
         free = self.scene == "free_space"
         return kept_samples(
             self.surface, self.radar, self.chirps, SAMPLES,
-            material=resolve_material("skin", self.radar.mid_frequency_hz), scene=None if free else self.scene,
-            sagitta_rad=REFERENCE_RAD if free else ROOM_REFERENCE_RAD, minor_sagitta_rad=MINOR_RAD,
+            Converged(
+                material=resolve_material("skin", self.radar.mid_frequency_hz), scene=None if free else self.scene,
+                sagitta_rad=self.reference_rad or (REFERENCE_RAD if free else ROOM_REFERENCE_RAD), minor_sagitta_rad=MINOR_RAD,
+            ),
+            folder=self.cache,
         )  # fmt: skip
 
     @cached_property
     def fine(self) -> Recording:
         """The stand-in for the reference over the whole record: the mesh at far finer settings."""
-        from validation.methods.chart.methods import simulated
-
         if self.scene == "free_space":
-            return simulated(self, scale=FINE_SCALE, accuracy=FINE)
+            return simulated(self, scale=self.fine_scale, accuracy=FINE)
         return t2d.simulate(self.motion, tolerance_db=ROOM_FINE_DB, measure_error=False, **self.settings())
 
     def settings(self) -> dict[str, Any]:
@@ -81,6 +109,15 @@ class Case:
     def error_db(self, cube: np.ndarray) -> float:
         """Field NMSE [dB] of a cube (chirp, antenna, sample)."""
         return nmse_db(cube[:, 0][np.ix_(self.chirps, SAMPLES)], self.truth)
+
+
+def simulated(
+    case: Case, *, scale: float = 1.0, accuracy: Mapping[str, Any] | None = None, **options: Any
+) -> Recording:
+    """`simulate` with the body's phase sagitta scaled: 1 is the default setting."""
+    return t2d.simulate(
+        case.motion, accuracy={"sagitta_scale": scale} | dict(accuracy or {}), **{**case.settings(), **options}
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,20 +164,24 @@ def measured(case: Case, method: str, knob: str, action: Callable[[], Recording]
         _ = found.spectrogram
         return found
 
-    cut: list[int] = []
-
-    def counted(surface: MovingMesh, fine: Refinement, *args: Any, **options: Any) -> Patches:
-        cut.append(len(fine.faces))
-        return patches(surface, fine, *args, **options)
-
-    with mock.patch.object(mesh, "patches", counted):
-        seconds, found = best_seconds(run)
+    seconds, found = best_seconds(run)
     return Point(
-        scene=case.scene, motion=case.name, method=method, knob=knob, facets=max(cut, default=""),
+        scene=case.scene, motion=case.name, method=method, knob=knob, facets=_facets(case, found),
         seconds_per_second=seconds / case.surface.duration_s,
         nmse_db=case.error_db(found.cube),
         **compared(found, case.fine),
     )  # fmt: skip
+
+
+def _facets(case: Case, found: Recording) -> int | str:
+    """How many facets a recording has over dominant paths: as its settings say, else as follows from its accuracy."""
+    if "facets" in found.settings:
+        return int(found.settings["facets"])
+    if found.accuracy is None or found.settings["method"] == "ellipsoid":
+        return ""
+    surface = case.surface
+    span_s = float(surface.times_s[0]), float(surface.times_s[-1])
+    return len(facets(surface, case.radar, sagitta_rad(surface, found.accuracy), span_s=span_s).faces)
 
 
 def compared(found: Recording, fine: Recording) -> dict[str, float | str]:

@@ -5,26 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
-from unittest import mock
 
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import model, room
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.geometry import Refinement, Tessellation, refine
-from t2d_rt.model import skin
-from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
 from t2d_rt.result import Recording
-from t2d_rt.scattering import facets, mesh
-from t2d_rt.scattering.phase_integral import Ops, Parts
-from t2d_rt.types import Ellipsoids, MovingMesh
-from validation.methods.chart.measure import Case
+from validation.methods.chart.measure import Case, simulated
+from validation.methods.chart.variants import occluded_by_ellipsoids, one_point_each
 
-FLAT = 1e6
-"""A phase sagitta [rad] that asks for no refinement."""
-SHRUNK, NEAR = 0.9, 1.15
-"""Ellipsoids that hide are smaller by the first, and hide nothing of what lies within them enlarged by the second."""
+UNREFINED = 100.0
+"""A factor on the body's phase sagitta at which no face is refined."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,130 +34,36 @@ class Method:
     rooms_only: bool = False
 
 
-def simulated(case: Case, *, scale: float = 1.0, **options: Any) -> Recording:
-    """`simulate` with the body's phase sagitta scaled: 1 is the default setting."""
-
-    def skinned(*args: Any, **more: Any) -> MovingMesh:
-        body = skin(*args, **more)
-        body.sagitta_rad = scale * np.asarray(body.sagitta_rad)
-        return body
-
-    with mock.patch.object(model, "skin", skinned):
-        return t2d.simulate(case.motion, **{**case.settings(), **options})
-
-
-def one_point_each(case: Case, edge_m: float) -> Recording:
-    """Facets with one point each, cut to edges of at most `edge_m` everywhere: what aliases are its edges, not its curvature."""
-
-    def cut(
-        surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Any], max_facets: int
-    ) -> list[Refinement]:
-        return [
-            cut_to(surface, edge_m, wavenumber, range_m),
-            *_refinements(surface, wavenumber, range_m, sagittas_rad[1:], max_facets),
-        ]
-
-    with (
-        mock.patch.object(mesh, "_refinements", cut),
-        mock.patch.object(facets, "divided_differences", one_point),
-    ):
-        return simulated(case)
-
-
-def cut_to(surface: MovingMesh, edge_m: float, wavenumber: float, range_m: float) -> Refinement:
-    """The surface in facets of even edges; the last ones are kept."""
-    key = edge_m, surface.rest.tobytes(), range_m
-    if key not in _cuts:
-        _cuts.clear()  # these are large
-        _cuts[key] = refine(
-            surface.rest, surface.faces, wavenumber=wavenumber, range_m=range_m, sagitta_rad=FLAT,
-            tessellation=Tessellation(max_edge_m=edge_m), crease_deg=surface.crease_deg, max_faces=20_000_000,
-        )  # fmt: skip
-    return _cuts[key]
-
-
-_refinements = mesh._refinements
-_cuts: dict[Any, Refinement] = {}
-
-
-def one_point(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> tuple[Parts, Parts]:
-    """F and dF of `divided_differences` where a facet has but the mean of its phases: exp(jp)/2 and (1 + jp) exp(jp)/2."""
-    phase = (p0 + p1 + p2) * (1 / 3)
-    sin, cos = ops.sincos(phase)
-    sin, cos = sin / 2, cos / 2
-    return (cos, sin), (cos - phase * sin, sin + phase * cos)
-
-
 def by_tolerance(case: Case, tolerance_db: float) -> Recording:
     """Settings that follow from a tolerance; the time to find them is in it, that to measure the error is not."""
     return simulated(case, tolerance_db=tolerance_db, measure_error=False)
 
 
-def seen_by(case: Case, how: str) -> Recording:
-    """The default setting with what is hidden found in another way."""
+def with_visibility(case: Case, how: str) -> Recording:
+    """The default setting with visibility found in another way."""
     if how == "none":
         return simulated(case, accuracy={"occlusion": False})
     if how == "capsules":
-        with mock.patch.object(room, "Occlusion", _capsules(t2d.segments(case.motion))):
-            return simulated(case)
+        return occluded_by_ellipsoids(case)
     if how == "full mesh":
-        return _through_the_fine_mesh(case)
+        return _at_facet_vertices(case)
     return simulated(case)
 
 
-def _through_the_fine_mesh(case: Case) -> Recording:
-    """Facets that are traced at their own vertices: the fine mesh stands for the cage.
+def _at_facet_vertices(case: Case) -> Recording:
+    """Visibility sampled at the facets' own vertices: the target is the refined mesh.
 
-    Diffuse points belong to the cage, so they are made by themselves, and both are added.
+    Diffuse points belong to the unrefined mesh, so they are made by themselves, and both are added.
     """
     material = resolve_material("skin", case.radar.mid_frequency_hz)
     rough = material.scattering_coefficient
-
-    def fine(*args: Any, **more: Any) -> MovingMesh:
-        cage = skin(*args, **more)
-        cut = mesh.least_range_m(cage, [(case.radar.tx_position_m, case.radar.rx_position_m)], cage.times_s)
-        (found,) = _refinements(cage, 2 * np.pi / case.radar.wavelength_m, cut, [cage.sagitta_rad], mesh.MOST_FACETS)
-        return MovingMesh.from_track(
-            lambda times_s: _applied(found.operator, cage.at(times_s)), found.faces, cage.times_s,
-            rest=found.operator @ cage.rest, crease_deg=0, sagitta_rad=FLAT,
-        )  # fmt: skip
-
-    with mock.patch.object(model, "skin", fine):
-        smooth = t2d.simulate(case.motion, **case.settings(), material=replace(material, scattering_coefficient=0.0))
-    points = simulated(case, scale=FLAT, material=replace(material, scattering_coefficient=1.0))
+    mirror = replace(material, scattering_coefficient=0.0)
+    smooth = t2d.simulate(case.refined, **case.settings(), material=mirror)
+    points = simulated(case, scale=UNREFINED, material=replace(material, scattering_coefficient=1.0))
     cube = np.sqrt(1 - rough**2) * smooth.cube[:] + rough * points.cube[:]
-    return Recording(cube.astype(np.complex64), case.radar, settings=smooth.settings)
-
-
-def _applied(operator: Any, cage: np.ndarray) -> np.ndarray:
-    rows = operator @ cage.transpose(1, 0, 2).reshape(cage.shape[1], -1)
-    return np.asarray(rows.reshape(-1, len(cage), 3).transpose(1, 0, 2))
-
-
-def _capsules(limbs: Ellipsoids) -> type[Occlusion]:
-    """Visibility where the segments' ellipsoids hide what lies behind them, worked out and not traced."""
-
-    class Capsules(Occlusion):
-        def sampled(self, times_s: np.ndarray) -> VisibilitySamples:
-            self.now = limbs.at(times_s)
-            return super().sampled(times_s)
-
-        def visible(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-            free = np.ones(points.shape[:2], bool)
-            for centre, axes, half in zip(
-                self.now[0].swapaxes(0, 1), self.now[1].swapaxes(0, 1), limbs.semi_axes_m, strict=True
-            ):
-                # where the ellipsoid is the unit sphere
-                start = np.einsum("kji,kqj->kqi", axes, points - centre[:, None]) / half
-                stop = np.einsum("kji,kj->ki", axes, self._viewpoint - centre)[:, None] / half
-                segment = stop - start
-                length2 = np.einsum("kqi,kqi->kq", segment, segment)
-                nearest = np.clip(-np.einsum("kqi,kqi->kq", start, segment) / length2, 0, 1)
-                miss2 = np.sum((start + nearest[..., None] * segment) ** 2, axis=2)
-                free &= (miss2 > SHRUNK**2) | (np.sum(start**2, axis=2) < NEAR**2)
-            return free
-
-    return Capsules
+    return Recording(
+        cube.astype(np.complex64), case.radar, settings=smooth.settings | {"facets": len(case.refined.faces)}
+    )
 
 
 def _ellipsoids(phase_from: str) -> Callable[[Case, float], Recording]:
@@ -185,13 +82,13 @@ METHODS = (
     Method("facets with one point each", "m edge", one_point_each, (0.016, 0.008, 0.004, 0.003, 0.0025, 0.002), (0.008,)),
     Method(
         "facets in closed form", "x sagitta", lambda case, scale: simulated(case, scale=scale),
-        (FLAT, 16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25), (FLAT, 4.0, 1.0, 0.5), (4.0, 1.0),
+        (UNREFINED, 16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25), (UNREFINED, 4.0, 1.0, 0.5), (4.0, 1.0),
     ),
     Method(
         "surface rate", "Hz", lambda case, rate: simulated(case, accuracy={"surface_rate_hz": rate}),
         (25.0, 40.0, 100.0, 200.0, 400.0), (30.0,),
     ),
-    Method("visibility", "", seen_by, ("none", "capsules", "full mesh"), ("none", "capsules")),
+    Method("visibility", "", with_visibility, ("none", "capsules", "full mesh"), ("none", "capsules")),
     Method(
         "wall order", "reflections", lambda case, order: simulated(case, reflections=order), (0, 1, 2, 3), (0, 1, 3),
         (0, 1), rooms_only=True,

@@ -44,10 +44,10 @@ def speed_accuracy(points: Sequence[Point]) -> None:
     """The README's chart."""
     figure, axis = new_figure(figsize=(7.75, 6))
     _panel(axis, points)
-    db, share = gap(points, default_of(points))
+    db, longer = gap(points, default_of(points))
     default, finest = default_of(points), _finest(points, "facets with one point each")
     for p, offset in ((default, (-24, -38)), (finest, (-14, -6)), (_finest(points, "facets in closed form"), (8, -10))):
-        name = f"default, {db:.1f} dB and {100 * share:.0f} %\noff the front: " if p is default else ""
+        name = f"default, {db:.1f} dB and {100 * longer:.0f} %\noff the front: " if p is default else ""
         axis.annotate(
             f"{name}{round(int(p.facets), -3):,} facets".replace(",", " "), (p.seconds_per_second, p.nmse_db), xytext=offset,
             textcoords="offset points", ha="left" if offset[0] > 0 else "right", fontsize=8,
@@ -89,8 +89,8 @@ def small_charts(cases: dict[tuple[str, str], list[Point]], error: Error) -> str
         for axis, motion in zip(row, motions, strict=True):
             points = cases[scene, motion]
             _panel(axis, points, error)
-            db, share = gap(points, default_of(points), error)
-            axis.set_title(f"{scene}, {motion}: default off the front {db:.1f} dB, {100 * share:.0f} %", fontsize=9)
+            db, longer = gap(points, default_of(points), error)
+            axis.set_title(f"{scene}, {motion}: default off the front {db:.1f} dB, {100 * longer:.0f} %", fontsize=9)
     handles: dict[str, Any] = {}
     for axis in axes.flat:
         handles |= dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))

@@ -16,8 +16,9 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.propagation.mitsuba import mitsuba, mitsuba_mesh
 from t2d_rt.types import Radar
 from validation.methods.chart.measure import SAMPLES, Case, Point
-from validation.methods.chart.methods import SUMMED, cut_to
-from validation.methods.reference import nmse_db, reference_samples
+from validation.methods.chart.methods import SUMMED
+from validation.methods.chart.variants import cut_to
+from validation.methods.reference import Converged, nmse_db, reference_samples
 
 FLOAT64_SCALES = (4.0, 1.0)
 RAYS, POSE_RATE_HZ = (10_000, 100_000, 1_000_000), 50.0
@@ -26,7 +27,7 @@ FLOAT64_CHIRPS = 4
 
 
 def float64(case: Case) -> list[Point]:
-    """Every facet at every sample of every chirp in float64, from a few chirps; what is hidden traced through the fine mesh."""
+    """Every facet at every sample of every chirp in float64, from a few chirps; occlusion traced through the fine mesh."""
     radar = case.radar
     material = resolve_material("skin", radar.mid_frequency_hz)
     chirps = case.chirps[:FLOAT64_CHIRPS]
@@ -36,8 +37,8 @@ def float64(case: Case) -> list[Point]:
         def run(samples: np.ndarray, some: np.ndarray, scale: float = scale) -> tuple[float, np.ndarray]:
             start = time.perf_counter()
             found = reference_samples(
-                case.surface, radar, some, samples, material=material, scene=case.scene,
-                sagitta_rad=scale * np.asarray(case.surface.sagitta_rad),
+                case.surface, radar, some, samples,
+                Converged(material=material, scene=case.scene, sagitta_rad=scale * np.asarray(case.surface.sagitta_rad)),
             )  # fmt: skip
             return time.perf_counter() - start, found
 
@@ -97,7 +98,7 @@ def _seconds_per_chirp(case: Case, edge_m: float) -> float:
 
 
 def sionna_paths(case: Case) -> list[Point]:
-    """The posed mesh in a scene of Sionna RT, its paths summed, at the very moments looked at; the seconds are those of 50 poses a
+    """The posed mesh in a scene of Sionna RT, its paths summed, at the very instants compared; the seconds are those of 50 poses a
     second. A spectrogram needs a pose for every chirp, 200 times as many."""
     radar = case.radar
     scene, body = _scene(radar)

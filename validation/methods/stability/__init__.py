@@ -14,7 +14,8 @@ def run() -> Section:
     return Section(
         title="Stability where methods fail",
         checks=[check for case in cases for check in case.checks],
-        note="Each case shows a common method failing, by at least the first of its two bars, and `t2d_rt` at its default settings "
+        note="Each case shows a common method failing, by at least the first of its two limits, and `t2d_rt` at "
+        "its default settings "
         "holding the second, or saying what is wrong.",
         table=[case.row for case in cases],
         charts=[chart for theme in found for chart in theme.charts],

@@ -1,4 +1,4 @@
-"""Bodies: visibility that pops, the ellipsoid formula end-on, segments that overlap or hide one another."""
+"""Bodies: visibility that pops, the ellipsoid formula end-on, segments that overlap or occlude one another."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def popping(radar: Radar) -> tuple[Case, str]:
         fails_by=-60,
         ours="visibility at 25 Hz, faded, and amplitudes as cubics between surface frames",
         error=floors[1],
-        bar=-80,
+        limit=-80,
         unit="dB",
     )
     return case, save_chart(figure, "stability_popping.png")
@@ -102,7 +102,7 @@ def _spectrum(series: np.ndarray) -> np.ndarray:
 
 
 def grazing(radar: Radar) -> Case:
-    """Which lit vertices of a sphere rays say are hidden: nothing of a convex body hides what is lit."""
+    """Which lit vertices of a sphere rays say are occluded: a convex body occludes nothing that is lit."""
     ball = _ball(OUTER_M, radar.tx_position_m + [END_ON_M + OUTER_M, 0, 0])
     proxy, faces = sphere(OUTER_M, np.zeros(3), 2)
     inside = abs(float(np.sum(np.linalg.det(proxy[faces])))) / 6  # of the same volume as the sphere
@@ -119,13 +119,13 @@ def grazing(radar: Radar) -> Case:
         0
     ]
     return Case(
-        name="grazing rays, lit vertices of a sphere said to be hidden",
+        name="grazing rays, lit vertices of a sphere said to be occluded",
         failing=f"{RAY_LIFT_M * 1e3:g} mm off the surface, through a proxy of {len(faces)} faces",
         failing_error=float(np.mean(stopped[lit])),
         fails_by=0.1,
         ours="2 mm off along ray and normal, through the mesh itself",
         error=float(np.mean(sampled[lit] < 1)),
-        bar=0,
+        limit=0,
         unit="of all",
     )
 
@@ -168,7 +168,7 @@ def end_on(radar: Radar) -> Case:
         fails_by=200,
         ours="specular point, and mesh",
         error=max(abs(each - END_ON_M) for each in at[1:]) * 1e3,
-        bar=2,
+        limit=2,
         unit="mm",
     )
 
@@ -200,7 +200,7 @@ def overlapping(radar: Radar) -> Case:
         fails_by=1,
         ours="mesh with its occlusion, worst of four places",
         error=max(errors["mesh"]),
-        bar=0.1,
+        limit=0.1,
         unit="dB",
     )
 
@@ -222,13 +222,13 @@ def hidden(radar: Radar) -> Case:
             )
         )
     return Case(
-        name="a hidden limb, power left of its echo",
+        name="an occluded limb, power left of its echo",
         failing="ellipsoids",
         failing_error=left[0],
         fails_by=-1,
         ours="mesh with its occlusion",
         error=left[1],
-        bar=-40,
+        limit=-40,
         unit="dB",
     )
 

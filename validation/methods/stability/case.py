@@ -19,7 +19,7 @@ class Case:
     """Less than that, and the case proves nothing."""
     ours: str
     error: float
-    bar: float
+    limit: float
     """Our error may reach it."""
     unit: str
     failing_unit: str = ""
@@ -36,7 +36,7 @@ class Case:
                 unit=self.failing_unit or self.unit,
                 at_least=True,
             ),
-            Check(what=f"{self.name}: {self.ours}", measured=self.error, limit=self.bar, unit=self.unit),
+            Check(what=f"{self.name}: {self.ours}", measured=self.error, limit=self.limit, unit=self.unit),
         ]
 
     @property
@@ -50,7 +50,7 @@ class Case:
             "its error": f"{self.failing_error:.3g} {self.failing_unit or self.unit}",
             "ours": self.ours,
             "our error": f"{self.error:.3g} {self.unit}",
-            "bar": f"{self.bar:g} {self.unit}",
+            "limit": f"{self.limit:g} {self.unit}",
             "verdict": verdict if fails.passed else f"{verdict}, and so does the other",
         }
 

@@ -65,10 +65,10 @@ def frame_rate(radar: Radar) -> tuple[list[Case], str]:
             fails_by=fails_by,
             ours="C2 splines of rotations",
             error=ours[n],
-            bar=bar,
+            limit=limit,
             unit=unit,
         )
-        for n, (what, fails_by, bar, unit) in enumerate((("phase", 3, 1, "rad"), ("speed", 0.05, 0.02, "m/s")))
+        for n, (what, fails_by, limit, unit) in enumerate((("phase", 3, 1, "rad"), ("speed", 0.05, 0.02, "m/s")))
     ]
     figure, axes = new_figure(figsize=(9, 3.6), ncols=2)
     for n, (axis, label) in enumerate(zip(axes, ("RMS error of phase [rad]", "RMS error of speed [m/s]"), strict=True)):
@@ -123,7 +123,7 @@ def jitter() -> Case:
         if "smoothed at" in files["ours"].report
         else "not noticed",
         error=error["ours"],
-        bar=0.1,
+        limit=0.1,
         unit="m/s",
     )
 
@@ -159,10 +159,10 @@ def file_rates(radar: Radar) -> list[Case]:
             fails_by=fails_by,
             ours="splines",
             error=max(errors[each] for each in rates),
-            bar=bar,
+            limit=limit,
             unit="dB",
         )
-        for name, rate, rates, fails_by, bar in (
+        for name, rate, rates, fails_by, limit in (
             (f"{slow:g}", slow, [slow], -3, -12),
             (f"{others[0]:g} to {others[-1]:g}", walk.rate_hz, others, -3, -30),
         )

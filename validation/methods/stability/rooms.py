@@ -106,7 +106,7 @@ def specular_path(radar: Radar) -> list[Case]:
             fails_by=0.9,
             ours="worst of 8 of them",
             error=max(errors),
-            bar=0.3,
+            limit=0.3,
             unit="dB",
             failing_unit="of all",
         ),
@@ -117,7 +117,7 @@ def specular_path(radar: Radar) -> list[Case]:
             fails_by=20,
             ours="facets",
             error=abs(decibel(measured_rcs(still(square, faces), radar, RANGE_M) / exact)),
-            bar=0.3,
+            limit=0.3,
             unit="dB",
         ),
     ]
@@ -139,7 +139,7 @@ def diffuse_paths(radar: Radar) -> tuple[Case, str]:
         fails_by=6,
         ours=f"frozen points of random phase, {POINTS[0]} to {POINTS[-1]}: their mean RCS, against an integral",
         error=max(abs(decibel(each / mean)) for each in ours),
-        bar=0.5,
+        limit=0.5,
         unit="dB",
     )
     figure, axis = new_figure()
@@ -198,7 +198,7 @@ def random_rays(radar: Radar) -> Case:
         fails_by=3,
         ours="change of the samples from seed to seed",
         error=change,
-        bar=0,
+        limit=0,
         unit="of their peak",
         failing_unit="dB",
     )
@@ -215,7 +215,7 @@ def wall(name: str, start_m: float, stop_m: float) -> Surface:
 
 
 def coplanar(radar: Radar) -> list[Case]:
-    """A metal wall beside the way to a sphere, in two pieces, against the same in one."""
+    """A metal wall beside the line of sight to a sphere, in two pieces, against the same in one."""
     vertices, faces = ball(radar, 0.1, 2.9)
     target = still(vertices, faces)
     free = t2d.simulate(target, radar=radar).cube[0, 0]
@@ -236,7 +236,7 @@ def coplanar(radar: Radar) -> list[Case]:
                 fails_by=6,
                 ours="power of the ghosts against one wall's",
                 error=abs(decibel(np.sum(np.abs(ours) ** 2) / np.sum(np.abs(whole) ** 2))),
-                bar=0.5,
+                limit=0.5,
                 unit="dB",
             )
         )
@@ -244,7 +244,7 @@ def coplanar(radar: Radar) -> list[Case]:
 
 
 def _image_count(radar: Radar, pieces: tuple[tuple[float, float], ...]) -> int:
-    """In how many pieces the way over the wall to the sphere's centre, 3 m away, meets it: halfway."""
+    """In how many pieces the path over the wall to the sphere's centre, 3 m away, meets it: halfway."""
     meets = radar.tx_position_m[0] + 1.5
     return sum(start <= meets <= stop for start, stop in pieces)
 
@@ -281,7 +281,7 @@ def touching(radar: Radar) -> Case:
         fails_by=3,
         ours=f"missing of 4 at {GAPS_M[0] * 1e3:g} to {GAPS_M[-1] * 1e3:g} mm; samples of a sphere in the wall are finite",
         error=float(4 - min(ours for _, ours in counts)) if all(finite) else math.nan,
-        bar=0,
+        limit=0,
         unit="paths",
     )
 
@@ -305,11 +305,11 @@ def collisions(radar: Radar) -> Case:
         said.append(any("goes through" in str(each.message) for each in told))
     return Case(
         name="a walk inside a room, feet on the floor, and one through its wall",
-        failing="any vertex outside the room's box: moments of the first that are alarms",
+        failing="any vertex outside the room's box: instants of the first that are alarms",
         failing_error=float(alarms.mean()),
         fails_by=0.3,
         ours="wrong verdicts on the two",
         error=float(np.mean([said[0], not said[1]])),
-        bar=0,
+        limit=0,
         unit="of all",
     )

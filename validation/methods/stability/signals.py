@@ -84,13 +84,13 @@ def float32(radar: Radar) -> tuple[list[Case], str]:
             name=f"float32 at {start:g} m",
             failing="phase 2 k R in float32, RMS error",
             failing_error=naive[n],
-            fails_by=bar,
+            fails_by=limit,
             ours="phase of the ADC samples",
             error=ours[n],
-            bar=2e-5,
+            limit=2e-5,
             unit="rad",
         )
-        for n, (start, bar) in enumerate(zip(RANGES_M, (1e-5, 1e-4, 1e-3, 3e-3), strict=True))
+        for n, (start, limit) in enumerate(zip(RANGES_M, (1e-5, 1e-4, 1e-3, 3e-3), strict=True))
     ]
     figure, axis = new_figure()
     axis.loglog(RANGES_M, naive, "o--", label="2 k R in float32")
@@ -127,7 +127,7 @@ def aliasing() -> Case:
         fails_by=1,
         ours="warns and names a prf_hz; the speed read with it",
         error=abs(read - FAST_MPS) if quiet else math.nan,
-        bar=0.05,
+        limit=0.05,
         unit="m/s",
     )
 
@@ -156,7 +156,7 @@ def coupling(radar: Radar) -> Case:
         fails_by=5,
         ours="correct_coupling=True",
         error=abs(corrected) * 1e3,
-        bar=1,
+        limit=1,
         unit="mm",
     )
 
@@ -189,7 +189,7 @@ def moving_target_indication(radar: Radar) -> tuple[list[Case], str]:
             fails_by=30,
             ours="mti='mean', the default",
             error=abs(_left_db(slow, "mean")),
-            bar=1,
+            limit=1,
             unit="dB",
         ),
         Case(
@@ -199,7 +199,7 @@ def moving_target_indication(radar: Radar) -> tuple[list[Case], str]:
             fails_by=20,
             ours="warns and names a prf_hz; lost with it by mti='mean'",
             error=abs(_left_db(advised, "mean")),
-            bar=1,
+            limit=1,
             unit="dB",
         ),
         Case(
@@ -209,7 +209,7 @@ def moving_target_indication(radar: Radar) -> tuple[list[Case], str]:
             fails_by=-0.1,
             ours="mti='mean', power left",
             error=_left_db(rest, "mean"),
-            bar=-80,
+            limit=-80,
             unit="dB",
         ),
     ]
@@ -268,7 +268,7 @@ def long_record() -> list[Case]:
             fails_by=0.05,
             ours="phase of the ADC samples, worst of the record",
             error=float(np.abs(error).max()),
-            bar=1e-3,
+            limit=1e-3,
             unit="rad",
         ),
         Case(
@@ -278,7 +278,7 @@ def long_record() -> list[Case]:
             fails_by=10,
             ours="difference of the floors",
             error=abs(last - first),
-            bar=6,
+            limit=6,
             unit="dB",
         ),
     ]
@@ -307,7 +307,7 @@ def memory() -> Case:
         fails_by=400,
         ours="peak of what the simulation holds",
         error=peak / 1e6,
-        bar=250,
+        limit=250,
         unit="MB",
     )
 

@@ -1,4 +1,4 @@
-"""Still and moving conductors that several cases look at."""
+"""Conductors at rest and in motion that several cases use."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.types import PEC, MovingMesh, Radar
 from validation.physics.rcs import TIMES_S, read_rcs, sphere
+
+SPHERE_M = 0.15
+"""Radius."""
 
 
 def decibel(ratio: Any) -> Any:

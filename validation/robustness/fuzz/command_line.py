@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from pathlib import Path
 from typing import Any
 
@@ -156,11 +157,14 @@ def _options(rng: np.random.Generator, _: Path) -> list[str]:
 
 
 def _all_options(name: str) -> list[str]:
-    """Every option of a command, by its parser."""
+    """Every option of a command, as its help names them."""
     from t2d_rt.cli import options
 
-    parser = getattr(options, f"{name}_parser")()
-    found = [action.dest for action in parser._actions if any(o.startswith("--") for o in action.option_strings)]
+    text = getattr(options, f"{name}_parser")().format_help()
+    found = [
+        option.replace("-", "_")
+        for option in re.findall(r"^\s+(?:-\w(?: \w+)?, )?--([\w.-]+)", text, flags=re.MULTILINE)
+    ]
     return sorted({*found, *(("radar",) if name != "info" else ())} - {"help", "config", "print_config", "file", "add"})
 
 

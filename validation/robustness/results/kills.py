@@ -1,4 +1,4 @@
-"""Runs that are killed: at random moments, and before every step that they take in the file system."""
+"""Runs that are killed: at random instants, and before every step that they take in the file system."""
 
 from __future__ import annotations
 
@@ -57,10 +57,10 @@ def run() -> Section:
             Check(what=f"{runs} killed runs, {name}: failures", measured=faults[name], limit=0, unit="")
             for name in names
         ],
-        note=f"Kills: {KILLS} kill -9 and {KILLS} SIGTERM at random moments of the {took_s:.2f} s that saving 4 MB takes, in "
+        note=f"Kills: {KILLS} kill -9 and {KILLS} SIGTERM at random instants of the {took_s:.2f} s that saving 4 MB takes, in "
         "turn of fresh, overwriting and paired runs (two writers, one is killed); kill -9 before each of the "
         f"{steps['fresh']} steps of a fresh and {steps['overwriting']} of an overwriting run in the file system (Python's "
-        f"audit events, so the renames too); {COMMANDS} at random moments of whole commands. The next command is "
+        f"audit events, so the renames too); {COMMANDS} at random instants of whole commands. The next command is "
         "`t2d-rt info`, or the check before a new run.",
     )
 
@@ -153,7 +153,7 @@ def _die_at(step: int, place: str) -> None:
 
 
 def _killed_commands(draw: np.random.Generator) -> Iterator[Counter[str]]:
-    """Whole commands that overwrite a result, at random moments of the time that they take."""
+    """Whole commands that overwrite a result, at random instants of the time that they take."""
     walk = resource("motions", "12_01_walk.bvh")
     command = [sys.executable, "-m", "t2d_rt.cli", "simulate", str(walk), "-o", "r.zarr", "--method", "ellipsoid"]
     with tempfile.TemporaryDirectory() as kept:

@@ -1,0 +1,106 @@
+"""Methods that `simulate` does not offer: one point per facet, and occlusion by ellipsoids.
+
+Both need a strategy that the package does not take yet, a phase integral and a visibility. Until it does they stand in for its own
+functions here, and nowhere else.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+from unittest import mock
+
+import numpy as np
+
+import t2d_rt as t2d
+from t2d_rt import room
+from t2d_rt.geometry import Refinement, Tessellation, refine
+from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
+from t2d_rt.result import Recording
+from t2d_rt.scattering import facets, mesh
+from t2d_rt.scattering.phase_integral import Ops, Parts
+from t2d_rt.types import Ellipsoids, MovingMesh
+from validation.methods.chart.measure import FLAT, Case, simulated
+
+SHRUNK, NEAR = 0.9, 1.15
+"""Ellipsoids that occlude are smaller by the first, and occlude nothing of what lies within them enlarged by the second."""
+
+
+def one_point_each(case: Case, edge_m: float | None) -> Recording:
+    """Facets with one point each, cut to edges of at most `edge_m` everywhere: what aliases are its edges, not its curvature.
+
+    None: the default's facets.
+    """
+    with mock.patch.object(facets, "divided_differences", one_point):
+        return simulated(case) if edge_m is None else _cut_everywhere(case, edge_m)
+
+
+def _cut_everywhere(case: Case, edge_m: float) -> Recording:
+
+    def cut(
+        surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Any], max_facets: int
+    ) -> list[Refinement]:
+        return [
+            cut_to(surface, edge_m, wavenumber, range_m),
+            *_refinements(surface, wavenumber, range_m, sagittas_rad[1:], max_facets),
+        ]
+
+    with mock.patch.object(mesh, "_refinements", cut):
+        found = simulated(case)
+    found.settings["facets"] = max(len(each.faces) for each in _cuts.values())
+    return found
+
+
+def cut_to(surface: MovingMesh, edge_m: float, wavenumber: float, range_m: float) -> Refinement:
+    """The surface in facets of even edges; the last ones are kept."""
+    key = edge_m, surface.rest.tobytes(), range_m
+    if key not in _cuts:
+        _cuts.clear()  # these are large
+        _cuts[key] = refine(
+            surface.rest, surface.faces, wavenumber=wavenumber, range_m=range_m, sagitta_rad=FLAT,
+            tessellation=Tessellation(max_edge_m=edge_m), crease_deg=surface.crease_deg, max_faces=20_000_000,
+        )  # fmt: skip
+    return _cuts[key]
+
+
+_refinements = mesh._refinements
+_cuts: dict[Any, Refinement] = {}
+
+
+def one_point(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> tuple[Parts, Parts]:
+    """F and dF of `divided_differences` where a facet has but the mean of its phases: exp(jp)/2 and (1 + jp) exp(jp)/2."""
+    phase = (p0 + p1 + p2) * (1 / 3)
+    sin, cos = ops.sincos(phase)
+    sin, cos = sin / 2, cos / 2
+    return (cos, sin), (cos - phase * sin, sin + phase * cos)
+
+
+def occluded_by_ellipsoids(case: Case) -> Recording:
+    """The default setting, occlusion by the segments' ellipsoids and worked out instead of traced."""
+    with mock.patch.object(room, "Occlusion", _occlusion_by(t2d.segments(case.motion))):
+        return simulated(case)
+
+
+def _occlusion_by(limbs: Ellipsoids) -> type[Occlusion]:
+    """Visibility where the segments' ellipsoids occlude what lies behind them."""
+
+    class ByEllipsoids(Occlusion):
+        def sampled(self, times_s: np.ndarray) -> VisibilitySamples:
+            self.now = limbs.at(times_s)
+            return super().sampled(times_s)
+
+        def visible(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+            free = np.ones(points.shape[:2], bool)
+            for centre, axes, half in zip(
+                self.now[0].swapaxes(0, 1), self.now[1].swapaxes(0, 1), limbs.semi_axes_m, strict=True
+            ):
+                # where the ellipsoid is the unit sphere
+                start = np.einsum("kji,kqj->kqi", axes, points - centre[:, None]) / half
+                stop = np.einsum("kji,kj->ki", axes, self._viewpoint - centre)[:, None] / half
+                segment = stop - start
+                length2 = np.einsum("kqi,kqi->kq", segment, segment)
+                nearest = np.clip(-np.einsum("kqi,kqi->kq", start, segment) / length2, 0, 1)
+                miss2 = np.sum((start + nearest[..., None] * segment) ** 2, axis=2)
+                free &= (miss2 > SHRUNK**2) | (np.sum(start**2, axis=2) < NEAR**2)
+            return free
+
+    return ByEllipsoids
