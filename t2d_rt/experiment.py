@@ -18,7 +18,8 @@ from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes, read_yaml
 from t2d_rt.model import Method, Target, segments, skin
 from t2d_rt.motion import load_motion, place, trim
-from t2d_rt.room import Clutter, Collisions
+from t2d_rt.propagation.collisions import Collisions
+from t2d_rt.room import Clutter
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Pet, TableFan
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, Surface
 from t2d_rt.types.fields import Count, Fields, Number

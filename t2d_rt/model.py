@@ -20,10 +20,11 @@ from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.room import ChosenPairs, Clutter, Geometry, TargetVisibility, clutter_streams, coarse_views
 from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
-from t2d_rt.scattering.mesh import REFINING_BYTES, Sagitta, facets, mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.patches import CYCLES_PER_STEP, SWEEP_CYCLES
 from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.rate import needed_rate_hz
+from t2d_rt.scattering.refinement import REFINING_BYTES, Sagitta, facets
 from t2d_rt.scene import Mover
 from t2d_rt.types import (
     Accuracy,
@@ -206,7 +207,7 @@ class Model:
             views = close + (coarse_views(geometry, others, samples_s[0]) if others else [])
             yield ellipsoid_echoes(geometry, self.radar, phase_from=self.phase_from, views=views, **common)
             return
-        fine: dict[str, Any] = {"seed": self.seed, "backend": self.backend, "max_facets": self.max_facets, **common}
+        fine: dict[str, Any] = {"seed": self.seed, "backend": self.backend, **common}
         own = sagitta_rad(geometry, accuracy)
         for tier, pairs in [(accuracy.tiers[0], None)] if chosen is None else chosen.by_tier(accuracy):
             if pairs is not None and tier.scatterer == "ellipsoids" and isinstance(target, Motion):
@@ -223,7 +224,11 @@ class Model:
             if fast and tier.decimation > 1:
                 frames = {"times_s": self._decimated(times_s, tier, at_instants)}
             yield mesh_echoes(
-                geometry, self.radar, views=views, **_patches(own, tier, at_instants), **{**fine, **frames}
+                geometry,
+                self.radar,
+                views=views,
+                detail=detail(own, tier, at_instants=at_instants, max_facets=self.max_facets),
+                **{**fine, **frames},
             )
 
     def _minor(
@@ -270,15 +275,17 @@ def sagitta_rad(geometry: MovingMesh, accuracy: Accuracy) -> Sagitta:
     return np.multiply(accuracy.sagitta_scale, own)
 
 
-def _patches(sagitta: Sagitta, tier: PathTier, at_instants: bool) -> dict[str, Any]:
-    """Options of `mesh_echoes` for a tier."""
+def detail(sagitta: Sagitta, tier: PathTier, *, at_instants: bool, max_facets: int) -> Detail:
+    """How a mesh is modelled over the path pairs of a tier, given its sagitta over dominant ones."""
     most = np.minimum(tier.sagitta_scale * np.asarray(sagitta), tier.greatest_sagitta_rad)
-    # At instants frames lie far apart, and phases from one to the next mean nothing.
-    cycles = math.inf if at_instants else tier.patch_phase_scale * CYCLES_PER_STEP
-    return {
-        "sagitta_rad": np.maximum(sagitta, most), "cycles_per_step": cycles, "sweep_cycles": tier.patch_span_scale * SWEEP_CYCLES,
-        "points": tier.diffuse_points,
-    }  # fmt: skip
+    return Detail(
+        sagitta_rad=np.maximum(sagitta, most),
+        # At instants frames lie far apart, and phases from one to the next mean nothing.
+        cycles_per_step=math.inf if at_instants else tier.patch_phase_scale * CYCLES_PER_STEP,
+        sweep_cycles=tier.patch_span_scale * SWEEP_CYCLES,
+        points=tier.diffuse_points,
+        max_facets=max_facets,
+    )
 
 
 def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, float]) -> tuple[float, float]:

@@ -12,9 +12,10 @@ from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
 from t2d_rt.model import Method, Target
 from t2d_rt.progress import shown_progress
+from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.radar.synthesize import Progress
 from t2d_rt.result import Recording, again, versions
-from t2d_rt.room import Clutter, Collisions
+from t2d_rt.room import Clutter
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Room
 from t2d_rt.stage import Stage, set_up

@@ -18,10 +18,12 @@ from t2d_rt.memory import Budget
 from t2d_rt.model import Model, Target, farthest_and_fastest, geometries_of, placed, shared_time
 from t2d_rt.motion import placement
 from t2d_rt.named import radar_named, target_named
+from t2d_rt.propagation.collisions import checked_time
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar import check_speed
-from t2d_rt.room import Geometry, checked_time, find_path_pairs
-from t2d_rt.scattering.mesh import REFINING_BYTES, check_outside
+from t2d_rt.room import Geometry, find_path_pairs
+from t2d_rt.scattering.outside import check_outside
+from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scene import Room
 from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.material import checked_material

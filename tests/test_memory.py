@@ -53,8 +53,9 @@ def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_view_of_many_echoes_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     def stream() -> t2d.EchoStream:
         return echo_mesh.mesh_echoes(
-            approaching(4), RADAR, times_s=np.linspace(0, 0.3, 20), material=ROUGH, sagitta_rad=0.07, seed=0,
-            views=[View()], backend=select("auto"), points=500,
+            approaching(4), RADAR, times_s=np.linspace(0, 0.3, 20), material=ROUGH,
+            detail=echo_mesh.Detail(sagitta_rad=0.07, points=500), seed=0,
+            views=[View()], backend=select("auto"),
         )  # fmt: skip
 
     whole = stream()

@@ -23,7 +23,7 @@ from t2d_rt.radar.direct import direct_sum
 from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, resampled, stream
@@ -384,8 +384,8 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
         made.extend(refinements(*args, **options))  # type: ignore[arg-type]
         return made
 
-    monkeypatch.setattr("t2d_rt.scattering.mesh.refinements", spy)
-    monkeypatch.setattr("t2d_rt.scattering.mesh._kept", OrderedDict())
+    monkeypatch.setattr("t2d_rt.scattering.refinement.refinements", spy)
+    monkeypatch.setattr("t2d_rt.scattering.refinement._kept", OrderedDict())
     radar = Radar.preset(preset)
     body = trimesh.creation.icosphere(subdivisions=2, radius=0.12)
     if shape == "skew plate":
@@ -395,7 +395,7 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend, mo
     vertices = np.array(body.vertices) + np.array([2.5, 0.1, 1.0])
     mesh = MovingMesh(np.stack([vertices, vertices]), body.faces, [0, 1], PEC)
     stream = mesh_echoes(
-        mesh, radar, times_s=np.arange(4) / radar.prf_hz, material=PEC, sagitta_rad=mesh.sagitta_rad, seed=0,
+        mesh, radar, times_s=np.arange(4) / radar.prf_hz, material=PEC, detail=Detail(sagitta_rad=mesh.sagitta_rad), seed=0,
         views=[View()], backend=backend,
     )  # fmt: skip
     cube = synthesize(stream, radar)[0, 0, ::5]

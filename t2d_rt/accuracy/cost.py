@@ -9,7 +9,7 @@ from t2d_rt.accuracy.estimate import FIELD_BYTES, FINER
 from t2d_rt.cubes import is_large
 from t2d_rt.memory import release
 from t2d_rt.model import Model
-from t2d_rt.scattering.mesh import REFINING_BYTES
+from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scattering.streams import batches
 from t2d_rt.types import EchoStream
 

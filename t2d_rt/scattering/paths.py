@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned_empty
-from t2d_rt.scattering.facets import Weights
+from t2d_rt.scattering.lanes import Weights
 from t2d_rt.types import EchoArrays, OneWayPath, PathPair, Radar
 
 ANCHORS, APART_M = 150, 0.04

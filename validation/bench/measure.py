@@ -50,7 +50,7 @@ ENTRIES: tuple[tuple[str, Any, str], ...] = (
     (OCCLUSION, Occlusion, "__init__"),
     (OCCLUSION, Occlusion, "visibility"),
     (OCCLUSION, Blockage, "over"),
-    (FACETS, mesh, "_carried"),
+    (FACETS, mesh, "carried"),
     (FACETS, mesh._Model, "put"),
     (FACETS, mesh.Block, "arrays"),
     (FACETS, mesh._Model, "places"),

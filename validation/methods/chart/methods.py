@@ -17,7 +17,9 @@ from t2d_rt.model import skin
 from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
 from t2d_rt.result import Recording
 from t2d_rt.scattering import facets, mesh
+from t2d_rt.scattering.patches import least_range_m
 from t2d_rt.scattering.phase_integral import Ops, Parts
+from t2d_rt.scattering.refinement import MOST_FACETS
 from t2d_rt.types import Ellipsoids, MovingMesh
 from validation.methods.chart.measure import Case
 
@@ -63,11 +65,11 @@ def one_point_each(case: Case, edge_m: float) -> Recording:
     ) -> list[Refinement]:
         return [
             cut_to(surface, edge_m, wavenumber, range_m),
-            *_refinements(surface, wavenumber, range_m, sagittas_rad[1:], max_facets),
+            *_refined(surface, wavenumber, range_m, sagittas_rad[1:], max_facets),
         ]
 
     with (
-        mock.patch.object(mesh, "_refinements", cut),
+        mock.patch.object(mesh, "refined", cut),
         mock.patch.object(facets, "divided_differences", one_point),
     ):
         return simulated(case)
@@ -85,7 +87,7 @@ def cut_to(surface: MovingMesh, edge_m: float, wavenumber: float, range_m: float
     return _cuts[key]
 
 
-_refinements = mesh._refinements
+_refined = mesh.refined
 _cuts: dict[Any, Refinement] = {}
 
 
@@ -124,8 +126,8 @@ def _through_the_fine_mesh(case: Case) -> Recording:
 
     def fine(*args: Any, **more: Any) -> MovingMesh:
         cage = skin(*args, **more)
-        cut = mesh.least_range_m(cage, [(case.radar.tx_position_m, case.radar.rx_position_m)], cage.times_s)
-        (found,) = _refinements(cage, 2 * np.pi / case.radar.wavelength_m, cut, [cage.sagitta_rad], mesh.MOST_FACETS)
+        cut = least_range_m(cage, [(case.radar.tx_position_m, case.radar.rx_position_m)], cage.times_s)
+        (found,) = _refined(cage, 2 * np.pi / case.radar.wavelength_m, cut, [cage.sagitta_rad], MOST_FACETS)
         return MovingMesh.from_track(
             lambda times_s: _applied(found.operator, cage.at(times_s)), found.faces, cage.times_s,
             rest=found.operator @ cage.rest, crease_deg=0, sagitta_rad=FLAT,
