@@ -308,17 +308,15 @@ def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, 
 def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:
     """The motion's skinned body: `vertices` (T, V, 3) m, `faces` (F, 3), `times_s` (T,)."""
     checked_material(material)
-    mesh = skin_body(motion, body, material=material, track=track(motion))
-    mesh.made = Made("skin", {"motion": motion, "body": body, "material": material})
-    return mesh
+    made = Made("skin", {"motion": motion, "body": body, "material": material})
+    return skin_body(motion, body, material=material, track=track(motion), made=made)
 
 
 def segments(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> Ellipsoids:
     """One ellipsoid for each segment of the same body."""
     checked_material(material)
-    found = fit_segments(motion, body, material=material, track=track(motion))
-    found.made = Made("segments", {"motion": motion, "body": body, "material": material})
-    return found
+    made = Made("segments", {"motion": motion, "body": body, "material": material})
+    return fit_segments(motion, body, material=material, track=track(motion), made=made)
 
 
 def placed(motion: Motion, radar: Radar) -> Motion:

@@ -17,6 +17,7 @@ from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.radar import synthesize as synthesis
 from t2d_rt.scattering import mesh as echo_mesh
 from t2d_rt.scattering import streams as echo_streams
+from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.rate import needed_rate_hz
 
@@ -106,7 +107,7 @@ def test_instants_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(memory, "BLOCK_BYTES", 2**21)
     tracemalloc.start()
     found = farthest_and_fastest(surface, RADAR, (0.0, 0.3))
-    echo_mesh.check_outside(surface, RADAR, np.array([0.0, 0.3]))
+    check_outside(surface, RADAR, np.array([0.0, 0.3]))
     rate = needed_rate_hz(surface, RADAR, 0.0, 0.3)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()

@@ -50,8 +50,10 @@ def simulated(case: Case, *, scale: float = 1.0, **options: Any) -> Recording:
 
     def skinned(*args: Any, **more: Any) -> MovingMesh:
         body = skin(*args, **more)
-        body.sagitta_rad = scale * np.asarray(body.sagitta_rad)
-        return body
+        return MovingMesh.from_track(
+            body.track, body.faces, body.times_s, body.material, rest=body.rest, crease_deg=body.crease_deg,
+            sagitta_rad=scale * np.asarray(body.sagitta_rad), name=body.name, made=body.made,
+        )  # fmt: skip
 
     with mock.patch.object(model, "skin", skinned):
         return t2d.simulate(case.motion, **{**case.settings(), **options})
