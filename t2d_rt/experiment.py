@@ -16,13 +16,14 @@ from pydantic import ConfigDict, Discriminator, Field, field_validator
 
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes, read_yaml
-from t2d_rt.model import Method, Target, segments, skin
 from t2d_rt.motion import load_motion, place, trim
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.room import Clutter
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Pet, TableFan
+from t2d_rt.targets import TargetLike, segments, skin
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, Surface
 from t2d_rt.types.fields import Count, Fields, Number
+from t2d_rt.types.target import Method
 
 Inputs = Mapping[str, Mapping[str, np.ndarray]]
 """Arrays by name, by the hash of their content."""
@@ -219,7 +220,7 @@ class Experiment(_Plain):
         """What of it was not stored, so that a recording cannot be made again; None where all was."""
         return next((each.description for each in self.targets if isinstance(each, Unknown)), None)
 
-    def targets_from(self, inputs: Inputs, folder: Path | None = None) -> list[Target]:
+    def targets_from(self, inputs: Inputs, folder: Path | None = None) -> list[TargetLike]:
         """The targets themselves; files are looked for from `folder`."""
         return [_target(each, inputs, self.radar, folder) for each in self.targets]
 
@@ -285,7 +286,7 @@ class Store:
         return key
 
 
-def sources_of(targets: Sequence[Target], store: Store) -> tuple[Any, ...]:
+def sources_of(targets: Sequence[TargetLike], store: Store) -> tuple[Any, ...]:
     """Sources of targets, their arrays in the store."""
     return tuple(_source(each, store) for each in targets)
 
@@ -309,7 +310,7 @@ def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
     return StoredScene(name=scene.name, input=key, surfaces=stored)
 
 
-def _source(target: Target, store: Store) -> Any:
+def _source(target: TargetLike, store: Store) -> Any:
     if isinstance(target, Mover):
         return target
     if isinstance(target, Motion):
@@ -333,7 +334,7 @@ def _source(target: Target, store: Store) -> Any:
     return EllipsoidArrays(input=key, material=target.material, names=target.names)
 
 
-def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> Target:
+def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> TargetLike:
     if isinstance(source, Mover):
         return source
     if isinstance(source, MotionFile):

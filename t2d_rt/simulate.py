@@ -10,7 +10,6 @@ from t2d_rt.accuracy import Wanted, check_memory, chosen, measured_db
 from t2d_rt.backend import Device
 from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
-from t2d_rt.model import Method, Target
 from t2d_rt.progress import shown_progress
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.radar.synthesize import Progress
@@ -20,11 +19,13 @@ from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Room
 from t2d_rt.stage import Stage, set_up
 from t2d_rt.summation import summed
+from t2d_rt.targets import TargetLike
 from t2d_rt.types import Accuracy, Material, Radar, Scene
+from t2d_rt.types.target import Method
 
 
 def simulate(
-    target: Target | str | Path | Sequence[Target | str | Path],
+    target: TargetLike | str | Path | Sequence[TargetLike | str | Path],
     *,
     radar: Radar | str | Path | None = None,
     scene: str | Path | Scene | Room = "free_space",

@@ -15,11 +15,11 @@ from t2d_rt.accuracy.estimate import converged
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
-from t2d_rt.model import Target
 from t2d_rt.room import Clutter
 from t2d_rt.signal import spectrogram
 from t2d_rt.stage import set_up
 from t2d_rt.summation import summed
+from t2d_rt.targets import TargetLike
 
 T = TypeVar("T")
 
@@ -28,7 +28,7 @@ PILOT_S = 0.5, 2.0
 
 
 def plan(
-    target: Target | str | Path | Sequence[Target | str | Path], *, tolerance_db: float = -20.0, **options: Any
+    target: TargetLike | str | Path | Sequence[TargetLike | str | Path], *, tolerance_db: float = -20.0, **options: Any
 ) -> Plan:
     """What `simulate` would model with these `options` of its own to keep to a tolerance, what it would leave out and what that
     costs."""

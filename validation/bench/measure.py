@@ -19,7 +19,7 @@ from unittest import mock
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import cubes, model, result, stage, summation
+from t2d_rt import cubes, model, result, stage, summation, targets
 from t2d_rt.backend import select
 from t2d_rt.propagation.surroundings import Blockage
 from t2d_rt.propagation.visibility import Occlusion
@@ -40,7 +40,7 @@ MOTION, WAYS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST = (
 )  # fmt: skip
 STAGES = (MOTION, WAYS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST)
 ENTRIES: tuple[tuple[str, Any, str], ...] = (
-    (MOTION, model, "_geometry"),
+    (MOTION, targets, "_lasting"),
     (MOTION, MovingMesh, "at"),
     (MOTION, Ellipsoids, "at"),
     (WAYS, stage, "find_path_pairs"),

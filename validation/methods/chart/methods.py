@@ -10,16 +10,16 @@ from unittest import mock
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import model, room
+from t2d_rt import targets, visibility
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.geometry import Refinement, refine
-from t2d_rt.model import skin
 from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
 from t2d_rt.result import Recording
 from t2d_rt.scattering import facets, mesh
 from t2d_rt.scattering.patches import least_range_m
 from t2d_rt.scattering.phase_integral import Ops, Parts
 from t2d_rt.scattering.refinement import MOST_FACETS
+from t2d_rt.targets import skin
 from t2d_rt.types import Ellipsoids, MovingMesh
 from validation.methods.chart.measure import Case
 
@@ -55,7 +55,7 @@ def simulated(case: Case, *, scale: float = 1.0, **options: Any) -> Recording:
             sagitta_rad=scale * np.asarray(body.sagitta_rad), name=body.name, made=body.made,
         )  # fmt: skip
 
-    with mock.patch.object(model, "skin", skinned):
+    with mock.patch.object(targets, "skin", skinned):
         return t2d.simulate(case.motion, **{**case.settings(), **options})
 
 
@@ -111,7 +111,7 @@ def seen_by(case: Case, how: str) -> Recording:
     if how == "none":
         return simulated(case, accuracy={"occlusion": False})
     if how == "capsules":
-        with mock.patch.object(room, "Occlusion", _capsules(t2d.segments(case.motion))):
+        with mock.patch.object(visibility, "Occlusion", _capsules(t2d.segments(case.motion))):
             return simulated(case)
     if how == "full mesh":
         return _through_the_fine_mesh(case)
@@ -135,7 +135,7 @@ def _through_the_fine_mesh(case: Case) -> Recording:
             rest=found.operator @ cage.rest, crease_deg=0, sagitta_rad=FLAT,
         )  # fmt: skip
 
-    with mock.patch.object(model, "skin", fine):
+    with mock.patch.object(targets, "skin", fine):
         smooth = t2d.simulate(case.motion, **case.settings(), material=replace(material, scattering_coefficient=0.0))
     points = simulated(case, scale=FLAT, material=replace(material, scattering_coefficient=1.0))
     cube = np.sqrt(1 - rough**2) * smooth.cube[:] + rough * points.cube[:]
