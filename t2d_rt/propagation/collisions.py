@@ -33,7 +33,7 @@ KNEES = 1
 LEAST_FLOOR_M2, LEAST_HEIGHT_M = 2.0, 1.8
 """Of a room; what is smaller and closed is furniture."""
 ENCLOSED = 2 / 3
-"""Share of directions from its middle in which a room ends at something: open windows, doors and a missing ceiling leave more."""
+"""Fraction of directions from its middle in which a room ends at something: open windows and doors leave more."""
 FLAT = 0.7
 """A surface whose normal is that upright lies flat."""
 LEAST_S = 0.1

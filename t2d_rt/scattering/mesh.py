@@ -298,7 +298,7 @@ class _Selection:
         mine = found._replace(**{name: getattr(found, name)[:, columns] for name in ("delay_s", "amplitude", "slope")})
         places = places[:, self.echoes]
         paths = self.view.paths
-        return seen_by(radar, mine, places, places) if paths is None else unfolded(radar, mine, paths, places, places)
+        return seen_by(radar, mine, places) if paths is None else unfolded(radar, mine, paths, places)
 
 
 @dataclass(frozen=True, slots=True)

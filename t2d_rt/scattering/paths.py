@@ -140,15 +140,17 @@ def weighted(echoes: EchoArrays, weight: np.ndarray, slope: np.ndarray) -> EchoA
 
 
 def unfolded(
-    radar: Radar, echoes: EchoArrays, paths: PathPair, departure_m: np.ndarray, arrival_m: np.ndarray
+    radar: Radar, echoes: EchoArrays, paths: PathPair, departure_m: np.ndarray, arrival_m: np.ndarray | None = None
 ) -> EchoArrays:
-    """For arrays: with apparent positions (T, N, 3) of the echoes, given those seen from the antennas' images."""
+    """For arrays: with apparent positions (T, N, 3) of the echoes, given those seen from the antennas' images;
+    those of the receivers are the transmitters' where they are not given."""
     if not radar.is_array:
         return echoes
     departure = paths.out.unfolded(departure_m).astype(np.float32)
-    if arrival_m is departure_m and paths.out.chain == paths.back.chain:
-        return echoes._replace(departure_m=departure, arrival_m=departure)
-    return echoes._replace(departure_m=departure, arrival_m=paths.back.unfolded(arrival_m).astype(np.float32))
+    if arrival_m is None and paths.out.chain == paths.back.chain:
+        return echoes._replace(departure_m=departure)
+    arrival = paths.back.unfolded(departure_m if arrival_m is None else arrival_m)
+    return echoes._replace(departure_m=departure, arrival_m=arrival.astype(np.float32))
 
 
 class Ranked(NamedTuple):

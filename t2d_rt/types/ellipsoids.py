@@ -28,7 +28,7 @@ class Ellipsoids:
     """N ellipsoids of semi-axes (N, 3) m, the third along the bone, between the first and last of times_s (T,) s.
 
     `centres` (T, N, 3) m follow a C2 cubic spline between the times; `axes` (T, N, 3, 3) hold the unit axes in columns;
-    (N, 3, 3) if they never turn; none if they are those of space.
+    (N, 3, 3) if they never rotate; none if they are those of space.
     """
 
     semi_axes_m: np.ndarray
@@ -156,7 +156,7 @@ class Ellipsoids:
 
 
 def _interpolated(times_s: np.ndarray, centres: np.ndarray, axes: np.ndarray) -> PoseTrack:
-    """Splines of the centres and of the axes' quaternions (normalised); what stands still is left alone."""
+    """Splines of the centres and of the axes' quaternions (normalised); what is static is left as it is."""
     place = spline(times_s, centres)
     if axes.ndim == 3:
         return partial(_without_rotation, place, axes)

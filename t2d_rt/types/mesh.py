@@ -175,7 +175,7 @@ class MovingMesh:
         return Solid(self.at, self.faces, len(self.rest))
 
     def trimesh(self, time_s: float | None = None) -> trimesh.Trimesh:
-        """The mesh at one moment, by default its first, as a `trimesh.Trimesh`, to inspect, render and export."""
+        """The mesh at one instant, by default its first, as a `trimesh.Trimesh`, to inspect, render and export."""
         import trimesh
 
         return trimesh.Trimesh(
@@ -233,7 +233,7 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str) -> None:
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
     if len(np.unique(directed[:, 0] * vertex_count + directed[:, 1])) < len(directed):
         warnings.warn(
-            f"triangles of {name} do not all turn the same way, so that some show their back: orient them (trimesh: fix_normals)",
+            f"triangles of {name} are not all oriented alike, so that some show their back: orient them (trimesh: fix_normals)",
             T2DWarning,
             stacklevel=4,
         )
