@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from t2d_rt.accuracy import plan
     from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
     from t2d_rt.experiment import Experiment
-    from t2d_rt.model import segments, skin
     from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
     from t2d_rt.named import bodies, example, examples, movers, presets, scenes
     from t2d_rt.propagation.scenes import load_scene
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from t2d_rt.result import Recording, load_recording
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.simulate import run, simulate
+    from t2d_rt.targets import segments, skin
     from t2d_rt.types import (
         Accuracy,
         Echoes,
@@ -49,7 +49,7 @@ _HOMES = {
     "t2d_rt.experiment": ("Experiment",),
     "t2d_rt.named": ("bodies", "example", "examples", "movers", "presets", "scenes"),
     "t2d_rt.accuracy": ("plan",),
-    "t2d_rt.model": ("segments", "skin"),
+    "t2d_rt.targets": ("segments", "skin"),
     "t2d_rt.simulate": ("run", "simulate"),
     "t2d_rt.propagation.scenes": ("load_scene",),
     "t2d_rt.types": (

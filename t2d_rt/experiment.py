@@ -14,13 +14,15 @@ from pydantic import ConfigDict, Discriminator, Field, field_validator
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_yaml
 from t2d_rt.inputs import Hash, Inputs, Store, named_arrays
-from t2d_rt.model import Method, Target, segments, skin
 from t2d_rt.motion import load_motion, place, trim
 from t2d_rt.named import found_from, motion_path
-from t2d_rt.room import Clutter, Collisions
+from t2d_rt.propagation.collisions import Collisions
+from t2d_rt.room import Clutter
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Pet, TableFan
+from t2d_rt.targets import TargetLike, segments, skin
 from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, Surface
 from t2d_rt.types.fields import Count, Fields, Number
+from t2d_rt.types.target import Method
 
 Substance = str | Material
 Fraction = Annotated[Number, Field(ge=-1e6, le=1e6)]
@@ -212,7 +214,7 @@ class Experiment(_Plain):
         """Description of a target that was not stored, so that a recording cannot be made again; None where all were."""
         return next((each.description for each in self.targets if isinstance(each, Unknown)), None)
 
-    def targets_from(self, inputs: Inputs, folder: Path | None = None) -> list[Target]:
+    def targets_from(self, inputs: Inputs, folder: Path | None = None) -> list[TargetLike]:
         """The targets themselves; file names are relative to `folder`."""
         return [_target(each, inputs, self.radar, folder) for each in self.targets]
 
@@ -263,7 +265,7 @@ class Experiment(_Plain):
         return str(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
 
 
-def sources_of(targets: Sequence[Target], store: Store) -> tuple[Any, ...]:
+def sources_of(targets: Sequence[TargetLike], store: Store) -> tuple[Any, ...]:
     """Sources of targets, their arrays in the store."""
     return tuple(_source(each, store) for each in targets)
 
@@ -287,7 +289,7 @@ def stored_scene(scene: Scene | None, store: Store) -> str | StoredScene:
     return StoredScene(name=scene.name, input=key, surfaces=stored)
 
 
-def _source(target: Target, store: Store) -> Any:
+def _source(target: TargetLike, store: Store) -> Any:
     if isinstance(target, Mover):
         return target
     if isinstance(target, Motion):
@@ -311,7 +313,7 @@ def _source(target: Target, store: Store) -> Any:
     return EllipsoidArrays(input=key, material=target.material, names=target.names)
 
 
-def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> Target:
+def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> TargetLike:
     if isinstance(source, Mover):
         return source
     if isinstance(source, MotionFile):

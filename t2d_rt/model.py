@@ -5,32 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import Any, Literal
 
 import numpy as np
 
 from t2d_rt.backend import Backend
-from t2d_rt.body import segments as fit_segments
-from t2d_rt.body import skin as skin_body
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget, blocks
-from t2d_rt.motion import place, track
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.visibility import sample_times
-from t2d_rt.room import ChosenPairs, Clutter, Geometry, TargetVisibility, clutter_streams, coarse_views
+from t2d_rt.room import ChosenPairs, Clutter, clutter_streams
 from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
-from t2d_rt.scattering.mesh import REFINING_BYTES, Sagitta, facets, mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.patches import CYCLES_PER_STEP, SWEEP_CYCLES
-from t2d_rt.scattering.paths import Ranked
+from t2d_rt.scattering.paths import Ranked, View
 from t2d_rt.scattering.rate import needed_rate_hz
-from t2d_rt.scene import Mover
+from t2d_rt.scattering.refinement import REFINING_BYTES, Sagitta, facets
+from t2d_rt.targets import TargetLike
 from t2d_rt.types import (
     Accuracy,
     EchoStream,
     Ellipsoids,
     Material,
-    Motion,
     MovingMesh,
     PathPair,
     PathTier,
@@ -38,23 +34,12 @@ from t2d_rt.types import (
     Scene,
     resampled,
 )
-from t2d_rt.types.accuracy import EVERY_PATH_DB
-from t2d_rt.types.material import checked_material
-from t2d_rt.types.mesh import Made
-
-Method = Literal["mesh", "ellipsoid"]
-Target = Motion | MovingMesh | Ellipsoids | Mover
+from t2d_rt.types.target import Geometry, Method, Target
+from t2d_rt.visibility import ExactOverStrongest, Sampled, Sight, Unoccluded, Visibility, coarse_views
 
 SPLINE_ERROR_DB = Accuracy().spline_error_db
-LEAST_LEVEL_DB = EVERY_PATH_DB + 1
-"""Lowest level of dominant path pairs, so that there can be a tier below."""
-SECONDARY = {"sagitta_scale": 3.0, "greatest_sagitta_rad": 1.5, "patch_phase_scale": 2.0}
-SECONDARY_DB = -14.0
-"""How path pairs of less weight are modelled where a tolerance is to be kept, and their error over those pairs' power."""
 OCCLUDER_SAGITTA_SCALE = 2.0
 """Sagitta scale of facets that occlude others, where visibility is traced from every facet's vertices: below -45 dB."""
-MOST_SUBDIVISION = 2
-"""Greatest subdivision from which visibility is sampled by a plan."""
 SPEED_SAMPLES = 200
 """Instants at which speeds are sampled."""
 SAME_RATE = 2.0
@@ -70,8 +55,7 @@ class Model:
     """How targets become echoes, path pairs of every tier at its own accuracy."""
 
     radar: Radar
-    targets: Sequence[Target]
-    geometries: Sequence[Geometry]
+    modelled: Sequence[Target]
     span_s: tuple[float, float]
     scene: Scene | None
     """None in free space."""
@@ -87,6 +71,16 @@ class Model:
     memory: Budget
     needed_hz: dict[tuple[int, float], float] = field(default_factory=dict)
     """Surface rates that were asked for, by the target's number and `Accuracy.spline_error_db`."""
+
+    @property
+    def targets(self) -> list[TargetLike]:
+        """The targets as they were handed in, motions in their places."""
+        return [target.source for target in self.modelled]
+
+    @property
+    def geometries(self) -> list[Geometry]:
+        """Their points in motion."""
+        return [target.geometry for target in self.modelled]
 
     def rates_hz(self, accuracy: Accuracy) -> list[float]:
         """Surface rate of each target."""
@@ -125,27 +119,11 @@ class Model:
         """Path pairs in use; None in free space."""
         return None if self.scene is None else ChosenPairs.of(self.ranked, accuracy)
 
-    def paths_within(self, left_out: float, coarse: float) -> dict[str, Any]:
-        """Settings of an `Accuracy` by which path pairs left out cost that fraction of the field's energy, those by coarse facets
-        that one."""
-        levels = np.sort([each.mean_db for each in self.ranked])
-        if not len(levels):
-            return {}
-        power = 10 ** (levels / 10)
-        least = int(np.searchsorted(np.cumsum(power[:-1]) / power.sum(), left_out, side="right"))
-        cost = np.cumsum(power[least:-1]) / power.sum() * 10 ** (SECONDARY_DB / 10)
-        dominant = least + int(np.searchsorted(cost, coarse, side="right"))
-        tiers = (
-            PathTier(level_db=max(float(levels[dominant]), LEAST_LEVEL_DB)),
-            PathTier(level_db=EVERY_PATH_DB, **SECONDARY),
-        )
-        return {"least_level_db": max(float(levels[least]), EVERY_PATH_DB), "tiers": tiers}
-
     def fast_rotating(self, accuracy: Accuracy) -> list[bool]:
-        """Which targets rotate too fast for their visibility to be sampled point by point; a body's limbs never do."""
+        """Which targets rotate too fast for their visibility to be sampled point by point."""
         return [
-            not isinstance(target, Motion) and self._needed(number, SPLINE_ERROR_DB) > accuracy.fastest_sampled_hz
-            for number, target in enumerate(self.targets)
+            target.may_rotate_fast and self._needed(number, SPLINE_ERROR_DB) > accuracy.fastest_sampled_hz
+            for number, target in enumerate(self.modelled)
         ]
 
     def streams(
@@ -156,97 +134,93 @@ class Model:
         At instants visibility is traced just then, over the strongest path pair from every facet's vertices, through the facets; or
         as in a run, sampled at `samples_s`.
         """
-        times = self.frame_times(accuracy) if instants_s is None else [instants_s] * len(self.geometries)
-        fast, pairs = self.fast_rotating(accuracy), self.pairs(accuracy)
-        sampled, decimated = (
-            sample_times(*self.span_s, rate * accuracy.visibility_rate_hz) if instants_s is None else instants_s
-            for rate in (1.0, BLOCKAGE_RATE)
-        )
-        if samples_s is not None:
-            sampled = samples_s
-        occluders: list[MovingMesh] = []
-        exact = instants_s is not None and samples_s is None and accuracy.occlusion
-        if exact:
-            coarse = accuracy.replace(sagitta_scale=max(OCCLUDER_SAGITTA_SCALE, accuracy.sagitta_scale))
-            solid = [
-                s for s, rotates in zip(self.geometries, fast, strict=True) if isinstance(s, MovingMesh) and not rotates
-            ]
-            occluders = [self.facets(geometry, coarse) for geometry in solid]
-        visibility = TargetVisibility(
-            self.geometries, self.radar, [None] if pairs is None else pairs.occluded,
-            fast_rotating=fast, occlusion=accuracy.occlusion, samples_s=sampled, occluders=occluders, finer=int(exact),
-            subdivision=accuracy.visibility_subdivision, backend=self.backend,
-        )  # fmt: skip
-        each = zip(self.targets, self.geometries, times, fast, strict=True)
-        return [
-            s
-            for one in each
-            for s in self._of(*one, visibility, pairs, accuracy, (sampled, decimated), instants_s is not None)
-        ]
-
-    def _of(
-        self,
-        target: Target,
-        geometry: Geometry,
-        times_s: np.ndarray,
-        fast: bool,
-        visibility: TargetVisibility,
-        chosen: ChosenPairs | None,
-        accuracy: Accuracy,
-        samples_s: tuple[np.ndarray, np.ndarray],
-        at_instants: bool,
-    ) -> Iterator[EchoStream]:
-        """Echoes of one target, tier by tier; visibility is sampled at `samples_s`, without a tier's own occlusion at the second
-        ones."""
-        close = visibility.views(geometry)
-        material = geometry.material if self.material is None or isinstance(target, Mover) else self.material
-        common: dict[str, Any] = {"times_s": times_s, "material": resolved(material, self.radar)}
-        if isinstance(geometry, Ellipsoids):
-            others = [] if chosen is None else chosen.pairs[len(close) :]
-            views = close + (coarse_views(geometry, others, samples_s[0]) if others else [])
-            yield ellipsoid_echoes(geometry, self.radar, phase_from=self.phase_from, views=views, **common)
-            return
-        fine: dict[str, Any] = {"seed": self.seed, "backend": self.backend, "max_facets": self.max_facets, **common}
-        own = sagitta_rad(geometry, accuracy)
-        for tier, pairs in [(accuracy.tiers[0], None)] if chosen is None else chosen.by_tier(accuracy):
-            if pairs is not None and tier.scatterer == "ellipsoids" and isinstance(target, Motion):
-                yield self._minor(target, tier, pairs, common, samples_s[1], at_instants)
-                continue
-            if pairs is None or tier.visibility == "occlusion":
-                count = 1 if pairs is None else len(pairs)
-                views, close = close[:count], close[count:]
-            elif tier.visibility == "shared":
-                views = visibility.with_shared_occlusion(geometry, pairs, samples_s[1])
-            else:
-                views = coarse_views(geometry, pairs, samples_s[1], fast_rotating=fast)
-            frames = {}
-            if fast and tier.decimation > 1:
-                frames = {"times_s": self._decimated(times_s, tier, at_instants)}
-            yield mesh_echoes(
-                geometry, self.radar, views=views, **_patches(own, tier, at_instants), **{**fine, **frames}
+        pairs, fast = self.pairs(accuracy), self.fast_rotating(accuracy)
+        if instants_s is None:
+            times = self.frame_times(accuracy)
+            sampled, decimated = (
+                sample_times(*self.span_s, rate * accuracy.visibility_rate_hz) for rate in (1.0, BLOCKAGE_RATE)
             )
+        else:
+            times, decimated = [instants_s] * len(self.modelled), instants_s
+            sampled = instants_s if samples_s is None else samples_s
+        sight = Sight(
+            geometries=self.geometries, fast_rotating=fast, radar=self.radar, samples_s=sampled, backend=self.backend,
+            pairs=[None] if pairs is None else pairs.occluded,
+        )  # fmt: skip
+        run = _Run(
+            accuracy=accuracy, pairs=pairs, sight=sight, decimated_s=decimated, at_instants=instants_s is not None,
+            visibility=self._visibility(accuracy, sight, exact=instants_s is not None and samples_s is None),
+        )  # fmt: skip
+        return [stream for number in range(len(self.modelled)) for stream in self._of(number, times[number], run)]
+
+    def _visibility(self, accuracy: Accuracy, sight: Sight, *, exact: bool) -> Visibility:
+        """How targets are seen: `exact` at instants, through the facets, or sampled."""
+        if not accuracy.occlusion:
+            return Unoccluded(sight)
+        if not exact:
+            return Sampled(sight, subdivision=accuracy.visibility_subdivision)
+        coarse = accuracy.replace(sagitta_scale=max(OCCLUDER_SAGITTA_SCALE, accuracy.sagitta_scale))
+        meshes = [target.mesh for target, fast in zip(self.modelled, sight.fast_rotating, strict=True) if not fast]
+        occluders = [self.facets(mesh, coarse) for mesh in meshes if mesh is not None]
+        return ExactOverStrongest(sight, occluders, subdivision=accuracy.visibility_subdivision)
+
+    def _of(self, number: int, times_s: np.ndarray, run: _Run) -> Iterator[EchoStream]:
+        """Echoes of one target, tier by tier."""
+        mesh, fast = self.modelled[number].mesh, run.sight.fast_rotating[number]
+        if mesh is None:
+            views = [View()]
+            if run.pairs is not None:
+                geometry, samples_s = self.geometries[number], run.sight.samples_s
+                views = coarse_views(geometry, run.pairs.pairs, samples_s, fast_rotating=fast)
+            ellipsoids = self.modelled[number].ellipsoids()
+            assert ellipsoids is not None  # what has no mesh has these
+            yield self._ellipsoid_echoes(number, ellipsoids, times_s, views)
+            return
+        close, own, first = run.visibility.views(number), sagitta_rad(mesh, run.accuracy), 0
+        tiers = [(run.accuracy.tiers[0], None)] if run.pairs is None else run.pairs.by_tier(run.accuracy)
+        for tier, pairs in tiers:
+            count = 1 if pairs is None else len(pairs)
+            limbs = self.modelled[number].ellipsoids() if pairs and tier.scatterer == "ellipsoids" else None
+            if pairs and limbs is not None:
+                yield self._minor(number, limbs, tier, pairs, times_s, run)
+            else:
+                views = close[first : first + count]
+                if pairs and tier.visibility == "shared":
+                    views = run.visibility.with_shared_occlusion(number, pairs, run.decimated_s)
+                elif pairs and tier.visibility != "occlusion":
+                    views = coarse_views(mesh, pairs, run.decimated_s, fast_rotating=fast)
+                yield mesh_echoes(
+                    mesh, self.radar, views=views, material=self._material(number), seed=self.seed, backend=self.backend,
+                    times_s=self._decimated(times_s, tier, run) if fast and tier.decimation > 1 else times_s,
+                    detail=detail(own, tier, at_instants=run.at_instants, max_facets=self.max_facets),
+                )  # fmt: skip
+            first += count
 
     def _minor(
-        self,
-        target: Motion,
-        tier: PathTier,
-        pairs: Sequence[PathPair],
-        common: dict[str, Any],
-        samples_s: np.ndarray,
-        at_instants: bool,
+        self, number: int, limbs: Ellipsoids, tier: PathTier, pairs: Sequence[PathPair], times_s: np.ndarray, run: _Run
     ) -> EchoStream:
         """Echoes of a body by its ellipsoids, over minor path pairs."""
-        limbs = segments(placed(target, self.radar), self.body)
-        samples = samples_s if at_instants else np.append(samples_s[:-1:2], samples_s[-1])
-        views = coarse_views(limbs, pairs, samples, minor=True)
-        times_s = common["times_s"]
-        frames = {**common, "times_s": self._decimated(times_s, tier, at_instants)}
-        echoes = ellipsoid_echoes(limbs, self.radar, views=views, **frames)
-        return echoes if at_instants else resampled(echoes, times_s, MINOR_FRAMES)
+        samples_s = run.decimated_s
+        if not run.at_instants:
+            samples_s = np.append(samples_s[:-1:2], samples_s[-1])
+        views = coarse_views(limbs, pairs, samples_s, minor=True)
+        echoes = self._ellipsoid_echoes(number, limbs, self._decimated(times_s, tier, run), views)
+        return echoes if run.at_instants else resampled(echoes, times_s, MINOR_FRAMES)
 
-    def _decimated(self, times_s: np.ndarray, tier: PathTier, at_instants: bool) -> np.ndarray:
+    def _ellipsoid_echoes(
+        self, number: int, ellipsoids: Ellipsoids, times_s: np.ndarray, views: Sequence[View]
+    ) -> EchoStream:
+        return ellipsoid_echoes(
+            ellipsoids, self.radar, times_s=times_s, material=self._material(number), phase_from=self.phase_from, views=views
+        )  # fmt: skip
+
+    def _material(self, number: int) -> Material:
+        """What a target is made of, at mid-sweep."""
+        return resolved(self.modelled[number].material, self.radar)
+
+    def _decimated(self, times_s: np.ndarray, tier: PathTier, run: _Run) -> np.ndarray:
         """Every so many of the surface frames; all of them at instants."""
-        if at_instants:
+        if run.at_instants:
             return times_s
         return np.linspace(*self.span_s, max(4, math.ceil(len(times_s) / tier.decimation)))
 
@@ -264,21 +238,37 @@ class Model:
         )  # fmt: skip
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Run:
+    """What the echoes of all targets have in common."""
+
+    accuracy: Accuracy
+    pairs: ChosenPairs | None
+    """None in free space."""
+    sight: Sight
+    visibility: Visibility
+    decimated_s: np.ndarray
+    """When visibility is sampled over path pairs without their own occlusion."""
+    at_instants: bool
+
+
 def sagitta_rad(geometry: MovingMesh, accuracy: Accuracy) -> Sagitta:
     """Phase sagitta of a mesh's facets over dominant paths."""
     own = geometry.sagitta_rad if accuracy.sagitta_rad is None else accuracy.sagitta_rad
     return np.multiply(accuracy.sagitta_scale, own)
 
 
-def _patches(sagitta: Sagitta, tier: PathTier, at_instants: bool) -> dict[str, Any]:
-    """Options of `mesh_echoes` for a tier."""
+def detail(sagitta: Sagitta, tier: PathTier, *, at_instants: bool, max_facets: int) -> Detail:
+    """How a mesh is modelled over the path pairs of a tier, given its sagitta over dominant ones."""
     most = np.minimum(tier.sagitta_scale * np.asarray(sagitta), tier.greatest_sagitta_rad)
-    # At instants frames lie far apart, and phases from one to the next mean nothing.
-    cycles = math.inf if at_instants else tier.patch_phase_scale * CYCLES_PER_STEP
-    return {
-        "sagitta_rad": np.maximum(sagitta, most), "cycles_per_step": cycles, "sweep_cycles": tier.patch_span_scale * SWEEP_CYCLES,
-        "points": tier.diffuse_points,
-    }  # fmt: skip
+    return Detail(
+        sagitta_rad=np.maximum(sagitta, most),
+        # At instants frames lie far apart, and phases from one to the next mean nothing.
+        cycles_per_step=math.inf if at_instants else tier.patch_phase_scale * CYCLES_PER_STEP,
+        sweep_cycles=tier.patch_span_scale * SWEEP_CYCLES,
+        points=tier.diffuse_points,
+        max_facets=max_facets,
+    )
 
 
 def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, float]) -> tuple[float, float]:
@@ -287,75 +277,12 @@ def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, 
     step = min(1e-3, (stop - start) / 10)
     places = (radar.tx_position_m, radar.rx_position_m)
     farthest, fastest = 0.0, 0.0
-    count = len(geometry.rest if isinstance(geometry, MovingMesh) else geometry.semi_axes_m)
-    for times in blocks(np.linspace(start, stop - step, SPEED_SAMPLES), count):
-        points = [
-            geometry.at(t) if isinstance(geometry, MovingMesh) else geometry.at(t)[0] for t in (times, times + step)
-        ]
+    for times in blocks(np.linspace(start, stop - step, SPEED_SAMPLES), geometry.point_count):
+        points = [geometry.points_at(t) for t in (times, times + step)]
         ranges = [np.mean([np.linalg.norm(p - place, axis=2) for place in places], axis=0) for p in points]
         farthest = max(farthest, float(ranges[0].max()))
         fastest = max(fastest, float(np.abs(ranges[1] - ranges[0]).max() / step))
     return farthest, fastest
-
-
-def skin(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> MovingMesh:
-    """The motion's skinned body: `vertices` (T, V, 3) m, `faces` (F, 3), `times_s` (T,)."""
-    checked_material(material)
-    mesh = skin_body(motion, body, material=material, track=track(motion))
-    mesh.made = Made("skin", {"motion": motion, "body": body, "material": material})
-    return mesh
-
-
-def segments(motion: Motion, body: str = "adult", *, material: str | Material = "skin") -> Ellipsoids:
-    """One ellipsoid for each segment of the same body."""
-    checked_material(material)
-    found = fit_segments(motion, body, material=material, track=track(motion))
-    found.made = Made("segments", {"motion": motion, "body": body, "material": material})
-    return found
-
-
-def placed(motion: Motion, radar: Radar) -> Motion:
-    """A motion as it is where somebody placed it, else before the radar."""
-    return motion if motion.placed else place(motion, radar_position_m=radar.position_m, boresight=radar.boresight)
-
-
-def geometries_of(
-    targets: Sequence[Target], method: Method, body: str, material: str | Material | None, radar: Radar
-) -> list[Geometry]:
-    """The targets' geometries; those of movers over the time that all others have in common."""
-    lasting = {
-        n: _geometry(t, method, body, material, radar) for n, t in enumerate(targets) if not isinstance(t, Mover)
-    }
-    if not lasting:
-        raise InputError(
-            f"movers alone have no end, got {targets!r:.60}; give one of them as its mesh, mover.mesh(0, 5) for 5 s"
-        )
-    time_s = shared_time(list(lasting.values()))
-    return [t.mesh(*time_s) if isinstance(t, Mover) else lasting[n] for n, t in enumerate(targets)]
-
-
-def _geometry(
-    target: Motion | MovingMesh | Ellipsoids, method: Method, body: str, material: str | Material | None, radar: Radar
-) -> Geometry:
-    if not isinstance(target, Motion):
-        if isinstance(target, MovingMesh) and method == "ellipsoid":
-            raise InputError(
-                f"method 'ellipsoid' needs a Motion or Ellipsoids, got the mesh {target.name}; use method 'mesh'"
-            )
-        return target
-    make = skin if method == "mesh" else segments
-    return make(placed(target, radar), body, material="skin" if material is None else material)
-
-
-def shared_time(geometries: Sequence[Geometry]) -> tuple[float, float]:
-    """First and last instant that all targets have in common [s]."""
-    start = max(float(s.times_s[0]) for s in geometries)
-    stop = min(float(s.times_s[-1]) for s in geometries)
-    if not stop > start:
-        raise InputError(
-            f"the targets have no time in common (last start {start:.6g} s, first end {stop:.6g} s); give overlapping times_s"
-        )
-    return start, stop
 
 
 def resolved(material: str | Material, radar: Radar) -> Material:
@@ -372,5 +299,5 @@ def resolved(material: str | Material, radar: Radar) -> Material:
 
 def with_method(model: Model, method: Method) -> Model:
     """The same targets by another echo model."""
-    geometries = geometries_of(model.targets, method, model.body, model.material, model.radar)
-    return replace(model, geometries=geometries, method=method, needed_hz={})
+    modelled = [target.by(method) for target in model.modelled]
+    return replace(model, modelled=modelled, method=method, needed_hz={})

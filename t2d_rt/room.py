@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -11,101 +9,29 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.backend import Backend, select
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.errors import InputError
 from t2d_rt.propagation.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
-from t2d_rt.propagation.collisions import Collision, find_collisions, radar_outside
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.propagation.surroundings import Blockage, probes, radar_paths
-from t2d_rt.propagation.visibility import ExactVisibility, Occlusion
+from t2d_rt.propagation.surroundings import probes, radar_paths
 from t2d_rt.scattering.clutter import mirror_echoes, rough_echoes
-from t2d_rt.scattering.paths import FacetVisibility, Fraction, Ranked, View, anchor_vertices, ranked_pairs
+from t2d_rt.scattering.paths import Fraction, Ranked, ranked_pairs
 from t2d_rt.types import (
     Accuracy,
     EchoStream,
-    Ellipsoids,
-    Motion,
-    MovingMesh,
-    OneWayPath,
     PathPair,
     PathTier,
     Radar,
     Scene,
 )
+from t2d_rt.types.target import Geometry
 
-Geometry = MovingMesh | Ellipsoids
 Clutter = Literal["specular", "diffuse", "none"]
 """Static clutter: specular paths, these and the scatter of rough walls, or none."""
-_Place = tuple[tuple[str, ...], int]
-"""A chain of mirrors, and from which end."""
-Collisions = Literal["warn", "stop", "ignore"]
-"""What becomes of a target that goes through something: a warning, the end of the record just before, nothing."""
 
 CLUTTER_ORDER = 3
 """Reflections of static clutter: a trihedral corner takes three."""
 SCATTERING_COEFFICIENT = 0.2
 """Of walls whose material has none, with "diffuse": a choice, 4 % of what is reflected."""
-
-
-LEAST_S = 0.1
-"""A record that ends before that is none."""
-
-
-def checked_time(
-    collisions: Collisions,
-    scene: Scene,
-    targets: Sequence[Motion | Geometry],
-    names: Sequence[str],
-    radar: Radar,
-    time_s: tuple[float, float],
-    *,
-    outside: bool,
-    backend: Backend,
-) -> tuple[float, float]:
-    """First and last instant of the record [s]: all of it, or up to where a target goes through something.
-
-    `outside`: whether the radar may stand, and a target may start, outside the room.
-    """
-    if collisions == "ignore":
-        return time_s
-    start, stop = time_s
-    if not outside and (place := radar_outside(scene, radar, backend)) is not None:
-        told = f"the radar is at {_place_text(place)}, outside {_reach_text(scene)}"
-        told += "; move it (position_m), choose another room, or allow transmissions for paths through walls"
-        if collisions == "stop":
-            raise InputError(told)
-        warnings.warn(told, T2DWarning, stacklevel=3)
-    for found in find_collisions(scene, targets, radar, start, stop, outside=outside, backend=backend):
-        told = _told(found, scene, names, start)
-        if collisions == "warn":
-            hint = " (distance_m, angle_deg)" if isinstance(targets[found.target], Motion) else ""
-            warnings.warn(
-                f"{told}; place it elsewhere{hint}, choose another room, or end the record there (collisions 'stop')",
-                T2DWarning,
-                stacklevel=3,
-            )
-        elif found.time_s - start < LEAST_S:
-            raise InputError(f"{told}, which leaves no record to stop at; place it elsewhere or choose another room")
-        else:
-            stop = min(stop, found.time_s)
-    return start, stop
-
-
-def _place_text(place_m: np.ndarray) -> str:
-    return f"({', '.join(f'{x:.2f}' for x in place_m)}) m"
-
-
-def _reach_text(scene: Scene) -> str:
-    low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in scene.bounds_m)
-    return f"{scene.name}, which reaches from ({low}) to ({high}) m"
-
-
-def _told(found: Collision, scene: Scene, names: Sequence[str], start_s: float) -> str:
-    """Half a sentence."""
-    name = names[found.target] + (f" (target {found.target + 1} of {len(names)})" if len(names) > 1 else "")
-    where = _place_text(found.place_m)
-    if found.surface is None:
-        return f"{name} starts at {where}, outside {_reach_text(scene)}"
-    return f"{name} goes through {found.surface} of {scene.name} at {found.time_s - start_s:.2f} s, at {where}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,178 +123,6 @@ def paths_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: in
     """Names of the one-way paths from the transmitters to a point, and their vertices (P, 3) [m]."""
     paths, _ = radar_paths(scene, radar, point_m[None], order=reflections, backend=select("auto"))
     return [(path.name, path.vertices(point_m)) for path in paths]
-
-
-class TargetVisibility:
-    """Visibility of targets from the antennas over the paths of `pairs`, None being free space, sampled at `samples_s`.
-
-    It is sampled at the vertices of the meshes, subdivided `subdivision` times. Samples are shared: pairs have one-way paths in
-    common, and transmitters and receivers that stand close together have one visibility.
-    Fast-rotating targets occlude nothing, and all of their vertices have the mean visibility.
-    Over the `finer` first pairs occlusion is traced from every facet's vertices, at every instant asked for, through `occluders`:
-    the targets' facets.
-    """
-
-    def __init__(
-        self,
-        geometries: Sequence[Geometry],
-        radar: Radar,
-        pairs: Sequence[PathPair | None],
-        *,
-        fast_rotating: Sequence[bool],
-        occlusion: bool,
-        samples_s: np.ndarray,
-        occluders: Sequence[MovingMesh] = (),
-        finer: int = 0,
-        subdivision: int = 0,
-        backend: Backend,
-    ) -> None:
-        self._views_m, self._pairs, self._samples_s, self._backend = radar.views_m, pairs, samples_s, backend
-        self._fast_rotating = {
-            id(geometry) for geometry, rotates in zip(geometries, fast_rotating, strict=True) if rotates
-        }
-        self._meshes = [s for s in geometries if isinstance(s, MovingMesh) and id(s) not in self._fast_rotating]
-        self._occlusion, self._occluders, self._finer, self._subdivision = occlusion, occluders, finer, subdivision
-        self._occlusions: dict[tuple[_Place, bool], Occlusion] = {}
-        self._exact: dict[bytes, ExactVisibility] = {}
-        sampled = pairs[finer:] if occlusion else []
-        self._known = {self._place(end, path) for pair in sampled for end, path in enumerate(_one_way_paths(pair))}
-
-    def views(self, geometry: Geometry) -> list[View]:
-        """Of one target, over the pairs."""
-        if not isinstance(geometry, MovingMesh):
-            pairs = [pair for pair in self._pairs if pair]
-            return (
-                coarse_views(geometry, pairs, self._samples_s, fast_rotating=id(geometry) in self._fast_rotating)
-                if pairs
-                else [View()]
-            )
-        fast_rotating = id(geometry) in self._fast_rotating
-        found = []
-        for number, pair in enumerate(self._pairs):
-            finest = self._occlusion and number < self._finer and not fast_rotating
-            solid = self._occlusion and not finest
-            # One sample serves where both ends have one visibility; the scene blocks both one-way paths, though.
-            ends = {
-                self._place(end, path): (end, path) for end, path in enumerate(_one_way_paths(pair)) if path or solid
-            }
-            found.append(
-                View(
-                    paths=pair,
-                    visibility=_product(
-                        [self._fraction(*end, geometry, solid, 3 - len(ends)) for end in ends.values()]
-                    ),
-                    subdivision=self._subdivision if solid and not fast_rotating else 0,
-                    facet_visibility=self._facet_visibility(pair) if finest else None,
-                )
-            )
-        return found
-
-    def with_shared_occlusion(
-        self, geometry: MovingMesh, pairs: Sequence[PathPair], samples_s: np.ndarray
-    ) -> list[View]:
-        """Of one target, over other pairs: as `coarse_views`, but occluded along one-way paths whose occlusion is traced anyway."""
-        points = Blockage.to_vertices(geometry, anchor_vertices(geometry.rest), samples_s)
-        unblocked = _unblocked(points, pairs, fast_rotating=id(geometry) in self._fast_rotating)
-        found = []
-        for pair in pairs:
-            ends = [(self._place(end, path), end, path) for end, path in enumerate((pair.out, pair.back))]
-            counts = Counter(place for place, _, _ in ends if place in self._known)
-            known = {place: (end, path) for place, end, path in ends if place in counts}
-            fractions = [self._fraction(*end, geometry, True, counts[place]) for place, end in known.items()]
-            others = [unblocked[id(path)] for place, _, path in ends if place not in counts]
-            found.append(
-                View(
-                    paths=pair,
-                    visibility=_product(fractions),
-                    subdivision=0 if id(geometry) in self._fast_rotating else self._subdivision,
-                    unblocked=_product(others),
-                )
-            )
-        return found
-
-    def _place(self, end: int, path: OneWayPath | None) -> _Place:
-        """Viewpoint of the one-way path of an end."""
-        return () if path is None else path.chain, 0 if len(self._views_m) == 1 else end
-
-    def _fraction(
-        self, end: int, path: OneWayPath | None, geometry: MovingMesh, solid: bool, path_count: int
-    ) -> Fraction:
-        """Visibility over the one-way path of an end, whose blockage `path_count` paths share; occlusion counts if `solid`."""
-        key = self._place(end, path), solid
-        if key not in self._occlusions:
-            place = self._views_m[key[0][1]] if path is None else path.image_m
-            self._occlusions[key] = Occlusion(
-                self._meshes, place, samples_s=self._samples_s, backend=self._backend,
-                unblocked=None if path is None else path.fraction, solid=solid, subdivision=self._subdivision if solid else 0,
-            )  # fmt: skip
-        occlusion = self._occlusions[key]
-        if id(geometry) in self._fast_rotating:
-            return occlusion.of_fast_rotating(geometry, path_count)
-        index = next(index for index, mesh in enumerate(self._meshes) if mesh is geometry)
-        return lambda times_s: occlusion.visibility(times_s, path_count)[index]
-
-    def _facet_visibility(self, pair: PathPair | None) -> FacetVisibility:
-        """Traced from every facet's vertices."""
-        places = self._views_m if pair is None else [pair.out.image_m, pair.back.image_m]
-        for place in places:
-            if place.tobytes() not in self._exact:
-                self._exact[place.tobytes()] = ExactVisibility(self._occluders, place, backend=self._backend)
-        ends = [self._exact[key] for key in {place.tobytes(): None for place in places}]
-        return lambda *where: np.asarray(np.prod([end.fraction(*where) for end in ends], axis=0))
-
-
-def coarse_views(
-    geometry: Geometry,
-    pairs: Sequence[PathPair],
-    samples_s: np.ndarray,
-    *,
-    fast_rotating: bool = False,
-    minor: bool = False,
-) -> list[View]:
-    """Views of one target over pairs, with blockage by the scene sampled at a few of its points at `samples_s`, without occlusion.
-
-    All points of a `fast_rotating` one have the mean visibility. Over `minor` pairs ellipsoids have the visibility of their
-    centres.
-    """
-    if isinstance(geometry, Ellipsoids):
-        blockage = (Blockage.to_centres if minor else Blockage.to_ellipsoids)(geometry, samples_s)
-    else:
-        blockage = Blockage.to_vertices(geometry, anchor_vertices(geometry.rest), samples_s)
-    fractions = _unblocked(blockage, pairs, fast_rotating=fast_rotating)
-    field = "visibility" if isinstance(geometry, Ellipsoids) else "unblocked"
-    found = [_product([fractions[id(path)] for path in _one_way_paths(pair)]) for pair in pairs]
-    return [View(paths=pair, **{field: each}) for pair, each in zip(pairs, found, strict=True)]  # type: ignore[arg-type]
-
-
-def _unblocked(blockage: Blockage, pairs: Sequence[PathPair], *, fast_rotating: bool) -> dict[int, Fraction]:
-    """Fraction of the field that the scene does not block, by one-way path."""
-    # By path and not by chain: antennas that stand apart have paths of their own over the same mirrors.
-    paths = {id(path): path for pair in pairs for path in (pair.out, pair.back)}
-    return {number: _remembered(blockage.over(path, in_the_mean=fast_rotating)) for number, path in paths.items()}
-
-
-def _one_way_paths(pair: PathPair | None) -> tuple[OneWayPath | None, OneWayPath | None]:
-    return (None, None) if pair is None else (pair.out, pair.back)
-
-
-def _product(fractions: Sequence[Fraction]) -> Fraction | None:
-    """Product of the visibility over each one-way path; None where there is none."""
-    if len(fractions) < 2:
-        return fractions[0] if fractions else None
-    return lambda times_s: np.asarray(np.prod([fraction(times_s) for fraction in fractions], axis=0))
-
-
-def _remembered(fraction: Fraction) -> Fraction:
-    """The same, which keeps its last answer: pairs that have a one-way path in common ask for the same times."""
-    last: list[np.ndarray] = []
-
-    def asked(times_s: np.ndarray) -> np.ndarray:
-        if not last or not np.array_equal(last[0], times_s):
-            last[:] = [times_s, fraction(times_s)]
-        return last[1]
-
-    return asked
 
 
 def clutter_streams(

@@ -13,21 +13,23 @@ from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.inputs import Inputs
 from t2d_rt.memory import LIMIT_GB, after_call
-from t2d_rt.model import Method, Target
 from t2d_rt.progress import shown_progress
+from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.radar.synthesize import Progress
 from t2d_rt.result import Recording
-from t2d_rt.room import Clutter, Collisions
+from t2d_rt.room import Clutter
 from t2d_rt.scattering.ellipsoid import PhaseFrom
 from t2d_rt.scene import Room
 from t2d_rt.stage import Stage, set_up
 from t2d_rt.summation import summed
+from t2d_rt.targets import TargetLike
 from t2d_rt.types import Accuracy, Material, Radar, Scene
+from t2d_rt.types.target import Method
 from t2d_rt.versions import versions
 
 
 def simulate(
-    target: Target | str | Path | Sequence[Target | str | Path],
+    target: TargetLike | str | Path | Sequence[TargetLike | str | Path],
     *,
     radar: Radar | str | Path | None = None,
     scene: str | Path | Scene | Room = "free_space",

@@ -16,16 +16,20 @@ from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.experiment import Experiment, sources_of, stored_scene
 from t2d_rt.inputs import Inputs, Store
 from t2d_rt.memory import Budget
-from t2d_rt.model import Model, Target, farthest_and_fastest, geometries_of, placed, shared_time
+from t2d_rt.model import Model, farthest_and_fastest
 from t2d_rt.motion import placement
 from t2d_rt.named import radar_named, target_named
+from t2d_rt.propagation.collisions import checked_time
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar import check_speed
-from t2d_rt.room import Geometry, checked_time, find_path_pairs
-from t2d_rt.scattering.mesh import REFINING_BYTES, check_outside
+from t2d_rt.room import find_path_pairs
+from t2d_rt.scattering.outside import check_outside
+from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scene import Room
+from t2d_rt.targets import TargetLike, placed, shared_time, targets_of
 from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.material import checked_material
+from t2d_rt.types.target import Geometry
 
 JUMP_MPS = 300.0
 """Between two frames nobody moves faster; a jump of 2.5 m in a file of 120 frames a second does."""
@@ -64,12 +68,13 @@ def set_up(
     memory = Budget.of(memory_gb)
     target, radar = target_named(target), radar_named(radar)
     radar = Radar.preset("table2") if radar is None else radar
-    targets = [target] if isinstance(target, Target) else target
+    targets = [target] if isinstance(target, TargetLike) else target
     _check(targets, radar, physics)
     targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
     backend, scene = select(device), _scene_of(scene)
     method, body, material = physics["method"], physics["body"], physics["material"]
-    geometries = geometries_of(targets, method, body, material, radar)
+    modelled = targets_of(targets, method, body, material, radar)
+    geometries = [each.geometry for each in modelled]
     span_s = shared_time(geometries)
     transmissions = physics["transmissions"]
     if scene is not None:
@@ -95,7 +100,7 @@ def set_up(
             backend=backend,
         )
     model = Model(
-        radar, targets, geometries, span_s, scene, ranked, method=method, material=material, body=body,
+        radar, modelled, span_s, scene, ranked, method=method, material=material, body=body,
         phase_from=physics["phase_from"], seed=int(physics["seed"]), backend=backend, memory=memory,
     )  # fmt: skip
     store = Store({})
@@ -173,7 +178,7 @@ def _check_outside_ellipsoids(geometry: Ellipsoids, radar: Radar, times_s: np.nd
 
 
 def _check(targets: Any, radar: Any, physics: Mapping[str, Any]) -> None:
-    if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, Target) for each in targets):
+    if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, TargetLike) for each in targets):
         raise InputError(
             f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
             "load_motion reads a file"

@@ -13,7 +13,7 @@ from builders import walk
 from t2d_rt.backend import Backend
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.compare import envelope, figures
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import MovingMesh, Radar
 
@@ -40,7 +40,7 @@ def test_a_person_has_about_half_a_square_metre(backend: Backend) -> None:
     )
     echoes = mesh_echoes(
         turned, RADAR, times_s=looks_s, material=resolve_material("skin", RADAR.mid_frequency_hz),
-        sagitta_rad=COARSE_RAD, seed=0, views=[View()], backend=backend,
+        detail=Detail(sagitta_rad=COARSE_RAD), seed=0, views=[View()], backend=backend,
     ).gather()  # fmt: skip
     turns_of_phase = RADAR.mid_frequency_hz * echoes.delay_s % 1
     field = np.sum(echoes.amplitude * np.exp(2j * np.pi * turns_of_phase), axis=1)

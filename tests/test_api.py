@@ -264,7 +264,7 @@ def test_too_much_memory_for_the_spectrogram_shows_before_the_run(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("t2d_rt.signal.range.MOST_BYTES", 1_000_000)
-    monkeypatch.setattr("t2d_rt.stage.geometries_of", lambda *_, **__: pytest.fail("the run has begun"))
+    monkeypatch.setattr("t2d_rt.stage.targets_of", lambda *_, **__: pytest.fail("the run has begun"))
     assert main(["simulate", str(WALK), *QUICK, "--signal.overlap", "255", "-o", "x.zarr"]) == 2
     assert "GB of memory" in capsys.readouterr().err
 

@@ -13,7 +13,7 @@ import pytest
 import t2d_rt as t2d
 from builders import icosphere, moving
 from t2d_rt.backend import Backend
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.signal import point_cloud, unit_vectors
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
@@ -105,7 +105,14 @@ def test_threads_and_reading_change_nothing(backend: Backend) -> None:
     surface = ball(TDM, 20, -5, speed_mps=2.0, duration_s=0.12)
     times = np.linspace(0, 0.12, 70)
     echoes = mesh_echoes(
-        surface, TDM, times_s=times, material=PEC, sagitta_rad=0.07, seed=0, views=[View()], backend=backend
+        surface,
+        TDM,
+        times_s=times,
+        material=PEC,
+        detail=Detail(sagitta_rad=0.07),
+        seed=0,
+        views=[View()],
+        backend=backend,
     )
     whole = t2d.synthesize(echoes, TDM)
     for read_frames in (1, 40):

@@ -18,6 +18,7 @@ from t2d_rt.radar import buckets
 from t2d_rt.radar import synthesize as synthesis
 from t2d_rt.scattering import mesh as echo_mesh
 from t2d_rt.scattering import streams as echo_streams
+from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.rate import needed_rate_hz
 
@@ -54,8 +55,9 @@ def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_view_of_many_echoes_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     def stream() -> t2d.EchoStream:
         return echo_mesh.mesh_echoes(
-            approaching(4), RADAR, times_s=np.linspace(0, 0.3, 20), material=ROUGH, sagitta_rad=0.07, seed=0,
-            views=[View()], backend=select("auto"), points=500,
+            approaching(4), RADAR, times_s=np.linspace(0, 0.3, 20), material=ROUGH,
+            detail=echo_mesh.Detail(sagitta_rad=0.07, points=500), seed=0,
+            views=[View()], backend=select("auto"),
         )  # fmt: skip
 
     whole = stream()
@@ -106,7 +108,7 @@ def test_instants_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(memory, "BLOCK_BYTES", 2**21)
     tracemalloc.start()
     found = farthest_and_fastest(surface, RADAR, (0.0, 0.3))
-    echo_mesh.check_outside(surface, RADAR, np.array([0.0, 0.3]))
+    check_outside(surface, RADAR, np.array([0.0, 0.3]))
     rate = needed_rate_hz(surface, RADAR, 0.0, 0.3)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()

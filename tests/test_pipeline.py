@@ -18,7 +18,7 @@ from measures import nmse_db
 from t2d_rt.backend import Backend
 from t2d_rt.errors import BackendError, InputError, T2DWarning
 from t2d_rt.geometry import refinements
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import PEC, Ellipsoids, Material, Motion, MovingMesh, Radar
 
@@ -67,7 +67,7 @@ def test_same_seed_same_bits_another_seed_another_speckle(recorded: t2d.Recordin
 def test_another_seed_changes_only_the_diffuse_points(backend: Backend) -> None:
     def echoes(seed: int, material: Material) -> tuple[np.ndarray, np.ndarray]:
         stream = mesh_echoes(
-            ball(2.0), RADAR, times_s=TIMES_S, material=material, sagitta_rad=0.5, seed=seed, views=[View()],
+            ball(2.0), RADAR, times_s=TIMES_S, material=material, detail=Detail(sagitta_rad=0.5), seed=seed, views=[View()],
             backend=backend,
         )  # fmt: skip
         return stream.frames(0, len(TIMES_S))[:2]
@@ -267,8 +267,8 @@ def test_a_body_is_refined_once(monkeypatch: pytest.MonkeyPatch) -> None:
         calls.append(options["range_m"])
         return refinements(*args, **options)
 
-    monkeypatch.setattr("t2d_rt.scattering.mesh.refinements", counted)
-    monkeypatch.setattr("t2d_rt.scattering.mesh._kept", OrderedDict())
+    monkeypatch.setattr("t2d_rt.scattering.refinement.refinements", counted)
+    monkeypatch.setattr("t2d_rt.scattering.refinement._kept", OrderedDict())
     rest, faces = icosphere(2, 0.1)
 
     def at(range_m: float) -> np.ndarray:

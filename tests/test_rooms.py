@@ -20,11 +20,11 @@ from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.surroundings import radar_paths
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.resources import resource
-from t2d_rt.room import TargetVisibility, coarse_views
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.signal import range_doppler
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar, Scene, Surface
+from t2d_rt.visibility import Sampled, Sight, coarse_views
 
 
 def with_shared_occlusion(distance_m: float = 2.0) -> Scene:
@@ -295,7 +295,7 @@ def sharing(fraction: float, *chain: str, image_m: tuple[float, float, float] = 
 
 def test_antennas_apart_have_visibility_of_their_own() -> None:
     target = ball((3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
-    one, half = sharing(0.5, "wall"), sharing(0.25, "wall")
+    one, half = sharing(0.5, "wall"), sharing(0.25, "wall", image_m=(0.0, 0.1, 0.0))
     times = np.linspace(0, 0.1, 5)
     pairs = [PathPair(out=one, back=half), PathPair(out=one, back=one)]
     views = coarse_views(target, pairs, sample_times(0.0, 0.1, 25.0))
@@ -307,13 +307,15 @@ def test_secondary_pairs_are_occluded_along_the_paths_of_dominant_ones() -> None
     target, screen = (ball(where, time_s=0.1, radius_m=0.2) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
     direct, wall = sharing(0.5, image_m=(0.0, 0.0, 1.0)), sharing(0.125, "wall", image_m=(0.0, 6.0, 1.0))
     radar, keys, times = Radar.preset("table2"), sample_times(0.0, 0.1, 25.0), np.linspace(0, 0.1, 3)
-    visibility = TargetVisibility(
-        [target, screen], radar, [PathPair(out=direct, back=direct)],
-        fast_rotating=[False, False], occlusion=True, samples_s=keys, backend=select("cpu"),
+    visibility = Sampled(
+        Sight(
+            geometries=[target, screen], radar=radar, pairs=[PathPair(out=direct, back=direct)],
+            fast_rotating=[False, False], samples_s=keys, backend=select("cpu"),
+        )
     )  # fmt: skip
-    dominant = visibility.views(target)[0].visibility
+    dominant = visibility.views(0)[0].visibility
     secondary, unoccluded = visibility.with_shared_occlusion(
-        target, [PathPair(out=direct, back=wall), PathPair(out=wall, back=wall)], keys
+        0, [PathPair(out=direct, back=wall), PathPair(out=wall, back=wall)], keys
     )
     assert dominant is not None
     assert secondary.visibility is not None

@@ -18,7 +18,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes, specular_points
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import PEC, Echoes, EchoStream, Ellipsoids, Material, MovingMesh, Radar
 
@@ -96,7 +96,7 @@ def spheroid_mesh(poses: list[np.ndarray], centre: np.ndarray, radar: Radar, bac
         radar,
         times_s=times_s,
         material=PEC,
-        sagitta_rad=mesh.sagitta_rad,
+        detail=Detail(sagitta_rad=mesh.sagitta_rad),
         seed=0,
         views=[View()],
         backend=backend,

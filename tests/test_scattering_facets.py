@@ -16,9 +16,11 @@ from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.radar.synthesize import synthesize
-from t2d_rt.scattering.mesh import check_outside, facets, mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
+from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.phase_integral import divided_difference
+from t2d_rt.scattering.refinement import facets
 from t2d_rt.scattering.streams import joined
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Material, MovingMesh, Radar
 
@@ -39,7 +41,7 @@ def echoes_of(
         radar,
         times_s=FRAMES_S,
         material=material,
-        sagitta_rad=mesh.sagitta_rad,
+        detail=Detail(sagitta_rad=mesh.sagitta_rad),
         seed=seed,
         views=[View()],
         backend=backend,
@@ -247,7 +249,7 @@ def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material
     def fields(sagitta_rad: float) -> np.ndarray:
         mesh = MovingMesh.from_track(lambda t: places[t.astype(int)], faces, np.arange(4.0), rest=rest)
         stream = mesh_echoes(
-            mesh, TABLE2, times_s=np.arange(4.0), material=material, sagitta_rad=sagitta_rad, seed=0, views=[View()],
+            mesh, TABLE2, times_s=np.arange(4.0), material=material, detail=Detail(sagitta_rad=sagitta_rad), seed=0, views=[View()],
             backend=backend,
         )  # fmt: skip
         still_frames = [stream.frames(k, k + 1) for k in range(4)]  # every pose for itself: nothing moves
@@ -335,7 +337,14 @@ def speckle(frequency: int, seed: int, backend: Backend) -> np.ndarray:
     )
     times_s = np.arange(LOOKS, dtype=float)
     stream = mesh_echoes(
-        mesh, TABLE2, times_s=times_s, material=LAMBERT, sagitta_rad=0.4, seed=seed, views=[View()], backend=backend
+        mesh,
+        TABLE2,
+        times_s=times_s,
+        material=LAMBERT,
+        detail=Detail(sagitta_rad=0.4),
+        seed=seed,
+        views=[View()],
+        backend=backend,
     )
     return field(stream, TABLE2) / math.sqrt(TABLE2.received_power_w(1.0, 30.1))
 
@@ -385,7 +394,7 @@ def test_visibility_scales_what_is_seen(backend: Backend) -> None:
     parts = []
     for share in (1.0, 0.25, 0.0):
         stream = mesh_echoes(
-            mesh, TABLE2, times_s=FRAMES_S, material=SKIN, sagitta_rad=0.4, seed=0, backend=backend,
+            mesh, TABLE2, times_s=FRAMES_S, material=SKIN, detail=Detail(sagitta_rad=0.4), seed=0, backend=backend,
             views=[View(visibility=lambda t, share=share: np.full((len(t), len(mesh.rest)), share))],
         )  # fmt: skip
         parts.append(stream.gather().amplitude)
@@ -402,7 +411,14 @@ def test_frames_do_not_depend_on_how_they_are_asked_for(backend: Backend) -> Non
     path = np.stack([2 - 2 * times_s, 0 * times_s, 1 + 0 * times_s], axis=1)
     mesh = MovingMesh(rest + path[:, None], faces, times_s, sagitta_rad=0.4)
     stream = mesh_echoes(
-        mesh, TABLE2, times_s=times_s, material=SKIN, sagitta_rad=0.4, seed=0, views=[View()], backend=backend
+        mesh,
+        TABLE2,
+        times_s=times_s,
+        material=SKIN,
+        detail=Detail(sagitta_rad=0.4),
+        seed=0,
+        views=[View()],
+        backend=backend,
     )
     whole, part = stream.gather(), stream.frames(5, 9)
     assert np.array_equal(part[0], whole.delay_s[5:9])

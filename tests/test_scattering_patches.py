@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from itertools import product
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from builders import icosphere, still
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import Refinement, refine
 from t2d_rt.scattering.patches import MOST_FACETS, Patches, centres, normals, patches, tilts
 from t2d_rt.types import MovingMesh, Radar
@@ -111,12 +113,13 @@ def test_any_soup_of_facets(count: int, spin: float, size_m: float, seed: int) -
     rng = np.random.default_rng(seed)
     rest = rng.uniform(-size_m, size_m, (3 * count, 3))
     faces = rng.permutation(3 * count).reshape(count, 3)
-    # Every edge has one face only, which a mesh from outside would be warned of: here one is made by hand.
-    mesh = spinning_ball(spin)
-    mesh.rest, mesh.faces = rest, faces.astype(np.int32)
-    mesh._track = lambda t: (
-        rest @ Rotation.from_euler("z", spin * t[:, None]).as_matrix().transpose(0, 2, 1) + [5, 0, 1]
-    )
+
+    def track(times_s: np.ndarray) -> np.ndarray:
+        return rest @ Rotation.from_euler("z", spin * times_s[:, None]).as_matrix().transpose(0, 2, 1) + [5, 0, 1]
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", T2DWarning)  # every edge has one face only
+        mesh = MovingMesh.from_track(track, faces, TIMES_S, "pec", rest=rest)
     fine = as_it_is(mesh)
     parts = patches(mesh, fine, TABLE2, TIMES_S)
     assert np.array_equal(facet_rows(parts.corners, parts.base_face), facet_rows(faces, np.arange(count)))
@@ -243,8 +246,9 @@ def test_tilts_of_a_hand_made_refinement() -> None:
     # Face 0 lies in z = 0, its two facets are tilted about its edges by tan = 0.3 and -0.5; face 1's one facet is not.
     rest = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
     faces = np.array([[0, 1, 2], [0, 3, 1]])
-    mesh = spinning_ball(0.0)
-    mesh.rest, mesh.faces = rest, faces
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", T2DWarning)  # it is open
+        mesh = MovingMesh.from_track(lambda t: np.repeat(rest[None], len(t), axis=0), faces, TIMES_S, "pec", rest=rest)
     raised = np.array([[-0.3, 0, 1, 0.3], [0.5, 1, 0, -0.5]])  # rows sum to 1; places (0, 1, 0.3) and (1, 0, -0.5)
     operator = sparse.csr_array(np.vstack([np.eye(4), raised]))
     fine = Refinement(

@@ -25,9 +25,10 @@ from t2d_rt.radar.sweep import Sweep
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.radar.windows import windows
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
-from t2d_rt.scattering.mesh import facets, mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.phase_integral import divided_difference
+from t2d_rt.scattering.refinement import facets
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, resampled, stream
 from t2d_rt.types.presets import preset_names
 from validation.echoes import random_echoes as made_up
@@ -365,7 +366,7 @@ def test_the_whole_sweep_of_facets(shape: str, preset: str, backend: Backend) ->
     vertices = np.array(body.vertices) + np.array([2.5, 0.1, 1.0])
     mesh = MovingMesh(np.stack([vertices, vertices]), body.faces, [0, 1], PEC)
     stream = mesh_echoes(
-        mesh, radar, times_s=np.arange(4) / radar.prf_hz, material=PEC, sagitta_rad=mesh.sagitta_rad, seed=0,
+        mesh, radar, times_s=np.arange(4) / radar.prf_hz, material=PEC, detail=Detail(sagitta_rad=mesh.sagitta_rad), seed=0,
         views=[View()], backend=backend,
     )  # fmt: skip
     cube = synthesize(stream, radar)[0, 0, ::5]

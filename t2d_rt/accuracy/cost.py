@@ -15,7 +15,7 @@ from t2d_rt.geometry.refine import curvature
 from t2d_rt.memory import release
 from t2d_rt.model import Model, sagitta_rad
 from t2d_rt.room import Clutter
-from t2d_rt.scattering.mesh import REFINING_BYTES
+from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scattering.streams import batches, most_echoes
 from t2d_rt.types import Accuracy, EchoStream, MovingMesh, PathTier
 

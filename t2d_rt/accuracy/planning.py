@@ -16,12 +16,12 @@ from t2d_rt.backend import yardstick_s
 from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
-from t2d_rt.model import Target
 from t2d_rt.stage import set_up
+from t2d_rt.targets import TargetLike
 
 
 def plan(
-    target: Target | str | Path | Sequence[Target | str | Path], *, tolerance_db: float = -20.0, **options: Any
+    target: TargetLike | str | Path | Sequence[TargetLike | str | Path], *, tolerance_db: float = -20.0, **options: Any
 ) -> Plan:
     """What `simulate` would model with these `options` of its own to keep to a tolerance, what it would leave out and what that
     costs, by fitted laws: nothing is tried.

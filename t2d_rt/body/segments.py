@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.body.fit import SIDES, Fitted, fit
-from t2d_rt.body.pose import BONES, posing
+from t2d_rt.body.pose import BONES, Posing, posing
 from t2d_rt.body.skin import JointTrack, linear_track
 from t2d_rt.body.template import template
 from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import Material
+from t2d_rt.types.mesh import Made
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
 
@@ -61,7 +62,12 @@ SEGMENTS: Mapping[str, Segment] = _segments()
 
 
 def segments(
-    motion: Motion, body: str = "adult", *, material: str | Material = "skin", track: JointTrack | None = None
+    motion: Motion,
+    body: str = "adult",
+    *,
+    material: str | Material = "skin",
+    track: JointTrack | None = None,
+    made: Made | None = None,
 ) -> Ellipsoids:
     """Ellipsoids fitted to the surface that `skin` moves, moving rigidly with its bones; arguments as in `skin`."""
     checked_motion(motion)
@@ -70,13 +76,27 @@ def segments(
     semi_axes, centres, axes = fit_ellipsoids(fitted)
     bones = [BONES.index(part.bone) for part in SEGMENTS.values()]
     offsets = centres - np.array([fitted.joints[part.bone] for part in SEGMENTS.values()])
-    track = track or linear_track(motion)
 
-    def places(times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        turn, origin = (moved[:, bones] for moved in pose.bones(*track(times_s)))
-        return (turn @ offsets[..., None])[..., 0] + origin, turn @ axes
+    carried = _Carried(pose, bones, offsets, axes, track or linear_track(motion))
+    return Ellipsoids.from_track(carried, semi_axes, motion.times_s, material, names=tuple(SEGMENTS), made=made)
 
-    return Ellipsoids.from_track(places, semi_axes, motion.times_s, material, names=tuple(SEGMENTS))
+
+@dataclass(frozen=True, slots=True)
+class _Carried:
+    """Ellipsoids that move rigidly with bones: their places as a function of time."""
+
+    pose: Posing
+    bones: list[int]
+    """Number of each one's bone among `BONES`, (N,)."""
+    offsets: np.ndarray
+    """Centres from the bones' joints at rest [m], (N, 3)."""
+    axes: np.ndarray
+    """At rest, (N, 3, 3)."""
+    track: JointTrack
+
+    def __call__(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        turn, origin = (moved[:, self.bones] for moved in self.pose.bones(*self.track(times_s)))
+        return (turn @ self.offsets[..., None])[..., 0] + origin, turn @ self.axes
 
 
 def segment_of_faces(body: Fitted) -> np.ndarray:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.body.fit import Fitted, fit
-from t2d_rt.body.pose import BONES, posing
+from t2d_rt.body.pose import BONES, Posing, posing
 from t2d_rt.body.template import template
 from t2d_rt.geometry import curvature
 from t2d_rt.types.material import Material
-from t2d_rt.types.mesh import MovingMesh
+from t2d_rt.types.mesh import Made, MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
 JointTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -35,11 +36,17 @@ Csr = Any
 
 
 def skin(
-    motion: Motion, body: str = "adult", *, material: str | Material = "skin", track: JointTrack | None = None
+    motion: Motion,
+    body: str = "adult",
+    *,
+    material: str | Material = "skin",
+    track: JointTrack | None = None,
+    made: Made | None = None,
 ) -> MovingMesh:
     """The body's control cage (about 3200 vertices, 6400 faces) moving with a skeleton.
 
     `track` interpolates the motion in time (C2, for a radar); without it straight lines join its frames.
+    `made` says how to make the mesh again.
     """
     checked_motion(motion)
     fitted = fit(template(body), motion)
@@ -48,11 +55,8 @@ def skin(
     track = track or linear_track(motion)
     bend = 1 + curvature(fitted.vertices, fitted.template.faces, 180.0)  # 1/m: the curvature of a wave at indoor range
 
-    def vertices(times_s: np.ndarray) -> np.ndarray:
-        return blend(basis, *pose.bones(*track(times_s)))
-
     return MovingMesh.from_track(
-        vertices,
+        partial(_vertices, basis, pose, track),
         fitted.template.faces,
         motion.times_s,
         material,
@@ -60,7 +64,12 @@ def skin(
         crease_deg=180.0,
         sagitta_rad=SAGITTA_RAD * np.sqrt(SAGITTA_RADIUS_M * bend),
         name=body,
+        made=made,
     )
+
+
+def _vertices(basis: Csr, pose: Posing, track: JointTrack, times_s: np.ndarray) -> np.ndarray:
+    return blend(basis, *pose.bones(*track(times_s)))
 
 
 def blend_basis(body: Fitted) -> Csr:

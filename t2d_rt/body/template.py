@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,9 @@ class Template:
     """Rest positions [m] (3,) of the canonical joints and of all optional ends."""
     rings: Mapping[str, Ring]
     """Rings of surface vertices around hips, knees, ankles, shoulders, elbows, wrists and head."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return template, (self.name,)  # pickled by its name
 
 
 def bodies() -> list[str]:

@@ -1,1 +1,1 @@
-"""Rays: visibility and materials by way of Mitsuba and Sionna RT, which live here and only here."""
+"""Rays: visibility and materials by Mitsuba and Sionna RT, which live here and only here."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -116,7 +116,7 @@ class Shadows:
         """`paths_m`: vertices (stop, 3) [m] of each of the P paths, from one antenna to the other; traced at `samples_s`."""
         self._samples_s = samples_s
         self._known = np.full((len(self._samples_s), len(paths_m)), np.nan, np.float32)
-        solids = [_solid(geometry) for geometry in geometries]
+        solids = [geometry.solid() for geometry in geometries]
         self._vertices_at = [vertices_at for vertices_at, _, _ in solids]
         before = np.cumsum([0, *(count for *_, count in solids)])
         self._faces = np.concatenate([faces + first for (_, faces, _), first in zip(solids, before[:-1], strict=True)])
@@ -167,20 +167,3 @@ class Shadows:
         ray = mi.Ray3f(mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)))
         ray.maxt = mi.Float(aligned(length, np.float32))
         return np.asarray(traceable(mi, bodies).ray_test(ray).numpy().reshape(length.shape))
-
-
-def _solid(geometry: MovingMesh | Ellipsoids) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, int]:
-    """Vertices (K, V, 3) at times (K,), triangles, and V."""
-    if isinstance(geometry, MovingMesh):
-        return geometry.at, geometry.faces, len(geometry.rest)
-    from trimesh.creation import icosphere
-
-    ball, count = icosphere(subdivisions=2), len(geometry.semi_axes_m)
-    surface = geometry.semi_axes_m[:, None] * ball.vertices
-
-    def vertices_at(times_s: np.ndarray) -> np.ndarray:
-        centres, axes = geometry.at(times_s)
-        return (centres[:, :, None] + np.einsum("knij,nvj->knvi", axes, surface)).reshape(len(centres), -1, 3)
-
-    faces = ball.faces + len(ball.vertices) * np.arange(count)[:, None, None]
-    return vertices_at, faces.reshape(-1, 3), count * len(ball.vertices)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from t2d_rt.backend import Backend
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.propagation.mirrors import Mirrors, sphere
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
 
@@ -30,9 +33,13 @@ KNEES = 1
 LEAST_FLOOR_M2, LEAST_HEIGHT_M = 2.0, 1.8
 """Of a room; what is smaller and closed is furniture."""
 ENCLOSED = 2 / 3
-"""Share of directions from its middle in which a room ends at something: open windows, doors and a missing ceiling leave more."""
+"""Fraction of directions from its middle in which a room ends at something: open windows and doors leave more."""
 FLAT = 0.7
 """A surface whose normal is that upright lies flat."""
+LEAST_S = 0.1
+"""A record that ends before that is none."""
+Collisions = Literal["warn", "stop", "ignore"]
+"""What becomes of a target that goes through something: a warning, the end of the record just before, nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +52,64 @@ class Collision:
     """(3,)."""
     surface: str | None
     """What it goes through; None for a target that starts outside."""
+
+
+def checked_time(
+    collisions: Collisions,
+    scene: Scene,
+    targets: Sequence[Motion | MovingMesh | Ellipsoids],
+    names: Sequence[str],
+    radar: Radar,
+    time_s: tuple[float, float],
+    *,
+    outside: bool,
+    backend: Backend,
+) -> tuple[float, float]:
+    """First and last instant of the record [s]: all of it, or up to where a target goes through something.
+
+    `outside`: whether the radar may stand, and a target may start, outside the room.
+    """
+    if collisions == "ignore":
+        return time_s
+    start, stop = time_s
+    if not outside and (place := radar_outside(scene, radar, backend)) is not None:
+        told = f"the radar is at {_place_text(place)}, outside {_reach_text(scene)}"
+        told += "; move it (position_m), choose another room, or allow transmissions for paths through walls"
+        if collisions == "stop":
+            raise InputError(told)
+        warnings.warn(told, T2DWarning, stacklevel=3)
+    for found in find_collisions(scene, targets, radar, start, stop, outside=outside, backend=backend):
+        told = _told(found, scene, names, start)
+        if collisions == "warn":
+            hint = " (distance_m, angle_deg)" if isinstance(targets[found.target], Motion) else ""
+            warnings.warn(
+                f"{told}; place it elsewhere{hint}, choose another room, or end the record there (collisions 'stop')",
+                T2DWarning,
+                stacklevel=3,
+            )
+        elif found.time_s - start < LEAST_S:
+            raise InputError(f"{told}, which leaves no record to stop at; place it elsewhere or choose another room")
+        else:
+            stop = min(stop, found.time_s)
+    return start, stop
+
+
+def _place_text(place_m: np.ndarray) -> str:
+    return f"({', '.join(f'{x:.2f}' for x in place_m)}) m"
+
+
+def _reach_text(scene: Scene) -> str:
+    low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in scene.bounds_m)
+    return f"{scene.name}, which reaches from ({low}) to ({high}) m"
+
+
+def _told(found: Collision, scene: Scene, names: Sequence[str], start_s: float) -> str:
+    """Half a sentence."""
+    name = names[found.target] + (f" (target {found.target + 1} of {len(names)})" if len(names) > 1 else "")
+    where = _place_text(found.place_m)
+    if found.surface is None:
+        return f"{name} starts at {where}, outside {_reach_text(scene)}"
+    return f"{name} goes through {found.surface} of {scene.name} at {found.time_s - start_s:.2f} s, at {where}"
 
 
 def find_collisions(

@@ -22,7 +22,7 @@ RAYS = 1 << 20
 SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
 """Triangles of a surface that lie in one plane to within these are one mirror."""
 OUTLINE_M = 1e-7
-"""A reflection that far outside an outline is still inside: none may fall between two triangles."""
+"""A reflection that far outside an outline counts as inside: none may fall between two triangles."""
 ONE_PLANE_M = 1e-5
 """Mirrors of different surfaces that near to one plane, and that far into one another, overlap there."""
 SKIN_M = 1e-4
@@ -258,12 +258,12 @@ class _Rays:
     inside: Any
     """Whether they have met as much, Bool (R,)."""
     bearable_db: Any
-    """What slabs may still take from them, Float (R,)."""
+    """Loss that they may have in further slabs [dB], Float (R,)."""
     path: np.ndarray
     """Which of the chains each has taken, (R,)."""
     chains: list[Chain]
     reflections: int
-    """How many may still follow."""
+    """How many more may follow."""
     passages: int
 
     def over(self, mirror: np.ndarray, *, through: bool) -> _Rays:

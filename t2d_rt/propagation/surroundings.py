@@ -25,8 +25,8 @@ def probes(geometries: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s
     times = sample_times(start_s, stop_s, PROBE_RATE_HZ)
     found = []
     for geometry in geometries:
-        for some in blocks(times, len(geometry.rest if isinstance(geometry, MovingMesh) else geometry.semi_axes_m)):
-            points = geometry.at(some) if isinstance(geometry, MovingMesh) else geometry.at(some)[0]
+        for some in blocks(times, geometry.point_count):
+            points = geometry.points_at(some)
             every = max(1, points.shape[1] // PROBES)
             found.append(points[:, ::every].reshape(-1, 3))
     return np.concatenate(found)

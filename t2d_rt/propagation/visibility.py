@@ -317,10 +317,10 @@ def _marks(rest: Sequence[np.ndarray], operators: Sequence[Any]) -> tuple[np.nda
     for points, operator in zip(rest, operators, strict=True):
         near = cKDTree(points).query_ball_point(points, MARK_M)
         free, mine = np.ones(len(points), bool), []
-        for vertex, around in enumerate(near):
+        for vertex, neighbours in enumerate(near):
             if free[vertex]:
                 mine.append(vertex)
-                free[around] = False
+                free[neighbours] = False
         away, nearest = cKDTree(points[mine]).query(points, k=min(3, len(mine)))
         weight = 1 / np.maximum(away.reshape(len(points), -1), 1e-6)
         weight /= weight.sum(axis=1, keepdims=True)

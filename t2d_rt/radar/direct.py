@@ -82,11 +82,12 @@ def _heard(radar: Radar, row: int, antenna: int) -> list[tuple[int, int, complex
 
 def _seen_from(echoes: Echoes | EchoArrays, radar: Radar, tx: int, rx: int) -> np.ndarray:
     """Delays relative to those of the arrays' centres (T, N) [s]."""
-    if echoes.departure_m is None or echoes.arrival_m is None:
+    if echoes.departure_m is None:
         return np.zeros(echoes.delay_s.shape)
+    arrival_m = echoes.departure_m if echoes.arrival_m is None else echoes.arrival_m
     return (
         _extra_m(echoes.departure_m, radar.tx_position_m, radar.tx_positions_m[tx])
-        + _extra_m(echoes.arrival_m, radar.rx_position_m, radar.rx_positions_m[rx])
+        + _extra_m(arrival_m, radar.rx_position_m, radar.rx_positions_m[rx])
     ) / SPEED_OF_LIGHT
 
 

@@ -134,10 +134,9 @@ def _window(
     lit = amplitude != 0
     delay, delay_slope = framed(taken(0, low, high))
     sample, apparent = held[0][1], None
-    if sample.departure_m is not None and sample.arrival_m is not None:
-        same = all(part.departure_m is part.arrival_m for _, part in held)
-        positions = [apparent_of(taken(3, low, high))]
-        apparent = positions[0], positions[0] if same else apparent_of(taken(4, low, high))
+    if sample.departure_m is not None:
+        departure = apparent_of(taken(3, low, high))
+        apparent = departure, departure if sample.arrival_m is None else apparent_of(taken(4, low, high))
     return Window(
         start=start,
         stop=stop,

@@ -7,21 +7,26 @@ import numpy as np
 from t2d_rt.types import EchoArrays, Radar
 
 
-def seen_by(radar: Radar, echoes: EchoArrays, departure_m: np.ndarray, arrival_m: np.ndarray) -> EchoArrays:
-    """`echoes` as the radar's antennas see them, from the points (T, N, 3) they seem to stand in."""
+def seen_by(
+    radar: Radar, echoes: EchoArrays, departure_m: np.ndarray, arrival_m: np.ndarray | None = None
+) -> EchoArrays:
+    """`echoes` as the radar's antennas see them, from their apparent positions (T, N, 3) [m]; those of the receivers are the
+    transmitters' where they are not given."""
     amplitude, slope = echoes.amplitude, echoes.slope
     if radar.directional:
         outward = (
             line_of_sight / np.linalg.norm(line_of_sight, axis=-1, keepdims=True)
-            for line_of_sight in (departure_m - radar.tx_position_m, arrival_m - radar.rx_position_m)
+            for line_of_sight in (
+                departure_m - radar.tx_position_m,
+                (departure_m if arrival_m is None else arrival_m) - radar.rx_position_m,
+            )
         )
         factor = radar.antenna_factor(*outward).astype(np.float32)
         amplitude, slope = amplitude * factor, None if slope is None else slope * factor
     echoes = echoes._replace(amplitude=amplitude, slope=slope)
     if radar.is_array:
-        departure = departure_m.astype(np.float32)
-        arrival = departure if arrival_m is departure_m else arrival_m.astype(np.float32)
-        return echoes._replace(departure_m=departure, arrival_m=arrival)
+        arrival = None if arrival_m is None else arrival_m.astype(np.float32)
+        return echoes._replace(departure_m=departure_m.astype(np.float32), arrival_m=arrival)
     return echoes
 
 
@@ -30,7 +35,7 @@ def side_by_side(parts: list[EchoArrays]) -> EchoArrays:
     if len(parts) == 1:
         return parts[0]
     parts = [p if p.slope is not None else p._replace(slope=np.zeros_like(p.amplitude)) for p in parts]
-    same = all(part.arrival_m is part.departure_m for part in parts)
+    if any(part.arrival_m is not None for part in parts):
+        parts = [p if p.arrival_m is not None else p._replace(arrival_m=p.departure_m) for p in parts]
     joint = [None if fields[0] is None else np.concatenate(fields, axis=1) for fields in zip(*parts, strict=True)]
-    echoes = EchoArrays(*joint)  # type: ignore[arg-type]
-    return echoes._replace(arrival_m=echoes.departure_m) if same else echoes
+    return EchoArrays(*joint)  # type: ignore[arg-type]

@@ -49,7 +49,7 @@ def rough_echoes(
     ranges = [np.linalg.norm(points_m - place, axis=1) for place in (radar.tx_position_m, radar.rx_position_m)]
     amplitude = radar.link_amplitude * np.sqrt(rcs_m2) / (ranges[0] * ranges[1]) * np.exp(1j * phase)
     echoes = EchoArrays(delay_s=(ranges[0] + ranges[1]) / SPEED_OF_LIGHT, amplitude=amplitude)
-    return _standing(seen_by(radar, echoes, points_m, points_m), times_s, fractions)
+    return _standing(seen_by(radar, echoes, points_m), times_s, fractions)
 
 
 def _standing(echoes: EchoArrays, times_s: np.ndarray, fractions: Fractions | None) -> EchoStream:

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import math
-import os
-from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend, aligned_empty
-from t2d_rt.errors import InputError
-from t2d_rt.geometry import Refinement, SubdividedMesh, point_spacing, refinements, surface_points, winding
-from t2d_rt.geometry.vectors import edge_cross
-from t2d_rt.memory import blocks
+from t2d_rt.backend import Backend
 from t2d_rt.scattering.antennas import seen_by, side_by_side
-from t2d_rt.scattering.facets import Block, Pair, Weights, diffuse_echoes, patch_delays, patch_echoes
+from t2d_rt.scattering.facets import FacetVertices, Pair, patch_delays, patch_echoes
+from t2d_rt.scattering.facing import Facing
+from t2d_rt.scattering.lanes import Block
 from t2d_rt.scattering.patches import (
     CYCLES_PER_STEP,
     SWEEP_CYCLES,
@@ -28,17 +23,15 @@ from t2d_rt.scattering.patches import (
     Patches,
     centres,
     least_range_m,
-    normals,
     patches,
     tilts,
 )
 from t2d_rt.scattering.paths import Anchors, Arrivals, View, anchor_vertices, unfolded
+from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, diffuse_echoes, sampled_visibility
+from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
 from t2d_rt.scattering.streams import in_parts, most_echoes
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
 
-# Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
-# the curved surface by a tenth of this phase or so, always the same.
-POINT_SAGITTA_RAD = 0.7
 POINTS_PER_MESH = 4_000
 """At least about this many diffuse points; their number does not change the power."""
 FACING_RATE_HZ, FACING_AT_ONCE, FACING_MOST_HZ = 10.0, 20, 200.0
@@ -46,21 +39,22 @@ FACING_RATE_HZ, FACING_AT_ONCE, FACING_MOST_HZ = 10.0, 20, 200.0
 surface rate exceeds the last one rotates too fast for that."""
 PROBE_EVERY = 6
 """Frames between tests of which faces face the antennas."""
-BEND_RAD = 0.2
-"""By how much more than at rest facets may be tilted against the face they lie in, where a joint bends."""
-KEPT_FACETS = 800_000
-"""Refinements are kept, the last used ones, for as many facets: some 300 bytes each."""
-REFINING_BYTES = 1_700
-"""What a facet takes while it is made (measured with 110 000 to 1 000 000 facets of a body)."""
-MOST_FACETS = 1_000_000
-"""Of one mesh, unless a run may take more memory."""
-FRAMES_AT_ONCE = 20
-"""The cage's positions at that many instants fit the cache."""
-_kept: OrderedDict[tuple[object, ...], list[Refinement]] = OrderedDict()
-VertexVisibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Visibility (K, Q) of vertices (K, Q, 3) of triangles (F, 3)."""
-Sagitta = float | np.ndarray
-"""One phase sagitta [rad], or one for each vertex (V,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detail:
+    """How finely a mesh is modelled over the path pairs of one tier."""
+
+    sagitta_rad: Sagitta
+    """Phase sagitta of the facets, which sets their size (physics.md, eq. 5)."""
+    cycles_per_step: float = CYCLES_PER_STEP
+    """Size of patches, by the facets' phases from one frame to the next; infinite at unrelated instants."""
+    sweep_cycles: float = SWEEP_CYCLES
+    """Size of patches, by how their facets' phases part over the sweep."""
+    points: int = POINTS_PER_MESH
+    """Least number of diffuse points."""
+    max_facets: int = MOST_FACETS
+    """More facets are refused."""
 
 
 def mesh_echoes(
@@ -69,42 +63,19 @@ def mesh_echoes(
     *,
     times_s: np.ndarray,
     material: Material,
-    sagitta_rad: Sagitta,
+    detail: Detail,
     seed: int,
     views: Sequence[View],
     backend: Backend,
-    cycles_per_step: float = CYCLES_PER_STEP,
-    points: int = POINTS_PER_MESH,
-    sweep_cycles: float = SWEEP_CYCLES,
-    max_facets: int = MOST_FACETS,
 ) -> EchoStream:
-    """Echoes of `surface` at surface frames `times_s`: one of each patch and of each diffuse point, in each of `views`.
-
-    `sagitta_rad` sets the facets' size (physics.md, eq. 5), `cycles_per_step` and `sweep_cycles` that of patches, `points` how many
-    diffuse ones there are at least; more than `max_facets` facets are refused.
-    """
+    """Echoes of `surface` at surface frames `times_s`: one of each patch and of each diffuse point, in each of `views`."""
     pairs = [Pair.of(radar, view.paths) for view in views]
-    ends = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]
-    subdivisions = {view.subdivision for view in views}
-    model = _Model.of(
-        surface,
-        radar,
-        ends,
-        times_s,
-        material,
-        sagitta_rad,
-        seed,
-        cycles_per_step,
-        sweep_cycles,
-        points,
-        subdivisions,
-        max_facets,
-    )
+    model = _Model.of(surface, radar, pairs, times_s, material, detail, seed, {view.subdivision for view in views})
     selections = list(model.selections(surface, times_s, pairs, views))
     anchors = None
     if any(view.paths is not None for view in views):
         rest = surface.rest[None]
-        places = model.places(rest, _carried(model.centre, rest))[0]
+        places = model.places(rest, carried(model.centre, rest))[0]
         anchors = Anchors.of(anchor_vertices(surface.rest), surface.rest, places, backend)
 
     def frames(selections: Sequence[_Selection], start: int, stop: int) -> EchoArrays:
@@ -118,9 +89,12 @@ def mesh_echoes(
             if view.paths is not None and arrivals is not None and anchors is not None:
                 unblocked = None if view.unblocked is None else view.unblocked(times)
                 weights = anchors.weights(*arrivals.weight(view.paths), unblocked, backend)
-            visibility = None if view.visibility is None else view.visibility(times)
-            facet_visibility = None if view.facet_visibility is None else partial(view.facet_visibility, times)
-            model.put(block, posed, selection, visibility, facet_visibility, weights, backend)
+            seen = Seen(
+                visibility=None if view.visibility is None else view.visibility(times),
+                facet_visibility=None if view.facet_visibility is None else partial(view.facet_visibility, times),
+                weights=weights,
+            )
+            model.put(block, posed, selection, seen)
         found = block.arrays()
         if not (radar.is_array or radar.directional):
             return found
@@ -135,25 +109,6 @@ def mesh_echoes(
             for part in _parts(selections, most_echoes(radar))
         ]
     )
-
-
-def facets(
-    surface: MovingMesh,
-    radar: Radar,
-    sagitta_rad: Sagitta,
-    *,
-    span_s: tuple[float, float],
-    max_facets: int = MOST_FACETS,
-) -> MovingMesh:
-    """The facets that `mesh_echoes` would sum in free space, as a mesh of their own."""
-    places = radar.tx_position_m, radar.rx_position_m
-    wavenumber = 2 * math.pi / radar.wavelength_m
-    range_m = least_range_m(surface, [places], np.array(span_s))
-    fine, _ = _refinements(surface, wavenumber, range_m, [sagitta_rad, POINT_SAGITTA_RAD], max_facets)
-    return MovingMesh.from_track(
-        lambda times_s: _carried(fine.operator, surface.at(times_s)).swapaxes(0, 1),
-        fine.faces, surface.times_s, surface.material, rest=fine.operator @ surface.rest, name=surface.name,
-    )  # fmt: skip
 
 
 def _total(selections: Sequence[_Selection]) -> int:
@@ -184,8 +139,8 @@ class _Model:
     centre: Csr
     """Sparse: the patches' reference points from the cage's vertices."""
     reflection: complex
-    points: _Points | None
-    visibility_meshes: dict[int, _VisibilityMesh]
+    points: DiffusePoints | None
+    visibility_meshes: dict[int, VisibilityMesh]
     """Meshes at whose vertices visibility is sampled, by subdivision level."""
     at_instants: bool
     """Whether frames are instants unrelated to one another."""
@@ -195,35 +150,27 @@ class _Model:
         cls,
         surface: MovingMesh,
         radar: Radar,
-        seen_from: Sequence[Ends],
+        pairs: Sequence[Pair],
         times_s: np.ndarray,
         material: Material,
-        sagitta_rad: Sagitta,
+        detail: Detail,
         seed: int,
-        cycles_per_step: float,
-        sweep_cycles: float,
-        point_count: int,
         subdivisions: set[int],
-        max_facets: int,
     ) -> _Model:
+        seen_from: list[Ends] = [(pair.places_m[0], pair.places_m[-1]) for pair in pairs]
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
-        sagittas = [sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [sagitta_rad]
-        wavenumber = 2 * math.pi / radar.wavelength_m
-        fine, *carriers = _refinements(
-            surface, wavenumber, least_range_m(surface, seen_from, times_s), sagittas, max_facets
-        )
+        sagittas = [detail.sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [detail.sagitta_rad]
+        wavenumber, range_m = 2 * math.pi / radar.wavelength_m, least_range_m(surface, seen_from, times_s)
+        fine, *carriers = refined(surface, wavenumber, range_m, sagittas, detail.max_facets)
         parts = patches(
-            surface,
-            fine,
-            radar,
-            times_s,
-            seen_from=seen_from,
-            cycles_per_step=cycles_per_step,
-            sweep_cycles=sweep_cycles,
-        )
-        points = _Points.spread(surface, carriers[0], seed, rough * abs(reflection), point_count) if carriers else None
-        visibility_meshes = {level: _VisibilityMesh.of(surface, fine, points, level) for level in subdivisions}
+            surface, fine, radar, times_s,
+            seen_from=seen_from, cycles_per_step=detail.cycles_per_step, sweep_cycles=detail.sweep_cycles,
+        )  # fmt: skip
+        points = None
+        if carriers:
+            points = DiffusePoints.spread(surface, carriers[0], seed, rough * abs(reflection), detail.points)
+        visibility_meshes = {level: VisibilityMesh.of(surface, fine, points, level) for level in subdivisions}
         return cls(
             cage_faces=surface.faces,
             tilt_rad=tilts(surface, fine),
@@ -233,7 +180,7 @@ class _Model:
             reflection=reflection * math.sqrt(1 - rough**2),
             points=points,
             visibility_meshes=visibility_meshes,
-            at_instants=math.isinf(cycles_per_step),
+            at_instants=math.isinf(detail.cycles_per_step),
         )
 
     def selections(
@@ -246,9 +193,9 @@ class _Model:
         probes = np.linspace(times_s[0], times_s[-1], max(2, math.ceil((times_s[-1] - times_s[0]) * FACING_RATE_HZ)))
         in_room = [view.paths is not None for view in views]
         for first in range(0, len(probes) - 1 if any(in_room) and not lit.all() else 0, FACING_AT_ONCE):
-            facing = _Facing.of(surface.at(probes[first : first + FACING_AT_ONCE + 1]), self.cage_faces)
+            facing = Facing.of(surface.at(probes[first : first + FACING_AT_ONCE + 1]), self.cage_faces)
             for number, pair in enumerate(pairs):
-                lit[number] |= self.lit(facing, pair)
+                lit[number] |= facing.lit(pair, self.tilt_rad)
         lit[~np.array(in_room)] = True
         points = len(self.patches) + np.arange(0 if self.points is None else len(self.points.area_m2))
         first = 0
@@ -258,69 +205,57 @@ class _Model:
             yield _Selection(view, pair, echoes, len(patches), first)
             first += len(echoes)
 
-    def put(
-        self,
-        block: Block,
-        posed: _Posed,
-        selection: _Selection,
-        visibility: np.ndarray | None,
-        facet_visibility: VertexVisibility | None,
-        weights: Weights | None,
-        backend: Backend,
-    ) -> None:
-        """Writes the echoes of one view to its columns; `visibility` (K, V') is of the vertices of its visibility mesh,
-        `facet_visibility` of finer ones."""
-        pair, patches, visibility_mesh = (
-            selection.pair,
-            selection.echoes[: selection.patches],
-            self.visibility_meshes[selection.view.subdivision],
-        )
+    def put(self, block: Block, posed: _Posed, selection: _Selection, seen: Seen) -> None:
+        """Writes the echoes of one view to its columns."""
+        pair, chosen = selection.pair, selection.echoes[: selection.patches]
         columns = selection.first + np.arange(len(selection.echoes))
-        if len(patches):
-            patch_delays(posed.centres, patches, pair, block, columns[: len(patches)], backend)
-        faces = np.ones(len(self.cage_faces), bool) if self.at_instants else self.lit(posed.facing, pair)
-        if visibility is not None:
-            faces &= self._with_neighbours(visibility_mesh, np.asarray(visibility.any(axis=0)))
-        lit = self.patches.any_of(faces)[patches]
-        if weights is not None:
-            lit &= weights.reach[patches]
-        lit = np.flatnonzero(lit)
+        mesh = self.visibility_meshes[selection.view.subdivision]
+        if len(chosen):
+            patch_delays(posed.centres, chosen, pair, block, columns[: len(chosen)])
+        lit = np.flatnonzero(self._lit(posed, pair, seen, mesh)[chosen])
         if len(lit):
-            parts = self.patches.only(patches[lit])
-            if visibility is None and facet_visibility is None:
-                vertices = posed.vertices
-            elif facet_visibility is not None:
-                values = self._visible_vertices(posed, visibility, visibility_mesh, slice(None))
-                values[..., 3] *= _sampled_visibility(
-                    facet_visibility, values[..., :3] + posed.origin, self.patches.corners
-                )
-                vertices = _on_device(values, backend.Float32)
-            else:
-                used = np.zeros(self.operator.shape[0], bool)
-                used[parts.corners] = True
-                parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
-                vertices = _on_device(self._visible_vertices(posed, visibility, visibility_mesh, used), backend.Float32)
-            patch_echoes(
-                vertices, posed.centres, posed.origin, parts, patches[lit], pair, self.reflection, weights, block,
-                columns[lit], backend,
-            )  # fmt: skip
+            parts, vertices = self._vertices(self.patches.only(chosen[lit]), posed, seen, mesh)
+            facets = FacetVertices(vertices=vertices, centres=posed.centres, origin=posed.origin)
+            patch_echoes(facets, parts, chosen[lit], pair, self.reflection, seen.weights, block, columns[lit])
         if self.points is not None and len(selection.echoes) > selection.patches:
-            fraction = self.points.fraction(visibility, visibility_mesh, facet_visibility, posed.cage)
-            self.points.put(
-                block, posed.carrier, fraction, pair, weights, len(self.patches), columns[len(patches) :], backend
-            )
+            fraction = self.points.fraction(seen, mesh, posed.cage)
+            first, columns = len(self.patches), columns[len(chosen) :]
+            diffuse_echoes(self.points, posed.carrier, fraction, pair, seen.weights, first, block, columns)
+
+    def _lit(self, posed: _Posed, pair: Pair, seen: Seen, mesh: VisibilityMesh) -> np.ndarray:
+        """Which patches may hold lit and visible facets at any of the frames, bool (G,)."""
+        faces = np.ones(len(self.cage_faces), bool) if self.at_instants else posed.facing.lit(pair, self.tilt_rad)
+        if seen.visibility is not None:
+            faces &= self._with_neighbours(mesh, np.asarray(seen.visibility.any(axis=0)))
+        lit = self.patches.any_of(faces)
+        return lit if seen.weights is None else lit & seen.weights.reach[: len(lit)]
+
+    def _vertices(self, parts: Patches, posed: _Posed, seen: Seen, mesh: VisibilityMesh) -> tuple[Patches, Any]:
+        """Patches, and the facets' vertices by which they are numbered, on the device."""
+        if seen.visibility is None and seen.facet_visibility is None:
+            return parts, posed.vertices
+        used: np.ndarray | slice = slice(None)
+        if seen.facet_visibility is None:
+            used = np.zeros(self.operator.shape[0], bool)
+            used[parts.corners] = True
+            parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
+        values = self._visible_vertices(posed, seen.visibility, mesh, used)
+        if seen.facet_visibility is not None:
+            places = values[..., :3] + posed.origin
+            values[..., 3] *= sampled_visibility(seen.facet_visibility, places, self.patches.corners)
+        return parts, posed.backend.Float32(values.ravel())
 
     def _visible_vertices(
-        self, posed: _Posed, visibility: np.ndarray | None, visibility_mesh: _VisibilityMesh, used: np.ndarray | slice
+        self, posed: _Posed, visibility: np.ndarray | None, visibility_mesh: VisibilityMesh, used: np.ndarray | slice
     ) -> np.ndarray:
         """The `used` facets' vertices and their visibility, float32 (Vf, T, 4)."""
         if visibility_mesh.facets is None or visibility is None:
-            return _carried(self.operator[used], posed.local(visibility))
-        values = _carried(self.operator[used], posed.local(None))
-        values[..., 3] = _carried(visibility_mesh.facets[used], visibility[..., None])[..., 0]
+            return carried(self.operator[used], posed.local(visibility))
+        values = carried(self.operator[used], posed.local(None))
+        values[..., 3] = carried(visibility_mesh.facets[used], visibility[..., None])[..., 0]
         return values
 
-    def _with_neighbours(self, visibility_mesh: _VisibilityMesh, visibility: np.ndarray) -> np.ndarray:
+    def _with_neighbours(self, visibility_mesh: VisibilityMesh, visibility: np.ndarray) -> np.ndarray:
         """Cage faces, bool (F,), whose facets' vertices depend on any visible vertex of the visibility mesh, bool (V',): its own
         faces and their neighbours."""
         wider = np.zeros(self.operator.shape[1], bool)
@@ -333,41 +268,6 @@ class _Model:
         if self.points is not None:
             found.append(self.points.places(cage))
         return np.concatenate(found).transpose(1, 0, 2)
-
-    def lit(self, facing: _Facing, pair: Pair) -> np.ndarray:
-        """Cage faces that may hold facets lit by the transmitter and visible to the receiver at or between the instants."""
-        angle = np.zeros(facing.normal.shape[:2])
-        for antenna in pair.views_m:
-            line_of_sight = antenna - facing.middle
-            cosine = np.einsum("kfi,kfi->kf", facing.normal, line_of_sight) / np.sqrt(
-                np.einsum("kfi,kfi->kf", line_of_sight, line_of_sight)
-            )
-            angle = np.maximum(angle, np.arccos(np.clip(cosine, -1, 1)))
-        # What rotates from one instant to the next may rotate as much again in between.
-        margin = self.tilt_rad + BEND_RAD + np.abs(np.diff(angle, axis=0)).max(axis=0, initial=0)
-        return angle.min(axis=0) < math.pi / 2 + margin
-
-
-@dataclass(frozen=True, slots=True)
-class _VisibilityMesh:
-    """The subdivided cage at whose vertices visibility is sampled."""
-
-    faces: np.ndarray
-    """Those of each cage face together."""
-    facets: Csr | None
-    """Sparse: from visibility there to that of the facets' vertices; None: visibility of the cage's own vertices is carried
-    along."""
-    points: Csr | None
-    """Sparse: the same of vertices that hold the diffuse points."""
-
-    @classmethod
-    def of(cls, surface: MovingMesh, fine: Refinement, points: _Points | None, level: int) -> _VisibilityMesh:
-        """At a subdivision level."""
-        if not level:
-            return cls(surface.faces, None, None if points is None else points.carrier.linear[points.used])
-        subdivision = SubdividedMesh.of(surface.faces, len(surface.rest), level)
-        held = None if points is None else subdivision.to(points.carrier, surface.faces)[points.used]
-        return cls(subdivision.faces, subdivision.to(fine, surface.faces), held)
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,21 +298,7 @@ class _Selection:
         mine = found._replace(**{name: getattr(found, name)[:, columns] for name in ("delay_s", "amplitude", "slope")})
         places = places[:, self.echoes]
         paths = self.view.paths
-        return seen_by(radar, mine, places, places) if paths is None else unfolded(radar, mine, paths, places, places)
-
-
-@dataclass(frozen=True, slots=True)
-class _Facing:
-    """Normals and centroids of the cage's faces at a few instants."""
-
-    normal: np.ndarray
-    """(K, F, 3)."""
-    middle: np.ndarray
-    """(K, F, 3) m."""
-
-    @classmethod
-    def of(cls, cage: np.ndarray, faces: np.ndarray) -> _Facing:
-        return cls(normals(cage, faces), cage[:, faces].mean(axis=2))
+        return seen_by(radar, mine, places) if paths is None else unfolded(radar, mine, paths, places)
 
 
 @dataclass(frozen=True, slots=True)
@@ -430,19 +316,17 @@ class _Posed:
     """The same on the device, flat Float64."""
     carrier: Any
     """Vertices that hold the diffuse points, flat Float64 (Vp, T, 3) m on the device."""
-    facing: _Facing
+    facing: Facing
     backend: Backend
     _whole: list[Any] = field(default_factory=list)
 
     @classmethod
     def of(cls, model: _Model, cage: np.ndarray, backend: Backend) -> _Posed:
-        centre = _carried(model.centre, cage)
-        carrier = None if model.points is None else _on_device(_carried(model.points.operator, cage), backend.Float64)
+        centre = carried(model.centre, cage)
+        carrier = None if model.points is None else backend.Float64(carried(model.points.operator, cage).ravel())
         instants = np.unique(np.linspace(0, len(cage) - 1, math.ceil((len(cage) - 1) / PROBE_EVERY) + 1).astype(int))
-        facing = _Facing.of(cage[instants], model.cage_faces)
-        return cls(
-            model, cage, cage.mean(axis=1), centre, _on_device(centre, backend.Float64), carrier, facing, backend
-        )
+        facing = Facing.of(cage[instants], model.cage_faces)
+        return cls(model, cage, cage.mean(axis=1), centre, backend.Float64(centre.ravel()), carrier, facing, backend)
 
     def local(self, visibility: np.ndarray | None) -> np.ndarray:
         """Cage vertices relative to the origin and their visibility, float32 (T, V, 4)."""
@@ -457,136 +341,5 @@ class _Posed:
     def vertices(self) -> Any:
         """The facets' vertices where all are visible, flat Float32 (Vf, T, 4) on the device."""
         if not self._whole:
-            self._whole.append(_on_device(_carried(self.model.operator, self.local(None)), self.backend.Float32))
+            self._whole.append(self.backend.Float32(carried(self.model.operator, self.local(None)).ravel()))
         return self._whole[0]
-
-
-def _refinements(
-    surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Sagitta], max_facets: int
-) -> list[Refinement]:
-    """`refinements` of a mesh, kept for the next recording of the same body."""
-    arrays = [surface.rest, surface.faces, *(np.asarray(sagitta, float) for sagitta in sagittas_rad)]
-    key = (*(part.tobytes() for part in arrays), wavenumber, range_m, surface.crease_deg)
-    if key not in _kept:
-        _kept[key] = refinements(
-            surface.rest,
-            surface.faces,
-            wavenumber=wavenumber,
-            range_m=range_m,
-            sagittas_rad=sagittas_rad,
-            crease_deg=surface.crease_deg,
-            max_faces=max_facets,
-        )
-        while len(_kept) > 1 and sum(len(each.faces) for found in _kept.values() for each in found) > KEPT_FACETS:
-            _kept.popitem(last=False)
-    _kept.move_to_end(key)
-    return _kept[key]
-
-
-@dataclass(frozen=True, slots=True)
-class _Points:
-    """Diffuse points on the triangles that hold them."""
-
-    carrier: Refinement
-    used: np.ndarray
-    """Numbers of its vertices that hold points, (Vp,)."""
-    operator: Csr
-    """Sparse: these from the cage's vertices, (Vp, V)."""
-    corners: np.ndarray
-    barycentric: np.ndarray
-    area_m2: np.ndarray
-    phase_rad: np.ndarray
-    scattered: float
-
-    @classmethod
-    def spread(cls, surface: MovingMesh, carrier: Refinement, seed: int, scattered: float, count: int) -> _Points:
-        rest = carrier.operator @ surface.rest
-        area = 0.5 * float(np.linalg.norm(edge_cross(rest[carrier.faces]), axis=1).sum())
-        points = surface_points(rest, carrier.faces, seed=seed, spacing_m=point_spacing(area, count))
-        used, corners = np.unique(carrier.faces[points.face], return_inverse=True)
-        return cls(
-            carrier, used, carrier.operator[used], corners.reshape(-1, 3), points.barycentric, points.area_m2,
-            points.phase_rad, scattered,
-        )  # fmt: skip
-
-    def places(self, cage: np.ndarray) -> np.ndarray:
-        """Where the points stand (Q, K, 3), for cage vertices (K, V, 3)."""
-        vertices = _carried(self.operator, cage)
-        return sum(vertices[self.corners[:, i]] * self.barycentric[:, i, None, None] for i in range(3))
-
-    def fraction(
-        self,
-        visibility: np.ndarray | None,
-        visibility_mesh: _VisibilityMesh,
-        facet_visibility: VertexVisibility | None,
-        cage: np.ndarray,
-    ) -> np.ndarray | None:
-        """Visibility of the carrier's vertices (Vp, T, 1); None: all are visible."""
-        sampled = None if visibility is None else _carried(visibility_mesh.points, visibility[..., None])
-        if facet_visibility is None:
-            return sampled
-        found = _sampled_visibility(facet_visibility, _carried(self.operator, cage), self.corners)[..., None]
-        return found if sampled is None else sampled * found
-
-    def put(
-        self,
-        block: Block,
-        vertices: Any,
-        fraction: np.ndarray | None,
-        pair: Pair,
-        weights: Weights | None,
-        first: int,
-        columns: np.ndarray,
-        backend: Backend,
-    ) -> None:
-        """Writes the points' echoes; `vertices` are the carrier's, flat Float64 (Vp, T, 3) m, of which a `fraction` is visible."""
-        diffuse_echoes(
-            vertices, self.corners, self.barycentric, self.area_m2, self.phase_rad, fraction, pair, self.scattered, weights,
-            first, block, columns, backend,
-        )  # fmt: skip
-
-
-def _sampled_visibility(facet_visibility: VertexVisibility, vertices: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Visibility of vertices (Vf, K, 3) m of triangles `corners` (F, 3): (Vf, K) float32."""
-    return facet_visibility(np.ascontiguousarray(vertices.swapaxes(0, 1)), corners).T
-
-
-def _carried(operator: Csr, values: np.ndarray) -> np.ndarray:
-    """Applies a sparse (Vf, V) to values (K, V, C) of the cage: (Vf, K, C), in memory as `aligned` has it."""
-    shape = operator.shape[0], len(values), values.shape[2]
-    out = aligned_empty(math.prod(shape), values.dtype).reshape(shape)
-
-    def carry(start: int) -> None:
-        part = values[start : start + FRAMES_AT_ONCE].transpose(1, 0, 2)
-        product = operator @ np.ascontiguousarray(part).reshape(len(part), -1)
-        out[:, start : start + FRAMES_AT_ONCE] = product.reshape(len(out), *part.shape[1:])
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # a sparse product leaves Python's lock alone
-        list(pool.map(carry, range(0, len(values), FRAMES_AT_ONCE)))
-    return out
-
-
-def _on_device(values: np.ndarray, kind: Any) -> Any:
-    return kind(values.ravel())
-
-
-def check_outside(surface: MovingMesh, radar: Radar, times_s: np.ndarray) -> None:
-    """Refuses a radar inside a closed mesh, or touching a mesh, at any of a few instants of the record."""
-    for times in blocks(np.linspace(times_s[0], times_s[-1], 25), len(surface.rest)):
-        _check_outside(surface, radar, times)
-
-
-def _check_outside(surface: MovingMesh, radar: Radar, times: np.ndarray) -> None:
-    vertices = surface.at(times)
-    for antenna in (radar.tx_position_m, radar.rx_position_m):
-        within = np.all((vertices.min(axis=1) < antenna) & (antenna < vertices.max(axis=1)), axis=1)
-        inside = np.zeros(len(times), bool)
-        inside[within] = np.abs(winding(vertices[within][:, surface.faces] - antenna)) > 0.5
-        touches = np.linalg.norm(vertices - antenna, axis=2).min(axis=1) < 1e-3
-        if inside.any() or touches.any():
-            where = ", ".join(f"{x:.3g}" for x in antenna)
-            instant = times[np.argmax(inside if inside.any() else touches)]
-            raise InputError(
-                f"the radar at ({where}) m {'is inside' if inside.any() else 'touches'} {surface.name} at {instant:.3g} s; place "
-                "the target farther away (distance_m) or move the radar"
-            )

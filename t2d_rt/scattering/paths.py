@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned_empty
-from t2d_rt.scattering.facets import Weights
+from t2d_rt.scattering.lanes import Weights
 from t2d_rt.types import EchoArrays, OneWayPath, PathPair, Radar
+from t2d_rt.types.paths import PathKey
 
 ANCHORS, APART_M = 150, 0.04
 """Points of a target at which coefficients are worked out: at most so many, and no nearer to each other than needed."""
@@ -92,10 +93,12 @@ class Arrivals:
     def __init__(self, radar: Radar, points_m: np.ndarray) -> None:
         self._radar, self._points, self._axes = radar, points_m, radar.axes
         self._band_hz = radar.bandwidth_hz / 2
-        self._one_end = radar.tx_pattern == radar.rx_pattern and np.array_equal(
-            radar.tx_position_m, radar.rx_position_m
+        self._one_end = (
+            radar.tx_pattern == radar.rx_pattern
+            and radar.tx_polarization_deg == radar.rx_polarization_deg
+            and np.array_equal(radar.tx_position_m, radar.rx_position_m)
         )
-        self._known: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._known: dict[tuple[PathKey, int], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def weight(self, paths: PathPair) -> tuple[np.ndarray, np.ndarray]:
         """Factor of a path pair on the amplitude of a reflector there, and its slope over frequency [1/Hz], complex (...).
@@ -114,7 +117,7 @@ class Arrivals:
     def _of(self, path: OneWayPath, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Directions to the image, gain, and the field at three frequencies; end 0 is the transmitters', 1 the receivers'."""
         end = 0 if self._one_end else end
-        if (id(path), end) not in self._known:
+        if (path.key, end) not in self._known:
             radar = self._radar
             place = (radar.tx_position_m, radar.rx_position_m)[end]
             pattern = (radar.tx_pattern, radar.rx_pattern)[end]
@@ -122,8 +125,8 @@ class Arrivals:
             length = np.linalg.norm(towards, axis=-1, keepdims=True)
             gain = pattern.gain((path.unfolded(self._points) - place) / length @ self._axes.T)
             frequencies = radar.mid_frequency_hz + self._band_hz * np.array([-0.5, 0, 0.5])
-            self._known[id(path), end] = towards / length, gain, path.field(self._points, frequencies)
-        return self._known[id(path), end]
+            self._known[path.key, end] = towards / length, gain, path.field(self._points, frequencies)
+        return self._known[path.key, end]
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -137,15 +140,17 @@ def weighted(echoes: EchoArrays, weight: np.ndarray, slope: np.ndarray) -> EchoA
 
 
 def unfolded(
-    radar: Radar, echoes: EchoArrays, paths: PathPair, departure_m: np.ndarray, arrival_m: np.ndarray
+    radar: Radar, echoes: EchoArrays, paths: PathPair, departure_m: np.ndarray, arrival_m: np.ndarray | None = None
 ) -> EchoArrays:
-    """For arrays: with apparent positions (T, N, 3) of the echoes, given those seen from the antennas' images."""
+    """For arrays: with apparent positions (T, N, 3) of the echoes, given those seen from the antennas' images;
+    those of the receivers are the transmitters' where they are not given."""
     if not radar.is_array:
         return echoes
     departure = paths.out.unfolded(departure_m).astype(np.float32)
-    if arrival_m is departure_m and paths.out.chain == paths.back.chain:
-        return echoes._replace(departure_m=departure, arrival_m=departure)
-    return echoes._replace(departure_m=departure, arrival_m=paths.back.unfolded(arrival_m).astype(np.float32))
+    if arrival_m is None and paths.out.chain == paths.back.chain:
+        return echoes._replace(departure_m=departure)
+    arrival = paths.back.unfolded(departure_m if arrival_m is None else arrival_m)
+    return echoes._replace(departure_m=departure, arrival_m=arrival.astype(np.float32))
 
 
 class Ranked(NamedTuple):

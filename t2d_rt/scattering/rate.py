@@ -53,11 +53,11 @@ def _needed(
     length = (PROBE_FRAMES - 1) * step
     records = int(np.clip(RECORDS_PER_S * (stop_s - start_s), LEAST_RECORDS, MOST_RECORDS))
     begin = np.linspace(start_s, stop_s - length, records)
-    count = len(geometry.rest if isinstance(geometry, MovingMesh) else geometry.semi_axes_m)
+    count = geometry.point_count
     some = list(blocks(begin, PROBE_FRAMES * count))
     phase, rotation = _mean([_mean_squares(geometry, radar, each, step) for each in some], [len(each) for each in some])
     for_delays = float((0.406 * phase / 10 ** (tolerance_db / 10)) ** 0.125)
-    if not isinstance(geometry, MovingMesh):
+    if not len(geometry.faces):
         return for_delays
     rotation_rad = ROTATION_RAD * 2 ** ((tolerance_db - TOLERANCE_DB) / DB_PER_OCTAVE)
     return max(for_delays, math.sqrt(rotation) / step / rotation_rad)
@@ -69,12 +69,12 @@ def _mean_squares(
     """Mean squares over short records that begin at `begin_s`: of what a spline misses of the phases,
     for frames one second apart [rad], and of the angles by which edges rotate from frame to frame [rad]."""
     times = (begin_s[:, None] + step_s * np.arange(PROBE_FRAMES)).ravel()
-    points = geometry.at(times) if isinstance(geometry, MovingMesh) else geometry.at(times)[0]
+    points = geometry.points_at(times)
     paths = sum(np.linalg.norm(points - place, axis=2) for place in (radar.tx_position_m, radar.rx_position_m))
     fourth = np.diff(np.reshape(paths, (len(begin_s), PROBE_FRAMES, -1)), n=4, axis=1) / step_s**4
     rad_per_m = 2 * math.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT
     phase = np.mean((rad_per_m * fourth / 384) ** 2)
-    if not isinstance(geometry, MovingMesh):
+    if not len(geometry.faces):
         return float(phase), 0.0
 
     def squares(faces: np.ndarray) -> tuple[float, float]:

@@ -36,11 +36,11 @@ class Echoes:
     slope: np.ndarray | None = None
     """d amplitude / d frequency [sqrt(W)/Hz], complex64 (T, N); None where the amplitude is flat over the sweep."""
     departure_m: np.ndarray | None = None
-    """Points that the echoes seem to stand in as seen by the transmitters [m], world, float32 (T, N, 3): they say how the delay
+    """Apparent positions of the echoes as seen by the transmitters [m], world, float32 (T, N, 3): they say how the delay
     differs from one antenna of an array to the next; `delay_s` is that of the arrays' centres. None: far away on the
     boresight, where all antennas see the same delay."""
     arrival_m: np.ndarray | None = None
-    """Likewise as seen by the receivers."""
+    """Likewise as seen by the receivers; None: the same as by the transmitters."""
 
     def __post_init__(self) -> None:
         for name, dtype in KINDS.items():
@@ -171,8 +171,6 @@ def resampled(source: EchoStream, times_s: np.ndarray, block: int) -> EchoStream
             return np.asarray(flat.reshape(len(flat), *held.shape[1:]))
 
         fields = zip(*parts, strict=True)
-        found = EchoArrays(*(None if values[0] is None else between(values) for values in fields))  # type: ignore[arg-type]
-        one = all(part.arrival_m is part.departure_m for part in parts)
-        return found._replace(arrival_m=found.departure_m) if one else found
+        return EchoArrays(*(None if values[0] is None else between(values) for values in fields))  # type: ignore[arg-type]
 
     return EchoStream(times_s=times_s, frames=frames, vertices=source.vertices)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
 from t2d_rt.checks import LARGEST_M, array, call, shown
 from t2d_rt.errors import InputError
 from t2d_rt.types.material import Material, checked_material
-from t2d_rt.types.mesh import Made
+from t2d_rt.types.mesh import Made, Solid, Track, set_fields
 from t2d_rt.types.splines import spline
 from t2d_rt.types.times import checked_times, within
 
@@ -20,12 +23,25 @@ LEAST_SEMI_AXIS_M, LARGEST_SEMI_AXIS_M = 1e-6, 1e3
 """What lies beyond was meant in another unit."""
 
 
+@dataclass(frozen=True, slots=True, init=False, eq=False, repr=False)
 class Ellipsoids:
     """N ellipsoids of semi-axes (N, 3) m, the third along the bone, between the first and last of times_s (T,) s.
 
     `centres` (T, N, 3) m follow a C2 cubic spline between the times; `axes` (T, N, 3, 3) hold the unit axes in columns;
-    (N, 3, 3) if they never turn; none if they are those of space.
+    (N, 3, 3) if they never rotate; none if they are those of space.
     """
+
+    semi_axes_m: np.ndarray
+    """float64 (N, 3)."""
+    times_s: np.ndarray
+    """float64 (T,)."""
+    material: str | Material
+    names: tuple[str, ...]
+    track: PoseTrack = field(repr=False)
+    """Their places as a function of time."""
+    made: Made | None
+    """How they were made; None where a function of the user computes them."""
+    name: ClassVar[str] = "the body of ellipsoids"
 
     def __init__(
         self,
@@ -47,9 +63,8 @@ class Ellipsoids:
             raise InputError(
                 "axes must hold three right-handed orthogonal unit vectors in columns; normalise them first"
             )
-        self._track = _interpolated(times_s, centres, axes)
-        self.made: Made | None = Made("arrays", {"centres": centres, "axes": axes})
-        """How they were made; None where a function of the user computes them."""
+        made = Made("arrays", {"centres": centres, "axes": axes})
+        set_fields(self, track=_interpolated(times_s, centres, axes), made=made)
 
     @classmethod
     def from_track(
@@ -60,18 +75,18 @@ class Ellipsoids:
         material: str | Material = "skin",
         *,
         names: Sequence[str] | None = None,
+        made: Made | None = None,
     ) -> Ellipsoids:
-        """Ellipsoids whose places are computed when asked for, between the first and last of `times_s`."""
+        """Ellipsoids whose places are computed when asked for, between the first and last of `times_s`.
+
+        `made` tells how `track` was made, where it can be made again.
+        """
         ellipsoids = cls.__new__(cls)
-        ellipsoids.made = None
         ellipsoids._fill(semi_axes_m, times_s, material, names)
-        ellipsoids._track = call(
-            "track", track, "a function from times (K,) to centres (K, N, 3) and axes (K, N, 3, 3)"
-        )
+        call("track", track, "a function from times (K,) to centres (K, N, 3) and axes (K, N, 3, 3)")
+        set_fields(ellipsoids, track=track, made=made)
         ellipsoids.at(ellipsoids.times_s[:1])
         return ellipsoids
-
-    name = "the body of ellipsoids"
 
     def _fill(
         self, semi_axes_m: np.ndarray, times_s: np.ndarray, material: str | Material, names: Sequence[str] | None
@@ -90,11 +105,13 @@ class Ellipsoids:
             raise InputError(f"names must be a list of one text for each ellipsoid, got {shown(names)}")
         if len(names) != len(semi_axes_m):
             raise InputError(f"{len(semi_axes_m)} ellipsoids need as many names, got {len(names)}")
-        names = tuple(names)
-        self.semi_axes_m = semi_axes_m
-        self.times_s = times_s
-        self.material = checked_material(material)
-        self.names = names
+        set_fields(
+            self,
+            semi_axes_m=semi_axes_m,
+            times_s=times_s,
+            material=checked_material(material),
+            names=tuple(names),
+        )
 
     @property
     def duration_s(self) -> float:
@@ -104,11 +121,34 @@ class Ellipsoids:
     def at(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Centres [m] (K, N, 3) and unit axes in columns (K, N, 3, 3), float64, at any times within the own ones."""
         times_s = within(times_s, self.times_s, self.name)
-        found = self._track(times_s)
+        found = self.track(times_s)
         if not isinstance(found, tuple) or len(found) != 2:
             raise InputError(f"the track of {self.name} must give centres and axes, got {shown(found)}")
         shape = len(times_s), len(self.semi_axes_m), 3
         return array("centres of the track", found[0], shape), array("axes of the track", found[1], (*shape, 3))
+
+    @property
+    def faces(self) -> np.ndarray:
+        """No triangles, (0, 3)."""
+        return np.zeros((0, 3), np.int32)
+
+    @property
+    def point_count(self) -> int:
+        """Number of its points in motion: the centres."""
+        return len(self.semi_axes_m)
+
+    def points_at(self, times_s: np.ndarray) -> np.ndarray:
+        """Centres at any times within the own ones [m], float64 (K, N, 3)."""
+        return self.at(times_s)[0]
+
+    def solid(self) -> Solid:
+        """What occludes others: a ball of triangles for each."""
+        from trimesh.creation import icosphere
+
+        ball, count = icosphere(subdivisions=2), len(self.semi_axes_m)
+        faces = ball.faces + len(ball.vertices) * np.arange(count)[:, None, None]
+        vertices_at = partial(_on_surfaces, self, self.semi_axes_m[:, None] * ball.vertices)
+        return Solid(vertices_at, faces.reshape(-1, 3), count * len(ball.vertices))
 
     def __repr__(self) -> str:
         material = self.material if isinstance(self.material, str) else self.material.name
@@ -116,15 +156,30 @@ class Ellipsoids:
 
 
 def _interpolated(times_s: np.ndarray, centres: np.ndarray, axes: np.ndarray) -> PoseTrack:
-    """Splines of the centres and of the axes' quaternions (normalised); what stands still is left alone."""
-    count = centres.shape[1]
+    """Splines of the centres and of the axes' quaternions (normalised); what is static is left as it is."""
     place = spline(times_s, centres)
     if axes.ndim == 3:
-        return lambda t: (place(t), np.broadcast_to(axes, (len(t), count, 3, 3)).copy())
+        return partial(_without_rotation, place, axes)
     from scipy.spatial.transform import Rotation
 
     quaternions = Rotation.from_matrix(axes.reshape(-1, 3, 3)).as_quat().reshape(*axes.shape[:2], 4)
     flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0), axis=0)
     quaternions[1:] *= flips[..., None]
-    turn = spline(times_s, quaternions)
-    return lambda t: (place(t), Rotation.from_quat(turn(t).reshape(-1, 4)).as_matrix().reshape(len(t), count, 3, 3))
+    return partial(_rotating, place, spline(times_s, quaternions))
+
+
+def _without_rotation(place: Track, axes: np.ndarray, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return place(times_s), np.broadcast_to(axes, (len(times_s), *axes.shape)).copy()
+
+
+def _rotating(place: Track, quaternions: Track, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    from scipy.spatial.transform import Rotation
+
+    centres = place(times_s)
+    return centres, Rotation.from_quat(quaternions(times_s).reshape(-1, 4)).as_matrix().reshape(*centres.shape, 3)
+
+
+def _on_surfaces(ellipsoids: Ellipsoids, surface: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    """Points (N, P, 3) in the ellipsoids' own axes, in the world (K, N P, 3)."""
+    centres, axes = ellipsoids.at(times_s)
+    return (centres[:, :, None] + np.einsum("knij,nvj->knvi", axes, surface)).reshape(len(centres), -1, 3)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -32,10 +32,21 @@ class Made:
     """Of that maker."""
 
 
+class Solid(NamedTuple):
+    """Triangles that occlude, in time."""
+
+    vertices_at: Track
+    faces: np.ndarray
+    """(F, 3)."""
+    vertices: int
+    """Number of them."""
+
+
 SAGITTA_RAD = 1e-3, 1e9
 """Phase sagittas that are taken: below, no memory holds the facets; a very large one keeps the triangles as they are."""
 
 
+@dataclass(frozen=True, slots=True, init=False, eq=False, repr=False)
 class MovingMesh:
     """Vertices (T, V, 3) m at times_s (T,) s, triangles (F, 3), counter-clockwise seen from outside.
 
@@ -44,6 +55,21 @@ class MovingMesh:
     Echo models refine them to a phase sagitta of `sagitta_rad`, one number or one per vertex: 0.07 gives 0.3 dB of RCS for
     canonical targets, 0.25 a field NMSE of -22 dB for a body (docs/physics.md, eq. 5).
     """
+
+    rest: np.ndarray
+    """Pose in which curvature is measured and diffuse points are spread [m], float64 (V, 3)."""
+    faces: np.ndarray
+    """int32 (F, 3)."""
+    times_s: np.ndarray
+    """float64 (T,)."""
+    material: str | Material
+    crease_deg: float
+    sagitta_rad: float | np.ndarray
+    name: str
+    track: Track = field(repr=False)
+    """The vertices as a function of time."""
+    made: Made | None
+    """How it was made; None where a function of the user computes it."""
 
     def __init__(
         self,
@@ -61,10 +87,9 @@ class MovingMesh:
         vertices = array(f"vertices of {name}", vertices, limit=LARGEST_M, unit="m").copy()
         if not vertices.shape[1]:
             raise InputError(f"vertices of {name} must hold at least 3 vertices, got none")
-        self._track: Track = spline(times_s, vertices)
-        self.made: Made | None = Made("arrays", {"vertices": vertices})
-        """How it was made; None where a function of the user computes it."""
-        self._fill(vertices[0], faces, times_s, material, crease_deg, sagitta_rad, name)
+        made = Made("arrays", {"vertices": vertices})
+        self._fill(name, vertices[0], faces, material, crease_deg, sagitta_rad)
+        set_fields(self, name=name, times_s=times_s, track=spline(times_s, vertices), made=made)
 
     @classmethod
     def from_track(
@@ -78,29 +103,30 @@ class MovingMesh:
         crease_deg: float = 45.0,
         sagitta_rad: float | np.ndarray = 0.07,
         name: str = "mesh",
+        made: Made | None = None,
     ) -> MovingMesh:
         """A mesh whose vertices are computed when asked for: `track` gives (K, V, 3) at times (K,) within `times_s`.
 
         `rest` (V, 3) is the pose in which curvature is measured and diffuse points are spread; the first frame by default.
+        `made` tells how `track` was made, where it can be made again.
         """
         mesh = cls.__new__(cls)
-        mesh.made = None
         times_s, name = checked_times(times_s), text("name", name)
-        mesh._track = call("track", track, "a function from times (K,) to vertices (K, V, 3)")
+        call("track", track, "a function from times (K,) to vertices (K, V, 3)")
         first = np.asarray(_positions(track, times_s[:1], None, name)[0], float)
         rest = first if rest is None else array("rest", rest, first.shape, limit=LARGEST_M, unit="m")
-        mesh._fill(rest, faces, times_s, material, crease_deg, sagitta_rad, name)
+        mesh._fill(name, rest, faces, material, crease_deg, sagitta_rad)
+        set_fields(mesh, name=name, times_s=times_s, track=track, made=made)
         return mesh
 
     def _fill(
         self,
+        name: str,
         rest: np.ndarray,
         faces: np.ndarray,
-        times_s: np.ndarray,
         material: str | Material,
         crease_deg: float,
         sagitta_rad: float | np.ndarray,
-        name: str,
     ) -> None:
         faces = numeric(f"faces of {name}", faces)
         _check_faces(faces, len(rest), name)
@@ -112,18 +138,19 @@ class MovingMesh:
             or not SAGITTA_RAD[0] <= sagitta.min() <= sagitta.max() <= SAGITTA_RAD[1]
         ):
             raise InputError(f"sagitta_rad of {name} must be positive, {hint}, got {shown(sagitta_rad)}")
-        self.rest = rest
-        self.faces = faces.astype(np.int32)
-        self.times_s = times_s
-        self.material = checked_material(material)
-        self.crease_deg = number("crease_deg", crease_deg, 0, 180, hint="180 makes all edges smooth, 0 none")
-        self.sagitta_rad = sagitta_rad
-        self.name = name
+        set_fields(
+            self,
+            rest=rest,
+            faces=faces.astype(np.int32),
+            material=checked_material(material),
+            crease_deg=number("crease_deg", crease_deg, 0, 180, hint="180 makes all edges smooth, 0 none"),
+            sagitta_rad=sagitta_rad,
+        )
 
     @property
     def vertices(self) -> np.ndarray:
         """Vertices at `times_s` [m], float64 (T, V, 3)."""
-        return self._track(self.times_s)
+        return self.track(self.times_s)
 
     @property
     def duration_s(self) -> float:
@@ -132,10 +159,23 @@ class MovingMesh:
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
         """Vertices at any times within the mesh's own [m], float64 (K, V, 3)."""
-        return _positions(self._track, within(times_s, self.times_s, self.name), len(self.rest), self.name)
+        return _positions(self.track, within(times_s, self.times_s, self.name), len(self.rest), self.name)
+
+    @property
+    def point_count(self) -> int:
+        """Number of its points in motion: the vertices."""
+        return len(self.rest)
+
+    def points_at(self, times_s: np.ndarray) -> np.ndarray:
+        """The same as `at`."""
+        return self.at(times_s)
+
+    def solid(self) -> Solid:
+        """What occludes others: its triangles."""
+        return Solid(self.at, self.faces, len(self.rest))
 
     def trimesh(self, time_s: float | None = None) -> trimesh.Trimesh:
-        """The mesh at one moment, by default its first, as a `trimesh.Trimesh`, to inspect, render and export."""
+        """The mesh at one instant, by default its first, as a `trimesh.Trimesh`, to inspect, render and export."""
         import trimesh
 
         return trimesh.Trimesh(
@@ -147,6 +187,12 @@ class MovingMesh:
     def __repr__(self) -> str:
         material = self.material if isinstance(self.material, str) else self.material.name
         return f"MovingMesh({self.name}: {len(self.rest)} vertices, {len(self.faces)} faces, {self.duration_s:.3g} s, {material})"
+
+
+def set_fields(value: Any, **fields: Any) -> None:
+    """Sets fields of a frozen value while it is made."""
+    for name, each in fields.items():
+        object.__setattr__(value, name, each)
 
 
 def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) -> np.ndarray:
@@ -187,7 +233,7 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str) -> None:
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
     if len(np.unique(directed[:, 0] * vertex_count + directed[:, 1])) < len(directed):
         warnings.warn(
-            f"triangles of {name} do not all turn the same way, so that some show their back: orient them (trimesh: fix_normals)",
+            f"triangles of {name} are not all oriented alike, so that some show their back: orient them (trimesh: fix_normals)",
             T2DWarning,
             stacklevel=4,
         )

@@ -76,7 +76,7 @@ class Motion:
             raise InputError(f"a motion needs at least 2 frames, got {len(joints)}; a single pose has no Doppler")
         if not (np.abs(rotations).max(axis=-1) > 1e-6).all():
             raise InputError(
-                "rotations must be unit quaternions x, y, z, w, got one of no length; 0, 0, 0, 1 is no turn"
+                "rotations must be unit quaternions x, y, z, w, got one of no length; 0, 0, 0, 1 is no rotation"
             )
         if self.placed is not None:
             flag("placed", self.placed)

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+PathKey = tuple[tuple[str, ...], bytes]
+"""A chain of mirrors, and the image of the antenna in them."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OneWayPath:
@@ -36,6 +39,11 @@ class OneWayPath:
     """Number of slabs on the path."""
     delay_s: float = 0.0
     """Delay that these add [s]."""
+
+    @property
+    def key(self) -> PathKey:
+        """The same for one-way paths over the same chain to the same antenna; antennas apart have paths of their own."""
+        return self.chain, self.image_m.tobytes()
 
     @property
     def order(self) -> int:

@@ -12,13 +12,14 @@ import numpy as np
 
 from t2d_rt.accuracy import Wanted, chosen
 from t2d_rt.experiment import Experiment
-from t2d_rt.model import Model, geometries_of
+from t2d_rt.model import Model
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.radar.windows import INTERVALS
 from t2d_rt.room import find_path_pairs
 from t2d_rt.scattering.streams import batches
 from t2d_rt.signal import spectrogram
 from t2d_rt.stage import set_up
+from t2d_rt.targets import targets_of
 from t2d_rt.types import Accuracy, Echoes, EchoStream, Motion, MovingMesh, Radar
 
 MOTION, PATHS, SETUP, OCCLUSION, FACETS, SYNTHESIS, SPECTROGRAM, REST = (
@@ -94,7 +95,7 @@ def _set_up(
     whole = time.perf_counter() - start
     model = stage.model
     with clock(MOTION):
-        geometries_of(model.targets, model.method, model.body, model.material, radar)
+        targets_of(model.targets, model.method, model.body, model.material, radar)
     if model.scene is not None:
         with clock(PATHS):
             find_path_pairs(

@@ -13,7 +13,7 @@ import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.radar.direct import direct_sum
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.rate import needed_rate_hz
 from t2d_rt.types import Echoes, MovingMesh, Radar
@@ -73,7 +73,8 @@ def body_echoes(surface: MovingMesh, radar: Radar) -> Echoes:
     rate = needed_rate_hz(surface, radar, float(surface.times_s[0]), float(surface.times_s[-1]))
     times = np.linspace(surface.times_s[0], surface.times_s[-1], int(np.ceil(surface.duration_s * rate)) + 1)
     return mesh_echoes(
-        surface, radar, times_s=times, material=resolve_material("skin", radar.mid_frequency_hz), sagitta_rad=surface.sagitta_rad,
+        surface, radar, times_s=times, material=resolve_material("skin", radar.mid_frequency_hz),
+        detail=Detail(sagitta_rad=surface.sagitta_rad),
         seed=0, views=[View()], backend=select("auto"),
     ).gather()  # fmt: skip
 

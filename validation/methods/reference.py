@@ -22,9 +22,11 @@ from t2d_rt.geometry import Refinement, point_spacing, refine, surface_points
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.surroundings import polarization, probes, radar_paths
-from t2d_rt.scattering.mesh import POINT_SAGITTA_RAD, POINTS_PER_MESH, least_range_m
+from t2d_rt.scattering.mesh import POINTS_PER_MESH
+from t2d_rt.scattering.patches import least_range_m
 from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.scattering.phase_integral import SERIES_TERMS, divided_differences
+from t2d_rt.scattering.refinement import POINT_SAGITTA_RAD
 from t2d_rt.types import Material, MovingMesh, OneWayPath, PathPair, Radar, Scene
 
 __all__ = ["Converged", "nmse_db", "reference_samples", "refined"]

@@ -8,7 +8,7 @@ import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.radar.direct import direct_sum
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import Echoes, MovingMesh, Radar
 from t2d_rt.types.presets import preset_names
@@ -77,7 +77,7 @@ def _body_echoes(surface: MovingMesh, radar: Radar) -> Echoes:
     times = np.linspace(surface.times_s[0], surface.times_s[-1], frames)
     material = resolve_material("skin", radar.mid_frequency_hz)
     return mesh_echoes(
-        surface, radar, times_s=times, material=material, sagitta_rad=surface.sagitta_rad, seed=0, views=[View()],
+        surface, radar, times_s=times, material=material, detail=Detail(sagitta_rad=surface.sagitta_rad), seed=0, views=[View()],
         backend=select("auto"),
     ).gather()  # fmt: skip
 

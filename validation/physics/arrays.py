@@ -14,7 +14,7 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.template import template
 from t2d_rt.propagation.visibility import Occlusion, sample_times
 from t2d_rt.scattering.ellipsoid import specular_points
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.signal import PointCloud, point_cloud, range_angle, steering_vectors, unit_vectors
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
@@ -273,7 +273,7 @@ def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     view = Occlusion([body], radar.tx_position_m, samples_s=keys, backend=select("auto"))
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
-        body, radar, times_s=times_s, material=material, sagitta_rad=body.sagitta_rad, seed=0,
+        body, radar, times_s=times_s, material=material, detail=Detail(sagitta_rad=body.sagitta_rad), seed=0,
         views=[View(visibility=lambda t: view.visibility(t)[0])], backend=select("auto"),
     ).frames(0, len(times_s))  # fmt: skip
     power = np.abs(echoes.amplitude) ** 2

@@ -98,7 +98,7 @@ def _fields(radar: Radar, faces: int) -> np.ndarray:
     for seed in range(SEEDS):
         with patch.multiple(mesh, **unchanged):
             echoes = mesh.mesh_echoes(
-                sphere, radar, times_s=sphere.times_s, material=ROUGH, sagitta_rad=SAGITTA_RAD, seed=seed,
+                sphere, radar, times_s=sphere.times_s, material=ROUGH, detail=mesh.Detail(sagitta_rad=SAGITTA_RAD), seed=seed,
                 views=[View()], backend=backend,
             )  # fmt: skip
             delay, amplitude, *_ = echoes.frames(0, ASPECTS)

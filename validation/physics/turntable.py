@@ -16,7 +16,7 @@ from t2d_rt.body.segments import segment_of_faces
 from t2d_rt.body.template import template
 from t2d_rt.propagation.visibility import Occlusion
 from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import EchoArrays, EchoStream, Ellipsoids, Motion, MovingMesh, Radar
 
@@ -88,7 +88,8 @@ def mesh_fields(
     views += [View(visibility=_constant(share)) for share in only]
     stream = mesh_echoes(
         mesh, radar,
-        times_s=times_s, material=resolve_material(mesh.material, radar.mid_frequency_hz), sagitta_rad=mesh.sagitta_rad,
+        times_s=times_s, material=resolve_material(mesh.material, radar.mid_frequency_hz),
+        detail=Detail(sagitta_rad=mesh.sagitta_rad),
         seed=seed, views=views, backend=backend,
     )  # fmt: skip
     return _summed(stream, radar, len(views), bands_hz)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated, Any, cast
 
 import numpy as np
 from pydantic import Field
@@ -59,9 +60,33 @@ def moving(
         raise InputError(f"a mover's mesh needs finite start_s < stop_s, got {start_s} and {stop_s}")
     substance = MATERIALS.get(material, material) if isinstance(material, str) else material
     times_s = np.array([start_s, stop_s], float)
-    mesh = MovingMesh.from_track(track, faces, times_s, material=substance, sagitta_rad=sagitta_rad, name=name)
-    mesh.made = Made("mover", {"mover": mover, "start_s": float(start_s), "stop_s": float(stop_s)})
-    return mesh
+    start_s, stop_s = float(start_s), float(stop_s)
+    return MovingMesh.from_track(
+        MoverTrack(mover, start_s, stop_s, track), faces, times_s, material=substance, sagitta_rad=sagitta_rad, name=name,
+        made=Made("mover", {"mover": mover, "start_s": start_s, "stop_s": stop_s}),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class MoverTrack:
+    """Vertices of a mover's mesh as a function of time, pickled as the mover that makes them."""
+
+    mover: Any
+    start_s: float
+    stop_s: float
+    vertices_at: Track
+
+    def __call__(self, times_s: np.ndarray) -> np.ndarray:
+        """Vertices (K, V, 3) [m] at times [s] (K,)."""
+        return self.vertices_at(times_s)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _track_of, (self.mover, self.start_s, self.stop_s)
+
+
+def _track_of(mover: Any, start_s: float, stop_s: float) -> Track:
+    """The track of a mover's mesh, made again."""
+    return cast(Track, mover.mesh(start_s, stop_s).track)
 
 
 def skin_faces(rings: int, around: int) -> np.ndarray:

@@ -17,8 +17,8 @@ from t2d_rt.compare import envelope
 from t2d_rt.geometry import refine
 from t2d_rt.model import sagitta_rad
 from t2d_rt.result import Recording
-from t2d_rt.scattering.mesh import facets
 from t2d_rt.scattering.patches import least_range_m
+from t2d_rt.scattering.refinement import facets
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation.bodies import random_chirps
 from validation.methods.kept import CACHE, kept_samples

@@ -12,7 +12,7 @@ from unittest import mock
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import room
+from t2d_rt import visibility
 from t2d_rt.geometry import Refinement, Tessellation, refine
 from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
 from t2d_rt.result import Recording
@@ -41,10 +41,10 @@ def _cut_everywhere(case: Case, edge_m: float) -> Recording:
     ) -> list[Refinement]:
         return [
             cut_to(surface, edge_m, wavenumber, range_m),
-            *_refinements(surface, wavenumber, range_m, sagittas_rad[1:], max_facets),
+            *_refined(surface, wavenumber, range_m, sagittas_rad[1:], max_facets),
         ]
 
-    with mock.patch.object(mesh, "_refinements", cut):
+    with mock.patch.object(mesh, "refined", cut):
         found = simulated(case)
     found.settings["facets"] = max(len(each.faces) for each in _cuts.values())
     return found
@@ -62,7 +62,7 @@ def cut_to(surface: MovingMesh, edge_m: float, wavenumber: float, range_m: float
     return _cuts[key]
 
 
-_refinements = mesh._refinements
+_refined = mesh.refined
 _cuts: dict[Any, Refinement] = {}
 
 
@@ -76,7 +76,7 @@ def one_point(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> tuple[Parts
 
 def occluded_by_ellipsoids(case: Case) -> Recording:
     """The default setting, occlusion by the segments' ellipsoids and worked out instead of traced."""
-    with mock.patch.object(room, "Occlusion", _occlusion_by(t2d.segments(case.motion))):
+    with mock.patch.object(visibility, "Occlusion", _occlusion_by(t2d.segments(case.motion))):
         return simulated(case)
 
 

@@ -15,7 +15,7 @@ from t2d_rt.backend import select
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.paths import find_paths
-from t2d_rt.scattering.mesh import mesh_echoes
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scene import Room
 from t2d_rt.types import Material, MovingMesh, Radar, Scene, Surface
@@ -159,8 +159,9 @@ def diffuse_paths(radar: Radar) -> tuple[Case, str]:
 def _diffuse_rcs(surface: MovingMesh, radar: Radar, material: Material, points: int) -> float:
     """Mean RCS [m^2] over the random phases of diffuse points: the sum of their powers."""
     stream = mesh_echoes(
-        surface, radar, times_s=np.linspace(*TIMES_S, 4), material=material, sagitta_rad=0.3, seed=0, views=(View(),),
-        backend=select("cpu"), points=points,
+        surface, radar, times_s=np.linspace(*TIMES_S, 4), material=material,
+        detail=Detail(sagitta_rad=0.3, points=points), seed=0, views=(View(),),
+        backend=select("cpu"),
     )  # fmt: skip
     power = float(np.sum(np.abs(stream.gather().amplitude[0]) ** 2))
     return power / float(radar.received_power_w(1.0, NEAR_M))

@@ -1,0 +1,190 @@
+"""Dr.Jit lanes over (item, frame): reading vertices, vectors on every lane, and writing echoes' columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.geometry.vectors import cross, dot
+from t2d_rt.types import EchoArrays
+
+Vector = tuple[Any, ...]
+"""x, y, z on every lane."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weights:
+    """Factors of a path pair on amplitudes, known at anchors; each echo takes the weighted mean of a few."""
+
+    near: Any
+    """Numbers of each echo's anchors, flat UInt32 (N, n) on the device."""
+    fraction: Any
+    """Weight of each of these, flat Float32 (N, n)."""
+    count: int
+    """n."""
+    values: Any
+    """Flat Float32 (anchor, T, 4): factor of the amplitude, and its slope over frequency [1/Hz]."""
+    reach: np.ndarray
+    """Which echoes the field reaches, bool (N,)."""
+
+
+class Block:
+    """Echoes at T frames in the making: kernels write columns of (T, N)."""
+
+    def __init__(self, frames: int, echoes: int, backend: Backend) -> None:
+        import drjit as dr
+
+        self.shape = (frames, echoes)
+        self.backend = backend
+        self._delay = dr.zeros(backend.Float64, frames * echoes)
+        self._amplitude, self._slope = (dr.zeros(backend.Float32, 2 * frames * echoes) for _ in range(2))
+
+    def put(
+        self, at: Gather, columns: np.ndarray, *, delay: Any = None, amplitude: Any = None, slope: Any = None
+    ) -> None:
+        """Writes lanes' values, complex ones as pairs, to `columns`, one for each item."""
+        dr, backend = at.dr, self.backend
+        place = at.frame * dr.opaque(backend.UInt32, self.shape[1]) + dr.gather(
+            backend.UInt32, backend.lanes(columns), at.item
+        )
+        for value, into, kind in (
+            (delay, self._delay, None),
+            (amplitude, self._amplitude, backend.arrays.Array2f),
+            (slope, self._slope, backend.arrays.Array2f),
+        ):
+            if value is not None:
+                dr.scatter(into, value if kind is None else kind(*value), place)
+
+    def arrays(self) -> EchoArrays:
+        """What was written; amplitudes are 0 elsewhere."""
+        delay, amplitude, slope = (values.numpy() for values in (self._delay, self._amplitude, self._slope))
+        return EchoArrays(
+            delay.reshape(self.shape),
+            amplitude.view(np.complex64).reshape(self.shape),
+            slope.view(np.complex64).reshape(self.shape),
+        )
+
+
+class Gather:
+    """Lanes over (item, frame), that read vertices of every item's triangles.
+
+    Frames run fastest, as in the vertices, flat (V, T, ...) on the device: neighbouring lanes read neighbouring numbers.
+    """
+
+    def __init__(self, numbers: Any, frames: int, items: int, backend: Backend) -> None:
+        import drjit
+
+        self.dr = drjit
+        self.backend = backend
+        self.numbers = numbers
+        self.real = type(numbers)
+        UInt32 = backend.UInt32
+        lane = drjit.arange(UInt32, items * frames)
+        # Opaque: a number in the code would compile a kernel for every mesh.
+        self.stride = drjit.opaque(UInt32, frames)
+        self.item = lane // self.stride
+        self.frame = lane - self.item * self.stride
+
+    def columns(self, corners: np.ndarray) -> list[Any]:
+        """The three columns of vertex numbers (N, 3)."""
+        return [self.backend.lanes(corners[:, i]) for i in range(3)]
+
+    def vertices(self, columns: list[Any], triangle: Any) -> list[Any]:
+        """Numbers of the corners of every lane's triangle."""
+        return [self.dr.gather(self.backend.UInt32, column, triangle) for column in columns]
+
+    def packets(self, vertices: list[Any]) -> list[Vector]:
+        """Four numbers of each numbered vertex in the lane's frame, read together."""
+        Packet = self.backend.arrays.Array4f
+        return [tuple(self.dr.gather(Packet, self.numbers, vertex * self.stride + self.frame)) for vertex in vertices]
+
+    def points(self, vertices: list[Any]) -> list[Vector]:
+        """Positions of numbered vertices in the lane's frame."""
+        return [self.read(self.numbers, vertex) for vertex in vertices]
+
+    def frame_point(self, point: np.ndarray) -> Vector:
+        """A moving point (T, 3)."""
+        return self.read(self.backend.lanes(point, self.real), 0)
+
+    def read(self, numbers: Any, row: Any) -> Vector:
+        """Rows of flat (R, T, 3)."""
+        place = 3 * (row * self.stride + self.frame)
+        return tuple(self.dr.gather(type(numbers), numbers, place + axis) for axis in range(3))
+
+    def per_lane(self, numbers: np.ndarray) -> Any:
+        """A whole number of each item, on every lane."""
+        return self.dr.gather(self.backend.UInt32, self.backend.lanes(numbers), self.item)
+
+    def weighted(
+        self, weights: Weights, number: Any, amplitude: tuple[Any, Any], slope: tuple[Any, Any]
+    ) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+        """Amplitude and slope of the numbered echoes, weighted."""
+        Packet = self.backend.arrays.Array4f
+        total = Packet(0)
+        for k in range(weights.count):
+            place = number * weights.count + k
+            anchor = self.dr.gather(self.backend.UInt32, weights.near, place)
+            fraction = self.dr.gather(self.backend.Float32, weights.fraction, place)
+            total += fraction * self.dr.gather(Packet, weights.values, anchor * self.stride + self.frame)
+        changed = complex_times(*slope, total[0], total[1])
+        rotated = complex_times(*amplitude, total[2], total[3])
+        return complex_times(*amplitude, total[0], total[1]), (changed[0] + rotated[0], changed[1] + rotated[1])
+
+    def constant(self, value: float) -> Any:
+        """A number that is data to the kernel, not code."""
+        return self.dr.opaque(self.backend.Float64, float(value))
+
+    def place(self, position_m: np.ndarray) -> Vector:
+        """A fixed point (3,)."""
+        return tuple(self.constant(x) for x in position_m)
+
+    def per_item(self, values: np.ndarray) -> Any:
+        """A constant of each item, on every lane."""
+        Float64 = self.backend.Float64
+        return self.dr.gather(Float64, self.backend.lanes(values, Float64), self.item)
+
+    def field(self, values: np.ndarray) -> Any:
+        """A vertex field (V, T)."""
+        return self.backend.lanes(values, self.backend.Float32)
+
+    def corner_mean(self, field: Any, vertices: list[Any]) -> Any:
+        """Mean of a vertex field over a triangle's corners."""
+        places = (vertex * self.stride + self.frame for vertex in vertices)
+        return sum(self.dr.gather(self.backend.Float32, field, place) for place in places) * (1 / 3)
+
+
+def triangle_normal(corners: list[Vector], at: Gather) -> tuple[Vector, Any]:
+    """Normal of twice the triangle's area, and that length, kept from zero."""
+    normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]))
+    return normal, at.dr.maximum(norm(normal), 1e-30)
+
+
+def complex_times(real: Any, imag: Any, other_real: Any, other_imag: Any) -> tuple[Any, Any]:
+    """Product of two complex numbers, as real and imaginary part."""
+    return real * other_real - imag * other_imag, real * other_imag + imag * other_real
+
+
+def combined(points: list[Vector], weights: list[Any]) -> Vector:
+    """Weighted sum of points."""
+    total = scaled(points[0], weights[0])
+    for point, weight in zip(points[1:], weights[1:], strict=True):
+        total = tuple(t + x * weight for t, x in zip(total, point, strict=True))
+    return total
+
+
+def minus(a: Vector, b: Vector) -> Vector:
+    """a - b."""
+    return tuple(x - y for x, y in zip(a, b, strict=True))
+
+
+def scaled(a: Vector, factor: Any) -> Vector:
+    """a times a factor."""
+    return tuple(x * factor for x in a)
+
+
+def norm(a: Vector) -> Any:
+    """Length of a."""
+    return dot(a, a) ** 0.5
