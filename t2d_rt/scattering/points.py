@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from t2d_rt.geometry import Refinement, SubdividedMesh, point_spacing, surface_points
+from t2d_rt.geometry import Refinement, SubdividedMesh, SurfacePoints, point_spacing, surface_points
 from t2d_rt.geometry.vectors import dot, edge_cross
 from t2d_rt.scattering.facets import Pair
 from t2d_rt.scattering.lanes import Block, Gather, Weights, combined, minus, norm, triangle_normal
@@ -30,6 +32,27 @@ class Seen:
     """Of finer vertices, as a factor."""
     weights: Weights | None = None
     """Of the path pair; None in free space."""
+
+
+_kept: OrderedDict[tuple[object, ...], SurfacePoints] = OrderedDict()
+KEPT_POINTS = 8
+"""Sets of points that are kept, the last used ones: some 300 kB each."""
+
+
+def _spread(rest: np.ndarray, faces: np.ndarray, seed: int, spacing_m: float) -> SurfacePoints:
+    """`surface_points`, kept for the next recording of the same body and for coarser facets of this one."""
+    key = hashlib.sha256(rest.tobytes()).digest(), hashlib.sha256(faces.tobytes()).digest(), seed, spacing_m
+    if key not in _kept:
+        _kept[key] = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
+        if len(_kept) > KEPT_POINTS:
+            _kept.popitem(last=False)
+    _kept.move_to_end(key)
+    return _kept[key]
+
+
+def forget() -> None:
+    """Drops the points that are kept."""
+    _kept.clear()
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +80,7 @@ class DiffusePoints:
         """At least about `count` points, spread over the carrier with a seed."""
         rest = carrier.operator @ surface.rest
         area = 0.5 * float(np.linalg.norm(edge_cross(rest[carrier.faces]), axis=1).sum())
-        points = surface_points(rest, carrier.faces, seed=seed, spacing_m=point_spacing(area, count))
+        points = _spread(rest, carrier.faces, seed, point_spacing(area, count))
         used, corners = np.unique(carrier.faces[points.face], return_inverse=True)
         return cls(
             carrier, used, carrier.operator[used], corners.reshape(-1, 3), points.barycentric, points.area_m2,

@@ -25,7 +25,7 @@ MOST_FACETS = 1_000_000
 """Of one mesh, unless a run may take more memory."""
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many instants fit the cache."""
-_kept: OrderedDict[tuple[object, ...], list[Refinement]] = OrderedDict()
+_kept: OrderedDict[tuple[object, ...], Refinement] = OrderedDict()
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
 
@@ -52,23 +52,32 @@ def facets(
 def refined(
     surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Sagitta], max_facets: int
 ) -> list[Refinement]:
-    """`refinements` of a mesh, kept for the next recording of the same body."""
-    arrays = [surface.rest, surface.faces, *(np.asarray(sagitta, float) for sagitta in sagittas_rad)]
-    key = (*(part.tobytes() for part in arrays), wavenumber, range_m, surface.crease_deg)
-    if key not in _kept:
-        _kept[key] = refinements(
+    """`refinements` of a mesh, each kept for the next recording of the same body; those that are missing are made together."""
+    common = surface.rest.tobytes(), surface.faces.tobytes(), wavenumber, range_m, surface.crease_deg
+    keys = [(*common, np.asarray(sagitta, float).tobytes()) for sagitta in sagittas_rad]
+    missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if key not in _kept}
+    if missing:
+        made = refinements(
             surface.rest,
             surface.faces,
             wavenumber=wavenumber,
             range_m=range_m,
-            sagittas_rad=sagittas_rad,
+            sagittas_rad=list(missing.values()),
             crease_deg=surface.crease_deg,
             max_faces=max_facets,
         )
-        while len(_kept) > 1 and sum(len(each.faces) for found in _kept.values() for each in found) > KEPT_FACETS:
-            _kept.popitem(last=False)
-    _kept.move_to_end(key)
-    return _kept[key]
+        _kept.update(zip(missing, made, strict=True))
+    found = [_kept[key] for key in keys]
+    for key in keys:
+        _kept.move_to_end(key)
+    while len(_kept) > len(keys) and sum(len(each.faces) for each in _kept.values()) > KEPT_FACETS:
+        _kept.popitem(last=False)
+    return found
+
+
+def forget() -> None:
+    """Drops the refinements that are kept, so that the next recording takes as long as a first one."""
+    _kept.clear()
 
 
 def carried(operator: Csr, values: np.ndarray) -> np.ndarray:
