@@ -46,7 +46,9 @@ class Laws:
     scatter_db: float
     """Standard deviation of both."""
     smooth: Law
-    """Both of a smooth mesh, over those of a body."""
+    """Error of facets of a smooth mesh, over that of a body's."""
+    smooth_coarser: Law
+    """The same of that difference."""
     occlusion: Law
     """Cost of no occlusion, over what the unrefined mesh shows of it."""
     edges: dict[tuple[float, int], Law]
@@ -71,7 +73,10 @@ class Laws:
     @classmethod
     def of(cls, found: dict[str, Any]) -> Laws:
         """From what the fit wrote."""
-        single = {name: Law(**found[name]) for name in ("smooth", "occlusion", "limbs", "limbs_power", "pairs")}
+        single = {
+            name: Law(**found[name])
+            for name in ("smooth", "smooth_coarser", "occlusion", "limbs", "limbs_power", "pairs")
+        }
         edges = {
             (each["rate_hz"], each["subdivision"]): Law(each["mean_db"], each["scatter_db"]) for each in found["edges"]
         }
@@ -84,18 +89,18 @@ class Laws:
 
     def facets(self, sagitta_rad: float, *, smooth: bool = False) -> float:
         """Error [dB] of facets of that phase sagitta."""
-        return self._of(self.facets_db, sagitta_rad, smooth)
+        return self._of(self.facets_db, sagitta_rad, self.smooth.mean_db if smooth else 0.0)
 
     def coarser(self, sagitta_rad: float, *, smooth: bool = False) -> float:
         """Energy [dB] of what they differ by from facets of `COARSER` times the phase sagitta."""
-        return self._of(self.coarser_db, sagitta_rad, smooth)
+        return self._of(self.coarser_db, sagitta_rad, self.smooth_coarser.mean_db if smooth else 0.0)
 
-    def _of(self, table_db: np.ndarray, sagitta_rad: float, smooth: bool) -> float:
+    def _of(self, table_db: np.ndarray, sagitta_rad: float, beside_db: float) -> float:
         """Between fitted phase sagittas, and beyond them along the outermost slope."""
         x, known = math.log10(sagitta_rad), np.log10(self.sagitta_rad)
         i = int(np.clip(np.searchsorted(known, x) - 1, 0, len(known) - 2))
         slope = (table_db[i + 1] - table_db[i]) / (known[i + 1] - known[i])
-        found = table_db[i] + slope * (x - known[i]) + (self.smooth.mean_db if smooth else 0.0)
+        found = table_db[i] + slope * (x - known[i]) + beside_db
         return float(min(found, MOST_DB))
 
     def sampled(self, none_db: float, rate_hz: float, subdivision: int) -> Law:

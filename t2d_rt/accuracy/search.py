@@ -13,7 +13,7 @@ from t2d_rt.accuracy.budget import SURELY, Budget, ratio
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.checks import number
 from t2d_rt.errors import T2DWarning
-from t2d_rt.model import Model, with_method
+from t2d_rt.model import SPLINE_ERROR_DB, Model, with_method
 from t2d_rt.types import Accuracy, Motion, PathTier
 from t2d_rt.types.accuracy import EVERY_PATH_DB
 
@@ -35,7 +35,8 @@ LEFT_OUT = 0.1, 0.25, 0.5
 GREATEST_SAGITTA_RAD = 3.0
 """Limit of secondary facets' phase sagitta: beyond it they say nothing."""
 SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
-"""What the splines and the sum may add lies that far below the tolerance."""
+"""What the splines and the sum may add lies that far below the tolerance; the splines' error is never more than the default's, for
+at lower surface rates their law says too little."""
 GREATEST_SYNTHESIS_DB = -40.0
 """Greatest error of the sum."""
 OVER_DB = 1.0
@@ -53,7 +54,7 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     check_tolerance(tolerance_db)
     allowed, asked = ratio(tolerance_db), given.model_fields_set
     in_time: dict[str, Any] = {
-        "spline_error_db": tolerance_db - SPLINES_BELOW_DB,
+        "spline_error_db": min(SPLINE_ERROR_DB, tolerance_db - SPLINES_BELOW_DB),
         "synthesis_error_db": min(GREATEST_SYNTHESIS_DB, tolerance_db - SYNTHESIS_BELOW_DB),
         "fast_rotating_hz": given.fastest_sampled_hz, "clutter_occlusion": given.occludes_clutter,
     }  # fmt: skip

@@ -67,6 +67,10 @@ def motions() -> dict[str, Callable[[], Any]]:
         "walk away": lambda: t2d.trim(recorded(WALK, 180.0), 1.0, 3.0),
         "run": lambda: recorded(RUN),
         "run at 70 degrees": lambda: recorded(RUN, 70.0),
+        "walk at 80 degrees": lambda: t2d.trim(recorded(WALK, 80.0), 1.5, 3.5),
+        "run at 110 degrees": lambda: recorded(RUN, 110.0),
+        "jumping jacks at 60 degrees": lambda: t2d.trim(recorded(JACKS, 60.0), 0.2, 2.2),
+        "short walk at 90 degrees": lambda: t2d.trim(recorded(SHORT, 90.0), 0.2, 1.9),
         "jumping jacks": lambda: t2d.trim(recorded(JACKS), 0.5, 2.5),
         "short walk": lambda: t2d.trim(recorded(SHORT), 0.2, 1.9),
         "fall": falling,
@@ -166,6 +170,8 @@ def fitted(free: list[dict[str, Any]], rooms: list[dict[str, Any]]) -> dict[str,
     sagittas = np.log(SPHERE_SAGITTA_RAD * np.array(SPHERE_SCALES))
     of_body = np.interp(sagittas, np.log(BODY_SAGITTA_RAD * np.array(SCALES)), table)
     beside = [np.mean(np.array(each["facets_db"]) - of_body) for each in smooth]
+    of_body = np.interp(sagittas[:-2], np.log(BODY_SAGITTA_RAD * np.array(SCALES[:known])), coarser.mean(axis=0))
+    coarser_beside = [np.mean(np.array(each["coarser_db"]) - of_body) for each in smooth]
     occluded = [each for each in bodies if "sampled_db" in each]
     sampled = np.array([np.array(each["sampled_db"]) - PERIMETER * each["unoccluded_db"] for each in occluded])
     levels = [each for room in rooms for each in room["levels"]]
@@ -176,6 +182,7 @@ def fitted(free: list[dict[str, Any]], rooms: list[dict[str, Any]]) -> dict[str,
             "scatter_db": float(facets[:, 1:5].std(axis=0).mean()),
         },
         "smooth": _law_of(beside),
+        "smooth_coarser": _law_of(coarser_beside),
         "occlusion": _law_of([each["unoccluded_db"] - each["unrefined_db"] for each in occluded]),
         "edges": [
             {"rate_hz": rate, "subdivision": n, **_law_of(column)} for (rate, n), column in zip(SAMPLED, sampled.T, strict=True)
