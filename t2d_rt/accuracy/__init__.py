@@ -1,8 +1,8 @@
-"""Accuracy chosen for a tolerance (`search`) by fitted `laws`, measured on random chirps (`measured`); what it takes (`cost`)."""
+"""Accuracy chosen for a tolerance (`search`) by fitted `laws`, measured on random chirps (`measuring`); what it takes (`cost`)."""
 
 from t2d_rt.accuracy.cost import check_memory
 from t2d_rt.accuracy.estimate import nmse_db
-from t2d_rt.accuracy.measured import measured
+from t2d_rt.accuracy.measuring import measured
 from t2d_rt.accuracy.planning import plan
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.wanted import Wanted, chosen

@@ -158,7 +158,8 @@ class Budget:
                     )
                 error = self.laws.facets(self.sagitta_of(tier, scale), smooth=self.facets[1])
                 what = f"the curve of the skin between facets' corners{over}"
-                found.append(Omission(what, level_db + error, self.laws.scatter_db))
+                scatter_db = self.laws.smooth.scatter_db if self.facets[1] else self.laws.scatter_db
+                found.append(Omission(what, level_db + error, scatter_db))
         if count < len(self.model.ranked):
             left_db = db(1 - kept) + self.laws.pairs.mean_db
             what = f"{len(self.model.ranked) - count} path pairs left out"

@@ -51,6 +51,8 @@ BODY_SAGITTA_RAD, SPHERE_SAGITTA_RAD = 0.3, 0.07
 CHIRPS, ROOM_CHIRPS = 24, 10
 SAMPLED = (12.5, 0), (25.0, 0), (50.0, 0), (50.0, 1), (100.0, 1), (100.0, 2)
 """Rates [Hz] and subdivisions of visibility."""
+FINER_SHADOWS = 0.4
+"""Sagitta scale of facets at whose vertices what occlusion takes is traced."""
 COUNTS_ABOVE_DB = -30.0
 """Where occlusion costs less, nothing is learnt from its edges."""
 LEVELS_DB = 0.0, -12.0, -18.0, -24.0, -30.0, -40.0
@@ -117,19 +119,28 @@ def in_free_space(name: str) -> dict[str, Any]:
     limbs = field(with_method(model, "ellipsoid"), ALL, chirps)
     found |= {"limbs_db": nmse_db(limbs, finest), "limbs_power_db": _power_db(limbs, finest)}
     exact = ALL.replace(occlusion=True, visibility_subdivision=2)
-    traced, fine = field(model, exact, chirps), fields[2]
-    found |= {"unoccluded_db": nmse_db(fine, traced), "unrefined_db": unoccluded_db(model, Accuracy())}
+    traced = field(model, exact, chirps)
+    found |= {"unoccluded_db": nmse_db(fields[2], traced), "unrefined_db": unoccluded_db(model, Accuracy())}
     if found["unoccluded_db"] > COUNTS_ABOVE_DB:
-        found["sampled_db"] = [_sampled_db(model, exact, chirps, traced, *each) for each in SAMPLED]
+        found["sampled_db"] = sampled(model, chirps, fields[2])
     return found
 
 
-def _sampled_db(
-    model: Model, exact: Accuracy, chirps: Chirps, traced: np.ndarray, rate_hz: float, subdivision: int
-) -> float:
-    """Error of visibility sampled at that rate from vertices subdivided so often."""
-    accuracy, samples_s = exact.replace(visibility_subdivision=subdivision), sample_times(*model.span_s, rate_hz)
-    return nmse_db(field(model, accuracy, chirps, samples_s=samples_s), traced)
+def sampled(model: Model, chirps: Chirps, whole: np.ndarray) -> list[float]:
+    """Errors of visibility sampled in each way, of what occlusion takes from the `whole` field.
+
+    What it takes is traced at the vertices of far finer facets: those of a run blur shadows' edges, too.
+    """
+    exact = ALL.replace(occlusion=True, visibility_subdivision=2)
+    finer = ALL.replace(sagitta_scale=FINER_SHADOWS)
+    seen = field(model, exact.replace(sagitta_scale=FINER_SHADOWS), chirps)
+    taken = field(model, finer, chirps) - seen
+    found = []
+    for rate_hz, subdivision in SAMPLED:
+        accuracy, samples_s = exact.replace(visibility_subdivision=subdivision), sample_times(*model.span_s, rate_hz)
+        wrong = whole - field(model, accuracy, chirps, samples_s=samples_s) - taken
+        found.append(_power_db(wrong, seen))
+    return found
 
 
 def in_room(name: str, scene: str) -> dict[str, Any]:
@@ -169,9 +180,9 @@ def fitted(free: list[dict[str, Any]], rooms: list[dict[str, Any]]) -> dict[str,
     table = facets.mean(axis=0)
     sagittas = np.log(SPHERE_SAGITTA_RAD * np.array(SPHERE_SCALES))
     of_body = np.interp(sagittas, np.log(BODY_SAGITTA_RAD * np.array(SCALES)), table)
-    beside = [np.mean(np.array(each["facets_db"]) - of_body) for each in smooth]
+    beside = np.concatenate([np.array(each["facets_db"]) - of_body for each in smooth])
     of_body = np.interp(sagittas[:-2], np.log(BODY_SAGITTA_RAD * np.array(SCALES[:known])), coarser.mean(axis=0))
-    coarser_beside = [np.mean(np.array(each["coarser_db"]) - of_body) for each in smooth]
+    coarser_beside = np.concatenate([np.array(each["coarser_db"]) - of_body for each in smooth])
     occluded = [each for each in bodies if "sampled_db" in each]
     sampled = np.array([np.array(each["sampled_db"]) - PERIMETER * each["unoccluded_db"] for each in occluded])
     levels = [each for room in rooms for each in room["levels"]]
