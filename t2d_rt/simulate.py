@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from t2d_rt.accuracy import Wanted, check_memory, chosen, measured
+from t2d_rt.again import again
 from t2d_rt.backend import Device
-from t2d_rt.checks import instance
-from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
-from t2d_rt.inputs import Inputs
 from t2d_rt.memory import LIMIT_GB, after_call
 from t2d_rt.progress import shown_progress
 from t2d_rt.propagation.collisions import Collisions
@@ -64,10 +62,8 @@ def simulate(
     accuracy: an `Accuracy`, or a mapping of its fields, that says how finely targets are modelled; with a tolerance the fields that
         it sets stay. The default comes to about -22 dB for a walk in free space, to -6 to -12 dB in rooms.
     reflections: greatest number of reflections, counted on the paths out and back together.
-    transmissions: greatest number of thin slabs that the paths pass through, counted out and back together; 2 for a target behind a
-        partition.
-    clutter: echoes of the static scene, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls scatter,
-        too) or "none".
+    transmissions: greatest number of thin slabs that they pass through, counted likewise; 2 for a target behind a partition.
+    clutter: echoes of the static scene, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls) or "none".
     collisions: what becomes of targets that go through walls or furniture, or are outside the room: "warn" of them, "stop" the
         record just before, or "ignore" them. A radar outside the room is treated alike unless there are `transmissions`.
     method: scattering model: "mesh" is physical optics of the body's surface, "ellipsoid" one point for each segment of the body.
@@ -75,13 +71,11 @@ def simulate(
     body: the body template that motions are skinned with.
     material: material of everything but movers; by default a body is "skin" and a mesh keeps its own.
     phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
-    measure_error: whether the error is measured, from a few random chirps that are simulated again at far finer settings, and kept
-        in `Recording.error_db`; by default only where a tolerance is given.
+    measure_error: whether the error is measured at a few random chirps and kept in `Recording.error_db`; by default only where a
+        tolerance is given.
     device: "cpu", "gpu" (a CUDA device), or "auto" for a CUDA device where there is one and the CPU elsewhere.
-    memory_gb: most memory that the run may take [GB]: work is done in blocks to stay below it, and what needs more is refused
-        before it starts. It does not change the result.
-    progress: True shows a bar on a terminal or in a notebook, and a line now and then in a log; a function is called with the
-        fraction done, 0..1.
+    memory_gb: most memory that the run may take [GB]; it works in blocks to stay below, and what needs more is refused beforehand.
+    progress: True shows a bar, or a line now and then in a log; a function is called with the fraction done, 0..1.
     """
     physics = {
         "reflections": reflections, "transmissions": transmissions, "clutter": clutter, "collisions": collisions,
@@ -99,37 +93,13 @@ def run(
 ) -> Recording:  # fmt: skip
     """The recording of an experiment, whose file names are relative to the working directory; or that of a recording again, at its
     own accuracy unless another one is given: the same samples, bit for bit, on the same machine. Options as in `simulate`."""
-    experiment, inputs, accuracy, known = _again(experiment, accuracy, tolerance_db)
+    experiment, inputs, accuracy, known = again(experiment, accuracy, tolerance_db)
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
     targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
     stage = set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
     recording = _recorded(stage, wanted, device, progress)
     recording.settings |= known
     return recording
-
-
-def _again(
-    experiment: Experiment | Recording, accuracy: Accuracy | Mapping[str, Any] | None, tolerance_db: float | None
-) -> tuple[Experiment, Inputs, Accuracy | Mapping[str, Any] | None, dict[str, Any]]:
-    """What is to be run: the experiment, its arrays, its accuracy, and what is known of the recording beforehand."""
-    instance("experiment", experiment, (Experiment, Recording), "an Experiment or a Recording")
-    if isinstance(experiment, Experiment):
-        return experiment, {}, accuracy, {}
-    recording, made = experiment, experiment.experiment
-    if made is None:
-        raise InputError(
-            "the recording was measured and has no experiment, so it cannot be simulated again; give an Experiment"
-        )
-    if made.lost is not None:
-        raise InputError(
-            f"the recording cannot be made again: {made.lost} was computed by a function, which is not stored"
-        )
-    if accuracy is not None or tolerance_db is not None:
-        return made, recording.inputs, accuracy, {}
-    known: dict[str, Any] = {
-        name: recording.settings[name] for name in ("error_db", "tolerance_db") if name in recording.settings
-    }
-    return made, recording.inputs, recording.accuracy, known
 
 
 def _recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | None) -> Recording:
@@ -140,9 +110,7 @@ def _recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress |
     needed_bytes = check_memory(model, [*streams, *static], measured=wanted.measured)
     cube = summed(streams, static, model.radar, accuracy, device=device, memory=model.memory, progress=progress)
     del streams
-    settings = (
-        stage.described(model, accuracy) | counts | plan.described() | {"predicted_memory_gb": needed_bytes / 1e9}
-    )
+    settings = stage.described(model, accuracy) | counts | plan.described(needed_bytes)
     if wanted.measured:
         settings |= measured(plan, cube, static).described()
     after_call()

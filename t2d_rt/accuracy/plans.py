@@ -39,9 +39,10 @@ class Plan:
         """Error to be expected: the sum of what is left out."""
         return db(sum(each.energy for each in self.omissions if each.taken))
 
-    def described(self) -> dict[str, float]:
-        """For a recording's settings."""
-        return {} if self.tolerance_db is None else {"tolerance_db": self.tolerance_db}
+    def described(self, memory_bytes: float) -> dict[str, float]:
+        """For the settings of a recording that needs so much memory."""
+        asked = {} if self.tolerance_db is None else {"tolerance_db": self.tolerance_db}
+        return asked | {"predicted_memory_gb": memory_bytes / 1e9}
 
     def __str__(self) -> str:
         return summary(self)

@@ -1,0 +1,38 @@
+"""What it takes to make a recording again, or to run an experiment for the first time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from t2d_rt.checks import instance
+from t2d_rt.errors import InputError
+from t2d_rt.experiment import Experiment
+from t2d_rt.inputs import Inputs
+from t2d_rt.result import Recording
+from t2d_rt.types import Accuracy
+
+KNOWN = "error_db", "error_scatter_db", "error_chirps", "tolerance_db"
+"""Settings of a recording that hold for the same one made again."""
+
+
+def again(
+    experiment: Experiment | Recording, accuracy: Accuracy | Mapping[str, Any] | None, tolerance_db: float | None
+) -> tuple[Experiment, Inputs, Accuracy | Mapping[str, Any] | None, dict[str, Any]]:
+    """What is to be run: the experiment, its arrays, its accuracy, and what is known of the recording beforehand."""
+    instance("experiment", experiment, (Experiment, Recording), "an Experiment or a Recording")
+    if isinstance(experiment, Experiment):
+        return experiment, {}, accuracy, {}
+    recording, made = experiment, experiment.experiment
+    if made is None:
+        raise InputError(
+            "the recording was measured and has no experiment, so it cannot be simulated again; give an Experiment"
+        )
+    if made.lost is not None:
+        raise InputError(
+            f"the recording cannot be made again: {made.lost} was computed by a function, which is not stored"
+        )
+    if accuracy is not None or tolerance_db is not None:
+        return made, recording.inputs, accuracy, {}
+    known: dict[str, Any] = {name: recording.settings[name] for name in KNOWN if name in recording.settings}
+    return made, recording.inputs, recording.accuracy, known
