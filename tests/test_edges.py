@@ -73,7 +73,7 @@ def test_at_a_mirrors_edge_as_well() -> None:
     check_knife_edge(paths_to(points, mirror)["mirror"].fraction(points), v)
 
 
-def test_mirrors_side_by_side_share_the_field() -> None:
+def test_mirrors_side_by_side_divide_the_field() -> None:
     wall = plate("wall", [(-2, 1, -2), (1.5, 1, -2), (1.5, 1, 4), (-2, 1, 4)])
     window = plate("window", [(1.5, 1, -2), (9, 1, -2), (9, 1, 4), (1.5, 1, 4)])
     rng = np.random.default_rng(1)
@@ -153,9 +153,9 @@ def test_a_bundle_goes_straight_on_through_a_slab() -> None:
     """In single precision the way's turn there is rounding, which must not turn the cross-section over."""
     start = np.tile([0.0, 0.0, 1.0], (200, 1))
     end = np.random.default_rng(0).uniform((3, -1, 0), (5, 1, 2), (200, 3))
-    way = np.stack([start, start + 2 / end[:, :1] * (end - start), end]).astype(np.float32)
-    rays = bundle(way, 0.004, np.array([(0.9, 0.0), (0.0, 0.9)], np.float32), 2)
-    at_slab, beyond = rays[1, 0] - way[1, :, None], rays[1, 1] - way[1:].mean(axis=0)[:, None]
+    path = np.stack([start, start + 2 / end[:, :1] * (end - start), end]).astype(np.float32)
+    rays = bundle(path, 0.004, np.array([(0.9, 0.0), (0.0, 0.9)], np.float32), 2)
+    at_slab, beyond = rays[1, 0] - path[1, :, None], rays[1, 1] - path[1:].mean(axis=0)[:, None]
     lengths = np.linalg.norm(at_slab, axis=-1) * np.linalg.norm(beyond, axis=-1)
     np.testing.assert_allclose(rays[0, -1], rays[1, 0], atol=1e-6)
     assert (np.einsum("pri,pri->pr", at_slab, beyond) / lengths).min() > 0.999

@@ -173,7 +173,7 @@ def test_rays_where_two_mirrors_meet() -> None:
     near = np.ones((3 * 2, 1), bool)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        share = edges._free_rays(
+        fraction = edges._free_rays(
             stops, near, np.ones((2, 1), bool), np.array([[0.1, 0.1], [-0.1, 0.1]], np.float32), [floor, wall]
         )
-    assert np.isfinite(share).all()
+    assert np.isfinite(fraction).all()

@@ -88,7 +88,7 @@ def square(side: float, centre: list[float], cells: int = 1) -> tuple[np.ndarray
     )
 
 
-def still_plate(range_m: float, **options: float) -> MovingMesh:
+def static_plate(range_m: float, **options: float) -> MovingMesh:
     """The 10 cm plate of the bars, two triangles broadside at a range."""
     with pytest.warns(T2DWarning, match="not watertight"):
         return still(*square(0.1, [range_m, 0, 1]), **options)
@@ -152,7 +152,7 @@ def test_the_quadrature_agrees_with_the_known_plate() -> None:
 )
 def test_plate_reads_its_rcs(range_m: float, preset: str, backend: Backend, field_in_cube: ReadField) -> None:
     radar = Radar.preset(preset)
-    mesh = still_plate(range_m)
+    mesh = static_plate(range_m)
     read = field_in_cube(synthesize(echoes_of(mesh, radar, backend), radar), radar, range_m)
     expected = quadrature_field(0.1, range_m, radar.mid_frequency_hz)
     assert np.abs([db(abs(x / expected) ** 2) for x in read]).max() < 0.3
@@ -165,7 +165,7 @@ def test_field_of_a_plate_at_mid_sweep_is_the_quadratures(backend: Backend) -> N
     carrier = np.exp(4j * np.pi * TABLE2.mid_frequency_hz / SPEED_OF_LIGHT)
     errors = []
     for sagitta in (0.2, 0.05, 0.0125):
-        mesh = still_plate(1.0, sagitta_rad=sagitta)
+        mesh = static_plate(1.0, sagitta_rad=sagitta)
         errors.append(abs(field(echoes_of(mesh, TABLE2, backend), TABLE2)[0] / (expected * carrier) - 1))
     assert errors[2] < 0.01
     # A quarter of the sagitta is half the edge, and the error is of second order in the edge.
@@ -252,8 +252,8 @@ def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material
             mesh, TABLE2, times_s=np.arange(4.0), material=material, detail=Detail(sagitta_rad=sagitta_rad), seed=0, views=[View()],
             backend=backend,
         )  # fmt: skip
-        still_frames = [stream.frames(k, k + 1) for k in range(4)]  # every pose for itself: nothing moves
-        return np.array([summed(frame.delay_s[0], frame.amplitude[0], TABLE2) for frame in still_frames])
+        static_frames = [stream.frames(k, k + 1) for k in range(4)]  # every pose for itself: nothing moves
+        return np.array([summed(frame.delay_s[0], frame.amplitude[0], TABLE2) for frame in static_frames])
 
     reference = fields(0.025)
     coarse, fine = (db(np.sum(np.abs(fields(s) - reference) ** 2) / np.sum(np.abs(reference) ** 2)) for s in (0.4, 0.1))
@@ -270,7 +270,7 @@ def test_the_back_of_a_plate_is_dark(backend: Backend) -> None:
     assert as_they_are(vertices, faces, backend, behind) == 0
 
 
-def test_bistatic_triangle_is_the_sum_of_both_legs(backend: Backend) -> None:
+def test_bistatic_triangle_is_the_sum_of_both_paths(backend: Backend) -> None:
     radar = TABLE2.replace(**BISTATIC)
     triangle = np.array([[2.0, 0.3, 1.1], [2.01, 0.302, 1.106], [2.004, 0.293, 1.103]])
     faces = np.array([[0, 1, 2]])
@@ -320,7 +320,7 @@ def test_the_receiver_alone_matters(backend: Backend) -> None:
 
 # --- diffuse points -------------------------------------------------------------------------------------------------
 
-LOOKS = 50
+ASPECTS = 50
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> complex:
@@ -330,12 +330,12 @@ def correlation(a: np.ndarray, b: np.ndarray) -> complex:
 def speckle(frequency: int, seed: int, backend: Backend) -> np.ndarray:
     """sqrt(sigma) of a Lambertian conducting ball of 10 cm at 30 m, turned at random, (LOOKS,)."""
     rest, faces = geodesic_sphere(frequency, 0.1)
-    turns = Rotation.random(LOOKS, rng=np.random.default_rng(1)).as_matrix()
+    turns = Rotation.random(ASPECTS, rng=np.random.default_rng(1)).as_matrix()
     places = np.einsum("kij,vj->kvi", turns, rest) + np.array([30.1, 0, 1])
     mesh = MovingMesh.from_track(
-        lambda t: places[np.rint(t).astype(int)], faces, [0, LOOKS - 1], rest=rest, sagitta_rad=0.4
+        lambda t: places[np.rint(t).astype(int)], faces, [0, ASPECTS - 1], rest=rest, sagitta_rad=0.4
     )
-    times_s = np.arange(LOOKS, dtype=float)
+    times_s = np.arange(ASPECTS, dtype=float)
     stream = mesh_echoes(
         mesh,
         TABLE2,
@@ -385,17 +385,17 @@ def test_same_seed_same_bits_another_seed_other_points_only(backend: Backend) ->
     assert np.array_equal(finer.delay_s[:, -points:], first.delay_s[:, -points:])
     assert np.array_equal(finer.amplitude[:, -points:], first.amplitude[:, -points:])
     # The coherent part of a rough surface is sqrt(1 - S^2) conj(Gamma)/-1 of the smooth conductor's.
-    share = -math.sqrt(1 - 0.6**2) * SKIN.reflection(TABLE2.mid_frequency_hz).conjugate()
-    np.testing.assert_allclose(first.amplitude[:, :facets], share * smooth.amplitude, rtol=1e-5, atol=1e-16)
+    fraction = -math.sqrt(1 - 0.6**2) * SKIN.reflection(TABLE2.mid_frequency_hz).conjugate()
+    np.testing.assert_allclose(first.amplitude[:, :facets], fraction * smooth.amplitude, rtol=1e-5, atol=1e-16)
 
 
 def test_visibility_scales_what_is_seen(backend: Backend) -> None:
     mesh = still(*icosphere(2, 0.1, [2.0, 0, 1]), sagitta_rad=0.4)
     parts = []
-    for share in (1.0, 0.25, 0.0):
+    for fraction in (1.0, 0.25, 0.0):
         stream = mesh_echoes(
             mesh, TABLE2, times_s=FRAMES_S, material=SKIN, detail=Detail(sagitta_rad=0.4), seed=0, backend=backend,
-            views=[View(visibility=lambda t, share=share: np.full((len(t), len(mesh.rest)), share))],
+            views=[View(visibility=lambda t, fraction=fraction: np.full((len(t), len(mesh.rest)), fraction))],
         )  # fmt: skip
         parts.append(stream.gather().amplitude)
     np.testing.assert_allclose(parts[1], 0.25 * parts[0], rtol=1e-5, atol=1e-16)

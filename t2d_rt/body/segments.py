@@ -95,8 +95,8 @@ class _Carried:
     track: JointTrack
 
     def __call__(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        turn, origin = (moved[:, self.bones] for moved in self.pose.bones(*self.track(times_s)))
-        return (turn @ self.offsets[..., None])[..., 0] + origin, turn @ self.axes
+        rotations, origin = (moved[:, self.bones] for moved in self.pose.bones(*self.track(times_s)))
+        return (rotations @ self.offsets[..., None])[..., 0] + origin, rotations @ self.axes
 
 
 def segment_of_faces(body: Fitted) -> np.ndarray:

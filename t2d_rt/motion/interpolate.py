@@ -114,8 +114,8 @@ def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
         )
     offsets, rotations = decompose(motion.joints, motion.rotations, motion.parents)
     low = low_pass(np.concatenate([quaternions.continuous(rotations), offsets], axis=-1), cutoff_hz, motion.rate_hz)
-    joints, turns = compose(low[..., 4:], quaternions.normalise(low[..., :4]), motion.parents)
-    return motion.edited(f"smoothed at {cutoff_hz:g} Hz", joints=joints, rotations=turns)
+    joints, rotations = compose(low[..., 4:], quaternions.normalise(low[..., :4]), motion.parents)
+    return motion.edited(f"smoothed at {cutoff_hz:g} Hz", joints=joints, rotations=rotations)
 
 
 def low_pass(values: np.ndarray, cutoff_hz: float, rate_hz: float) -> np.ndarray:

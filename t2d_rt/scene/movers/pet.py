@@ -32,7 +32,7 @@ FASTEST_WALK = 0.5
 """Froude number at which animals change to a trot (Alexander and Jayes, J. Zool. 201, 1983)."""
 SAGITTA_RAD = 0.3
 """Of its facets: fur scatters most of the echo."""
-RINGS, AROUND = 9, 12
+RINGS, PER_RING = 9, 12
 Part = tuple[np.ndarray, np.ndarray]
 """Vertices (K, V, 3) m and faces (F, 3)."""
 
@@ -135,14 +135,14 @@ class Pet(Fields):
 
     def _ground(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Middle of the trunk on the floor (K, 3) and heading [rad] (K,)."""
-        way = self.speed_mps * times_s
+        travelled_m = self.speed_mps * times_s
         first = math.radians(self.heading_deg)
         if self.turn_radius_m is None:
-            there = way[:, None] * np.array([math.cos(first), math.sin(first), 0])
-            return there + self.position_m, np.full(len(way), first)
-        turn = way / self.turn_radius_m
-        there = self.turn_radius_m * np.stack([np.sin(turn), 1 - np.cos(turn), 0 * turn], axis=1)
-        return there @ about_z(first).T + self.position_m, first + turn
+            there = travelled_m[:, None] * np.array([math.cos(first), math.sin(first), 0])
+            return there + self.position_m, np.full(len(travelled_m), first)
+        angle = travelled_m / self.turn_radius_m
+        there = self.turn_radius_m * np.stack([np.sin(angle), 1 - np.cos(angle), 0 * angle], axis=1)
+        return there @ about_z(first).T + self.position_m, first + angle
 
     def _foothold(self, stride: np.ndarray, touchdown: float, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Place (K, 3) and heading (K,) of a paw on the floor in its n-th stride: below the hip in the middle of the stance."""
@@ -167,7 +167,7 @@ class Pet(Fields):
         build, h = BUILDS[self.animal], self.hip_m
         phase = 2 * math.pi * self.stride_hz * times_s
         ground, heading = self._ground(times_s)
-        turn = about_z(heading)
+        rotation = about_z(heading)
         # Hips are highest over a hind leg in the middle of its stance, shoulders a quarter of a stride later, when hips are lowest.
         rise = BOB * np.cos(2 * (phase - math.pi * DUTY_FACTOR))
         pitch = np.arctan(2 * rise / build.trunk)
@@ -177,10 +177,10 @@ class Pet(Fields):
             place = np.array([0, 0, h]) + h * np.einsum(
                 "kij,kj->ki", about_y(pitch), np.broadcast_to(local, ground.shape)
             )
-            return ground + np.einsum("kij,kj->ki", turn, place)
+            return ground + np.einsum("kij,kj->ki", rotation, place)
 
-        left = turn[:, :, 1]
-        frame = turn @ about_y(pitch)
+        left = rotation[:, :, 1]
+        frame = rotation @ about_y(pitch)
         parts = [_ball(world(np.zeros(3)), frame, h * np.array(build.chest))]
         for name, touchdown in TOUCHDOWN.items():
             side, end = 1 if "left" in name else -1, 0.5 if "fore" in name else -0.5
@@ -231,11 +231,11 @@ def _leg(hip: np.ndarray, ankle: np.ndarray, left: np.ndarray, h: float, radius:
 def _ball(middle: np.ndarray, frame: np.ndarray, semi_axes_m: np.ndarray) -> Part:
     """An ellipsoid about points (K, 3), axes in the columns of frames (K, 3, 3)."""
     height, width = ball_profile(RINGS)
-    angle = 2 * math.pi * np.arange(AROUND) / AROUND
+    angle = 2 * math.pi * np.arange(PER_RING) / PER_RING
     ring = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
     unit = width[:, None, None] * ring + height[:, None, None] * np.array([1.0, 0, 0])
     points = np.einsum("kij,vj->kvi", frame, unit.reshape(-1, 3) * semi_axes_m)
-    return middle[:, None] + points, skin_faces(RINGS, AROUND)
+    return middle[:, None] + points, skin_faces(RINGS, PER_RING)
 
 
 def _capsule(start: np.ndarray, stop: np.ndarray, left: np.ndarray, first_m: float, last_m: float) -> Part:
@@ -246,13 +246,13 @@ def _capsule(start: np.ndarray, stop: np.ndarray, left: np.ndarray, first_m: flo
     up = np.cross(axis, left)
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     frame = np.stack([axis, np.cross(up, axis), up], axis=2)
-    angle = 2 * math.pi * np.arange(AROUND) / AROUND
+    angle = 2 * math.pi * np.arange(PER_RING) / PER_RING
     half = len(height) // 2
     radius = np.repeat([first_m, last_m], half)
     x = (radius * height)[None] + np.where(np.arange(len(height)) < half, 0, length[:, None])
     y, z = (
-        np.broadcast_to((radius * width)[:, None] * wave, (len(x), len(height), AROUND))
+        np.broadcast_to((radius * width)[:, None] * wave, (len(x), len(height), PER_RING))
         for wave in (np.cos(angle), np.sin(angle))
     )
     local = np.stack([np.broadcast_to(x[..., None], y.shape), y, z], axis=-1).reshape(len(x), -1, 3)
-    return start[:, None] + np.einsum("kij,kvj->kvi", frame, local), skin_faces(len(height), AROUND)
+    return start[:, None] + np.einsum("kij,kvj->kvi", frame, local), skin_faces(len(height), PER_RING)
