@@ -66,7 +66,7 @@ def ball(
     return moving(icosphere(level, radius_m), track, times, material=material)
 
 
-def still(vertices: np.ndarray, faces: np.ndarray, until_s: float = 1.0, **options: object) -> MovingMesh:
+def static_mesh(vertices: np.ndarray, faces: np.ndarray, until_s: float = 1.0, **options: object) -> MovingMesh:
     """A conductor that stays where it is."""
     return MovingMesh(np.stack([vertices, vertices]), faces, [0, until_s], PEC, **options)  # type: ignore[arg-type]
 

@@ -1,4 +1,4 @@
-"""Antennas of a radar: arrays and their turns, patterns, polarisation, against closed forms."""
+"""Antennas of a radar: arrays and their time slots, patterns, polarisation, against closed forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arrays by `simulate`: directions, turns of the transmitters, patterns and polarisation, one cube however it is made."""
+"""Arrays by `simulate`: directions, time slots of the transmitters, patterns and polarisation, one cube however it is made."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_direction_of_a_sphere(speed_mps: float) -> None:
 
 
 def test_a_mover_rotates_between_transmitters() -> None:
-    """2 v / lambda * 80 us = 0.062 turns between transmitters 2 lambda apart: 2.05 degrees at 30, of which the receivers, which
+    """2 v / lambda * 80 us = 0.062 cycles between transmitters 2 lambda apart: 2.05 degrees at 30, of which the receivers, which
     are right, leave 1.43."""
     error = direction_deg(cube(1.5), compensate_tdm=False) - direction_deg(cube(1.5))
     assert 1.2 < abs(error[0]) < 1.7

@@ -144,7 +144,7 @@ def test_each_antenna_has_the_delay_of_its_own_image() -> None:
     length_m = length_m + SPEED_OF_LIGHT * echoes.delay_s[0, 0]
     images = tx * [-1, 1, 1] + [4, 0, 0]
     exact = np.linalg.norm(images[:, None] - rx, axis=2)
-    # What a sum over both ends cannot hold is the product of the two offsets over the way.
+    # What a sum over both ends cannot hold is the product of the two offsets over the path length.
     most = (
         np.linalg.norm(tx - radar.tx_position_m, axis=1).max() * np.linalg.norm(rx - radar.rx_position_m, axis=1).max()
     )
@@ -312,7 +312,7 @@ def test_the_static_scene_stays_at_zero_doppler() -> None:
 
 @pytest.mark.slow
 def test_a_body_passes_before_a_wall() -> None:
-    """The wall's line fades while the body is in its way, and only then."""
+    """The wall's line fades while the body blocks the path, and only then."""
     scene = Scene(name="wall", surfaces=(ahead(3.0),))
     body = ball((1.5, -1.0, 1.0), (0.0, 2.0, 0.0), 1.0, radius_m=0.25, level=2, frames=11)
     radar = Radar.preset("table2", prf_hz=2000.0, rx_gain_dbi=9.0)

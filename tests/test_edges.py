@@ -66,7 +66,7 @@ def test_at_a_mirrors_edge_as_well() -> None:
     mirror = plate("mirror", [(-2, wall, -2), (end, wall, -2), (end, wall, 4), (-2, wall, 4)])
     x = np.linspace(2.6, 3.4, 101)
     points = np.column_stack([x, np.zeros_like(x), np.ones_like(x)])
-    # In the picture with the mirror's image the edge stands across a straight way, aslant by the angle of incidence.
+    # In the picture with the mirror's image the edge stands across a straight path, aslant by the angle of incidence.
     length = np.hypot(x, 2 * wall)
     aside = (x / 2 - end) * 2 * wall / length
     v = aside * np.sqrt(2 / WAVELENGTH_M * 4 / length)
@@ -150,7 +150,7 @@ def test_a_walk_behind_a_cupboard() -> None:
 
 
 def test_a_bundle_goes_straight_on_through_a_slab() -> None:
-    """In single precision the way's turn there is rounding, which must not turn the cross-section over."""
+    """In single precision the change of direction there is rounding, which must not turn the cross-section over."""
     start = np.tile([0.0, 0.0, 1.0], (200, 1))
     end = np.random.default_rng(0).uniform((3, -1, 0), (5, 1, 2), (200, 3))
     path = np.stack([start, start + 2 / end[:, :1] * (end - start), end]).astype(np.float32)
@@ -178,7 +178,7 @@ def test_mirrors_of_one_surface_have_names_of_their_own() -> None:
     ("first", "second"), [((-2, 12), (-2, 12)), ((-2, 2), (1, 12)), ((-2, 12), (1, 2)), ((1, 2), (-2, 12)), ((-2, 1.5), (1.5, 12))]
 )  # fmt: skip
 def test_walls_that_overlap_reflect_once(first: tuple[float, float], second: tuple[float, float]) -> None:
-    """Twice the same, in part, a panel on a wall, and side by side: the shares of one plane add up to one everywhere."""
+    """Twice the same, in part, a panel on a wall, and side by side: the fractions of one plane add up to one everywhere."""
     pieces = [
         plate(name, [(x0, 2, -2), (x1, 2, -2), (x1, 2, 4), (x0, 2, 4)])
         for name, (x0, x1) in (("one", first), ("two", second))

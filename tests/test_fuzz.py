@@ -1,4 +1,4 @@
-"""The fuzzer: a short run over all kinds of input, and that it sees every way to fail; the bars of the soak."""
+"""The fuzzer: a short run over all kinds of input, and that it notices every kind of failure; the limits of the soak."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def test_a_20_fps_copy_gives_the_speeds_of_the_120_fps_walk() -> None:
     both = [np.diff(low_pass(j, 12.0, 120.0), axis=0) * 120.0 for j in (joints, original.joints[: len(times)])]
     error = np.sqrt(
         ((both[0] - both[1]) ** 2).sum(axis=-1).mean(axis=0)
-    )  # vector error: the stricter reading of the bar
+    )  # vector error: the stricter reading of the limit
     assert error.mean() <= 0.03
     assert error.max() <= 0.12
 
@@ -261,7 +261,7 @@ def test_place_keeps_the_closest_approach(walk: Motion) -> None:
     for angle in (0.0, 70.0, 180.0):
         placed = place(walk, angle_deg=angle)
         assert np.linalg.norm(placed.joints[..., :2], axis=-1).min() == pytest.approx(1.5, abs=1e-9)
-    assert place(walk).joints[0, 0, 0] == pytest.approx(5.5, abs=0.4)  # 3.9 m of way, arms ahead
+    assert place(walk).joints[0, 0, 0] == pytest.approx(5.5, abs=0.4)  # 3.9 m of walking, arms ahead
 
 
 def test_a_person_on_the_spot_faces_the_radar() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 import builders
 import t2d_rt as t2d
-from builders import icosphere, static
+from builders import icosphere, static_mesh
 from measures import nmse_db
 from t2d_rt.backend import Backend
 from t2d_rt.errors import BackendError, InputError, T2DWarning
@@ -292,6 +292,6 @@ def test_a_float32_track_is_a_track() -> None:
     vertices = vertices.astype(np.float32)
     mesh = MovingMesh.from_track(lambda times: np.repeat(vertices[None], len(times), axis=0), faces, [0.0, 0.1], "pec")
     assert mesh.rest.dtype == np.float64
-    doubles = static(vertices.astype(np.float64), faces, 0.1)
+    doubles = static_mesh(vertices.astype(np.float64), faces, 0.1)
     # The vertices are the same numbers; only what is worked out from them is rounded to float32.
     assert nmse_db(t2d.simulate(mesh).cube, t2d.simulate(doubles).cube) < -100

@@ -57,7 +57,11 @@ class Posing:
         return np.stack([rotation[b] for b in BONES], 1), np.stack([origin[b] for b in BONES], 1)
 
     def _trunk(
-        self, at: dict[str, np.ndarray], chest: np.ndarray, rotation: dict[str, np.ndarray], origin: dict[str, np.ndarray]
+        self,
+        at: dict[str, np.ndarray],
+        chest: np.ndarray,
+        rotation: dict[str, np.ndarray],
+        origin: dict[str, np.ndarray],
     ) -> None:
         """Spine between pelvis and chest, with the template's own joints: files place theirs where they like."""
         rest = self.body.joints
@@ -82,7 +86,9 @@ class Posing:
         rotation[collar] = swing(carried, at[shoulder] - origin[collar]) @ rotation["spine3"]
         for upper, lower in ((f"{side}_{a}", f"{side}_{b}") for a, b in ONE_HINGE.items()):
             # The orientation carries the bone already; this takes up what a file's bones stretch.
-            rotation[upper] = swing(rotation[upper] @ (rest[lower] - rest[upper]), at[lower] - at[upper]) @ rotation[upper]
+            rotation[upper] = (
+                swing(rotation[upper] @ (rest[lower] - rest[upper]), at[lower] - at[upper]) @ rotation[upper]
+            )
         arm, forearm = unit(rest[elbow] - rest[shoulder]), unit(rest[wrist] - rest[elbow])
         rotation[f"{side}_upper_arm"] = rotation[shoulder] @ half_twist(rotation[shoulder], rotation[collar], arm)
         rotation[f"{side}_forearm"] = rotation[elbow] @ half_twist(rotation[elbow], rotation[wrist], forearm)

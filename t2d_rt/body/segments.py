@@ -34,7 +34,7 @@ TRUNK_CUTS = ("spine1", "spine2")
 """Heights that part pelvis, abdomen and chest."""
 
 RAGGED = 0.02
-"""Share of a segment's points left out at either end of the bone: its faces do not end in a plane."""
+"""Fraction of a segment's points left out at either end of the bone: its faces do not end in a plane."""
 
 
 def _segments() -> dict[str, Segment]:

@@ -69,13 +69,17 @@ def load_motion(
     try:
         kind = detect_flavour(names, raw.parents, flavour)
         offsets, restored = restored_offsets(raw, names, kind)
-        points, orientations = canonical(raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind)))
+        points, orientations = canonical(
+            raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind))
+        )
         unit_m, stature_m = _unit(points, units)
         axis = up or _up_axis(points)
         points, orientations = _to_z_up(points, orientations, axis, unit_m)
         _add_feet(points, orientations, stature_m)
         dropped = _tpose_frames(points) if drop_tpose is None else (max(_tpose_frames(points), 1) if drop_tpose else 0)
-        points, orientations = ({name: track[dropped:] for name, track in group.items()} for group in (points, orientations))
+        points, orientations = (
+            {name: track[dropped:] for name, track in group.items()} for group in (points, orientations)
+        )
         level = _floor_level(points) if floor is None else float(floor)
         motion = _assemble(points, orientations, raw.rate_hz, level)
         del points, orientations  # half of the memory that a long motion takes

@@ -36,7 +36,7 @@ class PathTier(Fields):
     patch_span_scale: Scale = 1.0
     """Span in delay of the patches into which facets are merged, relative to the first tier's."""
     patch_phase_scale: Scale = 1.0
-    """Phase by which a patch may turn from one surface frame to the next, relative to the first tier's."""
+    """Phase by which a patch may change from one surface frame to the next, relative to the first tier's."""
     visibility: Literal["occlusion", "shared", "blockage"] = "occlusion"
     """What is traced: "occlusion" by the targets and blockage by the scene; "shared": occlusion only along the one-way paths that
     an "occlusion" tier uses; "blockage" by the scene alone, at a few points of each target."""

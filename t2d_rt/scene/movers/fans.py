@@ -57,9 +57,9 @@ class TableFan(Fields):
     radius_m: Annotated[Number, Field(ge=0.01, le=1)] = 0.18
     """Of the blades' tips."""
     pitch_deg: Pitch = 25.0
-    """Of the blades against the plane they turn in, at 3/4 of the radius; twisted as the helicoid of that pitch."""
+    """Of the blades against the plane in which they rotate, at 3/4 of the radius; twisted as the helicoid of that pitch."""
     rpm: Rpm = 900.0
-    """Turns per minute; negative runs backwards."""
+    """Revolutions per minute; negative runs backwards."""
     swing_deg: Annotated[Number, Field(ge=0, le=360)] = 0.0
     """From one end of its swing to the other."""
     swing_period_s: Seconds = 12.0
@@ -100,7 +100,7 @@ class CeilingFan(Fields):
     pitch_deg: Pitch = 12.0
     """As of `TableFan`."""
     rpm: Rpm = 120.0
-    """Turns per minute; negative runs backwards and blows upwards."""
+    """Revolutions per minute; negative runs backwards and blows upwards."""
     material: Substance = "wood"
 
     @model_validator(mode="after")
@@ -135,7 +135,7 @@ def _rotated(rotor: np.ndarray, rotation: np.ndarray, position_m: Vector) -> np.
 def _rotor(
     blades: int, radius_m: float, chord_m: float, thickness_m: float, pitch_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) m and faces (F, 3) of hub and blades that turn about +x, to where they blow."""
+    """Vertices (V, 3) m and faces (F, 3) of hub and blades that rotate about +x, the direction in which they blow."""
     hub_m = HUB * radius_m
     height, width = ball_profile(7)
     angle = 2 * math.pi * np.arange(HUB_POINTS) / HUB_POINTS

@@ -25,7 +25,7 @@ from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector
 
 DUTY_FACTOR = 0.65
-"""Share of a stride that a paw stands on the floor; walks lie in 0.5..0.75 (Hildebrand, Am. Zool. 20, 1980)."""
+"""Fraction of a stride for which a paw stands on the floor; walks lie in 0.5..0.75 (Hildebrand, Am. Zool. 20, 1980)."""
 TOUCHDOWN = {"left hind": 0.0, "left fore": 0.25, "right hind": 0.5, "right fore": 0.75}
 """When each paw touches down, as a fraction of the stride: the lateral sequence, evenly spaced (Hildebrand)."""
 FASTEST_WALK = 0.5
@@ -117,7 +117,7 @@ class Pet(Fields):
 
     @property
     def stride_m(self) -> float:
-        """Way of one stride [m]: 2.3 h (v^2 / (g h))^0.3 (physics.md, eq. 25)."""
+        """Length of one stride [m]: 2.3 h (v^2 / (g h))^0.3 (physics.md, eq. 25)."""
         return 2.3 * self.hip_m * (self.speed_mps**2 / (STANDARD_GRAVITY * self.hip_m)) ** 0.3
 
     @property
@@ -203,7 +203,10 @@ class Pet(Fields):
 
 
 def _swung(fraction: np.ndarray) -> np.ndarray:
-    """Way of a swinging paw, 0 to 1: its speed goes as (1 - x^4)^2, x in -1..1, nearly even and without a kink at either end."""
+    """Fraction of its step that a swinging paw has covered: its speed goes as (1 - x^4)^2, x in -1..1.
+
+    That is nearly even, and without a kink at either end.
+    """
     x = 2 * fraction - 1
     return 0.5 + (x - 2 * x**5 / 5 + x**9 / 9) / (2 * (1 - 2 / 5 + 1 / 9))
 
@@ -214,7 +217,7 @@ def _leg(hip: np.ndarray, ankle: np.ndarray, left: np.ndarray, h: float, radius:
     line = ankle - hip
     reach = np.linalg.norm(line, axis=1, keepdims=True)
     line /= reach
-    # Law of cosines: the angle at the hip between the way to the ankle and the two parallel parts.
+    # Law of cosines: the angle at the hip between the direction of the ankle and the two parallel parts.
     cosine = (reach**2 + a**2 - b**2) / (2 * reach * a)
     forward = np.cross(line, left)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
