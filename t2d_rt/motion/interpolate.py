@@ -69,7 +69,7 @@ def sample(motion: Motion, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def resample(motion: Motion, rate_hz: float) -> Motion:
-    """The same motion at another frame rate; what is left of a last step is cut off."""
+    """The same motion at another frame rate; a remainder shorter than one frame is cut off."""
     checked_motion(motion)
     checked_rate(rate_hz)
     count = math.floor(motion.duration_s * rate_hz + 1e-9) + 1

@@ -77,7 +77,8 @@ NOD_DEG, WAG_DEG = 6.0, 15.0
 class Pet(Fields):
     """A dog or a cat that walks on a circle to its left, or straight on.
 
-    Stride and speed belong together by Alexander's relation (docs/physics.md, eq. 25). Paws that bear are at rest on the floor.
+    The length of a stride follows from the speed by Alexander's relation (docs/physics.md, eq. 25). Paws that bear weight
+    rest on the floor.
     """
 
     noun: ClassVar[str] = "pet"
