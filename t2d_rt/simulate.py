@@ -54,8 +54,8 @@ def simulate(
     Parameters
     ----------
     target: a `Motion`, the name of a motion file or of a bundled motion (`examples`), a `MovingMesh`, `Ellipsoids`, a mover, or a
-        list of these. A motion becomes a mesh or ellipsoids, as `method` says. If its `placed` is False it is put in front of the radar
-        (see `place`), if that is None with a warning; `Recording.settings["placement"]` tells what was done.
+        list of these. A motion becomes a mesh or ellipsoids, as `method` says. If its `placed` is False it is put in front of the
+        radar (see `place`), if that is None with a warning; `Recording.settings["placement"]` tells what was done.
         The record is the time that all targets have in common, and begins at 0; movers last as long as the record.
     radar: a `Radar`, a preset's name (`presets`) or a .yaml file; the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
@@ -70,8 +70,8 @@ def simulate(
         scatter) or "none".
     collisions: what becomes of targets that go through walls or furniture, or are outside the room: "warn" of them, "stop" the
         record just before, or "ignore" them. The same holds for a radar outside the room, unless there are `transmissions`.
-    method: scattering model: "mesh" is physical optics of the body's surface, "ellipsoid" has one ellipsoid, and so one echo, for each
-        segment of the body.
+    method: scattering model: "mesh" is physical optics of the body's surface, "ellipsoid" has one ellipsoid, and so one echo,
+        for each segment of the body.
     seed: seed of the diffuse points; the same seed gives the same cube bit for bit.
     body: the body template that motions are skinned with.
     material: material of everything but movers; by default a body is "skin" and a mesh keeps its own.
