@@ -121,7 +121,7 @@ class CubeWriter:
     def __exit__(self, failed: type[BaseException] | None, *_: object) -> None:
         try:
             if failed is None and isinstance(self._cube, DiskCube):
-                self._hand_over(self._held)
+                self._submit(self._held)
                 self._wait()
         finally:
             self._pool.shutdown()
@@ -131,7 +131,7 @@ class CubeWriter:
         if isinstance(self._cube, np.ndarray):
             self._row += rows
             return self._cube[self._row - rows : self._row]
-        self._hand_over(self._held // block_rows(self._cube.shape) * block_rows(self._cube.shape))
+        self._submit(self._held // block_rows(self._cube.shape) * block_rows(self._cube.shape))
         if len(self._buffer) < self._held + rows:
             grown = np.empty((self._held + rows, *self._cube.shape[1:]), DTYPE)
             grown[: self._held] = self._buffer[: self._held]
@@ -139,7 +139,7 @@ class CubeWriter:
         self._held += rows
         return self._buffer[self._held - rows : self._held]
 
-    def _hand_over(self, rows: int) -> None:
+    def _submit(self, rows: int) -> None:
         """Lets the buffer's first rows be written, and goes on with the others in the other buffer."""
         if not rows:
             return

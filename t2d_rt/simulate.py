@@ -51,10 +51,10 @@ def simulate(
 
     Parameters
     ----------
-    target: a `Motion` is skinned ("mesh") or given segments ("ellipsoid"), and placed before the radar (see `place`) where its
-        `placed` is False; where that is None, with a warning. The settings' "placement" tells what was done. A motion may also be
-        given as its file, or as the name of a bundled one (`examples`).
-        The record is the time that all targets have in common, movers going on for as long; its own clock starts at 0.
+    target: a `Motion`, the name of a motion file or of a bundled motion (`examples`), a `MovingMesh`, `Ellipsoids`, a mover, or a
+        list of these. A motion becomes a mesh or ellipsoids, as `method` says. If its `placed` is False it is put in front of the
+        radar (see `place`), if that is None with a warning; `Recording.settings["placement"]` tells what was done.
+        The record is the time that all targets have in common, and begins at 0; movers last as long as the record.
     radar: a `Radar`, a preset's name (`presets`) or a .yaml file; the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     tolerance_db: greatest error of the targets' field [dB], its energy relative to the field's own, against a converged model.
@@ -63,16 +63,16 @@ def simulate(
         it sets stay. The default comes to about -22 dB for a walk in free space, to -6 to -12 dB in rooms.
     reflections: greatest number of reflections, counted on the paths out and back together.
     transmissions: greatest number of thin slabs that they pass through, counted likewise; 2 for a target behind a partition.
-    clutter: echoes of the static scene, shadowed by the targets: "specular" (up to 3 reflections), "diffuse" (rough walls) or "none".
+    clutter: echoes of the static scene, occluded by the targets: "specular" (up to 3 reflections), "diffuse" or "none".
     collisions: what becomes of targets that go through walls or furniture, or are outside the room: "warn" of them, "stop" the
-        record just before, or "ignore" them. A radar outside the room is treated alike unless there are `transmissions`.
-    method: scattering model: "mesh" is physical optics of the body's surface, "ellipsoid" one point for each segment of the body.
+        record just before, or "ignore" them. The same holds for a radar outside the room, unless there are `transmissions`.
+    method: "mesh" is physical optics of the body's surface, "ellipsoid" has one echo for each segment of the body.
     seed: seed of the diffuse points; the same seed gives the same cube bit for bit.
     body: the body template that motions are skinned with.
     material: material of everything but movers; by default a body is "skin" and a mesh keeps its own.
     phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
-    measure_error: whether the error is measured at a few random chirps and kept in `Recording.error_db`; by default only where a
-        tolerance is given.
+    measure_error: whether the error is measured, against a coarser model at a few random chirps, and kept in `Recording.error_db`; by
+        default only where a tolerance is given.
     device: "cpu", "gpu" (a CUDA device), or "auto" for a CUDA device where there is one and the CPU elsewhere.
     memory_gb: most memory that the run may take [GB]; it works in blocks to stay below, and what needs more is refused beforehand.
     progress: True shows a bar, or a line now and then in a log; a function is called with the fraction done, 0..1.
@@ -91,8 +91,8 @@ def run(
     tolerance_db: float | None = None, measure_error: bool | None = None, device: Device = "auto", memory_gb: float = LIMIT_GB,
     progress: Progress | bool | None = None,
 ) -> Recording:  # fmt: skip
-    """The recording of an experiment, whose file names are relative to the working directory; or that of a recording again, at its
-    own accuracy unless another one is given: the same samples, bit for bit, on the same machine. Options as in `simulate`."""
+    """The recording of an experiment, whose file names are relative to the working directory; or, given a recording, the same again.
+    It keeps its own accuracy unless another one is given: the same samples, bit for bit, on the same machine."""
     experiment, inputs, accuracy, known = again(experiment, accuracy, tolerance_db)
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
     targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)

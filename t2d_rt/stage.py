@@ -116,8 +116,8 @@ def _placed(motion: Motion, radar: Radar) -> Motion:
     _check_steps(found)
     if motion.placed is None:
         warnings.warn(
-            f"the motion was {placement(found)}, as it does not say whose its coordinates are; give motion_from_joints placed=True "
-            "to keep them as those of the world, or placed=False to have it placed",
+            f"the motion was {placement(found)}, as it does not say whether its coordinates are those of the world; give "
+            "motion_from_joints placed=True to keep them, or placed=False to have it placed",
             T2DWarning,
             stacklevel=4,
         )

@@ -62,11 +62,11 @@ def ball(
 ) -> MovingMesh:
     """A sphere in straight flight."""
     times = np.linspace(0, time_s, frames)
-    way = np.array(start_m) + np.array(velocity_mps) * times[:, None]
-    return moving(icosphere(level, radius_m), way, times, material=material)
+    track = np.array(start_m) + np.array(velocity_mps) * times[:, None]
+    return moving(icosphere(level, radius_m), track, times, material=material)
 
 
-def still(vertices: np.ndarray, faces: np.ndarray, until_s: float = 1.0, **options: object) -> MovingMesh:
+def static_mesh(vertices: np.ndarray, faces: np.ndarray, until_s: float = 1.0, **options: object) -> MovingMesh:
     """A conductor that stays where it is."""
     return MovingMesh(np.stack([vertices, vertices]), faces, [0, until_s], PEC, **options)  # type: ignore[arg-type]
 
@@ -100,8 +100,8 @@ def small_room() -> Scene:
 def point_cube(radar: Radar, ranges_m: np.ndarray, rcs_m2: float = 1.0) -> np.ndarray:
     """ADC cube (chirp, 1, sample) of a point by the radar equation, at one range in each chirp."""
     ranges = ranges_m[:, None]
-    turns = 2 * ranges / SPEED_OF_LIGHT * (radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s)
-    return (np.sqrt(radar.received_power_w(rcs_m2, ranges)) * np.exp(2j * np.pi * (turns % 1)))[:, None]
+    cycles = 2 * ranges / SPEED_OF_LIGHT * (radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s)
+    return (np.sqrt(radar.received_power_w(rcs_m2, ranges)) * np.exp(2j * np.pi * (cycles % 1)))[:, None]
 
 
 # --- motions ---
@@ -119,8 +119,8 @@ def rest_pose(*, seed: int | None = None, ends: bool = True, frames: int = 5) ->
     names = CANONICAL_JOINTS + (tuple(OPTIONAL_JOINTS) if ends else ())
     parents = CANONICAL_PARENTS + tuple(names.index(OPTIONAL_JOINTS[n]) for n in names[22:])
     joints = np.tile([rest[name] for name in names], (frames, 1, 1))
-    turn = Rotation.identity(len(names)) if seed is None else Rotation.random(len(names), rng=seed)
-    quaternions = np.tile(turn.as_quat(), (frames, 1, 1))
+    rotation = Rotation.identity(len(names)) if seed is None else Rotation.random(len(names), rng=seed)
+    quaternions = np.tile(rotation.as_quat(), (frames, 1, 1))
     return Motion(joints=joints, rotations=quaternions, rate_hz=30.0, names=names, parents=parents)
 
 

@@ -54,9 +54,9 @@ def field_in_cube() -> ReadField:
     def read(cube: np.ndarray, radar: Radar, range_m: float, rx_range_m: float | None = None) -> np.ndarray:
         rx_range_m = range_m if rx_range_m is None else rx_range_m
         delay, t = (range_m + rx_range_m) / SPEED_OF_LIGHT, radar.sample_times_s
-        turns = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * t - delay**2 / 2)
+        cycles = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * t - delay**2 / 2)
         window = np.hanning(radar.samples + 2)[1:-1]
-        field = cube[:, 0].astype(complex) @ (window / window.sum() * np.exp(-2j * np.pi * (turns % 1)))
+        field = cube[:, 0].astype(complex) @ (window / window.sum() * np.exp(-2j * np.pi * (cycles % 1)))
         return field / np.sqrt(radar.received_power_w(1.0, range_m, rx_range_m))
 
     return read

@@ -26,24 +26,24 @@ RANGE_M = 5.0
 def test_a_person_has_about_half_a_square_metre(backend: Backend) -> None:
     # People measure -10..0 dBsm in the mean over aspects at 77 GHz. The mean of 120 looks of speckle is known to
     # 10 log10(1 + 1/sqrt(120)) = 0.4 dB.
-    looks_s = np.arange(120) / 10
-    turns = Rotation.from_euler("z", (looks_s * 30)[:, None], degrees=True).as_matrix()
+    aspects_s = np.arange(120) / 10
+    rotations = Rotation.from_euler("z", (aspects_s * 30)[:, None], degrees=True).as_matrix()
     body = t2d.skin(t2d.trim(walk(), 2.0, 2.3))
     pose = body.at(np.array([0.1]))[0]
     pose = pose - pose.mean(axis=0)
-    turned = MovingMesh.from_track(
-        lambda t: pose @ turns[np.rint(t * 10).astype(int)].transpose(0, 2, 1) + [RANGE_M, 0, 1],
+    rotated = MovingMesh.from_track(
+        lambda t: pose @ rotations[np.rint(t * 10).astype(int)].transpose(0, 2, 1) + [RANGE_M, 0, 1],
         body.faces,
-        looks_s,
+        aspects_s,
         rest=body.rest,
         crease_deg=180.0,
     )
     echoes = mesh_echoes(
-        turned, RADAR, times_s=looks_s, material=resolve_material("skin", RADAR.mid_frequency_hz),
+        rotated, RADAR, times_s=aspects_s, material=resolve_material("skin", RADAR.mid_frequency_hz),
         detail=Detail(sagitta_rad=COARSE_RAD), seed=0, views=[View()], backend=backend,
     ).gather()  # fmt: skip
-    turns_of_phase = RADAR.mid_frequency_hz * echoes.delay_s % 1
-    field = np.sum(echoes.amplitude * np.exp(2j * np.pi * turns_of_phase), axis=1)
+    cycles = RADAR.mid_frequency_hz * echoes.delay_s % 1
+    field = np.sum(echoes.amplitude * np.exp(2j * np.pi * cycles), axis=1)
     rcs_m2 = np.abs(field) ** 2 / RADAR.received_power_w(1.0, RANGE_M)
     assert -10 < 10 * np.log10(rcs_m2.mean()) < 0
     # Speckle: decibels of an exponential variable scatter by 5.6 dB.

@@ -42,16 +42,16 @@ def echoes(radar: Radar, chirps: int, targets: Sequence[Target], power_w: float 
     fast = radar.sample_times_s
     pairs = np.zeros((chirps, len(radar.tx_offsets_m), len(radar.rx_offsets_m), radar.samples), complex)
     for m, transmitter in enumerate(radar.tx_positions_m):
-        turn = m / radar.prf_hz if radar.multiplexing == "tdm" else 0.0
-        time = radar.chirp_starts_s(chirps)[:, None] + turn + fast
+        slot_s = m / radar.prf_hz if radar.multiplexing == "tdm" else 0.0
+        time = radar.chirp_starts_s(chirps)[:, None] + slot_s + fast
         for n, receiver in enumerate(radar.rx_positions_m):
             for range_m, azimuth_deg, elevation_deg, speed_mps in targets:
                 ray = unit_vectors(math.radians(azimuth_deg), math.radians(elevation_deg)) @ radar.axes
                 place = radar.position_m + (range_m - speed_mps * time)[..., None] * ray
                 path = np.linalg.norm(place - transmitter, axis=-1) + np.linalg.norm(place - receiver, axis=-1)
                 delay = path / SPEED_OF_LIGHT
-                turns = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * fast - delay**2 / 2)
-                pairs[:, m, n] += math.sqrt(power_w) * np.exp(2j * np.pi * turns)
+                cycles = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * fast - delay**2 / 2)
+                pairs[:, m, n] += math.sqrt(power_w) * np.exp(2j * np.pi * cycles)
     if radar.multiplexing == "ddm":
         return np.einsum("kmns,km->kns", pairs, radar.tx_phase(np.arange(chirps)))
     return pairs.reshape(chirps, -1, radar.samples)
@@ -196,7 +196,7 @@ def test_elevation_of_the_map() -> None:
 
 
 @pytest.mark.slow
-def test_still_echoes_go() -> None:
+def test_static_echoes_are_removed() -> None:
     cube = echoes(TDM, 64, [(4.0, 0.0, 0.0, 0.0), (6.0, 20.0, 0.0, 2.0)])
     kept, removed = range_angle(cube, TDM), range_angle(cube, TDM, mti="mean")
     wall, mover = (round(r / BIN_M) for r in (4.0, 6.0))

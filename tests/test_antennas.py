@@ -1,4 +1,4 @@
-"""Antennas of a radar: arrays and their turns, patterns, polarisation, against closed forms."""
+"""Antennas of a radar: arrays and their time slots, patterns, polarisation, against closed forms."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ def test_order_of_the_virtual_antennas() -> None:
     expected = [(0, 0, 0), (0, 1.5, 0), (0.5, 0, 0), (0, 0.5, 1), (0, 2, 1), (0.5, 0.5, 1)]
     assert np.allclose(radar.virtual_offsets_m, expected)
     assert np.allclose(radar.virtual_positions_m, np.array(expected) + [0, 0, 1])
-    turned = radar.replace(boresight=(0, 1, 0))
-    assert np.allclose(turned.virtual_positions_m[4], (-2, 0, 2))  # left of y is -x
+    rotated = radar.replace(boresight=(0, 1, 0))
+    assert np.allclose(rotated.virtual_positions_m[4], (-2, 0, 2))  # left of y is -x
 
 
-def test_taking_turns() -> None:
+def test_transmitters_send_one_after_the_other() -> None:
     interval = TDM.chirp_interval_s
     assert (TDM.antennas, DDM.antennas, IDEAL.antennas) == (12, 4, 12)
     assert np.allclose(TDM.antenna_delays_s, np.repeat([0, 1, 2], 4) * interval)
@@ -98,7 +98,7 @@ def test_the_phase_code_repeats_after_m_chirps() -> None:
     assert TDM.separated is TDM
 
 
-def test_speed_warning_counts_the_turns() -> None:
+def test_speed_warning_counts_the_time_slots() -> None:
     with pytest.warns(UserWarning, match=r"exceeds the unambiguous 8.03 m/s .* raise prf_hz to 31130"):
         check_speed(TDM, 10.0)
     assert TDM.replace(prf_hz=31130).max_speed_mps >= 10.0
@@ -223,7 +223,7 @@ def test_off_boresight_polarisations_are_made_transverse() -> None:
     assert polarization_product(direction(0, 90), direction(0, 90), 0.0, 1.0) == pytest.approx(0, abs=1e-9)
 
 
-def test_antennas_close_together_share_a_view() -> None:
+def test_antennas_close_together_have_one_view() -> None:
     def views(apart_m: float) -> list[np.ndarray]:
         return Radar.preset("table2", tx_offsets_m=[[0, -apart_m / 2, 0]], rx_offsets_m=[[0, apart_m / 2, 0]]).views_m
 

@@ -213,7 +213,7 @@ def test_a_report_tells_the_last_placement() -> None:
 # --- the command line -----------------------------------------------------------------------------------------------
 
 
-def test_a_name_that_looks_like_a_formula(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_name_like_a_formula(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("wa$l_{k$.bvh").symlink_to(WALK)
     assert main(["simulate", "wa$l_{k$.bvh", *QUICK]) == 0

@@ -1,4 +1,4 @@
-"""Arrays by `simulate`: directions, turns of the transmitters, patterns and polarisation, one cube however it is made."""
+"""Arrays by `simulate`: directions, time slots of the transmitters, patterns and polarisation, one cube however it is made."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def test_direction_of_a_sphere(speed_mps: float) -> None:
     assert np.abs(direction_deg(cube(speed_mps)) - [30, 10]).max() < 0.5
 
 
-def test_a_mover_turns_between_transmitters() -> None:
-    """2 v / lambda * 80 us = 0.062 turns between transmitters 2 lambda apart: 2.05 degrees at 30, of which the receivers, which
+def test_a_mover_rotates_between_transmitters() -> None:
+    """2 v / lambda * 80 us = 0.062 cycles between transmitters 2 lambda apart: 2.05 degrees at 30, of which the receivers, which
     are right, leave 1.43."""
     error = direction_deg(cube(1.5), compensate_tdm=False) - direction_deg(cube(1.5))
     assert 1.2 < abs(error[0]) < 1.7
@@ -75,8 +75,8 @@ def test_an_ellipsoid_is_seen_at_its_nearest_point() -> None:
     centre = np.array(TDM.position_m) + [3.2, 0, 0]
     shape = Ellipsoids(sizes, np.tile(centre, (2, 1, 1)), times, axes[None], PEC)
     # The nearest of many points of the surface, in the plane of sight and axis.
-    turn = np.linspace(0, 2 * np.pi, 200_001)
-    surface = [3.2, 0] + 0.22 * np.cos(turn)[:, None] * axes[:2, 2] + 0.08 * np.sin(turn)[:, None] * axes[:2, 1]
+    angle = np.linspace(0, 2 * np.pi, 200_001)
+    surface = [3.2, 0] + 0.22 * np.cos(angle)[:, None] * axes[:2, 2] + 0.08 * np.sin(angle)[:, None] * axes[:2, 1]
     x, y = surface[np.hypot(*surface.T).argmin()]
     expected = math.degrees(math.atan2(y, x))
     assert abs(expected) > 2

@@ -23,12 +23,12 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 WALK, RUN, STYLISED = "12_01_walk.bvh", "iclone_002_03_run_jog.bvh.gz", "131_01_walk_300frames.bvh"
 
 
-def moved(motion: Motion, turn: Rotation, shift: np.ndarray, scale: float = 1.0) -> Motion:
+def moved(motion: Motion, rotation: Rotation, shift: np.ndarray, scale: float = 1.0) -> Motion:
     flat = motion.rotations.reshape(-1, 4)
     return replace(
         motion,
-        joints=turn.apply(scale * motion.joints.reshape(-1, 3)).reshape(motion.joints.shape) + shift,
-        rotations=(turn * Rotation.from_quat(flat)).as_quat().reshape(motion.rotations.shape),
+        joints=rotation.apply(scale * motion.joints.reshape(-1, 3)).reshape(motion.joints.shape) + shift,
+        rotations=(rotation * Rotation.from_quat(flat)).as_quat().reshape(motion.rotations.shape),
     )
 
 
@@ -71,18 +71,18 @@ def test_the_templates_weights_are_a_partition_with_four_influences():
     assert np.count_nonzero(weights, axis=1).max() <= 4
 
 
-def test_rings_go_around_their_joints_and_give_them_at_rest():
+def test_rings_enclose_their_joints_and_give_them_at_rest():
     body = template()
     assert set(body.rings) == {"head"} | {
         f"{s}_{j}" for s in ("left", "right") for j in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
     }
-    for name, (index, share) in body.rings.items():
-        around = body.vertices[index] - body.joints[name]
+    for name, (index, weight) in body.rings.items():
+        offset = body.vertices[index] - body.joints[name]
         assert len(index) >= 7
-        assert share.max() < 0.3
+        assert weight.max() < 0.3
         # Around: seen along the ring's axis no gap wider than 120 degrees.
-        plane = np.linalg.svd(around - around.mean(0))[2][:2]
-        angles = np.sort(np.arctan2(*(around @ plane.T).T))
+        plane = np.linalg.svd(offset - offset.mean(0))[2][:2]
+        angles = np.sort(np.arctan2(*(offset @ plane.T).T))
         assert np.diff([*angles, angles[0] + 2 * np.pi]).max() < np.radians(120), name
     for name, joint in regressed_joints(body, body.vertices).items():
         np.testing.assert_allclose(joint, body.joints[name], atol=1e-4)
@@ -105,19 +105,19 @@ def test_a_motion_that_holds_the_rest_pose_gives_the_rest_surface_whatever_the_f
     scale=st.floats(0.3, 1.5),
 )
 def test_turning_shifting_and_scaling_the_motion_does_the_same_to_the_surface(angle, x, y, scale):
-    turn, shift = Rotation.from_euler("z", angle), np.array([x, y, 0.0])
+    rotation, shift = Rotation.from_euler("z", angle), np.array([x, y, 0.0])
     motion = rest_pose(seed=3)
-    expected = turn.apply(scale * skin(motion).vertices[0]) + shift
-    np.testing.assert_allclose(skin(moved(motion, turn, shift, scale)).vertices[0], expected, atol=1e-9)
+    expected = rotation.apply(scale * skin(motion).vertices[0]) + shift
+    np.testing.assert_allclose(skin(moved(motion, rotation, shift, scale)).vertices[0], expected, atol=1e-9)
 
 
-def test_a_turn_in_any_direction_after_calibration_carries_the_surface_rigidly():
+def test_a_rotation_in_any_direction_after_calibration_carries_the_surface_rigidly():
     motion = rest_pose(seed=4, frames=9)
     surface = skin(motion)
-    turn, shift = Rotation.from_euler("xyz", [0.7, -1.1, 2.0]), np.array([1.0, 2.0, 3.0])
-    tilted = moved(motion, turn, shift)
+    rotation, shift = Rotation.from_euler("xyz", [0.7, -1.1, 2.0]), np.array([1.0, 2.0, 3.0])
+    tilted = moved(motion, rotation, shift)
     tumbling = skin(motion, track=lambda t: (tilted.joints[: len(t)], tilted.rotations[: len(t)]))
-    np.testing.assert_allclose(tumbling.vertices[0], turn.apply(surface.vertices[0]) + shift, atol=1e-9)
+    np.testing.assert_allclose(tumbling.vertices[0], rotation.apply(surface.vertices[0]) + shift, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -185,19 +185,19 @@ def test_soles_are_level_in_stance(walk):
 
 def test_a_hand_points_where_the_files_hand_does():
     motion, rest = rest_pose(seed=6), template().joints
-    turn = Rotation.from_rotvec([0, 0, np.radians(40)])
+    rotation = Rotation.from_rotvec([0, 0, np.radians(40)])
     wrist, hand = motion.index("left_wrist"), motion.index("left_hand")
     joints = motion.joints.copy()
-    joints[:, hand] = joints[:, wrist] + turn.apply(rest["left_hand"] - rest["left_wrist"])
+    joints[:, hand] = joints[:, wrist] + rotation.apply(rest["left_hand"] - rest["left_wrist"])
     fingers = template().weights[:, wrist] > 0.999
     middle = skin(replace(motion, joints=joints)).vertices[0, fingers].mean(0)
-    expected = joints[0, wrist] + turn.apply(template().vertices[fingers].mean(0) - rest["left_wrist"])
+    expected = joints[0, wrist] + rotation.apply(template().vertices[fingers].mean(0) - rest["left_wrist"])
     # The file tells the direction only: a small twist is left open.
     np.testing.assert_allclose(middle, expected, atol=0.01)
 
 
 @pytest.mark.parametrize("joints", [("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")])
-def test_knees_and_elbows_bend_the_right_way(walk, joints):
+def test_knees_and_elbows_bend_in_the_right_direction(walk, joints):
     """Where the limb bends, kneecap and point of the elbow are on the outer side."""
     body, vertices = template(), skin(walk, track=track(walk)).vertices
     above, here, below = (walk.joints[:, walk.index(f"left_{joint}")] for joint in joints)
@@ -212,7 +212,7 @@ def test_knees_and_elbows_bend_the_right_way(walk, joints):
     assert cosine.min() > 0.5  # one vertex of a ring of 14, elbows nearly straight
 
 
-def test_the_head_looks_where_the_walk_goes(walk):
+def test_the_head_faces_where_the_walk_goes(walk):
     surface = skin(walk, track=track(walk))
     nose = np.argmax(template().vertices[:, 0] * (template().vertices[:, 2] > 1.6))
     gaze = surface.vertices[:, nose] - walk.joints[:, walk.index("head")]
@@ -263,14 +263,14 @@ def test_skinning_by_blocks_is_the_plain_sum_over_bones(walk):
 
     fitted = fit(template(), walk)
     pose = posing(fitted, walk)
-    turn, origin = pose.bones(walk.joints[:70], walk.rotations[:70])
+    rotation, origin = pose.bones(walk.joints[:70], walk.rotations[:70])
     weights = bone_weights(fitted)
     np.testing.assert_allclose(weights.sum(1), 1, atol=1e-12)
     expected = np.zeros((70, len(fitted.vertices), 3))
     carrier = [b.replace("upper_arm", "shoulder").replace("forearm", "elbow") for b in BONES]
     for i, name in enumerate(carrier):
         offset = fitted.vertices - fitted.joints[name]
-        expected += weights[:, i, None] * (np.einsum("kij,vj->kvi", turn[:, i], offset) + origin[:, i, None])
+        expected += weights[:, i, None] * (np.einsum("kij,vj->kvi", rotation[:, i], offset) + origin[:, i, None])
     np.testing.assert_allclose(skin(walk).vertices[:70], expected, atol=1e-9)
     assert blend_basis(fitted).shape == (len(fitted.vertices), 4 * len(BONES))
 
@@ -295,8 +295,8 @@ def test_a_motion_without_track_is_joined_by_straight_lines(walk):
 
 
 def test_lying_and_hand_standing_bodies_are_posed_too():
-    for turn in (Rotation.from_euler("x", 90, degrees=True), Rotation.from_euler("y", 180, degrees=True)):
-        motion = moved(rest_pose(seed=5), turn, np.array([0, 0, 1.0]))
+    for rotation in (Rotation.from_euler("x", 90, degrees=True), Rotation.from_euler("y", 180, degrees=True)):
+        motion = moved(rest_pose(seed=5), rotation, np.array([0, 0, 1.0]))
         surface = skin(motion)
         joints = regressed_joints(template(), surface.vertices)
         errors = [np.linalg.norm(p - motion.joints[:, motion.index(n)], axis=1).max() for n, p in joints.items()]

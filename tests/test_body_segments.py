@@ -65,7 +65,7 @@ def test_a_segments_surface_lies_near_the_bodys():
         assert np.median(distance[nearest == i, i]) < 0.02, name
 
 
-def test_a_cylinder_becomes_as_long_and_half_way_as_thick_as_its_volume_asks():
+def test_a_cylinder_becomes_as_long_and_by_half_as_thick_as_its_volume_asks():
     """V = pi r^2 L = 1.5 times the ellipsoid between its ends; half of that, in the geometric mean, is 1.5^(1/4)."""
     import trimesh
 
@@ -110,7 +110,7 @@ def test_a_forearm_lies_along_its_joints(walk):
     assert np.linalg.norm(middle) < 0.04
 
 
-def test_a_spheroid_that_stands_still():
+def test_a_static_spheroid():
     ball = Ellipsoids([[0.1, 0.1, 0.2]], np.full((2, 1, 3), 3.0), [0, 1])
     centres, axes = ball.at(np.array([0, 0.3, 1]))
     np.testing.assert_array_equal(centres, np.full((3, 1, 3), 3.0))

@@ -53,7 +53,7 @@ def test_methods_in_order_of_their_error(case: Case) -> None:
 
 
 @pytest.mark.slow
-def test_ways_to_find_visibility_agree_where_little_is_occluded(case: Case) -> None:
+def test_methods_of_visibility_agree_where_little_is_occluded(case: Case) -> None:
     default = simulated(case).cube
     for how in ("capsules", "none"):
         cube = with_visibility(case, how).cube

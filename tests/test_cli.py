@@ -187,8 +187,8 @@ def test_progress_only_over_two_seconds(run: Command, monkeypatch: pytest.Monkey
     from t2d_rt import progress
 
     def slow(*arguments: Any, progress: Callable[[float], None], **options: Any) -> np.ndarray:
-        for share in (0.25, 0.5, 0.99):
-            progress(share)
+        for fraction in (0.25, 0.5, 0.99):
+            progress(fraction)
             time.sleep(0.12)  # tqdm draws ten times a second
         return synthesize(*arguments, **options)
 

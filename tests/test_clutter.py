@@ -70,11 +70,11 @@ def test_a_plasterboard_wall_has_the_coefficient_of_its_slab() -> None:
     conductivity = 0.0085 * (radar.mid_frequency_hz / 1e9) ** 0.9395
     eta = 2.73 - 1j * conductivity / (2 * math.pi * f * 8.8541878128e-12)
     r = (1 - np.sqrt(eta)) / (1 + np.sqrt(eta))
-    turn = np.exp(-4j * math.pi * f * thickness / SPEED_OF_LIGHT * np.sqrt(eta))
-    coefficient = r * (1 - turn) / (1 - r**2 * turn)
-    turns = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * t - delay**2 / 2)
+    phase = np.exp(-4j * math.pi * f * thickness / SPEED_OF_LIGHT * np.sqrt(eta))
+    coefficient = r * (1 - phase) / (1 - r**2 * phase)
+    cycles = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * t - delay**2 / 2)
     scale = radar.link_amplitude * math.sqrt(4 * math.pi) / (2 * distance)
-    expected = scale * np.conj(coefficient) * np.exp(2j * math.pi * turns)
+    expected = scale * np.conj(coefficient) * np.exp(2j * math.pi * cycles)
     recorded = synthesize(mirror_echoes(paths, radar, times_s=TIMES_S), radar)[:]
     error = np.mean(np.abs(recorded[0, 0] - expected) ** 2) / np.mean(np.abs(expected) ** 2)
     # The coefficient bends over the sweep: a straight line misses it by -31.7 dB, its value at the middle by -20.9.
@@ -140,15 +140,15 @@ def test_each_antenna_has_the_delay_of_its_own_image() -> None:
     def longer(points: np.ndarray, place: np.ndarray, centre: np.ndarray) -> np.ndarray:
         return np.asarray(np.linalg.norm(points - place, axis=1) - np.linalg.norm(centre - place))
 
-    ways = longer(tx, departure, radar.tx_position_m)[:, None] + longer(rx, arrival, radar.rx_position_m)
-    ways = ways + SPEED_OF_LIGHT * echoes.delay_s[0, 0]
+    length_m = longer(tx, departure, radar.tx_position_m)[:, None] + longer(rx, arrival, radar.rx_position_m)
+    length_m = length_m + SPEED_OF_LIGHT * echoes.delay_s[0, 0]
     images = tx * [-1, 1, 1] + [4, 0, 0]
     exact = np.linalg.norm(images[:, None] - rx, axis=2)
-    # What a sum over both ends cannot hold is the product of the two offsets over the way.
+    # What a sum over both ends cannot hold is the product of the two offsets over the path length.
     most = (
         np.linalg.norm(tx - radar.tx_position_m, axis=1).max() * np.linalg.norm(rx - radar.rx_position_m, axis=1).max()
     )
-    assert np.abs(ways - exact).max() < 1.1 * most / 4 + 1e-6  # points are float32
+    assert np.abs(length_m - exact).max() < 1.1 * most / 4 + 1e-6  # points are float32
     assert most / 4 < radar.wavelength_m / 100
 
 
@@ -188,9 +188,9 @@ def test_paths_are_those_of_sionna(scene: str, paths: int) -> None:
             nearest = min(same, key=lambda other: abs(other - field))
             assert abs(20 * math.log10(abs(field / nearest))) < 0.1
             assert abs(np.angle(field / nearest, deg=True)) < 5
-    strong = [delay for delay, field in there if abs(field) > 1e-3 * strongest]
-    assert len(strong) > paths
-    assert all(min(abs(delay - mine) for mine, _ in ours) < 1e-12 for delay in strong)
+    dominant = [delay for delay, field in there if abs(field) > 1e-3 * strongest]
+    assert len(dominant) > paths
+    assert all(min(abs(delay - mine) for mine, _ in ours) < 1e-12 for delay in dominant)
 
 
 # --- rough walls ---
@@ -239,9 +239,9 @@ def board(start_m: tuple[float, float, float], speed_mps: tuple[float, float, fl
     return moving((shape.vertices, shape.faces), np.array(start_m) + np.array(speed_mps) * times[:, None], times)
 
 
-def shadows(body: MovingMesh | Ellipsoids, way_m: list[tuple[float, float, float]], rate_hz: float = 25.0) -> Shadows:
-    keys = sample_times(body.times_s[0], body.times_s[-1], rate_hz)
-    return Shadows([body], [np.array(way_m)], 0.00385, samples_s=keys, backend=select("cpu"))
+def shadows(body: MovingMesh | Ellipsoids, path_m: list[tuple[float, float, float]], rate_hz: float = 25.0) -> Shadows:
+    samples_s = sample_times(body.times_s[0], body.times_s[-1], rate_hz)
+    return Shadows([body], [np.array(path_m)], 0.00385, samples_s=samples_s, backend=select("cpu"))
 
 
 def test_a_wide_plate_fades_a_path_as_a_knife_edge_does() -> None:
@@ -263,17 +263,17 @@ def test_a_wide_plate_fades_a_path_as_a_knife_edge_does() -> None:
 
 
 def test_the_fresnel_zone_is_bent_at_mirrors() -> None:
-    way, wavelength = np.array([(0.0, 0.0, 1.0), (2.0, 2.0, 1.3), (5.0, -1.0, 1.75)]), 0.004
-    rays = bundle(way, wavelength, disc(32), 4)
-    before, after = rays[0, -1] - way[1], rays[1, 0] - way[1]
+    path, wavelength = np.array([(0.0, 0.0, 1.0), (2.0, 2.0, 1.3), (5.0, -1.0, 1.75)]), 0.004
+    rays = bundle(path, wavelength, disc(32), 4)
+    before, after = rays[0, -1] - path[1], rays[1, 0] - path[1]
     assert np.abs(before * [1, -1, 1] - after).max() < 1e-12
-    first, second = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    first, second = np.linalg.norm(np.diff(path, axis=0), axis=1)
     radius = math.sqrt(wavelength * first * second / (first + second))
     assert np.mean(np.sum(before**2, axis=1)) == pytest.approx(radius**2 / 2, rel=1e-9)
-    assert np.abs(before @ (way[1] - way[0])).max() < 1e-12
+    assert np.abs(before @ (path[1] - path[0])).max() < 1e-12
 
 
-def test_a_path_is_shadowed_on_the_way_out_and_back() -> None:
+def test_a_path_is_shadowed_out_and_back() -> None:
     """The same rays meet a body both times: a half covered zone leaves a half, not a quarter."""
     wide = board((1.5, -1.0, 1.0))
     there_and_back = [(0.0, 0.0, 1.0), (3.0, 0.0, 1.0), (0.0, 0.0, 1.0)]
@@ -286,8 +286,8 @@ def test_bodies_of_ellipsoids_and_of_triangles_have_the_same_shadow() -> None:
     centres = np.array([2.0, -0.3, 1.0]) + np.array([0.0, 0.6, 0.0]) * times[:, None, None]
     ellipsoid = Ellipsoids(np.full((1, 3), radius), centres, times)
     asked = np.linspace(0, 1, 101)
-    way = [(0.0, 0.0, 1.0), (4.0, 0.0, 1.0)]
-    one, other = (shadows(body, way).fractions(asked) for body in (ellipsoid, sphere))
+    path = [(0.0, 0.0, 1.0), (4.0, 0.0, 1.0)]
+    one, other = (shadows(body, path).fractions(asked) for body in (ellipsoid, sphere))
     assert one.min() == 0
     assert one.max() == 1
     assert np.abs(one - other).max() < 1e-6
@@ -312,7 +312,7 @@ def test_the_static_scene_stays_at_zero_doppler() -> None:
 
 @pytest.mark.slow
 def test_a_body_passes_before_a_wall() -> None:
-    """The wall's line fades while the body is in its way, and only then."""
+    """The wall's line fades while the body blocks the path, and only then."""
     scene = Scene(name="wall", surfaces=(ahead(3.0),))
     body = ball((1.5, -1.0, 1.0), (0.0, 2.0, 0.0), 1.0, radius_m=0.25, level=2, frames=11)
     radar = Radar.preset("table2", prf_hz=2000.0, rx_gain_dbi=9.0)

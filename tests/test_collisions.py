@@ -260,7 +260,7 @@ def test_radar_and_target_outside_are_told() -> None:
         t2d.simulate(outside, **options, transmissions=1)
 
 
-def test_a_radar_that_looks_in_is_told() -> None:
+def test_a_radar_outside_that_faces_the_room_is_told() -> None:
     inside = ball((2.0, 0.2, 1.2), (0.0, 0.3, 0.0), 0.2, level=2)
     options = {"radar": away(-3.0), "scene": OPEN, "reflections": 0, "clutter": "none"}
     with pytest.warns(T2DWarning, match=r"the radar is at .* outside cell") as told:

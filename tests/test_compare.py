@@ -20,8 +20,8 @@ CHIRPS = 4000
 
 def point(speed_mps: np.ndarray | float, rcs_m2: float, range_m: float = 4.0, radar: Radar = RADAR) -> np.ndarray:
     """ADC cube of a point by the radar equation; `speed_mps` towards the radar, one for all chirps or one for each."""
-    way = np.cumsum(np.broadcast_to(speed_mps, CHIRPS)) / radar.prf_hz
-    return point_cube(radar, range_m - way, rcs_m2)
+    travelled_m = np.cumsum(np.broadcast_to(speed_mps, CHIRPS)) / radar.prf_hz
+    return point_cube(radar, range_m - travelled_m, rcs_m2)
 
 
 def recording(*cubes: np.ndarray, radar: Radar = RADAR) -> t2d.Recording:
@@ -59,7 +59,7 @@ def test_torso_and_limb_speed(direction: int) -> None:
     assert found.limb_speed_mps == pytest.approx(3.5, abs=0.2)
 
 
-def test_limb_speed_does_not_depend_on_the_sign_of_a_still_torso() -> None:
+def test_limb_speed_does_not_depend_on_the_sign_of_a_static_torso() -> None:
     speeds = [figures(recording(point(v, 0.1), point(swing(-2.0), 0.003))).limb_speed_mps for v in (-0.01, 0.01)]
     assert speeds == pytest.approx([2.0, 2.0], abs=0.2)
 
@@ -110,8 +110,8 @@ def test_envelopes_must_move_together_to_correlate() -> None:
     early = np.where(np.arange(CHIRPS) < CHIRPS // 2, swing(3.5), 0)
     one, two = recording(torso, point(early, 0.003)), recording(torso, point(swing(3.5) - early, 0.003))
     assert compare(one, two).envelope_correlation < 0
-    still = recording(point(0.0, 0.1))
-    assert math.isnan(compare(still, still).envelope_correlation)
+    static = recording(point(0.0, 0.1))
+    assert math.isnan(compare(static, static).envelope_correlation)
 
 
 def test_refusals() -> None:

@@ -148,13 +148,13 @@ def test_a_result_is_found_from_any_working_directory(tmp_path: Path, monkeypatc
     assert np.array_equal(Recording.load(tmp_path / "b.zarr").adc, SAMPLES)
 
 
-@pytest.mark.parametrize("moment", ["before it is read", "between two reads"])
+@pytest.mark.parametrize("when", ["before it is read", "between two reads"])
 @pytest.mark.parametrize("how", ["removed", "moved", "lost chunk", "cut chunk", "flipped bit", "other recording"])
-def test_what_is_lost_is_an_error(tmp_path: Path, how: str, moment: str) -> None:
+def test_what_is_lost_is_an_error(tmp_path: Path, how: str, when: str) -> None:
     path = tmp_path / "a.zarr"
     result = loaded(path)
     adc = result.adc
-    if moment == "between two reads":
+    if when == "between two reads":
         assert np.array_equal(adc[:9], SAMPLES[:9])
     else:
         adc = pickle.loads(pickle.dumps(adc))

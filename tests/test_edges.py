@@ -66,14 +66,14 @@ def test_at_a_mirrors_edge_as_well() -> None:
     mirror = plate("mirror", [(-2, wall, -2), (end, wall, -2), (end, wall, 4), (-2, wall, 4)])
     x = np.linspace(2.6, 3.4, 101)
     points = np.column_stack([x, np.zeros_like(x), np.ones_like(x)])
-    # In the picture with the mirror's image the edge stands across a straight way, aslant by the angle of incidence.
+    # In the picture with the mirror's image the edge stands across a straight path, aslant by the angle of incidence.
     length = np.hypot(x, 2 * wall)
     aside = (x / 2 - end) * 2 * wall / length
     v = aside * np.sqrt(2 / WAVELENGTH_M * 4 / length)
     check_knife_edge(paths_to(points, mirror)["mirror"].fraction(points), v)
 
 
-def test_mirrors_side_by_side_share_the_field() -> None:
+def test_mirrors_side_by_side_divide_the_field() -> None:
     wall = plate("wall", [(-2, 1, -2), (1.5, 1, -2), (1.5, 1, 4), (-2, 1, 4)])
     window = plate("window", [(1.5, 1, -2), (9, 1, -2), (9, 1, 4), (1.5, 1, 4)])
     rng = np.random.default_rng(1)
@@ -150,12 +150,12 @@ def test_a_walk_behind_a_cupboard() -> None:
 
 
 def test_a_bundle_goes_straight_on_through_a_slab() -> None:
-    """In single precision the way's turn there is rounding, which must not turn the cross-section over."""
+    """In single precision the change of direction there is rounding, which must not turn the cross-section over."""
     start = np.tile([0.0, 0.0, 1.0], (200, 1))
     end = np.random.default_rng(0).uniform((3, -1, 0), (5, 1, 2), (200, 3))
-    way = np.stack([start, start + 2 / end[:, :1] * (end - start), end]).astype(np.float32)
-    rays = bundle(way, 0.004, np.array([(0.9, 0.0), (0.0, 0.9)], np.float32), 2)
-    at_slab, beyond = rays[1, 0] - way[1, :, None], rays[1, 1] - way[1:].mean(axis=0)[:, None]
+    path = np.stack([start, start + 2 / end[:, :1] * (end - start), end]).astype(np.float32)
+    rays = bundle(path, 0.004, np.array([(0.9, 0.0), (0.0, 0.9)], np.float32), 2)
+    at_slab, beyond = rays[1, 0] - path[1, :, None], rays[1, 1] - path[1:].mean(axis=0)[:, None]
     lengths = np.linalg.norm(at_slab, axis=-1) * np.linalg.norm(beyond, axis=-1)
     np.testing.assert_allclose(rays[0, -1], rays[1, 0], atol=1e-6)
     assert (np.einsum("pri,pri->pr", at_slab, beyond) / lengths).min() > 0.999
@@ -178,7 +178,7 @@ def test_mirrors_of_one_surface_have_names_of_their_own() -> None:
     ("first", "second"), [((-2, 12), (-2, 12)), ((-2, 2), (1, 12)), ((-2, 12), (1, 2)), ((1, 2), (-2, 12)), ((-2, 1.5), (1.5, 12))]
 )  # fmt: skip
 def test_walls_that_overlap_reflect_once(first: tuple[float, float], second: tuple[float, float]) -> None:
-    """Twice the same, in part, a panel on a wall, and side by side: the shares of one plane add up to one everywhere."""
+    """Twice the same, in part, a panel on a wall, and side by side: the fractions of one plane add up to one everywhere."""
     pieces = [
         plate(name, [(x0, 2, -2), (x1, 2, -2), (x1, 2, 4), (x0, 2, 4)])
         for name, (x0, x1) in (("one", first), ("two", second))

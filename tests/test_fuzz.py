@@ -1,4 +1,4 @@
-"""The fuzzer: a short run over all kinds of input, and that it sees every way to fail; the bars of the soak."""
+"""The fuzzer: a short run over all kinds of input, and that it notices every kind of failure; the limits of the soak."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_odd_inputs_of_all_kinds_end_well(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_way_to_fail_is_seen(tmp_path: Path) -> None:
+def test_every_kind_of_failure_is_noticed(tmp_path: Path) -> None:
     outcomes = fuzzed(
         tmp_path, "--seconds", "2", "--megabytes", "300", "--only", *(f"known_ends:{number}" for number in KNOWN)
     )
@@ -65,7 +65,7 @@ def test_every_way_to_fail_is_seen(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("growth_mb", "passes"), [(0.0, True), (0.1, True), (0.9, False)])
-def test_growing_memory_misses_the_bar(growth_mb: float, passes: bool, tmp_path: Path) -> None:
+def test_growing_memory_misses_the_limit(growth_mb: float, passes: bool, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     resident = 1000 + 4 * rng.standard_normal(300) + growth_mb * np.arange(300) - 400 * np.exp(-np.arange(300) / 20)
     found = section(resident.tolist(), ["ball", "room"] * 150, tmp_path)

@@ -112,8 +112,8 @@ def test_sphere_radius_after_two_levels() -> None:
 
 
 def test_open_curve_is_a_four_point_curve_and_stops_at_corners() -> None:
-    turns = np.linspace(0, 2 * np.pi, 32, endpoint=False)
-    disc = np.concatenate([np.zeros((1, 3)), np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)])
+    angles = np.linspace(0, 2 * np.pi, 32, endpoint=False)
+    disc = np.concatenate([np.zeros((1, 3)), np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)])
     fan = np.stack([np.zeros(32, int), 1 + np.arange(32), 1 + np.roll(np.arange(32), -1)], axis=1)
     rim = sharp_edges(disc, fan, 45.0)
     step = subdivide(fan, len(disc), rim, crease_corners(disc, rim, 45.0))
@@ -152,7 +152,7 @@ def test_refined_sphere_is_a_sphere(sagitta_rad: float) -> None:
     assert (edge_counts(result.faces) == 2).all()
 
 
-def test_facets_meet_the_bar() -> None:
+def test_facets_keep_to_the_limit() -> None:
     rest, faces = icosphere(3, 0.15)
     fine = refined(rest, faces, 0.4, tessellation=Tessellation(displace=False))
     corners = (fine.operator @ rest)[fine.faces]
@@ -265,13 +265,13 @@ def test_any_grading_is_watertight_linear_and_balanced(seed: int) -> None:
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_rigid_motion_commutes(seed: int) -> None:
-    turn = Rotation.random(random_state=seed)
+    rotation = Rotation.random(random_state=seed)
     shift = np.random.default_rng(seed).uniform(-3, 3, 3)
     rest, faces = icosphere(2, 0.15)
     rest = rest * (0.5, 1.0, 1.7)
     result = refined(rest, faces, 0.5)
-    moved = turn.apply(rest) + shift
-    assert np.abs(result.operator @ moved - (turn.apply(result.operator @ rest) + shift)).max() < 1e-12
+    moved = rotation.apply(rest) + shift
+    assert np.abs(result.operator @ moved - (rotation.apply(result.operator @ rest) + shift)).max() < 1e-12
     again = refined(moved, faces, 0.5)
     assert (again.faces == result.faces).all()
     assert np.abs(again.operator @ moved - result.operator @ moved).max() < 1e-9
@@ -355,15 +355,15 @@ def test_bad_input(change: dict[str, object], message: str) -> None:
 # --- curvature ------------------------------------------------------------------------------------------------------
 
 
-def tube(around: int, steps: int, aspect: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def tube(per_ring: int, steps: int, aspect: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """An open cylinder about z of steps rings; `aspect` is the height of a cell over its width."""
-    angle = np.arange(around) * 2 * np.pi / around
+    angle = np.arange(per_ring) * 2 * np.pi / per_ring
     ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
-    height = aspect * 2 * radius * np.sin(np.pi / around)
+    height = aspect * 2 * radius * np.sin(np.pi / per_ring)
     vertices = (ring + np.arange(steps)[:, None, None] * [0, 0, height]).reshape(-1, 3)
-    low = np.add.outer(np.arange(steps - 1) * around, np.arange(around)).ravel()
-    right = np.add.outer(np.arange(steps - 1) * around, (np.arange(around) + 1) % around).ravel()
-    up = [np.stack([low, right, right + around], axis=1), np.stack([low, right + around, low + around], axis=1)]
+    low = np.add.outer(np.arange(steps - 1) * per_ring, np.arange(per_ring)).ravel()
+    right = np.add.outer(np.arange(steps - 1) * per_ring, (np.arange(per_ring) + 1) % per_ring).ravel()
+    up = [np.stack([low, right, right + per_ring], axis=1), np.stack([low, right + per_ring, low + per_ring], axis=1)]
     return vertices, np.concatenate(up)
 
 
@@ -391,8 +391,8 @@ def test_a_plane_and_the_faces_of_a_box_have_no_curvature() -> None:
     grid += within[:, None] * rng.uniform(-0.02, 0.02, grid.shape)
     plane = np.column_stack([grid, np.zeros(len(grid))])
     inner = ((grid > 0.3) & (grid < 0.7)).all(axis=1)
-    turn = Rotation.from_euler("xyz", [30, 40, 50], degrees=True)
-    assert curvature(turn.apply(plane), Delaunay(grid).simplices)[inner] == pytest.approx(0, abs=1e-4)  # 1/m
+    rotation = Rotation.from_euler("xyz", [30, 40, 50], degrees=True)
+    assert curvature(rotation.apply(plane), Delaunay(grid).simplices)[inner] == pytest.approx(0, abs=1e-4)  # 1/m
 
     box = trimesh.creation.box((1, 2, 3))
     assert not curvature(np.array(box.vertices), np.array(box.faces)).any()
@@ -405,9 +405,9 @@ def test_a_plane_and_the_faces_of_a_box_have_no_curvature() -> None:
 def test_curvature_does_not_depend_on_place_and_scales_with_size() -> None:
     vertices, faces = uneven_sphere(300, 0.2, 1.0)
     stretched = vertices * [1, 2, 3]
-    turn = Rotation.from_euler("xyz", [30, 40, 50], degrees=True)
+    rotation = Rotation.from_euler("xyz", [30, 40, 50], degrees=True)
     reference = curvature(stretched, faces)
-    assert curvature(turn.apply(stretched) + [4, 5, 6], faces) == pytest.approx(reference, rel=1e-6)
+    assert curvature(rotation.apply(stretched) + [4, 5, 6], faces) == pytest.approx(reference, rel=1e-6)
     assert curvature(0.01 * stretched, faces) == pytest.approx(100 * reference, rel=1e-6)
     # Of this ellipsoid's ends the long one is bent most: 3/1 and 3/4 about its two directions, against 1/4 and 1/9.
     ends = [int(np.argmax(stretched[:, axis])) for axis in (2, 0)]

@@ -32,8 +32,8 @@ def test_weights_add_up_to_the_area() -> None:
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**63), angles=st.tuples(*[st.floats(0, 6.28)] * 3))
 def test_tilted_plate_has_its_area(seed: int, angles: tuple[float, float, float]) -> None:
-    turn = trimesh.transformations.euler_matrix(*angles)[:3, :3]
-    points = surface_points(SQUARE @ turn.T - 0.3, SQUARE_FACES, seed=seed, spacing_m=1 / 64)
+    rotation = trimesh.transformations.euler_matrix(*angles)[:3, :3]
+    points = surface_points(SQUARE @ rotation.T - 0.3, SQUARE_FACES, seed=seed, spacing_m=1 / 64)
     # 4 000 cells and more; only those at the rim (250) are a matter of chance: 1 % is over three sigma
     assert points.area_m2.sum() == pytest.approx(1, rel=0.01)
 
@@ -52,8 +52,8 @@ def test_same_points_at_every_tessellation() -> None:
 
 
 def test_cutting_a_flat_face_changes_nothing() -> None:
-    turn = trimesh.transformations.euler_matrix(0.3, 0.7, 1.1)[:3, :3]
-    vertices = np.concatenate([SQUARE, [[0.37, 0.61, 0]]]) @ turn.T
+    rotation = trimesh.transformations.euler_matrix(0.3, 0.7, 1.1)[:3, :3]
+    vertices = np.concatenate([SQUARE, [[0.37, 0.61, 0]]]) @ rotation.T
     faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
     a = surface_points(vertices[:4], SQUARE_FACES, seed=1, spacing_m=1 / 32)
     b = surface_points(vertices, faces, seed=1, spacing_m=1 / 32)
@@ -103,7 +103,7 @@ def test_spacing_is_a_power_of_two_that_gives_about_the_count() -> None:
     assert point_spacing(4 * np.pi * 0.995, 50_000) == spacing
 
 
-def test_degenerate_faces_are_passed_over() -> None:
+def test_degenerate_faces_are_skipped() -> None:
     vertices = np.concatenate([SQUARE, [[0.5, 0.5, 1.0], [0.5, 0.5, 2.0]]])
     faces = np.concatenate([SQUARE_FACES, [[4, 5, 5], [4, 4, 5]]])
     points = surface_points(vertices, faces, seed=0, spacing_m=1 / 16)

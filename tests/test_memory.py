@@ -114,7 +114,7 @@ def test_instants_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch
     tracemalloc.stop()
     assert found == expected[0]
     assert rate == pytest.approx(expected[1], rel=1e-9)
-    # All 200 moments of 10 242 vertices at once are 49 MB, and several such arrays.
+    # All 200 instants of 10 242 vertices at once are 49 MB, and several such arrays.
     assert peak < 40 * 2**20
 
 
@@ -159,7 +159,7 @@ def test_long_sweeps_keep_to_the_memory() -> None:
 
 
 def test_rays_where_two_mirrors_meet() -> None:
-    """A way over two mirrors whose seam it touches has a part of no length."""
+    """A path over two mirrors whose seam it touches has a part of no length."""
     scene = t2d.load_scene("empty_room")
     backend = select("auto")
     mirrors = Mirrors.of(scene, backend)
@@ -173,7 +173,7 @@ def test_rays_where_two_mirrors_meet() -> None:
     near = np.ones((3 * 2, 1), bool)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        share = edges._free_rays(
+        fraction = edges._free_rays(
             stops, near, np.ones((2, 1), bool), np.array([[0.1, 0.1], [-0.1, 0.1]], np.float32), [floor, wall]
         )
-    assert np.isfinite(share).all()
+    assert np.isfinite(fraction).all()

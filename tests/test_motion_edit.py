@@ -63,13 +63,13 @@ def test_quaternions_agree_with_scipy(a: np.ndarray, b: np.ndarray, seed: int) -
     both = quaternions.rotate(quaternions.multiply(a, b), v)
     np.testing.assert_allclose(both, quaternions.rotate(a, quaternions.rotate(b, v)), atol=1e-12)
     np.testing.assert_allclose(quaternions.rotate(quaternions.conjugate(a), quaternions.rotate(a, v)), v, atol=1e-12)
-    turned = quaternions.rotate(quaternions.between(v, w), v)
-    np.testing.assert_allclose(turned / np.linalg.norm(v), w / np.linalg.norm(w), atol=1e-9)
+    rotated = quaternions.rotate(quaternions.between(v, w), v)
+    np.testing.assert_allclose(rotated / np.linalg.norm(v), w / np.linalg.norm(w), atol=1e-9)
     again = quaternions.from_matrix(Rotation.from_quat(a).as_matrix())
     assert abs(again @ a) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_opposite_directions_are_half_a_turn() -> None:
+def test_opposite_directions_are_180_degrees_apart() -> None:
     for v in np.eye(3):
         np.testing.assert_allclose(quaternions.rotate(quaternions.between(v, -v), v), -v, atol=1e-12)
 
@@ -93,7 +93,7 @@ def test_a_20_fps_copy_gives_the_speeds_of_the_120_fps_walk() -> None:
     both = [np.diff(low_pass(j, 12.0, 120.0), axis=0) * 120.0 for j in (joints, original.joints[: len(times)])]
     error = np.sqrt(
         ((both[0] - both[1]) ** 2).sum(axis=-1).mean(axis=0)
-    )  # vector error: the stricter reading of the bar
+    )  # vector error: the stricter reading of the limit
     assert error.mean() <= 0.03
     assert error.max() <= 0.12
 
@@ -252,7 +252,7 @@ def test_place_sets_distance_and_heading(walk: Motion, angle: float, boresight: 
         np.testing.assert_allclose(mine[:, 1:], theirs[:, 1:], atol=1e-9)
 
 
-def test_place_turns_counterclockwise_seen_from_above(walk: Motion) -> None:
+def test_place_rotates_counterclockwise_seen_from_above(walk: Motion) -> None:
     net = np.diff(place(walk, distance_m=5.0, angle_deg=90.0).joints[[0, -1], 0], axis=0)[0]
     assert net[1] < -3.0  # from -x, 90 degrees about z: -y
 
@@ -261,7 +261,7 @@ def test_place_keeps_the_closest_approach(walk: Motion) -> None:
     for angle in (0.0, 70.0, 180.0):
         placed = place(walk, angle_deg=angle)
         assert np.linalg.norm(placed.joints[..., :2], axis=-1).min() == pytest.approx(1.5, abs=1e-9)
-    assert place(walk).joints[0, 0, 0] == pytest.approx(5.5, abs=0.4)  # 3.9 m of way, arms ahead
+    assert place(walk).joints[0, 0, 0] == pytest.approx(5.5, abs=0.4)  # 3.9 m of walking, arms ahead
 
 
 def test_a_person_on_the_spot_faces_the_radar() -> None:
@@ -307,7 +307,7 @@ def test_a_repeated_run_is_as_lively(run: Motion) -> None:
     assert describe(long).mean_speed_mps == pytest.approx(describe(run).mean_speed_mps, rel=0.05)
 
 
-def test_standing_still_at_the_end_is_not_the_cycle(walk: Motion) -> None:
+def test_a_stand_at_the_end_is_not_the_cycle(walk: Motion) -> None:
     held = [np.concatenate([track, np.repeat(track[-1:], 180, axis=0)]) for track in (walk.joints, walk.rotations)]
     long = repeat(replace(walk, joints=held[0], rotations=held[1]), 20.0)
     assert describe(long).travelled_m > 9.0

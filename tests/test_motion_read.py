@@ -220,8 +220,8 @@ def test_any_up_axis_is_found(tmp_path: Path, momask_text: str, up: str, order: 
         + "}\n"
     )
     lines = motion.splitlines()
-    turned = "\n".join([*lines[:2], *(f"{angles} {line}" for line in lines[2:])])
-    found = load_motion(write(tmp_path, f"{head}MOTION\n{turned}\n"))
+    rotated = "\n".join([*lines[:2], *(f"{angles} {line}" for line in lines[2:])])
+    found = load_motion(write(tmp_path, f"{head}MOTION\n{rotated}\n"))
     assert f"up {up};" in found.report
     expected = load_motion(MOMASK)
     np.testing.assert_allclose(found.joints[..., 2], expected.joints[..., 2], atol=1e-5)

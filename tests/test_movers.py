@@ -40,7 +40,7 @@ def known(entry: str, **changes: Any) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("entry", ENTRIES)
-def test_closed_skins_that_look_outward(entry: str) -> None:
+def test_closed_skins_that_face_outward(entry: str) -> None:
     mesh = mover(entry).mesh(0.0, 5.0)  # warns, which fails, where it is not watertight; refuses what is inside out
     for time_s in (0.0, 1.3, 4.9):
         solid = mesh.trimesh(time_s)
@@ -84,7 +84,7 @@ def test_a_curtain_hangs_from_its_rail() -> None:
     assert 2 * spectrum.max() / np.hanning(len(times)).sum() == pytest.approx(0.1, rel=0.1)
 
 
-def test_a_door_turns_about_its_hinges() -> None:
+def test_a_door_rotates_about_its_hinges() -> None:
     door = known(
         "door:3,-0.4,0", opens_at_s=0.5, opening_s=1.5, period_s=5, angle_deg=80, width_m=0.8, thickness_m=0.04
     )
@@ -155,7 +155,7 @@ def paws(pet: t2d.Pet, times_s: np.ndarray) -> dict[str, np.ndarray]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("entry", [entry for entry in ENTRIES if entry.startswith("pet")])
-def test_paws_stand_still_in_lateral_sequence(entry: str) -> None:
+def test_paws_rest_in_lateral_sequence(entry: str) -> None:
     pet = mover(entry)
     assert isinstance(pet, t2d.Pet)
     strides, steps = 6, 400
@@ -198,11 +198,11 @@ def test_a_dog_comes_round() -> None:
 @pytest.mark.slow
 def test_movers_last_as_long_as_the_others() -> None:
     fan = t2d.TableFan(position_m=(2, 1, 1), rpm=60)
-    still = t2d.Door(position_m=(3, 0, 0)).mesh(1.0, 1.2)
-    result = t2d.simulate([fan, still], radar=QUICK, accuracy={"occlusion": False})
+    closed = t2d.Door(position_m=(3, 0, 0)).mesh(1.0, 1.2)
+    result = t2d.simulate([fan, closed], radar=QUICK, accuracy={"occlusion": False})
     assert len(result.cube) == len(QUICK.chirp_times_s(0.2))
     assert "TableFan" in result.settings["targets"][0]
-    same = t2d.simulate([fan.mesh(1.0, 1.2), still], radar=QUICK, accuracy={"occlusion": False})
+    same = t2d.simulate([fan.mesh(1.0, 1.2), closed], radar=QUICK, accuracy={"occlusion": False})
     assert np.array_equal(np.asarray(result.cube), np.asarray(same.cube))
     with pytest.raises(InputError, match=r"movers alone have no end, got .*; give one of them as its mesh"):
         t2d.simulate(fan, radar=QUICK)

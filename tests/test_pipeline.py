@@ -13,7 +13,7 @@ import pytest
 
 import builders
 import t2d_rt as t2d
-from builders import icosphere, still
+from builders import icosphere, static_mesh
 from measures import nmse_db
 from t2d_rt.backend import Backend
 from t2d_rt.errors import BackendError, InputError, T2DWarning
@@ -127,13 +127,13 @@ def test_a_placed_motion_stays_where_it_is(walk: Motion) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["mesh", "ellipsoid"])
 def test_static_body_stays_at_zero_doppler(walk: Motion, method: Any) -> None:
-    still = replace(
+    static = replace(
         t2d.place(walk),
         joints=np.repeat(t2d.place(walk).joints[:1], 12, axis=0),
         rotations=np.repeat(t2d.place(walk).rotations[:1], 12, axis=0),
         rate_hz=30.0,
     )
-    cube = t2d.simulate(still, method=method, **COARSE).cube[:, 0].astype(complex)
+    cube = t2d.simulate(static, method=method, **COARSE).cube[:, 0].astype(complex)
     window = np.blackman(len(cube))[:, None]
     power = np.sum(np.abs(np.fft.fft(cube * window, axis=0)) ** 2, axis=1)
     outside = power[3:-2].sum()  # beyond the main lobe of the window
@@ -167,10 +167,10 @@ def test_warns_of_speeds_and_ranges_that_fold() -> None:
 
 
 def test_progress_reaches_one() -> None:
-    shares: list[float] = []
-    t2d.simulate(ball(2.0), radar=RADAR, progress=shares.append)
-    assert shares[-1] == 1
-    assert shares == sorted(shares)
+    fractions: list[float] = []
+    t2d.simulate(ball(2.0), radar=RADAR, progress=fractions.append)
+    assert fractions[-1] == 1
+    assert fractions == sorted(fractions)
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_radar_inside_a_target() -> None:
         t2d.simulate(egg, radar=RADAR)
 
 
-def test_targets_that_share_no_time() -> None:
+def test_targets_without_common_time() -> None:
     late = ball(2.0)
     late.times_s = late.times_s + 5
     with pytest.raises(InputError, match="the targets have no time in common"):
@@ -248,10 +248,10 @@ def test_an_ellipsoid_between_the_antennas_is_refused() -> None:
         t2d.simulate(egg, radar=RADAR.replace(rx_offsets_m=(6.0, 0, 0)), method="ellipsoid")
 
 
-def test_a_facet_that_turns_too_fast_is_reported() -> None:
+def test_a_facet_that_rotates_too_fast_is_reported() -> None:
     times_s = np.linspace(0, 0.2, 41)
-    turn, y, z = 20 * times_s, np.array([-0.2, 0.2, 0.2, -0.2]), np.array([-0.2, -0.2, 0.2, 0.2])
-    vertices = np.stack([np.outer(np.sin(turn), y), np.outer(np.cos(turn), y), np.tile(z, (41, 1))], axis=2)
+    angle, y, z = 20 * times_s, np.array([-0.2, 0.2, 0.2, -0.2]), np.array([-0.2, -0.2, 0.2, 0.2])
+    vertices = np.stack([np.outer(np.sin(angle), y), np.outer(np.cos(angle), y), np.tile(z, (41, 1))], axis=2)
     faces = np.array([[0, 2, 1], [0, 3, 2]])
     with pytest.warns(T2DWarning, match="not watertight"):
         plate = MovingMesh(vertices + [40, 0, 1], faces, times_s, "pec", crease_deg=0, sagitta_rad=2)
@@ -292,6 +292,6 @@ def test_a_float32_track_is_a_track() -> None:
     vertices = vertices.astype(np.float32)
     mesh = MovingMesh.from_track(lambda times: np.repeat(vertices[None], len(times), axis=0), faces, [0.0, 0.1], "pec")
     assert mesh.rest.dtype == np.float64
-    doubles = still(vertices.astype(np.float64), faces, 0.1)
+    doubles = static_mesh(vertices.astype(np.float64), faces, 0.1)
     # The vertices are the same numbers; only what is worked out from them is rounded to float32.
     assert nmse_db(t2d.simulate(mesh).cube, t2d.simulate(doubles).cube) < -100

@@ -24,7 +24,7 @@ KINDS = "plot", "plot_range_time", "plot_range_doppler"
 
 
 def cube(
-    radar: Radar, range_m: float, speed_mps: float, *, still_m: float | None = None, chirps: int = 2048
+    radar: Radar, range_m: float, speed_mps: float, *, static_m: float | None = None, chirps: int = 2048
 ) -> np.ndarray:
     """Samples of a point of 1e-9 W that starts at a range and approaches, and of a still one of 1e-7 W."""
     starts, fast = radar.chirp_starts_s(chirps)[:, None], radar.sample_times_s
@@ -35,8 +35,8 @@ def cube(
         return np.sqrt(watts) * np.exp(2j * np.pi * phase)
 
     samples = echo(range_m - speed_mps * (starts + fast), WATTS)
-    if still_m is not None:
-        samples = samples + echo(np.full_like(starts + fast, still_m), 100 * WATTS)
+    if static_m is not None:
+        samples = samples + echo(np.full_like(starts + fast, static_m), 100 * WATTS)
     return samples[:, None, :].astype(np.complex64)
 
 
@@ -44,7 +44,7 @@ def cube(
 def walker() -> Recording:
     """A point on a bin's middle at 0.1 s, at 2 m/s, before a still one 20 dB stronger."""
     bins = 50 * TABLE2.range_resolution_m
-    samples = cube(TABLE2, bins + 0.2, 2.0, still_m=80 * TABLE2.range_resolution_m)
+    samples = cube(TABLE2, bins + 0.2, 2.0, static_m=80 * TABLE2.range_resolution_m)
     return Recording(samples, TABLE2, processing={"mti": "mean"})
 
 
@@ -63,8 +63,8 @@ def test_range_over_time_reads_place_and_power(walker: Recording) -> None:
     assert image.values.max() == pytest.approx(10 * math.log10(WATTS), abs=0.3)
     assert image.values.max(axis=0).min() > 10 * math.log10(WATTS) - 1.7
     # The still point is 20 dB stronger, but for the MTI.
-    still = image.values[80]
-    assert still.max() < 10 * math.log10(WATTS) - 30
+    static = image.values[80]
+    assert static.max() < 10 * math.log10(WATTS) - 30
     assert walker.processed(mti="none").range_time.values[80] == pytest.approx(10 * math.log10(100 * WATTS), abs=0.1)
 
 
@@ -123,7 +123,7 @@ def test_arrays(preset: str, watts: float) -> None:
 
 @pytest.mark.parametrize("mti", ["none", "mean", "highpass", "canceller"])
 def test_long_records_are_worked_on_in_pieces(monkeypatch: pytest.MonkeyPatch, mti: str) -> None:
-    samples = cube(TABLE2, 4.0, 2.0, still_m=6.0)
+    samples = cube(TABLE2, 4.0, 2.0, static_m=6.0)
     before = samples.copy()
     options: Any = {"mti": mti, "cutoff_mps": 0.3}
 

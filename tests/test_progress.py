@@ -78,14 +78,14 @@ def test_nothing_is_shown_by_default(asked: Any) -> None:
 
 
 def test_simulate_shows_a_bar_when_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    shares: list[float] = []
-    monkeypatch.setattr(ProgressBar, "__call__", lambda self, fraction: shares.append(fraction))
+    fractions: list[float] = []
+    monkeypatch.setattr(ProgressBar, "__call__", lambda self, fraction: fractions.append(fraction))
     radar = t2d.Radar.preset("ci4r", prf_hz=4000)
     motion = t2d.trim(t2d.example("walk"), 0, 0.3)
     t2d.simulate(motion, radar=radar, method="ellipsoid")
-    assert not shares
+    assert not fractions
     t2d.simulate(motion, radar=radar, method="ellipsoid", progress=True)
-    assert shares[-1] == 1.0
+    assert fractions[-1] == 1.0
 
 
 def test_what_is_neither_is_refused() -> None:

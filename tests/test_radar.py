@@ -116,8 +116,8 @@ def test_pose() -> None:
     radar = TABLE2.replace(tx_offsets_m=(0.01, 0.02, 0.03), rx_offsets_m=(0, -0.02, 0))
     assert np.allclose(radar.tx_position_m, (0.01, 0.02, 1.03))
     assert np.allclose(radar.rx_position_m, (0, -0.02, 1))
-    turned = radar.replace(boresight=(0, 2, 0))  # looks along y: left is -x
-    assert np.allclose(turned.tx_position_m, (-0.02, 0.01, 1.03))
+    rotated = radar.replace(boresight=(0, 2, 0))  # looks along y: left is -x
+    assert np.allclose(rotated.tx_position_m, (-0.02, 0.01, 1.03))
     for boresight in ((1, 2, 3), (0, 0, -1), (0, 0, 5)):
         axes = radar.replace(boresight=boresight).axes
         assert np.allclose(axes @ axes.T, np.eye(3))

@@ -84,9 +84,9 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
                 # That solver's target keeps the theta and phi components of the field.
                 heading = (point - out.image_m) / lengths[0], (back.image_m - point) / lengths[1]
                 fields = [path.field(point, np.array([frequency_hz]))[0] for path in (out, back)]
-                turned = sum((a @ fields[0]) * (b @ fields[1]) for a, b in zip(*map(spherical, heading), strict=True))
+                rotated = sum((a @ fields[0]) * (b @ fields[1]) for a, b in zip(*map(spherical, heading), strict=True))
                 ours.append(
-                    (sum(lengths) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(lengths) * turned)
+                    (sum(lengths) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(lengths) * rotated)
                 )
         strongest = np.abs(amplitude).max()
         theirs_in_order = sorted((t, a) for t, a in zip(delay, amplitude, strict=True) if abs(a) > 1e-3 * strongest)
@@ -187,14 +187,14 @@ def test_transmitter_and_receiver_may_be_swapped() -> None:
 @pytest.mark.slow
 def test_scene_radar_and_target_may_be_moved_together() -> None:
     angle, shift = 0.7, np.array([3.0, -5.0, 0.4])
-    turn = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
+    rotation = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
     room = small_room()
     moved = Scene(
         name="moved",
         surfaces=tuple(
             Surface(
                 name=s.name,
-                vertices=s.vertices @ turn.T + shift,
+                vertices=s.vertices @ rotation.T + shift,
                 faces=s.faces,
                 material=s.material,
                 thickness_m=s.thickness_m,
@@ -205,18 +205,18 @@ def test_scene_radar_and_target_may_be_moved_together() -> None:
     target = ball((3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
     # Patches are cut in the pose at rest, which a body brings with it.
     there = MovingMesh.from_track(
-        lambda t: target.at(t) @ turn.T + shift, target.faces, target.times_s, material="pec", rest=target.rest
+        lambda t: target.at(t) @ rotation.T + shift, target.faces, target.times_s, material="pec", rest=target.rest
     )
-    place = turn @ [0, 0, 1] + shift
+    place = rotation @ [0, 0, 1] + shift
     one = t2d.simulate(target, radar=Radar.preset("table2"), scene=room, clutter="none", accuracy={"occlusion": False})
-    radar = Radar.preset("table2", position_m=tuple(place), boresight=tuple(turn @ [1, 0, 0]))
+    radar = Radar.preset("table2", position_m=tuple(place), boresight=tuple(rotation @ [1, 0, 0]))
     other = t2d.simulate(there, radar=radar, scene=moved, clutter="none", accuracy={"occlusion": False})
     assert nmse_db(other.adc.values, one.adc.values) < -60
 
 
 def test_a_static_target_stays_at_zero_doppler() -> None:
-    still = ball((3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
-    result = t2d.simulate(still, radar=Radar.preset("table2"), scene=small_room())
+    static = ball((3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
+    result = t2d.simulate(static, radar=Radar.preset("table2"), scene=small_room())
     cube = result.adc.values[:, 0]
     moving = cube - cube.mean(axis=0)
     assert np.sum(np.abs(moving) ** 2) < 1e-8 * np.sum(np.abs(cube) ** 2)
@@ -306,16 +306,16 @@ def test_secondary_pairs_are_occluded_along_the_paths_of_dominant_ones() -> None
     """Occlusion of the direct path is traced anyway; the scene leaves 0.5 of its field, and 0.25 out and back."""
     target, screen = (ball(where, time_s=0.1, radius_m=0.2) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
     direct, wall = sharing(0.5, image_m=(0.0, 0.0, 1.0)), sharing(0.125, "wall", image_m=(0.0, 6.0, 1.0))
-    radar, keys, times = Radar.preset("table2"), sample_times(0.0, 0.1, 25.0), np.linspace(0, 0.1, 3)
+    radar, samples_s, times = Radar.preset("table2"), sample_times(0.0, 0.1, 25.0), np.linspace(0, 0.1, 3)
     visibility = Sampled(
         Sight(
             geometries=[target, screen], radar=radar, pairs=[PathPair(out=direct, back=direct)],
-            fast_rotating=[False, False], samples_s=keys, backend=select("cpu"),
+            fast_rotating=[False, False], samples_s=samples_s, backend=select("cpu"),
         )
     )  # fmt: skip
     dominant = visibility.views(0)[0].visibility
     secondary, unoccluded = visibility.with_shared_occlusion(
-        0, [PathPair(out=direct, back=wall), PathPair(out=wall, back=wall)], keys
+        0, [PathPair(out=direct, back=wall), PathPair(out=wall, back=wall)], samples_s
     )
     assert dominant is not None
     assert secondary.visibility is not None

@@ -26,7 +26,7 @@ TABLE2 = Radar.preset("table2")
 RADAR = np.array([0.0, 0.0, 1.0])
 LIMB = np.array([0.08, 0.08, 0.22])
 ASPECTS_DEG = np.linspace(0, 90, 7)
-STILL_S = np.arange(4) / TABLE2.prf_hz
+STATIC_S = np.arange(4) / TABLE2.prf_hz
 
 ReadField = Callable[..., np.ndarray]
 
@@ -72,14 +72,14 @@ def echoes_of(
     centre: np.ndarray, axes: np.ndarray, radar: Radar = TABLE2, *, semi_axes: np.ndarray = LIMB, **options: str
 ) -> Echoes:
     ellipsoids = Ellipsoids(semi_axes[None], np.tile(centre, (2, 1, 1)), [0, 1], axes[None])
-    stream = ellipsoid_echoes(ellipsoids, radar, times_s=STILL_S, material=PEC, **options)  # type: ignore[arg-type]
+    stream = ellipsoid_echoes(ellipsoids, radar, times_s=STATIC_S, material=PEC, **options)  # type: ignore[arg-type]
     return stream.gather()
 
 
 def standing(stream: EchoStream, k: int) -> Echoes:
     """Frames 4k..4k+3 of a target that jumps from pose to pose, as a record of its own."""
     delay, amplitude, slope, *_ = stream.frames(4 * k, 4 * k + 4)
-    return Echoes(times_s=STILL_S, delay_s=delay, amplitude=amplitude, slope=slope)
+    return Echoes(times_s=STATIC_S, delay_s=delay, amplitude=amplitude, slope=slope)
 
 
 def spheroid_mesh(poses: list[np.ndarray], centre: np.ndarray, radar: Radar, backend: Backend) -> EchoStream:
@@ -177,8 +177,8 @@ def test_bistatic_point_of_shortest_path_and_both_models(backend: Backend) -> No
         expected = echoes.amplitude[0, 0] * np.exp(2j * np.pi * (radar.mid_frequency_hz * path / SPEED_OF_LIGHT % 1))
         mesh = standing(facets, k)
         lit = mesh.amplitude[0] != 0
-        turns = radar.mid_frequency_hz * mesh.delay_s[0, lit] % 1
-        got = np.sum(mesh.amplitude[0, lit].astype(complex) * np.exp(2j * np.pi * turns))
+        cycles = radar.mid_frequency_hz * mesh.delay_s[0, lit] % 1
+        got = np.sum(mesh.amplitude[0, lit].astype(complex) * np.exp(2j * np.pi * cycles))
         # Facets know nothing of specular points: sigma = 4 pi cos^2(beta/2)/det H, phase within 0.15 rad.
         # 0.5 dB: near the tip, of 3 cm radius, the shadow boundary's share of physical optics is 1/(k a), 0.2 dB.
         assert abs(db(abs(got / expected) ** 2)) < 0.5
@@ -222,20 +222,20 @@ def test_rotating_scene_and_radar_together_and_swapping_antennas() -> None:
     radar = TABLE2.replace(tx_offsets_m=(0.0, 0.4, 0.1), rx_offsets_m=(0.2, -0.5, 0.0))
     centre, axes = np.array([2.0, 0.5, 0.3]), limb_axes(30)
     reference = echoes_of(centre + RADAR, axes, radar)
-    turn = Rotation.from_euler("z", 70, degrees=True)
-    turned = radar.replace(boresight=tuple(turn.apply([1.0, 0, 0])))
+    rotation = Rotation.from_euler("z", 70, degrees=True)
+    rotated = radar.replace(boresight=tuple(rotation.apply([1.0, 0, 0])))
     swapped = radar.replace(tx_offsets_m=radar.rx_offsets_m, rx_offsets_m=radar.tx_offsets_m)
     for other in (
-        echoes_of(turn.apply(centre) + RADAR, turn.as_matrix() @ axes, turned),
+        echoes_of(rotation.apply(centre) + RADAR, rotation.as_matrix() @ axes, rotated),
         echoes_of(centre + RADAR, axes, swapped),
     ):
         np.testing.assert_allclose(other.delay_s, reference.delay_s, rtol=1e-12)
         np.testing.assert_allclose(other.amplitude, reference.amplitude, rtol=1e-6)
 
 
-def test_material_scales_and_turns_the_field() -> None:
+def test_material_scales_and_shifts_the_field() -> None:
     glass = Material(relative_permittivity=6.31, conductivity_s_per_m=3.0)
     ball = Ellipsoids(LIMB[None], np.full((2, 1, 3), 2.0), [0, 1])
-    made = [ellipsoid_echoes(ball, TABLE2, times_s=STILL_S, material=m).gather().amplitude[0, 0] for m in (glass, PEC)]
+    made = [ellipsoid_echoes(ball, TABLE2, times_s=STATIC_S, material=m).gather().amplitude[0, 0] for m in (glass, PEC)]
     gamma = glass.reflection(TABLE2.mid_frequency_hz)
     assert made[0] / made[1] == pytest.approx(-gamma.conjugate(), rel=1e-5)  # IF = tx conj(rx)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from builders import icosphere, still
+from builders import icosphere, static_mesh
 from measures import db
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
@@ -57,8 +57,8 @@ def field(echoes: Echoes | EchoStream, radar: Radar) -> np.ndarray:
 
 def summed(delay_s: np.ndarray, amplitude: np.ndarray, radar: Radar) -> np.ndarray:
     """Echoes (..., N) with their carriers, added."""
-    turns = radar.mid_frequency_hz * delay_s % 1
-    return np.sum(amplitude.astype(complex) * np.exp(2j * np.pi * turns), axis=-1)
+    cycles = radar.mid_frequency_hz * delay_s % 1
+    return np.sum(amplitude.astype(complex) * np.exp(2j * np.pi * cycles), axis=-1)
 
 
 def geodesic_sphere(frequency: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -88,10 +88,10 @@ def square(side: float, centre: list[float], cells: int = 1) -> tuple[np.ndarray
     )
 
 
-def still_plate(range_m: float, **options: float) -> MovingMesh:
-    """The 10 cm plate of the bars, two triangles broadside at a range."""
+def static_plate(range_m: float, **options: float) -> MovingMesh:
+    """The 10 cm plate of the stated limits, two triangles broadside at a range."""
     with pytest.warns(T2DWarning, match="not watertight"):
-        return still(*square(0.1, [range_m, 0, 1]), **options)
+        return static_mesh(*square(0.1, [range_m, 0, 1]), **options)
 
 
 def quadrature_field(side: float, range_m: float, frequency_hz: float) -> complex:
@@ -122,7 +122,7 @@ def test_sphere_reads_its_rcs(range_m: float, preset: str, backend: Backend, fie
     # pi a^2 = 0 dBsm; near by (R/(R + a))^2 of it. Against exact PO (eq. 6) that is within 8.69/(2 k a) = 0.01 dB.
     radius, radar = 0.5642, Radar.preset(preset)
     assert radar.max_range_m > range_m + radius
-    mesh = still(*icosphere(4, radius, [range_m + radius, 0, 1]))
+    mesh = static_mesh(*icosphere(4, radius, [range_m + radius, 0, 1]))
     cube = synthesize(echoes_of(mesh, radar, backend), radar)
     read = field_in_cube(cube, radar, range_m)
     expected = radius * math.sqrt(math.pi) * range_m / (range_m + radius)
@@ -136,7 +136,7 @@ def test_small_sphere_follows_exact_physical_optics(backend: Backend) -> None:
     for radius in np.linspace(12.0, 14.0, 5) * TABLE2.wavelength_m / (2 * math.pi):
         ka = 2 * math.pi / TABLE2.wavelength_m * radius
         exact = math.pi * radius**2 * (1 - math.sin(2 * ka) / ka + (math.sin(ka) / ka) ** 2)
-        mesh = still(*icosphere(4, radius, [300.0, 0, 1]), sagitta_rad=0.02)
+        mesh = static_mesh(*icosphere(4, radius, [300.0, 0, 1]), sagitta_rad=0.02)
         power = abs(field(echoes_of(mesh, TABLE2, backend), TABLE2)[0]) ** 2
         assert abs(db(power / TABLE2.received_power_w(exact, 300.0))) < 0.15
 
@@ -152,7 +152,7 @@ def test_the_quadrature_agrees_with_the_known_plate() -> None:
 )
 def test_plate_reads_its_rcs(range_m: float, preset: str, backend: Backend, field_in_cube: ReadField) -> None:
     radar = Radar.preset(preset)
-    mesh = still_plate(range_m)
+    mesh = static_plate(range_m)
     read = field_in_cube(synthesize(echoes_of(mesh, radar, backend), radar), radar, range_m)
     expected = quadrature_field(0.1, range_m, radar.mid_frequency_hz)
     assert np.abs([db(abs(x / expected) ** 2) for x in read]).max() < 0.3
@@ -165,7 +165,7 @@ def test_field_of_a_plate_at_mid_sweep_is_the_quadratures(backend: Backend) -> N
     carrier = np.exp(4j * np.pi * TABLE2.mid_frequency_hz / SPEED_OF_LIGHT)
     errors = []
     for sagitta in (0.2, 0.05, 0.0125):
-        mesh = still_plate(1.0, sagitta_rad=sagitta)
+        mesh = static_plate(1.0, sagitta_rad=sagitta)
         errors.append(abs(field(echoes_of(mesh, TABLE2, backend), TABLE2)[0] / (expected * carrier) - 1))
     assert errors[2] < 0.01
     # A quarter of the sagitta is half the edge, and the error is of second order in the edge.
@@ -179,7 +179,7 @@ def test_field_of_a_plate_at_mid_sweep_is_the_quadratures(backend: Backend) -> N
 def as_they_are(vertices: np.ndarray, faces: np.ndarray, backend: Backend, radar: Radar = TABLE2) -> complex:
     """Field of flat triangles without refinement [sqrt(W)]."""
     with pytest.warns(T2DWarning, match="not watertight"):
-        mesh = still(vertices, faces, crease_deg=0, sagitta_rad=1e6)
+        mesh = static_mesh(vertices, faces, crease_deg=0, sagitta_rad=1e6)
     return complex(field(echoes_of(mesh, radar, backend), radar)[0])
 
 
@@ -206,11 +206,11 @@ def slow_field(vertices: np.ndarray, faces: np.ndarray, radar: Radar, frequency_
 @pytest.mark.parametrize("cells", [2, 5, 16])
 def test_splitting_a_flat_facet_changes_nothing_far_away(cells: int, backend: Backend) -> None:
     # 2 cm at 200 m: the wave bends by k d^2/R = 1e-3 rad over the plate, which a finer split follows better.
-    turn = Rotation.from_euler("yz", [3.0, -4.0], degrees=True)
+    rotation = Rotation.from_euler("yz", [3.0, -4.0], degrees=True)
     fields = []
     for n in (1, cells):
         vertices, faces = square(0.02, [0, 0, 0], n)
-        fields.append(as_they_are(turn.apply(vertices) + np.array([200, 0, 1]), faces, backend))
+        fields.append(as_they_are(rotation.apply(vertices) + np.array([200, 0, 1]), faces, backend))
     assert abs(fields[1] / fields[0] - 1) < 2e-3
 
 
@@ -228,7 +228,7 @@ def test_facets_are_the_sum_in_float64(backend: Backend) -> None:
     # The facets that the refinement makes, one by one, against the echoes of whole patches; antennas apart.
     radar = TABLE2.replace(**BISTATIC)
     vertices, faces = icosphere(2, 0.1, [0, 0, 0])
-    mesh = still(vertices @ np.diag([0.7, 1.0, 1.5]) + [1.2, 0.1, 0.9], faces)
+    mesh = static_mesh(vertices @ np.diag([0.7, 1.0, 1.5]) + [1.2, 0.1, 0.9], faces)
     got = field(echoes_of(mesh, radar, backend), radar)[0]
     fine = facets(mesh, radar, mesh.sagitta_rad, span_s=(0.0, 1.0))
     expected = slow_field(fine.rest, fine.faces, radar, radar.mid_frequency_hz)
@@ -243,8 +243,8 @@ def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material
     # Field of an ellipsoid in four poses; facets that are not displaced would leave -16 dB at 0.4 rad.
     rest, faces = icosphere(3, 0.06, [0, 0, 0])
     rest = rest @ np.diag([0.8, 1.0, 1.6])
-    turns = Rotation.random(4, rng=np.random.default_rng(2)).as_matrix()
-    places = np.einsum("kij,vj->kvi", turns, rest) + np.array([2.0, 0.1, 1.0])
+    rotations = Rotation.random(4, rng=np.random.default_rng(2)).as_matrix()
+    places = np.einsum("kij,vj->kvi", rotations, rest) + np.array([2.0, 0.1, 1.0])
 
     def fields(sagitta_rad: float) -> np.ndarray:
         mesh = MovingMesh.from_track(lambda t: places[t.astype(int)], faces, np.arange(4.0), rest=rest)
@@ -252,8 +252,8 @@ def test_smaller_facets_converge_and_large_ones_are_displaced(material: Material
             mesh, TABLE2, times_s=np.arange(4.0), material=material, detail=Detail(sagitta_rad=sagitta_rad), seed=0, views=[View()],
             backend=backend,
         )  # fmt: skip
-        still_frames = [stream.frames(k, k + 1) for k in range(4)]  # every pose for itself: nothing moves
-        return np.array([summed(frame.delay_s[0], frame.amplitude[0], TABLE2) for frame in still_frames])
+        static_frames = [stream.frames(k, k + 1) for k in range(4)]  # every pose for itself: nothing moves
+        return np.array([summed(frame.delay_s[0], frame.amplitude[0], TABLE2) for frame in static_frames])
 
     reference = fields(0.025)
     coarse, fine = (db(np.sum(np.abs(fields(s) - reference) ** 2) / np.sum(np.abs(reference) ** 2)) for s in (0.4, 0.1))
@@ -270,7 +270,7 @@ def test_the_back_of_a_plate_is_dark(backend: Backend) -> None:
     assert as_they_are(vertices, faces, backend, behind) == 0
 
 
-def test_bistatic_triangle_is_the_sum_of_both_legs(backend: Backend) -> None:
+def test_bistatic_triangle_is_the_sum_of_both_paths(backend: Backend) -> None:
     radar = TABLE2.replace(**BISTATIC)
     triangle = np.array([[2.0, 0.3, 1.1], [2.01, 0.302, 1.106], [2.004, 0.293, 1.103]])
     faces = np.array([[0, 1, 2]])
@@ -282,11 +282,11 @@ def test_bistatic_triangle_is_the_sum_of_both_legs(backend: Backend) -> None:
     assert as_they_are(triangle, faces, backend, radar) == pytest.approx(front, rel=1e-5)
 
 
-def _clothed_ball(radar: Radar, backend: Backend, *, turn: Rotation, order: np.ndarray | None = None) -> EchoStream:
+def _clothed_ball(radar: Radar, backend: Backend, *, rotation: Rotation, order: np.ndarray | None = None) -> EchoStream:
     """A rough dented ball with its rest pose fixed, so that its points stay the same however it is turned."""
     rest, faces = icosphere(3, 0.12, [0, 0, 0])
     rest[:, 2] *= 1.3
-    place = turn.apply(rest + np.array([2.0, 0.1, 0.0]))
+    place = rotation.apply(rest + np.array([2.0, 0.1, 0.0]))
     faces = faces if order is None else faces[order]
     mesh = MovingMesh.from_track(
         lambda t: np.repeat(place[None] + [0, 0, 1], len(t), axis=0), faces, [0, 1], rest=rest, sagitta_rad=0.4
@@ -296,16 +296,16 @@ def _clothed_ball(radar: Radar, backend: Backend, *, turn: Rotation, order: np.n
 
 def test_reciprocity_rotation_and_order_leave_the_field(backend: Backend) -> None:
     radar = TABLE2.replace(**BISTATIC)
-    reference = field(_clothed_ball(radar, backend, turn=Rotation.identity()), radar)[0]
+    reference = field(_clothed_ball(radar, backend, rotation=Rotation.identity()), radar)[0]
     exchanged = TABLE2.replace(tx_offsets_m=BISTATIC["rx_offsets_m"], rx_offsets_m=BISTATIC["tx_offsets_m"])
     # Everything turned about the radar's place by 40 degrees: boresight and the antennas' offsets turn with it.
-    turn = Rotation.from_euler("z", 40, degrees=True)
-    turned = radar.replace(boresight=tuple(turn.apply([1.0, 0, 0])))
+    rotation = Rotation.from_euler("z", 40, degrees=True)
+    rotated = radar.replace(boresight=tuple(rotation.apply([1.0, 0, 0])))
     shuffled = np.random.default_rng(0).permutation(1280)
     others = [
-        field(_clothed_ball(exchanged, backend, turn=Rotation.identity()), exchanged)[0],
-        field(_clothed_ball(turned, backend, turn=turn), turned)[0],
-        field(_clothed_ball(radar, backend, turn=Rotation.identity(), order=shuffled), radar)[0],
+        field(_clothed_ball(exchanged, backend, rotation=Rotation.identity()), exchanged)[0],
+        field(_clothed_ball(rotated, backend, rotation=rotation), rotated)[0],
+        field(_clothed_ball(radar, backend, rotation=Rotation.identity(), order=shuffled), radar)[0],
     ]
     # float32 amplitudes of thousands of echoes; a few facets' cuts of the same size differ where faces are reordered.
     assert np.abs(np.array(others) / reference - 1) == pytest.approx(0, abs=1e-4)
@@ -314,13 +314,13 @@ def test_reciprocity_rotation_and_order_leave_the_field(backend: Backend) -> Non
 def test_the_receiver_alone_matters(backend: Backend) -> None:
     # The check of the test above: antennas that differ give a field that differs.
     radar = TABLE2.replace(**BISTATIC)
-    here, there = (field(_clothed_ball(r, backend, turn=Rotation.identity()), r)[0] for r in (radar, TABLE2))
+    here, there = (field(_clothed_ball(r, backend, rotation=Rotation.identity()), r)[0] for r in (radar, TABLE2))
     assert abs(here / there - 1) > 0.1
 
 
 # --- diffuse points -------------------------------------------------------------------------------------------------
 
-LOOKS = 50
+ASPECTS = 50
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> complex:
@@ -328,14 +328,14 @@ def correlation(a: np.ndarray, b: np.ndarray) -> complex:
 
 
 def speckle(frequency: int, seed: int, backend: Backend) -> np.ndarray:
-    """sqrt(sigma) of a Lambertian conducting ball of 10 cm at 30 m, turned at random, (LOOKS,)."""
+    """sqrt(sigma) of a Lambertian conducting ball of 10 cm at 30 m, turned at random, (ASPECTS,)."""
     rest, faces = geodesic_sphere(frequency, 0.1)
-    turns = Rotation.random(LOOKS, rng=np.random.default_rng(1)).as_matrix()
-    places = np.einsum("kij,vj->kvi", turns, rest) + np.array([30.1, 0, 1])
+    rotations = Rotation.random(ASPECTS, rng=np.random.default_rng(1)).as_matrix()
+    places = np.einsum("kij,vj->kvi", rotations, rest) + np.array([30.1, 0, 1])
     mesh = MovingMesh.from_track(
-        lambda t: places[np.rint(t).astype(int)], faces, [0, LOOKS - 1], rest=rest, sagitta_rad=0.4
+        lambda t: places[np.rint(t).astype(int)], faces, [0, ASPECTS - 1], rest=rest, sagitta_rad=0.4
     )
-    times_s = np.arange(LOOKS, dtype=float)
+    times_s = np.arange(ASPECTS, dtype=float)
     stream = mesh_echoes(
         mesh,
         TABLE2,
@@ -365,7 +365,7 @@ def test_lambertian_sphere_and_its_realisation_at_two_face_counts(backend: Backe
 
 def test_same_seed_same_bits_another_seed_other_points_only(backend: Backend) -> None:
     def made(seed: int, material: Material, sagitta_rad: float = 0.4) -> Echoes:
-        mesh = still(*icosphere(2, 0.1, [2.0, 0, 1]), sagitta_rad=sagitta_rad)
+        mesh = static_mesh(*icosphere(2, 0.1, [2.0, 0, 1]), sagitta_rad=sagitta_rad)
         return echoes_of(mesh, TABLE2, backend, material=material, seed=seed).gather()
 
     first, again, other, finer = made(1, SKIN), made(1, SKIN), made(2, SKIN), made(1, SKIN, sagitta_rad=0.1)
@@ -385,17 +385,17 @@ def test_same_seed_same_bits_another_seed_other_points_only(backend: Backend) ->
     assert np.array_equal(finer.delay_s[:, -points:], first.delay_s[:, -points:])
     assert np.array_equal(finer.amplitude[:, -points:], first.amplitude[:, -points:])
     # The coherent part of a rough surface is sqrt(1 - S^2) conj(Gamma)/-1 of the smooth conductor's.
-    share = -math.sqrt(1 - 0.6**2) * SKIN.reflection(TABLE2.mid_frequency_hz).conjugate()
-    np.testing.assert_allclose(first.amplitude[:, :facets], share * smooth.amplitude, rtol=1e-5, atol=1e-16)
+    fraction = -math.sqrt(1 - 0.6**2) * SKIN.reflection(TABLE2.mid_frequency_hz).conjugate()
+    np.testing.assert_allclose(first.amplitude[:, :facets], fraction * smooth.amplitude, rtol=1e-5, atol=1e-16)
 
 
 def test_visibility_scales_what_is_seen(backend: Backend) -> None:
-    mesh = still(*icosphere(2, 0.1, [2.0, 0, 1]), sagitta_rad=0.4)
+    mesh = static_mesh(*icosphere(2, 0.1, [2.0, 0, 1]), sagitta_rad=0.4)
     parts = []
-    for share in (1.0, 0.25, 0.0):
+    for fraction in (1.0, 0.25, 0.0):
         stream = mesh_echoes(
             mesh, TABLE2, times_s=FRAMES_S, material=SKIN, detail=Detail(sagitta_rad=0.4), seed=0, backend=backend,
-            views=[View(visibility=lambda t, share=share: np.full((len(t), len(mesh.rest)), share))],
+            views=[View(visibility=lambda t, fraction=fraction: np.full((len(t), len(mesh.rest)), fraction))],
         )  # fmt: skip
         parts.append(stream.gather().amplitude)
     np.testing.assert_allclose(parts[1], 0.25 * parts[0], rtol=1e-5, atol=1e-16)
@@ -427,7 +427,7 @@ def test_frames_do_not_depend_on_how_they_are_asked_for(backend: Backend) -> Non
 
 
 def test_joined_targets_are_side_by_side(backend: Backend) -> None:
-    ball = echoes_of(still(*icosphere(2, 0.1, [2.0, 0, 1]), sagitta_rad=0.4), TABLE2, backend)
+    ball = echoes_of(static_mesh(*icosphere(2, 0.1, [2.0, 0, 1]), sagitta_rad=0.4), TABLE2, backend)
     flat = ball.gather()
     point = EchoStream(
         times_s=FRAMES_S, frames=lambda a, b: EchoArrays(np.ones((b - a, 1)), np.ones((b - a, 1), np.complex64))
@@ -453,6 +453,6 @@ def test_radar_inside_a_target_is_refused() -> None:
     check_outside(arriving, TABLE2.replace(position_m=(0.0, 0.0, 3.0)), times_s)
     with pytest.raises(InputError, match=r"the radar at \(1\.9, 0, 1\) m is inside ball at 0 s"):
         check_outside(arriving, TABLE2.replace(position_m=(0.0, 0.0, 3.0), rx_offsets_m=(1.9, 0.0, -2.0)), times_s)
-    check_outside(still(vertices + np.array([0.51, 0, 1]), faces), TABLE2, np.array([0.0, 1.0]))
+    check_outside(static_mesh(vertices + np.array([0.51, 0, 1]), faces), TABLE2, np.array([0.0, 1.0]))
     with pytest.raises(InputError, match="touches mesh at 0 s"):
-        check_outside(still(vertices - vertices[0] + np.array([0, 0, 1]), faces), TABLE2, np.array([0.0, 1.0]))
+        check_outside(static_mesh(vertices - vertices[0] + np.array([0, 0, 1]), faces), TABLE2, np.array([0.0, 1.0]))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy import sparse
 from scipy.spatial.transform import Rotation
 
-from builders import icosphere, still
+from builders import icosphere, static_mesh
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import Refinement, refine
@@ -32,8 +32,8 @@ def spinning_ball(spin_rad_per_s: float, velocity_mps: tuple[float, float, float
     rest, faces = icosphere(3, 0.2)
 
     def track(times_s: np.ndarray) -> np.ndarray:
-        turn = Rotation.from_euler("z", spin_rad_per_s * times_s[:, None]).as_matrix()
-        return rest @ turn.transpose(0, 2, 1) + [3, 0.3, 1.2] + times_s[:, None, None] * np.array(velocity_mps)
+        rotation = Rotation.from_euler("z", spin_rad_per_s * times_s[:, None]).as_matrix()
+        return rest @ rotation.transpose(0, 2, 1) + [3, 0.3, 1.2] + times_s[:, None, None] * np.array(velocity_mps)
 
     return MovingMesh.from_track(track, faces, TIMES_S, "pec", rest=rest)
 
@@ -61,7 +61,7 @@ def spreads(values: np.ndarray, parts: Patches) -> np.ndarray:
 
 
 def path_speeds(mesh: MovingMesh, fine: Refinement, parts: Patches, radar: Radar, count: int = 61) -> np.ndarray:
-    """How fast the path over each facet's centroid grows, by central differences at moments of this test's own, (F, count)."""
+    """How fast the path over each facet's centroid grows, by central differences at instants of this test's own, (F, count)."""
     step = 1e-5
     times_s = np.linspace(step, mesh.times_s[-1] - step, count)
 
@@ -89,15 +89,15 @@ def test_every_facet_in_one_patch_and_no_patch_too_large(spin: float, radar: Rad
     assert len(sizes) == len(parts)
     assert sizes.min() >= 1
     assert sizes.max() <= MOST_FACETS
-    # Half a turn of phase from frame to frame; 5 % for moments between those looked at, on the cage's flat faces.
+    # Half a cycle of phase from frame to frame; 5 % for instants between those evaluated, on the cage's flat faces.
     rates = spreads(path_speeds(mesh, fine, parts, radar), parts) / (radar.wavelength_m * RATE_HZ)
     assert rates.max() < 0.5 * 1.05
-    # A quarter of a turn over the sweep along x, y and z, there and back.
+    # A quarter of a cycle over the sweep along x, y and z, there and back.
     centroid = (fine.operator @ mesh.rest)[parts.corners].mean(axis=1)
-    turns = spreads(centroid, parts) * 2 * radar.bandwidth_hz / SPEED_OF_LIGHT
-    assert turns.max() <= 0.25 + 1e-6
+    cycles = spreads(centroid, parts) * 2 * radar.bandwidth_hz / SPEED_OF_LIGHT
+    assert cycles.max() <= 0.25 + 1e-6
     # One bound or the other is made use of: patches are not needlessly small.
-    assert max(rates.max() / 0.5, turns.max() / 0.25, sizes.max() / MOST_FACETS) > 0.8
+    assert max(rates.max() / 0.5, cycles.max() / 0.25, sizes.max() / MOST_FACETS) > 0.8
 
 
 @pytest.mark.slow
@@ -126,11 +126,11 @@ def test_any_soup_of_facets(count: int, spin: float, size_m: float, seed: int) -
     assert (np.diff(parts.starts) >= 1).all()
     assert np.diff(parts.starts).max() <= MOST_FACETS
     centroid = rest[parts.corners].mean(axis=1)
-    # The mean of its corners' path speeds stands for a facet's: v = spin (-y, x, 0), at the 40 moments of the code or any.
-    turned = np.stack([mesh.at(t)[0] for t in np.linspace(0, TIMES_S[-1] - 1e-3, 40) + 5e-4], axis=1)
-    sight = turned - TABLE2.tx_position_m
-    velocity = spin * np.stack([-turned[..., 1], turned[..., 0] - 5, 0 * turned[..., 0]], axis=-1)
-    speed = 2 * np.sum(velocity * sight, axis=2) / np.linalg.norm(sight, axis=2)
+    # The mean of its corners' path speeds stands for a facet's: v = spin (-y, x, 0), at the 40 instants of the code or any.
+    rotated = np.stack([mesh.at(t)[0] for t in np.linspace(0, TIMES_S[-1] - 1e-3, 40) + 5e-4], axis=1)
+    towards = rotated - TABLE2.tx_position_m
+    velocity = spin * np.stack([-rotated[..., 1], rotated[..., 0] - 5, 0 * rotated[..., 0]], axis=-1)
+    speed = 2 * np.sum(velocity * towards, axis=2) / np.linalg.norm(towards, axis=2)
     columns = np.hstack(
         [
             speed[parts.corners].mean(axis=1) / (TABLE2.wavelength_m * RATE_HZ * 0.5),
@@ -162,24 +162,24 @@ def test_faster_motion_and_wider_sweep_make_finer_patches() -> None:
     assert by_sweep[0] < by_sweep[1] < by_sweep[2]
     # The surface frames' rate is what a change of path is measured by.
     spinning = spinning_ball(60.0)
-    often, seldom = (patches(spinning, fine, NARROW, np.linspace(0, 0.5, n)) for n in (151, 38))
-    assert len(often) < len(seldom)
+    often, rarely = (patches(spinning, fine, NARROW, np.linspace(0, 0.5, n)) for n in (151, 38))
+    assert len(often) < len(rarely)
 
 
 def test_what_moves_towards_the_radar_as_one_needs_no_finer_patches() -> None:
     # Path speeds differ over a ball by v d/R at most: 1 m/s over 0.4 m at 3 m is 0.27 m/s, of 0.29 m/s allowed.
-    still, flying = spinning_ball(0.0), spinning_ball(0.0, (-1.0, 0.0, 0.0))
-    fine = refined(still)
-    assert len(patches(flying, fine, TABLE2, TIMES_S)) == len(patches(still, fine, TABLE2, TIMES_S))
+    static, flying = spinning_ball(0.0), spinning_ball(0.0, (-1.0, 0.0, 0.0))
+    fine = refined(static)
+    assert len(patches(flying, fine, TABLE2, TIMES_S)) == len(patches(static, fine, TABLE2, TIMES_S))
 
 
-def test_a_still_plate_needs_few_patches() -> None:
+def test_a_static_plate_needs_few_patches() -> None:
     grid = np.linspace(-0.05, 0.05, 41)
     rest = np.array([(3.0, y, z) for y, z in product(grid, grid)])
     low = np.add.outer(np.arange(40) * 41, np.arange(40)).ravel()
     faces = np.concatenate([np.stack([low, low + 1, low + 41], 1), np.stack([low + 41, low + 1, low + 42], 1)])
     with pytest.warns(UserWarning, match="not watertight"):
-        mesh = still(rest, faces)
+        mesh = static_mesh(rest, faces)
     fine = as_it_is(mesh)
     assert len(patches(mesh, fine, NARROW, TIMES_S)) == math.ceil(len(faces) / MOST_FACETS)
     # c/(8 B) = 2.2 cm of extent: 5 x 5 squares at least; halving the curve by number does not hit the squares' sides.
@@ -212,8 +212,8 @@ def test_only_some(cut: tuple[MovingMesh, Refinement, Patches], chosen: list[int
 def test_any_of(cut: tuple[MovingMesh, Refinement, Patches]) -> None:
     mesh, _, parts = cut
     bounds = list(zip(parts.starts, parts.starts[1:], strict=False))
-    for share in (0.0, 0.01, 0.5, 1.0):
-        base = np.random.default_rng(0).uniform(size=len(mesh.faces)) < share
+    for fraction in (0.0, 0.01, 0.5, 1.0):
+        base = np.random.default_rng(0).uniform(size=len(mesh.faces)) < fraction
         expected = [any(base[f] for f in parts.base_face[a:b]) for a, b in bounds]
         assert parts.any_of(base).tolist() == expected
     one = np.zeros(len(mesh.faces), bool)
@@ -242,7 +242,7 @@ def test_centres_lie_among_their_facets_and_move_with_them(cut: tuple[MovingMesh
     assert 0.19 < apart.min() < apart.max() < 0.2
 
 
-def test_tilts_of_a_hand_made_refinement() -> None:
+def test_tilts_of_a_made_up_refinement() -> None:
     # Face 0 lies in z = 0, its two facets are tilted about its edges by tan = 0.3 and -0.5; face 1's one facet is not.
     rest = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
     faces = np.array([[0, 1, 2], [0, 3, 1]])
@@ -264,7 +264,7 @@ def test_tilts_of_a_hand_made_refinement() -> None:
 
 def test_tilts_of_an_icosahedron_that_stands_for_a_sphere() -> None:
     # The sphere's normal at a corner leans 37.4 degrees out of the face's; facets of a fine refinement nearly as much.
-    mesh = still(*icosphere(0, 0.2), crease_deg=180)
+    mesh = static_mesh(*icosphere(0, 0.2), crease_deg=180)
     fine = refine(mesh.rest, mesh.faces, wavenumber=1600, range_m=3, sagitta_rad=0.3, crease_deg=180)
     tilt = np.degrees(tilts(mesh, fine))
     assert tilt.min() > 25

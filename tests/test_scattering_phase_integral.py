@@ -17,7 +17,7 @@ from t2d_rt.scattering.phase_integral import NUMPY_OPS, SERIES_TERMS, divided_di
 # Both sides of the switch from series to quotient (1 rad), multiples of 2 pi (the true zeros), and the whole range.
 DIFFERENCES = [0, 1e-12, 1e-9, 1e-6, 1e-4, 1e-2, 0.3, 0.999999, 1.000001, 2, np.pi, 2 * np.pi, 30, 100, 8 * np.pi, 1e3]
 BASES = [0.0, -2.3, 700.0]
-BAR = {np.float32: 1e-5, np.float64: 1e-12}
+LIMIT = {np.float32: 1e-5, np.float64: 1e-12}
 
 
 def cases(dtype: type) -> np.ndarray:
@@ -71,7 +71,7 @@ def test_value_and_frequency_derivative_against_mpmath(dtype: type) -> None:
     got = both(phases)
     assert got[0].dtype == np.result_type(dtype, np.complex64)
     assert np.array_equal(divided_difference(*phases.T), got[0])
-    assert max(errors(got, phases)) < BAR[dtype]
+    assert max(errors(got, phases)) < LIMIT[dtype]
 
 
 @pytest.mark.slow
@@ -82,7 +82,7 @@ def test_drjit_kernel_against_mpmath(backend: Backend) -> None:
     lanes = [backend.Float32(np.ascontiguousarray(column)) for column in phases.T]
     parts = divided_differences(*lanes, ops=_ops(drjit), terms=SERIES_TERMS[4])
     got = tuple(real.numpy() + 1j * imag.numpy() for real, imag in parts)
-    assert max(errors(got, phases)) < BAR[np.float32]  # type: ignore[arg-type]
+    assert max(errors(got, phases)) < LIMIT[np.float32]  # type: ignore[arg-type]
 
 
 def test_closed_forms() -> None:
@@ -110,8 +110,8 @@ def test_symmetric_in_its_arguments_to_the_last_bit(phases: tuple[float, float, 
 
 @given(st.tuples(phase, phase, phase), st.floats(-10, 10))
 @settings(max_examples=100, deadline=None)
-def test_a_common_phase_turns_the_value(phases: tuple[float, float, float], shift: float) -> None:
+def test_a_common_phase_rotates_the_value(phases: tuple[float, float, float], shift: float) -> None:
     p = np.array(phases)
     # Adding the shift rounds the phases by up to 1e-13 rad, which moves F by as much.
-    turned = divided_difference(*(p + shift)) * np.exp(-1j * shift)
-    assert abs(turned - divided_difference(*p)) < 1e-12
+    rotated = divided_difference(*(p + shift)) * np.exp(-1j * shift)
+    assert abs(rotated - divided_difference(*p)) < 1e-12

@@ -32,7 +32,7 @@ def test_the_rate_leaves_what_is_tolerated(amplitude_m: float, frequency_hz: flo
     rate = needed_rate_hz(swinging(amplitude_m, frequency_hz), RADAR, 0.0, 4.0)
     assert LEAST_HZ < rate < MOST_HZ
     wavenumber = 2 * math.pi * RADAR.mid_frequency_hz / SPEED_OF_LIGHT
-    # Both ways together are twice the swing; half of a sine's square is its mean.
+    # Out and back together are twice the swing; half of a sine's square is its mean.
     fourth = 2 * amplitude_m * (2 * math.pi * frequency_hz) ** 4
     expected = (0.406 / 2 * (wavenumber * fourth / 384) ** 2 / 10 ** (TOLERANCE_DB / 10)) ** (1 / 8)
     assert rate == pytest.approx(expected, abs=1.2 * STEP_HZ)
@@ -44,22 +44,22 @@ def test_the_rate_leaves_what_is_tolerated(amplitude_m: float, frequency_hz: flo
     assert TOLERANCE_DB - 4 < 10 * np.log10(error) < TOLERANCE_DB + 2
 
 
-def test_still_and_short_records() -> None:
+def test_static_and_short_records() -> None:
     assert needed_rate_hz(swinging(0.0, 1.0), RADAR, 0.0, 4.0) == LEAST_HZ
     # A part of a swing, about its middle.
     whole, short = (needed_rate_hz(swinging(0.1, 4.0), RADAR, 0.2, stop) for stop in (4.0, 0.22))
     assert short == pytest.approx(whole, rel=0.3)
 
 
-@pytest.mark.parametrize("turns_hz", [15.0, 100.0])
-def test_what_rotates_fast_has_a_high_surface_rate(turns_hz: float) -> None:
+@pytest.mark.parametrize("rotation_hz", [15.0, 100.0])
+def test_what_rotates_fast_has_a_high_surface_rate(rotation_hz: float) -> None:
     def turning(times_s: np.ndarray) -> np.ndarray:
-        angle = 2 * np.pi * turns_hz * times_s
-        turn = np.moveaxis(np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), 2, 0)
-        flat = np.einsum("kij,vj->kvi", turn, REST[:, :2])
+        angle = 2 * np.pi * rotation_hz * times_s
+        rotation = np.moveaxis(np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), 2, 0)
+        flat = np.einsum("kij,vj->kvi", rotation, REST[:, :2])
         return np.concatenate([flat, np.tile(REST[:, 2:], (len(times_s), 1, 1))], axis=2) + [3, 0, 1]
 
     ball = MovingMesh.from_track(turning, FACES, np.array([0.0, 1.0]), rest=REST)
     # Edges in all directions: two thirds of their mean square lie across the axis.
-    expected = 2 * np.pi * turns_hz * math.sqrt(2 / 3) / ROTATION_RAD
+    expected = 2 * np.pi * rotation_hz * math.sqrt(2 / 3) / ROTATION_RAD
     assert needed_rate_hz(ball, RADAR, 0.0, 1.0) == pytest.approx(expected, rel=0.05)  # one edge of each of 80 faces

@@ -129,7 +129,7 @@ def test_what_a_picture_needs_is_not_loaded(make: Make, body: str, tmp_path: Pat
         '<include filename="inside.xml"/>',
     ],
 )
-def test_no_way_leads_out_of_the_folder(make: Make, tmp_path: Path, body: str) -> None:
+def test_nothing_leads_out_of_the_folder(make: Make, tmp_path: Path, body: str) -> None:
     path = make(body)
     (tmp_path / "secret.ply").write_text(WALL)
     (tmp_path / "secret.xml").write_text("<scene/>")
@@ -199,10 +199,10 @@ def test_the_users_features_are_as_in_sionna(make: Make) -> None:
 
     # A name of its own: Mitsuba would take a wall.ply in the folder that was the working directory when it was imported.
     file = "as_in_sionna.ply"
-    turned = shape(
+    flipped = shape(
         file, inside=f'{REF}<transform name="to_world"><rotate y="1" angle="33"/><scale value="1.5"/></transform>'
     )
-    path = make(turned.replace('"wall"', '"turned"') + shape(file, inside='<ref id="pane"/>') + PANE)
+    path = make(flipped.replace('"wall"', '"turned"') + shape(file, inside='<ref id="pane"/>') + PANE)
     (path.parent / "wall.ply").rename(path.parent / file)
     theirs = sionna.rt.load_scene(str(path), merge_shapes=False).objects
     for surface in load_scene(path).surfaces:

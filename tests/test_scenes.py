@@ -45,7 +45,7 @@ def test_walls_surround_the_room_and_doors_are_cut_from_them() -> None:
     assert "door" not in by_name(Room(**BOX, openings=[DOOR]).scene())
 
 
-def test_every_surface_looks_into_the_room() -> None:
+def test_every_surface_faces_the_room() -> None:
     middle = np.array([1.5, 0, 1.25])
     for surface in Room(**BOX, openings=[{**DOOR, "slab": WOOD}]).scene().surfaces:
         a, b, c = surface.vertices[surface.faces].transpose(1, 0, 2)
@@ -79,7 +79,7 @@ def test_furniture_is_closed_and_stands_on_the_floor(kind: str) -> None:
         assert 0 < volume(vertices, faces) < np.ptp(vertices, axis=0).prod() * (1 + 1e-6)
 
 
-def test_furniture_turns_and_keeps_its_names() -> None:
+def test_furniture_rotates_and_keeps_its_names() -> None:
     room = Room(**BOX, furniture=[{"kind": "bedside_table", "name": "left", "x_m": 1, "y_m": 0, "heading_deg": 90}])
     piece = by_name(room.scene())["left"]
     np.testing.assert_allclose(np.ptp(piece.vertices, axis=0), [0.45, 0.40, 0.50], atol=1e-9)

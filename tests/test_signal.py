@@ -39,8 +39,8 @@ def point_target(
     time = radar.chirp_times_s(duration_s)[:, None] + fast
     distance = range_m - speed_mps * time
     delay = 2 * distance / SPEED_OF_LIGHT
-    turns = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * fast - delay**2 / 2)
-    return (radar.link_amplitude * np.sqrt(rcs_m2) / distance**2 * np.exp(2j * np.pi * turns))[:, None]
+    cycles = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * fast - delay**2 / 2)
+    return (radar.link_amplitude * np.sqrt(rcs_m2) / distance**2 * np.exp(2j * np.pi * cycles))[:, None]
 
 
 def peak(power: np.ndarray) -> tuple[int, ...]:
@@ -58,7 +58,7 @@ def fine_peak(axis: np.ndarray, power: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("range_m", [1.0, 3.0, 5.432, 10.0, 20.0])
-def test_range_of_a_still_target(range_m: float) -> None:
+def test_range_of_a_static_target(range_m: float) -> None:
     cube = point_target(TABLE2, 0.001, range_m)
     profile = range_profile(cube, TABLE2, n_fft=2048)
     found = fine_peak(profile.range_m, np.abs(profile.profile[0, 0]) ** 2)
@@ -90,9 +90,10 @@ def test_coupling_correction() -> None:
     moved = fine_peak(corrected.range_m, corrected.power[row]) - fine_peak(plain.range_m, plain.power[row])
     assert moved == pytest.approx(radar.mid_frequency_hz * 4.0 / radar.slope_hz_per_s, rel=0.1)
     assert radar.range_axis_m(speed_mps=4.0)[0] == pytest.approx(moved, rel=0.1)
-    still = point_target(radar, 0.02, 40.0)
+    static = point_target(radar, 0.02, 40.0)
     assert np.allclose(
-        range_doppler(still, radar).power[256 // 2], range_doppler(still, radar, correct_coupling=True).power[256 // 2]
+        range_doppler(static, radar).power[256 // 2],
+        range_doppler(static, radar, correct_coupling=True).power[256 // 2],
     )
 
 
@@ -162,7 +163,7 @@ def test_a_long_record_is_worked_on_in_pieces(preset: str, method: str, monkeypa
 
 
 def tone(doppler: float, chirps: int = 4096) -> np.ndarray:
-    """exp(j 2 pi doppler n), doppler as a share of the PRF, (chirp, 1)."""
+    """exp(j 2 pi doppler n), doppler as a fraction of the PRF, (chirp, 1)."""
     return np.exp(2j * np.pi * doppler * np.arange(chirps))[:, None]
 
 
@@ -183,16 +184,16 @@ def test_mti_nulls() -> None:
     )
 
 
-def test_the_papers_kernel_does_not_cancel_still_echoes() -> None:
+def test_the_papers_kernel_does_not_cancel_static_echoes() -> None:
     assert gain_db(0.0, method="canceller") == pytest.approx(0, abs=1e-6)
     assert gain_db(1 / 6, method="canceller") < -200
     assert gain_db(-1 / 6, method="canceller") < -200
     assert gain_db(0.5, method="canceller") == pytest.approx(20 * np.log10(9), abs=1e-6)
-    for share in (0.05, 0.2, 0.37):
-        expected = 20 * np.log10((1 - 2 * np.cos(2 * np.pi * share)) ** 2)
-        assert gain_db(share, method="canceller") == pytest.approx(expected, abs=1e-6)
+    for fraction in (0.05, 0.2, 0.37):
+        expected = 20 * np.log10((1 - 2 * np.cos(2 * np.pi * fraction)) ** 2)
+        assert gain_db(fraction, method="canceller") == pytest.approx(expected, abs=1e-6)
     for kernel in ((1, -1), (1, -2, 1), (1, -4, 6, -4, 1)):
-        # Also at the ends of the record: a still echo does not click there.
+        # Also at the ends of the record: a static echo does not click there.
         assert np.abs(mti(tone(0.0), "canceller", kernel=kernel)).max() < 1e-12
         assert gain_db(0.5, method="canceller", kernel=kernel) == pytest.approx(20 * np.log10(np.abs(kernel).sum()))
 
@@ -204,9 +205,9 @@ def test_mti_leaves_the_mover_and_removes_the_wall(method: str) -> None:
     both = spectrogram((wall + mover).astype(np.complex64), TABLE2, mti=method)
     alone = spectrogram(mover.astype(np.complex64), TABLE2)
     assert both.power.max() == pytest.approx(alone.power.max(), rel=0.01)
-    still = spectrogram(wall.astype(np.complex64), TABLE2, mti=method)
+    static = spectrogram(wall.astype(np.complex64), TABLE2, mti=method)
     # Single precision: -120 dB of the wall.
-    assert still.power.max() < 1e-12 * spectrogram(wall.astype(np.complex64), TABLE2).power.max()
+    assert static.power.max() < 1e-12 * spectrogram(wall.astype(np.complex64), TABLE2).power.max()
 
 
 def test_mti_keeps_the_input() -> None:

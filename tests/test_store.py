@@ -48,24 +48,24 @@ def value_of(path: Path) -> complex:
     return complex(cube[0, 0, 0])
 
 
-def killed_writer(path: Path, moment: str) -> None:
-    """A process that overwrites `path` and its picture, and is killed at a moment of it."""
-    writer = PROCESSES.Process(target=write_and_die, args=(path, moment))
+def killed_writer(path: Path, when: str) -> None:
+    """A process that overwrites `path` and its picture, and is killed at some instant of it."""
+    writer = PROCESSES.Process(target=write_and_die, args=(path, when))
     writer.start()
     writer.join()
     assert writer.exitcode == -signal.SIGKILL
 
 
-def write_and_die(path: Path, moment: str) -> None:
+def write_and_die(path: Path, when: str) -> None:
     rename, move = Path.rename, Path.replace
 
     def killing_rename(source: Path, target: Path) -> Path:
-        if moment == ("before" if source == path else "between"):
+        if when == ("before" if source == path else "between"):
             os.kill(os.getpid(), signal.SIGKILL)
         return rename(source, target)
 
     def killing_replace(source: Path, target: Path) -> Path:
-        if moment == "after" and target == path.with_suffix(".png"):
+        if when == "after" and target == path.with_suffix(".png"):
             os.kill(os.getpid(), signal.SIGKILL)
         return move(source, target)
 
@@ -121,7 +121,7 @@ def test_the_picture_follows_its_result_after_a_kill(tmp_path: Path) -> None:
     assert path.with_suffix(".png").read_text() == "new"
 
 
-def test_what_was_moved_away_by_hand_does_not_come_back(tmp_path: Path) -> None:
+def test_what_the_user_moved_away_does_not_come_back(tmp_path: Path) -> None:
     path = tmp_path / "a.zarr"
     recording(1).save(path)
     killed_writer(path, "after")

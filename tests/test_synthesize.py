@@ -58,7 +58,7 @@ def test_cube_is_the_direct_sum(preset: str) -> None:
     echoes = random_echoes(radar)
     cube = synthesize(echoes, radar)
     chirps = np.linspace(0, len(cube) - 1, 10).astype(int)
-    # Motion inside the chirp: the twin takes every sample's own moment. Every 7th sample, all over the sweep.
+    # Motion inside the chirp: the twin takes every sample's own time. Every 7th sample, all over the sweep.
     for antenna in {0, radar.antennas // 2, radar.antennas - 1}:
         expected = direct_sum(echoes, radar, chirps, every=7, antenna=antenna)
         assert nmse_db(cube[chirps, antenna, ::7], expected) < -50
@@ -153,7 +153,7 @@ def test_flat_echoes_need_no_slope() -> None:
     np.testing.assert_allclose(synthesize(zeros, TABLE2), cube, atol=1e-5 * np.abs(cube).max())
 
 
-def test_the_direct_sum_is_eq_1_for_one_still_point() -> None:
+def test_the_direct_sum_is_eq_1_for_one_static_point() -> None:
     echoes = point(np.full(5, 2.3), np.arange(5) / 1000, TABLE2)
     tau, t = 2 * 2.3 / SPEED_OF_LIGHT, TABLE2.sample_times_s
     phase = 2 * np.pi * (TABLE2.carrier_hz * tau + TABLE2.slope_hz_per_s * (tau * t - tau**2 / 2))
@@ -178,16 +178,16 @@ def test_what_is_read_at_once_does_not_matter(read_frames: int) -> None:
         assert echoes.slope is not None
         return echoes.delay_s[start:stop], echoes.amplitude[start:stop], echoes.slope[start:stop]
 
-    shares: list[float] = []
+    fractions: list[float] = []
     cut = synthesize(
-        EchoStream(times_s=echoes.times_s, frames=frames), radar, read_frames=read_frames, progress=shares.append
+        EchoStream(times_s=echoes.times_s, frames=frames), radar, read_frames=read_frames, progress=fractions.append
     )
     assert np.array_equal(cut, whole)
     assert len(asked) > 2
     assert [start for start, _ in asked[1:]] == [stop for _, stop in asked[:-1]]  # every frame once, in order
     assert (asked[0][0], asked[-1][1]) == (0, 161)
-    assert shares == sorted(shares)
-    assert shares[-1] == 1
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1
 
 
 @pytest.mark.slow
@@ -328,7 +328,7 @@ def test_moving_sphere_range_speed_and_clean_spectrum() -> None:
     assert 20 * np.log10(spectrum[away].max() / spectrum.max()) < -80
 
 
-def test_a_still_target_has_no_doppler() -> None:
+def test_a_static_target_has_no_doppler() -> None:
     times_s = np.arange(6) / 100
     cube = synthesize(point(np.full(6, 2.0), times_s, TABLE2), TABLE2)[:, 0]
     spread = np.abs(cube - cube.mean(axis=0))
@@ -422,22 +422,22 @@ def test_merged_echoes_of_any_number_of_receivers(multiplexing: str) -> None:
 @pytest.mark.parametrize("preset", ["table2", "array-3x4"])
 def test_merged_echoes_use_no_interval_beyond_the_last(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples go on after a window's last interval; cubics read from there would be whatever lies in memory."""
-    looked: list[np.ndarray] = []
+    read: list[np.ndarray] = []
     found = multilevel._places
 
     def places(inner: Any, below: Any) -> tuple[np.ndarray, np.ndarray]:
-        interval, moment = found(inner, below)
+        interval, time = found(inner, below)
         place = inner.first + 2 + np.arange(inner.samples - 5)
-        np.testing.assert_allclose(interval - 1 + moment, place / below.rate, atol=1e-12)
+        np.testing.assert_allclose(interval - 1 + time, place / below.rate, atol=1e-12)
         assert interval.min() >= 0
         assert interval.max() <= len(below.delay) - 2
-        looked.append(interval)
-        return interval, moment
+        read.append(interval)
+        return interval, time
 
     monkeypatch.setattr(multilevel, "_places", places)
     radar = Radar.preset(preset)
     synthesize(swinging_sheet(radar, frames=40), radar)
-    assert looked
+    assert read
 
 
 def test_resampled_at_its_own_times_a_stream_is_the_same() -> None:

@@ -58,8 +58,8 @@ def test_paths_through_walls_and_doors_are_those_of_sionna(
         np.array(solved.interactions).reshape(3, -1) == rt.constants.InteractionType.REFRACTION, axis=0
     )
     strongest = np.abs(fields).max()
-    strong = (np.abs(fields) > 1e-3 * strongest) & (transmitted <= 1)
-    delays, fields = np.array(solved.tau).ravel()[strong], fields[strong]
+    dominant = (np.abs(fields) > 1e-3 * strongest) & (transmitted <= 1)
+    delays, fields = np.array(solved.tau).ravel()[dominant], fields[dominant]
 
     point, ours = np.array(place), []
     found = find_paths(
@@ -114,7 +114,7 @@ def moving_ball(method: str) -> MovingMesh | Ellipsoids:
     ("material", "thickness_m", "method"),
     [("plasterboard", 0.0125, "mesh"), ("wood", 0.04, "mesh"), ("wood", 0.04, "ellipsoid")],
 )
-def test_a_sphere_behind_a_partition_is_weaker_by_what_it_takes_both_ways(
+def test_a_sphere_behind_a_partition_is_weaker_by_its_loss_out_and_back(
     material: str, thickness_m: float, method: str
 ) -> None:
     """Sample by sample: the cube is that of free space times T squared at the sample's frequency; so power is down by |T|^4."""

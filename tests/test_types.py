@@ -55,7 +55,7 @@ def test_echoes_are_frozen_and_know_their_rate() -> None:
         made.slope = None  # type: ignore[misc]
 
 
-def test_a_stream_hands_out_the_same_frames() -> None:
+def test_a_stream_gives_the_same_frames() -> None:
     for slope in (None, np.full((5, 2), 2j)):
         made = echoes(delay_s=np.arange(10.0).reshape(5, 2), slope=slope)
         source = stream(made)
@@ -193,7 +193,7 @@ def test_between_the_frames_a_mesh_moves_on_a_cubic_spline() -> None:
         assert few.at(np.array([0.05]))[0, 0, 0] == pytest.approx(CORNERS[0, 0] + 0.05 ** (n - 1))
 
 
-def test_a_mesh_hands_out_a_trimesh_and_says_what_it_is() -> None:
+def test_a_mesh_gives_a_trimesh_and_says_what_it_is() -> None:
     mesh = moved(name="crate")
     solid = mesh.trimesh(0.5)
     assert solid.is_watertight
@@ -223,7 +223,7 @@ def test_materials_that_cannot_be_are_refused(fields: dict[str, float], message:
         Material(name="wax", **fields)  # type: ignore[arg-type]
 
 
-def test_faces_must_look_outward() -> None:
+def test_faces_must_face_outward() -> None:
     ball = trimesh.creation.icosphere(subdivisions=2)
     vertices = np.stack([ball.vertices, ball.vertices])
     with pytest.raises(InputError, match=r"ball is inside out: .* give faces\[:, ::-1\]"):

@@ -1,4 +1,4 @@
-"""What hides what: straight lines past spheres, fades between key frames, and the invariants of both."""
+"""Occlusion: straight lines past spheres, fading between visibility samples, and the invariants of both."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
-from builders import icosphere, moving, still, walk
+from builders import icosphere, moving, static_mesh, walk
 from t2d_rt.backend import Backend
 from t2d_rt.body.template import template
 from t2d_rt.errors import T2DWarning
@@ -34,8 +34,8 @@ def moving_sphere(
 ) -> MovingMesh:
     vertices, faces = icosphere(level, radius_m)
     # Turned at random: no vertex lies in a plane of symmetry of the scene.
-    turned = Rotation.random(rng=np.random.default_rng(7)).apply(vertices)
-    return moving((turned, faces), np.array(centres_m), np.array(times_s))
+    rotated = Rotation.random(rng=np.random.default_rng(7)).apply(vertices)
+    return moving((rotated, faces), np.array(centres_m), np.array(times_s))
 
 
 def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
@@ -54,14 +54,14 @@ def facing(mesh: MovingMesh, time_s: float = 0.0) -> np.ndarray:
 
 
 def depth_in_shadow(points: np.ndarray, centre: np.ndarray, radius_m: float) -> np.ndarray:
-    """How deep the way from points (N, 3) behind a ball to the viewpoint cuts into it [m]; negative where it passes by."""
-    way = points - HERE
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    """How deep the line from points (N, 3) behind a ball to the viewpoint cuts into it [m]; negative where it misses it."""
+    ray = points - HERE
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     offset = centre - HERE
-    return radius_m - np.linalg.norm(offset - (way @ offset)[:, None] * way, axis=1)
+    return radius_m - np.linalg.norm(offset - (ray @ offset)[:, None] * ray, axis=1)
 
 
-# --- one moment: straight lines -------------------------------------------------------------------------------------
+# --- one instant: straight lines -------------------------------------------------------------------------------------
 
 
 def test_a_convex_body_hides_nothing_of_its_lit_side(backend: Backend) -> None:
@@ -94,9 +94,9 @@ def test_a_sphere_behind_another_is_hidden_and_beside_it_is_seen(backend: Backen
 
 
 def test_rays_that_run_on_to_edges_and_corners_do_not_slip_through(backend: Backend) -> None:
-    """Meshes that are symmetric about the way: rays along it meet the one in front between its triangles."""
+    """Meshes that are symmetric about the line of sight: rays along it meet the one in front between its triangles."""
     vertices, faces = icosphere(4)
-    front, behind = (still(radius * vertices + [x, 0, 1], faces) for radius, x in ((0.15, 3.15), (0.04, 3.75)))
+    front, behind = (static_mesh(radius * vertices + [x, 0, 1], faces) for radius, x in ((0.15, 3.15), (0.04, 3.75)))
     _, seen = occlusion([front, behind], backend).visibility(np.array([0.0]))
     assert not seen.any()
 
@@ -139,7 +139,7 @@ def test_an_open_plate_is_seen_from_its_front_only(backend: Backend) -> None:
     seen = []
     for faces in (front, front[:, ::-1]):
         with pytest.warns(T2DWarning, match="not watertight"):
-            plate = still(corners, faces)
+            plate = static_mesh(corners, faces)
         behind = sphere(0.2, [4, 0, 1])
         parts = occlusion([plate, behind], backend).visibility(np.array([0.0]))
         seen.append(parts[0])
@@ -159,12 +159,12 @@ def test_near_and_far_alike(range_m: float, backend: Backend) -> None:
 
 
 def test_scene_and_viewpoint_moved_together(backend: Backend) -> None:
-    turn = Rotation.from_euler("zyx", [40, 20, -70], degrees=True)
+    rotation = Rotation.from_euler("zyx", [40, 20, -70], degrees=True)
     shift = np.array([5.0, -3.0, 2.0])
     front, half = sphere(0.5, [2, 0, 1], level=4), sphere(0.2, [3.87, 0.97, 1], level=4)
-    moved = [still(turn.apply(m.rest) + shift, m.faces) for m in (front, half)]
+    moved = [static_mesh(rotation.apply(m.rest) + shift, m.faces) for m in (front, half)]
     here = occlusion([front, half], backend).visibility(np.array([0.0]))
-    there = occlusion(moved, backend, at=turn.apply(HERE) + shift).visibility(np.array([0.0]))
+    there = occlusion(moved, backend, at=rotation.apply(HERE) + shift).visibility(np.array([0.0]))
     for one, two in zip(here, there, strict=True):
         assert np.array_equal(one, two)
     # The check of this test: the same meshes from elsewhere are seen otherwise.
@@ -232,19 +232,19 @@ def test_more_sample_times_than_one_scene_holds(backend: Backend, monkeypatch: p
     meshes = [moving_sphere(0.3, [[2, -0.8, 1], [2, 0.8, 1]], LONG_S, level=2), sphere(0.3, [4, 0, 1], level=2)]
     times_s = np.linspace(0, 1, 201)
     view = occlusion(meshes, backend, 200.0)
-    many = view.visibility(times_s)  # more than 64 moments, four scenes
+    many = view.visibility(times_s)  # more than 64 instants, four scenes
     assert len(many[0]) > 3 * 64
-    monkeypatch.setattr("t2d_rt.propagation.visibility.FACES_PER_SCENE", 1)  # one moment in a scene
+    monkeypatch.setattr("t2d_rt.propagation.visibility.FACES_PER_SCENE", 1)  # one instant in a scene
     alone = occlusion(meshes, backend, 200.0)
     some = np.arange(0, 201, 8)
     for whole, one in zip(many, alone.visibility(times_s[some]), strict=True):
         np.testing.assert_allclose(whole[some], one, atol=1e-6)
-    # Asked for backwards, when the first moments are no longer kept.
+    # Asked for backwards, when the first instants are no longer kept.
     for whole, again in zip(many, view.visibility(times_s[some[::-1]]), strict=True):
         np.testing.assert_allclose(whole[some[::-1]], again, atol=1e-6)
 
 
-def test_meshes_of_different_length_share_their_common_time(backend: Backend) -> None:
+def test_meshes_of_different_length_are_traced_in_their_common_time(backend: Backend) -> None:
     mover = moving_sphere(0.5, [[2, 0, 1], [2, 4, 1]], (0.5, 2.5))
     target = moving_sphere(0.2, [[4, 0, 1], [4, 0, 1]], (0.0, 1.5))
     early, late = occlusion([mover, target], backend).visibility(np.array([0.5, 1.5]))[1]
@@ -267,15 +267,15 @@ def blocked(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.n
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     result = np.zeros(len(points), bool)
     for i, origin in enumerate(points):
-        way = HERE - origin
-        across = np.cross(way, c - a)
+        ray = HERE - origin
+        across = np.cross(ray, c - a)
         determinant = np.sum((b - a) * across, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             offset = origin - a
             u = np.sum(offset * across, axis=1) / determinant
-            turned = np.cross(offset, b - a)
-            v = turned @ way / determinant
-            t = np.sum((c - a) * turned, axis=1) / determinant
+            normal = np.cross(offset, b - a)
+            v = normal @ ray / determinant
+            t = np.sum((c - a) * normal, axis=1) / determinant
             result[i] = np.any((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1))
     return result
 
@@ -295,10 +295,10 @@ def test_body_casts_its_shadow_as_straight_lines_say(walker: MovingMesh, backend
     assert np.mean((seen[sure] == 0) == dark) > 0.995
 
 
-def test_faces_that_look_away_would_hide_nothing_more(
+def test_faces_that_face_away_would_hide_nothing_more(
     walker: MovingMesh, backend: Backend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Legs and arms of a walker cut into one another at the joints: that opens no way through, either."""
+    """Legs and arms of a walker cut into one another at the joints: that opens no gap, either."""
     times_s = np.linspace(0, 1.2, 13)
     some = occlusion([walker], backend).traced(times_s)
     monkeypatch.setattr(
@@ -308,23 +308,23 @@ def test_faces_that_look_away_would_hide_nothing_more(
     assert np.array_equal(some, occlusion([walker], backend).traced(times_s))
 
 
-def test_the_far_leg_and_arm_pass_behind_the_body(walker: MovingMesh, backend: Backend) -> None:
+def test_the_far_thigh_and_arm_go_behind_the_body(walker: MovingMesh, backend: Backend) -> None:
     times_s = np.linspace(0, 1.2, 25)
     (seen,) = occlusion([walker], backend, 20.0).visibility(times_s)
     lit = np.array([facing(walker, time) for time in times_s])
 
-    def shares(joint: str) -> np.ndarray:
-        """Seen share of a limb's lit side over time, (time,)."""
+    def fractions(joint: str) -> np.ndarray:
+        """Visible fraction of a limb's lit side over time, (time,)."""
         limb = template("adult").weights[:, CANONICAL_JOINTS.index(joint)] > 0.9
         return np.array([s[limb][f[limb]].mean() for s, f in zip(seen, lit, strict=True)])
 
     # It walks at 90 degrees with its right side towards the radar.
-    assert shares("left_knee").min() < 0.2
-    assert shares("left_knee").max() == 1
-    assert shares("left_elbow").min() == 0
-    assert shares("left_elbow").max() > 0.9
-    assert shares("right_knee").min() > 0.9
-    assert shares("right_elbow").min() > 0.9
+    assert fractions("left_knee").min() < 0.2
+    assert fractions("left_knee").max() == 1
+    assert fractions("left_elbow").min() == 0
+    assert fractions("left_elbow").max() > 0.9
+    assert fractions("right_knee").min() > 0.9
+    assert fractions("right_elbow").min() > 0.9
 
 
 @pytest.mark.filterwarnings("ignore:.*is not watertight")
@@ -334,16 +334,16 @@ def test_subdivision_places_a_shadows_edge_more_closely(backend: Backend) -> Non
     places = np.stack([np.full((11, 11), 4.0), *np.meshgrid(side, side + 1.0, indexing="ij")], axis=-1).reshape(-1, 3)
     corner = (np.arange(10)[:, None] * 11 + np.arange(10)).ravel()
     faces = np.concatenate([corner[:, None] + np.array(three) for three in ((0, 1, 12), (0, 12, 11))])
-    floor = still(places, faces, name="floor")
+    floor = static_mesh(places, faces, name="floor")
     low, high = -0.087, 0.061
     strip = np.array([(2.0, low, 0.0), (2.0, high, 0.0), (2.0, high, 2.0), (2.0, low, 2.0)])
-    shade = still(strip, [[0, 2, 1], [0, 3, 2]], name="strip")
-    keys = sample_times(*LONG_S, 2.0)
+    shade = static_mesh(strip, [[0, 2, 1], [0, 3, 2]], name="strip")
+    samples_s = sample_times(*LONG_S, 2.0)
     across = np.linspace(-0.4, 0.4, 2001)
     lit = (across < 2 * low) | (across > 2 * high)
     errors = []
     for subdivision in range(3):
-        occluded = Occlusion([floor, shade], HERE, samples_s=keys, backend=backend, subdivision=subdivision)
+        occluded = Occlusion([floor, shade], HERE, samples_s=samples_s, backend=backend, subdivision=subdivision)
         seen = occluded.visibility(np.array([0.5]))[0][0]
         stands = SubdividedMesh.of(faces, len(places), subdivision).operator @ places
         row = np.abs(stands[:, 2] - 1.0) < 1e-6

@@ -62,7 +62,7 @@ def falling(distance_m: float = 3.0, angle_deg: float = 0.0) -> Motion:
     bend = BEND_RAD * (4 * theta / LYING_RAD * (1 - theta / LYING_RAD)) ** 2
     for side in ("left", "right"):
         for joint, angle in (("hip", bend / 2), ("knee", -bend), ("ankle", bend / 2)):
-            _turn(walk, joints, rotations, f"{side}_{joint}", quaternions.about_axis(across, angle))
+            _rotate(walk, joints, rotations, f"{side}_{joint}", quaternions.about_axis(across, angle))
     heels = (joints[:, walk.index("left_ankle")] + joints[:, walk.index("right_ankle")]) / 2
     joints -= heels[:, None] - heels[0, 2] * UP
     topple = quaternions.about_axis(across, theta)[:, None]
@@ -95,9 +95,9 @@ def _standing(walk: Motion, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     slope = min(slopes)[1]  # that of the foot on the floor
     flat = math.cos(slope) * facing - math.sin(slope) * UP
     for side in ("left", "right"):
-        for joint, end, way in (("hip", "knee", -UP), ("knee", "ankle", -UP), ("ankle", "foot", flat)):
+        for joint, end, direction in (("hip", "knee", -UP), ("knee", "ankle", -UP), ("ankle", "foot", flat)):
             bone = joints[0, walk.index(f"{side}_{end}")] - joints[0, walk.index(f"{side}_{joint}")]
-            _turn(walk, joints, rotations, f"{side}_{joint}", quaternions.between(bone, way)[None])
+            _rotate(walk, joints, rotations, f"{side}_{joint}", quaternions.between(bone, direction)[None])
     return joints[0], rotations[0]
 
 
@@ -127,7 +127,7 @@ def _toppling(length_m: float) -> np.ndarray:
     )
 
 
-def _turn(motion: Motion, joints: np.ndarray, rotations: np.ndarray, name: str, by: np.ndarray) -> None:
+def _rotate(motion: Motion, joints: np.ndarray, rotations: np.ndarray, name: str, by: np.ndarray) -> None:
     """Turns what hangs on a joint about it, in place: joints (T, J, 3) and rotations (T, J, 4) by quaternions (T, 4)."""
     root = motion.index(name)
     hangs = np.zeros(len(motion.names), bool)

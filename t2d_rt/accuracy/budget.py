@@ -62,7 +62,7 @@ class Budget:
 
     @cached_property
     def unoccluded(self) -> Law:
-        """Cost of no occlusion, looked for once."""
+        """Cost of no occlusion, found once."""
         found = unoccluded_db(self.model, Accuracy(fast_rotating_hz=self.given.fastest_sampled_hz))
         return Law(found + self.laws.occlusion.mean_db, self.laws.occlusion.scatter_db)
 

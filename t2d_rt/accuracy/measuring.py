@@ -27,7 +27,7 @@ ENOUGH_DB = 1.4
 CLEARLY = 3.0
 """A tolerance that the error misses or keeps by so many standard deviations is decided."""
 LIMBS_DOWN_TO_DB = -30.0
-"""Path pairs that a run leaves out are looked at down to that level."""
+"""Path pairs that a run leaves out are examined down to that level."""
 UNOCCLUDED_BELOW_DB = 6.0
 """The coarser model traces no occlusion where that costs so much less than coarser facets."""
 EXPLAINED_DB = 3.0

@@ -23,10 +23,10 @@ from t2d_rt.targets import TargetLike
 def plan(
     target: TargetLike | str | Path | Sequence[TargetLike | str | Path], *, tolerance_db: float = -20.0, **options: Any
 ) -> Plan:
-    """What `simulate` would model with these `options` of its own to keep to a tolerance, what it would leave out and what that
-    costs, by fitted laws: nothing is tried.
+    """What `simulate` with these `options` would model and leave out to keep to a tolerance, and what that costs; predicted by
+    fitted laws, without a trial run.
 
-    The plan's `accuracy` serves other recordings of the kind: `simulate(other, accuracy=plan.accuracy)`.
+    The plan's `accuracy` serves similar recordings, too: `simulate(other, accuracy=plan.accuracy)`.
     """
     physics = {
         name: field.default for name, field in Experiment.model_fields.items() if name not in ("targets", "radar")

@@ -49,9 +49,9 @@ class Stance:
 def shoulder_centre(motion: Motion) -> np.ndarray:
     """Middle of the shoulders as a point fixed to the chest: mean local position (3,) in spine3's frame."""
     chest = motion.index("spine3")
-    turn = matrices(motion.rotations[:, chest])
+    rotation = matrices(motion.rotations[:, chest])
     middle = (motion.joints[:, motion.index("left_shoulder")] + motion.joints[:, motion.index("right_shoulder")]) / 2
-    return np.median(np.einsum("tji,tj->ti", turn, middle - motion.joints[:, chest]), axis=0)
+    return np.median(np.einsum("tji,tj->ti", rotation, middle - motion.joints[:, chest]), axis=0)
 
 
 def stance(motion: Motion, side: str) -> Stance | None:
@@ -80,10 +80,10 @@ def fit(template: Template, motion: Motion) -> Fitted:
     weight = np.array([lengths[bone] / ratio[bone] for bone in tall])
     scale = float(weight @ [ratio[bone] for bone in tall] / weight.sum())
     ankle = {side: _ankle_ratio(motion, side, rest, scale) for side in SIDES}
-    joints, shapes = _stretch(rest, ratio, scale, ankle)
+    joints, stretches = _stretch(rest, ratio, scale, ankle)
     old, new = (np.array([points[name] for name in CANONICAL_JOINTS]) for points in (rest, joints))
     offset = template.vertices[:, None] - old
-    moved = np.einsum("vb,bij,vbj->vi", template.weights, shapes, offset, optimize=True) + template.weights @ new
+    moved = np.einsum("vb,bij,vbj->vi", template.weights, stretches, offset, optimize=True) + template.weights @ new
     floor = np.array([0, 0, moved[:, 2].min()])
     fitted = {name: point - floor for name, point in joints.items() if name in template.joints}
     return Fitted(template=template, vertices=moved - floor, joints=fitted, scale=scale)
@@ -96,8 +96,8 @@ def _middle(points: Mapping[str, np.ndarray], pair: str) -> np.ndarray:
 def _lengths(motion: Motion) -> dict[tuple[str, str], float]:
     """Median lengths [m] of the bones that the fit follows."""
     at = {name: motion.joints[:, motion.index(name)] for name in CANONICAL_JOINTS}
-    turn = matrices(motion.rotations[:, motion.index("spine3")])
-    at |= {"hips": _middle(at, "hips"), "shoulders": at["spine3"] + turn @ shoulder_centre(motion)}
+    rotation = matrices(motion.rotations[:, motion.index("spine3")])
+    at |= {"hips": _middle(at, "hips"), "shoulders": at["spine3"] + rotation @ shoulder_centre(motion)}
     bones = [TORSO, NECK, *((f"{side}_{a}", f"{side}_{b}") for side in SIDES for a, b in LIMBS)]
     bones += [(pair, f"{side}_{joint}") for side in SIDES for pair, joint in GIRDLES]
     lengths = {bone: float(np.median(np.linalg.norm(at[bone[1]] - at[bone[0]], axis=1))) for bone in bones}
@@ -124,32 +124,32 @@ def _stretch(
     torso, neck = ratio[TORSO], ratio[NECK]
     wide = {pair: np.mean([ratio[pair, f"{side}_{pair[:-1]}"] for side in SIDES]) for pair in ("hips", "shoulders")}
     trunk = np.diag([scale, scale, torso])
-    shapes = dict.fromkeys(CANONICAL_JOINTS, trunk)
-    shapes["pelvis"] = np.diag([scale, wide["hips"], torso])
-    shapes["spine3"] = np.diag([scale, (scale + wide["shoulders"]) / 2, torso])
-    shapes["head"] = scale * np.eye(3)
+    stretches = dict.fromkeys(CANONICAL_JOINTS, trunk)
+    stretches["pelvis"] = np.diag([scale, wide["hips"], torso])
+    stretches["spine3"] = np.diag([scale, (scale + wide["shoulders"]) / 2, torso])
+    stretches["head"] = scale * np.eye(3)
     new = {"hips": torso * rest["hips"]}
     for name in ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar", "shoulders"):
         new[name] = new["hips"] + trunk @ (rest[name] - rest["hips"])
     for name in ("neck", "head"):
         new[name] = new["shoulders"] + neck * (rest[name] - rest["shoulders"])
-    shapes["neck"] = _along(rest["head"] - rest["neck"], neck, scale)
+    stretches["neck"] = _along(rest["head"] - rest["neck"], neck, scale)
     new["head_top"] = new["head"] + scale * (rest["head_top"] - rest["head"])
     for side in SIDES:
         for pair, joint in (("hips", f"{side}_hip"), ("shoulders", f"{side}_shoulder")):
             new[joint] = new[pair] + ratio[pair, joint] * (rest[joint] - rest[pair])
-        shapes[f"{side}_collar"] = np.diag([scale, wide["shoulders"], torso])
+        stretches[f"{side}_collar"] = np.diag([scale, wide["shoulders"], torso])
         for a, b in ((f"{side}_{a}", f"{side}_{b}") for a, b in LIMBS):
             new[b] = new[a] + ratio[a, b] * (rest[b] - rest[a])
-            shapes[a] = _along(rest[b] - rest[a], ratio[a, b], scale)
-        shapes[f"{side}_wrist"] = scale * np.eye(3)
+            stretches[a] = _along(rest[b] - rest[a], ratio[a, b], scale)
+        stretches[f"{side}_wrist"] = scale * np.eye(3)
         new[f"{side}_hand"] = new[f"{side}_wrist"] + scale * (rest[f"{side}_hand"] - rest[f"{side}_wrist"])
         # Only the instep gives way to the ankle's height; toes are as thick as stature makes them.
-        shapes[f"{side}_ankle"], shapes[f"{side}_foot"] = np.diag([scale, scale, ankle[side]]), scale * np.eye(3)
+        stretches[f"{side}_ankle"], stretches[f"{side}_foot"] = np.diag([scale, scale, ankle[side]]), scale * np.eye(3)
         sole = new[f"{side}_ankle"] - ankle[side] * rest[f"{side}_ankle"] * [0, 0, 1]
         for b in ("foot", "toe"):
             new[f"{side}_{b}"] = sole + scale * (rest[f"{side}_{b}"] - rest[f"{side}_ankle"] * [1, 1, 0])
-    return new, np.array([shapes[name] for name in CANONICAL_JOINTS])
+    return new, np.array([stretches[name] for name in CANONICAL_JOINTS])
 
 
 def _along(bone: np.ndarray, length: float, girth: float) -> np.ndarray:

@@ -49,15 +49,19 @@ class Posing:
         at = {name: joints[:, i] for i, name in enumerate(self.names)}
         source = matrices(rotations)
         own = source[:, [self.names.index(name) for name in self.offsets]] @ np.stack(list(self.offsets.values()))
-        turn = {name: own[:, i] for i, name in enumerate(self.offsets)}
+        rotation = {name: own[:, i] for i, name in enumerate(self.offsets)}
         origin = {name: at[name] for name in CANONICAL_JOINTS}
-        self._trunk(at, source[:, self.names.index("spine3")], turn, origin)
+        self._trunk(at, source[:, self.names.index("spine3")], rotation, origin)
         for side in SIDES:
-            self._limbs(side, at, turn, origin)
-        return np.stack([turn[b] for b in BONES], 1), np.stack([origin[b] for b in BONES], 1)
+            self._limbs(side, at, rotation, origin)
+        return np.stack([rotation[b] for b in BONES], 1), np.stack([origin[b] for b in BONES], 1)
 
     def _trunk(
-        self, at: dict[str, np.ndarray], chest: np.ndarray, turn: dict[str, np.ndarray], origin: dict[str, np.ndarray]
+        self,
+        at: dict[str, np.ndarray],
+        chest: np.ndarray,
+        rotation: dict[str, np.ndarray],
+        origin: dict[str, np.ndarray],
     ) -> None:
         """Spine between pelvis and chest, with the template's own joints: files place theirs where they like."""
         rest = self.body.joints
@@ -66,30 +70,32 @@ class Posing:
         for name in ("pelvis", "spine1", "spine2", "spine3", "neck", "left_collar", "right_collar"):
             fraction = np.clip((rest[name] - rest_hips)[2] / (rest_shoulders - rest_hips)[2], 0, 1)
             fraction = fraction * fraction * (3 - 2 * fraction)
-            below = hips + turn["pelvis"] @ (rest[name] - rest_hips)
-            above = shoulders + turn["spine3"] @ (rest[name] - rest_shoulders)
+            below = hips + rotation["pelvis"] @ (rest[name] - rest_hips)
+            above = shoulders + rotation["spine3"] @ (rest[name] - rest_shoulders)
             origin[name] = (1 - fraction) * below + fraction * above
-        turn["spine1"] = between(turn["pelvis"], turn["spine3"], 1 / 3)
-        turn["spine2"] = between(turn["pelvis"], turn["spine3"], 2 / 3)
-        turn["neck"] = between(turn["spine3"], turn["head"], 0.5)
+        rotation["spine1"] = between(rotation["pelvis"], rotation["spine3"], 1 / 3)
+        rotation["spine2"] = between(rotation["pelvis"], rotation["spine3"], 2 / 3)
+        rotation["neck"] = between(rotation["spine3"], rotation["head"], 0.5)
 
     def _limbs(
-        self, side: str, at: dict[str, np.ndarray], turn: dict[str, np.ndarray], origin: dict[str, np.ndarray]
+        self, side: str, at: dict[str, np.ndarray], rotation: dict[str, np.ndarray], origin: dict[str, np.ndarray]
     ) -> None:
         rest = self.body.joints
         collar, shoulder, elbow, wrist = (f"{side}_{j}" for j in ("collar", "shoulder", "elbow", "wrist"))
-        carried = turn["spine3"] @ (rest[shoulder] - rest[collar])
-        turn[collar] = swing(carried, at[shoulder] - origin[collar]) @ turn["spine3"]
+        carried = rotation["spine3"] @ (rest[shoulder] - rest[collar])
+        rotation[collar] = swing(carried, at[shoulder] - origin[collar]) @ rotation["spine3"]
         for upper, lower in ((f"{side}_{a}", f"{side}_{b}") for a, b in ONE_HINGE.items()):
             # The orientation carries the bone already; this takes up what a file's bones stretch.
-            turn[upper] = swing(turn[upper] @ (rest[lower] - rest[upper]), at[lower] - at[upper]) @ turn[upper]
+            rotation[upper] = (
+                swing(rotation[upper] @ (rest[lower] - rest[upper]), at[lower] - at[upper]) @ rotation[upper]
+            )
         arm, forearm = unit(rest[elbow] - rest[shoulder]), unit(rest[wrist] - rest[elbow])
-        turn[f"{side}_upper_arm"] = turn[shoulder] @ half_twist(turn[shoulder], turn[collar], arm)
-        turn[f"{side}_forearm"] = turn[elbow] @ half_twist(turn[elbow], turn[wrist], forearm)
+        rotation[f"{side}_upper_arm"] = rotation[shoulder] @ half_twist(rotation[shoulder], rotation[collar], arm)
+        rotation[f"{side}_forearm"] = rotation[elbow] @ half_twist(rotation[elbow], rotation[wrist], forearm)
         origin[f"{side}_upper_arm"], origin[f"{side}_forearm"] = origin[shoulder], origin[elbow]
         # Files put the ball of the foot anywhere between sole and instep; the sole needs it where the template has it.
         ankle, foot = f"{side}_ankle", f"{side}_foot"
-        origin[foot] = at[ankle] + turn[ankle] @ (rest[foot] - rest[ankle])
+        origin[foot] = at[ankle] + rotation[ankle] @ (rest[foot] - rest[ankle])
 
 
 def half_twist(bone: np.ndarray, other: np.ndarray, axis: np.ndarray) -> np.ndarray:
@@ -114,9 +120,9 @@ def posing(body: Fitted, motion: Motion) -> Posing:
     return Posing(body=body, names=motion.names, offsets=offsets, shoulder_centre=centre)
 
 
-def _local(turn: np.ndarray, vectors: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
+def _local(rotation: np.ndarray, vectors: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
     """Mean of vectors (T, 3) in a bone's own frame, (3,)."""
-    own = np.einsum("tji,tj->ti", turn, vectors)
+    own = np.einsum("tji,tj->ti", rotation, vectors)
     return own.mean(0) if weights is None else weights @ own
 
 
@@ -196,5 +202,5 @@ def _foot_offsets(
         frames = np.arange(len(bone))
     weights = np.full(len(frames), 1 / len(frames))
     offsets[ankle] = mean_rotation(np.swapaxes(source[ankle][frames], -1, -2) @ level[frames], weights)
-    turned = source[ankle][frames] @ offsets[ankle]
-    offsets[foot] = mean_rotation(np.swapaxes(source[foot][frames], -1, -2) @ turned, weights)
+    rotated = source[ankle][frames] @ offsets[ankle]
+    offsets[foot] = mean_rotation(np.swapaxes(source[foot][frames], -1, -2) @ rotated, weights)

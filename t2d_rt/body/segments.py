@@ -34,7 +34,7 @@ TRUNK_CUTS = ("spine1", "spine2")
 """Heights that part pelvis, abdomen and chest."""
 
 RAGGED = 0.02
-"""Share of a segment's points left out at either end of the bone: its faces do not end in a plane."""
+"""Fraction of a segment's points left out at either end of the bone: its faces do not end in a plane."""
 
 
 def _segments() -> dict[str, Segment]:
@@ -95,8 +95,8 @@ class _Carried:
     track: JointTrack
 
     def __call__(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        turn, origin = (moved[:, self.bones] for moved in self.pose.bones(*self.track(times_s)))
-        return (turn @ self.offsets[..., None])[..., 0] + origin, turn @ self.axes
+        rotations, origin = (moved[:, self.bones] for moved in self.pose.bones(*self.track(times_s)))
+        return (rotations @ self.offsets[..., None])[..., 0] + origin, rotations @ self.axes
 
 
 def segment_of_faces(body: Fitted) -> np.ndarray:

@@ -108,11 +108,11 @@ def _carrier(twist_bone: str) -> str:
     return twist_bone.replace("upper_arm", "shoulder").replace("forearm", "elbow")
 
 
-def blend(basis: Csr, turn: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def blend(basis: Csr, rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Posed vertices (K, V, 3) from bone rotations (K, B, 3, 3) and origins (K, B, 3)."""
-    bones = np.concatenate([turn, origin[..., None]], -1).transpose(1, 3, 2, 0)
-    vertices = np.empty((len(turn), basis.shape[0], 3))
-    for start in range(0, len(turn), FRAMES_AT_ONCE):
+    bones = np.concatenate([rotations, origin[..., None]], -1).transpose(1, 3, 2, 0)
+    vertices = np.empty((len(rotations), basis.shape[0], 3))
+    for start in range(0, len(rotations), FRAMES_AT_ONCE):
         block = slice(start, start + FRAMES_AT_ONCE)
         product = basis @ bones[..., block].reshape(basis.shape[1], -1)
         vertices[block] = product.reshape(basis.shape[0], 3, -1).transpose(2, 0, 1)
@@ -128,8 +128,8 @@ def linear_track(motion: Motion) -> JointTrack:
         fraction = (times_s * motion.rate_hz - frame)[:, None, None]
         q, r = motion.rotations[frame], motion.rotations[frame + 1]
         r = np.where((q * r).sum(-1, keepdims=True) < 0, -r, r)
-        turn = (1 - fraction) * q + fraction * r
+        rotations = (1 - fraction) * q + fraction * r
         joints = (1 - fraction) * motion.joints[frame] + fraction * motion.joints[frame + 1]
-        return joints, turn / np.linalg.norm(turn, axis=-1, keepdims=True)
+        return joints, rotations / np.linalg.norm(rotations, axis=-1, keepdims=True)
 
     return track

@@ -90,11 +90,11 @@ def crease_corners(vertices: np.ndarray, sharp: np.ndarray, crease_deg: float) -
     count = np.bincount(sharp.ravel(), minlength=len(vertices))
     along = vertices[sharp[:, 1]] - vertices[sharp[:, 0]]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-    turn = np.zeros((len(vertices), 3))
-    np.add.at(turn, sharp[:, 0], along)
-    np.add.at(turn, sharp[:, 1], -along)
+    bend = np.zeros((len(vertices), 3))
+    np.add.at(bend, sharp[:, 0], along)
+    np.add.at(bend, sharp[:, 1], -along)
     # two unit vectors that leave a vertex at an angle pi - t add up to a length of 2 sin(t / 2)
-    bent = np.linalg.norm(turn, axis=1) > 2 * np.sin(np.radians(min(crease_deg, 180.0)) / 2) + 1e-9
+    bent = np.linalg.norm(bend, axis=1) > 2 * np.sin(np.radians(min(crease_deg, 180.0)) / 2) + 1e-9
     return (count > 0) & ((count != 2) | bent)
 
 

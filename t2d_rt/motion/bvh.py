@@ -96,12 +96,12 @@ def forward_kinematics(
         if joint not in wanted:
             continue
         shift = _translation(channels, values, offsets[joint])
-        turn = _rotation(channels, values)
+        rotation = _rotation(channels, values)
         if parent < 0:
-            positions[joint], rotations[joint] = shift, turn
+            positions[joint], rotations[joint] = shift, rotation
         else:
             positions[joint] = positions[parent] + rotate(rotations[parent], shift)
-            rotations[joint] = normalise(multiply(rotations[parent], turn))
+            rotations[joint] = normalise(multiply(rotations[parent], rotation))
     return positions.swapaxes(0, 1), rotations.swapaxes(0, 1)
 
 

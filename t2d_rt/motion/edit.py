@@ -90,9 +90,9 @@ def place(
     number("angle_deg", angle_deg, -1e6, 1e6)
     aim = aim / np.linalg.norm(aim)
     heading = _main_direction(motion)
-    turn = math.atan2(-aim[1], -aim[0]) - math.atan2(heading[1], heading[0]) + math.radians(angle_deg)
+    angle = math.atan2(-aim[1], -aim[0]) - math.atan2(heading[1], heading[0]) + math.radians(angle_deg)
     start = motion.joints[0, 0] * np.array([1.0, 1.0, 0.0])
-    joints, rotations = _turned(motion.joints - start, motion.rotations, np.array(turn))
+    joints, rotations = _rotated(motion.joints - start, motion.rotations, np.array(angle))
     found = distance_m
     if distance_m is None:
         found = _closest_start(joints[..., :2] @ aim, joints[..., :2] @ np.array([-aim[1], aim[0]]))
@@ -133,7 +133,7 @@ def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: f
         return trim(motion, 0.0, (count - 1) / motion.rate_hz)
     window = max(2, round(blend_s * motion.rate_hz))
     first, last = _best_cycle(motion, window)
-    turn, step = _cycle_transform(motion, first, last)
+    angle, step = _cycle_transform(motion, first, last)
     offsets, local = decompose(motion.joints, motion.rotations, motion.parents)
     # Copy k shows frames first ... last + window of the original; the last `window` of them fade into copy k + 1.
     frames = np.arange(count)
@@ -145,7 +145,7 @@ def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: f
     before = np.where(fading, now + period, now)
 
     def chained(index: np.ndarray, copies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return _repeat_root(offsets[index, 0], local[index, 0], copies, turn, step)
+        return _repeat_root(offsets[index, 0], local[index, 0], copies, angle, step)
 
     new_root, old_root = chained(now, copy), chained(before, copy - fading)
     offsets = (1 - weight[..., None]) * offsets[before] + weight[..., None] * offsets[now]
@@ -177,9 +177,9 @@ def _main_direction(motion: Motion) -> np.ndarray:
     return axis if axis @ net >= 0 else -axis
 
 
-def _turned(joints: np.ndarray, rotations: np.ndarray, angle_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    turn = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), angle_rad)
-    return quaternions.rotate(turn, joints), quaternions.multiply(turn, rotations)
+def _rotated(joints: np.ndarray, rotations: np.ndarray, angle_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    rotation = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), angle_rad)
+    return quaternions.rotate(rotation, joints), quaternions.multiply(rotation, rotations)
 
 
 def _closest_start(along: np.ndarray, aside: np.ndarray) -> float:
@@ -226,21 +226,21 @@ def _best_cycle(motion: Motion, window: int) -> tuple[int, int]:
 
 
 def _cycle_transform(motion: Motion, first: int, last: int) -> tuple[float, np.ndarray]:
-    """Turn [rad] about the vertical and step (3,) that carry frame `first` to frame `last`: p -> R p + step."""
+    """Rotation angle [rad] about the vertical and step (3,) that carry frame `first` to frame `last`: p -> R p + step."""
     ahead = facing(_points(motion))[[first, last], :2]
-    turn = math.atan2(ahead[0, 0] * ahead[1, 1] - ahead[0, 1] * ahead[1, 0], float(ahead[0] @ ahead[1]))
-    if abs(turn) < math.radians(20.0):
-        turn = 0.0  # a walk's pelvis wobbles by a few degrees; it should go straight on, not in a circle
+    angle = math.atan2(ahead[0, 0] * ahead[1, 1] - ahead[0, 1] * ahead[1, 0], float(ahead[0] @ ahead[1]))
+    if abs(angle) < math.radians(20.0):
+        angle = 0.0  # a walk's pelvis wobbles by a few degrees; it should go straight on, not in a circle
     start, end = motion.joints[[first, last], 0] * np.array([1.0, 1.0, 0.0])
-    spin = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), np.array(turn))
-    return turn, end - quaternions.rotate(spin, start)
+    spin = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), np.array(angle))
+    return angle, end - quaternions.rotate(spin, start)
 
 
 def _repeat_root(
-    position: np.ndarray, rotation: np.ndarray, copies: np.ndarray, turn: float, step: np.ndarray
+    position: np.ndarray, rotation: np.ndarray, copies: np.ndarray, angle: float, step: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Root (K, 3), (K, 4) after the cycle's transform has been applied `copies` (K,) times."""
-    spins = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), turn * np.arange(int(copies.max()) + 1))
+    spins = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), angle * np.arange(int(copies.max()) + 1))
     shifts = np.concatenate([np.zeros((1, 3)), np.cumsum(quaternions.rotate(spins[:-1], step), axis=0)])
     spin = spins[copies]
     return quaternions.rotate(spin, position) + shifts[copies], quaternions.multiply(spin, rotation)

@@ -69,7 +69,7 @@ def sample(motion: Motion, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def resample(motion: Motion, rate_hz: float) -> Motion:
-    """The same motion at another frame rate; what is left of a last step is cut off."""
+    """The same motion at another frame rate; a remainder shorter than one frame is cut off."""
     checked_motion(motion)
     checked_rate(rate_hz)
     count = math.floor(motion.duration_s * rate_hz + 1e-9) + 1
@@ -114,8 +114,8 @@ def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
         )
     offsets, rotations = decompose(motion.joints, motion.rotations, motion.parents)
     low = low_pass(np.concatenate([quaternions.continuous(rotations), offsets], axis=-1), cutoff_hz, motion.rate_hz)
-    joints, turns = compose(low[..., 4:], quaternions.normalise(low[..., :4]), motion.parents)
-    return motion.edited(f"smoothed at {cutoff_hz:g} Hz", joints=joints, rotations=turns)
+    joints, rotations = compose(low[..., 4:], quaternions.normalise(low[..., :4]), motion.parents)
+    return motion.edited(f"smoothed at {cutoff_hz:g} Hz", joints=joints, rotations=rotations)
 
 
 def low_pass(values: np.ndarray, cutoff_hz: float, rate_hz: float) -> np.ndarray:

@@ -69,16 +69,20 @@ def load_motion(
     try:
         kind = detect_flavour(names, raw.parents, flavour)
         offsets, restored = restored_offsets(raw, names, kind)
-        points, turns = canonical(raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind)))
+        points, orientations = canonical(
+            raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind))
+        )
         unit_m, stature_m = _unit(points, units)
         axis = up or _up_axis(points)
-        points, turns = _to_z_up(points, turns, axis, unit_m)
-        _add_feet(points, turns, stature_m)
+        points, orientations = _to_z_up(points, orientations, axis, unit_m)
+        _add_feet(points, orientations, stature_m)
         dropped = _tpose_frames(points) if drop_tpose is None else (max(_tpose_frames(points), 1) if drop_tpose else 0)
-        points, turns = ({name: track[dropped:] for name, track in group.items()} for group in (points, turns))
+        points, orientations = (
+            {name: track[dropped:] for name, track in group.items()} for group in (points, orientations)
+        )
         level = _floor_level(points) if floor is None else float(floor)
-        motion = _assemble(points, turns, raw.rate_hz, level)
-        del points, turns  # half of the memory that a long motion takes
+        motion = _assemble(points, orientations, raw.rate_hz, level)
+        del points, orientations  # half of the memory that a long motion takes
         motion, smoothing = _smoothed(motion, smooth_hz)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -139,7 +143,7 @@ def motion_from_joints(
     if len(joints) < 2:
         raise InputError(f"joints must have shape (time >= 2, {len(names)}, 3), got {joints.shape}")
     points = {name: joints[:, list(names).index(name)] for name in PARENT_OF if name in names}
-    return replace(_assemble(points, _turns_from_bones(points), rate_hz, 0.0, report), placed=placed)
+    return replace(_assemble(points, _orientations_from_bones(points), rate_hz, 0.0, report), placed=placed)
 
 
 def stature_m(points: dict[str, np.ndarray]) -> float:
@@ -201,7 +205,7 @@ def _up_axis(points: dict[str, np.ndarray]) -> Up:
 
 
 def _to_z_up(
-    points: dict[str, np.ndarray], turns: dict[str, np.ndarray], up: str, unit_m: float
+    points: dict[str, np.ndarray], orientations: dict[str, np.ndarray], up: str, unit_m: float
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Cyclic change of axes (proper rotation): y up becomes (z, x, y); in metres."""
     if up not in ("x", "y", "z", "-x", "-y", "-z"):
@@ -209,20 +213,20 @@ def _to_z_up(
     axis = "xyz".index(up[-1])
     z, x = (-1.0 if up[0] == "-" else 1.0) * np.eye(3)[axis], np.eye(3)[(axis + 1) % 3]
     rows = np.stack([x, np.cross(z, x), z])
-    turn = quaternions.from_matrix(rows)
+    rotation = quaternions.from_matrix(rows)
     moved = {name: unit_m * (track @ rows.T) for name, track in points.items()}
-    return moved, {name: quaternions.multiply(turn, track) for name, track in turns.items()}
+    return moved, {name: quaternions.multiply(rotation, track) for name, track in orientations.items()}
 
 
-def _add_feet(points: dict[str, np.ndarray], turns: dict[str, np.ndarray], tall_m: float) -> None:
+def _add_feet(points: dict[str, np.ndarray], orientations: dict[str, np.ndarray], tall_m: float) -> None:
     """Balls of the feet where the file ends at the ankle: 7 % of the stature ahead, 3.5 % down, rigid on the ankle."""
     ahead = tall_m * (0.07 * facing(points) - 0.035 * np.array([0.0, 0.0, 1.0]))
     for side in ("left", "right"):
         if f"{side}_foot" not in points:
-            ankle = turns[f"{side}_ankle"]
+            ankle = orientations[f"{side}_ankle"]
             local = np.median(quaternions.rotate(quaternions.conjugate(ankle), ahead), axis=0)
             points[f"{side}_foot"] = points[f"{side}_ankle"] + quaternions.rotate(ankle, local)
-            turns[f"{side}_foot"] = ankle
+            orientations[f"{side}_foot"] = ankle
 
 
 def _tpose_frames(points: dict[str, np.ndarray]) -> int:
@@ -243,12 +247,12 @@ def _floor_level(points: dict[str, np.ndarray]) -> float:
 
 
 def _assemble(
-    points: dict[str, np.ndarray], turns: dict[str, np.ndarray], rate_hz: float, floor_m: float, report: str = ""
+    points: dict[str, np.ndarray], orientations: dict[str, np.ndarray], rate_hz: float, floor_m: float, report: str = ""
 ) -> Motion:
     names = tuple(name for name in PARENT_OF if name in points)
     parents = tuple(names.index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
     joints = np.stack([points[name] for name in names], axis=1) - np.array([0.0, 0.0, floor_m])
-    rotations = quaternions.continuous(np.stack([turns[name] for name in names], axis=1))
+    rotations = quaternions.continuous(np.stack([orientations[name] for name in names], axis=1))
     return Motion(
         joints=joints, rotations=rotations, rate_hz=rate_hz, names=names, parents=parents, placed=False, report=report
     )
@@ -266,22 +270,22 @@ def _smoothed(motion: Motion, smooth_hz: float | str | None) -> tuple[Motion, st
     return smooth(motion, JITTER_CUTOFF_HZ), told
 
 
-def _turns_from_bones(points: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _orientations_from_bones(points: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     main_child = {parent: child for child, parent in PARENT_OF.items() if child in points} | {"spine3": "neck"}
     across = points["left_hip"] - points["right_hip"]
     upward = np.cross(np.cross(across, points["spine1"] - points["pelvis"]), across)
     x, z = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12) for v in (across, upward))
     frames = np.stack([x, np.cross(z, x), z], axis=-1)
-    turns = {"pelvis": quaternions.from_matrix(frames @ frames[0].T)}
+    orientations = {"pelvis": quaternions.from_matrix(frames @ frames[0].T)}
     for name in list(points)[1:]:
-        above = turns[str(PARENT_OF[name])]
+        above = orientations[str(PARENT_OF[name])]
         child = main_child.get(name)
         if child is None:
-            turns[name] = above
+            orientations[name] = above
             continue
         bone = points[child] - points[name]
         if not (np.linalg.norm(bone, axis=-1) > 1e-9).all():
             raise InputError(f"joints {name!r} and {child!r} coincide; a bone needs a length to have a direction")
         carried = quaternions.rotate(above, quaternions.rotate(quaternions.conjugate(above[0]), bone[0]))
-        turns[name] = quaternions.multiply(quaternions.between(carried, bone), above)
-    return turns
+        orientations[name] = quaternions.multiply(quaternions.between(carried, bone), above)
+    return orientations

@@ -130,17 +130,17 @@ def canonical(
     """Positions (T, 3) and orientations (T, 4) by canonical name, in canonical order; absent feet are left out."""
     index = {name: i for i, name in enumerate(names)}
     points: dict[str, np.ndarray] = {}
-    turns: dict[str, np.ndarray] = {}
+    orientations: dict[str, np.ndarray] = {}
     for name, source in flavour.joints.items():
         first, last, fraction = (source, source, 0.0) if isinstance(source, str) else source
         absent = first not in index or last not in index or not raw.offsets[index[first]].any()
         if not (absent and name in OPTIONAL_JOINTS):
             points[name] = (1.0 - fraction) * positions[:, index[first]] + fraction * positions[:, index[last]]
-            turns[name] = rotations[:, index[first]]
+            orientations[name] = rotations[:, index[first]]
     for chain in FILL_CHAINS:
-        _fill_between(chain, points, turns)
+        _fill_between(chain, points, orientations)
     order = [name for name in PARENT_OF if name in points]
-    return {name: points[name] for name in order}, {name: turns[name] for name in order}
+    return {name: points[name] for name in order}, {name: orientations[name] for name in order}
 
 
 def source_joints(names: tuple[str, ...], flavour: Flavour) -> list[int]:
@@ -149,14 +149,14 @@ def source_joints(names: tuple[str, ...], flavour: Flavour) -> list[int]:
     return [index for index, name in enumerate(names) if name in sources]
 
 
-def _fill_between(chain: tuple[str, ...], points: dict[str, np.ndarray], turns: dict[str, np.ndarray]) -> None:
+def _fill_between(chain: tuple[str, ...], points: dict[str, np.ndarray], orientations: dict[str, np.ndarray]) -> None:
     """Put absent joints of a chain evenly between their neighbours; they turn with the one above."""
     for above, name in pairwise(chain):
         if name not in points:
             later = chain[chain.index(name) :]
             steps, below = next((i, joint) for i, joint in enumerate(later, 1) if joint in points)
             points[name] = points[above] + (points[below] - points[above]) / steps
-            turns[name] = turns[above]
+            orientations[name] = orientations[above]
 
 
 def restored_offsets(raw: RawSkeleton, names: tuple[str, ...], flavour: Flavour) -> tuple[np.ndarray, list[str]]:

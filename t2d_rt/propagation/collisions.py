@@ -129,8 +129,8 @@ def find_collisions(
     mirrors = Mirrors.of(scene, backend)
     times = uneven_times(start_s, stop_s)
     low, high = scene.bounds_m
-    around_radar = all(((low < place) & (place < high)).all() for place in (radar.tx_position_m, radar.rx_position_m))
-    has_outside = not outside and (around_radar or is_room(mirrors))
+    encloses_radar = all(((low < place) & (place < high)).all() for place in (radar.tx_position_m, radar.rx_position_m))
+    has_outside = not outside and (encloses_radar or is_room(mirrors))
     found = []
     for number, target in enumerate(targets):
         track = middles(target, times)

@@ -8,7 +8,7 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
 from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar
 
-FRAMES_AROUND = 12
+FRAMES_NEARBY = 12
 """Frames on either side of a chirp that determine its spline; the influence of farther ones is below 2e-7 (0.268 per frame)."""
 
 
@@ -64,8 +64,8 @@ def between(
     out = np.zeros((len(rows), len(samples)), np.complex128)
     step = float(source.times_s[1] - source.times_s[0])
     for k, (start, row, antenna) in enumerate(zip(starts_s, rows, antennas, strict=True)):
-        first = int(np.clip(start / step - FRAMES_AROUND // 2, 0, max(0, len(source.times_s) - FRAMES_AROUND)))
-        part = source.times_s[first : first + FRAMES_AROUND]
+        first = int(np.clip(start / step - FRAMES_NEARBY // 2, 0, max(0, len(source.times_s) - FRAMES_NEARBY)))
+        part = source.times_s[first : first + FRAMES_NEARBY]
         echoes = Echoes(times_s=part, **source.frames(first, first + len(part))._asdict())
         pick = np.array([start - (part[0] - source.times_s[0])])
         for tx, rx, factor in _heard(radar, row, antenna):

@@ -73,8 +73,8 @@ def ellipsoid_echoes(
         parts = []
         for number, view in enumerate(views):
             mine = slice(number * count, (number + 1) * count)
-            past = 0.0 if view.paths is None else view.paths.delay_s
-            echoes = EchoArrays(path[:, mine] / SPEED_OF_LIGHT + past, amplitude[:, mine])
+            extra_s = 0.0 if view.paths is None else view.paths.delay_s
+            echoes = EchoArrays(path[:, mine] / SPEED_OF_LIGHT + extra_s, amplitude[:, mine])
             departure, arrival = (end[:, mine] for end in ends)
             if view.paths is None:
                 parts.append(seen_by(radar, echoes, departure, arrival))

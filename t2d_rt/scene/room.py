@@ -151,12 +151,12 @@ class Room(Fields):
             )
         ]
         # Seen from inside, counter-clockwise.
-        turned = side in ("+x", "-y")
-        surfaces = [_plates(f"wall{side}", plates, self.walls, turned)]
+        flipped = side in ("+x", "-y")
+        surfaces = [_plates(f"wall{side}", plates, self.walls, flipped)]
         for opening, (a, b, c, d) in zip(holes, spans, strict=True):
             if opening.slab is not None:
                 filling = [point(a, c), point(b, c), point(b, d), point(a, d)]
-                surfaces.append(_plates(opening.name, [filling], opening.slab, turned))
+                surfaces.append(_plates(opening.name, [filling], opening.slab, flipped))
         return surfaces
 
     def _check_openings(
@@ -175,11 +175,11 @@ class Room(Fields):
     def _placed(self, piece: Piece, low: np.ndarray, high: np.ndarray) -> list[Surface]:
         name = piece.name or piece.kind
         angle = math.radians(piece.heading_deg)
-        turn = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
+        rotation = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
         parts = furniture(piece.kind)
         found = []
         for material, (vertices, faces) in parts.items():
-            there = vertices @ turn.T + [piece.x_m, piece.y_m, piece.z_m]
+            there = vertices @ rotation.T + [piece.x_m, piece.y_m, piece.z_m]
             if (there < low - _FREE_M).any() or (there > high + _FREE_M).any():
                 raise InputError(
                     f"{name} at ({piece.x_m:g}, {piece.y_m:g}) m sticks out of room {self.name}, which reaches from "
@@ -210,17 +210,17 @@ def furniture(kind: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _plate(name: str, corners: list[tuple[float, float, float]], slab: Slab) -> Surface:
-    return _plates(name, [corners], slab, turned=False)
+    return _plates(name, [corners], slab, flipped=False)
 
 
-def _plates(name: str, plates: list[list[tuple[float, float, float]]], slab: Slab, turned: bool) -> Surface:
-    """Rectangles of four corners each, as two triangles each; `turned` the other way round."""
+def _plates(name: str, plates: list[list[tuple[float, float, float]]], slab: Slab, flipped: bool) -> Surface:
+    """Rectangles of four corners each, as two triangles each; `flipped` the other way round."""
     vertices = np.array(plates, float).reshape(-1, 3)
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k for k in range(len(plates))])
     return Surface(
         name=name,
         vertices=vertices,
-        faces=faces[:, ::-1] if turned else faces,
+        faces=faces[:, ::-1] if flipped else faces,
         material=slab.material,
         thickness_m=slab.thickness_m,
     )

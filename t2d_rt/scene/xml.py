@@ -24,8 +24,8 @@ BEGINNING = re.compile(
 def save_scene(scene: Scene, folder: str | Path) -> Path:
     """Writes `folder`/<name>.xml and a PLY file for each surface in `folder`/meshes; returns the XML file's path.
 
-    Nothing changes if it fails; a folder that is there already is replaced if it is empty or holds a scene that this wrote, and
-    nothing else.
+    If it fails, nothing is changed. An existing folder is replaced only if it is empty or holds nothing but a scene that this
+    function wrote.
     """
     instance("scene", scene, Scene, "a Scene", hint="load_scene or Room.scene() makes one")
     target = file_path("folder", folder).resolve()

@@ -36,7 +36,7 @@ def cfar(
     method: "ca", the mean of the training cells, or "os", their 75 % order statistic, which other targets among them
         disturb less.
     guard_cells, training_cells: along velocity and range, on either side of the cell. Both axes are circular, as those
-        of an FFT are. By default along range alone: a body fills many Doppler cells and would hide itself.
+        of an FFT are. By default along range alone: a body fills many Doppler cells and would mask itself.
     windows: the tapers of both axes; they correlate neighbours, which then count as fewer cells.
     """
     false_alarm_rate = check_rate(false_alarm_rate)

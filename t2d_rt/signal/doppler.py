@@ -322,8 +322,8 @@ def _window_defaults(radar: Radar, chirps: int, n_window: int | None, overlap: i
         n_window = min(256, chirps if burst is None else burst)
     if burst is not None and n_window > burst:
         raise InputError(
-            f"an STFT window of {n_window} chirps does not fit into a burst of {burst}: the dead time would tear it; "
-            f"set n_window to {burst} or less, or use a radar with continuous chirps such as table2"
+            f"an STFT window of {n_window} chirps does not fit into a burst of {burst}, and windows do not reach from burst to "
+            f"burst; set n_window to {burst} or less, or use a radar with continuous chirps such as table2"
         )
     if n_window > chirps:
         raise InputError(

@@ -36,7 +36,7 @@ class PathTier(Fields):
     patch_span_scale: Scale = 1.0
     """Span in delay of the patches into which facets are merged, relative to the first tier's."""
     patch_phase_scale: Scale = 1.0
-    """Phase by which a patch may turn from one surface frame to the next, relative to the first tier's."""
+    """Phase by which a patch may change from one surface frame to the next, relative to the first tier's."""
     visibility: Literal["occlusion", "shared", "blockage"] = "occlusion"
     """What is traced: "occlusion" by the targets and blockage by the scene; "shared": occlusion only along the one-way paths that
     an "occlusion" tier uses; "blockage" by the scene alone, at a few points of each target."""
@@ -80,9 +80,9 @@ class Accuracy(Fields):
     spline_error_db: Annotated[Number, Field(ge=-100, le=0)] = -38.0
     """Field error that splines between surface frames may add [dB]; it sets the surface rate where none is given."""
     occlusion: bool = True
-    """Whether targets hide themselves and one another; the furniture of a room hides them anyway."""
+    """Whether targets occlude themselves and one another; the furniture of a room blocks paths in any case."""
     clutter_occlusion: bool | None = None
-    """Whether targets hide parts of the static scene from the radar; as `occlusion` by default."""
+    """Whether targets occlude parts of the static scene; as `occlusion` by default."""
     visibility_rate_hz: Annotated[Number, Field(ge=1, le=1_000)] = 25.0
     """Rate at which visibility is sampled [Hz], faded in between; 25 suits walking. Cost is proportional."""
     visibility_subdivision: Annotated[Count, Field(ge=0, le=4)] = 0
@@ -125,7 +125,7 @@ class Accuracy(Fields):
 
     @property
     def occludes_clutter(self) -> bool:
-        """Whether targets hide parts of the static scene."""
+        """Whether targets occlude parts of the static scene."""
         return self.occlusion if self.clutter_occlusion is None else self.clutter_occlusion
 
     def replace(self, **changes: object) -> Accuracy:

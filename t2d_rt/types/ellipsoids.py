@@ -28,7 +28,7 @@ class Ellipsoids:
     """N ellipsoids of semi-axes (N, 3) m, the third along the bone, between the first and last of times_s (T,) s.
 
     `centres` (T, N, 3) m follow a C2 cubic spline between the times; `axes` (T, N, 3, 3) hold the unit axes in columns;
-    (N, 3, 3) if they never rotate; none if they are those of space.
+    (N, 3, 3) if they never rotate; left out, they are the axes of the world.
     """
 
     semi_axes_m: np.ndarray

@@ -66,7 +66,7 @@ def run() -> Section:
         "in float64, and traces occlusion through the fine mesh at each chirp; the finer one has "
         f"{FINER_SAGITTA_RAD} rad ({FINER_CHIRPS} chirps). "
         "What limits the run is occlusion: without occlusion in either it reads -25 dB. `simulate` traces at the "
-        "vertices of its control cage, 25 mm apart, and fades between them and between its keys at 25 Hz.",
+        "vertices of its control cage, 25 mm apart, and fades between them and between its samples at 25 Hz.",
         table=[_row(s) for s in stretches],
         charts=[_chart(stretches)],
     )
@@ -99,15 +99,15 @@ def _convergence(radar: Radar) -> float:
 def _sphere(radar: Radar, radius_m: float = 0.15, range_m: float = 3.0) -> float:
     """Field NMSE [dB] of the reference for a conducting sphere against -sqrt(P) exp(j phase) of its specular point."""
     vertices, faces = sphere(radius_m, radar.tx_position_m + [range_m + radius_m, 0, 0], subdivisions=4)
-    still = MovingMesh(np.stack([vertices, vertices]), faces, [0.0, 0.01], PEC)
+    static = MovingMesh(np.stack([vertices, vertices]), faces, [0.0, 0.01], PEC)
     found = reference_samples(
-        still, radar, np.array([3]), np.array(SAMPLES), Converged(material=PEC, sagitta_rad=SAGITTA_RAD)
+        static, radar, np.array([3]), np.array(SAMPLES), Converged(material=PEC, sagitta_rad=SAGITTA_RAD)
     )[0]
     power = radar.received_power_w(math.pi * radius_m**2 * (range_m / (range_m + radius_m)) ** 2, range_m)
     delay = 2 * range_m / SPEED_OF_LIGHT
     frequency = radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s[list(SAMPLES)]
-    turns = frequency * delay - radar.slope_hz_per_s * delay**2 / 2
-    return nmse_db(found, -math.sqrt(power) * np.exp(2j * math.pi * turns))
+    cycles = frequency * delay - radar.slope_hz_per_s * delay**2 / 2
+    return nmse_db(found, -math.sqrt(power) * np.exp(2j * math.pi * cycles))
 
 
 def _row(stretch: Stretch) -> dict[str, object]:

@@ -46,7 +46,7 @@ def run() -> Section:
         errors |= {
             what: nmse_db(_simulated(surface, radar, chirps, name, s), reference) for what, s in SETTINGS.items()
         }
-        rows += [{"room": name, "weak pairs": what, "field NMSE, dB": error} for what, error in errors.items()]
+        rows += [{"room": name, "minor pairs": what, "field NMSE, dB": error} for what, error in errors.items()]
         checks += [
             Check(what=f"{name}, {what}", measured=errors[what], limit=limit, unit="dB")
             for what, limit in ((DEFAULT, DEFAULT_DB), (ASKED, LIMIT_DB), (FULL, LIMIT_DB))
@@ -101,7 +101,7 @@ def _agreement(surface: MovingMesh, radar: Radar, chirps: np.ndarray) -> float:
 
 
 def _convergence(surface: MovingMesh, radar: Radar, chirps: np.ndarray) -> float:
-    finer = {"sagitta_rad": FINER_SAGITTA_RAD, "weak_sagitta_rad": FINER_MINOR_RAD}
+    finer = {"sagitta_rad": FINER_SAGITTA_RAD, "minor_sagitta_rad": FINER_MINOR_RAD}
     coarse, fine = (_reference(surface, radar, chirps, ROOMS[0], **options) for options in ({}, finer))
     return nmse_db(coarse, fine)
 
@@ -114,7 +114,7 @@ def _chart(rows: list[dict[str, Any]]) -> str:
     axis.axvline(LIMIT_DB, color="C3", linestyle=":", label="limit")
     axis.set_yticks(range(len(SETTINGS) + 1), [ASKED, *SETTINGS])
     axis.invert_yaxis()
-    axis.set(xlabel="field NMSE against the reference [dB]", title="walk in rooms, weak pairs in more detail")
+    axis.set(xlabel="field NMSE against the reference [dB]", title="walk in rooms, minor pairs in more detail")
     axis.legend(fontsize=8, loc="lower right")
     axis.grid(alpha=0.3)
     return save_chart(figure, "accuracy_rooms.png")

@@ -70,7 +70,7 @@ def run() -> Section:
 # --- spheres and spheroids ---
 
 
-def _still(vertices: np.ndarray, faces: np.ndarray, duration_s: float, **options: Any) -> MovingMesh:
+def _static(vertices: np.ndarray, faces: np.ndarray, duration_s: float, **options: Any) -> MovingMesh:
     return MovingMesh(np.stack([vertices, vertices]), faces, [0.0, duration_s], **options)
 
 
@@ -96,7 +96,7 @@ def _spheres(radar: Radar) -> list[Check]:
     times = np.linspace(0, _record_s(radar), 4)
     ball, faces = sphere(RADIUS_M, np.zeros(3), subdivisions=4)
     checks = []
-    for name, speed in (("still", 0.0), (f"at {SPEED_MPS:g} m/s", SPEED_MPS)):
+    for name, speed in (("static", 0.0), (f"at {SPEED_MPS:g} m/s", SPEED_MPS)):
         ranges = RANGE_M + RADIUS_M - speed * times
         mesh = MovingMesh(ball + (radar.position_m + ranges[:, None] * _ray(radar))[:, None], faces, times, PEC)
         cube = t2d.simulate(mesh, radar=radar).cube
@@ -127,12 +127,12 @@ def _spheroid(radar: Radar) -> list[Check]:
         x, y, z = (nearest[0, 0] - position) @ radar.axes.T
         true = np.degrees([math.atan2(y, x), math.atan2(z, math.hypot(x, y))])
         times = np.array([0.0, _record_s(radar)])
-        shapes = {
-            "mesh": _still(unit * sizes @ axes.T + centre, faces, times[1], material=PEC),
+        geometries = {
+            "mesh": _static(unit * sizes @ axes.T + centre, faces, times[1], material=PEC),
             "ellipsoid": Ellipsoids(sizes, np.tile(centre, (2, 1, 1)), times, axes[None], PEC),
         }
-        for method, shape in shapes.items():
-            cube = t2d.simulate(shape, radar=radar, method=method).cube  # type: ignore[arg-type]
+        for method, geometry in geometries.items():
+            cube = t2d.simulate(geometry, radar=radar, method=method).cube  # type: ignore[arg-type]
             errors[method].append(float(np.abs(_strongest(cube, radar) - true).max()))
     return [
         Check(what=f"spheroid, 3 aspects, {method}: worse of both angles", measured=max(found), limit=0.5, unit="deg")
@@ -144,12 +144,12 @@ def _alone() -> list[Check]:
     """Antennas of the array against radars that have nothing but that pair."""
     checks = []
     moving = walking(2.5, 2.52)
-    body = _still(
+    body = _static(
         moving.at(moving.times_s[:1])[0], moving.faces, 0.02, crease_deg=moving.crease_deg, sagitta_rad=moving.sagitta_rad
     )  # fmt: skip
     for preset in ("array-3x4", "imaging-12x16"):
         radar = Radar.preset(preset)
-        ball = _still(*sphere(RADIUS_M, radar.position_m + (RANGE_M + RADIUS_M) * _ray(radar), 4), 0.02, material=PEC)
+        ball = _static(*sphere(RADIUS_M, radar.position_m + (RANGE_M + RADIUS_M) * _ray(radar), 4), 0.02, material=PEC)
         for name, target in (("body", body), ("sphere", ball)):
             cube = t2d.simulate(target, radar=radar).cube
             worst = max(
@@ -177,19 +177,19 @@ def _imaging() -> list[Check]:
     range_m = round(RANGE_M / radar.range_resolution_m) * radar.range_resolution_m  # on a bin
     ray = _ray(radar, IMAGING_AZIMUTH_DEG, 0.0)
     ball, faces = sphere(RADIUS_M, radar.position_m + (range_m + RADIUS_M) * ray, subdivisions=4)
-    cube = t2d.simulate(_still(ball, faces, IMAGING_S, material=PEC), radar=radar).cube
-    around = np.radians(IMAGING_AZIMUTH_DEG + np.linspace(-3, 3, 121))
-    options = {"azimuth_rad": around, "range_gate_m": (range_m - 0.01, range_m + 0.01)}
+    cube = t2d.simulate(_static(ball, faces, IMAGING_S, material=PEC), radar=radar).cube
+    azimuth_rad = np.radians(IMAGING_AZIMUTH_DEG + np.linspace(-3, 3, 121))
+    options = {"azimuth_rad": azimuth_rad, "range_gate_m": (range_m - 0.01, range_m + 0.01)}
     levels_db, found_deg = [], []
     for far_field in (False, True):
         power = range_angle(cube, radar, far_field=far_field, **options).power[0]
         levels_db.append(10 * math.log10(power.max()))
-        found_deg.append(float(np.degrees(around[power.argmax()])))
+        found_deg.append(float(np.degrees(azimuth_rad[power.argmax()])))
     rcs = math.pi * RADIUS_M**2 * (range_m / (range_m + RADIUS_M)) ** 2
     expected_db = 10 * math.log10(radar.received_power_w(rcs, range_m))
     direction = unit_vectors(math.radians(IMAGING_AZIMUTH_DEG), 0.0)
     near = steering_vectors(radar, direction, range_m + RADIUS_M)  # the echo seems to come from the centre
-    plane = steering_vectors(radar, unit_vectors(around, 0.0))
+    plane = steering_vectors(radar, unit_vectors(azimuth_rad, 0.0))
     loss_db = 20 * math.log10(np.abs(plane.conj() @ near).max() / len(near))
     return [
         Check(what="imaging: focused beam against eq. 2", measured=abs(levels_db[0] - expected_db), limit=0.3, unit="dB"),
@@ -256,21 +256,21 @@ def _walk(radar: Radar) -> _Walk:
 
 def _torso(body: MovingMesh, position: np.ndarray, times_s: np.ndarray) -> np.ndarray:
     """Middle of the torso's skin that faces the radar, (T, 3)."""
-    share = template().weights[:, [CANONICAL_JOINTS.index(name) for name in TORSO]].sum(axis=1)
+    fraction = template().weights[:, [CANONICAL_JOINTS.index(name) for name in TORSO]].sum(axis=1)
     corners = body.at(times_s)[:, body.faces]
     middle = corners.mean(axis=2)
     normal = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
     area = np.linalg.norm(normal, axis=-1)
     sight = position - middle
     cosine = np.maximum(np.sum(normal * sight, axis=-1) / np.linalg.norm(sight, axis=-1) / area, 0)
-    weight = area * cosine**2 * share[body.faces].mean(axis=1)
+    weight = area * cosine**2 * fraction[body.faces].mean(axis=1)
     return np.einsum("tf,tfi->ti", weight, middle) / weight.sum(axis=1)[:, None]
 
 
 def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     """Mean of the echoes' places weighted with their powers, (T, 3)."""
-    keys = sample_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0)
-    view = Occlusion([body], radar.tx_position_m, samples_s=keys, backend=select("auto"))
+    samples_s = sample_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0)
+    view = Occlusion([body], radar.tx_position_m, samples_s=samples_s, backend=select("auto"))
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, detail=Detail(sagitta_rad=body.sagitta_rad), seed=0,

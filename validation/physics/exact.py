@@ -82,5 +82,5 @@ def summed_optics(points: np.ndarray, areas: np.ndarray, radar_m: np.ndarray, wa
     sight = radar_m - points
     distance = np.linalg.norm(sight, axis=1)
     facing = np.maximum(np.einsum("ni,ni->n", areas, sight) / distance, 0) / distance**2
-    turns = 2 * distance / wavelength_m
-    return float(4 * math.pi / wavelength_m**2 * abs(np.sum(facing * np.exp(2j * math.pi * (turns % 1)))) ** 2)
+    cycles = 2 * distance / wavelength_m
+    return float(4 * math.pi / wavelength_m**2 * abs(np.sum(facing * np.exp(2j * math.pi * (cycles % 1)))) ** 2)

@@ -21,7 +21,7 @@ RADIUS_M, WALL_M = 0.15, 2.0
 START_M, VELOCITY_MPS, TIME_S = np.array([4.0, 0.3, 0.0]), np.array([-2.0, 0.5, 0.0]), 0.1
 SHOWN, SHOWN_DB = 14, 60.0
 """Ghosts that are labelled, and the dynamic range of the chart."""
-RANGE_BINS, SPEED_BINS, POWER_DB, SWAP_DB, MOVED_DB, STILL_DBC = 0.1, 0.5, 0.5, -80.0, -60.0, -80.0
+RANGE_BINS, SPEED_BINS, POWER_DB, SWAP_DB, MOVED_DB, STATIC_DBC = 0.1, 0.5, 0.5, -80.0, -60.0, -80.0
 
 
 def run() -> Section:
@@ -73,15 +73,15 @@ def _beside_a_wall() -> list[Check]:
     wall = Scene(name="wall", surfaces=(_plate("wall", corners, "metal"),))
     image = np.array([0.0, 2 * WALL_M, 0.0])
 
-    def ways(time_s: float, pair: tuple[int, int]) -> tuple[float, float, float]:
+    def geometry(time_s: float, pair: tuple[int, int]) -> tuple[float, float, float]:
         centre = START_M + VELOCITY_MPS * time_s
-        sights = [centre, centre - image]
-        out, back = sights[pair[0]], sights[pair[1]]
+        towards = [centre, centre - image]
+        out, back = towards[pair[0]], towards[pair[1]]
         lengths = float(np.linalg.norm(out)), float(np.linalg.norm(back))
         return *lengths, math.acos(min(1.0, float(out @ back) / (lengths[0] * lengths[1])))
 
     def path(time_s: float, pair: tuple[int, int]) -> float:
-        out, back, beta = ways(time_s, pair)
+        out, back, beta = geometry(time_s, pair)
         return (out + back) / 2 - RADIUS_M * math.cos(beta / 2)
 
     image_of = [
@@ -101,9 +101,9 @@ def _beside_a_wall() -> list[Check]:
         at = _peak_near(there.power, there.velocity_mps, there.range_m, speed, range_m)
         seen_m = _between(there.range_m, there.power[at[0]], at[1])
         seen_mps = _between(there.velocity_mps, there.power[:, at[1]], at[0])
-        expected = copies**2 * _sphere(*ways(middle, pair)) / _sphere(*ways(middle, (0, 0)))
+        expected = copies**2 * _sphere(*geometry(middle, pair)) / _sphere(*geometry(middle, (0, 0)))
         # Power of a line is that of the cells it spreads over.
-        power_db = 10 * math.log10(_around(there.power, at) / _around(alone.power, alone_at) / expected)
+        power_db = 10 * math.log10(_line_power(there.power, at) / _line_power(alone.power, alone_at) / expected)
         found += [
             Check(what=f"{name}: range", measured=abs(seen_m - range_m) / bin_m, limit=RANGE_BINS, unit="bins"),
             Check(what=f"{name}: speed", measured=abs(seen_mps - speed) / bin_mps, limit=SPEED_BINS, unit="bins"),
@@ -127,7 +127,7 @@ def _between(axis: np.ndarray, power: np.ndarray, peak_at: int) -> float:
     return float(axis[peak_at] + 0.5 * (a - c) / (a - 2 * b + c) * (axis[1] - axis[0]))
 
 
-def _around(power: np.ndarray, at: Any) -> float:
+def _line_power(power: np.ndarray, at: Any) -> float:
     row, column = at
     return float(power[row - 3 : row + 4, column - 2 : column + 3].sum())
 
@@ -161,12 +161,12 @@ def _unchanged() -> list[Check]:
         _cube(target, room, Radar.preset("table2", tx_offsets_m=tx, rx_offsets_m=rx)) for tx, rx in (sides, sides[::-1])
     ]
     angle, shift = 0.7, np.array([3.0, -5.0, 0.4])
-    turn = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
+    rotation = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
     moved = Scene(
         name="moved",
         surfaces=tuple(
             Surface(
-                name=s.name, vertices=s.vertices @ turn.T + shift, faces=s.faces, material=s.material,
+                name=s.name, vertices=s.vertices @ rotation.T + shift, faces=s.faces, material=s.material,
                 thickness_m=s.thickness_m,
             )
             for s in room.surfaces
@@ -174,18 +174,20 @@ def _unchanged() -> list[Check]:
     )  # fmt: skip
     # Patches are cut in the pose at rest, which a body brings with it.
     there = MovingMesh.from_track(
-        lambda t: target.at(t) @ turn.T + shift, target.faces, target.times_s, material="pec", rest=target.rest
+        lambda t: target.at(t) @ rotation.T + shift, target.faces, target.times_s, material="pec", rest=target.rest
     )
-    radar = Radar.preset("table2", position_m=tuple(turn @ [0, 0, 1] + shift), boresight=tuple(turn @ [1, 0, 0]))
+    radar = Radar.preset(
+        "table2", position_m=tuple(rotation @ [0, 0, 1] + shift), boresight=tuple(rotation @ [1, 0, 0])
+    )
     one, other = _cube(target, room, Radar.preset("table2")), _cube(there, moved, radar)
-    still = _ball(np.array([3.0, 0.2, 1.1]), np.zeros(3), 0.1)
-    cube = t2d.simulate(still, radar=Radar.preset("table2"), scene="living_room").adc.values
+    static = _ball(np.array([3.0, 0.2, 1.1]), np.zeros(3), 0.1)
+    cube = t2d.simulate(static, radar=Radar.preset("table2"), scene="living_room").adc.values
     moving_dbc = _db(cube - cube.mean(axis=0), cube)
     return [
         Check(what="antennas swapped", measured=_db(swapped[1] - swapped[0], swapped[0]), limit=SWAP_DB, unit="dB"),
         Check(what="turned and shifted together", measured=_db(other - one, one), limit=MOVED_DB, unit="dB"),
         Check(
-            what="nothing moves, with clutter: outside zero Doppler", measured=moving_dbc, limit=STILL_DBC, unit="dBc"
+            what="nothing moves, with clutter: outside zero Doppler", measured=moving_dbc, limit=STATIC_DBC, unit="dBc"
         ),
     ]
 
@@ -215,9 +217,9 @@ def _labelled() -> tuple[list[dict[str, Any]], str]:
     ranked = ranked_pairs(radar, out, back, middle[None], order=2)[:SHOWN]
 
     def ghost(pair: PathPair) -> tuple[float, float]:
-        sights = [leg.image_m - middle for leg in (pair.out, pair.back)]
-        lengths = [float(np.linalg.norm(sight)) for sight in sights]
-        units = [sight / length for sight, length in zip(sights, lengths, strict=True)]
+        towards = [path.image_m - middle for path in (pair.out, pair.back)]
+        lengths = [float(np.linalg.norm(each)) for each in towards]
+        units = [each / length for each, length in zip(towards, lengths, strict=True)]
         cosine = math.sqrt((1 + min(1.0, float(units[0] @ units[1]))) / 2)
         return sum(lengths) / 2 - RADIUS_M * cosine, float((units[0] + units[1]) @ VELOCITY_MPS) / 2
 

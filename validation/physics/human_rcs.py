@@ -158,11 +158,11 @@ def _from_cubes(radar: Radar) -> float:
     fields = mesh_fields(turning, radar, bands_hz=np.array([-half_hz, half_hz]))[0]
     power = 0.0
     for pose in turning.vertices:
-        still = MovingMesh.from_track(
+        static = MovingMesh.from_track(
             partial(_unmoved, pose), body.faces, TIMES_S, "skin",
             rest=turning.rest, sagitta_rad=body.sagitta_rad, crease_deg=body.crease_deg,
         )  # fmt: skip
-        middle = t2d.simulate(still, radar=radar).cube[0, 0, radar.samples // 2 - 1 : radar.samples // 2 + 1]
+        middle = t2d.simulate(static, radar=radar).cube[0, 0, radar.samples // 2 - 1 : radar.samples // 2 + 1]
         power += float(np.sum(np.abs(middle) ** 2)) / radar.link_amplitude**2
     return abs(float(db(power / np.sum(np.abs(fields) ** 2))))
 

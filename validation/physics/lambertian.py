@@ -65,8 +65,8 @@ def turning_sphere(faces: int) -> MovingMesh:
     triangles[inward] = triangles[inward][:, ::-1]
     angle = np.arange(ASPECTS + 1) * 2 * math.pi / ASPECTS
     cos, sin, zero, one = np.cos(angle), np.sin(angle), np.zeros(len(angle)), np.ones(len(angle))
-    turns = np.array([[cos, -sin, zero], [sin, cos, zero], [zero, zero, one]]).transpose(2, 0, 1)
-    vertices = RADIUS_M * np.einsum("kij,vj->kvi", turns, points) + [RANGE_M, 0, 1]
+    rotations = np.array([[cos, -sin, zero], [sin, cos, zero], [zero, zero, one]]).transpose(2, 0, 1)
+    vertices = RADIUS_M * np.einsum("kij,vj->kvi", rotations, points) + [RANGE_M, 0, 1]
     return MovingMesh(vertices, triangles, STEP_S * np.arange(len(angle)), ROUGH, sagitta_rad=SAGITTA_RAD)
 
 
@@ -102,8 +102,8 @@ def _fields(radar: Radar, faces: int) -> np.ndarray:
                 views=[View()], backend=backend,
             )  # fmt: skip
             delay, amplitude, *_ = echoes.frames(0, ASPECTS)
-        turns = radar.mid_frequency_hz * delay
-        out[seed] = np.sum(amplitude * np.exp(2j * math.pi * (turns % 1)), axis=1)
+        cycles = radar.mid_frequency_hz * delay
+        out[seed] = np.sum(amplitude * np.exp(2j * math.pi * (cycles % 1)), axis=1)
     return out * RANGE_M**2 / radar.link_amplitude
 
 

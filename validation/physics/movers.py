@@ -11,7 +11,7 @@ from t2d_rt.types import Radar
 from validation.report import Check, Section, new_figure, save_chart
 
 FANS = ((3, 600.0, 0.18), (2, 900.0, 0.15), (5, 600.0, 0.20), (4, 1200.0, 0.12), (3, 450.0, 0.25))
-"""Blades, turns per minute, radius [m]."""
+"""Blades, revolutions per minute, radius [m]."""
 RADAR = Radar.preset("table2", samples=16, prf_hz=25_000.0)
 RECORD_S, EDGE_DB = 0.3, -20.0
 FLASH_CHIRPS = 64

@@ -34,7 +34,7 @@ def run() -> Section:
         Check(what="sign: speed read", measured=speed, limit=0, unit="m/s", at_least=True),
         Check(what="outside the window's main lobe, per bin", measured=spectrum[beside].max(), limit=-80, unit="dBc"),
         Check(what="lines at multiples of the surface rate", measured=_lines(spectrum, peak, bin_hz), limit=-80, unit="dBc"),
-        Check(what="body at rest: energy outside zero Doppler", measured=_still_body(radar), limit=-80, unit="dBc"),
+        Check(what="body at rest: energy outside zero Doppler", measured=_static_body(radar), limit=-80, unit="dBc"),
     ]  # fmt: skip
     return Section(
         title="Moving sphere, body at rest",
@@ -99,10 +99,10 @@ def _lines(spectrum: np.ndarray, peak: int, bin_hz: float) -> float:
     return float(spectrum[places].max())
 
 
-def _still_body(radar: Radar) -> float:
+def _static_body(radar: Radar) -> float:
     moving = walking(1.0, 1.2)
     pose = moving.at(moving.times_s[:1] + 0.1)[0]
-    still = MovingMesh(
+    static = MovingMesh(
         np.stack([pose, pose]),
         moving.faces,
         [0.0, 0.2],
@@ -110,7 +110,7 @@ def _still_body(radar: Radar) -> float:
         crease_deg=moving.crease_deg,
         sagitta_rad=moving.sagitta_rad,
     )
-    cube = t2d.simulate(still, radar=radar).cube.astype(np.complex128)
+    cube = t2d.simulate(static, radar=radar).cube.astype(np.complex128)
     return 10 * math.log10(max(np.sum(np.abs(cube - cube.mean(axis=0)) ** 2) / np.sum(np.abs(cube) ** 2), 1e-30))
 
 

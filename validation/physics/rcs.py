@@ -1,4 +1,4 @@
-"""RCS read back from the ADC cube of still perfect conductors, against closed forms worked out here."""
+"""RCS read back from the ADC cube of static perfect conductors, against closed forms worked out here."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ASPECTS_DEG = (0, 15, 30, 45, 60, 75, 90)
 SMALL_KA = (8.0, 9.0, 10.0, 11.0, 12.0, 14.0, 16.0)
 TIMES_S = np.array([0.0, 0.01])
 LIMIT_DB = 0.3
-TURNS = 10
+ORIENTATIONS = 10
 """Random orientations of the sphere's mesh: where its facets happen to lie changes the RCS a little."""
 
 
@@ -30,14 +30,14 @@ def run() -> Section:
     radar = Radar.preset("table2-long")
     rows = [*_spheres(radar), *_plates(radar), *_small_spheres(radar)]
     facets, ellipsoid = _spheroids(radar)
-    turned = [_turned_sphere(radar, seed) for seed in range(TURNS)]
+    spheres = [_rotated_sphere(radar, seed) for seed in range(ORIENTATIONS)]
     checks = [
         Check(what=f"{name}, worst error", measured=max(abs(r["error dB"]) for r in part), limit=LIMIT_DB, unit="dB")
         for name, part in (
             ("sphere r = 0.5642 m at 1, 3, 10, 30 m", rows[:4]),
             ("plate 10 cm at 1, 3, 10, 30 m", rows[4:8]),
             ("small spheres against exact physical optics", rows[8:]),
-            (f"sphere at 10 m, its mesh in {TURNS} random orientations", turned),
+            (f"sphere at 10 m, its mesh in {ORIENTATIONS} random orientations", spheres),
             ("spheroid 8 x 22 cm by facets, 7 aspects at 3 m", facets),
             ("spheroid by the ellipsoid model, 7 aspects at 3 m", ellipsoid),
         )
@@ -50,7 +50,7 @@ def run() -> Section:
         "(R/(R+a))^2. Plate: physical optics summed over 0.25 mm cells. Small spheres at 10 m: eq. 6 at "
         "mid-sweep, from the two middle samples. Spheroid: pi R1 R2 /((1+R1/R)(1+R2/R)) at the nearest point, "
         "found by one-dimensional search.",
-        table=[*rows, *turned, *facets, *ellipsoid],
+        table=[*rows, *spheres, *facets, *ellipsoid],
         charts=[_chart(facets, ellipsoid)],
     )
 
@@ -91,10 +91,10 @@ def _spheres(radar: Radar) -> list[dict]:
     return rows
 
 
-def _turned_sphere(radar: Radar, seed: int, range_m: float = 10.0) -> dict:
+def _rotated_sphere(radar: Radar, seed: int, range_m: float = 10.0) -> dict:
     unit, faces = sphere(SPHERE_M, np.zeros(3))
-    turned = Rotation.random(rng=np.random.default_rng(seed)).apply(unit)
-    samples = _chirp(turned + radar.tx_position_m + [range_m + SPHERE_M, 0, 0], faces, radar)
+    rotated = Rotation.random(rng=np.random.default_rng(seed)).apply(unit)
+    samples = _chirp(rotated + radar.tx_position_m + [range_m + SPHERE_M, 0, 0], faces, radar)
     expected = math.pi * SPHERE_M**2 * (range_m / (range_m + SPHERE_M)) ** 2
     return _row(f"sphere, orientation {seed}", range_m, read_rcs(samples, radar, range_m), expected)
 

@@ -43,7 +43,7 @@ def on_turntable(
     """A mesh (V, 3), turned about the vertical through `centre_m` to each of equally spaced angles, STEP_S apart."""
 
     def track(times_s: np.ndarray) -> np.ndarray:
-        return np.einsum("kij,vj->kvi", _turns(_angle(angles_rad, times_s)), vertices) + centre_m
+        return np.einsum("kij,vj->kvi", _rotations(_angle(angles_rad, times_s)), vertices) + centre_m
 
     times_s = STEP_S * np.arange(len(angles_rad))
     return MovingMesh.from_track(
@@ -62,8 +62,8 @@ def ellipsoids_on_turntable(
     """The same of ellipsoids: centres (N, 3) m from the axis, axes (N, 3, 3)."""
 
     def track(times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        turns = _turns(_angle(angles_rad, times_s))
-        return np.einsum("kij,nj->kni", turns, centres) + centre_m, np.einsum("kij,njl->knil", turns, axes)
+        rotations = _rotations(_angle(angles_rad, times_s))
+        return np.einsum("kij,nj->kni", rotations, centres) + centre_m, np.einsum("kij,njl->knil", rotations, axes)
 
     return Ellipsoids.from_track(track, semi_axes_m, STEP_S * np.arange(len(angles_rad)), material)
 
@@ -85,7 +85,7 @@ def mesh_fields(
     if occlusion:
         traced = Occlusion([mesh], radar.tx_position_m, samples_s=times_s, backend=backend)
         views = [View(visibility=lambda at: traced.visibility(at)[0])]
-    views += [View(visibility=_constant(share)) for share in only]
+    views += [View(visibility=_constant(fraction)) for fraction in only]
     stream = mesh_echoes(
         mesh, radar,
         times_s=times_s, material=resolve_material(mesh.material, radar.mid_frequency_hz),
@@ -130,8 +130,8 @@ def _group(echoes: EchoArrays, radar: Radar, groups: int, bands_hz: np.ndarray |
         starts = np.searchsorted(row, np.arange(len(delay)))
         sums = np.zeros((len(delay), len(bands)), complex)
         for number, band in enumerate(bands):
-            turns = (radar.mid_frequency_hz + band) * delay[row, column]
-            terms = (amplitude[row, column] + band * slope[row, column]) * np.exp(2j * math.pi * (turns % 1))
+            cycles = (radar.mid_frequency_hz + band) * delay[row, column]
+            terms = (amplitude[row, column] + band * slope[row, column]) * np.exp(2j * math.pi * (cycles % 1))
             filled = np.unique(row)
             sums[filled, number] = np.add.reduceat(terms, starts[filled]) if len(terms) else 0
         parts.append(sums if bands_hz is not None else sums[:, 0])
@@ -147,15 +147,15 @@ def _blocks(stream: EchoStream) -> Iterator[EchoArrays]:
     return (stream.frames(first, min(first + FRAMES_AT_ONCE, count)) for first in range(0, count, FRAMES_AT_ONCE))
 
 
-def _constant(share: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda times_s: np.broadcast_to(np.asarray(share, np.float32), (len(times_s), len(share)))
+def _constant(fraction: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda times_s: np.broadcast_to(np.asarray(fraction, np.float32), (len(times_s), len(fraction)))
 
 
 def _angle(angles_rad: np.ndarray, times_s: np.ndarray) -> np.ndarray:
     return np.asarray(angles_rad[0] + (angles_rad[1] - angles_rad[0]) * np.asarray(times_s) / STEP_S)
 
 
-def _turns(angles_rad: np.ndarray) -> np.ndarray:
+def _rotations(angles_rad: np.ndarray) -> np.ndarray:
     """Rotations about the vertical (K, 3, 3)."""
     cos, sin, zero, one = np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(angles_rad)), np.ones(len(angles_rad))
     return np.array([[cos, -sin, zero], [sin, cos, zero], [zero, zero, one]]).transpose(2, 0, 1)
@@ -182,25 +182,25 @@ class Body:
         skin, limbs = t2d.skin(motion), t2d.segments(motion)
         frame = int(np.argmin(np.abs(motion.times_s - time_s)))
         hips = [motion.joints[frame, motion.index(f"{side}_hip")] for side in ("left", "right")]
-        # Left of who looks along -x is -y.
-        turn = _turns(np.array([-math.pi / 2 - math.atan2(*(hips[0] - hips[1])[[1, 0]])]))[0]
+        # Left of a person who faces -x is -y.
+        rotation = _rotations(np.array([-math.pi / 2 - math.atan2(*(hips[0] - hips[1])[[1, 0]])]))[0]
         pelvis = motion.joints[frame, motion.index("pelvis")] * [1, 1, 0]
-        moment = motion.times_s[frame : frame + 1]
-        centres, axes = (values[0] for values in limbs.at(moment))
+        instant_s = motion.times_s[frame : frame + 1]
+        centres, axes = (values[0] for values in limbs.at(instant_s))
         return cls(
-            vertices=(skin.at(moment)[0] - pelvis) @ turn.T,
+            vertices=(skin.at(instant_s)[0] - pelvis) @ rotation.T,
             faces=skin.faces,
             sagitta_rad=skin.sagitta_rad,
             crease_deg=skin.crease_deg,
             segment=segment_of_faces(fit(template("adult"), motion)),
             names=limbs.names,
             semi_axes_m=limbs.semi_axes_m,
-            centres=(centres - pelvis) @ turn.T,
-            axes=turn @ axes,
+            centres=(centres - pelvis) @ rotation.T,
+            axes=rotation @ axes,
         )
 
     def mesh(self, angles_rad: np.ndarray, range_m: float, material: str) -> MovingMesh:
-        """On a turntable `range_m` before a radar at x = 0; at 0 it looks at the radar, at 90 degrees it shows its right side."""
+        """On a turntable `range_m` before a radar at x = 0; at 0 it faces the radar, at 90 degrees it shows its right side."""
         return on_turntable(
             self.vertices, self.faces, angles_rad, np.array([range_m, 0, 0]), material,
             sagitta_rad=self.sagitta_rad, crease_deg=self.crease_deg,
@@ -213,6 +213,6 @@ class Body:
 
     def part(self, number: int) -> np.ndarray:
         """Fraction of each vertex in a segment, (V,): 1 inside and fading out over one row of faces."""
-        share = np.zeros(len(self.vertices))
-        np.maximum.at(share, self.faces[self.segment == number].ravel(), 1.0)
-        return share
+        fraction = np.zeros(len(self.vertices))
+        np.maximum.at(fraction, self.faces[self.segment == number].ravel(), 1.0)
+        return fraction

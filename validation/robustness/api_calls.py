@@ -266,11 +266,11 @@ def _signals(folder: Path) -> list[Call]:
 
 def _pictures(folder: Path) -> list[Call]:
     speed, time, levels = np.linspace(-2, 2, 8), np.linspace(0, 1, 6), np.linspace(-60, 0, 48).reshape(8, 6)
-    look = {"title": "a", "dynamic_range_db": 40, "cmap": "viridis"}
+    style = {"title": "a", "dynamic_range_db": 40, "cmap": "viridis"}
     scene = t2d.Room(name="box", size_m=(4, 3, 2.5)).scene()
     return [
         Call("plot_spectrogram", plots.plot_spectrogram,
-             {"velocity_mps": speed, "time_s": time, "power_db": levels, "note": "n", **look}, _drawn),
+             {"velocity_mps": speed, "time_s": time, "power_db": levels, "note": "n", **style}, _drawn),
         Call("plot_range_time", plots.plot_range_time, {"range_m": speed, "time_s": time, "power_db": levels}, _drawn),
         Call("plot_range_doppler", plots.plot_range_doppler,
              {"range_m": time, "velocity_mps": speed, "power_db": levels}, _drawn),
@@ -294,7 +294,7 @@ def _results(folder: Path) -> list[Call]:
     simulated = {
         **small, "target": egg(), "scene": "free_space", "reflections": 1, "transmissions": 0, "clutter": "none",
         "collisions": "warn", "seed": 0, "body": "adult", "material": "skin", "phase_from": "specular", "measure_error": False,
-        "device": "cpu", "progress": lambda share: None, "tolerance_db": None,
+        "device": "cpu", "progress": lambda fraction: None, "tolerance_db": None,
         "accuracy": {"occlusion": False, "surface_rate_hz": 50, "sagitta_rad": 0.3},
     }  # fmt: skip
     return [
@@ -316,7 +316,7 @@ def _results(folder: Path) -> list[Call]:
         Call(
             "synthesize", t2d.synthesize,
             {"echoes": t2d.Echoes(**echo_arrays()), "radar": RADAR, "tolerance_db": -50, "device": "cpu", "read_frames": 8,
-             "progress": lambda share: None},
+             "progress": lambda fraction: None},
         ),
         Call("plan", t2d.plan, {"target": egg(), "tolerance_db": "x"}, str),
     ]  # fmt: skip

@@ -79,7 +79,7 @@ def _chart(resident: np.ndarray, calls: list[str], start: float, folder: Path) -
     return save_chart(figure, "soak.png", folder)
 
 
-SHARES = (0.12, 0.15, 0.1, 0.1, 0.06, 0.06, 0.08, 0.05, 0.08, 0.1, 0.1)
+FRACTIONS = (0.12, 0.15, 0.1, 0.1, 0.06, 0.06, 0.08, 0.05, 0.08, 0.1, 0.1)
 """Of the kinds of calls: those in rooms take longest."""
 
 # --- in the process -------------------------------------------------------------------------------------------------
@@ -98,7 +98,7 @@ def soaked(calls: int = CALLS) -> dict[str, Any]:
     resident, names = [], []
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(calls):
-            name = str(rng.choice(list(kinds), p=SHARES))
+            name = str(rng.choice(list(kinds), p=FRACTIONS))
             kinds[name](rng, Path(folder))
             gc.collect()
             resident.append(_resident_mb())
@@ -130,8 +130,8 @@ def _sphere(rng: np.random.Generator, x_m: float = 2.0) -> Any:
 
     import t2d_rt as t2d
 
-    around = int(rng.integers(8, 50))
-    shape = trimesh.creation.uv_sphere(radius=float(rng.uniform(0.05, 0.2)), count=(around, around))
+    segments = int(rng.integers(8, 50))
+    shape = trimesh.creation.uv_sphere(radius=float(rng.uniform(0.05, 0.2)), count=(segments, segments))
     times = np.linspace(0, float(rng.uniform(0.1, 0.5)), int(rng.integers(3, 20)))
     centre = np.array([x_m, 0.0, 1.0]) - times[:, None, None] * [float(rng.uniform(-1, 1)), 0, 0]
     return t2d.MovingMesh(shape.vertices + centre, shape.faces, times, "pec", name="sphere")

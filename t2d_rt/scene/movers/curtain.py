@@ -80,7 +80,7 @@ class Curtain(Fields):
         rng = np.random.default_rng(self.seed)
         phase, direction = rng.uniform(0, 2 * math.pi, MODES), rng.choice([-1, 1], MODES)
         wave = direction * 2 * math.pi * aside[:, None] / self.wavelength_m + phase
-        turn = about_z(math.radians(self.heading_deg))
+        rotation = about_z(math.radians(self.heading_deg))
         half = np.array([THICKNESS_M / 2, 0, 0])
         front, faces = sheet(rest + half, rest - half)
 
@@ -88,7 +88,7 @@ class Curtain(Fields):
             swing = np.einsum("rm,kcm->krc", mode_shapes, np.sin(frequency * times_s[:, None, None] - wave))
             moved = np.repeat(front[None], len(times_s), axis=0)
             moved[..., 0] += np.concatenate([swing, swing[..., ::-1]], axis=2).reshape(len(times_s), -1)
-            return moved @ turn.T + self.position_m
+            return moved @ rotation.T + self.position_m
 
         return moving(
             self, track, faces, start_s, stop_s, material=self.material, sagitta_rad=SAGITTA_RAD, name=self.noun

@@ -18,7 +18,10 @@ STEP_M = 0.1
 
 
 class Door(Fields):
-    """The leaf of a door, which opens smoothly, once or again and again. Its edge moves by up to 15/8 width angle/opening_s."""
+    """The leaf of a door, which opens smoothly, once or again and again.
+
+    Its edge is never faster than 15/8 x width x angle / opening_s.
+    """
 
     noun: ClassVar[str] = "door"
 

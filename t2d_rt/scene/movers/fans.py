@@ -31,7 +31,7 @@ Rpm = Annotated[Number, Field(ge=-12_000, le=12_000)]
 Blades = Annotated[Count, Field(ge=1, le=12)]
 Pitch = Annotated[Number, Field(ge=0, le=80)]
 
-HUB_AROUND = 24
+HUB_POINTS = 24
 """Points around the hub."""
 FACET_M = 0.008
 """About the size of a blade's triangles: their phases may not part by much from one surface frame to the next."""
@@ -57,9 +57,9 @@ class TableFan(Fields):
     radius_m: Annotated[Number, Field(ge=0.01, le=1)] = 0.18
     """Of the blades' tips."""
     pitch_deg: Pitch = 25.0
-    """Of the blades against the plane they turn in, at 3/4 of the radius; twisted as the helicoid of that pitch."""
+    """Of the blades against the plane in which they rotate, at 3/4 of the radius; twisted as the helicoid of that pitch."""
     rpm: Rpm = 900.0
-    """Turns per minute; negative runs backwards."""
+    """Revolutions per minute; negative runs backwards."""
     swing_deg: Annotated[Number, Field(ge=0, le=360)] = 0.0
     """From one end of its swing to the other."""
     swing_period_s: Seconds = 12.0
@@ -79,7 +79,7 @@ class TableFan(Fields):
         def track(times_s: np.ndarray) -> np.ndarray:
             swing = self.swing_deg / 2 * np.sin(2 * math.pi * times_s / self.swing_period_s)
             head = about_z(np.radians(self.heading_deg + swing)) @ tilt
-            return _turned(rotor, head @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
+            return _rotated(rotor, head @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
         return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
 
@@ -100,7 +100,7 @@ class CeilingFan(Fields):
     pitch_deg: Pitch = 12.0
     """As of `TableFan`."""
     rpm: Rpm = 120.0
-    """Turns per minute; negative runs backwards and blows upwards."""
+    """Revolutions per minute; negative runs backwards and blows upwards."""
     material: Substance = "wood"
 
     @model_validator(mode="after")
@@ -116,7 +116,7 @@ class CeilingFan(Fields):
         down = about_y(math.pi / 2)
 
         def track(times_s: np.ndarray) -> np.ndarray:
-            return _turned(rotor, down @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
+            return _rotated(rotor, down @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
         return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
 
@@ -128,20 +128,20 @@ def _check_rotor(fan: TableFan | CeilingFan, chord_m: float) -> None:
     check_speed(speed_mps, f"{fan.noun}'s tips", "lower rpm or radius_m")
 
 
-def _turned(rotor: np.ndarray, turn: np.ndarray, position_m: Vector) -> np.ndarray:
-    return np.einsum("kij,vj->kvi", turn, rotor) + position_m
+def _rotated(rotor: np.ndarray, rotation: np.ndarray, position_m: Vector) -> np.ndarray:
+    return np.einsum("kij,vj->kvi", rotation, rotor) + position_m
 
 
 def _rotor(
     blades: int, radius_m: float, chord_m: float, thickness_m: float, pitch_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) m and faces (F, 3) of hub and blades that turn about +x, to where they blow."""
+    """Vertices (V, 3) m and faces (F, 3) of hub and blades that rotate about +x, the direction in which they blow."""
     hub_m = HUB * radius_m
     height, width = ball_profile(7)
-    angle = 2 * math.pi * np.arange(HUB_AROUND) / HUB_AROUND
+    angle = 2 * math.pi * np.arange(HUB_POINTS) / HUB_POINTS
     ring = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
     hub = hub_m * (width[:, None, None] * ring + 0.6 * height[:, None, None] * np.array([1.0, 0.0, 0.0]))
-    parts = [(hub.reshape(-1, 3), skin_faces(len(height), HUB_AROUND))]
+    parts = [(hub.reshape(-1, 3), skin_faces(len(height), HUB_POINTS))]
     blade, faces = _blade(0.8 * hub_m, radius_m, chord_m, thickness_m, pitch_deg)
     parts += [(blade @ about_x(2 * math.pi * k / blades).T, faces) for k in range(blades)]
     return together(parts)

@@ -25,14 +25,14 @@ from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector
 
 DUTY_FACTOR = 0.65
-"""Share of a stride that a paw stands on the floor; walks lie in 0.5..0.75 (Hildebrand, Am. Zool. 20, 1980)."""
+"""Fraction of a stride for which a paw stands on the floor; walks lie in 0.5..0.75 (Hildebrand, Am. Zool. 20, 1980)."""
 TOUCHDOWN = {"left hind": 0.0, "left fore": 0.25, "right hind": 0.5, "right fore": 0.75}
 """When each paw touches down, as a fraction of the stride: the lateral sequence, evenly spaced (Hildebrand)."""
 FASTEST_WALK = 0.5
 """Froude number at which animals change to a trot (Alexander and Jayes, J. Zool. 201, 1983)."""
 SAGITTA_RAD = 0.3
 """Of its facets: fur scatters most of the echo."""
-RINGS, AROUND = 9, 12
+RINGS, PER_RING = 9, 12
 Part = tuple[np.ndarray, np.ndarray]
 """Vertices (K, V, 3) m and faces (F, 3)."""
 
@@ -77,7 +77,8 @@ NOD_DEG, WAG_DEG = 6.0, 15.0
 class Pet(Fields):
     """A dog or a cat that walks on a circle to its left, or straight on.
 
-    Stride and speed belong together by Alexander's relation (docs/physics.md, eq. 25). Paws that bear are at rest on the floor.
+    The length of a stride follows from the speed by Alexander's relation (docs/physics.md, eq. 25). Paws that bear weight
+    rest on the floor.
     """
 
     noun: ClassVar[str] = "pet"
@@ -117,7 +118,7 @@ class Pet(Fields):
 
     @property
     def stride_m(self) -> float:
-        """Way of one stride [m]: 2.3 h (v^2 / (g h))^0.3 (physics.md, eq. 25)."""
+        """Length of one stride [m]: 2.3 h (v^2 / (g h))^0.3 (physics.md, eq. 25)."""
         return 2.3 * self.hip_m * (self.speed_mps**2 / (STANDARD_GRAVITY * self.hip_m)) ** 0.3
 
     @property
@@ -135,14 +136,14 @@ class Pet(Fields):
 
     def _ground(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Middle of the trunk on the floor (K, 3) and heading [rad] (K,)."""
-        way = self.speed_mps * times_s
+        travelled_m = self.speed_mps * times_s
         first = math.radians(self.heading_deg)
         if self.turn_radius_m is None:
-            there = way[:, None] * np.array([math.cos(first), math.sin(first), 0])
-            return there + self.position_m, np.full(len(way), first)
-        turn = way / self.turn_radius_m
-        there = self.turn_radius_m * np.stack([np.sin(turn), 1 - np.cos(turn), 0 * turn], axis=1)
-        return there @ about_z(first).T + self.position_m, first + turn
+            there = travelled_m[:, None] * np.array([math.cos(first), math.sin(first), 0])
+            return there + self.position_m, np.full(len(travelled_m), first)
+        angle = travelled_m / self.turn_radius_m
+        there = self.turn_radius_m * np.stack([np.sin(angle), 1 - np.cos(angle), 0 * angle], axis=1)
+        return there @ about_z(first).T + self.position_m, first + angle
 
     def _foothold(self, stride: np.ndarray, touchdown: float, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Place (K, 3) and heading (K,) of a paw on the floor in its n-th stride: below the hip in the middle of the stance."""
@@ -167,7 +168,7 @@ class Pet(Fields):
         build, h = BUILDS[self.animal], self.hip_m
         phase = 2 * math.pi * self.stride_hz * times_s
         ground, heading = self._ground(times_s)
-        turn = about_z(heading)
+        rotation = about_z(heading)
         # Hips are highest over a hind leg in the middle of its stance, shoulders a quarter of a stride later, when hips are lowest.
         rise = BOB * np.cos(2 * (phase - math.pi * DUTY_FACTOR))
         pitch = np.arctan(2 * rise / build.trunk)
@@ -177,10 +178,10 @@ class Pet(Fields):
             place = np.array([0, 0, h]) + h * np.einsum(
                 "kij,kj->ki", about_y(pitch), np.broadcast_to(local, ground.shape)
             )
-            return ground + np.einsum("kij,kj->ki", turn, place)
+            return ground + np.einsum("kij,kj->ki", rotation, place)
 
-        left = turn[:, :, 1]
-        frame = turn @ about_y(pitch)
+        left = rotation[:, :, 1]
+        frame = rotation @ about_y(pitch)
         parts = [_ball(world(np.zeros(3)), frame, h * np.array(build.chest))]
         for name, touchdown in TOUCHDOWN.items():
             side, end = 1 if "left" in name else -1, 0.5 if "fore" in name else -0.5
@@ -203,7 +204,10 @@ class Pet(Fields):
 
 
 def _swung(fraction: np.ndarray) -> np.ndarray:
-    """Way of a swinging paw, 0 to 1: its speed goes as (1 - x^4)^2, x in -1..1, nearly even and without a kink at either end."""
+    """Fraction of its step that a swinging paw has covered: its speed goes as (1 - x^4)^2, x in -1..1.
+
+    That is nearly even, and without a kink at either end.
+    """
     x = 2 * fraction - 1
     return 0.5 + (x - 2 * x**5 / 5 + x**9 / 9) / (2 * (1 - 2 / 5 + 1 / 9))
 
@@ -214,7 +218,7 @@ def _leg(hip: np.ndarray, ankle: np.ndarray, left: np.ndarray, h: float, radius:
     line = ankle - hip
     reach = np.linalg.norm(line, axis=1, keepdims=True)
     line /= reach
-    # Law of cosines: the angle at the hip between the way to the ankle and the two parallel parts.
+    # Law of cosines: the angle at the hip between the direction of the ankle and the two parallel parts.
     cosine = (reach**2 + a**2 - b**2) / (2 * reach * a)
     forward = np.cross(line, left)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
@@ -231,11 +235,11 @@ def _leg(hip: np.ndarray, ankle: np.ndarray, left: np.ndarray, h: float, radius:
 def _ball(middle: np.ndarray, frame: np.ndarray, semi_axes_m: np.ndarray) -> Part:
     """An ellipsoid about points (K, 3), axes in the columns of frames (K, 3, 3)."""
     height, width = ball_profile(RINGS)
-    angle = 2 * math.pi * np.arange(AROUND) / AROUND
+    angle = 2 * math.pi * np.arange(PER_RING) / PER_RING
     ring = np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
     unit = width[:, None, None] * ring + height[:, None, None] * np.array([1.0, 0, 0])
     points = np.einsum("kij,vj->kvi", frame, unit.reshape(-1, 3) * semi_axes_m)
-    return middle[:, None] + points, skin_faces(RINGS, AROUND)
+    return middle[:, None] + points, skin_faces(RINGS, PER_RING)
 
 
 def _capsule(start: np.ndarray, stop: np.ndarray, left: np.ndarray, first_m: float, last_m: float) -> Part:
@@ -246,13 +250,13 @@ def _capsule(start: np.ndarray, stop: np.ndarray, left: np.ndarray, first_m: flo
     up = np.cross(axis, left)
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     frame = np.stack([axis, np.cross(up, axis), up], axis=2)
-    angle = 2 * math.pi * np.arange(AROUND) / AROUND
+    angle = 2 * math.pi * np.arange(PER_RING) / PER_RING
     half = len(height) // 2
     radius = np.repeat([first_m, last_m], half)
     x = (radius * height)[None] + np.where(np.arange(len(height)) < half, 0, length[:, None])
     y, z = (
-        np.broadcast_to((radius * width)[:, None] * wave, (len(x), len(height), AROUND))
+        np.broadcast_to((radius * width)[:, None] * wave, (len(x), len(height), PER_RING))
         for wave in (np.cos(angle), np.sin(angle))
     )
     local = np.stack([np.broadcast_to(x[..., None], y.shape), y, z], axis=-1).reshape(len(x), -1, 3)
-    return start[:, None] + np.einsum("kij,kvj->kvi", frame, local), skin_faces(len(height), AROUND)
+    return start[:, None] + np.einsum("kij,kvj->kvi", frame, local), skin_faces(len(height), PER_RING)

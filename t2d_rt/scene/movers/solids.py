@@ -89,20 +89,20 @@ def _track_of(mover: Any, start_s: float, stop_s: float) -> Track:
     return cast(Track, mover.mesh(start_s, stop_s).track)
 
 
-def skin_faces(rings: int, around: int) -> np.ndarray:
-    """Triangles (F, 3) of a closed skin over rings of points, ring by ring, `around` (even) points in each.
+def skin_faces(rings: int, per_ring: int) -> np.ndarray:
+    """Triangles (F, 3) of a closed skin over rings of points, ring by ring, `per_ring` (even) points in each.
 
-    Rings run counter-clockwise seen from the last one. Strips between points i and around - 1 - i close both ends.
+    Rings run counter-clockwise seen from the last one. Strips between points i and per_ring - 1 - i close both ends.
     """
-    here = np.arange(around)
+    here = np.arange(per_ring)
     there = np.roll(here, -1)
-    start = around * np.arange(rings - 1)[:, None]
+    start = per_ring * np.arange(rings - 1)[:, None]
     a, b = start + here, start + there
-    sides = np.stack([np.stack([a, b, b + around], -1), np.stack([a, b + around, a + around], -1)]).reshape(-1, 3)
-    left = np.arange(around // 2 - 1)
-    right = around - 1 - left
+    sides = np.stack([np.stack([a, b, b + per_ring], -1), np.stack([a, b + per_ring, a + per_ring], -1)]).reshape(-1, 3)
+    left = np.arange(per_ring // 2 - 1)
+    right = per_ring - 1 - left
     low = np.concatenate([np.stack([left, right, left + 1], -1), np.stack([left + 1, right, right - 1], -1)])
-    high = low[:, ::-1] + around * (rings - 1)
+    high = low[:, ::-1] + per_ring * (rings - 1)
     return np.concatenate([sides, low, high])
 
 
@@ -146,12 +146,12 @@ def about_x(angle_rad: np.ndarray | float) -> np.ndarray:
 
 def _rotation(angle_rad: np.ndarray | float, first: int, second: int) -> np.ndarray:
     angle = np.asarray(angle_rad, float)
-    turn = np.zeros((*angle.shape, 3, 3))
-    turn[..., 3 - first - second, 3 - first - second] = 1
-    turn[..., first, first] = turn[..., second, second] = np.cos(angle)
-    turn[..., second, first] = np.sin(angle)
-    turn[..., first, second] = -turn[..., second, first]
-    return turn
+    rotation = np.zeros((*angle.shape, 3, 3))
+    rotation[..., 3 - first - second, 3 - first - second] = 1
+    rotation[..., first, first] = rotation[..., second, second] = np.cos(angle)
+    rotation[..., second, first] = np.sin(angle)
+    rotation[..., first, second] = -rotation[..., second, first]
+    return rotation
 
 
 def ease(fraction: np.ndarray) -> np.ndarray:

@@ -79,7 +79,7 @@ def _seconds_per_chirp(case: Case, edge_m: float) -> float:
     fine = cut_to(surface, edge_m, 2 * math.pi / radar.wavelength_m, float(np.linalg.norm(surface.rest, axis=1).min()))
     corner = [backend.lanes(fine.faces[:, i]) for i in range(3)]
     Float64, Array3 = backend.Float64, backend.arrays.Array3f64
-    turns_per_m = 2 * radar.mid_frequency_hz / SPEED_OF_LIGHT
+    cycles_per_m = 2 * radar.mid_frequency_hz / SPEED_OF_LIGHT
     taken = []
     for start_s in surface.times_s[0] + radar.chirp_times_s(surface.duration_s)[case.chirps[: FLOAT64_CHIRPS + 1]]:
         begin = time.perf_counter()
@@ -89,8 +89,8 @@ def _seconds_per_chirp(case: Case, edge_m: float) -> float:
         squared = dr.dot(middle, middle)
         range_m = dr.sqrt(squared)
         weight = dr.maximum(-dr.dot(across, middle) / range_m, 0) / squared
-        turns = turns_per_m * range_m
-        sine, cosine = dr.sincos(2 * math.pi * (turns - dr.floor(turns)))
+        cycles = cycles_per_m * range_m
+        sine, cosine = dr.sincos(2 * math.pi * (cycles - dr.floor(cycles)))
         dr.eval(dr.sum(weight * sine), dr.sum(weight * cosine))
         dr.sync_thread()
         taken.append(time.perf_counter() - begin)
@@ -158,5 +158,5 @@ def _samples(scene: Any, material: Any, vertices: np.ndarray, faces: np.ndarray,
     # link_amplitude^2 = P G G lambda^2/(4 pi)^3
     scale = radar.link_amplitude * (4 * math.pi) ** 1.5 / (SPEED_OF_LIGHT / radar.mid_frequency_hz)
     frequency = radar.carrier_hz + radar.slope_hz_per_s * radar.sample_times_s[SAMPLES]
-    turns = frequency[:, None] * delay - 0.5 * radar.slope_hz_per_s * delay**2
-    return np.asarray(scale * np.exp(2j * math.pi * (turns % 1.0)) @ np.conj(amplitude))
+    cycles = frequency[:, None] * delay - 0.5 * radar.slope_hz_per_s * delay**2
+    return np.asarray(scale * np.exp(2j * math.pi * (cycles % 1.0)) @ np.conj(amplitude))

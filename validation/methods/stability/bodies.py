@@ -136,8 +136,8 @@ def grazing(radar: Radar) -> Case:
 def _ellipsoids(semi_axes_m: np.ndarray, centres_m: np.ndarray, axes: np.ndarray | None = None) -> Ellipsoids:
     """At rest."""
     count = len(semi_axes_m)
-    turned = None if axes is None else np.broadcast_to(axes, (count, 3, 3))
-    return Ellipsoids(semi_axes_m, np.stack([centres_m, centres_m]), TIMES_S, turned, PEC)
+    orientation = None if axes is None else np.broadcast_to(axes, (count, 3, 3))
+    return Ellipsoids(semi_axes_m, np.stack([centres_m, centres_m]), TIMES_S, orientation, PEC)
 
 
 def _field(target: t2d.Surface | list, radar: Radar, **options: object) -> np.ndarray:
@@ -209,10 +209,12 @@ def hidden(radar: Radar) -> Case:
     """A limb behind a trunk: how much of its echo is left."""
     trunk, limb = (radar.tx_position_m + [x, 0, 0] for x in (END_ON_M + OUTER_M, END_ON_M + OUTER_M + BEHIND_M))
     balls = _ball(OUTER_M, trunk), _ball(LIMB_M, limb)
-    shapes = [_ellipsoids(np.full((1, 3), radius), place[None]) for radius, place in ((OUTER_M, trunk), (LIMB_M, limb))]
+    targets = [
+        _ellipsoids(np.full((1, 3), radius), place[None]) for radius, place in ((OUTER_M, trunk), (LIMB_M, limb))
+    ]
     both = _ellipsoids(np.array([[OUTER_M] * 3, [LIMB_M] * 3]), np.stack([trunk, limb]))
     left = []
-    for pair, first, second, method in ((both, *shapes, "ellipsoid"), (list(balls), *balls, "mesh")):
+    for pair, first, second, method in ((both, *targets, "ellipsoid"), (list(balls), *balls, "mesh")):
         rest = _field(pair, radar, method=method) - _field(first, radar, method=method)
         left.append(
             float(

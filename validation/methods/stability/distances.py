@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import t2d_rt as t2d
 from t2d_rt.types import Radar
 from validation.methods.stability.case import Case
-from validation.methods.stability.targets import SPHERE_M, ball, ball_rcs, decibel, measured_rcs, still
+from validation.methods.stability.targets import SPHERE_M, ball, ball_rcs, decibel, measured_rcs, static_mesh
 from validation.physics.rcs import PLATE_M, plate_rcs
 from validation.report import new_figure, save_chart
 
@@ -25,14 +25,14 @@ def plate(range_m: float, radar: Radar, normal_deg: float = 0.0) -> tuple[np.nda
     """Two triangles of 10 cm, turned about the vertical from facing the radar."""
     half = PLATE_M / 2
     corners = np.array([[0, -half, -half], [0, half, -half], [0, half, half], [0, -half, half]])
-    turned = Rotation.from_euler("z", normal_deg, degrees=True).apply(corners)
-    return turned + radar.tx_position_m + [range_m, 0, 0], np.array([[0, 2, 1], [0, 3, 2]])
+    rotated = Rotation.from_euler("z", normal_deg, degrees=True).apply(corners)
+    return rotated + radar.tx_position_m + [range_m, 0, 0], np.array([[0, 2, 1], [0, 3, 2]])
 
 
 def near_field(radar: Radar) -> tuple[list[Case], str]:
     far = 4 * math.pi * PLATE_M**4 / radar.wavelength_m**2
     exact = [plate_rcs(range_m, radar.wavelength_m) for range_m in PLATE_RANGES_M]
-    ours = [measured_rcs(still(*plate(range_m, radar)), radar, range_m) for range_m in PLATE_RANGES_M]
+    ours = [measured_rcs(static_mesh(*plate(range_m, radar)), radar, range_m) for range_m in PLATE_RANGES_M]
     cases = [
         Case(
             name=f"near field, plate of 10 cm at {PLATE_RANGES_M[0]:g} m",
@@ -76,7 +76,7 @@ def near_field(radar: Radar) -> tuple[list[Case], str]:
 
 def close_by(radar: Radar) -> Case:
     errors = [
-        abs(decibel(measured_rcs(still(*ball(radar, SPHERE_M, r)), radar, r) / ball_rcs(SPHERE_M, r)))
+        abs(decibel(measured_rcs(static_mesh(*ball(radar, SPHERE_M, r)), radar, r) / ball_rcs(SPHERE_M, r)))
         for r in NEAR_RANGES_M
     ]
     nearest = NEAR_RANGES_M[0]
@@ -98,7 +98,7 @@ def inside(radar: Radar) -> Case:
     normals = np.cross(*(vertices[faces[:, i]] - vertices[faces[:, 0]] for i in (1, 2)))
     lit = np.mean(np.sum(normals * (radar.tx_position_m - vertices[faces[:, 0]]), axis=1) > 0)
     try:
-        t2d.simulate(still(vertices, faces), radar=radar)
+        t2d.simulate(static_mesh(vertices, faces), radar=radar)
         refused = False
     except t2d.InputError as error:
         refused = "is inside" in str(error)
@@ -122,9 +122,9 @@ def bowl(range_m: float, radar: Radar, rings: int = 12) -> tuple[np.ndarray, np.
     for ring in range(1, rings + 1):
         angle = edge * ring / rings
         for spoke in range(spokes):
-            turn = 2 * math.pi * spoke / spokes
+            angle_rad = 2 * math.pi * spoke / spokes
             across = BOWL_M * math.sin(angle)
-            points.append([-BOWL_M * (1 - math.cos(angle)), across * math.cos(turn), across * math.sin(turn)])
+            points.append([-BOWL_M * (1 - math.cos(angle)), across * math.cos(angle_rad), across * math.sin(angle_rad)])
             here, there = 1 + (ring - 1) * spokes + spoke, 1 + (ring - 1) * spokes + (spoke + 1) % spokes
             faces += (
                 [[0, there, here]]
@@ -153,7 +153,7 @@ def bowl_rays_rcs(range_m: float | np.ndarray) -> float | np.ndarray:
 
 
 def caustic(radar: Radar) -> tuple[Case, str]:
-    ours = [measured_rcs(still(*bowl(range_m, radar)), radar, range_m) for range_m in BOWL_RANGES_M]
+    ours = [measured_rcs(static_mesh(*bowl(range_m, radar)), radar, range_m) for range_m in BOWL_RANGES_M]
     exact = [bowl_rcs(range_m, radar.wavelength_m) for range_m in BOWL_RANGES_M]
     area = 2 * math.pi * BOWL_M**2 * (1 - math.cos(math.asin(BOWL_HALF_M / BOWL_M)))
     closed = 4 * math.pi * area**2 / radar.wavelength_m**2

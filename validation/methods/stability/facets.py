@@ -14,11 +14,11 @@ from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.types import MovingMesh, Radar
 from validation.methods.stability.case import Case, Theme
 from validation.methods.stability.distances import caustic, close_by, inside, near_field, plate
-from validation.methods.stability.targets import SPHERE_M, ball, ball_rcs, decibel, measured_rcs, still
+from validation.methods.stability.targets import SPHERE_M, ball, ball_rcs, decibel, measured_rcs, static_mesh
 from validation.physics.rcs import sphere
 from validation.report import FOLDER, new_figure, save_chart
 
-RANGE_M, TURNS = 10.0, 8
+RANGE_M, ORIENTATIONS = 10.0, 8
 SIZES = (3, 4, 5, 6, 7)
 """Subdivisions of the icosahedron: 1 280 to 328 000 faces."""
 WIDTHS_RAD = tuple(10.0**n for n in range(-10, 2))
@@ -42,15 +42,18 @@ def facet_size(radar: Radar) -> tuple[Case, str]:
         unit, faces = sphere(SPHERE_M, np.zeros(3), subdivisions)
         edges.append(float(np.linalg.norm(unit[faces[:, 0]] - unit[faces[:, 1]], axis=1).mean()) / radar.wavelength_m)
         for name, found in errors.items():
-            turns = TURNS if subdivisions < SIZES[-1] else 2
-            each = [_facet_sum(_turned(unit, seed), faces, radar, name.startswith("closed")) for seed in range(turns)]
+            orientations = ORIENTATIONS if subdivisions < SIZES[-1] else 2
+            each = [
+                _facet_sum(_rotated(unit, seed), faces, radar, name.startswith("closed"))
+                for seed in range(orientations)
+            ]
             error = decibel(np.array(each) / ball_rcs(SPHERE_M, RANGE_M))
             found.append(float(np.sqrt(np.mean(error**2))))
     unit, faces = sphere(SPHERE_M, np.zeros(3), SIZES[0])
     ours = [
-        decibel(measured_rcs(still(_placed(_turned(unit, seed), radar), faces), radar, RANGE_M) / ball_rcs(SPHERE_M, RANGE_M))
-        for seed in range(TURNS)
-    ]  # fmt: skip
+        decibel(measured_rcs(static_mesh(vertices, faces), radar, RANGE_M) / ball_rcs(SPHERE_M, RANGE_M))
+        for vertices in (_placed(_rotated(unit, seed), radar) for seed in range(ORIENTATIONS))
+    ]
     rms = float(np.sqrt(np.mean(np.square(ours))))
     case = Case(
         name=f"facets of {edges[0]:.1f} wavelengths, sphere",
@@ -74,13 +77,13 @@ def facet_size(radar: Radar) -> tuple[Case, str]:
     axis.set(
         xlabel="mean edge of the mesh [wavelengths]", ylabel="RMS error of RCS [dB]", xlim=(0.3, 8), ylim=(5e-3, 1e3)
     )
-    axis.set_title(f"sphere of {SPHERE_M * 100:g} cm radius at {RANGE_M:g} m, up to {TURNS} orientations")
+    axis.set_title(f"sphere of {SPHERE_M * 100:g} cm radius at {RANGE_M:g} m, up to {ORIENTATIONS} orientations")
     axis.legend(fontsize=8, loc="upper left", ncols=2)
     axis.grid(alpha=0.3, which="both")
     return case, save_chart(figure, "stability_facets.png")
 
 
-def _turned(vertices: np.ndarray, seed: int) -> np.ndarray:
+def _rotated(vertices: np.ndarray, seed: int) -> np.ndarray:
     return Rotation.random(rng=np.random.default_rng(seed)).apply(vertices)
 
 
@@ -95,23 +98,23 @@ def _facet_sum(vertices: np.ndarray, faces: np.ndarray, radar: Radar, closed: bo
     range_m = np.linalg.norm(middle, axis=1)
     weight = np.maximum(-np.sum(np.cross(b - a, c - a) * middle, axis=1), 0) / range_m**3  # 2 A (n.r) / R^2
     k = 2 * math.pi / radar.wavelength_m
-    turn = np.exp(2j * k * range_m)
+    carrier = np.exp(2j * k * range_m)
     if closed:
         phases = [2 * k * (np.linalg.norm(corner, axis=1) - range_m) for corner in (a, b, c)]
-        field = np.sum(weight * turn * divided_difference(*phases))
+        field = np.sum(weight * carrier * divided_difference(*phases))
     else:
-        field = np.sum(weight * turn) / 2
+        field = np.sum(weight * carrier) / 2
     return float(4 * math.pi / radar.wavelength_m**2 * abs(field) ** 2 * RANGE_M**4)
 
 
 def small_differences(folder: Path = FOLDER) -> tuple[list[Case], str]:
     """exp[jp0, jp1, jp2] by its plain formula and by ours, on the same rounded phases, against 60 digits."""
     rng = np.random.default_rng(0)
-    shapes = rng.uniform(-1, 1, (20, 3))
+    patterns = rng.uniform(-1, 1, (20, 3))
     worst: dict[tuple[str, type], list[float]] = {}
     for dtype in (np.float32, np.float64):
         for width in WIDTHS_RAD:
-            phases = (0.7 + width * shapes).astype(dtype)
+            phases = (0.7 + width * patterns).astype(dtype)
             # Rounded to one number they are a point, which only the plain formula cannot do: that is the tangent case.
             phases = phases[[len(set(row)) == 3 for row in phases.tolist()]]
             exact = _exact(phases)
@@ -165,9 +168,9 @@ def tangent(radar: Radar) -> list[Case]:
     ranges = np.linalg.norm(vertices - radar.tx_position_m, axis=1)
     with np.errstate(all="ignore"):
         plain = _plain(*(4 * math.pi / radar.wavelength_m * ranges[faces[:, i]] for i in range(3)))
-    samples = t2d.simulate(still(vertices, faces), radar=radar).cube[0, 0]
-    ends = (t2d.simulate(still(*plate(3.0, radar, 90 + 1e-4 * side)), radar=radar).cube[0, 0] for side in (-1, 1))
-    broadside = t2d.simulate(still(*plate(3.0, radar)), radar=radar).cube[0, 0]
+    samples = t2d.simulate(static_mesh(vertices, faces), radar=radar).cube[0, 0]
+    ends = (t2d.simulate(static_mesh(*plate(3.0, radar, 90 + 1e-4 * side)), radar=radar).cube[0, 0] for side in (-1, 1))
+    broadside = t2d.simulate(static_mesh(*plate(3.0, radar)), radar=radar).cube[0, 0]
     jump = max(float(np.abs(samples - each).max() / np.abs(broadside).max()) for each in ends)
     return [
         Case(
@@ -196,8 +199,8 @@ def tangent(radar: Radar) -> list[Case]:
 def _area_jump(radar: Radar) -> float:
     """Jump, relative to broadside, of a sum that takes lit triangles' areas without the cosine."""
 
-    def field(turned_deg: float) -> float:
-        vertices, faces = plate(3.0, radar, turned_deg)
+    def field(rotated_deg: float) -> float:
+        vertices, faces = plate(3.0, radar, rotated_deg)
         a, b, c = (vertices[faces[:, i]] - radar.tx_position_m for i in range(3))
         phases = (4 * math.pi / radar.wavelength_m * np.linalg.norm(corner, axis=1) for corner in (a, b, c))
         doubled = np.cross(b - a, c - a)
@@ -221,7 +224,7 @@ def degenerate(radar: Radar, range_m: float = 3.0) -> Case:
     with np.errstate(invalid="ignore"):
         normal = doubled / np.linalg.norm(doubled, axis=1, keepdims=True)
     naive = np.sum(np.maximum(np.sum(normal * -a, axis=1), 0))
-    mesh: MovingMesh = still(vertices, faces)
+    mesh: MovingMesh = static_mesh(vertices, faces)
     samples = t2d.simulate(mesh, radar=radar).cube[0, 0]
     error = abs(decibel(measured_rcs(mesh, radar, range_m) / ball_rcs(SPHERE_M, range_m)))
     return Case(

@@ -179,10 +179,10 @@ def _held(motion: Motion, radar: Radar, rate_hz: float) -> float:
     times = radar.chirp_starts_s(4000)
 
     def series(track: PoseTrack) -> np.ndarray:
-        still = Ellipsoids.from_track(track, body.semi_axes_m, body.times_s, PEC)
-        echoes = ellipsoid_echoes(still, radar, times_s=times, material=PEC).gather()
-        turns = radar.mid_frequency_hz * echoes.delay_s
-        return np.sum(echoes.amplitude * np.exp(2j * math.pi * (turns % 1)), axis=1)
+        static = Ellipsoids.from_track(track, body.semi_axes_m, body.times_s, PEC)
+        echoes = ellipsoid_echoes(static, radar, times_s=times, material=PEC).gather()
+        cycles = radar.mid_frequency_hz * echoes.delay_s
+        return np.sum(echoes.amplitude * np.exp(2j * math.pi * (cycles % 1)), axis=1)
 
     held = series(lambda t: body.at(np.floor(t * rate_hz + 1e-9) / rate_hz))
     return nmse_db(held, series(body.at))

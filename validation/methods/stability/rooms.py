@@ -21,7 +21,7 @@ from t2d_rt.scene import Room
 from t2d_rt.types import Material, MovingMesh, Radar, Scene, Surface
 from validation.bodies import WALK, recorded
 from validation.methods.stability.case import Case, Theme
-from validation.methods.stability.targets import ball, ball_rcs, decibel, measured_rcs, still
+from validation.methods.stability.targets import ball, ball_rcs, decibel, measured_rcs, static_mesh
 from validation.physics.rcs import TIMES_S, sphere
 from validation.report import new_figure, save_chart
 
@@ -97,7 +97,7 @@ def specular_path(radar: Radar) -> list[Case]:
     square = Rotation.align_vectors([[-1, 0, 0]], [normal / np.linalg.norm(normal)])[0].apply(unit) + centre
     theirs, paths = _paths_rcs(_scene(square, faces, radar, 0.0), radar, RANGE_M, 1_000_000, diffuse=False)
     exact = ball_rcs(BALL_M, RANGE_M)
-    errors = [abs(decibel(measured_rcs(still(v, faces), radar, RANGE_M) / exact)) for v in poses[:8]]
+    errors = [abs(decibel(measured_rcs(static_mesh(v, faces), radar, RANGE_M) / exact)) for v in poses[:8]]
     return [
         Case(
             name="Sionna RT's specular path, sphere in random poses",
@@ -116,7 +116,7 @@ def specular_path(radar: Radar) -> list[Case]:
             failing_error=abs(decibel(theirs / exact)) if paths else math.nan,
             fails_by=20,
             ours="facets",
-            error=abs(decibel(measured_rcs(still(square, faces), radar, RANGE_M) / exact)),
+            error=abs(decibel(measured_rcs(static_mesh(square, faces), radar, RANGE_M) / exact)),
             limit=0.3,
             unit="dB",
         ),
@@ -182,14 +182,14 @@ def random_rays(radar: Radar) -> Case:
     spread = []
     for seed in range(DRAWS):
         rng = np.random.default_rng(seed)
-        radius, turn = BALL_M * np.sqrt(rng.uniform(size=SHOTS)), rng.uniform(0, 2 * math.pi, SHOTS)
-        y, z = radius * np.cos(turn), radius * np.sin(turn)
+        radius, angle = BALL_M * np.sqrt(rng.uniform(size=SHOTS)), rng.uniform(0, 2 * math.pi, SHOTS)
+        y, z = radius * np.cos(angle), radius * np.sin(angle)
         depth = BALL_M - np.sqrt(BALL_M**2 - radius**2)
         hit = np.sqrt((RANGE_M + depth) ** 2 + y**2 + z**2)
         field = np.mean(np.exp(4j * math.pi / radar.wavelength_m * hit)) * math.pi * BALL_M**2
         spread.append(decibel(4 * math.pi / radar.wavelength_m**2 * abs(field) ** 2))
     vertices, faces = ball(radar, BALL_M, RANGE_M, 3)
-    target = still(vertices, faces)
+    target = static_mesh(vertices, faces)
     cubes = [t2d.simulate(target, radar=radar, seed=seed).cube[0, 0] for seed in (0, 1)]
     change = float(np.abs(cubes[1] - cubes[0]).max() / np.abs(cubes[0]).max())
     return Case(
@@ -218,7 +218,7 @@ def wall(name: str, start_m: float, stop_m: float) -> Surface:
 def coplanar(radar: Radar) -> list[Case]:
     """A metal wall beside the line of sight to a sphere, in two pieces, against the same in one."""
     vertices, faces = ball(radar, 0.1, 2.9)
-    target = still(vertices, faces)
+    target = static_mesh(vertices, faces)
     free = t2d.simulate(target, radar=radar).cube[0, 0]
 
     def ghosts(*walls: Surface) -> np.ndarray:
@@ -273,7 +273,9 @@ def touching(radar: Radar) -> Case:
     finite = []
     for depth in DEPTHS_M:
         vertices, faces = sphere(0.1, np.array([3.0, WALL_M - 0.1 + depth, 1.0]), 3)
-        found = t2d.simulate(still(vertices, faces), radar=radar, scene=walls, clutter="none", collisions="ignore")
+        found = t2d.simulate(
+            static_mesh(vertices, faces), radar=radar, scene=walls, clutter="none", collisions="ignore"
+        )
         finite.append(np.isfinite(found.cube[0]).all())
     return Case(
         name=f"a point {GAPS_M[0] * 1e3:g} mm from a wall",

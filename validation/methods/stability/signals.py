@@ -55,8 +55,8 @@ def exact_phase(radar: Radar, range_m: np.ndarray, samples: np.ndarray) -> np.nd
     """IF phase [rad] of physics.md, eq. 1, in float64, less whole turns; range (chirp, sample) at the samples' own times."""
     t = radar.sample_times_s[samples]
     delay = 2 * range_m / SPEED_OF_LIGHT
-    turns = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * t - delay**2 / 2)
-    return 2 * math.pi * (turns % 1)
+    cycles = radar.carrier_hz * delay + radar.slope_hz_per_s * (delay * t - delay**2 / 2)
+    return 2 * math.pi * (cycles % 1)
 
 
 # --- float32 --------------------------------------------------------------------------------------------------------
@@ -218,8 +218,8 @@ def moving_target_indication(radar: Radar) -> tuple[list[Case], str]:
 
 def _left_db(adc: np.ndarray, method: str, kernel: tuple[float, ...] = (1, -2, 3, -2, 1)) -> float:
     """Power after MTI over that before [dB]; 200 dB down where nothing is left."""
-    share = np.sum(np.abs(mti(adc, method, kernel=kernel)[2:-2]) ** 2) / np.sum(np.abs(adc[2:-2]) ** 2)
-    return float(10 * np.log10(max(share, 1e-20)))
+    fraction = np.sum(np.abs(mti(adc, method, kernel=kernel)[2:-2]) ** 2) / np.sum(np.abs(adc[2:-2]) ** 2)
+    return float(10 * np.log10(max(fraction, 1e-20)))
 
 
 def _notch_chart(radar: Radar) -> str:
@@ -253,8 +253,8 @@ def long_record() -> list[Case]:
     times = radar.chirp_starts_s(len(cube)) + radar.sample_times_s[middle]
     range_m = _breath_range_m(times)
     exact = exact_phase(radar, range_m[:, None], np.array([middle]))[:, 0]
-    turned = cube[:, middle] * np.exp(-1j * exact)
-    error = np.angle(turned / turned[: len(turned) // 60].sum())
+    rotated = cube[:, middle] * np.exp(-1j * exact)
+    error = np.angle(rotated / rotated[: len(rotated) // 60].sum())
     # A simulator whose clock is added up in float32.
     clock = np.cumsum(np.full(len(times), np.float32(radar.loop_interval_s)), dtype=np.float32) - radar.loop_interval_s
     late = _breath_range_m(clock + radar.sample_times_s[middle]) - range_m

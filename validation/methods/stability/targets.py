@@ -20,7 +20,7 @@ def decibel(ratio: Any) -> Any:
     return 10 * np.log10(ratio)
 
 
-def still(vertices: np.ndarray, faces: np.ndarray, **options: object) -> MovingMesh:
+def static_mesh(vertices: np.ndarray, faces: np.ndarray, **options: object) -> MovingMesh:
     """A perfect conductor at rest."""
     return MovingMesh(np.stack([vertices, vertices]), faces, TIMES_S, PEC, **options)
 

@@ -23,7 +23,7 @@ from validation.physics.canonical.flat import (
     room_corner,
     trihedral_pattern,
 )
-from validation.physics.canonical.pattern import BODY_KA, FACET_KA, KA, LIMIT_DB, TURNS, Pattern, worst_db
+from validation.physics.canonical.pattern import BODY_KA, FACET_KA, KA, LIMIT_DB, ORIENTATIONS, Pattern, worst_db
 from validation.physics.canonical.report import corner_chart, ka_chart, note, pattern_chart, width_chart
 from validation.physics.turntable import db
 from validation.report import Check, Section
@@ -92,7 +92,7 @@ def _checks(
         Check(what="physical optics within 1 dB of Mie from ka", measured=valid[1.0], limit=10, unit=""),
         Check(what="physical optics within 0.3 dB of Mie from ka", measured=valid[LIMIT_DB], limit=BODY_KA[0], unit=""),
         Check(
-            what=f"spheres of facets against exact physical optics, ka >= {LARGE_KA:g}, {TURNS} sides, worst",
+            what=f"spheres of facets against exact physical optics, ka >= {LARGE_KA:g}, {ORIENTATIONS} sides, worst",
             measured=float(np.abs(facet_error[FACET_KA >= LARGE_KA]).max()),
             limit=LIMIT_DB,
             unit="dB",

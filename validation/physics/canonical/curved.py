@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import t2d_rt as t2d
 from t2d_rt.types import PEC, MovingMesh, Radar
 from validation.physics import exact
-from validation.physics.canonical.pattern import FAR_M, RANGE_M, TURNS, Pattern, rcs_over_aspect, row_of
+from validation.physics.canonical.pattern import FAR_M, ORIENTATIONS, RANGE_M, Pattern, rcs_over_aspect, row_of
 from validation.physics.rcs import TIMES_S, read_rcs, sphere
 from validation.physics.turntable import aspects, db, mesh_fields, on_turntable, rcs
 
@@ -20,12 +20,12 @@ SPHEROID_M = (0.08, 0.22)
 
 
 def sphere_ratio(radar: Radar, ka: float, *, along_axis: bool = False) -> np.ndarray:
-    """sigma / (pi a^2) of a sphere of facets from TURNS sides, or first of all along an axis of symmetry; default fineness."""
+    """sigma / (pi a^2) of a sphere of facets from ORIENTATIONS sides, or first along an axis of symmetry; default accuracy."""
     radius = ka * radar.wavelength_m / (2 * math.pi)
     vertices, faces = sphere(radius, np.zeros(3), subdivisions=4)
     if not along_axis:
         vertices = Rotation.random(rng=np.random.default_rng(round(1e3 * ka))).apply(vertices)
-    ball = on_turntable(vertices, faces, aspects(0, 60, TURNS), radar.tx_position_m + [RANGE_M + radius, 0, 0])
+    ball = on_turntable(vertices, faces, aspects(0, 60, ORIENTATIONS), radar.tx_position_m + [RANGE_M + radius, 0, 0])
     near = (RANGE_M / (RANGE_M + radius)) ** 2
     return rcs(mesh_fields(ball, radar, occlusion=False)[0], RANGE_M) / (math.pi * radius**2 * near)
 
@@ -37,7 +37,7 @@ def axial_sphere(radar: Radar, ka: float) -> dict[str, object]:
     return row_of(name, RANGE_M, measured * area, float(exact.sphere_optics(ka)) * area)
 
 
-def _still(vertices: np.ndarray, faces: np.ndarray, radar: Radar) -> np.ndarray:
+def _static(vertices: np.ndarray, faces: np.ndarray, radar: Radar) -> np.ndarray:
     mesh = MovingMesh(np.stack([vertices, vertices]), faces, TIMES_S, PEC)
     return np.asarray(t2d.simulate(mesh, radar=radar).cube[0, 0])
 
@@ -47,7 +47,7 @@ def read_sphere(ka: float) -> dict[str, object]:
     radar = Radar.preset("table2-long")
     radius = ka * radar.wavelength_m / (2 * math.pi)
     vertices, faces = sphere(radius, radar.tx_position_m + [RANGE_M + radius, 0, 0])
-    middle = _still(vertices, faces, radar)[radar.samples // 2 - 1 : radar.samples // 2 + 1]
+    middle = _static(vertices, faces, radar)[radar.samples // 2 - 1 : radar.samples // 2 + 1]
     measured = float(np.mean(np.abs(middle) ** 2)) * RANGE_M**4 / radar.link_amplitude**2
     near = (RANGE_M / (RANGE_M + radius)) ** 2
     return row_of(f"sphere ka = {ka:g}, Mie", RANGE_M, measured, exact.mie(ka) * math.pi * radius**2 * near)
@@ -91,5 +91,5 @@ def read_cylinder(range_m: float) -> dict[str, object]:
     areas = normal * (length / 1250 * math.radians(0.2) * radius)
     expected = exact.summed_optics(cells, areas, radar.tx_position_m, radar.wavelength_m) * range_m**4
     return row_of(
-        "cylinder, broadside", range_m, read_rcs(_still(vertices + place, faces, radar), radar, range_m), expected
+        "cylinder, broadside", range_m, read_rcs(_static(vertices + place, faces, radar), radar, range_m), expected
     )

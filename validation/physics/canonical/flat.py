@@ -37,8 +37,10 @@ def near_plate_pattern(radar: Radar) -> Pattern:
     areas = np.outer(np.outer(weight, weight).ravel() * math.prod(PLATE_M) / 4, [-1.0, 0, 0])
     place = radar.tx_position_m + [NEAR_M, 0, 0]
     expected = [
-        exact.summed_optics(turn.apply(cells) + place, turn.apply(areas), radar.tx_position_m, radar.wavelength_m)
-        for turn in Rotation.from_rotvec(np.outer(angles, [0, 0, 1]))
+        exact.summed_optics(
+            rotation.apply(cells) + place, rotation.apply(areas), radar.tx_position_m, radar.wavelength_m
+        )
+        for rotation in Rotation.from_rotvec(np.outer(angles, [0, 0, 1]))
     ]
     found = rcs_over_aspect(radar, *_rectangle(), angles, NEAR_M)
     return Pattern(
@@ -68,11 +70,11 @@ def dihedral_pattern(radar: Radar) -> Pattern:
         field += lobes * np.exp(-1j * sign * k * a * np.sin(off))
     optics = 4 * math.pi * (a * a / lam) ** 2 * np.abs(field) ** 2
     truth = 16 * math.pi * (a * a / lam) ** 2 * np.sin(math.pi / 4 - np.abs(angles)) ** 2
-    found = rcs_over_aspect(radar, vertices @ _half_turn().T, faces, angles)
+    found = rcs_over_aspect(radar, vertices @ _rotation_by_180_degrees().T, faces, angles)
     return Pattern("dihedral of 10 cm plates, far away", angles, found, optics, truth)
 
 
-def _half_turn() -> np.ndarray:
+def _rotation_by_180_degrees() -> np.ndarray:
     """The targets' own +x looks at the radar, which stands at -x of them."""
     return np.diag([-1.0, -1.0, 1.0])
 
@@ -97,7 +99,7 @@ def trihedral_pattern(radar: Radar, *, triangular: bool) -> Pattern:
     axis = np.ones(3) / math.sqrt(3)
     left = np.array([-1, 1, 0]) / math.sqrt(2)
     frame = np.stack([axis, left, np.cross(axis, left)])
-    found = rcs_over_aspect(radar, vertices @ frame.T @ _half_turn().T, triangles, angles)
+    found = rcs_over_aspect(radar, vertices @ frame.T @ _rotation_by_180_degrees().T, triangles, angles)
     peak = (4 / 3 if triangular else 12) * math.pi * a**4 / lam**2
     truth = np.where(np.abs(angles) < 1e-9, peak, 0)
     name = "triangular" if triangular else "square"

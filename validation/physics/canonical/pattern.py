@@ -10,7 +10,7 @@ from validation.physics.turntable import db, mesh_fields, on_turntable, rcs
 LIMIT_DB = 0.3
 KA = np.geomspace(0.1, 500, 4000)
 FACET_KA = np.geomspace(0.1, 500, 38)
-TURNS = 6
+ORIENTATIONS = 6
 """Sides from which a sphere of facets is seen: where its facets happen to lie changes the RCS a little."""
 NEAR_M, RANGE_M, FAR_M = 1.0, 10.0, 1e4
 SHOWN_DB, NEAR_SHOWN_DB = 30.0, 25.0

@@ -15,9 +15,9 @@ from validation.physics.canonical.pattern import (
     LIMIT_DB,
     NEAR_AXIS_DEG,
     NEAR_M,
+    ORIENTATIONS,
     RANGE_M,
     SHOWN_DB,
-    TURNS,
     Pattern,
 )
 from validation.physics.turntable import db
@@ -54,7 +54,9 @@ def ka_chart(mie: np.ndarray, optics_error: np.ndarray, facets: np.ndarray, face
     figure, (level, error) = new_figure(nrows=2, sharex=True, figsize=(7, 6.5))
     level.semilogx(KA, db(mie), "k-", linewidth=1, label="Mie, exact")
     level.semilogx(KA, db(exact.sphere_optics(KA)), "C0-", linewidth=1, alpha=0.8, label="physical optics, exact")
-    level.semilogx(FACET_KA, db(facets.mean(axis=1)), "C1o", markersize=4, label=f"facets, mean of {TURNS} sides")
+    level.semilogx(
+        FACET_KA, db(facets.mean(axis=1)), "C1o", markersize=4, label=f"facets, mean of {ORIENTATIONS} sides"
+    )
     level.set(ylabel=r"$\sigma / \pi a^2$ [dB]", ylim=(-32, 8), title="perfectly conducting sphere")
     level.legend(loc="lower right")
     error.loglog(KA, np.abs(optics_error), "C0-", linewidth=0.8, label="physical optics against Mie")
@@ -65,8 +67,8 @@ def ka_chart(mie: np.ndarray, optics_error: np.ndarray, facets: np.ndarray, face
         markersize=4,
         label="facets against physical optics, worst side",
     )
-    for bar in (1.0, LIMIT_DB):
-        error.axhline(bar, color="C3", linestyle=":", linewidth=1)
+    for limit in (1.0, LIMIT_DB):
+        error.axhline(limit, color="C3", linestyle=":", linewidth=1)
     error.axvspan(*BODY_KA, color="C2", alpha=0.12)
     error.text(
         math.sqrt(BODY_KA[0] * BODY_KA[1]), 14, "wrist to chest\nat 77 GHz", ha="center", va="center", fontsize=8

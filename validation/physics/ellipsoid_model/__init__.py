@@ -16,7 +16,7 @@ from validation.physics.ellipsoid_model.spheroids import (
     Spheroid,
     spheroid_errors,
 )
-from validation.physics.ellipsoid_model.standing import Turned, turned_body
+from validation.physics.ellipsoid_model.standing import Standing, standing_body
 from validation.physics.turntable import (
     Body,
 )
@@ -31,28 +31,28 @@ def run() -> Section:
     radar = Radar.preset("table2")
     spheroids = [spheroid_errors(radar, shape, range_m) for shape in SPHEROIDS_M for range_m in RANGES_M]
     body = Body.at(recorded(JACKS), 0.0)
-    turned = turned_body(radar, body)
+    standing = standing_body(radar, body)
     activities = [activity_of(radar, *each) for each in ACTIVITIES]
     return Section(
         title="The ellipsoid model against the mesh",
-        checks=_checks(spheroids, turned, activities),
-        note=note(spheroids, turned, activities),
+        checks=_checks(spheroids, standing, activities),
+        note=note(spheroids, standing, activities),
         table=[
             *(_uniform(row, "spheroid") for row in (s.row() for s in spheroids)),
-            *(_uniform(row, "standing") for row in turned.rows),
+            *(_uniform(row, "standing") for row in standing.rows),
             *(_uniform(a.row(), "activity") for a in activities),
         ],
         charts=[
             spheroid_chart(spheroids),
-            segment_chart(turned),
-            body_chart(turned),
+            segment_chart(standing),
+            body_chart(standing),
             *(activity_chart(a) for a in activities),
         ],
     )
 
 
-def _checks(spheroids: list[Spheroid], turned: Turned, activities: list[Activity]) -> list[Check]:
-    differences = [row["difference dB"] for row in turned.rows[:-2]]
+def _checks(spheroids: list[Spheroid], standing: Standing, activities: list[Activity]) -> list[Check]:
+    differences = [row["difference dB"] for row in standing.rows[:-2]]
     return [
         Check(
             what="ellipsoid against converged facets, spheroids at 1, 3, 10 m, 0 to 180 degrees, amplitude",
@@ -68,7 +68,7 @@ def _checks(spheroids: list[Spheroid], turned: Turned, activities: list[Activity
         ),
         Check(
             what="mean RCS of the standing body, ellipsoids against mesh, without occlusion",
-            measured=abs(float(turned.rows[-2]["difference dB"])),
+            measured=abs(float(standing.rows[-2]["difference dB"])),
             limit=BODY_LIMIT_DB,
             unit="dB",
         ),

@@ -16,7 +16,7 @@ from validation.physics.ellipsoid_model.spheroids import (
     SWING_RAD_PER_S,
     Spheroid,
 )
-from validation.physics.ellipsoid_model.standing import BODY_ASPECTS, BODY_RANGE_M, SECTOR_DEG, Turned, sector_means
+from validation.physics.ellipsoid_model.standing import BODY_ASPECTS, BODY_RANGE_M, SECTOR_DEG, Standing, sector_means
 from validation.physics.turntable import (
     db,
 )
@@ -29,9 +29,9 @@ SEGMENTS = (
 """That are drawn."""
 
 
-def note(spheroids: list[Spheroid], turned: Turned, activities: list[Activity]) -> str:
+def note(spheroids: list[Spheroid], standing: Standing, activities: list[Activity]) -> str:
     worst = max(np.abs(s.level_db).max() for s in spheroids)
-    rows = {str(row["what"]): float(str(row["difference dB"])) for row in turned.rows}
+    rows = {str(row["what"]): float(str(row["difference dB"])) for row in standing.rows}
     hidden = {a.name: a.difference_db("unhidden") for a in activities}
     cells = [a.difference_db("ellipsoid") for a in activities]
     lines = [a.torso_line_mps for a in activities]
@@ -92,13 +92,13 @@ def spheroid_chart(spheroids: list[Spheroid]) -> str:
     return save_chart(figure, "ellipsoid_spheroids.png")
 
 
-def segment_chart(turned: Turned) -> str:
+def segment_chart(standing: Standing) -> str:
     figure, axes = new_figure(nrows=3, ncols=4, figsize=(11, 7), sharex=True, sharey=True)
     for axis, name in zip(axes.ravel(), SEGMENTS, strict=False):
-        number = turned.names.index(name)
-        axis.plot(turned.angle_deg, db(turned.parts[number]), "C0-", linewidth=0.3, alpha=0.4)
-        axis.plot(turned.angle_deg, db(sector_means(turned.parts[number])), "C0-", label="mesh")
-        axis.plot(turned.angle_deg, db(turned.limbs[number]), "C1-", label="ellipsoid")
+        number = standing.names.index(name)
+        axis.plot(standing.angle_deg, db(standing.parts[number]), "C0-", linewidth=0.3, alpha=0.4)
+        axis.plot(standing.angle_deg, db(sector_means(standing.parts[number])), "C0-", label="mesh")
+        axis.plot(standing.angle_deg, db(standing.limbs[number]), "C1-", label="ellipsoid")
         axis.set(title=name.replace("_", " "), ylim=(-48, 6), xticks=range(0, 361, 90))
         axis.grid(alpha=0.3)
     axes[-1, -1].axis("off")
@@ -108,16 +108,16 @@ def segment_chart(turned: Turned) -> str:
     return save_chart(figure, "ellipsoid_segments.png")
 
 
-def body_chart(turned: Turned) -> str:
+def body_chart(standing: Standing) -> str:
     figure, axis = new_figure(figsize=(7.5, 4))
     for values, colour, label in (
-        (turned.mesh, "C0", "mesh with its shadows"),
-        (turned.unhidden, "C2", "mesh, without occlusion"),
-        (turned.ellipsoids, "C1", "17 ellipsoids"),
+        (standing.mesh, "C0", "mesh with its shadows"),
+        (standing.unhidden, "C2", "mesh, without occlusion"),
+        (standing.ellipsoids, "C1", "17 ellipsoids"),
     ):
-        axis.plot(turned.angle_deg, db(values), color=colour, linewidth=0.3, alpha=0.35)
+        axis.plot(standing.angle_deg, db(values), color=colour, linewidth=0.3, alpha=0.35)
         axis.plot(
-            turned.angle_deg, db(sector_means(values)), color=colour, label=f"{label}, mean over {SECTOR_DEG} degrees"
+            standing.angle_deg, db(sector_means(values)), color=colour, label=f"{label}, mean over {SECTOR_DEG} degrees"
         )
     axis.set(
         xlabel="aspect [deg]: 0 front, 90 right, 180 back", ylabel="RCS, conductor [dBsm]", xticks=range(0, 361, 45),

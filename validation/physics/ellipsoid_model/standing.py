@@ -22,7 +22,7 @@ SECTOR_DEG = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Turned:
+class Standing:
     """RCS [m^2] over the aspect of the standing body, a conductor: 0 its front, 90 degrees its right side."""
 
     angle_deg: np.ndarray
@@ -66,13 +66,13 @@ def sector_means(values: np.ndarray) -> np.ndarray:
     return np.asarray(uniform_filter1d(values, round(SECTOR_DEG * BODY_ASPECTS / 360), mode="wrap"))
 
 
-def turned_body(radar: Radar, body: Body) -> Turned:
+def standing_body(radar: Radar, body: Body) -> Standing:
     step = 360 / BODY_ASPECTS
     angles = aspects(0, 360 - step, BODY_ASPECTS)
     surface = body.mesh(angles, BODY_RANGE_M, "pec")
     limbs = ellipsoid_fields(body.ellipsoids(angles, BODY_RANGE_M, "pec"), radar)
     alone = mesh_fields(surface, radar, occlusion=False, only=[body.part(number) for number in range(len(body.names))])
-    return Turned(
+    return Standing(
         angle_deg=np.degrees(angles),
         names=body.names,
         parts=rcs(alone[1:], BODY_RANGE_M),

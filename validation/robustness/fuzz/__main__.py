@@ -10,7 +10,7 @@ from pathlib import Path
 
 from validation.robustness.fuzz.process import KINDS, MEGABYTES, SECONDS, Outcome, Settings, outcomes
 
-SHARES = {
+FRACTIONS = {
     "bvh": 0.2, "radar_yaml": 0.1, "scene_xml": 0.15, "recording_zarr": 0.15, "command_line": 0.15, "api_calls": 0.125,
     "api_values": 0.125,
 }  # fmt: skip
@@ -21,7 +21,7 @@ REGRESSIONS = Path(__file__).with_name("regressions.txt")
 
 def numbered(count: int, start: int = 0) -> list[str]:
     """Names of that many inputs, the kinds mixed."""
-    each = {kind: round(count * share) for kind, share in SHARES.items()}
+    each = {kind: round(count * fraction) for kind, fraction in FRACTIONS.items()}
     ordered = sorted((number / each[kind], kind, number) for kind in KINDS for number in range(each[kind]))
     return [f"{kind}:{start + number}" for _, kind, number in ordered]
 

@@ -88,7 +88,7 @@ def _array(rng: np.random.Generator, value: np.ndarray) -> np.ndarray:
     odd[place] = (
         pick(rng, (np.nan, np.inf, 1e30, -1.0)) if value.dtype.kind in "fc" else pick(rng, (-1, 0, 10**6, 2**31 - 1))
     )
-    ways: tuple[Callable[[], Any], ...] = (
+    calls: tuple[Callable[[], Any], ...] = (
         lambda: odd,
         lambda: odd,
         lambda: value[::-1],
@@ -110,7 +110,7 @@ def _array(rng: np.random.Generator, value: np.ndarray) -> np.ndarray:
         lambda: np.ma.masked_array(value, np.arange(value.size).reshape(value.shape) == 0),
         lambda: _read_only(value),
     )
-    return pick(rng, ways)()
+    return pick(rng, calls)()
 
 
 def _read_only(value: np.ndarray) -> np.ndarray:

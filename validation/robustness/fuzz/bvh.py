@@ -195,7 +195,7 @@ def same(rng: np.random.Generator, text: str) -> Made:
     """Another way of writing the same motion."""
     head, _, tail = text.partition("MOTION\n")
     joint = "\tJOINT {}\n\t{{\n\tOFFSET 0 1 0\n\tCHANNELS 0\n\tEnd Site\n\t{{\n\tOFFSET 0 1 0\n\t}}\n\t}}\n}}\n"
-    ways: tuple[tuple[str, Callable[[], bytes]], ...] = (
+    writings: tuple[tuple[str, Callable[[], bytes]], ...] = (
         ("CRLF", lambda: text.replace("\n", "\r\n").encode()),
         ("BOM", lambda: b"\xef\xbb\xbf" + text.encode()),
         ("no indentation", lambda: re.sub(r"(?m)^[ \t]+", "", text).encode()),
@@ -212,7 +212,7 @@ def same(rng: np.random.Generator, text: str) -> Made:
         "Gr\xf6\xdfe").encode("latin-1") + b"MOTION\n" + tail.encode()),
         ("a row over two lines", lambda: _broken(text).encode()),
     )  # fmt: skip
-    told, make = pick(rng, ways)
+    told, make = pick(rng, writings)
     return Made(told, make(), "same")
 
 
@@ -311,17 +311,17 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
 
 
 def _used(rng: np.random.Generator, told: str, path: Path, expected: str) -> Attempt:
-    way = pick(rng, ("load", "load", "load", "options", "info", "simulate")) if not expected else "load"
-    if way == "info":
+    use = pick(rng, ("load", "load", "load", "options", "info", "simulate")) if not expected else "load"
+    if use == "info":
         return Attempt(f"{told}: t2d-rt info {path.name}", command(["info", str(path)]))
-    if way == "simulate":
+    if use == "simulate":
         words = [
             "simulate", str(path), "--method", "ellipsoid", "--radar", "ci4r", "--radar.samples=32", "--stop-s=0.1", "-o",
             "x.zarr",
         ]  # fmt: skip
         return Attempt(f"{told}: t2d-rt {' '.join(words)}", leaving_nothing(command(words), path.parent))
     options: dict[str, Any] = {}
-    if way == "options":
+    if use == "options":
         options = {name: pick(rng, OPTIONS[name]) for name in sorted(set(pick(rng, sorted(OPTIONS)) for _ in range(2)))}
     given = "".join(f", {name}={value!r}" for name, value in options.items())
     return Attempt(f"{told}: load_motion({path.name!r}{given})", lambda: _loaded(path, expected, options))

@@ -61,9 +61,9 @@ def pick(rng: np.random.Generator, values: Sequence[T]) -> T:
     return values[int(rng.integers(len(values)))]
 
 
-def chance(rng: np.random.Generator, share: float) -> bool:
-    """True in that share of the draws."""
-    return bool(rng.random() < share)
+def chance(rng: np.random.Generator, probability: float) -> bool:
+    """True with that probability."""
+    return bool(rng.random() < probability)
 
 
 # --- judges ---------------------------------------------------------------------------------------------------------

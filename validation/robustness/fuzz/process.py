@@ -125,7 +125,7 @@ def _at_work(names: Sequence[str], settings: Settings) -> Iterator[Outcome]:
                 outcome = _polled(child, settings)
                 if outcome is not None:
                     working.remove(child)
-                    _clear(child, outcome, settings.keep)
+                    _clean_up(child, outcome, settings.keep)
                     yield outcome
 
 
@@ -197,7 +197,7 @@ def _where(stack: str) -> str:
     return f"{found[1]} {found[2]}" if found else ""
 
 
-def _clear(child: Child, outcome: Outcome, keep: Path | None) -> None:
+def _clean_up(child: Child, outcome: Outcome, keep: Path | None) -> None:
     """Removes a child's files; those of a failed one go to `keep`."""
     if outcome.problem and keep is not None:
         place = keep / child.name.replace(":", "-")

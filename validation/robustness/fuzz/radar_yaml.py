@@ -159,18 +159,18 @@ def _damaged(rng: np.random.Generator) -> tuple[str, bytes, str]:
 
 
 def _used(rng: np.random.Generator, told: str, path: Path, expected: str) -> Attempt:
-    way = pick(rng, ("load", "load", "info", "radar", "config", "simulate"))
-    if way == "info":
+    use = pick(rng, ("load", "load", "info", "radar", "config", "simulate"))
+    if use == "info":
         return Attempt(f"{told}: t2d-rt info my.yaml", _expecting(expected, command(["info", "my.yaml"])))
-    if way in ("radar", "config"):
-        if way == "config":
+    if use in ("radar", "config"):
+        if use == "config":
             path.write_bytes(
                 b"radar:\n" + b"".join(b"  " + line for line in path.read_bytes().splitlines(keepends=True))
             )
         # what is printed is the options as they were read: no run, whose length would be the radar's
-        words = ["simulate", str(MOTIONS / "12_01_walk.bvh"), f"--{way}", "my.yaml", "--print_config"]
+        words = ["simulate", str(MOTIONS / "12_01_walk.bvh"), f"--{use}", "my.yaml", "--print_config"]
         return Attempt(f"{told}: t2d-rt {' '.join(words)}", leaving_nothing(command(words), path.parent))
-    if way == "simulate":
+    if use == "simulate":
         return Attempt(
             f"{told}: simulate(..., radar=Radar.from_yaml('my.yaml'))", _expecting(expected, lambda: _simulated(path))
         )

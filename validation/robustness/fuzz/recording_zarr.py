@@ -44,13 +44,13 @@ def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
     saved.save(place)
     shutil.copytree(place, folder / "outside")
     told = pick(rng, (_bytes, _bytes, _files, _metadata, _metadata, _metadata, _attributes, _attributes))(rng, place)
-    way = pick(rng, ("load", "load", "load", "info", "overwrite", "command"))
+    use = pick(rng, ("load", "load", "load", "info", "overwrite", "command"))
     told = f"{told[:300]}{', as a large cube' if large else ''}"
-    if way == "info":
+    if use == "info":
         return Attempt(f"{told}: t2d-rt info walk.zarr", command(["info", "walk.zarr"]))
-    if way == "overwrite":
+    if use == "overwrite":
         return Attempt(f"{told}: save('walk.zarr', overwrite=True)", lambda: _overwritten(place))
-    if way == "command":
+    if use == "command":
         words = [
             "simulate", str(MOTIONS / "momask_22j_120frames.bvh"), "--method=ellipsoid", "--stop-s=0.2", "--radar=ci4r",
             "--radar.samples=32",

@@ -108,8 +108,8 @@ def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
         (room / "meshes" / f"{name}.ply").write_bytes(data)
         told += f" {name}.ply: {damage}"
     (room / "room.xml").write_bytes(text.encode("utf-8", "surrogateescape") if isinstance(text, str) else text)
-    way, act = _used(rng, room / "room.xml", sound=told in SOUND, bad=bad)
-    return Attempt(f"{told.strip()[:300]}: {way}", _guarded(act, folder))
+    use, act = _used(rng, room / "room.xml", sound=told in SOUND, bad=bad)
+    return Attempt(f"{told.strip()[:300]}: {use}", _guarded(act, folder))
 
 
 def _planted(folder: Path, room: Path) -> None:
@@ -320,13 +320,13 @@ def _document(rng: np.random.Generator, text: str, _: Path) -> tuple[str, str]:
 
 
 def _used(rng: np.random.Generator, path: Path, *, sound: bool, bad: bool) -> tuple[str, Callable[[], object]]:
-    way = pick(rng, ("load", "load", "load", "simulate", "mesh", "scene", "command"))
-    if way == "load" or sound or bad:
+    use = pick(rng, ("load", "load", "load", "simulate", "mesh", "scene", "command"))
+    if use == "load" or sound or bad:
         return f"load_scene({path.name!r})", lambda: _loaded(path, sound, bad)
-    if way == "scene":
+    if use == "scene":
         words = ["scene", str(path), "-o", "x.png", "--radar", "ci4r"]
         return f"t2d-rt {' '.join(words)}", leaving_nothing(command(words), path.parent.parent)
-    if way == "command":
+    if use == "command":
         words = [
             "simulate", str(MOTIONS / "momask_22j_120frames.bvh"), "--scene", str(path), "--stop-s", "0.1", "--method",
             "ellipsoid",
@@ -334,7 +334,7 @@ def _used(rng: np.random.Generator, path: Path, *, sound: bool, bad: bool) -> tu
             "--signal.n-window=64",
         ]  # fmt: skip
         return f"t2d-rt {' '.join(words)}", leaving_nothing(command(words), path.parent.parent)
-    return f"simulate(ball, scene={path.name!r}), {way}", lambda: _simulated(path, way)
+    return f"simulate(ball, scene={path.name!r}), {use}", lambda: _simulated(path, use)
 
 
 def _loaded(path: Path, sound: bool, bad: bool) -> None:
@@ -357,9 +357,9 @@ def _loaded(path: Path, sound: bool, bad: bool) -> None:
         raise Wrong("loaded as another scene")
 
 
-def _simulated(path: Path, way: str) -> None:
+def _simulated(path: Path, use: str) -> None:
     with no_raw_warnings():
-        if way == "mesh":
+        if use == "mesh":
             result = t2d.simulate(quick_ball(), radar=quick_radar(), scene=path, reflections=1)
         else:
             ball = t2d.Ellipsoids(np.full((1, 3), 0.1), np.array([[[2.0, 0, 1]], [[1.9, 0, 1]]]), np.array([0, 0.2]))
