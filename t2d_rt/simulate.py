@@ -71,7 +71,7 @@ def simulate(
     body: the body template that motions are skinned with.
     material: material of everything but movers; by default a body is "skin" and a mesh keeps its own.
     phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
-    measure_error: whether the error is measured, against a coarser model at a few random chirps, and kept in `Recording.error_db`; by
+    measure_error: whether the error is measured at a few random chirps, and kept in `Recording.error_db`; by
         default only where a tolerance is given.
     device: "cpu", "gpu" (a CUDA device), or "auto" for a CUDA device where there is one and the CPU elsewhere.
     memory_gb: most memory that the run may take [GB]; it works in blocks to stay below, and what needs more is refused beforehand.
@@ -91,7 +91,7 @@ def run(
     tolerance_db: float | None = None, measure_error: bool | None = None, device: Device = "auto", memory_gb: float = LIMIT_GB,
     progress: Progress | bool | None = None,
 ) -> Recording:  # fmt: skip
-    """The recording of an experiment, whose file names are relative to the working directory; or, given a recording, the same again.
+    """The recording of an experiment, whose file names are relative to the working directory; or that of a recording again.
     It keeps its own accuracy unless another one is given: the same samples, bit for bit, on the same machine."""
     experiment, inputs, accuracy, known = again(experiment, accuracy, tolerance_db)
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
