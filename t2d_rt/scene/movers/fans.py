@@ -57,7 +57,7 @@ class TableFan(Fields):
     radius_m: Annotated[Number, Field(ge=0.01, le=1)] = 0.18
     """Radius of the blades' tips."""
     pitch_deg: Pitch = 25.0
-    """Angle of the blades to the plane in which they rotate, at 3/4 of the radius; they are twisted as the helicoid of that pitch."""
+    """Angle of the blades to the plane in which they rotate, at 3/4 of the radius; twisted as the helicoid of that pitch."""
     rpm: Rpm = 900.0
     """Revolutions per minute; negative runs backwards."""
     swing_deg: Annotated[Number, Field(ge=0, le=360)] = 0.0
