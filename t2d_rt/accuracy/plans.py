@@ -40,7 +40,7 @@ class Plan:
         return db(sum(each.energy for each in self.omissions if each.taken))
 
     def described(self) -> dict[str, float]:
-        """The tolerance for the settings of a recording."""
+        """For a recording's settings."""
         return {} if self.tolerance_db is None else {"tolerance_db": self.tolerance_db}
 
     def __str__(self) -> str:
