@@ -74,12 +74,12 @@ class Model:
 
     @property
     def targets(self) -> list[TargetLike]:
-        """The targets as they were handed in, motions in their places."""
+        """The targets as they were given, motions after placement."""
         return [target.source for target in self.modelled]
 
     @property
     def geometries(self) -> list[Geometry]:
-        """Their points in motion."""
+        """The geometry of each target."""
         return [target.geometry for target in self.modelled]
 
     def rates_hz(self, accuracy: Accuracy) -> list[float]:
@@ -154,7 +154,7 @@ class Model:
         return [stream for number in range(len(self.modelled)) for stream in self._of(number, times[number], run)]
 
     def _visibility(self, accuracy: Accuracy, sight: Sight, *, exact: bool) -> Visibility:
-        """How targets are seen: `exact` at instants, through the facets, or sampled."""
+        """The strategy of visibility: `exact` at instants, through the facets, or sampled."""
         if not accuracy.occlusion:
             return Unoccluded(sight)
         if not exact:

@@ -26,18 +26,18 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = 4
-"""Of the folders that `save` writes; `load` refuses others."""
+"""Format of the folders that `save` writes; `load` refuses others."""
 MADE_BY = "t2d-rt"
 """The mark of a result; only what carries it is replaced."""
 UNMARKED_FORMATS = ("1", "2")
-"""Of results from before the mark, known by their attributes."""
+"""Formats from before that mark, which are known by their attributes."""
 ARRAYS = (NAME, "spectrogram", "chirp_time_s", "sample_time_s", "velocity_mps", "time_s")
 INPUTS = "inputs"
 """Folder of the arrays that the experiment names."""
 FILES = re.compile(rf"zarr\.json|{INPUTS}/[0-9a-f]{{32}}\.npz|({'|'.join(ARRAYS)})/(zarr\.json|c(/\d+)*)")
-"""That a result's folder holds, by their paths within it."""
+"""Files that a result's folder holds, by their paths within it."""
 LARGEST_METADATA_BYTES = 64 * 2**20
-"""Of a result's zarr.json, which holds its settings."""
+"""Greatest size of a result's zarr.json, which holds its settings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

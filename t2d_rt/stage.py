@@ -32,7 +32,7 @@ from t2d_rt.types.material import checked_material
 from t2d_rt.types.target import Geometry
 
 JUMP_MPS = 300.0
-"""Between two frames nobody moves faster; a jump of 2.5 m in a file of 120 frames a second does."""
+"""Greatest speed of a joint between two frames; a jump of 2.5 m in a file of 120 frames a second is faster."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ def set_up(
 
 
 def _placed(motion: Motion, radar: Radar) -> Motion:
-    """The motion before the radar; a warning where that moves what may have stood in its place already."""
+    """The motion placed before the radar; a warning if its coordinates may have been those of the world already."""
     found = placed(motion, radar)
     _check_steps(found)
     if motion.placed is None:

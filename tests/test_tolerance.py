@@ -154,7 +154,7 @@ def test_a_plan_tries_nothing(walk: Motion, monkeypatch: pytest.MonkeyPatch) -> 
     def forbidden(*_: object, **__: object) -> None:
         raise AssertionError("a plan must not do that")
 
-    monkeypatch.setattr("t2d_rt.scattering.mesh.refinements", forbidden)
+    monkeypatch.setattr("t2d_rt.scattering.refinement.refinements", forbidden)
     monkeypatch.setattr("t2d_rt.summation.synthesize", forbidden)
     assert t2d.plan(walk, radar=RADAR, tolerance_db=-15.0).accuracy.sagitta_scale > 1
 

@@ -18,37 +18,37 @@ from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
 
 OCCLUSION = "occlusion of targets by themselves and one another"
 SURELY = 1.3
-"""So many standard deviations of each law are added to what it says before it is held against the tolerance."""
+"""Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
 BODY_SAGITTA_RAD = 0.3
 """Phase sagitta of a body's facets that its own sagittas, one for each vertex, stand for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Omission:
-    """Something that is not modelled, or not as it is."""
+    """Something that a simulation leaves out or simplifies."""
 
     what: str
     error_db: float
-    """What that costs, over the field's energy."""
+    """Field error that this causes [dB]."""
     scatter_db: float = 0.0
-    """Standard deviation of the law that says so."""
+    """Standard deviation of the law that predicts it [dB]."""
     taken: bool = True
-    """Whether it is left out; else it would cost too much."""
+    """Whether it is left out; False where the error would be too great."""
 
     @property
     def energy(self) -> float:
-        """What it costs, of the field's energy."""
+        """The error as a fraction of the field's energy."""
         return ratio(self.error_db)
 
     @property
     def surely(self) -> float:
-        """What it hardly exceeds, likewise."""
+        """The same with a margin of `SURELY` standard deviations."""
         return ratio(self.error_db + SURELY * self.scatter_db)
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What the field's error consists of at any accuracy, by the fitted laws."""
+    """The parts of the field error at any accuracy, by the fitted laws."""
 
     model: Model
     given: Accuracy

@@ -33,14 +33,14 @@ ECHOES_PER_FACET, POINTS = 0.25, 4_000
 
 @dataclass(frozen=True, slots=True)
 class FacetCount:
-    """How many facets a mesh is refined into, known without refining it."""
+    """The number of facets into which a mesh is refined, estimated without refining it."""
 
     sagitta_rad: np.ndarray
-    """Phase sagitta of each face over the mesh's own limit, as it is (F,)."""
+    """Phase sagitta of each unrefined face over the limit of its mesh, (F,)."""
 
     @classmethod
     def of(cls, model: Model, mesh: MovingMesh, accuracy: Accuracy) -> FacetCount:
-        """At the least range in the record, from the mesh's curvature at rest."""
+        """For the least range in the record, from the curvature of the mesh at rest."""
         middle = np.array([np.mean(model.span_s)])
         places = np.array([model.radar.tx_position_m])
         range_m = float(np.linalg.norm(mesh.at(middle)[0][:, None] - places, axis=2).min())
@@ -52,12 +52,12 @@ class FacetCount:
         return cls((wavenumber / 3 * length2 * bend / limit[ends].mean(axis=2)).mean(axis=1))
 
     def at(self, scale: float) -> float:
-        """At that sagitta scale."""
+        """The number at a sagitta scale."""
         return float(np.maximum(1, FACETS_PER_SAGITTA / scale * self.sagitta_rad).sum())
 
 
 def facet_counts(model: Model, accuracy: Accuracy) -> list[FacetCount]:
-    """Of each mesh among the targets."""
+    """The facet counts of all meshes among the targets."""
     return [FacetCount.of(model, mesh, accuracy) for mesh in model.geometries if isinstance(mesh, MovingMesh)]
 
 
@@ -93,7 +93,7 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
 
 
 def places_of(model: Model, accuracy: Accuracy) -> int:
-    """Antennas and images of these from which occlusion is traced."""
+    """Number of antennas and of their images from which occlusion is traced."""
     pairs = model.pairs(accuracy)
     if pairs is None:
         return len(model.radar.views_m)

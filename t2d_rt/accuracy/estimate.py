@@ -15,11 +15,11 @@ from t2d_rt.scattering.streams import batches
 from t2d_rt.types import Accuracy, EchoStream, Radar
 
 SAMPLES = 8
-"""So many samples of a chirp are compared."""
+"""Number of samples of a chirp that are compared."""
 CHIRPS_AT_ONCE, FIELD_BYTES = 16, 300e6
-"""Chirps are worked on so many at once, or as many as take that much memory."""
+"""Greatest number of chirps that are computed at once, and greatest memory that they may take [bytes]."""
 ECHO_BYTES, VERTEX_BYTES = 60, 100
-"""What an echo and a facet's vertex take at each instant, about."""
+"""Approximate memory of an echo and of a facet's vertex at each instant [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,17 +27,17 @@ class Chirps:
     """Some chirps of a record and some samples of each."""
 
     rows: np.ndarray
-    """Of the cube, ascending (K,)."""
+    """Rows of the cube, ascending (K,)."""
     antennas: np.ndarray
-    """Of the cube, one for each (K,)."""
+    """Antenna of each row (K,)."""
     starts_s: np.ndarray
-    """When they begin, on the targets' clock (K,)."""
+    """Times of their first samples on the clock of the targets [s] (K,)."""
     samples: np.ndarray
-    """(S,)."""
+    """Numbers of the samples (S,)."""
 
     @classmethod
     def random(cls, radar: Radar, span_s: tuple[float, float], *, seed: int, count: int) -> Chirps:
-        """One anywhere in each of `count` equal parts of the record, each of any antenna."""
+        """One random chirp in each of `count` equal parts of the record, each of a random antenna."""
         starts = radar.chirp_times_s(span_s[1] - span_s[0])
         count = min(count, len(starts))
         edges = np.linspace(0, len(starts), count + 1)

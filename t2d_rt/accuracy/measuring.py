@@ -88,8 +88,8 @@ def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredEr
 
 
 def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, float]:
-    """The coarser accuracy that a run is held against, the energy of their difference by the laws, and how much of that the run's
-    own error is."""
+    """The coarser accuracy with which a run is compared, the energy of their difference by the laws, and the fraction of it that
+    is the error of the run."""
     laws, scale = budget.laws, accuracy.sagitta_scale
     apart, error, kept = 0.0, 0.0, 0.0
     for tier, _, power in budget.tiers(accuracy):

@@ -56,7 +56,7 @@ class _Faces:
 
 
 def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
-    """Power that occlusion takes from the targets' echoes over the power that is left [dB], about.
+    """Estimated power that occlusion removes from the targets' echoes over the power that remains [dB].
 
     In geometrical optics a surface returns power where its normal points to the middle between the antennas, as much as its radii
     of curvature say: the area of a mesh's faces whose normals lie near that direction is in proportion. Which of that area is

@@ -20,23 +20,23 @@ class Plan:
     """None where an accuracy was given instead."""
     accuracy: Accuracy
     seconds: Mapping[str, float] = field(default_factory=dict)
-    """What the parts of `simulate` and the spectrogram will take."""
+    """Predicted time of each part of `simulate` and of the spectrogram [s]."""
     memory_bytes: float = math.nan
-    """Greatest memory of the process beyond what it held before."""
+    """Predicted greatest memory of the process beyond what it holds before."""
 
     @property
     def model(self) -> Model:
-        """How targets become echoes."""
+        """The targets and how they are modelled."""
         return self.budget.model
 
     @property
     def omissions(self) -> Sequence[Omission]:
-        """What is left out, and what is not because it would cost too much."""
+        """What is left out, and what is kept because leaving it out would cause too great an error."""
         return self.budget.omissions(self.accuracy)
 
     @property
     def error_db(self) -> float:
-        """Error to be expected: the sum of what is left out."""
+        """Expected field error [dB]: the sum over all that is left out."""
         return db(sum(each.energy for each in self.omissions if each.taken))
 
     def described(self, memory_bytes: float) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What a user wants of the accuracy."""
+"""The accuracy or the tolerance that a user asks for."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from t2d_rt.types import Accuracy
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """An accuracy, or a tolerance that one is chosen for."""
+    """An accuracy, and a tolerance for which its other fields are chosen."""
 
     given: Accuracy
     """The fields that are set in it stay."""

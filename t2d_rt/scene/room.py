@@ -23,7 +23,7 @@ THICKNESS_M = {
     "wood": 0.02, "chipboard": 0.018, "plasterboard": 0.0125, "glass": 0.006, "metal": 0.001, "ceiling_board": 0.015,
     "floorboard": 0.02, "concrete": 0.2,
 }  # fmt: skip
-"""Of what furniture is made of, and walls whose thickness is not given."""
+"""Thickness [m] of what furniture is made of, and of walls without a thickness of their own."""
 Length = Annotated[Number, Field(gt=0, le=50)]
 _FREE_M = 1e-6
 MAX_OPENINGS, MAX_PIECES = 50, 200
@@ -46,15 +46,15 @@ class Opening(Fields):
 
     name: str
     wall: Side
-    """The wall that lies in this direction from the room's middle."""
+    """The wall in which it is, by its direction from the middle of the room."""
     along_m: Coordinate = 0.0
-    """Of its middle, from the wall's middle, along +y in walls "+x" and "-x", else along +x [m]."""
+    """Offset of its middle from the middle of the wall [m]: along +y in the walls "+x" and "-x", else along +x."""
     width_m: Length
     height_m: Length
     sill_m: Annotated[Number, Field(ge=0, le=50)] = 0.0
-    """Of its lower edge over the floor [m]."""
+    """Height of its lower edge over the floor [m]."""
     slab: Slab | None = None
-    """None leaves it open."""
+    """What fills it; None leaves it open."""
 
 
 class Piece(Fields):
@@ -65,11 +65,11 @@ class Piece(Fields):
     kind: str
     """One of `furniture_kinds()`."""
     name: str | None = None
-    """By default its kind."""
+    """Its name in messages and results; the kind by default."""
     x_m: Coordinate
     y_m: Coordinate
     z_m: Coordinate = 0.0
-    """Of its middle, and of the floor it stands on [m]."""
+    """`x_m` and `y_m` are the place of its middle, `z_m` the height of the floor under it [m]."""
     heading_deg: Number = 0.0
     """Direction that it faces: 0 is +x, 90 is +y."""
 
@@ -85,9 +85,9 @@ class Room(Fields):
     noun: ClassVar[str] = "room"
 
     name: str = "room"
-    """In messages and results."""
+    """Its name in messages and results."""
     size_m: tuple[Length, Length, Length]
-    """Along x, y and z."""
+    """Lengths along x, y and z [m]."""
     corner_m: tuple[Coordinate, Coordinate] | None = None
     """x and y of the lowest corner [m]; by default 0.5 m behind a radar at x = 0, y from -width/2."""
     walls: Slab = Slab(material="plasterboard", thickness_m=0.0125)

@@ -34,7 +34,7 @@ class Surface:
     faces: np.ndarray
     """Integers (F, 3)."""
     material: str | Material
-    """An ITU name, whose values follow from the frequency, or values."""
+    """An ITU name, whose values follow from the frequency, or a `Material` with values of its own."""
     thickness_m: float
 
     def __post_init__(self) -> None:

@@ -34,21 +34,21 @@ class Curtain(Fields):
 
     kind: Literal["curtain"] = "curtain"
     position_m: Vector
-    """Middle of its upper edge, at the rail [m]."""
+    """Position of the middle of its upper edge, at the rail [m]."""
     heading_deg: Angle = 180.0
     """Direction that its front faces: 0 is +x, 90 is +y."""
     width_m: Length = 1.2
     height_m: Length = 2.2
     fold_m: Annotated[Number, Field(gt=0.02, le=1)] = 0.15
-    """From one fold to the next."""
+    """Distance from one fold to the next."""
     depth_m: Annotated[Number, Field(ge=0, le=0.5)] = 0.04
-    """Of the folds, from crest to trough."""
+    """Depth of the folds, from crest to trough."""
     draught_m: Annotated[Number, Field(ge=0, le=0.5)] = 0.08
     """Strength of the draught: amplitude of the slowest swing at the lower edge."""
     wavelength_m: Annotated[Number, Field(ge=0.1, le=20)] = 1.0
-    """Of the waves that run along the curtain."""
+    """Wavelength of the waves that run along the curtain."""
     seed: Annotated[Count, Field(ge=0)] = 0
-    """Of the waves' phases and directions."""
+    """Seed of the waves' phases and directions."""
     material: Substance = "fabric"
 
     @model_validator(mode="after")

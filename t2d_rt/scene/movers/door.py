@@ -27,19 +27,19 @@ class Door(Fields):
 
     kind: Literal["door"] = "door"
     position_m: Vector
-    """Lower end of the hinges' line [m]."""
+    """Position of the lower end of its hinges [m]."""
     heading_deg: Angle = 90.0
-    """Where the closed leaf points from its hinges: 0 is +x, 90 is +y."""
+    """Direction of the closed leaf from its hinges: 0 is +x, 90 is +y."""
     width_m: Annotated[Number, Field(ge=0.01, le=10)] = 0.8
     height_m: Annotated[Number, Field(ge=0.01, le=10)] = 2.0
     thickness_m: Annotated[Number, Field(ge=0.001, le=0.5)] = 0.04
     angle_deg: Angle = 80.0
-    """By how much it opens, counter-clockwise from above; negative the other way."""
+    """Angle by which it opens, counter-clockwise seen from above; negative opens clockwise."""
     opens_at_s: Annotated[Number, Field(ge=0)] = 0.5
     opening_s: Seconds = 1.5
-    """What opening, and closing, takes."""
+    """Duration of opening, and of closing."""
     period_s: Seconds | None = 5.0
-    """From one opening to the next; it closes half of that after it opens. None: it opens once and stays so."""
+    """Time from one opening to the next; it begins to close half of that after it begins to open. None: it opens only once."""
     material: Substance = "wood"
 
     @model_validator(mode="after")

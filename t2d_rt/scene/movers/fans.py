@@ -48,22 +48,22 @@ class TableFan(Fields):
 
     kind: Literal["fan"] = "fan"
     position_m: Vector
-    """Of the hub, in the blades' middle [m]."""
+    """Position of the hub's centre, in the plane of the blades [m]."""
     heading_deg: Angle = 180.0
-    """Where it blows: 0 is +x, 90 is +y; the middle of its swing."""
+    """Direction in which it blows, in the middle of its swing: 0 is +x, 90 is +y."""
     elevation_deg: Annotated[Number, Field(ge=-90, le=90)] = 0.0
-    """By how much it blows upwards."""
+    """Elevation of the direction in which it blows."""
     blades: Blades = 3
     radius_m: Annotated[Number, Field(ge=0.01, le=1)] = 0.18
-    """Of the blades' tips."""
+    """Radius of the blades' tips."""
     pitch_deg: Pitch = 25.0
-    """Of the blades against the plane in which they rotate, at 3/4 of the radius; twisted as the helicoid of that pitch."""
+    """Angle of the blades to the plane in which they rotate, at 3/4 of the radius; twisted as the helicoid of that pitch."""
     rpm: Rpm = 900.0
     """Revolutions per minute; negative runs backwards."""
     swing_deg: Annotated[Number, Field(ge=0, le=360)] = 0.0
-    """From one end of its swing to the other."""
+    """Angle from one end of its swing to the other."""
     swing_period_s: Seconds = 12.0
-    """To and fro."""
+    """Period of the swing, there and back."""
     material: Substance = "plastic"
 
     @model_validator(mode="after")
@@ -91,14 +91,14 @@ class CeilingFan(Fields):
 
     kind: Literal["ceiling_fan"] = "ceiling_fan"
     position_m: Vector
-    """Of the hub, in the blades' middle [m]."""
+    """Position of the hub's centre, in the plane of the blades [m]."""
     blades: Blades = 4
     radius_m: Annotated[Number, Field(ge=0.01, le=4)] = 0.6
-    """Of the blades' tips."""
+    """Radius of the blades' tips."""
     chord_m: Length = 0.12
-    """Widest width of a blade."""
+    """Greatest width of a blade."""
     pitch_deg: Pitch = 12.0
-    """As of `TableFan`."""
+    """As in `TableFan`."""
     rpm: Rpm = 120.0
     """Revolutions per minute; negative runs backwards and blows upwards."""
     material: Substance = "wood"

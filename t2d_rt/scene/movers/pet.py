@@ -86,16 +86,16 @@ class Pet(Fields):
     kind: Literal["pet"] = "pet"
     animal: Literal["dog", "cat"] = "dog"
     position_m: Vector
-    """Where it begins: on the floor, under the middle of its trunk [m]."""
+    """Its first position: on the floor, under the middle of its trunk [m]."""
     heading_deg: Angle = 90.0
-    """Where it walks at first: 0 is +x, 90 is +y."""
+    """Direction in which it walks at first: 0 is +x, 90 is +y."""
     speed_mps: Annotated[Number, Field(ge=0.05, le=5)] = 0.7
     turn_radius_m: Annotated[Number, Field(gt=0, le=1000)] | None = 1.0
-    """Of the circle; None: straight on, for as long as the record lasts."""
+    """Radius of the circle on which it walks; None: it walks straight on for as long as the record lasts."""
     size: Annotated[Number, Field(ge=0.3, le=3)] = 1.0
-    """Scale: hips of a dog are 0.5 m high, of a cat 0.24 m."""
+    """Factor on its size: the hips of a dog are 0.5 m high, those of a cat 0.24 m."""
     material: Substance = "clothed"
-    """Fur passes the wave and roughens the skin below, as cloth does."""
+    """Its surface: fur transmits the wave and makes the skin rough, as cloth does."""
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
