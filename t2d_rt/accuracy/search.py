@@ -34,6 +34,8 @@ LEFT_OUT = 0.1, 0.25, 0.5
 """Path pairs left out may cost such fractions of the error allowed."""
 GREATEST_SAGITTA_RAD = 3.0
 """Limit of secondary facets' phase sagitta: beyond it they say nothing."""
+LEAST_FRACTION = 0.3
+"""Facets are not made finer than that fraction of the error allowed asks for, even where visibility alone costs more."""
 SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
 """What the splines and the sum may add lies that far below the tolerance; the splines' error is never more than the default's, for
 at lower surface rates their law says too little."""
@@ -86,7 +88,8 @@ def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float
             in_time + sum(each.surely for each in budget.of_tiers(tiers, scale) if each.taken) for scale in scales
         ]
         for seen, unseen in visibilities:
-            number = next((n for n, error in enumerate(errors) if error + unseen <= allowed), len(scales) - 1)
+            left = max(allowed - unseen, LEAST_FRACTION * allowed)
+            number = next((n for n, error in enumerate(errors) if error <= left), len(scales) - 1)
             yield start.replace(**paths, **seen, sagitta_scale=scales[number]), errors[number] + unseen
 
 
