@@ -27,6 +27,11 @@ POSED_BYTES = 40 * 64
 FACETS_PER_SAGITTA = 1.7
 """Facets of a cage face over its phase sagitta in units of the limit (1.65 to 1.76 for bodies from 1.5 to 4 m, limits from 0.15 to
 2.4 rad)."""
+KINDS = (
+    "call", "ADC sample", "refined facet", "surface frame", "facet of a frame", "secondary facet of a frame",
+    "ellipsoids of a frame", "ray", "obstacle", "path pair", "path pair of a frame", "clutter",
+)  # fmt: skip
+"""Kinds of work, each with its fitted seconds a unit."""
 ECHOES_PER_FACET, POINTS = 0.25, 4_000
 """Echoes over facets and path pairs, and how many diffuse points there are beside (measured as above)."""
 
@@ -70,9 +75,8 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
     if pairs is not None:
         tiers = [(tier, len(some)) for tier, some in pairs.by_tier(accuracy)]
     chirps = float(len(radar.chirp_times_s(length_s)) * radar.samples * radar.antennas)
-    found = {
-        "call": 1.0, "ADC sample": chirps, "refined facet": 0.0, "surface frame": frames * len(model.geometries),
-        "facet of a frame": 0.0, "secondary facet of a frame": 0.0, "ellipsoids of a frame": 0.0, "ray": 0.0, "obstacle": 0.0,
+    found = dict.fromkeys(KINDS, 0.0) | {
+        "call": 1.0, "ADC sample": chirps, "surface frame": frames * len(model.geometries),
         "clutter": length_s if model.scene is not None and clutter != "none" else 0.0,
     }  # fmt: skip
     samples = length_s * accuracy.visibility_rate_hz
@@ -89,6 +93,7 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
     if pairs is not None:
         paths = {path.chain for pair in pairs.pairs for path in (pair.out, pair.back)}
         found["obstacle"] = samples / 2 * len(paths)
+        found["path pair"], found["path pair of a frame"] = float(len(pairs.pairs)), frames * len(pairs.pairs)
     return found
 
 

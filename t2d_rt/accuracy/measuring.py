@@ -30,8 +30,8 @@ LIMBS_DOWN_TO_DB = -30.0
 """Path pairs that a run leaves out are examined down to that level."""
 UNOCCLUDED_BELOW_DB = 6.0
 """The coarser model traces no occlusion where that costs so much less than coarser facets."""
-EXPLAINED_DB = 3.0
-"""A difference that much greater than the laws say is an error of the run's own."""
+EXPLAINED = 2.0
+"""A difference that exceeds what the laws say by so many of their standard deviations is an error of the run's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,19 +60,20 @@ def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredEr
     coarser, expected, fraction = compared_with(budget, accuracy)
     full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
     edges = sum(each.energy for each in budget.of_visibility(accuracy) if each.taken)
+    scatter_db = budget.laws.smooth.scatter_db if budget.facets[1] else budget.laws.scatter_db
     for count in CHIRPS:
         chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=count)
         found = of_cube(model, cube, static, chirps)
         difference = np.sum(np.abs(found - field(full, coarser, chirps, samples_s=chirps.starts_s)) ** 2, axis=1)
         energy = float(np.sum(np.abs(found) ** 2))
         apart = float(difference.sum()) / max(energy, 1e-300)
-        explained = min(apart, expected * 10 ** (EXPLAINED_DB / 10))
+        explained = min(apart, expected * ratio(EXPLAINED * scatter_db))
         error = fraction * explained + (apart - explained) + edges
         of_chirps_db = (
             4.34 * float(np.std(difference)) / math.sqrt(len(difference)) / max(float(np.mean(difference)), 1e-300)
         )
         result = MeasuredError(
-            10 * math.log10(max(error, 1e-30)), math.hypot(of_chirps_db, budget.laws.scatter_db), len(chirps.rows)
+            10 * math.log10(max(error, 1e-30)), math.hypot(of_chirps_db, scatter_db), len(chirps.rows)
         )
         beyond = math.inf if plan.tolerance_db is None else abs(result.error_db - plan.tolerance_db)
         if of_chirps_db <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db or len(chirps.rows) < count:
