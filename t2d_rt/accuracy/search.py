@@ -88,7 +88,7 @@ def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float
             in_time + sum(each.surely for each in budget.of_tiers(tiers, scale) if each.taken) for scale in scales
         ]
         for seen, unseen in visibilities:
-            left = max(allowed - unseen, LEAST_FRACTION * allowed)
+            left = max(allowed - unseen, errors[-1] + LEAST_FRACTION * allowed)
             number = next((n for n, error in enumerate(errors) if error <= left), len(scales) - 1)
             yield start.replace(**paths, **seen, sagitta_scale=scales[number]), errors[number] + unseen
 
