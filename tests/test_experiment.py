@@ -207,7 +207,7 @@ def test_a_new_field_of_accuracy_needs_no_other_edit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is found in Python, YAML, the help of the command line and the attributes of a saved recording."""
-    for module in ("t2d_rt.types", "t2d_rt.accuracy.budget", "t2d_rt.result", "t2d_rt.saved"):
+    for module in ("t2d_rt.types", "t2d_rt.accuracy.wanted", "t2d_rt.result", "t2d_rt.saved"):
         monkeypatch.setattr(f"{module}.Accuracy", Wider)
     made = t2d.simulate(tetrahedron(), radar=RADAR, accuracy={"sagitta_rad": 1.5, "extra_rate_hz": 3})
     made.save(tmp_path / "a.zarr")

@@ -212,8 +212,8 @@ def test_radar_inside_a_target() -> None:
 
 
 def test_targets_without_common_time() -> None:
-    late = ball(2.0)
-    late.times_s = late.times_s + 5
+    early = ball(2.0)
+    late = MovingMesh(early.vertices, early.faces, early.times_s + 5)
     with pytest.raises(InputError, match="the targets have no time in common"):
         t2d.simulate([ball(2.0), late], radar=RADAR)
 

@@ -163,7 +163,7 @@ def test_a_plan_predicts_more_work_for_longer_and_finer_records(walk: Motion) ->
     longer = t2d.place(t2d.trim(builders.walk(), 1.0, 3.0), distance_m=3.0)
     seconds, memory = zip(
         *(
-            (each.seconds["running"], each.memory_bytes)
+            (each.budget.seconds(each.accuracy), each.memory_bytes)
             for each in (
                 t2d.plan(motion, radar=RADAR, tolerance_db=tolerance, measure_error=False)
                 for motion, tolerance in ((walk, -12.0), (walk, -26.0), (longer, -26.0))

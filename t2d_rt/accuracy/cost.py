@@ -145,8 +145,13 @@ def check_memory(model: Model, streams: Sequence[EchoStream], *, measured: bool)
     if needed > model.memory.limit_bytes:
         release()  # what is free counts for nothing
         needed = needed_bytes()
+    refuse(model, needed, measured=measured)
+    return needed
+
+
+def refuse(model: Model, needed_bytes: float, *, measured: bool) -> None:
+    """Refuses what needs more memory than the run may take."""
     remedy = (
         "ask for a looser tolerance or a coarser sagitta_rad, cut the record, or measure no error (measure_error=False)"
     )
-    model.memory.check(needed, "this simulation", remedy if measured else remedy.rpartition(", or ")[0])
-    return needed
+    model.memory.check(needed_bytes, "this simulation", remedy if measured else remedy.rpartition(", or ")[0])

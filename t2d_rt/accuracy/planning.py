@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.accuracy.cost import predicted_bytes
+from t2d_rt.accuracy.cost import predicted_bytes, refuse
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import planned
 from t2d_rt.accuracy.wanted import Wanted
@@ -52,5 +52,6 @@ def plan(
     running = budget.seconds(found.accuracy, clutter=stage.experiment.clutter) * yardstick_s(stage.model.backend)
     seconds = {"preparing": ready - begin, "planning": took - ready, "running": running}
     memory = predicted_bytes(budget.model, found.accuracy, budget.counts, measured=wanted.measured)
+    refuse(budget.model, memory, measured=wanted.measured)
     after_call()
     return replace(found, seconds=seconds, memory_bytes=memory)
