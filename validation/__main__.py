@@ -11,12 +11,12 @@ from t2d_rt.errors import T2DWarning
 from validation.report import record, summary, write_report
 
 SECTIONS = {
-    "chart": "methods", "tolerance": "methods", "rcs": "physics", "canonical": "physics", "lambertian": "physics",
-    "moving": "physics", "synthesis": "methods", "multilevel": "methods", "accuracy": "methods", "accuracy_rooms": "methods",
-    "refinement": "methods", "rates": "methods", "arrays": "physics", "body_fit": "physics", "rooms": "physics",
-    "edges": "physics", "ghosts": "physics", "movers": "physics", "ellipsoid_model": "physics", "human_rcs": "physics",
-    "stability": "methods", "working_directories": "robustness", "results": "robustness", "memory": "robustness",
-    "fuzz": "robustness", "soak": "robustness",
+    "chart": "methods", "tolerance": "methods", "laws": "methods", "rcs": "physics", "canonical": "physics",
+    "lambertian": "physics", "moving": "physics", "synthesis": "methods", "multilevel": "methods", "accuracy": "methods",
+    "accuracy_rooms": "methods", "refinement": "methods", "rates": "methods", "arrays": "physics", "body_fit": "physics",
+    "rooms": "physics", "edges": "physics", "ghosts": "physics", "movers": "physics", "ellipsoid_model": "physics",
+    "human_rcs": "physics", "stability": "methods", "working_directories": "robustness", "results": "robustness",
+    "memory": "robustness", "fuzz": "robustness", "soak": "robustness",
 }  # fmt: skip
 """Sections in the order of the report, each with the package that it lies in."""
 
