@@ -98,7 +98,7 @@ def run(
     targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
     stage = set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
     recording = _recorded(stage, wanted, device, progress)
-    recording.settings |= known
+    recording.settings |= {**known, **recording.settings}
     return recording
 
 

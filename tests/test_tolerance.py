@@ -58,6 +58,26 @@ def test_a_spoilt_record_shows_in_the_measurement(walk: Motion) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("sagitta_rad", [0.3, 1.5])
+def test_a_mesh_that_is_not_refined_has_an_error_all_the_same(sagitta_rad: float) -> None:
+    """Three times its phase sagitta leaves it as it is, so a difference of nothing says nothing of its error."""
+    target = ball((2.0, 0.0, 1.0), (1.0, 0.0, 0.0), 0.1, radius_m=0.1, level=4)
+    run, fine = (
+        t2d.simulate(target, radar=RADAR, accuracy={"sagitta_rad": s}, measure_error=True) for s in (sagitta_rad, 0.03)
+    )
+    assert run.error_db is not None
+    assert run.error_db == pytest.approx(nmse_db(run.cube, fine.cube), abs=6)
+
+
+@pytest.mark.slow
+def test_path_pairs_that_a_user_leaves_out_are_part_of_the_error(walk: Motion) -> None:
+    options = {"radar": RADAR, "scene": "empty_room", "reflections": 1, "clutter": "none"}
+    few = t2d.simulate(walk, accuracy={"least_level_db": -2}, measure_error=True, **options)
+    assert few.error_db is not None
+    assert few.error_db == pytest.approx(nmse_db(few.cube, t2d.simulate(walk, **options).cube), abs=3)
+
+
+@pytest.mark.slow
 def test_clutter_is_no_part_of_the_error(walk: Motion) -> None:
     options = {"radar": RADAR, "scene": "empty_room", "reflections": 0, "measure_error": True}
     alone, cluttered = (t2d.simulate(walk, clutter=kind, **options) for kind in ("none", "specular"))

@@ -136,6 +136,8 @@ def check_memory(model: Model, streams: Sequence[EchoStream], *, measured: bool)
 
     def needed_bytes() -> float:
         parts = batches(streams, model.radar)
+        if not parts:
+            return memory_bytes(model, echoes=0, vertices=0, facets=0, measured=measured)
         greatest = max(parts, key=lambda part: part.echoes * SUMMED_BYTES + part.vertices * POSED_BYTES)
         # A surface has twice as many facets as vertices; these exist by now, but not the coarser ones of a measurement.
         facets = 2 * max(part.vertices for part in parts) / COARSER if measured else 0.0

@@ -17,8 +17,7 @@ from t2d_rt.accuracy.search import OVER_DB
 from t2d_rt.cubes import Cube
 from t2d_rt.errors import T2DWarning
 from t2d_rt.model import with_method
-from t2d_rt.types import Accuracy, EchoStream, PathTier
-from t2d_rt.types.accuracy import EVERY_PATH_DB
+from t2d_rt.types import Accuracy, EchoStream
 
 CHIRPS = 12, 30
 """So many chirps are held against the coarser model, more where the first ones do not tell well enough."""
@@ -26,8 +25,10 @@ ENOUGH_DB = 1.4
 """Standard error of the mean over chirps at which no more are asked."""
 CLEARLY = 3.0
 """A tolerance that the error misses or keeps by so many standard deviations is decided."""
-LIMBS_DOWN_TO_DB = -30.0
-"""Path pairs that a run leaves out are examined down to that level."""
+FEWER = 1.5
+"""Facets that are so many times fewer are coarser in fact."""
+LEAST_CHIRPS = 4
+"""The scatter of fewer chirps tells nothing."""
 UNOCCLUDED_BELOW_DB = 6.0
 """The coarser model traces no occlusion where that costs so much less than coarser facets."""
 EXPLAINED = 2.0
@@ -45,38 +46,45 @@ class MeasuredError:
 
     def described(self) -> dict[str, float]:
         """For a recording's settings."""
+        if math.isnan(self.error_db):
+            return {}
         return {"error_db": self.error_db, "error_scatter_db": self.scatter_db, "error_chirps": self.chirps}
 
 
 def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredError:
-    """Field error of a run by that plan; a warning where it misses the tolerance.
+    """Field error of a run by that plan; a warning where it misses the tolerance, or where there is nothing to measure.
 
     Random chirps of the cube are held against a model with coarser facets, which costs little. Facets' errors fall with their phase
-    sagitta by a fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). Path pairs that the
-    run leaves out are in the coarser model by ellipsoids, those that it has by ellipsoids are not: the difference has their power.
-    A difference that the laws cannot explain is an error of the run in full. `static` are the echoes of the static scene.
+    sagitta by a fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). Ellipsoids that
+    stand for bodies over minor path pairs are not in the coarser model: the difference has their power. A difference that the laws
+    cannot explain is an error of the run in full; one that is smaller than they say counts only where the coarser model is coarser
+    in fact. What sampled visibility and path pairs left out cost is added by their laws. `static` are echoes of the static scene.
     """
     budget, model, accuracy = plan.budget, plan.model, plan.accuracy
     coarser, expected, fraction = compared_with(budget, accuracy)
     full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
-    edges = sum(each.energy for each in budget.of_visibility(accuracy) if each.taken)
+    beside = sum(each.energy for each in budget.of_visibility(accuracy) if each.taken) + left_out(budget, accuracy)
     scatter_db = budget.laws.smooth.scatter_db if budget.facets[1] else budget.laws.scatter_db
+    least = 0.0 if is_coarser(budget, accuracy) else expected
     for count in CHIRPS:
         chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=count)
         found = of_cube(model, cube, static, chirps)
         difference = np.sum(np.abs(found - field(full, coarser, chirps, samples_s=chirps.starts_s)) ** 2, axis=1)
         energy = float(np.sum(np.abs(found) ** 2))
-        apart = float(difference.sum()) / max(energy, 1e-300)
+        if energy == 0:
+            warnings.warn(
+                "there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4
+            )
+            return MeasuredError(math.nan, math.nan, len(chirps.rows))
+        apart = float(difference.sum()) / energy
         explained = min(apart, expected * ratio(EXPLAINED * scatter_db))
-        error = fraction * explained + (apart - explained) + edges
-        of_chirps_db = (
-            4.34 * float(np.std(difference)) / math.sqrt(len(difference)) / max(float(np.mean(difference)), 1e-300)
-        )
+        error = fraction * max(least, explained) + (apart - explained) + beside
+        of_chirps_db = _standard_error_db(difference)
         result = MeasuredError(
             10 * math.log10(max(error, 1e-30)), math.hypot(of_chirps_db, scatter_db), len(chirps.rows)
         )
-        beyond = math.inf if plan.tolerance_db is None else abs(result.error_db - plan.tolerance_db)
-        if of_chirps_db <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db or len(chirps.rows) < count:
+        beyond = 0.0 if plan.tolerance_db is None else abs(result.error_db - plan.tolerance_db)
+        if of_chirps_db <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db:
             break
     if plan.tolerance_db is not None and result.error_db > plan.tolerance_db + OVER_DB:
         warnings.warn(
@@ -92,9 +100,8 @@ def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, 
     """The coarser accuracy with which a run is compared, the energy of their difference by the laws, and the fraction of it that
     is the error of the run."""
     laws, scale = budget.laws, accuracy.sagitta_scale
-    apart, error, kept = 0.0, 0.0, 0.0
+    apart, error = 0.0, 0.0
     for tier, _, power in budget.tiers(accuracy):
-        kept += power
         if budget.by_limbs(tier):
             error += power * ratio(laws.limbs.mean_db)
             apart += power * ratio(
@@ -104,10 +111,9 @@ def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, 
             sagitta, smooth = budget.sagitta_of(tier, scale), budget.facets[1]
             error += power * ratio(laws.facets(sagitta, smooth=smooth))
             apart += power * ratio(laws.coarser(sagitta, smooth=smooth))
-    left = max(0.0, 1 - kept) * ratio(laws.pairs.mean_db)
     in_time = sum(each.energy for each in budget.in_time(accuracy))
-    error, apart = error + left + in_time, apart + left * ratio(laws.limbs_power.mean_db) + in_time
-    coarser = _coarser(accuracy)
+    error, apart = error + in_time, apart + in_time
+    coarser = _coarser(accuracy, without_limbs=budget.of_bodies)
     if budget.counts and coarser.occlusion:
         unoccluded = ratio(budget.unoccluded.mean_db)
         if unoccluded < apart * ratio(-UNOCCLUDED_BELOW_DB):
@@ -115,20 +121,36 @@ def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, 
     return coarser, apart, error / apart
 
 
-def _coarser(accuracy: Accuracy) -> Accuracy:
-    """Coarser facets; ellipsoids over path pairs that are left out, and none where the run has them."""
+def left_out(budget: Budget, accuracy: Accuracy) -> float:
+    """Power of the path pairs that a run leaves out, over that of all of them, by the law."""
+    kept = sum(power for _, _, power in budget.tiers(accuracy))
+    return max(0.0, 1 - kept) * ratio(budget.laws.pairs.mean_db)
+
+
+def is_coarser(budget: Budget, accuracy: Accuracy) -> bool:
+    """Whether coarser facets are fewer: a mesh whose own faces are as fine as asked for is not refined at all."""
+    scale = accuracy.sagitta_scale
+    own, coarser = (sum(each.at(factor * scale) for each in budget.counts) for factor in (1.0, COARSER))
+    return not budget.counts or own > FEWER * coarser
+
+
+def _standard_error_db(difference: np.ndarray) -> float:
+    """Standard error of the mean of chirps' energies (K,) [dB]; infinite where there are too few to tell."""
+    count, mean = len(difference), float(np.mean(difference))
+    if count < LEAST_CHIRPS:
+        return math.inf
+    return 4.34 * float(np.std(difference, ddof=1)) / math.sqrt(count) / max(mean, 1e-300)
+
+
+def _coarser(accuracy: Accuracy, *, without_limbs: bool) -> Accuracy:
+    """Coarser facets over the same path pairs; `without_limbs` none over those where bodies are ellipsoids."""
     facets = [tier for tier in accuracy.tiers if tier.scatterer == "facets"]
     tiers = [
         tier.model_copy(update={"greatest_sagitta_rad": min(10.0, COARSER * tier.greatest_sagitta_rad)})
-        for tier in facets
+        for tier in (facets if without_limbs else accuracy.tiers)
     ]
-    changes: dict[str, object] = {"sagitta_scale": min(100.0, COARSER * accuracy.sagitta_scale)}
-    if len(facets) < len(accuracy.tiers):
-        changes["least_level_db"] = max(accuracy.least_level_db, facets[-1].level_db)
-    elif accuracy.least_level_db > LIMBS_DOWN_TO_DB:
-        tiers[-1] = tiers[-1].model_copy(update={"level_db": accuracy.least_level_db})
-        tiers.append(
-            PathTier(level_db=EVERY_PATH_DB, scatterer="ellipsoids", visibility="blockage", diffuse_points=250)
-        )
-        changes["least_level_db"] = LIMBS_DOWN_TO_DB
-    return accuracy.replace(**changes, tiers=tuple(tiers))
+    least_db = accuracy.least_level_db
+    if len(tiers) < len(accuracy.tiers):
+        least_db = max(least_db, tiers[-1].level_db)
+    scale = min(100.0, COARSER * accuracy.sagitta_scale)
+    return accuracy.replace(sagitta_scale=scale, least_level_db=least_db, tiers=tuple(tiers))

@@ -83,6 +83,8 @@ def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
         total = max(float(glint.sum()), 1e-300)
         taken += power * float(glint[~seen].sum()) / total
         left += power * float(glint[seen].sum()) / total
+    if taken == 0:
+        return LEAST_DB
     return max(LEAST_DB, 10 * math.log10(max(taken, 1e-30) / max(left, 1e-30)))
 
 

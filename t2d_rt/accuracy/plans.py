@@ -76,7 +76,11 @@ def summary(plan: Plan) -> str:
         f"  slow time: speeds up to {fastest:.1f} m/s need {needed_hz:.0f} chirps a second, the radar sends {sent_hz:.0f}"
     )
     lines.append("left out, and what that costs:")
-    lines += [f"  {each.error_db:6.1f} dB  {each.what}" for each in plan.omissions if each.taken]
+    lines += [
+        f"  {each.error_db:6.1f} dB  {each.what}"
+        for each in plan.omissions
+        if each.taken and math.isfinite(each.error_db)
+    ]
     kept = [each for each in plan.omissions if not each.taken and math.isfinite(each.error_db)]
     if kept:
         lines += ["not left out, for it would cost:", *(f"  {each.error_db:6.1f} dB  {each.what}" for each in kept)]

@@ -55,7 +55,7 @@ def refined(
     """`refinements` of a mesh, each kept for the next recording of the same body; those that are missing are made together."""
     common = surface.rest.tobytes(), surface.faces.tobytes(), wavenumber, range_m, surface.crease_deg
     keys = [(*common, np.asarray(sagitta, float).tobytes()) for sagitta in sagittas_rad]
-    missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if key not in _kept}
+    missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
     if missing:
         made = refinements(
             surface.rest,
@@ -73,6 +73,11 @@ def refined(
     while len(_kept) > len(keys) and sum(len(each.faces) for each in _kept.values()) > KEPT_FACETS:
         _kept.popitem(last=False)
     return found
+
+
+def _needed(key: tuple[object, ...], max_facets: int) -> bool:
+    """Whether a refinement must be made: it is not kept, or has more facets than are allowed, which making it will tell."""
+    return key not in _kept or len(_kept[key].faces) > max_facets
 
 
 def forget() -> None:
