@@ -65,7 +65,7 @@ def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredEr
     full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
     beside = sum(each.energy for each in budget.of_visibility(accuracy) if each.taken) + left_out(budget, accuracy)
     scatter_db = budget.laws.smooth.scatter_db if budget.facets[1] else budget.laws.scatter_db
-    least = 0.0 if is_coarser(budget, accuracy) else expected
+    least = 0.0 if has_fewer_facets(budget, accuracy) else expected
     for count in CHIRPS:
         chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=count)
         found = of_cube(model, cube, static, chirps)
@@ -127,8 +127,8 @@ def left_out(budget: Budget, accuracy: Accuracy) -> float:
     return max(0.0, 1 - kept) * ratio(budget.laws.pairs.mean_db)
 
 
-def is_coarser(budget: Budget, accuracy: Accuracy) -> bool:
-    """Whether coarser facets are fewer: a mesh whose own faces are as fine as asked for is not refined at all."""
+def has_fewer_facets(budget: Budget, accuracy: Accuracy) -> bool:
+    """Whether the coarser model has fewer facets: a mesh whose own faces are as fine as asked for is not refined at all."""
     scale = accuracy.sagitta_scale
     own, coarser = (sum(each.at(factor * scale) for each in budget.counts) for factor in (1.0, COARSER))
     return not budget.counts or own > FEWER * coarser
