@@ -83,15 +83,21 @@ class Model:
         return [target.geometry for target in self.modelled]
 
     def rates_hz(self, accuracy: Accuracy) -> list[float]:
-        """Surface rate of each target."""
+        """Surface rate of each target: what its motion needs, and no less than visibility is sampled at."""
         if accuracy.surface_rate_hz is not None:
             return [accuracy.surface_rate_hz] * len(self.geometries)
-        return [self._needed(number, accuracy.spline_error_db) for number in range(len(self.geometries))]
+        sampled_hz = accuracy.visibility_rate_hz if accuracy.occlusion else 0.0
+        return [
+            max(self._needed(number, accuracy.spline_error_db), sampled_hz if isinstance(geometry, MovingMesh) else 0.0)
+            for number, geometry in enumerate(self.geometries)
+        ]
 
     def _needed(self, number: int, error_db: float) -> float:
         key = number, error_db
         if key not in self.needed_hz:
-            self.needed_hz[key] = needed_rate_hz(self.geometries[number], self.radar, *self.span_s, error_db)
+            self.needed_hz[key] = needed_rate_hz(
+                self.geometries[number], self.radar, self.span_s, error_db, stand_in=self.modelled[number].ellipsoids()
+            )
         return self.needed_hz[key]
 
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
@@ -192,7 +198,7 @@ class Model:
                 yield mesh_echoes(
                     mesh, self.radar, views=views, material=self._material(number), seed=self.seed, backend=self.backend,
                     times_s=self._decimated(times_s, tier, run) if fast and tier.decimation > 1 else times_s,
-                    detail=detail(own, tier, at_instants=run.at_instants, max_facets=self.max_facets),
+                    detail=detail(own, tier, self.span_s, at_instants=run.at_instants, max_facets=self.max_facets),
                 )  # fmt: skip
             first += count
 
@@ -258,7 +264,9 @@ def sagitta_rad(geometry: MovingMesh, accuracy: Accuracy) -> Sagitta:
     return np.multiply(accuracy.sagitta_scale, own)
 
 
-def detail(sagitta: Sagitta, tier: PathTier, *, at_instants: bool, max_facets: int) -> Detail:
+def detail(
+    sagitta: Sagitta, tier: PathTier, span_s: tuple[float, float], *, at_instants: bool, max_facets: int
+) -> Detail:
     """How a mesh is modelled over the path pairs of a tier, given its sagitta over dominant ones."""
     most = np.minimum(tier.sagitta_scale * np.asarray(sagitta), tier.greatest_sagitta_rad)
     return Detail(
@@ -268,6 +276,7 @@ def detail(sagitta: Sagitta, tier: PathTier, *, at_instants: bool, max_facets: i
         sweep_cycles=tier.patch_span_scale * SWEEP_CYCLES,
         points=tier.diffuse_points,
         max_facets=max_facets,
+        span_s=span_s,
     )
 
 

@@ -104,12 +104,12 @@ def test_a_plan_tells_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 def test_instants_of_large_meshes_come_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     surface = approaching(5)
-    expected = farthest_and_fastest(surface, RADAR, (0.0, 0.3)), needed_rate_hz(surface, RADAR, 0.0, 0.3)
+    expected = farthest_and_fastest(surface, RADAR, (0.0, 0.3)), needed_rate_hz(surface, RADAR, (0.0, 0.3))
     monkeypatch.setattr(memory, "BLOCK_BYTES", 2**21)
     tracemalloc.start()
     found = farthest_and_fastest(surface, RADAR, (0.0, 0.3))
     check_outside(surface, RADAR, np.array([0.0, 0.3]))
-    rate = needed_rate_hz(surface, RADAR, 0.0, 0.3)
+    rate = needed_rate_hz(surface, RADAR, (0.0, 0.3))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert found == expected[0]

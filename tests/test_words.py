@@ -49,7 +49,6 @@ EXCEPTIONS = {
     "_coarser": "likewise",
     "coarser": "likewise",
     "coarser_db": "likewise",
-    "smooth_coarser": "likewise",
     "check_shape": "of an array",
     "shape": "of an array, or the element of a scene file by that name",
     "shapes": "the elements of a scene file by that name",

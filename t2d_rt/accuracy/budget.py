@@ -10,14 +10,14 @@ from functools import cached_property
 import numpy as np
 
 from t2d_rt.accuracy.cost import FacetCount, facet_counts, seconds, work
-from t2d_rt.accuracy.laws import Law, Laws
+from t2d_rt.accuracy.laws import FacetLaw, Law, Laws
 from t2d_rt.accuracy.occlusion import unoccluded_db
 from t2d_rt.model import SPLINE_ERROR_DB, Model, sagitta_rad
 from t2d_rt.room import Clutter
 from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
 
 OCCLUSION = "occlusion of targets by themselves and one another"
-SURELY = 1.3
+SURELY = 1.6
 """Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
 BODY_SAGITTA_RAD = 0.3
 """Phase sagitta of a body's facets that its own sagittas, one for each vertex, stand for."""
@@ -67,16 +67,16 @@ class Budget:
         return Law(found + self.laws.occlusion.mean_db, self.laws.occlusion.scatter_db)
 
     @cached_property
-    def facets(self) -> tuple[float, bool]:
-        """Phase sagitta [rad] of the facets that err most at a scale of 1, and whether they are of a smooth mesh."""
+    def facets(self) -> tuple[float, FacetLaw]:
+        """Phase sagitta [rad] of the facets that err most at a scale of 1, and their law."""
         found = []
         for target, mesh in zip(self.model.targets, self.model.geometries, strict=True):
             if isinstance(mesh, MovingMesh):
                 own = float(np.max(sagitta_rad(mesh, self.given.replace(sagitta_scale=1.0))))
                 of_body = isinstance(target, Motion)
                 sagitta = BODY_SAGITTA_RAD if of_body and self.given.sagitta_rad is None else own
-                found.append((sagitta, not of_body))
-        return max(found, key=lambda each: self.laws.facets(each[0], smooth=each[1]), default=(math.nan, False))
+                found.append((sagitta, self.laws.bodies if of_body else self.laws.smooth))
+        return max(found, key=lambda each: each[1].error_db(each[0]), default=(math.nan, self.laws.bodies))
 
     @cached_property
     def power(self) -> np.ndarray:
@@ -156,10 +156,10 @@ class Budget:
                     found.append(
                         Omission(what, level_db + self.laws.limbs.mean_db, self.laws.limbs.scatter_db, taken=False)
                     )
-                error = self.laws.facets(self.sagitta_of(tier, scale), smooth=self.facets[1])
+                law_of_facets = self.facets[1]
+                error_db = level_db + law_of_facets.error_db(self.sagitta_of(tier, scale))
                 what = f"the curve of the skin between facets' corners{over}"
-                scatter_db = self.laws.smooth.scatter_db if self.facets[1] else self.laws.scatter_db
-                found.append(Omission(what, level_db + error, scatter_db))
+                found.append(Omission(what, error_db, law_of_facets.scatter_db))
         if count < len(self.model.ranked):
             left_db = db(1 - kept) + self.laws.pairs.mean_db
             what = f"{len(self.model.ranked) - count} path pairs left out"

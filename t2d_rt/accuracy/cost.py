@@ -28,10 +28,10 @@ FACETS_PER_SAGITTA = 1.7
 """Facets of a cage face over its phase sagitta in units of the limit (1.65 to 1.76 for bodies from 1.5 to 4 m, limits from 0.15 to
 2.4 rad)."""
 KINDS = (
-    "call", "ADC sample", "refined facet", "surface frame", "facet of a frame", "secondary facet of a frame",
-    "ellipsoids of a frame", "ray", "obstacle", "path pair", "path pair of a frame", "clutter",
+    "call", "ADC sample", "refined facet", "facet of a path pair", "facet of a frame", "ellipsoids of a frame", "ray", "obstacle",
+    "path pair", "clutter",
 )  # fmt: skip
-"""Kinds of work, each with its fitted seconds a unit."""
+"""Kinds of work, each with its fitted seconds a unit; in free space there is one path pair."""
 ECHOES_PER_FACET, POINTS = 0.25, 4_000
 """Echoes over facets and path pairs, and how many diffuse points there are beside (measured as above)."""
 
@@ -42,6 +42,8 @@ class FacetCount:
 
     sagitta_rad: np.ndarray
     """Phase sagitta of each unrefined face over the limit of its mesh, (F,)."""
+    greatest_rad: float
+    """Greatest limit of the mesh, at a sagitta scale of 1."""
 
     @classmethod
     def of(cls, model: Model, mesh: MovingMesh, accuracy: Accuracy) -> FacetCount:
@@ -54,7 +56,12 @@ class FacetCount:
         length2 = ((mesh.rest[ends[..., 0]] - mesh.rest[ends[..., 1]]) ** 2).sum(axis=2)
         bend = curvature(mesh.rest, mesh.faces, mesh.crease_deg)[ends].mean(axis=2) + 1 / range_m
         wavenumber = 2 * math.pi / model.radar.wavelength_m
-        return cls((wavenumber / 3 * length2 * bend / limit[ends].mean(axis=2)).mean(axis=1))
+        sagitta = (wavenumber / 3 * length2 * bend / limit[ends].mean(axis=2)).mean(axis=1)
+        return cls(sagitta, float(limit.max()))
+
+    def of_tier(self, tier: PathTier, scale: float) -> float:
+        """The number over the paths of a tier."""
+        return self.at(max(scale, min(scale * tier.sagitta_scale, tier.greatest_sagitta_rad / self.greatest_rad)))
 
     def at(self, scale: float) -> float:
         """The number at a sagitta scale."""
@@ -76,24 +83,24 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
         tiers = [(tier, len(some)) for tier, some in pairs.by_tier(accuracy)]
     chirps = float(len(radar.chirp_times_s(length_s)) * radar.samples * radar.antennas)
     found = dict.fromkeys(KINDS, 0.0) | {
-        "call": 1.0, "ADC sample": chirps, "surface frame": frames * len(model.geometries),
-        "clutter": length_s if model.scene is not None and clutter != "none" else 0.0,
+        "call": 1.0, "ADC sample": chirps, "clutter": length_s if model.scene is not None and clutter != "none" else 0.0,
     }  # fmt: skip
     samples = length_s * accuracy.visibility_rate_hz
     vertices = sum(len(mesh.rest) for mesh in model.geometries if isinstance(mesh, MovingMesh))
-    for number, (tier, count) in enumerate(tiers):
+    for tier, count in tiers:
         if model.method == "ellipsoid" or tier.scatterer == "ellipsoids" or not counts:
             found["ellipsoids of a frame"] += frames * count / tier.decimation
         else:
-            facets = sum(each.at(accuracy.sagitta_scale * tier.sagitta_scale) for each in counts)
+            facets = sum(each.of_tier(tier, accuracy.sagitta_scale) for each in counts)
             found["refined facet"] += facets
-            found["secondary facet of a frame" if number else "facet of a frame"] += frames * facets * count
+            found["facet of a path pair"] += facets * count
+            found["facet of a frame"] += frames * facets * count
     if model.method == "mesh" and accuracy.occlusion and counts:
         found["ray"] = samples * places_of(model, accuracy) * vertices * 4.0**accuracy.visibility_subdivision
     if pairs is not None:
         paths = {path.chain for pair in pairs.pairs for path in (pair.out, pair.back)}
         found["obstacle"] = samples / 2 * len(paths)
-        found["path pair"], found["path pair of a frame"] = float(len(pairs.pairs)), frames * len(pairs.pairs)
+        found["path pair"] = float(len(pairs.pairs))
     return found
 
 
@@ -124,9 +131,7 @@ def memory_bytes(model: Model, *, echoes: float, vertices: float, facets: float,
 def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], *, measured: bool) -> float:
     """The same before anything is refined."""
     units = work(model, accuracy, counts)
-    frames = units["surface frame"] / len(model.geometries)
-    of_all = units["facet of a frame"] + units["secondary facet of a frame"]
-    echoes = min(ECHOES_PER_FACET * of_all / frames + POINTS * len(counts), most_echoes(model.radar))
+    echoes = min(ECHOES_PER_FACET * units["facet of a path pair"] + POINTS * len(counts), most_echoes(model.radar))
     facets = units["refined facet"]
     return memory_bytes(model, echoes=echoes, vertices=facets / 2, facets=facets, measured=measured)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,6 +47,12 @@ class Chirps:
         begin = span_s[0] + starts[rows] + radar.antenna_delays_s[antennas]
         step = max(1, radar.samples // SAMPLES)
         return cls(rows, antennas, begin, np.arange(step // 2, radar.samples, step))
+
+    def parts(self, first: int) -> list[Chirps]:
+        """So many of them at random, and the others."""
+        order = np.random.default_rng(len(self.rows)).permutation(len(self.rows))
+        some = (np.sort(part) for part in (order[:first], order[first:]) if len(part))
+        return [replace(self, rows=self.rows[k], antennas=self.antennas[k], starts_s=self.starts_s[k]) for k in some]
 
     def instants_s(self, radar: Radar) -> np.ndarray:
         """First and last instant of each chirp [s] (2 K,)."""

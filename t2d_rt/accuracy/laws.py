@@ -34,21 +34,51 @@ class Law:
 
 
 @dataclass(frozen=True, slots=True)
-class Laws:
-    """What the fit found."""
+class FacetLaw:
+    """Errors of a mesh's facets by their phase sagitta."""
 
     sagitta_rad: np.ndarray
-    """Phase sagittas of facets, ascending (K,)."""
+    """Ascending (K,)."""
     facets_db: np.ndarray
-    """Error of a body's facets of these (K,)."""
+    """Error of facets of these (K,)."""
     coarser_db: np.ndarray
     """Energy of what they differ by from facets of `COARSER` times the phase sagitta (K,)."""
     scatter_db: float
-    """Standard deviation of both."""
-    smooth: Law
-    """Error of facets of a smooth mesh, over that of a body's."""
-    smooth_coarser: Law
-    """The same of that difference."""
+    """Standard deviation of the first over the cases of the fit."""
+    difference_scatter_db: float
+    """Of the second."""
+    ratio_scatter_db: float
+    """Of the one over the other."""
+
+    @classmethod
+    def of(cls, found: dict[str, Any]) -> FacetLaw:
+        """From what the fit wrote."""
+        sagitta, own, coarser = (np.array(found[name]) for name in ("sagitta_rad", "facets_db", "coarser_db"))
+        return cls(sagitta, own, coarser, found["scatter_db"], found["difference_scatter_db"], found["ratio_scatter_db"])
+
+    def error_db(self, sagitta_rad: float) -> float:
+        """Error of facets of that phase sagitta."""
+        return self._at(sagitta_rad, self.facets_db)
+
+    def difference_db(self, sagitta_rad: float) -> float:
+        """Energy of what they differ by from facets of `COARSER` times the phase sagitta."""
+        return self._at(sagitta_rad, self.coarser_db)
+
+    def _at(self, sagitta_rad: float, table_db: np.ndarray) -> float:
+        """Between fitted phase sagittas, and beyond them along the outermost slope."""
+        x, known = math.log10(sagitta_rad), np.log10(self.sagitta_rad)
+        i = int(np.clip(np.searchsorted(known, x) - 1, 0, len(known) - 2))
+        slope = (table_db[i + 1] - table_db[i]) / (known[i + 1] - known[i])
+        return float(min(table_db[i] + slope * (x - known[i]), MOST_DB))
+
+
+@dataclass(frozen=True, slots=True)
+class Laws:
+    """What the fit found."""
+
+    bodies: FacetLaw
+    smooth: FacetLaw
+    """Of smooth meshes of the user and movers."""
     occlusion: Law
     """Cost of no occlusion, over what the unrefined mesh shows of it."""
     edges: dict[tuple[float, int], Law]
@@ -73,35 +103,14 @@ class Laws:
     @classmethod
     def of(cls, found: dict[str, Any]) -> Laws:
         """From what the fit wrote."""
-        single = {
-            name: Law(**found[name])
-            for name in ("smooth", "smooth_coarser", "occlusion", "limbs", "limbs_power", "pairs")
-        }
+        single = {name: Law(**found[name]) for name in ("occlusion", "limbs", "limbs_power", "pairs")}
         edges = {
             (each["rate_hz"], each["subdivision"]): Law(each["mean_db"], each["scatter_db"]) for each in found["edges"]
         }
-        facets = found["facets"]
-        sagitta, own, coarser = (np.array(facets[name]) for name in ("sagitta_rad", "facets_db", "coarser_db"))
         return cls(
-            sagitta, own, coarser, facets["scatter_db"], edges=edges, seconds=found["cost"]["seconds"],
+            FacetLaw.of(found["bodies"]), FacetLaw.of(found["smooth"]), edges=edges, seconds=found["cost"]["seconds"],
             seconds_scatter=found["cost"]["scatter"], **single,
         )  # fmt: skip
-
-    def facets(self, sagitta_rad: float, *, smooth: bool = False) -> float:
-        """Error [dB] of facets of that phase sagitta."""
-        return self._of(self.facets_db, sagitta_rad, self.smooth.mean_db if smooth else 0.0)
-
-    def coarser(self, sagitta_rad: float, *, smooth: bool = False) -> float:
-        """Energy [dB] of what they differ by from facets of `COARSER` times the phase sagitta."""
-        return self._of(self.coarser_db, sagitta_rad, self.smooth_coarser.mean_db if smooth else 0.0)
-
-    def _of(self, table_db: np.ndarray, sagitta_rad: float, beside_db: float) -> float:
-        """Between fitted phase sagittas, and beyond them along the outermost slope."""
-        x, known = math.log10(sagitta_rad), np.log10(self.sagitta_rad)
-        i = int(np.clip(np.searchsorted(known, x) - 1, 0, len(known) - 2))
-        slope = (table_db[i + 1] - table_db[i]) / (known[i + 1] - known[i])
-        found = table_db[i] + slope * (x - known[i]) + beside_db
-        return float(min(found, MOST_DB))
 
     def sampled(self, none_db: float, rate_hz: float, subdivision: int) -> Law:
         """Cost of visibility sampled at that rate from vertices subdivided so often, where no occlusion at all costs `none_db`: no

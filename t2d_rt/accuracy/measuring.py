@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.accuracy.budget import Budget, ratio
+from t2d_rt.accuracy.budget import Budget, db, ratio
 from t2d_rt.accuracy.estimate import Chirps, field, of_cube
 from t2d_rt.accuracy.laws import COARSER
 from t2d_rt.accuracy.plans import Plan
@@ -19,8 +19,8 @@ from t2d_rt.errors import T2DWarning
 from t2d_rt.model import with_method
 from t2d_rt.types import Accuracy, EchoStream
 
-CHIRPS = 12, 30
-"""So many chirps are held against the coarser model, more where the first ones do not tell well enough."""
+FIRST_CHIRPS, MOST_CHIRPS = 12, 30
+"""So many chirps are held against the coarser model, all of them where the first ones do not tell well enough."""
 ENOUGH_DB = 1.4
 """Standard error of the mean over chirps at which no more are asked."""
 CLEARLY = 3.0
@@ -31,8 +31,8 @@ LEAST_CHIRPS = 4
 """The scatter of fewer chirps tells nothing."""
 UNOCCLUDED_BELOW_DB = 6.0
 """The coarser model traces no occlusion where that costs so much less than coarser facets."""
-EXPLAINED = 2.0
-"""A difference that exceeds what the laws say by so many of their standard deviations is an error of the run's own."""
+EXPLAINED = 2.5
+"""What exceeds the difference that the laws say by more standard deviations is an error of the run's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,35 +54,39 @@ class MeasuredError:
 def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredError:
     """Field error of a run by that plan; a warning where it misses the tolerance, or where there is nothing to measure.
 
-    Random chirps of the cube are held against a model with coarser facets, which costs little. Facets' errors fall with their phase
-    sagitta by a fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). Ellipsoids that
-    stand for bodies over minor path pairs are not in the coarser model: the difference has their power. A difference that the laws
-    cannot explain is an error of the run in full; one that is smaller than they say counts only where the coarser model is coarser
-    in fact. What sampled visibility and path pairs left out cost is added by their laws. `static` are echoes of the static scene.
+    Random chirps of the cube are held against a model with coarser facets, which costs little. Facets' errors fall with their
+    phase sagitta by a fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation); the mean of
+    that and of what the law says by itself counts, each weighted by how well it is known. Ellipsoids that stand for bodies over
+    minor path pairs are not in the coarser model: the difference has their power. A difference that the laws cannot explain is an
+    error of the run in full; one that is smaller than they say counts only where the coarser model is coarser in fact. What
+    sampled visibility and path pairs left out cost is added by their laws. `static` are echoes of the static scene.
     """
     budget, model, accuracy = plan.budget, plan.model, plan.accuracy
     coarser, expected, fraction = compared_with(budget, accuracy)
     full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
     beside = sum(each.energy for each in budget.of_visibility(accuracy) if each.taken) + left_out(budget, accuracy)
-    scatter_db = budget.laws.smooth.scatter_db if budget.facets[1] else budget.laws.scatter_db
-    least = 0.0 if has_fewer_facets(budget, accuracy) else expected
-    for count in CHIRPS:
-        chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=count)
+    law, fewer_facets = budget.facets[1], has_fewer_facets(budget, accuracy)
+    of_chirps, energy = np.zeros(0), 0.0
+    all_chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=MOST_CHIRPS)
+    for chirps in all_chirps.parts(FIRST_CHIRPS):
         found = of_cube(model, cube, static, chirps)
-        difference = np.sum(np.abs(found - field(full, coarser, chirps, samples_s=chirps.starts_s)) ** 2, axis=1)
-        energy = float(np.sum(np.abs(found) ** 2))
+        apart_by = found - field(full, coarser, chirps, samples_s=chirps.starts_s)
+        of_chirps = np.append(of_chirps, np.sum(np.abs(apart_by) ** 2, axis=1))
+        energy += float(np.sum(np.abs(found) ** 2))
         if energy == 0:
             warnings.warn(
                 "there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4
             )
-            return MeasuredError(math.nan, math.nan, len(chirps.rows))
-        apart = float(difference.sum()) / energy
-        explained = min(apart, expected * ratio(EXPLAINED * scatter_db))
-        error = fraction * max(least, explained) + (apart - explained) + beside
-        of_chirps_db = _standard_error_db(difference)
-        result = MeasuredError(
-            10 * math.log10(max(error, 1e-30)), math.hypot(of_chirps_db, scatter_db), len(chirps.rows)
+            return MeasuredError(math.nan, math.nan, len(of_chirps))
+        apart, of_chirps_db = float(of_chirps.sum()) / energy, _standard_error_db(of_chirps)
+        explained = min(apart, expected * ratio(EXPLAINED * math.hypot(law.difference_scatter_db, of_chirps_db)))
+        told = explained if fewer_facets else max(expected, explained)
+        own_db, scatter_db = _mean(
+            (db(fraction * expected), law.scatter_db),
+            (db(fraction * told), math.hypot(law.ratio_scatter_db, of_chirps_db)),
         )
+        error_db = db(ratio(own_db) + (apart - explained) + beside)
+        result = MeasuredError(error_db, scatter_db, len(of_chirps))
         beyond = 0.0 if plan.tolerance_db is None else abs(result.error_db - plan.tolerance_db)
         if of_chirps_db <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db:
             break
@@ -108,9 +112,9 @@ def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, 
                 laws.limbs.mean_db if budget.model.method == "ellipsoid" else laws.limbs_power.mean_db
             )
         elif budget.counts:
-            sagitta, smooth = budget.sagitta_of(tier, scale), budget.facets[1]
-            error += power * ratio(laws.facets(sagitta, smooth=smooth))
-            apart += power * ratio(laws.coarser(sagitta, smooth=smooth))
+            sagitta, law = budget.sagitta_of(tier, scale), budget.facets[1]
+            error += power * ratio(law.error_db(sagitta))
+            apart += power * ratio(law.difference_db(sagitta))
     in_time = sum(each.energy for each in budget.in_time(accuracy))
     error, apart = error + in_time, apart + in_time
     coarser = _coarser(accuracy, without_limbs=budget.of_bodies)
@@ -132,6 +136,12 @@ def has_fewer_facets(budget: Budget, accuracy: Accuracy) -> bool:
     scale = accuracy.sagitta_scale
     own, coarser = (sum(each.at(factor * scale) for each in budget.counts) for factor in (1.0, COARSER))
     return not budget.counts or own > FEWER * coarser
+
+
+def _mean(*told: tuple[float, float]) -> tuple[float, float]:
+    """Mean of figures and their standard deviations [dB], each weighted by how well it is known, and its standard deviation."""
+    weight = sum(1 / scatter_db**2 for _, scatter_db in told)
+    return sum(value / scatter_db**2 for value, scatter_db in told) / weight, weight**-0.5
 
 
 def _standard_error_db(difference: np.ndarray) -> float:

@@ -21,7 +21,7 @@ LEAST_DB, MOST_DB = -40.0, 6.0
 """Tolerances that there are settings for."""
 SCALES = tuple(2 ** (n / 8) for n in range(24, -29, -1))
 """Sagitta scales, coarsest first: in steps, so that recordings of about the same tolerance have their facets in common."""
-VISIBILITY = (12.5, 0), (25.0, 0), (50.0, 1), (100.0, 1), (100.0, 2)
+VISIBILITY = (12.5, 0), (25.0, 0), (25.0, 1), (50.0, 1), (50.0, 2), (100.0, 2)
 """Rates [Hz] at which visibility may be sampled, and subdivisions, cheapest first."""
 MOST_SUBDIVISION = 2
 MOST_VISIBILITIES = 3

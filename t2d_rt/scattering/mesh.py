@@ -55,6 +55,8 @@ class Detail:
     """Least number of diffuse points."""
     max_facets: int = MOST_FACETS
     """More facets are refused."""
+    span_s: tuple[float, float] | None = None
+    """Record whose nearest range sets how fine facets are [s]; by default from the first surface frame to the last."""
 
 
 def mesh_echoes(
@@ -161,7 +163,8 @@ class _Model:
         reflection = material.reflection(radar.mid_frequency_hz)
         rough = material.scattering_coefficient
         sagittas = [detail.sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [detail.sagitta_rad]
-        wavenumber, range_m = 2 * math.pi / radar.wavelength_m, least_range_m(surface, seen_from, times_s)
+        span_s = times_s if detail.span_s is None else np.array(detail.span_s)
+        wavenumber, range_m = 2 * math.pi / radar.wavelength_m, least_range_m(surface, seen_from, span_s)
         fine, *carriers = refined(surface, wavenumber, range_m, sagittas, detail.max_facets)
         parts = patches(
             surface, fine, radar, times_s,

@@ -23,40 +23,59 @@ PROBE_RATE_HZ, FINER = 240.0, 4.0
 PROBE_FRAMES = 12
 """Frames of one short record, five of which make a fourth difference."""
 RECORDS_PER_S, LEAST_RECORDS, MOST_RECORDS = 3, 4, 40
+MOST_WHOLE = 400
+"""So many short records cover a whole one, of up to 18 s at the first of those rates."""
+MISSED = 1.15
+"""The rate rises where the whole record asks for so many times more than its short records: less is their scatter."""
+CHEAP_POINTS = 1_000_000
+"""Points times instants at which a whole record is probed at most: a mesh of 300 vertices has as many in 12 s."""
 
 
 def needed_rate_hz(
-    geometry: MovingMesh | Ellipsoids, radar: Radar, start_s: float, stop_s: float, tolerance_db: float = TOLERANCE_DB
+    geometry: MovingMesh | Ellipsoids,
+    radar: Radar,
+    span_s: tuple[float, float],
+    tolerance_db: float = TOLERANCE_DB,
+    *,
+    stand_in: Ellipsoids | None = None,
 ) -> float:
     """Rate of surface frames [Hz] between two times, from the fourth derivative of its points' paths.
 
     A cubic spline of frames h apart misses x(t) by 16 u^2 (1 - u)^2 h^4 x''''/384 within an interval; the square of that has the
-    mean 0.406.
+    mean 0.406. It is found in short records; `stand_in`, a few points that move with the geometry, tell from the whole record
+    whether these missed a jerk.
     """
-    probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / (stop_s - start_s))
-    needed = _needed(geometry, radar, start_s, stop_s, probe_hz, tolerance_db)
+    length_s = span_s[1] - span_s[0]
+    probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / length_s)
+    records = int(np.clip(RECORDS_PER_S * length_s, LEAST_RECORDS, MOST_RECORDS))
+    needed = _needed(geometry, radar, span_s, probe_hz, records, tolerance_db)
     while probe_hz < needed < MOST_HZ:
         probe_hz *= FINER
-        needed = _needed(geometry, radar, start_s, stop_s, probe_hz, tolerance_db)
+        needed = _needed(geometry, radar, span_s, probe_hz, records, tolerance_db)
+    whole = min(MOST_WHOLE, math.ceil(length_s * probe_hz / (PROBE_FRAMES - 1)))
+    moving = geometry if stand_in is None else stand_in
+    if whole > records and whole * PROBE_FRAMES * moving.point_count < CHEAP_POINTS:
+        short, all_of_it = (_needed(moving, radar, span_s, probe_hz, n, tolerance_db) for n in (records, whole))
+        if all_of_it > MISSED * short:
+            needed *= all_of_it / short
     return float(np.clip(math.ceil(needed / STEP_HZ) * STEP_HZ, LEAST_HZ, MOST_HZ))
 
 
 def _needed(
     geometry: MovingMesh | Ellipsoids,
     radar: Radar,
-    start_s: float,
-    stop_s: float,
+    span_s: tuple[float, float],
     probe_hz: float,
+    records: int,
     tolerance_db: float,
 ) -> float:
+    """The rate that so many short records ask for [Hz], at least 1."""
     step = 1 / probe_hz
     length = (PROBE_FRAMES - 1) * step
-    records = int(np.clip(RECORDS_PER_S * (stop_s - start_s), LEAST_RECORDS, MOST_RECORDS))
-    begin = np.linspace(start_s, stop_s - length, records)
-    count = geometry.point_count
-    some = list(blocks(begin, PROBE_FRAMES * count))
+    begin = np.linspace(span_s[0], span_s[1] - length, records)
+    some = list(blocks(begin, PROBE_FRAMES * geometry.point_count))
     phase, rotation = _mean([_mean_squares(geometry, radar, each, step) for each in some], [len(each) for each in some])
-    for_delays = float((0.406 * phase / 10 ** (tolerance_db / 10)) ** 0.125)
+    for_delays = max(1.0, float((0.406 * phase / 10 ** (tolerance_db / 10)) ** 0.125))
     if not len(geometry.faces):
         return for_delays
     rotation_rad = ROTATION_RAD * 2 ** ((tolerance_db - TOLERANCE_DB) / DB_PER_OCTAVE)

@@ -70,7 +70,7 @@ def run() -> Section:
 
 def body_echoes(surface: MovingMesh, radar: Radar) -> Echoes:
     """A body's echoes at the surface rate that its motion asks for; skin, default settings, no occlusion but of back faces."""
-    rate = needed_rate_hz(surface, radar, float(surface.times_s[0]), float(surface.times_s[-1]))
+    rate = needed_rate_hz(surface, radar, (float(surface.times_s[0]), float(surface.times_s[-1])))
     times = np.linspace(surface.times_s[0], surface.times_s[-1], int(np.ceil(surface.duration_s * rate)) + 1)
     return mesh_echoes(
         surface, radar, times_s=times, material=resolve_material("skin", radar.mid_frequency_hz),

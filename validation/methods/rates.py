@@ -78,7 +78,7 @@ def _errors(
 def _surface_rates(radar: Radar) -> tuple[dict[float, float], float]:
     """Errors by rate, and the rate that the motion asks for."""
     surface = walking(1.9, 2.4)
-    default_hz = needed_rate_hz(surface, radar, surface.times_s[0], surface.times_s[-1])
+    default_hz = needed_rate_hz(surface, radar, (surface.times_s[0], surface.times_s[-1]))
     rates = sorted({*SURFACE_RATES_HZ, default_hz})
     settings = [{"surface_rate_hz": rate, "occlusion": False} for rate in rates]
     return dict(zip(rates, _errors(surface, radar, surface.sagitta_rad, settings, False), strict=True)), default_hz

@@ -1,0 +1,22 @@
+"""The model of a target, at which fields of any accuracy can be asked for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from t2d_rt.experiment import Experiment
+from t2d_rt.memory import LIMIT_GB
+from t2d_rt.model import Model
+from t2d_rt.stage import set_up
+
+
+def modelled(target: Any, scene: str = "free_space", **physics: Any) -> Model:
+    """The model of a target at hand, as `simulate` has it."""
+    options = {
+        name: each.default
+        for name, each in Experiment.model_fields.items()
+        if name not in ("targets", "radar", "scene")
+    }
+    radar = physics.pop("radar", None)
+    options |= {"clutter": "none", "collisions": "ignore", **physics}
+    return set_up(target, radar, scene, options, device="auto", memory_gb=LIMIT_GB).model
