@@ -58,6 +58,11 @@ class Chirps:
         """First and last instant of each chirp [s] (2 K,)."""
         return np.stack([self.starts_s, self.starts_s + radar.sample_times_s[-1]], axis=1).ravel()
 
+    def nearest(self, samples_s: np.ndarray, radar: Radar) -> np.ndarray:
+        """Of ascending times [s], those between which the chirps lie: what is interpolated between samples needs no others."""
+        after = np.clip(np.searchsorted(samples_s, self.instants_s(radar)), 1, len(samples_s) - 1)
+        return samples_s[np.unique([after - 1, after])]
+
 
 def field(model: Model, accuracy: Accuracy, chirps: Chirps, *, samples_s: np.ndarray | None = None) -> np.ndarray:
     """Samples (K, S) complex128 [sqrt(W)] of the targets alone.

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.types import Accuracy
+
 FILE = Path(__file__).with_name("laws.json")
 COARSER = 3.0
 """Facets that a run's are held against have so many times their phase sagitta."""
@@ -54,7 +56,9 @@ class FacetLaw:
     def of(cls, found: dict[str, Any]) -> FacetLaw:
         """From what the fit wrote."""
         sagitta, own, coarser = (np.array(found[name]) for name in ("sagitta_rad", "facets_db", "coarser_db"))
-        return cls(sagitta, own, coarser, found["scatter_db"], found["difference_scatter_db"], found["ratio_scatter_db"])
+        return cls(
+            sagitta, own, coarser, found["scatter_db"], found["difference_scatter_db"], found["ratio_scatter_db"]
+        )
 
     def error_db(self, sagitta_rad: float) -> float:
         """Error of facets of that phase sagitta."""
@@ -83,6 +87,10 @@ class Laws:
     """Cost of no occlusion, over what the unrefined mesh shows of it."""
     edges: dict[tuple[float, int], Law]
     """Cost of sampled visibility, by rate [Hz] and subdivision, over the square root of the cost of no occlusion."""
+    direct: dict[tuple[float, int], Law]
+    """Cost of sampled visibility, over what it costs a model of coarser facets without interpolation in time."""
+    direct_unoccluded: Law
+    """The same of no occlusion."""
     limbs: Law
     """Error of ellipsoids in place of a body, over the power of the path pairs over which they are."""
     limbs_power: Law
@@ -103,24 +111,40 @@ class Laws:
     @classmethod
     def of(cls, found: dict[str, Any]) -> Laws:
         """From what the fit wrote."""
-        single = {name: Law(**found[name]) for name in ("occlusion", "limbs", "limbs_power", "pairs")}
-        edges = {
-            (each["rate_hz"], each["subdivision"]): Law(each["mean_db"], each["scatter_db"]) for each in found["edges"]
+        edges, direct = (
+            {(each["rate_hz"], each["subdivision"]): Law(each["mean_db"], each["scatter_db"]) for each in found[name]}
+            for name in ("edges", "direct")
+        )
+        single = {
+            name: Law(**found[name]) for name in ("occlusion", "direct_unoccluded", "limbs", "limbs_power", "pairs")
         }
         return cls(
-            FacetLaw.of(found["bodies"]), FacetLaw.of(found["smooth"]), edges=edges, seconds=found["cost"]["seconds"],
-            seconds_scatter=found["cost"]["scatter"], **single,
+            FacetLaw.of(found["bodies"]), FacetLaw.of(found["smooth"]), edges=edges, direct=direct, **single,
+            seconds=found["cost"]["seconds"], seconds_scatter=found["cost"]["scatter"],
         )  # fmt: skip
 
     def sampled(self, none_db: float, rate_hz: float, subdivision: int) -> Law:
         """Cost of visibility sampled at that rate from vertices subdivided so often, where no occlusion at all costs `none_db`: no
         more than that."""
-        level = min(subdivision, max(n for _, n in self.edges))
-        rates = sorted(rate for rate, n in self.edges if n == level)
-        laws = [self.edges[rate, level] for rate in rates]
-        x, known = np.log(rate_hz), np.log(rates)
-        edge_db = float(np.interp(x, known, [law.mean_db for law in laws]))
-        scatter_db = float(np.interp(x, known, [law.scatter_db for law in laws]))
+        law, lowest_hz = _between(self.edges, rate_hz, subdivision)
         # Below the fitted rates the error grows with the time between samples.
-        edge_db += 20 * max(0.0, math.log10(rates[0] / rate_hz))
-        return Law(min(none_db, PERIMETER * none_db + edge_db), scatter_db)
+        edge_db = law.mean_db + 20 * max(0.0, math.log10(lowest_hz / rate_hz))
+        return Law(min(none_db, PERIMETER * none_db + edge_db), law.scatter_db)
+
+    def over_direct(self, accuracy: Accuracy) -> Law:
+        """Cost of visibility as it is sampled, or of no occlusion, beside what it costs a model of coarser facets."""
+        if not accuracy.occlusion:
+            return self.direct_unoccluded
+        return _between(self.direct, accuracy.visibility_rate_hz, accuracy.visibility_subdivision)[0]
+
+
+def _between(laws: dict[tuple[float, int], Law], rate_hz: float, subdivision: int) -> tuple[Law, float]:
+    """The law between fitted rates, at the nearest subdivision that was fitted, and the lowest of these rates."""
+    level = min(subdivision, max(n for _, n in laws))
+    rates = sorted(rate for rate, n in laws if n == level)
+    some = [laws[rate, level] for rate in rates]
+    x, known = np.log(rate_hz), np.log(rates)
+    mean, scatter = (
+        np.interp(x, known, values) for values in ([law.mean_db for law in some], [law.scatter_db for law in some])
+    )
+    return Law(float(mean), float(scatter)), rates[0]

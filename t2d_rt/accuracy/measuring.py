@@ -17,6 +17,7 @@ from t2d_rt.accuracy.search import OVER_DB
 from t2d_rt.cubes import Cube
 from t2d_rt.errors import T2DWarning
 from t2d_rt.model import with_method
+from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.types import Accuracy, EchoStream
 
 FIRST_CHIRPS, MOST_CHIRPS = 12, 30
@@ -31,6 +32,9 @@ LEAST_CHIRPS = 4
 """The scatter of fewer chirps tells nothing."""
 UNOCCLUDED_BELOW_DB = 6.0
 """The coarser model traces no occlusion where that costs so much less than coarser facets."""
+SHADOWS = 0.3
+"""What visibility costs is measured where it may be more than this fraction of facets' error."""
+EXACT_SUBDIVISION = 2
 EXPLAINED = 2.5
 """What exceeds the difference that the laws say by more standard deviations is an error of the run's own."""
 
@@ -55,40 +59,34 @@ def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredEr
     """Field error of a run by that plan; a warning where it misses the tolerance, or where there is nothing to measure.
 
     Random chirps of the cube are held against a model with coarser facets, which costs little. Facets' errors fall with their
-    phase sagitta by a fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation); the mean of
-    that and of what the law says by itself counts, each weighted by how well it is known. Ellipsoids that stand for bodies over
-    minor path pairs are not in the coarser model: the difference has their power. A difference that the laws cannot explain is an
-    error of the run in full; one that is smaller than they say counts only where the coarser model is coarser in fact. What
-    sampled visibility and path pairs left out cost is added by their laws. `static` are echoes of the static scene.
+    phase sagitta by a fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). In free
+    space the coarser model tells what sampled visibility costs, too, beside one that traces it at each chirp. Ellipsoids that
+    stand for bodies over minor path pairs are not in the coarser model: the difference has their power. `static` are echoes of
+    the static scene.
     """
     budget, model, accuracy = plan.budget, plan.model, plan.accuracy
     coarser, expected, fraction = compared_with(budget, accuracy)
     full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
-    beside = sum(each.energy for each in budget.of_visibility(accuracy) if each.taken) + left_out(budget, accuracy)
-    law, fewer_facets = budget.facets[1], has_fewer_facets(budget, accuracy)
-    of_chirps, energy = np.zeros(0), 0.0
+    traced = shadows_matter(budget, accuracy, coarser, expected * fraction)
+    samples_s = sample_times(*model.span_s, accuracy.visibility_rate_hz)
+    facets, shadows, energy = np.zeros(0), np.zeros(0), 0.0
     all_chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=MOST_CHIRPS)
     for chirps in all_chirps.parts(FIRST_CHIRPS):
         found = of_cube(model, cube, static, chirps)
-        apart_by = found - field(full, coarser, chirps, samples_s=chirps.starts_s)
-        of_chirps = np.append(of_chirps, np.sum(np.abs(apart_by) ** 2, axis=1))
         energy += float(np.sum(np.abs(found) ** 2))
         if energy == 0:
             warnings.warn(
                 "there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4
             )
-            return MeasuredError(math.nan, math.nan, len(of_chirps))
-        apart, of_chirps_db = float(of_chirps.sum()) / energy, _standard_error_db(of_chirps)
-        explained = min(apart, expected * ratio(EXPLAINED * math.hypot(law.difference_scatter_db, of_chirps_db)))
-        told = explained if fewer_facets else max(expected, explained)
-        own_db, scatter_db = _mean(
-            (db(fraction * expected), law.scatter_db),
-            (db(fraction * told), math.hypot(law.ratio_scatter_db, of_chirps_db)),
-        )
-        error_db = db(ratio(own_db) + (apart - explained) + beside)
-        result = MeasuredError(error_db, scatter_db, len(of_chirps))
+            return MeasuredError(math.nan, math.nan, len(chirps.rows))
+        again = field(full, coarser, chirps, samples_s=chirps.nearest(samples_s, model.radar))
+        facets = np.append(facets, np.sum(np.abs(found - again) ** 2, axis=1))
+        if traced:
+            exact = field(full, coarser.replace(occlusion=True, visibility_subdivision=EXACT_SUBDIVISION), chirps)
+            shadows = np.append(shadows, np.sum(np.abs(exact - again) ** 2, axis=1))
+        result = _from_laws(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
         beyond = 0.0 if plan.tolerance_db is None else abs(result.error_db - plan.tolerance_db)
-        if of_chirps_db <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db:
+        if _standard_error_db(facets) <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db:
             break
     if plan.tolerance_db is not None and result.error_db > plan.tolerance_db + OVER_DB:
         warnings.warn(
@@ -98,6 +96,42 @@ def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredEr
             stacklevel=4,
         )
     return result
+
+
+def _from_laws(
+    budget: Budget, accuracy: Accuracy, expected: float, fraction: float, facets: np.ndarray, shadows: np.ndarray
+) -> MeasuredError:
+    """The error of a run from energies by which its chirps differ from coarser facets' (K,), and these from traced ones, if any.
+
+    What the laws say by themselves counts, too, each figure weighted by how well it is known. A difference that they cannot
+    explain is an error of the run in full; one that is smaller than they say counts only where the coarser model has fewer facets
+    in fact.
+    """
+    law, apart, of_chirps_db = budget.facets[1], float(facets.sum()), _standard_error_db(facets)
+    explained = min(apart, expected * ratio(EXPLAINED * math.hypot(law.difference_scatter_db, of_chirps_db)))
+    told = explained if has_fewer_facets(budget, accuracy) else max(expected, explained)
+    own_db, scatter_db = _mean(
+        (db(fraction * expected), law.scatter_db),
+        (db(fraction * told), math.hypot(law.ratio_scatter_db, of_chirps_db)),
+    )
+    of_shadows = 0.0
+    for each in budget.of_visibility(accuracy):
+        if each.taken:
+            both = [(each.error_db, each.scatter_db)]
+            if len(shadows):
+                direct = budget.laws.over_direct(accuracy)
+                over_db = math.hypot(direct.scatter_db, _standard_error_db(shadows))
+                both.append((db(float(shadows.sum())) + direct.mean_db, over_db))
+            of_shadows += ratio(_mean(*both)[0])
+    error = ratio(own_db) + (apart - explained) + of_shadows + left_out(budget, accuracy)
+    return MeasuredError(db(error), scatter_db, len(facets))
+
+
+def shadows_matter(budget: Budget, accuracy: Accuracy, coarser: Accuracy, own: float) -> bool:
+    """Whether what visibility costs is measured: in free space, where it may be a good part of the error."""
+    if budget.model.scene is not None or coarser.occlusion != accuracy.occlusion:
+        return False
+    return sum(each.surely for each in budget.of_visibility(accuracy) if each.taken) > SHADOWS * own
 
 
 def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, float]:

@@ -24,6 +24,7 @@ from t2d_rt.accuracy.laws import COARSER, FILE, PERIMETER, Law, Laws
 from t2d_rt.accuracy.occlusion import unoccluded_db
 from t2d_rt.errors import T2DWarning
 from t2d_rt.model import Model, with_method
+from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.summation import summed
 from t2d_rt.types import Accuracy, MovingMesh, PathTier
 from t2d_rt.types.accuracy import EVERY_PATH_DB
@@ -49,6 +50,7 @@ COUNTS_ABOVE_DB = -30.0
 """Where occlusion costs less, nothing is learnt from its edges."""
 LEVELS_DB = 0.0, -12.0, -18.0, -24.0, -30.0, -40.0
 ALL = Accuracy(occlusion=False, tiers=(PathTier(level_db=EVERY_PATH_DB),))
+EXACT = ALL.replace(occlusion=True, visibility_subdivision=2)
 
 
 def motions() -> dict[str, Callable[[], Any]]:
@@ -116,7 +118,7 @@ def of_body(name: str) -> dict[str, Any]:
     chirps = Chirps.random(model.radar, model.span_s, seed=11, count=CHIRPS)
     finest, own = (field(model, ALL.replace(sagitta_scale=scale), chirps) for scale in (FINEST, 1.0))
     limbs = field(with_method(model, "ellipsoid"), ALL, chirps)
-    traced = field(model, ALL.replace(occlusion=True, visibility_subdivision=2), chirps)
+    traced = field(model, EXACT, chirps)
     return {
         "case": name, **facets(model, chirps, SCALES, FINEST),
         "limbs_db": nmse_db(limbs, finest), "limbs_power_db": _power_db(limbs, finest),
@@ -125,25 +127,34 @@ def of_body(name: str) -> dict[str, Any]:
 
 
 def shadows(name: str) -> dict[str, Any]:
-    """Errors of runs whose visibility is sampled in each way [dB].
+    """Errors of runs whose visibility is sampled in each way, or that trace no occlusion, last; and what coarser facets show of
+    them [dB].
 
     What occlusion takes is traced at the vertices of far finer facets: those of a run blur shadows' edges, too.
     """
     model = modelled(motions()[name]())
     chirps = Chirps.random(model.radar, model.span_s, seed=11, count=CHIRPS)
-    finer = ALL.replace(sagitta_scale=FINER_SHADOWS)
-    seen = field(model, finer.replace(occlusion=True, visibility_subdivision=2), chirps)
+    finer, coarser = (ALL.replace(sagitta_scale=scale) for scale in (FINER_SHADOWS, COARSER))
+    seen, seen_coarser = (
+        field(model, EXACT.replace(sagitta_scale=each.sagitta_scale), chirps) for each in (finer, coarser)
+    )
     taken = field(model, finer, chirps) - seen
 
     def of_run(accuracy: Accuracy) -> np.ndarray:
         cube = summed(model.streams(accuracy), [], model.radar, accuracy, device="auto", memory=model.memory)
         return of_cube(model, cube, [], chirps)
 
-    whole, found = of_run(ALL), []
+    whole, found, direct = of_run(ALL), [], []
     for rate_hz, subdivision in SAMPLED:
-        sampled = ALL.replace(occlusion=True, visibility_rate_hz=rate_hz, visibility_subdivision=subdivision)
+        sampled = EXACT.replace(visibility_rate_hz=rate_hz, visibility_subdivision=subdivision)
         found.append(_power_db(whole - of_run(sampled) - taken, seen))
-    return {"case": name, "sampled_db": found}
+        again = field(
+            model, sampled.replace(sagitta_scale=COARSER), chirps, samples_s=sample_times(*model.span_s, rate_hz)
+        )
+        direct.append(_power_db(again - seen_coarser, seen_coarser))
+    found.append(_power_db(taken, seen))
+    direct.append(_power_db(field(model, coarser, chirps) - seen_coarser, seen_coarser))
+    return {"case": name, "sampled_db": found, "direct_db": direct}
 
 
 def in_room(name: str, scene: str) -> dict[str, Any]:
@@ -180,8 +191,9 @@ def fitted(measured: dict[str, Any]) -> dict[str, Any]:
     bodies, rooms = measured["bodies"], measured["rooms"]
     cost_of_none = {each["case"]: each for each in bodies}
     sampled = np.array([
-        np.array(each["sampled_db"]) - PERIMETER * cost_of_none[each["case"]]["unoccluded_db"] for each in measured["shadows"]
+        np.array(each["sampled_db"][:-1]) - PERIMETER * cost_of_none[each["case"]]["unoccluded_db"] for each in measured["shadows"]
     ])  # fmt: skip
+    direct = np.array([np.subtract(each["sampled_db"], each["direct_db"]) for each in measured["shadows"]])
     occluded = [cost_of_none[each["case"]] for each in measured["shadows"]]
     levels = [each for room in rooms for each in room["levels"]]
     return {
@@ -191,6 +203,10 @@ def fitted(measured: dict[str, Any]) -> dict[str, Any]:
         "edges": [
             {"rate_hz": rate, "subdivision": n, **_law_of(column)} for (rate, n), column in zip(SAMPLED, sampled.T, strict=True)
         ],
+        "direct": [
+            {"rate_hz": rate, "subdivision": n, **_law_of(column)} for (rate, n), column in zip(SAMPLED, direct.T[:-1], strict=True)
+        ],
+        "direct_unoccluded": _law_of(direct.T[-1]),
         "limbs": _law_of([each["limbs_db"] for each in (*bodies, *levels)]),
         "limbs_power": _law_of([each["limbs_power_db"] for each in (*bodies, *levels)]),
         "pairs": _law_of([each["power_db"] - each["said_db"] for each in levels]),
@@ -253,6 +269,9 @@ def _single(laws: Laws) -> Iterator[tuple[str, Law]]:
     yield "no occlusion, beside what unrefined meshes show", laws.occlusion
     for (rate_hz, n), edges in laws.edges.items():
         yield f"visibility at {rate_hz:g} Hz, {n} subdivisions, over the root of no occlusion's", edges
+    for (rate_hz, n), direct in laws.direct.items():
+        yield f"the same at {rate_hz:g} Hz, {n} subdivisions, over what coarser facets show", direct
+    yield "no occlusion, over what coarser facets show", laws.direct_unoccluded
     yield "ellipsoids, over the power of their path pairs", laws.limbs
     yield "power of ellipsoids over that of the skin", laws.limbs_power
     yield "power of path pairs over what probes say", laws.pairs
