@@ -12,6 +12,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget, blocks
+from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.room import ChosenPairs, Clutter, clutter_streams
@@ -61,6 +62,8 @@ class Model:
     """None in free space."""
     ranked: Sequence[Ranked]
     """Path pairs to the targets, where there is a scene."""
+    blockage: SceneBlockage
+    """What of the scene blocks them."""
     _: KW_ONLY
     method: Method
     material: str | Material | None
@@ -151,7 +154,7 @@ class Model:
             sampled = instants_s if samples_s is None else samples_s
         sight = Sight(
             geometries=self.geometries, fast_rotating=fast, radar=self.radar, samples_s=sampled, backend=self.backend,
-            pairs=[None] if pairs is None else pairs.occluded,
+            pairs=[None] if pairs is None else pairs.occluded, blockage=self.blockage,
         )  # fmt: skip
         run = _Run(
             accuracy=accuracy, pairs=pairs, sight=sight, decimated_s=decimated, at_instants=instants_s is not None,
@@ -177,7 +180,7 @@ class Model:
             views = [View()]
             if run.pairs is not None:
                 geometry, samples_s = self.geometries[number], run.sight.samples_s
-                views = coarse_views(geometry, run.pairs.pairs, samples_s, fast_rotating=fast)
+                views = coarse_views(geometry, run.pairs.pairs, samples_s, self.blockage, fast_rotating=fast)
             ellipsoids = self.modelled[number].ellipsoids()
             assert ellipsoids is not None  # what has no mesh has these
             yield self._ellipsoid_echoes(number, ellipsoids, times_s, views)
@@ -194,7 +197,7 @@ class Model:
                 if pairs and tier.visibility == "shared":
                     views = run.visibility.with_shared_occlusion(number, pairs, run.decimated_s)
                 elif pairs and tier.visibility != "occlusion":
-                    views = coarse_views(mesh, pairs, run.decimated_s, fast_rotating=fast)
+                    views = coarse_views(mesh, pairs, run.decimated_s, self.blockage, fast_rotating=fast)
                 yield mesh_echoes(
                     mesh, self.radar, views=views, material=self._material(number), seed=self.seed, backend=self.backend,
                     times_s=self._decimated(times_s, tier, run) if fast and tier.decimation > 1 else times_s,
@@ -209,7 +212,7 @@ class Model:
         samples_s = run.decimated_s
         if not run.at_instants:
             samples_s = np.append(samples_s[:-1:2], samples_s[-1])
-        views = coarse_views(limbs, pairs, samples_s, minor=True)
+        views = coarse_views(limbs, pairs, samples_s, self.blockage, minor=True)
         echoes = self._ellipsoid_echoes(number, limbs, self._decimated(times_s, tier, run), views)
         return echoes if run.at_instants else resampled(echoes, times_s, MINOR_FRAMES)
 

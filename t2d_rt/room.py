@@ -11,10 +11,12 @@ import numpy as np
 from t2d_rt.backend import Backend, select
 from t2d_rt.errors import InputError
 from t2d_rt.propagation.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
+from t2d_rt.propagation.edges import SceneBlockage
+from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.propagation.surroundings import probes, radar_paths
+from t2d_rt.propagation.surroundings import RadarPaths, probes, radar_paths
 from t2d_rt.scattering.clutter import mirror_echoes, rough_echoes
-from t2d_rt.scattering.paths import Fraction, Ranked, ranked_pairs
+from t2d_rt.scattering.paths import Fraction, Probed, Ranked, ranked_pairs
 from t2d_rt.types import (
     Accuracy,
     EchoStream,
@@ -105,24 +107,32 @@ def find_path_pairs(
     order: int,
     transmissions: int = 0,
     backend: Backend,
-) -> list[Ranked]:
-    """Path pairs of up to `order` reflections and `transmissions` in all to the targets, strongest first."""
+) -> tuple[list[Ranked], SceneBlockage]:
+    """Path pairs of up to `order` reflections and `transmissions` in all to the targets, strongest first, and what blocks them."""
     points = probes(geometries, *span_s)
     most = {"order": order, "transmissions": transmissions}
-    out, back = radar_paths(scene, radar, points, **most, backend=backend)
-    ranked = ranked_pairs(radar, out, back, points, **most)
+    found = radar_paths(scene, radar, points, **most, backend=backend)
+    ranked = ranked_pairs(radar, probed(found, points), **most)
     if not ranked:
         raise InputError(
             f"no path leads from the radar to the target in scene {scene.name} with up to {order} reflections and "
             f"{transmissions} transmissions; move the radar or the target, or allow more of them"
         )
-    return ranked
+    return ranked, found.blockage
+
+
+def probed(found: RadarPaths, probes_m: np.ndarray) -> Probed:
+    """Paths of a radar to the points that they were searched to."""
+    return Probed(
+        probes_m=probes_m, out=found.out.paths, back=found.back.paths, one_antenna=found.one_antenna,
+        reached=(found.out.reached, found.back.reached),
+    )  # fmt: skip
 
 
 def paths_to(scene: Scene, radar: Radar, point_m: np.ndarray, *, reflections: int) -> list[tuple[str, np.ndarray]]:
     """Names of the one-way paths from the transmitters to a point, and their vertices (P, 3) [m]."""
-    paths, _ = radar_paths(scene, radar, point_m[None], order=reflections, backend=select("auto"))
-    return [(path.name, path.vertices(point_m)) for path in paths]
+    found = radar_paths(scene, radar, point_m[None], order=reflections, backend=select("auto"))
+    return [(path.name, vertices(path, point_m)) for path in found.out.paths]
 
 
 def clutter_streams(

@@ -20,10 +20,12 @@ from t2d_rt.model import Model, farthest_and_fastest
 from t2d_rt.motion import placement
 from t2d_rt.named import radar_named, target_named
 from t2d_rt.propagation.collisions import checked_time
+from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar import check_speed
 from t2d_rt.room import find_path_pairs
 from t2d_rt.scattering.outside import check_outside
+from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scene import Room
 from t2d_rt.targets import TargetLike, placed, shared_time, targets_of
@@ -88,9 +90,10 @@ def set_up(
             size = len(geometry.faces)
             memory.check(REFINING_BYTES * size, f"{geometry.name} of {size} faces", "give it in fewer triangles")
         _check_geometry(geometry, radar, span_s)
-    ranked = []
+    ranked: list[Ranked] = []
+    blockage = SceneBlockage({})
     if scene is not None:
-        ranked = find_path_pairs(
+        ranked, blockage = find_path_pairs(
             scene,
             geometries,
             radar,
@@ -100,7 +103,7 @@ def set_up(
             backend=backend,
         )
     model = Model(
-        radar, modelled, span_s, scene, ranked, method=method, material=material, body=body,
+        radar, modelled, span_s, scene, ranked, blockage, method=method, material=material, body=body,
         phase_from=physics["phase_from"], seed=int(physics["seed"]), backend=backend, memory=memory,
     )  # fmt: skip
     store = Store({})

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from t2d_rt.backend import Backend
+from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.surroundings import Blockage
 from t2d_rt.propagation.visibility import ExactVisibility, Occlusion
 from t2d_rt.scattering.paths import FacetVisibility, Fraction, View, anchor_vertices
@@ -43,6 +45,8 @@ class Sight:
     """Path pairs whose occlusion is traced; None is free space."""
     samples_s: np.ndarray
     backend: Backend
+    blockage: SceneBlockage
+    """What of the scene blocks the paths."""
 
 
 class Sampled:
@@ -67,7 +71,8 @@ class Sampled:
     def with_shared_occlusion(self, number: int, pairs: Sequence[PathPair], samples_s: np.ndarray) -> list[View]:
         """Of a mesh over other pairs: as `coarse_views`, but occluded along one-way paths whose occlusion is traced anyway."""
         geometry, fast_rotating = self._sight.geometries[number], self._sight.fast_rotating[number]
-        unblocked = _unblocked(blockage(geometry, samples_s), pairs, fast_rotating=fast_rotating)
+        over, scene = blockage(geometry, samples_s), self._sight.blockage
+        unblocked = _unblocked(over, pairs, scene, fast_rotating=fast_rotating)
         found = []
         for pair in pairs:
             ends = [(self._one_way.place(end, path), end, path) for end, path in enumerate((pair.out, pair.back))]
@@ -100,7 +105,9 @@ class Unoccluded:
     def with_shared_occlusion(self, number: int, pairs: Sequence[PathPair], samples_s: np.ndarray) -> list[View]:
         """As `coarse_views`: no occlusion is traced."""
         rotates = self._sight.fast_rotating[number]
-        return coarse_views(self._sight.geometries[number], pairs, samples_s, fast_rotating=rotates)
+        return coarse_views(
+            self._sight.geometries[number], pairs, samples_s, self._sight.blockage, fast_rotating=rotates
+        )
 
 
 class ExactOverStrongest:
@@ -166,10 +173,11 @@ class _OneWayVisibility:
         """Visibility over the one-way path of an end, whose blockage `path_count` paths share."""
         key, sight = self.place(end, path), self._sight
         if key not in self._known:
+            unblocked = None if path is None else partial(sight.blockage.fraction, path)
             self._known[key] = Occlusion(
                 [sight.geometries[each] for each in self._index],  # type: ignore[misc]
                 sight.radar.views_m[key[1]] if path is None else path.image_m,
-                samples_s=sight.samples_s, backend=sight.backend, unblocked=None if path is None else path.fraction,
+                samples_s=sight.samples_s, backend=sight.backend, unblocked=unblocked,
                 solid=self._solid, subdivision=self.subdivision,
             )  # fmt: skip
         occlusion = self._known[key]
@@ -183,6 +191,7 @@ def coarse_views(
     geometry: Geometry,
     pairs: Sequence[PathPair],
     samples_s: np.ndarray,
+    scene: SceneBlockage,
     *,
     fast_rotating: bool = False,
     minor: bool = False,
@@ -192,7 +201,7 @@ def coarse_views(
     All points of a `fast_rotating` one have the mean visibility. Over `minor` pairs ellipsoids have the visibility of their
     centres.
     """
-    fractions = _unblocked(blockage(geometry, samples_s, minor=minor), pairs, fast_rotating=fast_rotating)
+    fractions = _unblocked(blockage(geometry, samples_s, minor=minor), pairs, scene, fast_rotating=fast_rotating)
     field = "visibility" if isinstance(geometry, Ellipsoids) else "unblocked"
     found = [_product([fractions[path.key] for path in (pair.out, pair.back)]) for pair in pairs]
     return [View(paths=pair, **{field: each}) for pair, each in zip(pairs, found, strict=True)]  # type: ignore[arg-type]
@@ -205,10 +214,12 @@ def blockage(geometry: Geometry, samples_s: np.ndarray, *, minor: bool = False) 
     return (Blockage.to_centres if minor else Blockage.to_ellipsoids)(geometry, samples_s)
 
 
-def _unblocked(over: Blockage, pairs: Sequence[PathPair], *, fast_rotating: bool) -> dict[PathKey, Fraction]:
+def _unblocked(
+    over: Blockage, pairs: Sequence[PathPair], scene: SceneBlockage, *, fast_rotating: bool
+) -> dict[PathKey, Fraction]:
     """Fraction of the field that the scene does not block, by one-way path."""
     paths = {path.key: path for pair in pairs for path in (pair.out, pair.back)}
-    return {key: _remembered(over.over(path, in_the_mean=fast_rotating)) for key, path in paths.items()}
+    return {key: _remembered(over.over(path, scene, in_the_mean=fast_rotating)) for key, path in paths.items()}
 
 
 def _ends(pair: PathPair | None) -> Iterator[tuple[int, OneWayPath | None]]:

@@ -16,6 +16,7 @@ from measures import knife_edge_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
+from t2d_rt.path_fields import received
 from t2d_rt.propagation.clutter import Shadows, rough_points, roughened, static_paths
 from t2d_rt.propagation.fresnel import bundle, disc
 from t2d_rt.propagation.mirrors import Mirrors
@@ -106,7 +107,7 @@ def test_a_corner_has_as_many_paths_as_images() -> None:
     assert sorted(len(set(path.chain)) for path in paths) == [1, 1, 1, 2, 2, 2, 3]
     # Two mirrors that the polarisation lies along do not turn it.
     dihedral = next(path for path in paths if sorted(path.chain) == ["x", "y"])
-    assert dihedral.coefficients(np.array([77.87e9]))[0] == pytest.approx(1, abs=1e-6)
+    assert received(dihedral, np.array([77.87e9]))[0] == pytest.approx(1, abs=1e-6)
 
 
 def test_an_edge_that_sticks_out_sends_nothing_back() -> None:
@@ -178,7 +179,7 @@ def test_paths_are_those_of_sionna(scene: str, paths: int) -> None:
     ours = []
     for path in static_paths(Mirrors.of(load_scene(scene), select("cpu")), radar, order=3):
         length = float(np.linalg.norm(path.arrival_m - radar.rx_position_m))
-        field = radar.wavelength_m / (4 * math.pi * length) * path.coefficients(np.array([radar.mid_frequency_hz]))[0]
+        field = radar.wavelength_m / (4 * math.pi * length) * received(path, np.array([radar.mid_frequency_hz]))[0]
         ours.append((length / SPEED_OF_LIGHT, field))
         # That solver loses paths whose hashes collide, but not the way back, and paths that are short somewhere.
         same = [other for delay, other in there_and_back if abs(delay - ours[-1][0]) < 1e-12]
@@ -210,8 +211,7 @@ def test_a_rough_wall_returns_what_lamberts_law_says(monkeypatch: pytest.MonkeyP
     # What is scattered is missing from the mirror's path.
     (path,), (smooth,) = static_paths(mirrors, radar, order=1), found(ahead(distance), order=1)
     ratio = (
-        path.coefficients(np.array([radar.mid_frequency_hz]))[0]
-        / smooth.coefficients(np.array([radar.mid_frequency_hz]))[0]
+        received(path, np.array([radar.mid_frequency_hz]))[0] / received(smooth, np.array([radar.mid_frequency_hz]))[0]
     )
     assert abs(ratio) == pytest.approx(math.sqrt(1 - fraction**2), rel=1e-9)
 

@@ -15,10 +15,11 @@ from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.propagation.edges import Edges
 from t2d_rt.propagation.fresnel import bundle
+from t2d_rt.propagation.images import existing
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.types import OneWayPath, Radar, Scene, Surface
+from t2d_rt.types import Radar, Scene, Surface
 
 FREQUENCY_HZ = 77.87e9
 WAVELENGTH_M = SPEED_OF_LIGHT / FREQUENCY_HZ
@@ -35,9 +36,18 @@ def block(name: str, low_m: tuple[float, float, float], high_m: tuple[float, flo
     )
 
 
-def paths_to(points: np.ndarray, *surfaces: Surface, order: int = 1) -> dict[str, OneWayPath]:
+def paths_to(points: np.ndarray, *surfaces: Surface, order: int = 1) -> FoundPaths:
     mirrors = Mirrors.of(Scene(name="test", surfaces=surfaces), select("cpu"))
-    return {path.name: path for path in find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=order, probes_m=points)}
+    return find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=order, probes_m=points)
+
+
+def fractions_by_name(found: FoundPaths, points: np.ndarray) -> dict[str, np.ndarray]:
+    return {path.name: found.edges.fraction(path, points) for path in found.paths}
+
+
+def fractions_to(points: np.ndarray, *surfaces: Surface, order: int = 1) -> dict[str, np.ndarray]:
+    """Fractions of the field over each path to points among which it is searched for."""
+    return fractions_by_name(paths_to(points, *surfaces, order=order), points)
 
 
 def check_knife_edge(fraction: np.ndarray, v: np.ndarray) -> None:
@@ -58,7 +68,7 @@ def test_behind_a_screen_the_field_is_that_of_a_knife_edge(beyond: float) -> Non
     v = np.linspace(-2.5, 2.5, 101)
     height = -v * math.sqrt(WAVELENGTH_M / 2 * before * beyond / (before + beyond))
     points = np.array([before + beyond, 0, 1]) + np.outer(height * (before + beyond) / before, [0, 1, 0])
-    check_knife_edge(paths_to(points, screen)["direct"].fraction(points), v)
+    check_knife_edge(fractions_to(points, screen)["direct"], v)
 
 
 def test_at_a_mirrors_edge_as_well() -> None:
@@ -70,7 +80,7 @@ def test_at_a_mirrors_edge_as_well() -> None:
     length = np.hypot(x, 2 * wall)
     aside = (x / 2 - end) * 2 * wall / length
     v = aside * np.sqrt(2 / WAVELENGTH_M * 4 / length)
-    check_knife_edge(paths_to(points, mirror)["mirror"].fraction(points), v)
+    check_knife_edge(fractions_to(points, mirror)["mirror"], v)
 
 
 def test_mirrors_side_by_side_divide_the_field() -> None:
@@ -78,7 +88,7 @@ def test_mirrors_side_by_side_divide_the_field() -> None:
     window = plate("window", [(1.5, 1, -2), (9, 1, -2), (9, 1, 4), (1.5, 1, 4)])
     rng = np.random.default_rng(1)
     points = rng.uniform((2, -1, 0.5), (4, 0.5, 1.5), (2000, 3))
-    both = [path.fraction(points) for name, path in paths_to(points, wall, window).items() if name != "direct"]
+    both = [each for name, each in fractions_to(points, wall, window).items() if name != "direct"]
     assert len(both) == 2
     assert ((both[0] > 0.1) & (both[1] > 0.1)).sum() > 50
     assert np.abs(sum(both) - 1).max() < 1e-6
@@ -90,19 +100,19 @@ def test_where_walls_meet_no_field_is_lost() -> None:
     wall = plate("wall", [(-3, 2, 0), (9, 2, 0), (9, 2, 5), (-3, 2, 5)])
     aside, up = np.meshgrid([-1.0, 0.0, 1.9, 1.99], [0.002, 0.02, 0.1, 0.5])
     points = np.column_stack([np.full(aside.size, 3.5), aside.ravel(), up.ravel()])
-    found = paths_to(points, floor, wall)
+    found = fractions_to(points, floor, wall)
     assert sorted(found) == ["direct", "floor", "wall"]
-    for path in found.values():
-        assert (path.fraction(points) == 1).all(), path.name
+    for name, fraction in found.items():
+        assert (fraction == 1).all(), name
 
 
 def test_what_stands_beside_furniture_is_not_in_its_shadow() -> None:
     sofa = block("sofa", (2.0, 0.05, 0.0), (4.0, 1.0, 0.7))
     points = np.array([[3.0, 0.0, z] for z in (0.05, 0.3, 0.68, 0.9)])
-    assert (paths_to(points, sofa, order=0)["direct"].fraction(points) == 1).all()
+    assert (fractions_to(points, sofa, order=0)["direct"] == 1).all()
     behind = np.array([[3.0, 1.2, 0.3]])
     lit = np.array([[5.0, -1.0, 0.3]])
-    assert paths_to(np.concatenate([behind, lit]), sofa, order=0)["direct"].fraction(behind) == 0
+    assert fractions_by_name(paths_to(np.concatenate([behind, lit]), sofa, order=0), behind)["direct"] == 0
 
 
 @pytest.mark.slow
@@ -111,7 +121,7 @@ def test_cells_of_points_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None
     points = rng.uniform((0.8, -2, 0.01), (5.5, 1.5, 1.9), (1000, 3))
     mirrors = Mirrors.of(load_scene("living_room"), select("cpu"))
     found = find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=1, probes_m=points)
-    fractions = np.array([path.fraction(points) for path in found])
+    fractions = np.array(list(fractions_by_name(found, points).values()))
     cells = Edges._cells
 
     def none_known(*given: object) -> tuple[np.ndarray, ...]:
@@ -119,12 +129,12 @@ def test_cells_of_points_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None
         return np.full_like(known, np.nan), np.ones_like(near), np.ones_like(rims)
 
     monkeypatch.setattr(Edges, "_cells", none_known)
-    traced = np.array([path.fraction(points) for path in found])
+    traced = np.array(list(fractions_by_name(found, points).values()))
     assert ((fractions > 0) & (fractions < 1)).mean() > 0.03
     # Where planes meet, rays that both leave the room and meet an edge may count either way.
     assert (np.abs(fractions - traced) > 1e-6).mean() < 1e-3
     # Soft edges take as much as they give.
-    exists = np.array([path.exists(points) for path in found])
+    exists = existing(found.edges.mirrors, found.paths, points)
     assert fractions.sum() == pytest.approx(exists.sum(), rel=0.02)
 
 
@@ -185,7 +195,10 @@ def test_walls_that_overlap_reflect_once(first: tuple[float, float], second: tup
     ]
     x = np.linspace(1.2, 6, 200)
     points = np.column_stack([x, 0 * x, 0 * x + 1])
-    found = [path for path in paths_to(points, *pieces).values() if path.order == 1]
-    fractions = sum(path.fraction(points) for path in found)
+    found = paths_to(points, *pieces)
+    over_walls = [path.order == 1 for path in found.paths]
+    fractions = sum(found.edges.fraction(path, points) for path in found.paths if path.order == 1)
     np.testing.assert_allclose(fractions, 1, atol=1e-6)
-    assert sum(path.exists(points) for path in found).max() <= (2 if first[1] == second[0] else 1)
+    assert existing(found.edges.mirrors, found.paths, points)[over_walls].sum(axis=0).max() <= (
+        2 if first[1] == second[0] else 1
+    )

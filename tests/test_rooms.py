@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,9 +15,11 @@ from measures import nmse_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
+from t2d_rt.path_fields import field_over
+from t2d_rt.propagation.images import existing
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.mitsuba import mitsuba
-from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.surroundings import radar_paths
 from t2d_rt.propagation.visibility import sample_times
@@ -36,7 +40,7 @@ def with_shared_occlusion(distance_m: float = 2.0) -> Scene:
 # --- one-way paths to points, against another tool ---
 
 
-def of_points(mirrors: Mirrors, points: np.ndarray, frequency_hz: float) -> list[OneWayPath]:
+def of_points(mirrors: Mirrors, points: np.ndarray, frequency_hz: float) -> FoundPaths:
     return find_paths(mirrors, ANTENNA_M, UP, frequency_hz, order=2, probes_m=points)
 
 
@@ -75,7 +79,8 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
         delay, amplitude = (np.array(x).ravel() for x in (found.tau, np.array(found.a[0]) + 1j * np.array(found.a[1])))
         amplitude, delay = amplitude[delay > 0], delay[delay > 0]
         ours = []
-        lit = [path for path in one_way if path.exists(point[None])[0]]
+        exist = existing(one_way.edges.mirrors, one_way.paths, point[None])[:, 0]
+        lit = [path for path, there in zip(one_way.paths, exist, strict=True) if there]
         for out in lit:
             for back in lit:
                 if out.order + back.order > 2:
@@ -83,7 +88,7 @@ def test_a_points_paths_are_those_of_sionna(scene: str, paths: int) -> None:
                 lengths = [np.linalg.norm(point - path.image_m) for path in (out, back)]
                 # That solver's target keeps the theta and phi components of the field.
                 heading = (point - out.image_m) / lengths[0], (back.image_m - point) / lengths[1]
-                fields = [path.field(point, np.array([frequency_hz]))[0] for path in (out, back)]
+                fields = [field_over(path, point, np.array([frequency_hz]))[0] for path in (out, back)]
                 rotated = sum((a @ fields[0]) * (b @ fields[1]) for a, b in zip(*map(spherical, heading), strict=True))
                 ours.append(
                     (sum(lengths) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(lengths) * rotated)
@@ -274,43 +279,51 @@ def test_echoes_are_finite_wherever_a_body_stands_between_antennas_and_images() 
     centres = np.random.default_rng(5).uniform((0.5, -0.8, 0.3), (5.5, 0.8, 2.2), (50, 40, 3))
     axes = np.tile(np.eye(3), (50, 40, 1, 1))
     limbs = Ellipsoids(np.tile([0.05, 0.06, 0.25], (40, 1)), centres, times, axes=axes)
-    out, _ = radar_paths(load_scene("corridor"), Radar.preset("table2"), centres[0], order=2, backend=select("cpu"))
+    found = radar_paths(load_scene("corridor"), Radar.preset("table2"), centres[0], order=2, backend=select("cpu"))
+    out = list(found.out.paths)
     views = [View(paths=PathPair(out=first, back=second)) for first in out[:8] for second in out[:8]]
     echoes = ellipsoid_echoes(limbs, Radar.preset("table2"), times_s=times, material=PEC, views=views).gather()
     assert np.isfinite(echoes.amplitude).all()
     assert np.isfinite(echoes.delay_s).all()
 
 
-def sharing(fraction: float, *chain: str, image_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> OneWayPath:
-    """A one-way path over which the same fraction of the field reaches all points."""
+def over(*chain: str, image_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> OneWayPath:
+    """A one-way path of which nothing but its chain and its image is asked for."""
+    return replace(OneWayPath.line_of_sight(np.zeros(3), UP), chain=chain, image_m=np.array(image_m))
 
-    def nothing(*_: object) -> np.ndarray:
-        raise AssertionError("not asked for")
 
-    return OneWayPath(
-        chain=chain, image_m=np.array(image_m), mirror_matrix=np.eye(3), shift_m=np.zeros(3), field=nothing,
-        vertices=nothing, exists=nothing, fraction=lambda points: np.full(points.shape[:-1], fraction, np.float32),
-    )  # fmt: skip
+class Passing:
+    """A scene that lets a fraction of the field over each path through, the same to all points or a function of them."""
+
+    def __init__(self, *known: tuple[OneWayPath, float | Callable[[np.ndarray], np.ndarray]]) -> None:
+        self._known = {path.key: passing for path, passing in known}
+
+    def fraction(self, path: OneWayPath, points: np.ndarray) -> np.ndarray:
+        passing = self._known[path.key]
+        return (
+            passing(points).astype(np.float32) if callable(passing) else np.full(points.shape[:-1], passing, np.float32)
+        )
 
 
 def test_antennas_apart_have_visibility_of_their_own() -> None:
     target = ball((3.0, 0.2, 1.1), (0.0, 0.0, 0.0), 0.1)
-    one, half = sharing(0.5, "wall"), sharing(0.25, "wall", image_m=(0.0, 0.1, 0.0))
+    one, half = over("wall"), over("wall", image_m=(0.0, 0.1, 0.0))
     times = np.linspace(0, 0.1, 5)
     pairs = [PathPair(out=one, back=half), PathPair(out=one, back=one)]
-    views = coarse_views(target, pairs, sample_times(0.0, 0.1, 25.0))
+    views = coarse_views(target, pairs, sample_times(0.0, 0.1, 25.0), Passing((one, 0.5), (half, 0.25)))
     assert [float(view.unblocked(times).max()) for view in views if view.unblocked is not None] == [0.125, 0.25]
 
 
 def test_secondary_pairs_are_occluded_along_the_paths_of_dominant_ones() -> None:
     """Occlusion of the direct path is traced anyway; the scene leaves 0.5 of its field, and 0.25 out and back."""
     target, screen = (ball(where, time_s=0.1, radius_m=0.2) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
-    direct, wall = sharing(0.5, image_m=(0.0, 0.0, 1.0)), sharing(0.125, "wall", image_m=(0.0, 6.0, 1.0))
+    direct, wall = over(image_m=(0.0, 0.0, 1.0)), over("wall", image_m=(0.0, 6.0, 1.0))
     radar, samples_s, times = Radar.preset("table2"), sample_times(0.0, 0.1, 25.0), np.linspace(0, 0.1, 3)
     visibility = Sampled(
         Sight(
             geometries=[target, screen], radar=radar, pairs=[PathPair(out=direct, back=direct)],
             fast_rotating=[False, False], samples_s=samples_s, backend=select("cpu"),
+            blockage=Passing((direct, 0.5), (wall, 0.125)),
         )
     )  # fmt: skip
     dominant = visibility.views(0)[0].visibility
@@ -350,13 +363,11 @@ def test_a_fan_in_step_with_the_sample_times_keeps_its_faces() -> None:
 
 def test_fast_rotating_targets_have_their_mean_visibility() -> None:
     target = ball((3.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.1)
-    path = OneWayPath(
-        chain=(), image_m=np.zeros(3), mirror_matrix=np.eye(3), shift_m=np.zeros(3), field=np.zeros,
-        vertices=np.zeros, exists=np.zeros, fraction=lambda points: (points[..., 1] > 0).astype(np.float32),
-    )  # fmt: skip
+    path = over()
+    scene = Passing((path, lambda points: points[..., 1] > 0))
     apart, alike = (
         coarse_views(
-            target, [PathPair(out=path, back=path)], sample_times(0.0, 0.1, 25.0), fast_rotating=fast_rotating
+            target, [PathPair(out=path, back=path)], sample_times(0.0, 0.1, 25.0), scene, fast_rotating=fast_rotating
         )[0].unblocked
         for fast_rotating in (False, True)
     )

@@ -6,7 +6,7 @@ import pytest
 from t2d_rt.backend import select
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.mitsuba import mitsuba
-from t2d_rt.propagation.slabs import slab
+from t2d_rt.slabs import slab
 from t2d_rt.types import PEC, Material
 
 CARRIER_HZ = 77e9

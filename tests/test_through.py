@@ -14,14 +14,16 @@ from t2d_rt.backend import select
 from t2d_rt.cli.options import simulate_parser
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
+from t2d_rt.path_fields import field_over
+from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.mitsuba import mitsuba
 from t2d_rt.propagation.paths import find_paths
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.propagation.slabs import slab
 from t2d_rt.resources import resource
 from t2d_rt.scene import Room
+from t2d_rt.slabs import slab
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, Radar, Scene
 
 FREQUENCY_HZ = 77.87e9
@@ -66,11 +68,11 @@ def test_paths_through_walls_and_doors_are_those_of_sionna(
         Mirrors.of(load_scene(scene), select("cpu")), ANTENNA_M, UP, FREQUENCY_HZ, order=2, transmissions=1,
         probes_m=point[None],
     )  # fmt: skip
-    for path in found:
+    for path in found.paths:
         length = float(np.linalg.norm(point - path.image_m))
         arriving = (point - path.image_m) / length
         across = UP - (UP @ arriving) * arriving
-        received = path.field(point, np.array([FREQUENCY_HZ]))[0] @ across / np.linalg.norm(across)
+        received = field_over(path, point, np.array([FREQUENCY_HZ]))[0] @ across / np.linalg.norm(across)
         # Theirs has the slabs' phase whole, ours counts what goes with frequency to the delay.
         received *= np.exp(-2j * np.pi * FREQUENCY_HZ * path.delay_s)
         ours.append((length / SPEED_OF_LIGHT, SPEED_OF_LIGHT / FREQUENCY_HZ / (4 * math.pi * length) * received))
@@ -93,10 +95,10 @@ def test_a_half_wave_window_lets_all_through() -> None:
     behind = np.array([[4.0, 0.0, 1.0]])
     *_, path = find_paths(
         Mirrors.of(scene, select("cpu")), ANTENNA_M, UP, FREQUENCY_HZ, order=0, transmissions=1, probes_m=behind
-    )
+    ).paths
     assert (path.name, path.order, path.transmissions) == ("wall (through)", 0, 1)
-    np.testing.assert_allclose(path.vertices(behind[0]), [[0, 0, 1], [2, 0, 1], [4, 0, 1]], atol=1e-12)
-    assert np.linalg.norm(path.field(behind, np.array([FREQUENCY_HZ]))) == pytest.approx(1, abs=1e-9)
+    np.testing.assert_allclose(vertices(path, behind[0]), [[0, 0, 1], [2, 0, 1], [4, 0, 1]], atol=1e-12)
+    assert np.linalg.norm(field_over(path, behind, np.array([FREQUENCY_HZ]))) == pytest.approx(1, abs=1e-9)
     assert path.delay_s == pytest.approx(2 * 3 * half_wave / SPEED_OF_LIGHT)
 
 
@@ -169,7 +171,9 @@ def test_a_closed_box_takes_two_passages() -> None:
     names = {
         most: {
             path.name
-            for path in find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=0, transmissions=most, probes_m=behind)
+            for path in find_paths(
+                mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=0, transmissions=most, probes_m=behind
+            ).paths
         }
         for most in (0, 1, 2)
     }

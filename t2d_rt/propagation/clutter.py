@@ -9,13 +9,14 @@ import numpy as np
 
 from t2d_rt.backend import Backend, aligned
 from t2d_rt.propagation.fresnel import bundle, disc
+from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.materials import resolved
 from t2d_rt.propagation.mirrors import Mirrors, sphere
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.paths import find_paths
-from t2d_rt.propagation.slabs import slab
 from t2d_rt.propagation.surroundings import polarization
 from t2d_rt.propagation.visibility import FACES_PER_SCENE, faded, side_by_side
+from t2d_rt.slabs import slab
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, OneWayPath, Radar, Scene, StaticPath
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
@@ -32,7 +33,7 @@ POINT_RAYS, POINT_PIECES = 4, 1
 def static_paths(mirrors: Mirrors, radar: Radar, *, order: int) -> list[StaticPath]:
     """Specular paths over 1 to `order` mirrors; the line of sight between the antennas is leakage, not clutter."""
     frequency_hz, receivers = radar.mid_frequency_hz, radar.rx_position_m
-    paths = find_paths(
+    found = find_paths(
         mirrors,
         radar.tx_position_m,
         polarization(radar, radar.tx_polarization_deg),
@@ -41,23 +42,17 @@ def static_paths(mirrors: Mirrors, radar: Radar, *, order: int) -> list[StaticPa
         probes_m=(receivers + ASIDE_M)[None],
     )
     across = polarization(radar, radar.rx_polarization_deg)
-    return [_path(path, receivers, across) for path in paths if path.order]
+    return [_path(path, receivers, across) for path in found.paths if path.order]
 
 
 def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray) -> StaticPath:
     beside = receivers + ASIDE_M
-    stops = path.vertices(beside)
+    stops = vertices(path, beside)
     ahead = stops[-1] - stops[-2]
     ahead /= np.linalg.norm(ahead)
     taken = across - (ahead @ across) * ahead
     taken /= np.maximum(np.linalg.norm(taken), 1e-12)
-    return StaticPath(
-        chain=path.chain,
-        stops_m=stops,
-        departure_m=path.unfolded(receivers),
-        arrival_m=path.image_m,
-        coefficients=lambda frequencies_hz: path.field(beside, frequencies_hz) @ taken,
-    )
+    return StaticPath(path=path, stops_m=stops, departure_m=path.unfolded(receivers), taken=taken)
 
 
 def roughened(scene: Scene, scattering_coefficient: float, frequency_hz: float) -> Scene:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from t2d_rt.propagation.fresnel import bundle, disc, zone
+from t2d_rt.propagation.images import unfolded_vertices
 from t2d_rt.propagation.mirrors import OUTLINE_M, SKIN_M, Mirrors
+from t2d_rt.types import OneWayPath
 
 RIM = 0.9
 """How much of the zone's radius the rays fill: with so much, the lit side of a knife edge is met best."""
@@ -30,8 +32,6 @@ DIRECTIONS = (
 )
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 """What lies apart along one of these 13, the axes and the diagonals of a cube, does not touch (Klosowski et al. 1998)."""
-PathVertices = Callable[[np.ndarray], tuple[np.ndarray, list[np.ndarray]]]
-"""For which points (..., 3) a chain of mirrors has a path, bool (...), and its vertices (..., 3) m, antenna first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,33 +65,31 @@ class Edges:
             ],
         )
 
-    def fraction(self, points: np.ndarray, path: PathVertices, chain: Sequence[int]) -> np.ndarray:
-        """Fraction of the field that reaches points (..., 3) m over mirrors, float32 (...)."""
+    def fraction(self, path: OneWayPath, points: np.ndarray) -> np.ndarray:
+        """Fraction of the path's field that reaches points (..., 3) m, float32 (...)."""
         flat = points.reshape(-1, 3)
         corner, cell = np.unique(_codes(flat), return_inverse=True)
-        found, near, rims = self._cells((_places(corner) + 0.5) * CELL_M, path, chain)
+        found, near, rims = self._cells((_places(corner) + 0.5) * CELL_M, path)
         fraction = found[cell]
         doubtful = np.flatnonzero(np.isnan(fraction))
         for first in range(0, len(doubtful), POINTS_AT_ONCE):
             some = doubtful[first : first + POINTS_AT_ONCE]
-            fraction[some] = self._points(flat[some], near[:, cell[some]], rims[:, cell[some]], path, chain)
+            fraction[some] = self._points(flat[some], near[:, cell[some]], rims[:, cell[some]], path)
         return fraction.reshape(points.shape[:-1])
 
-    def _points(
-        self, points: np.ndarray, near: np.ndarray, rims: np.ndarray, path: PathVertices, chain: Sequence[int]
-    ) -> np.ndarray:
+    def _points(self, points: np.ndarray, near: np.ndarray, rims: np.ndarray, path: OneWayPath) -> np.ndarray:
         """Of points (P, 3): pieces of their paths that have something `near` (S, P), mirrors met near their `rims` (m, P)."""
-        asked, stops = path(points)
+        asked, stops = unfolded_vertices(path, points)
         fraction = np.zeros(len(points), np.float32)
         for places in (FEW, MANY):
             if asked.any():
                 some = np.stack([stop[asked] for stop in stops]).astype(np.float32)  # a wavelength is 4 mm
-                fraction[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, chain)
+                fraction[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, path.elements.mirror)
             asked = (fraction > 0) & (fraction < 1)
         return fraction
 
     def _free_rays(
-        self, stops: np.ndarray, near: np.ndarray, rims: np.ndarray, places: np.ndarray, chain: Sequence[int]
+        self, stops: np.ndarray, near: np.ndarray, rims: np.ndarray, places: np.ndarray, chain: np.ndarray
     ) -> np.ndarray:
         """The free fraction of the rays around paths (stop, P, 3), (P,).
 
@@ -141,12 +139,10 @@ class Edges:
         distance, mirror = self.mirrors.first(starts + skin[..., None] * ahead, ahead, length - skin - other)
         return np.isfinite(distance), mirror
 
-    def _cells(
-        self, centres: np.ndarray, path: PathVertices, chain: Sequence[int]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _cells(self, centres: np.ndarray, path: OneWayPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The fraction in all of a cell where no ray is needed to know it, else NaN, float32 (C,); which pieces of paths to it
         may meet something, bool (S, C); which mirrors of the chain may be met outside, bool (m, C)."""
-        good, found = path(centres)
+        (good, found), chain = unfolded_vertices(path, centres), path.elements.mirror
         stops = np.stack(found)
         middle, fraction, radius = zone(stops, self.wavelength_m, _pieces(chain))
         wide = fraction * (CELL_M * np.sqrt(3) / 2)  # a ball around the cell, seen from the antenna's image
@@ -169,7 +165,7 @@ class Edges:
         known = np.where(rims.any(axis=0) | near.any(axis=0), np.nan, 1)
         return np.where(dark & good, 0, known).astype(np.float32), near, rims
 
-    def _parting(self, stops: np.ndarray, wide: np.ndarray, chain: Sequence[int]) -> np.ndarray:
+    def _parting(self, stops: np.ndarray, wide: np.ndarray, chain: np.ndarray) -> np.ndarray:
         """Which mirrors' planes may stand between the ends of straight parts of paths to cells, bool (part, C, M).
 
         Stops (stop, C, 3) are off by up to `wide` (part, C) at their ends, though not off the mirrors, and by half a cell at last.
@@ -204,6 +200,18 @@ class Edges:
         return touched
 
 
+@dataclass(frozen=True, slots=True)
+class SceneBlockage:
+    """What of a scene blocks one-way paths."""
+
+    edges: Mapping[bytes, Edges]
+    """By the place of the antenna, as `OneWayPath.antenna_m.tobytes()`; none in free space."""
+
+    def fraction(self, path: OneWayPath, points: np.ndarray) -> np.ndarray:
+        """Fraction of a path's field that reaches points (..., 3) m, faded at edges of mirrors and obstacles, float32 (...)."""
+        return self.edges[path.antenna_m.tobytes()].fraction(path, points)
+
+
 def _codes(points: np.ndarray) -> np.ndarray:
     """The cells of points (P, 3) as one number each."""
     x, y, z = np.floor(points / CELL_M).astype(np.int64).T + (1 << 20)
@@ -215,7 +223,7 @@ def _places(codes: np.ndarray) -> np.ndarray:
     return np.stack([codes >> 42, (codes >> 21) & ((1 << 21) - 1), codes & ((1 << 21) - 1)], axis=1) - (1 << 20)
 
 
-def _pieces(chain: Sequence[int]) -> int:
+def _pieces(chain: np.ndarray) -> int:
     return -(-PIECES // (len(chain) + 1))
 
 

@@ -58,10 +58,6 @@ class Mirror:
         edges = inward.reshape(-1, 3), offset.ravel() - OUTLINE_M
         return cls(name, surface, normal, float(np.mean(triangles @ normal)), triangles, edges)
 
-    def reflected(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) on the other side."""
-        return points - 2 * (points @ self.normal - self.offset_m)[..., None] * self.normal
-
     def holds(self, points: np.ndarray) -> np.ndarray:
         """Which of points (..., 3) of its plane lie inside its outline, bool (...)."""
         inward, offset = self.edges

@@ -1,4 +1,4 @@
-"""One-way paths between an antenna and a target in a room, and the field over each (docs/physics.md, eq. 24).
+"""The search for one-way paths between an antenna and points in a room (docs/physics.md, eq. 24).
 
 Rays from the antenna find the chains of mirrors that exist at all; from then on a path is exact for every point: an image of the
 antenna, a product of slab coefficients in the two polarisations, intersections inside the mirrors' outlines, free segments. A
@@ -7,43 +7,34 @@ mirror reflects, or it transmits without refraction.
 
 from __future__ import annotations
 
-import cmath
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.geometry.vectors import cross
 from t2d_rt.propagation.edges import Edges
+from t2d_rt.propagation.images import existing, reflected
 from t2d_rt.propagation.materials import resolved
-from t2d_rt.propagation.mirrors import Mirror, Mirrors
-from t2d_rt.propagation.slabs import slab
-from t2d_rt.types import Material, OneWayPath
-
-Coefficients = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""TE and TM coefficients (F, ...) at angles of incidence given by their cosine (...), at frequencies [Hz] (F,)."""
+from t2d_rt.propagation.mirrors import Chain, Mirrors
+from t2d_rt.slabs import slab
+from t2d_rt.types import Material, PathSet
+from t2d_rt.types.paths import Elements
 
 
 @dataclass(frozen=True, slots=True)
-class Met:
-    """A mirror in a chain: it reflects or transmits."""
+class FoundPaths:
+    """One-way paths of an antenna in a room, and what limits them."""
 
-    number: int
-    """Of the mirror, among all."""
-    mirror: Mirror
-    through: bool
-    coefficients: Coefficients
-    """Of reflection, or of transmission without the phase of `delay_s`."""
-    delay_s: float
-    """Of the transmitted wave, straight on from face to face; 0 for a reflection."""
+    paths: PathSet
+    edges: Edges
+    """Of the mirrors as these paths count them: where they overlap, one of them has the place."""
+    reached: np.ndarray
+    """To which of the points of the search they exist, bool (P, Q)."""
 
-    @property
-    def name(self) -> str:
-        """Of the mirror, with "(through)" for a transmission."""
-        return f"{self.mirror.name} (through)" if self.through else self.mirror.name
+    def __len__(self) -> int:
+        return len(self.paths)
 
 
 def find_paths(
@@ -55,21 +46,18 @@ def find_paths(
     order: int,
     transmissions: int = 0,
     probes_m: np.ndarray,
-) -> list[OneWayPath]:
+) -> FoundPaths:
     """One-way paths of up to `order` reflections and `transmissions` slabs between an antenna at `place_m`, of that polarisation
-    (3,), and any of points (P, 3)."""
+    (3,), and any of points (Q, 3)."""
     materials = [resolved(surface.material, frequency_hz) for surface in mirrors.scene.surfaces]
     loss_db = _losses_db(mirrors, materials, frequency_hz) if transmissions else None
     chains = mirrors.chains(place_m, order, transmissions=transmissions, loss_db=loss_db)
     mirrors, chains = mirrors.parted(chains)
+    candidates = _path_set(mirrors, materials, chains, np.array(place_m, float), np.array(polarization, float))
+    reached = existing(mirrors, candidates, probes_m)
+    rows = np.flatnonzero(reached.any(axis=1))
     edges = Edges.of(mirrors, SPEED_OF_LIGHT / frequency_hz)
-    found = []
-    for chain in chains:
-        met = [_met(mirrors, k, materials) for k in chain]
-        path = _one_way_path(mirrors, edges, met, np.asarray(place_m, float), polarization)
-        if path.exists(probes_m).any():
-            found.append(path)
-    return found
+    return FoundPaths(candidates.taken(rows), edges, reached[rows])
 
 
 def _losses_db(mirrors: Mirrors, materials: Sequence[Material], frequency_hz: float) -> np.ndarray:
@@ -79,116 +67,58 @@ def _losses_db(mirrors: Mirrors, materials: Sequence[Material], frequency_hz: fl
     return -20 * np.log10(np.maximum(np.abs(transmitted), 1e-30))[[mirror.surface for mirror in mirrors.each]]
 
 
-def _met(mirrors: Mirrors, number: int, materials: Sequence[Material]) -> Met:
-    """One element of a chain."""
-    through = number < 0
-    number = ~number if through else number
-    mirror = mirrors.each[number]
-    material, thickness_m = materials[mirror.surface], mirrors.scene.surfaces[mirror.surface].thickness_m
-    delay_s = thickness_m * math.sqrt(material.relative_permittivity) / SPEED_OF_LIGHT if through else 0.0
-    # What a rough surface scatters is missing from what it reflects (docs/physics.md, eq. 9), not from what it transmits.
-    smooth = math.sqrt(1 - material.scattering_coefficient**2)
+def _path_set(
+    mirrors: Mirrors,
+    materials: Sequence[Material],
+    chains: Sequence[Chain],
+    place: np.ndarray,
+    polarization: np.ndarray,
+) -> PathSet:
+    """A path over each chain, whether any point has it or not."""
+    lengths = np.array([len(chain) for chain in chains])
+    mask = np.arange(lengths.max()) < lengths[:, None]
+    met = np.zeros(mask.shape, np.int64)
+    met[mask] = [k for chain in chains for k in chain]
+    elements = _elements(mirrors, materials, met)
+    unfoldings = [
+        _unfolding(elements.taken((row, slice(length))), place) for row, length in enumerate(lengths.tolist())
+    ]
+    image_m, mirror_matrix, shift_m = (np.array(each) for each in zip(*unfoldings, strict=True))
+    names = [f"{mirror.name}{mark}" for mark in ("", " (through)") for mirror in mirrors.each]
+    return PathSet(
+        antenna_m=place, polarization=polarization, mask=mask, elements=elements,
+        chains=tuple(tuple(names[k if k >= 0 else len(mirrors.each) + ~k] for k in chain) for chain in chains),
+        image_m=image_m, mirror_matrix=mirror_matrix, shift_m=shift_m,
+    )  # fmt: skip
 
-    def coefficients(cosine: np.ndarray, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found = []
-        for frequency in map(float, frequencies_hz):
-            r_te, r_tm, t_te, t_tm = slab(material, thickness_m, cosine, frequency)
-            phasor = cmath.exp(2j * math.pi * frequency * delay_s)
-            found.append((phasor * t_te, phasor * t_tm) if through else (smooth * r_te, smooth * r_tm))
-        te, tm = np.stack(found, axis=1)
-        return te, tm
 
-    return Met(number, mirror, through, coefficients, delay_s)
-
-
-def _one_way_path(
-    mirrors: Mirrors, edges: Edges, chain: Sequence[Met], place: np.ndarray, polarization: np.ndarray
-) -> OneWayPath:
-    used, numbers = [met.mirror for met in chain], [met.number for met in chain]
-    images, mirror_matrix, shift = [place], np.eye(3), np.zeros(3)
-    for met in chain:
-        if met.through:
-            images.append(images[-1])
-            continue
-        mirror = met.mirror
-        images.append(mirror.reflected(images[-1]))
-        shift = shift + mirror_matrix @ (2 * mirror.offset_m * mirror.normal)
-        mirror_matrix = mirror_matrix @ (np.eye(3) - 2 * np.outer(mirror.normal, mirror.normal))
-
-    def field(points: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
-        # The straight path from the image, folded back mirror by mirror, begins at the antenna.
-        ahead = points @ mirror_matrix.T + shift - place
-        ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
-        wave = (polarization - (ahead @ polarization)[..., None] * ahead).astype(complex)
-        wave /= np.maximum(np.linalg.norm(wave, axis=-1, keepdims=True), 1e-12)
-        wave = np.repeat(wave[None], len(frequencies_hz), axis=0)
-        for met in chain:
-            wave, ahead = _after(wave, ahead, met, frequencies_hz)
-        return wave
-
-    def exists(points: np.ndarray) -> np.ndarray:
-        good, stops = _vertices(points, images, used)
-        inside = good.copy()
-        if good.any():
-            stops = [stop[good] for stop in stops]
-            whole = np.ones(len(stops[0]), bool)
-            for mirror, stop in zip(used, stops[1:-1], strict=True):
-                whole &= mirror.holds(stop)
-            for start, stop in pairwise(stops):
-                whole[whole] = mirrors.free(start[whole], stop[whole])
-            inside[good] = whole
-        return inside.astype(np.float32)
-
-    return OneWayPath(
-        chain=tuple(met.name for met in chain),
-        image_m=images[-1],
-        mirror_matrix=mirror_matrix,
-        shift_m=shift,
-        field=field,
-        vertices=lambda points: np.stack(_vertices(points, images, used)[1]),
-        exists=exists,
-        fraction=lambda points: edges.fraction(points, lambda some: _vertices(some, images, used), numbers),
-        transmissions=sum(met.through for met in chain),
-        delay_s=sum(met.delay_s for met in chain),
+def _elements(mirrors: Mirrors, materials: Sequence[Material], met: np.ndarray) -> Elements:
+    """Elements of chains: k is a reflection by mirror k, ~k a transmission through it."""
+    surfaces, through = mirrors.scene.surfaces, met < 0
+    mirror = np.where(through, ~met, met)
+    of_surface = np.array([each.surface for each in mirrors.each])[mirror]
+    thickness_m = np.array([surface.thickness_m for surface in surfaces], float)
+    permittivity = np.array([material.relative_permittivity for material in materials], float)
+    specular = np.array([math.sqrt(1 - material.scattering_coefficient**2) for material in materials])
+    return Elements(
+        mirror=mirror,
+        through=through,
+        normal=np.array([each.normal for each in mirrors.each])[mirror],
+        offset_m=np.array([each.offset_m for each in mirrors.each])[mirror],
+        relative_permittivity=permittivity[of_surface],
+        conductivity_s_per_m=np.array([material.conductivity_s_per_m for material in materials], float)[of_surface],
+        thickness_m=thickness_m[of_surface],
+        specular=specular[of_surface],
+        delay_s=np.where(through, (thickness_m * np.sqrt(permittivity) / SPEED_OF_LIGHT)[of_surface], 0.0),
     )
 
 
-def _vertices(points: np.ndarray, images: list[np.ndarray], used: list[Mirror]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """For which points (..., 3) every mirror is met between its neighbours, and the path: antenna, intersections, points."""
-    stops = [points]
-    good = np.ones(points.shape[:-1], bool)
-    for image, mirror in zip(images[:0:-1], used[::-1], strict=True):
-        here = stops[-1]
-        before, after = image @ mirror.normal - mirror.offset_m, here @ mirror.normal - mirror.offset_m
-        # The image lies on one side of the mirror, the point on the other.
-        good &= before * after < 0
-        fraction = after / np.where(after == before, 1, after - before)
-        stops.append(here + fraction[..., None] * (image - here))
-    stops.append(np.broadcast_to(images[0], points.shape))
-    return good, stops[::-1]
-
-
-def _after(wave: np.ndarray, ahead: np.ndarray, met: Met, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The field (F, ..., 3) and its direction (..., 3) after a plane mirror.
-
-    TE is across the plane of incidence, TM = TE x direction before and after: at normal incidence R_TE = -R_TM is one and the same,
-    and so is T_TE = T_TM.
-    """
-    normal = met.mirror.normal
-    cosine = ahead @ normal
-    onward = ahead if met.through else ahead - 2 * cosine[..., None] * normal
-    across = _cross(ahead, normal)
-    length = np.sqrt(np.einsum("...i,...i->...", across, across))[..., None]
-    # At normal incidence any direction across will do.
-    helper = np.cross(normal, [1.0, 0, 0] if abs(normal[0]) < 0.6 else [0, 1.0, 0])
-    across = np.where(length > 1e-9, across / np.maximum(length, 1e-12), helper / np.linalg.norm(helper))
-    te, tm = met.coefficients(np.abs(cosine), frequencies_hz)
-    before, after = _cross(across, ahead), _cross(across, onward)
-    te *= np.einsum("f...i,...i->f...", wave, across)
-    tm *= np.einsum("f...i,...i->f...", wave, before)
-    return te[..., None] * across + tm[..., None] * after, onward
-
-
-def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Cross products of vectors (..., 3)."""
-    return np.stack(cross(np.moveaxis(u, -1, 0), np.moveaxis(v, -1, 0)), axis=-1)
+def _unfolding(elements: Elements, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Image of the antenna in a chain, mirror matrix and shift."""
+    image, mirror_matrix, shift = place, np.eye(3), np.zeros(3)
+    for through, normal, offset_m in zip(elements.through, elements.normal, elements.offset_m, strict=True):
+        if not through:
+            image = reflected(image, normal, offset_m)
+            shift = shift + mirror_matrix @ (2 * offset_m * normal)
+            mirror_matrix = mirror_matrix @ (np.eye(3) - 2 * np.outer(normal, normal))
+    return image, mirror_matrix, shift

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ import numpy as np
 from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError
 from t2d_rt.memory import blocks
+from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mirrors import Mirrors
-from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.visibility import faded, sample_times
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene
 
@@ -32,10 +34,25 @@ def probes(geometries: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s
     return np.concatenate(found)
 
 
+@dataclass(frozen=True, slots=True)
+class RadarPaths:
+    """One-way paths of the transmitters' and of the receivers' centre."""
+
+    out: FoundPaths
+    back: FoundPaths
+    one_antenna: bool
+    """Whether both centres are one antenna, in one place and of one polarisation, with the same paths."""
+
+    @property
+    def blockage(self) -> SceneBlockage:
+        """What of the scene blocks these paths."""
+        return SceneBlockage({found.paths.antenna_m.tobytes(): found.edges for found in (self.out, self.back)})
+
+
 def radar_paths(
     scene: Scene, radar: Radar, probes_m: np.ndarray, *, order: int, transmissions: int = 0, backend: Backend
-) -> tuple[list[OneWayPath], list[OneWayPath]]:
-    """One-way paths of the transmitters' and of the receivers' centre; one list twice where these are one antenna."""
+) -> RadarPaths:
+    """One-way paths of up to `order` reflections and `transmissions` slabs between the radar and any of points (Q, 3) m."""
     mirrors = Mirrors.of(scene, backend)
     _check_inside(scene, mirrors, radar)
     found = []
@@ -48,8 +65,9 @@ def radar_paths(
     common: dict[str, Any] = {"order": order, "transmissions": transmissions, "probes_m": probes_m}
     out = find_paths(mirrors, tx, tx_across, radar.mid_frequency_hz, **common)
     if np.array_equal(tx, rx) and np.array_equal(tx_across, rx_across):
-        return out, out
-    return out, find_paths(mirrors, rx, rx_across, radar.mid_frequency_hz, **common)
+        return RadarPaths(out, out, one_antenna=True)
+    back = find_paths(mirrors, rx, rx_across, radar.mid_frequency_hz, **common)
+    return RadarPaths(out, back, one_antenna=False)
 
 
 def polarization(radar: Radar, angle_deg: float) -> np.ndarray:
@@ -104,13 +122,15 @@ class Blockage:
 
         return cls(points_at, samples_s)
 
-    def over(self, path: OneWayPath, *, in_the_mean: bool = False) -> Callable[[np.ndarray], np.ndarray]:
+    def over(
+        self, path: OneWayPath, scene: SceneBlockage, *, in_the_mean: bool = False
+    ) -> Callable[[np.ndarray], np.ndarray]:
         """Unblocked fractions (K, N) at times [s] (K,); `in_the_mean`: their mean over the N."""
         known: list[np.ndarray] = []
 
         def at_samples(numbers: np.ndarray) -> np.ndarray:
             if not known:  # all at once: a kernel's start costs as much as some thousand rays
-                fraction = path.fraction(self._points).mean(axis=2)
+                fraction = scene.fraction(path, self._points).mean(axis=2)
                 if in_the_mean:
                     fraction[:] = fraction.mean(axis=1, keepdims=True)
                 known.append(fraction)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.path_fields import received
 from t2d_rt.scattering.antennas import seen_by
 from t2d_rt.types import EchoArrays, EchoStream, Radar, StaticPath
 
@@ -27,7 +28,7 @@ def mirror_echoes(
     scale = radar.link_amplitude * math.sqrt(4 * math.pi) / length * np.sqrt(gain)
     band_hz = radar.bandwidth_hz / 2
     frequencies = radar.mid_frequency_hz + band_hz * np.array([-0.5, 0, 0.5])
-    low, middle, high = np.conj([path.coefficients(frequencies) for path in paths]).T
+    low, middle, high = np.conj([received(path, frequencies) for path in paths]).T
     echoes = EchoArrays(
         delay_s=length / SPEED_OF_LIGHT, amplitude=scale * middle, slope=scale * (high - low) / band_hz,
         departure_m=departure if radar.is_array else None, arrival_m=arrival if radar.is_array else None,

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned_empty
+from t2d_rt.path_fields import field_over
 from t2d_rt.scattering.lanes import Weights
-from t2d_rt.types import EchoArrays, OneWayPath, PathPair, Radar
+from t2d_rt.types import EchoArrays, OneWayPath, PathPair, PathSet, Radar
 from t2d_rt.types.paths import PathKey
 
 ANCHORS, APART_M = 150, 0.04
@@ -119,13 +120,12 @@ class Arrivals:
         end = 0 if self._one_end else end
         if (path.key, end) not in self._known:
             radar = self._radar
-            place = (radar.tx_position_m, radar.rx_position_m)[end]
             pattern = (radar.tx_pattern, radar.rx_pattern)[end]
             towards = path.image_m - self._points
             length = np.linalg.norm(towards, axis=-1, keepdims=True)
-            gain = pattern.gain((path.unfolded(self._points) - place) / length @ self._axes.T)
+            gain = pattern.gain((path.unfolded(self._points) - path.antenna_m) / length @ self._axes.T)
             frequencies = radar.mid_frequency_hz + self._band_hz * np.array([-0.5, 0, 0.5])
-            self._known[path.key, end] = towards / length, gain, path.field(self._points, frequencies)
+            self._known[path.key, end] = towards / length, gain, field_over(path, self._points, frequencies)
         return self._known[path.key, end]
 
 
@@ -163,26 +163,35 @@ class Ranked(NamedTuple):
     """Of the mean power over all probes."""
 
 
-def ranked_pairs(
-    radar: Radar,
-    out: Sequence[OneWayPath],
-    back: Sequence[OneWayPath],
-    probes_m: np.ndarray,
-    *,
-    order: int,
-    transmissions: int = 0,
-) -> list[Ranked]:
-    """Path pairs of up to `order` reflections and `transmissions` in all to any of points (P, 3), strongest in the mean first.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Probed:
+    """One-way paths of both ends to points of the targets."""
+
+    probes_m: np.ndarray
+    """(Q, 3)."""
+    out: PathSet
+    back: PathSet
+    one_antenna: bool
+    """Whether one antenna, of one polarisation, transmits and receives: then both sets are the same."""
+    reached: tuple[np.ndarray, np.ndarray]
+    """To which of the points the P paths of each end exist, bool (P, Q)."""
+
+    def spreading(self) -> Iterator[np.ndarray]:
+        """1 / distance from the paths' images to the points, 0 where a path does not exist: (P, Q) of each end."""
+        for paths, reached in zip((self.out, self.back), self.reached, strict=True):
+            yield reached / np.linalg.norm(self.probes_m - paths.image_m[:, None], axis=-1)
+
+
+def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int = 0) -> list[Ranked]:
+    """Path pairs of up to `order` reflections and `transmissions` in all to any of the points, strongest in the mean first.
 
     Out and back may be swapped where one antenna does both: then one pair stands for two.
     """
-    joined = out is back and not radar.is_array and radar.tx_pattern == radar.rx_pattern
+    joined = probed.one_antenna and not radar.is_array and radar.tx_pattern == radar.rx_pattern
     found: list[tuple[PathPair, float, float]] = []
-    arrivals = Arrivals(radar, probes_m)
-    amounts = [
-        [path.exists(probes_m) / np.linalg.norm(probes_m - path.image_m, axis=-1) for path in paths]
-        for paths in (out, back)
-    ]
+    arrivals = Arrivals(radar, probed.probes_m)
+    amounts = list(probed.spreading())
+    out, back = list(probed.out), list(probed.back)
     for i, first in enumerate(out):
         for j, second in enumerate(back):
             pair = PathPair(out=first, back=second, copies=2 if joined and j > i else 1)

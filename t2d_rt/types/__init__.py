@@ -6,7 +6,7 @@ from t2d_rt.types.ellipsoids import Ellipsoids
 from t2d_rt.types.material import PEC, Material
 from t2d_rt.types.mesh import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
-from t2d_rt.types.paths import OneWayPath, PathPair, StaticPath
+from t2d_rt.types.paths import OneWayPath, PathPair, PathSet, StaticPath
 from t2d_rt.types.radar import Radar
 from t2d_rt.types.scene import Scene, Surface
 
@@ -25,6 +25,7 @@ __all__ = [
     "MovingMesh",
     "OneWayPath",
     "PathPair",
+    "PathSet",
     "PathTier",
     "Radar",
     "Scene",

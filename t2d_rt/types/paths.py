@@ -1,9 +1,10 @@
-"""`OneWayPath` between an antenna and a target: line of sight, over mirrors or through slabs; `StaticPath` between antennas."""
+"""Paths as data: `PathSet` of one antenna, `OneWayPath`, one of these, `PathPair` of two, and `StaticPath` between antennas."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,44 @@ PathKey = tuple[tuple[str, ...], bytes]
 """A chain of mirrors, and the image of the antenna in them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Elements:
+    """Mirrors and slabs that paths meet, from the antenna on: arrays (n,) for one path, (P, L) for P paths of up to L elements."""
+
+    mirror: np.ndarray
+    """Numbers of the mirrors in the scene."""
+    through: np.ndarray
+    """Whether the path passes through, bool; otherwise it is reflected."""
+    normal: np.ndarray
+    """Unit normals of the planes, (..., 3)."""
+    offset_m: np.ndarray
+    """normal . x of the planes' points."""
+    relative_permittivity: np.ndarray
+    """Real part; inf for a perfect conductor."""
+    conductivity_s_per_m: np.ndarray
+    thickness_m: np.ndarray
+    specular: np.ndarray
+    """Fraction of the reflected field that a rough surface does not scatter, 0..1 (docs/physics.md, eq. 9)."""
+    delay_s: np.ndarray
+    """Delay of the transmitted wave, straight on from face to face; 0 for a reflection."""
+
+    @classmethod
+    def none(cls) -> Elements:
+        """Of the line of sight."""
+        shapes: dict[str, Any] = {"normal": (0, 3)}
+        kinds: dict[str, Any] = {"mirror": np.int64, "through": bool}
+        names = [each.name for each in fields(cls)]
+        return cls(**{name: np.zeros(shapes.get(name, 0), kinds.get(name, np.float64)) for name in names})
+
+    def taken(self, index: Any) -> Elements:
+        """Those at an index of the arrays' leading axes."""
+        return Elements(**{each.name: getattr(self, each.name)[index] for each in fields(self)})
+
+    def __eq__(self, other: object) -> bool:
+        return _same(self, other)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OneWayPath:
     """The path over a chain of plane reflectors and through slabs, as if it came straight from the antenna's image.
 
@@ -20,25 +58,30 @@ class OneWayPath:
 
     chain: tuple[str, ...]
     """Names of the reflectors, and of slabs "(through)", from the antenna on; () is the line of sight."""
+    antenna_m: np.ndarray
+    """(3,)."""
+    polarization: np.ndarray
+    """Unit vector of the antenna's linear polarisation, (3,)."""
+    elements: Elements
+    """What the chain consists of, arrays (n,)."""
     image_m: np.ndarray
     """(3,)."""
     mirror_matrix: np.ndarray
     """(3, 3), orthogonal; its determinant is -1 for an odd number of mirrors."""
     shift_m: np.ndarray
     """(3,)."""
-    field: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    """The field that an antenna of gain 1 radiates to points (..., 3) m at frequencies [Hz] (F,), without the attenuation and phase
-    of distance and of `delay_s`: complex (F, ..., 3), of length 1 in the line of sight."""
-    vertices: Callable[[np.ndarray], np.ndarray]
-    """Antenna, intersections with the chain, and target point of the paths to points (..., 3) m: (chain + 2, ..., 3)."""
-    exists: Callable[[np.ndarray], np.ndarray]
-    """Whether the path to points (..., 3) m exists, inside outlines and not blocked: float32 (...), 0 or 1."""
-    fraction: Callable[[np.ndarray], np.ndarray]
-    """Fraction of the field that reaches points (..., 3) m, faded at edges of mirrors and obstacles: float32 (...), 0..1."""
     transmissions: int = 0
     """Number of slabs on the path."""
     delay_s: float = 0.0
     """Delay that these add [s]."""
+
+    @classmethod
+    def line_of_sight(cls, antenna_m: np.ndarray, polarization: np.ndarray) -> OneWayPath:
+        """The path over no mirrors."""
+        return cls(
+            chain=(), antenna_m=antenna_m, polarization=polarization, elements=Elements.none(), image_m=antenna_m,
+            mirror_matrix=np.eye(3), shift_m=np.zeros(3),
+        )  # fmt: skip
 
     @property
     def key(self) -> PathKey:
@@ -58,6 +101,66 @@ class OneWayPath:
     def unfolded(self, points: np.ndarray) -> np.ndarray:
         """Apparent positions of points (..., 3) as seen from the antenna [m]."""
         return points @ self.mirror_matrix.T + self.shift_m
+
+    def __eq__(self, other: object) -> bool:
+        return _same(self, other)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PathSet:
+    """The P one-way paths between an antenna and its targets, of up to L elements, as padded arrays.
+
+    Functions evaluate it: `path_fields.field_over`, and in `propagation` `images.vertices`, `images.existing` and
+    `SceneBlockage.fraction`.
+    """
+
+    antenna_m: np.ndarray
+    """(3,)."""
+    polarization: np.ndarray
+    """Unit vector of the antenna's linear polarisation, (3,)."""
+    chains: tuple[tuple[str, ...], ...]
+    """Names of what each path meets, as `OneWayPath.chain`."""
+    mask: np.ndarray
+    """Which elements there are, bool (P, L); those of a path come first, from the antenna on."""
+    elements: Elements
+    """Arrays (P, L); where there is no element they mean nothing."""
+    image_m: np.ndarray
+    """(P, 3)."""
+    mirror_matrix: np.ndarray
+    """(P, 3, 3)."""
+    shift_m: np.ndarray
+    """(P, 3)."""
+
+    def __len__(self) -> int:
+        return len(self.chains)
+
+    def __getitem__(self, number: int) -> OneWayPath:
+        elements = self.elements.taken((number, slice(len(self.chains[number]))))
+        return OneWayPath(
+            chain=self.chains[number], antenna_m=self.antenna_m, polarization=self.polarization, elements=elements,
+            image_m=self.image_m[number], mirror_matrix=self.mirror_matrix[number], shift_m=self.shift_m[number],
+            transmissions=int(np.count_nonzero(elements.through)), delay_s=sum(elements.delay_s.tolist()),
+        )  # fmt: skip
+
+    def __iter__(self) -> Iterator[OneWayPath]:
+        return (self[number] for number in range(len(self)))
+
+    def taken(self, numbers: np.ndarray) -> PathSet:
+        """Some of the paths, by their numbers, padded no more than these need."""
+        longest = int(self.mask[numbers].sum(axis=1).max(initial=0))
+        return PathSet(
+            antenna_m=self.antenna_m,
+            polarization=self.polarization,
+            chains=tuple(self.chains[number] for number in numbers.tolist()),
+            mask=self.mask[numbers, :longest],
+            elements=self.elements.taken((numbers, slice(longest))),
+            image_m=self.image_m[numbers],
+            mirror_matrix=self.mirror_matrix[numbers],
+            shift_m=self.shift_m[numbers],
+        )
+
+    def __eq__(self, other: object) -> bool:
+        return _same(self, other)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,23 +193,41 @@ class PathPair:
         return self.out.name if self.out.chain == self.back.chain else f"{self.out.name}, {self.back.name}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StaticPath:
     """A path from the transmitters' centre over mirrors to the receivers'."""
 
-    chain: tuple[str, ...]
-    """Names of the mirrors from the transmitters on."""
+    path: OneWayPath
+    """From the transmitters to `stops_m[-1]`."""
     stops_m: np.ndarray
     """Transmitters, reflections, receivers, (order + 2, 3)."""
     departure_m: np.ndarray
     """Apparent position of the receivers as seen from the transmitters, (3,)."""
-    arrival_m: np.ndarray
-    """Apparent position of the transmitters as seen from the receivers, (3,)."""
-    coefficients: Callable[[np.ndarray], np.ndarray]
-    """What antennas of gain 1 and the radar's polarisations receive at frequencies [Hz] (F,), without the attenuation and phase
-    of distance: complex (F,)."""
+    taken: np.ndarray
+    """Unit vector of the receivers' polarisation across the path where it arrives, (3,)."""
+
+    @property
+    def chain(self) -> tuple[str, ...]:
+        """Names of the mirrors from the transmitters on."""
+        return self.path.chain
+
+    @property
+    def arrival_m(self) -> np.ndarray:
+        """Apparent position of the transmitters as seen from the receivers, (3,)."""
+        return self.path.image_m
 
     @property
     def name(self) -> str:
         """For people: "wall+y > floor"."""
-        return " > ".join(self.chain)
+        return self.path.name
+
+    def __eq__(self, other: object) -> bool:
+        return _same(self, other)
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two values are of one class and have equal fields, arrays element by element."""
+    if type(one) is not type(other):
+        return False
+    pairs = ((getattr(one, each.name), getattr(other, each.name)) for each in fields(one))
+    return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)

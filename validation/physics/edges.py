@@ -69,8 +69,9 @@ def _across_an_edge() -> tuple[np.ndarray, np.ndarray]:
     points = np.array([total, 0, 1]) + np.outer(height * total / BEFORE_M, [0, 1, 0])
     mirrors = Mirrors.of(Scene(name="screen", surfaces=(screen,)), select("auto"))
     antenna, up = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0])
-    (direct,) = find_paths(mirrors, antenna, up, FREQUENCY_HZ, order=0, probes_m=points)
-    return v, direct.fraction(points)
+    found = find_paths(mirrors, antenna, up, FREQUENCY_HZ, order=0, probes_m=points)
+    (direct,) = found.paths
+    return v, found.edges.fraction(direct, points)
 
 
 def _cupboard() -> Surface:

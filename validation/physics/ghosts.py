@@ -12,6 +12,7 @@ import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.surroundings import radar_paths
+from t2d_rt.room import probed
 from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.signal import range_doppler
 from t2d_rt.types import MovingMesh, PathPair, Radar, Scene, Surface
@@ -213,8 +214,8 @@ def _labelled() -> tuple[list[dict[str, Any]], str]:
     result = t2d.simulate(target, radar=radar, scene="empty_room", clutter="none")
     image = range_doppler(result.adc.values[:, 0], radar, correct_coupling=True)
     middle = start + VELOCITY_MPS * TIME_S / 2
-    out, back = radar_paths(load_scene("empty_room"), radar, middle[None], order=2, backend=select("auto"))
-    ranked = ranked_pairs(radar, out, back, middle[None], order=2)[:SHOWN]
+    found = radar_paths(load_scene("empty_room"), radar, middle[None], order=2, backend=select("auto"))
+    ranked = ranked_pairs(radar, probed(found, middle[None]), order=2)[:SHOWN]
 
     def ghost(pair: PathPair) -> tuple[float, float]:
         towards = [path.image_m - middle for path in (pair.out, pair.back)]

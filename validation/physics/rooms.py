@@ -12,9 +12,11 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.path_fields import field_over
+from t2d_rt.propagation.images import existing, vertices
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.mitsuba import mitsuba
-from t2d_rt.propagation.paths import find_paths
+from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.resources import resource
 from t2d_rt.types import OneWayPath, Radar
@@ -86,25 +88,30 @@ def _compared(scene: str) -> Compared:
     return compared
 
 
-def _paths(paths: list[OneWayPath], point: np.ndarray) -> list[tuple[float, complex]]:
+def _paths(found: FoundPaths, point: np.ndarray) -> list[tuple[float, complex]]:
     """Delay [s] and amplitude of each path to a point of 1 m^2 that keeps the theta and phi components of the field."""
-    lit = [path for path in paths if path.exists(point[None])[0] and _shortest(path, point) > SHORTEST_M]
-    found = []
+    exist = existing(found.edges.mirrors, found.paths, point[None])[:, 0]
+    lit = [
+        path for path, there in zip(found.paths, exist, strict=True) if there and _shortest(path, point) > SHORTEST_M
+    ]
+    echoes = []
     for out in lit:
         for back in lit:
             if out.order + back.order > 2:
                 continue
             lengths = [float(np.linalg.norm(point - path.image_m)) for path in (out, back)]
             headings = (point - out.image_m) / lengths[0], (back.image_m - point) / lengths[1]
-            fields = [path.field(point, np.array([FREQUENCY_HZ]))[0] for path in (out, back)]
+            fields = [field_over(path, point, np.array([FREQUENCY_HZ]))[0] for path in (out, back)]
             kept = sum((a @ fields[0]) * (b @ fields[1]) for a, b in zip(*map(_spherical, headings), strict=True))
             wavelength = SPEED_OF_LIGHT / FREQUENCY_HZ
-            found.append((sum(lengths) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(lengths) * kept))
-    return found
+            echoes.append(
+                (sum(lengths) / SPEED_OF_LIGHT, wavelength / (4 * math.pi) ** 1.5 / math.prod(lengths) * kept)
+            )
+    return echoes
 
 
 def _shortest(path: OneWayPath, point: np.ndarray) -> float:
-    return float(np.linalg.norm(np.diff(path.vertices(point), axis=0), axis=1).min())
+    return float(np.linalg.norm(np.diff(vertices(path, point), axis=0), axis=1).min())
 
 
 def _spherical(heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,81 @@
+"""Fields over one-way paths, from a path's data alone (docs/physics.md, eq. 23, 24)."""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import numpy as np
+
+from t2d_rt.geometry.vectors import cross
+from t2d_rt.slabs import slab
+from t2d_rt.types import Material, OneWayPath, StaticPath
+from t2d_rt.types.paths import Elements
+
+
+def field_over(path: OneWayPath, points: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
+    """The field that an antenna of gain 1 radiates over a path to points (..., 3) m at frequencies (F,) Hz, complex (F, ..., 3).
+
+    It is without the attenuation and phase of distance and of the path's `delay_s`, so of length 1 in the line of sight.
+    """
+    # The straight path from the image, folded back mirror by mirror, begins at the antenna.
+    ahead = path.unfolded(points) - path.antenna_m
+    ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
+    wave = (path.polarization - (ahead @ path.polarization)[..., None] * ahead).astype(complex)
+    wave /= np.maximum(np.linalg.norm(wave, axis=-1, keepdims=True), 1e-12)
+    wave = np.repeat(wave[None], len(frequencies_hz), axis=0)
+    for number in range(len(path.chain)):
+        wave, ahead = _after(wave, ahead, path.elements.taken(number), frequencies_hz)
+    return wave
+
+
+def received(path: StaticPath, frequencies_hz: np.ndarray) -> np.ndarray:
+    """What antennas of gain 1 and the radar's polarisations receive over a static path at frequencies (F,) Hz, without the
+    attenuation and phase of distance: complex (F,)."""
+    return field_over(path.path, path.stops_m[-1], frequencies_hz) @ path.taken
+
+
+def _after(
+    wave: np.ndarray, ahead: np.ndarray, element: Elements, frequencies_hz: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The field (F, ..., 3) and its direction (..., 3) after one element.
+
+    TE is across the plane of incidence, TM = TE x direction before and after: at normal incidence R_TE = -R_TM is one and the same,
+    and so is T_TE = T_TM.
+    """
+    normal = element.normal
+    cosine = ahead @ normal
+    onward = ahead if element.through else ahead - 2 * cosine[..., None] * normal
+    across = _cross(ahead, normal)
+    length = np.sqrt(np.einsum("...i,...i->...", across, across))[..., None]
+    # At normal incidence any direction across will do.
+    helper = np.cross(normal, [1.0, 0, 0] if abs(normal[0]) < 0.6 else [0, 1.0, 0])
+    across = np.where(length > 1e-9, across / np.maximum(length, 1e-12), helper / np.linalg.norm(helper))
+    te, tm = _coefficients(element, np.abs(cosine), frequencies_hz)
+    before, after = _cross(across, ahead), _cross(across, onward)
+    te *= np.einsum("f...i,...i->f...", wave, across)
+    tm *= np.einsum("f...i,...i->f...", wave, before)
+    return te[..., None] * across + tm[..., None] * after, onward
+
+
+def _coefficients(element: Elements, cosine: np.ndarray, frequencies_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """TE and TM coefficients (F, ...) of one element at angles of incidence given by their cosine (...): of reflection, or of
+    transmission without the phase of `delay_s`."""
+    material = Material(
+        relative_permittivity=float(element.relative_permittivity),
+        conductivity_s_per_m=float(element.conductivity_s_per_m),
+    )
+    # What a rough surface scatters is missing from what it reflects (docs/physics.md, eq. 9), not from what it transmits.
+    thickness_m, specular, delay_s = float(element.thickness_m), float(element.specular), float(element.delay_s)
+    found = []
+    for frequency in map(float, frequencies_hz):
+        r_te, r_tm, t_te, t_tm = slab(material, thickness_m, cosine, frequency)
+        phasor = cmath.exp(2j * math.pi * frequency * delay_s)
+        found.append((phasor * t_te, phasor * t_tm) if element.through else (specular * r_te, specular * r_tm))
+    te, tm = np.stack(found, axis=1)
+    return te, tm
+
+
+def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Cross products of vectors (..., 3)."""
+    return np.stack(cross(np.moveaxis(u, -1, 0), np.moveaxis(v, -1, 0)), axis=-1)

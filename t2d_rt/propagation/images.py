@@ -1,0 +1,75 @@
+"""Where one-way paths run, by images of the antenna: their vertices, and to which points they exist (docs/physics.md, eq. 24)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from t2d_rt.memory import blocks
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.types import OneWayPath, PathSet
+
+
+def vertices(path: OneWayPath, points: np.ndarray) -> np.ndarray:
+    """Antenna, intersections with the planes of the chain, and target point of the paths to points (..., 3) m: (n + 2, ..., 3)."""
+    return np.stack(unfolded_vertices(path, points)[1])
+
+
+def unfolded_vertices(path: OneWayPath, points: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """For which points (..., 3) m every plane is met between its neighbours, bool (...), and `vertices`, an array (..., 3) of each.
+
+    A straight line from the last image to the point meets the last plane, one from there to the image before the plane before.
+    """
+    elements = path.elements
+    images = [path.antenna_m]
+    for through, normal, offset_m in zip(elements.through, elements.normal, elements.offset_m, strict=True):
+        images.append(images[-1] if through else reflected(images[-1], normal, offset_m))
+    stops = [points]
+    good = np.ones(points.shape[:-1], bool)
+    for image, normal, offset_m in zip(images[:0:-1], elements.normal[::-1], elements.offset_m[::-1], strict=True):
+        here = stops[-1]
+        before, after = image @ normal - offset_m, here @ normal - offset_m
+        # The image lies on one side of the mirror, the point on the other.
+        good &= before * after < 0
+        fraction = after / np.where(after == before, 1, after - before)
+        stops.append(here + fraction[..., None] * (image - here))
+    stops.append(np.broadcast_to(images[0], points.shape))
+    return good, stops[::-1]
+
+
+def reflected(points: np.ndarray, normal: np.ndarray, offset_m: float) -> np.ndarray:
+    """Points (..., 3) on the other side of a plane."""
+    return points - 2 * (points @ normal - offset_m)[..., None] * normal
+
+
+def existing(mirrors: Mirrors, paths: PathSet, points: np.ndarray) -> np.ndarray:
+    """Whether each of the paths to points (Q, 3) m exists, inside the outlines of these mirrors and not blocked: bool (P, Q)."""
+    found = np.zeros((len(paths), len(points)), bool)
+    for some in blocks(np.arange(len(paths)), len(points) * (paths.mask.shape[1] + 2)):
+        _put_existing(found, mirrors, paths, some, points)
+    return found
+
+
+def _put_existing(found: np.ndarray, mirrors: Mirrors, paths: PathSet, numbers: np.ndarray, points: np.ndarray) -> None:
+    """Sets the rows of some paths in `found` (P, Q).
+
+    Rays of all of these paths are traced at once, one straight part after another: a kernel's start costs as much as some
+    thousand rays.
+    """
+    parts: list[list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]] = [[] for _ in range(paths.mask.shape[1] + 1)]
+    for number in numbers.tolist():
+        path = paths[number]
+        good, stops = unfolded_vertices(path, points)
+        stops = [stop[good] for stop in stops]
+        inside = np.ones(len(stops[0]), bool)
+        for mirror, stop in zip(path.elements.mirror.tolist(), stops[1:-1], strict=True):
+            inside &= mirrors.each[mirror].holds(stop)
+        found[number, np.flatnonzero(good)[inside]] = True
+        for part, (start, stop) in zip(parts, pairwise(stops), strict=False):
+            part.append((number, np.flatnonzero(good)[inside], start[inside], stop[inside]))
+    for part in filter(None, parts):
+        row = np.concatenate([np.full(len(columns), number) for number, columns, _, _ in part])
+        column, start, stop = (np.concatenate([each[k] for each in part]) for k in (1, 2, 3))
+        waiting = found[row, column]
+        found[row[waiting], column[waiting]] = mirrors.free(start[waiting], stop[waiting])

@@ -1,0 +1,173 @@
+"""Paths as data: sets of unlike chains, what is evaluated of them in whole and row by row, and pickling."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from builders import ANTENNA_M, UP, plate, small_room
+from t2d_rt.backend import select
+from t2d_rt.path_fields import field_over, received
+from t2d_rt.propagation.clutter import static_paths
+from t2d_rt.propagation.images import existing, vertices
+from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.paths import FoundPaths, find_paths
+from t2d_rt.propagation.surroundings import radar_paths
+from t2d_rt.room import probed
+from t2d_rt.scattering.paths import ranked_pairs
+from t2d_rt.types import PEC, Material, OneWayPath, PathSet, Radar, Scene
+
+FREQUENCY_HZ = 77.87e9
+FREQUENCIES_HZ = FREQUENCY_HZ + 1e9 * np.array([-0.5, 0.0, 0.5])
+SCREEN = Material(name="screen", relative_permittivity=2.7, conductivity_s_per_m=0.4, scattering_coefficient=0.3)
+
+
+def scene() -> Scene:
+    """A conducting wall to the left, a rough lossy floor, and a thin screen half-way."""
+    wall = plate("wall", [(-2, 2, -2), (12, 2, -2), (12, 2, 4), (-2, 2, 4)], PEC)
+    floor = plate("floor", [(-2, -4, 0), (12, -4, 0), (12, 2, 0), (-2, 2, 0)], SCREEN, 0.1)
+    screen = plate("screen", [(1.5, -1, 0.1), (1.5, 0.2, 0.1), (1.5, 0.2, 1.6), (1.5, -1, 1.6)], SCREEN, 0.004)
+    return Scene(name="test", surfaces=(wall, floor, screen))
+
+
+@pytest.fixture(scope="module")
+def points() -> np.ndarray:
+    return np.random.default_rng(3).uniform((2.0, -1.0, 0.3), (4.0, 1.5, 1.9), (60, 3))
+
+
+@pytest.fixture(scope="module")
+def found(points: np.ndarray) -> FoundPaths:
+    mirrors = Mirrors.of(scene(), select("cpu"))
+    return find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=2, transmissions=1, probes_m=points)
+
+
+def test_rows_of_unlike_length_are_padded(found: FoundPaths) -> None:
+    paths = found.paths
+    lengths = [len(chain) for chain in paths.chains]
+    assert {0, 1, 2} <= set(lengths)
+    assert paths.mask.shape == (len(paths), max(lengths))
+    assert paths.mask.sum(axis=1).tolist() == lengths
+    assert np.array_equal(paths.mask, np.arange(max(lengths)) < np.array(lengths)[:, None])
+    for row, path in enumerate(paths):
+        assert path.chain == paths.chains[row]
+        assert len(path.elements.mirror) == lengths[row]
+        assert path.transmissions == sum("(through)" in name for name in path.chain)
+        assert path.order + path.transmissions == lengths[row]
+        assert (path.delay_s > 0) == (path.transmissions > 0)
+        assert np.linalg.det(path.mirror_matrix) == pytest.approx((-1) ** path.order)
+
+
+def test_a_path_ends_where_its_image_says(found: FoundPaths, points: np.ndarray) -> None:
+    """The straight line from the image is as long as the path over its vertices, and begins as the apparent position says."""
+    for path in found.paths:
+        stops = vertices(path, points)
+        assert stops.shape == (len(path.chain) + 2, *points.shape)
+        length = np.linalg.norm(np.diff(stops, axis=0), axis=-1).sum(axis=0)
+        here = existing(found.edges.mirrors, found.paths, points)[found.paths.chains.index(path.chain)]
+        apparent = path.unfolded(points) - path.antenna_m
+        np.testing.assert_allclose(np.linalg.norm(points - path.image_m, axis=1)[here], length[here], rtol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(apparent, axis=1), np.linalg.norm(points - path.image_m, axis=1))
+        first = (stops[1] - stops[0])[here]
+        np.testing.assert_allclose(
+            np.cross(first, apparent[here]), 0, atol=1e-9 * float(np.abs(apparent).max()) ** 2
+        )  # parallel
+
+
+def test_a_set_is_evaluated_as_its_rows_are(found: FoundPaths, points: np.ndarray) -> None:
+    paths, mirrors = found.paths, found.edges.mirrors
+    whole = existing(mirrors, paths, points)
+    assert np.array_equal(whole, found.reached)
+    assert not whole.all()
+    assert whole.any(axis=1).all()
+    for row, path in enumerate(paths):
+        alone = paths.taken(np.array([row]))
+        assert alone.mask.shape == (1, len(path.chain))
+        assert alone[0] == path
+        assert np.array_equal(existing(mirrors, alone, points)[0], whole[row])
+        assert np.array_equal(
+            field_over(alone[0], points, FREQUENCIES_HZ), field_over(paths[row], points, FREQUENCIES_HZ)
+        )
+
+
+def test_existing_says_the_same_in_blocks(
+    found: FoundPaths, points: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("t2d_rt.memory.BLOCK_BYTES", 3 * 24 * len(points) * (found.paths.mask.shape[1] + 2))
+    assert np.array_equal(existing(found.edges.mirrors, found.paths, points), found.reached)
+
+
+def test_pickled_sets_are_equal_and_evaluate_the_same(found: FoundPaths, points: np.ndarray) -> None:
+    copy: PathSet = pickle.loads(pickle.dumps(found.paths))
+    assert copy == found.paths
+    for path, same in zip(found.paths, copy, strict=True):
+        assert path == same
+        assert path.key == same.key
+        for evaluate in (vertices, lambda *of: field_over(*of, FREQUENCIES_HZ), found.edges.fraction):
+            assert np.array_equal(evaluate(path, points), evaluate(same, points))  # type: ignore[operator]
+    assert found.paths != found.paths.taken(np.arange(1, len(found.paths)))
+    assert found.paths[0] != found.paths[1]
+    assert found.paths[0] != "direct"
+
+
+def test_the_line_of_sight(points: np.ndarray) -> None:
+    """Alone it is a set of no columns; its field is the part of the polarisation across the ray, of length one."""
+    mirrors = Mirrors.of(scene(), select("cpu"))
+    found = find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=0, probes_m=points)
+    (path,) = found.paths
+    assert found.paths.mask.shape == (1, 0)
+    assert path == OneWayPath.line_of_sight(ANTENNA_M, UP)
+    assert (path.name, path.order, path.transmissions, path.delay_s) == ("direct", 0, 0, 0)
+    assert np.array_equal(vertices(path, points), [np.broadcast_to(ANTENNA_M, points.shape), points])
+    assert np.array_equal(path.unfolded(points), points)
+    ray = points - ANTENNA_M
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    expected = UP - (ray @ UP)[:, None] * ray
+    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+    np.testing.assert_allclose(field_over(path, points, FREQUENCIES_HZ), np.tile(expected, (3, 1, 1)), atol=1e-12)
+    behind = (np.abs(vertices(path, points)[1] - ANTENNA_M)[:, 0] > 1.5) & ~found.reached[0]
+    assert behind.any()
+
+
+def test_static_paths_pickle() -> None:
+    radar = Radar.preset("table2")
+    paths = static_paths(Mirrors.of(scene(), select("cpu")), radar, order=2)
+    assert len(paths) >= 2
+    for path in paths:
+        same = pickle.loads(pickle.dumps(path))
+        assert same == path
+        assert np.array_equal(received(same, FREQUENCIES_HZ), received(path, FREQUENCIES_HZ))
+
+
+def test_which_ends_are_one_antenna_is_said() -> None:
+    """Pairs swapped are one pair of two copies where one antenna does both, and only there, equal as the sets may be."""
+    middle = np.array([[2.4, 0.3, 1.1]])
+    radar = Radar.preset("table2")
+    room = small_room()
+    found = radar_paths(room, radar, middle, order=2, backend=select("cpu"))
+    assert found.one_antenna
+    ends = probed(found, middle)
+    joined = ranked_pairs(radar, ends, order=2)
+    apart = ranked_pairs(radar, pickle.loads(pickle.dumps(ends)), order=2)
+    assert [(each.pair.name, each.pair.copies) for each in joined] == [(e.pair.name, e.pair.copies) for e in apart]
+    assert {each.pair.copies for each in joined} == {1, 2}
+    separate = ranked_pairs(
+        radar,
+        type(ends)(probes_m=middle, out=ends.out, back=ends.back, one_antenna=False, reached=ends.reached),
+        order=2,
+    )
+    assert {each.pair.copies for each in separate} == {1}
+    assert sum(each.pair.copies for each in joined) == len(separate)
+
+
+def test_what_blocks_the_paths_of_each_antenna() -> None:
+    """Antennas apart, and paths of each: the fraction is asked of the edges of its own."""
+    middle = np.array([[2.4, 0.3, 1.1], [2.6, -0.4, 0.9]])
+    radar = Radar.preset("table2", rx_offsets_m=[[0.0, 0.3, 0.0]])
+    found = radar_paths(scene(), radar, middle, order=1, backend=select("cpu"))
+    assert not found.one_antenna
+    for end in (found.out, found.back):
+        for path in end.paths:
+            expected = end.edges.fraction(path, middle)
+            assert np.array_equal(found.blockage.fraction(path, middle), expected)
