@@ -19,9 +19,12 @@ from t2d_rt.accuracy import nmse_db
 from t2d_rt.backend import Backend, select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry import Refinement, point_spacing, refine, surface_points
+from t2d_rt.path_fields import field_over
+from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.surroundings import polarization, probes, radar_paths
+from t2d_rt.room import probed
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
 from t2d_rt.scattering.patches import least_range_m
 from t2d_rt.scattering.paths import ranked_pairs
@@ -63,7 +66,7 @@ def reference_samples(
 ) -> np.ndarray:
     """ADC samples [sqrt(W)] complex128 (len(chirps), len(samples)) of a co-located radar with isotropic antennas, in free space
     or in a scene, whose own echoes are left out."""
-    dominant, minor = _path_pairs(surface, radar, how.scene, how.reflections, how.dynamic_range_db)
+    dominant, minor, blockage = _path_pairs(surface, radar, how.scene, how.reflections, how.dynamic_range_db)
     points = _points(surface, radar, how.seed)
     parts = [
         _Part.of(pairs, refined(surface, radar, sagitta), points, how.material, radar, how.occlusion)
@@ -76,7 +79,7 @@ def reference_samples(
     out = np.zeros((len(chirps), len(samples)), np.complex128)
     for row, start in enumerate(starts):
         ends = surface.at(np.array([start, start + radar.sweep_time_s]))
-        instant = _Instant(ends[0], (ends[1] - ends[0]) / radar.sweep_time_s, times, frequencies)
+        instant = _Instant(ends[0], (ends[1] - ends[0]) / radar.sweep_time_s, times, frequencies, blockage)
         for part in parts:
             out[row] += part.samples(instant)
     return out
@@ -98,43 +101,33 @@ def refined(surface: MovingMesh, radar: Radar, sagitta_rad: float | np.ndarray) 
 
 def _path_pairs(
     surface: MovingMesh, radar: Radar, scene: str | Scene | None, reflections: int, range_db: float
-) -> tuple[list[PathPair], list[PathPair]]:
-    """Path pairs to the target, dominant ones and minor ones; in free space there is one."""
+) -> tuple[list[PathPair], list[PathPair], SceneBlockage | None]:
+    """Path pairs to the target, dominant ones and minor ones, and what blocks them; in free space there is one pair."""
     scene = load_scene(scene) if isinstance(scene, str) and scene != "free_space" else scene
     if not isinstance(scene, Scene):
-        alone = _line_of_sight(radar)
-        return [PathPair(out=alone, back=alone)], []
-    backend, most = select("cpu"), {"order": reflections}
+        alone = OneWayPath.line_of_sight(radar.tx_position_m, polarization(radar, radar.tx_polarization_deg))
+        return [PathPair(out=alone, back=alone)], [], None
     places = probes([surface], float(surface.times_s[0]), float(surface.times_s[-1]))
-    ranked = ranked_pairs(radar, *radar_paths(scene, radar, places, **most, backend=backend), places, **most)
+    found = radar_paths(scene, radar, places, order=reflections, backend=select("cpu"))
+    ranked = ranked_pairs(radar, probed(found, places), order=reflections)
     kept = [each for each in ranked if each.best_db >= -range_db]
-    return [e.pair for e in kept if e.mean_db >= MINOR_DB], [e.pair for e in kept if e.mean_db < MINOR_DB]
-
-
-def _line_of_sight(radar: Radar) -> OneWayPath:
-    """The one path of free space."""
-    place, upright = radar.tx_position_m, polarization(radar, radar.tx_polarization_deg)
-
-    def field(points: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
-        ahead = points - place
-        ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
-        wave = upright - (ahead @ upright)[..., None] * ahead
-        return np.repeat(wave[None] / np.linalg.norm(wave, axis=-1, keepdims=True), len(frequencies_hz), axis=0)
-
-    def everywhere(points: np.ndarray) -> np.ndarray:
-        return np.ones(points.shape[:-1])
-
-    return OneWayPath(
-        chain=(), image_m=place, mirror_matrix=np.eye(3), shift_m=np.zeros(3), field=field, exists=everywhere, fraction=everywhere,
-        vertices=lambda points: np.stack([np.broadcast_to(place, points.shape), points]),
-    )  # fmt: skip
+    dominant, minor = ([e.pair for e in kept if (e.mean_db >= MINOR_DB) == high] for high in (True, False))
+    return dominant, minor, found.blockage
 
 
 class _Instant:
     """A chirp: where the unrefined vertices are, and the field of each one-way path there."""
 
-    def __init__(self, cage: np.ndarray, velocity: np.ndarray, times_s: np.ndarray, frequencies_hz: np.ndarray) -> None:
+    def __init__(
+        self,
+        cage: np.ndarray,
+        velocity: np.ndarray,
+        times_s: np.ndarray,
+        frequencies_hz: np.ndarray,
+        blockage: SceneBlockage | None,
+    ) -> None:
         self.cage, self.velocity, self.times_s, self.frequencies_hz = cage, velocity, times_s, frequencies_hz
+        self._blockage = blockage
         self._known: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def weights(self, pair: PathPair) -> np.ndarray:
@@ -150,8 +143,10 @@ class _Instant:
         if id(path) not in self._known:
             line_of_sight = path.image_m - self.cage
             towards = line_of_sight / np.linalg.norm(line_of_sight, axis=1, keepdims=True)
-            fraction = path.fraction(self.cage).astype(float)
-            self._known[id(path)] = towards, path.field(self.cage, self.frequencies_hz), fraction
+            fraction = np.ones(len(self.cage))
+            if self._blockage is not None:
+                fraction = self._blockage.fraction(path, self.cage).astype(float)
+            self._known[id(path)] = towards, field_over(path, self.cage, self.frequencies_hz), fraction
         return self._known[id(path)]
 
 
