@@ -92,7 +92,7 @@ class Budget:
 
     def of_visibility(self, accuracy: Accuracy) -> list[Omission]:
         """What no occlusion costs, or that visibility is sampled."""
-        if not self.counts or self.model.method == "ellipsoid":
+        if not self.counts:
             return []
         law = self.unoccluded
         if not accuracy.occlusion:

@@ -88,14 +88,15 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
     samples = length_s * accuracy.visibility_rate_hz
     vertices = sum(len(mesh.rest) for mesh in model.geometries if isinstance(mesh, MovingMesh))
     for tier, count in tiers:
-        if model.method == "ellipsoid" or tier.scatterer == "ellipsoids" or not counts:
+        by_ellipsoids = tier.scatterer == "ellipsoids"
+        if model.method == "ellipsoid" or by_ellipsoids or not counts:
             found["ellipsoids of a frame"] += frames * count / tier.decimation
-        else:
+        if not by_ellipsoids:
             facets = sum(each.of_tier(tier, accuracy.sagitta_scale) for each in counts)
             found["refined facet"] += facets
             found["facet of a path pair"] += facets * count
             found["facet of a frame"] += frames * facets * count
-    if model.method == "mesh" and accuracy.occlusion and counts:
+    if accuracy.occlusion and counts:
         found["ray"] = samples * places_of(model, accuracy) * vertices * 4.0**accuracy.visibility_subdivision
     if pairs is not None:
         paths = {path.chain for pair in pairs.pairs for path in (pair.out, pair.back)}

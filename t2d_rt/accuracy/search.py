@@ -98,7 +98,7 @@ def _visibilities(
 ) -> list[tuple[dict[str, Any], float]]:
     """Whether, how often and from where visibility may be sampled, and the error that this hardly exceeds; the best way if none is
     good enough."""
-    if not budget.counts or budget.model.method == "ellipsoid":
+    if not budget.counts:
         return [({}, 0.0)]
     found: list[dict[str, Any]] = [{"occlusion": False}]
     if start.occlusion:
