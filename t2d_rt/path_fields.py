@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from t2d_rt.geometry.vectors import cross
-from t2d_rt.slabs import slab
+from t2d_rt.slabs import reflection, transmission
 from t2d_rt.types import Material, OneWayPath, StaticPath
 from t2d_rt.types.paths import Elements
 
@@ -69,9 +69,13 @@ def _coefficients(element: Elements, cosine: np.ndarray, frequencies_hz: np.ndar
     thickness_m, specular, delay_s = float(element.thickness_m), float(element.specular), float(element.delay_s)
     found = []
     for frequency in map(float, frequencies_hz):
-        r_te, r_tm, t_te, t_tm = slab(material, thickness_m, cosine, frequency)
-        phasor = cmath.exp(2j * math.pi * frequency * delay_s)
-        found.append((phasor * t_te, phasor * t_tm) if element.through else (specular * r_te, specular * r_tm))
+        if element.through:
+            te, tm = transmission(material, thickness_m, cosine, frequency)
+            factor = cmath.exp(2j * math.pi * frequency * delay_s)
+        else:
+            te, tm = reflection(material, thickness_m, cosine, frequency)
+            factor = specular
+        found.append((factor * te, factor * tm))
     te, tm = np.stack(found, axis=1)
     return te, tm
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from builders import ANTENNA_M, UP, plate, small_room
 from t2d_rt.backend import select
 from t2d_rt.path_fields import field_over, received
 from t2d_rt.propagation.clutter import static_paths
+from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.images import existing, vertices
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import FoundPaths, find_paths
@@ -25,8 +27,8 @@ SCREEN = Material(name="screen", relative_permittivity=2.7, conductivity_s_per_m
 
 
 def scene() -> Scene:
-    """A conducting wall to the left, a rough lossy floor, and a thin screen half-way."""
-    wall = plate("wall", [(-2, 2, -2), (12, 2, -2), (12, 2, 4), (-2, 2, 4)], PEC)
+    """A conducting wall to the left that ends half-way, a rough lossy floor, and a thin screen."""
+    wall = plate("wall", [(-2, 2, -2), (1.9, 2, -2), (1.9, 2, 4), (-2, 2, 4)], PEC)
     floor = plate("floor", [(-2, -4, 0), (12, -4, 0), (12, 2, 0), (-2, 2, 0)], SCREEN, 0.1)
     screen = plate("screen", [(1.5, -1, 0.1), (1.5, 0.2, 0.1), (1.5, 0.2, 1.6), (1.5, -1, 1.6)], SCREEN, 0.004)
     return Scene(name="test", surfaces=(wall, floor, screen))
@@ -73,6 +75,32 @@ def test_a_path_ends_where_its_image_says(found: FoundPaths, points: np.ndarray)
         np.testing.assert_allclose(
             np.cross(first, apparent[here]), 0, atol=1e-9 * float(np.abs(apparent).max()) ** 2
         )  # parallel
+
+
+def test_paths_exist_inside_outlines_where_nothing_stands_between(found: FoundPaths, points: np.ndarray) -> None:
+    """Worked out anew from the plates' corners, which lie along the axes."""
+    plates = [(each.vertices.min(axis=0), each.vertices.max(axis=0)) for each in scene().surfaces]
+    flat = [int(np.argmin(high - low)) for low, high in plates]
+    counts = np.zeros(2, int)
+    for row, path in enumerate(found.paths):
+        stops = vertices(path, points)
+        length = np.linalg.norm(np.diff(stops, axis=0), axis=-1).sum(axis=0)
+        expected = (
+            np.abs(length - np.linalg.norm(points - path.image_m, axis=1)) < 1e-9
+        )  # every plane is met between its neighbours
+        inside, free = expected.copy(), expected.copy()
+        for number, stop in zip(path.elements.mirror, stops[1:-1], strict=True):
+            low, high = plates[number]
+            inside &= ((stop > low - 1e-6) & (stop < high + 1e-6)).all(axis=1)
+        for start, stop in pairwise(stops):
+            for axis, (low, high) in zip(flat, plates, strict=True):
+                before, after = start[:, axis] - low[axis], stop[:, axis] - low[axis]
+                crossed = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > 1e-6)
+                at = start + (before / np.where(crossed, before - after, 1))[:, None] * (stop - start)
+                free &= ~(crossed & ((at > low - 1e-9) & (at < high + 1e-9)).all(axis=1))
+        assert np.array_equal(found.reached[row], inside & free), path.name
+        counts += [(expected & ~inside).sum(), (inside & ~free).sum()]
+    assert (counts > 20).all(), "some end beside an outline, some are blocked"
 
 
 def test_a_set_is_evaluated_as_its_rows_are(found: FoundPaths, points: np.ndarray) -> None:
@@ -161,13 +189,26 @@ def test_which_ends_are_one_antenna_is_said() -> None:
     assert sum(each.pair.copies for each in joined) == len(separate)
 
 
-def test_what_blocks_the_paths_of_each_antenna() -> None:
-    """Antennas apart, and paths of each: the fraction is asked of the edges of its own."""
+def test_each_antenna_has_its_own_blockage() -> None:
+    """One antenna behind a screen that the other's search has not seen."""
+    target = np.array([[3.0, 0.0, 1.0], [3.0, 1.9, 1.0]])
+    screen = plate("screen", [(1.5, -1, 0), (1.5, 0.5, 0), (1.5, 0.5, 2), (1.5, -1, 2)])
+    far = plate("far", [(9, -1, 0), (9, 1, 0), (9, 1, 2), (9, -1, 2)])
+    hidden, free = (
+        find_paths(Mirrors.of(Scene(name="s", surfaces=surfaces), select("cpu")), place, UP, FREQUENCY_HZ, order=0, probes_m=target)
+        for surfaces, place in (((screen, far), ANTENNA_M), ((far,), ANTENNA_M + [0.0, 0.1, 0.0]))
+    )  # fmt: skip
+    blockage = SceneBlockage({each.paths.antenna_m.tobytes(): each.edges for each in (hidden, free)})
+    assert blockage.fraction(hidden.paths[0], target).tolist() == [0, 1]
+    assert blockage.fraction(free.paths[0], target).tolist() == [1, 1]
+
+
+def test_antennas_apart_have_paths_of_their_own() -> None:
     middle = np.array([[2.4, 0.3, 1.1], [2.6, -0.4, 0.9]])
     radar = Radar.preset("table2", rx_offsets_m=[[0.0, 0.3, 0.0]])
     found = radar_paths(scene(), radar, middle, order=1, backend=select("cpu"))
     assert not found.one_antenna
-    for end in (found.out, found.back):
-        for path in end.paths:
-            expected = end.edges.fraction(path, middle)
-            assert np.array_equal(found.blockage.fraction(path, middle), expected)
+    assert set(found.blockage.edges) == {radar.tx_position_m.tobytes(), radar.rx_position_m.tobytes()}
+    for end, place in ((found.out, radar.tx_position_m), (found.back, radar.rx_position_m)):
+        assert all(np.array_equal(path.antenna_m, place) for path in end.paths)
+        assert all(found.blockage.fraction(path, middle).max() > 0 for path in end.paths)

@@ -6,10 +6,16 @@ import pytest
 from t2d_rt.backend import select
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.mitsuba import mitsuba
-from t2d_rt.slabs import slab
+from t2d_rt.slabs import reflection, transmission
 from t2d_rt.types import PEC, Material
 
 CARRIER_HZ = 77e9
+
+
+def slab(material: Material, thickness_m: float, cosine: np.ndarray, frequency_hz: float) -> tuple[np.ndarray, ...]:
+    """R_TE, R_TM, T_TE, T_TM."""
+    given = material, thickness_m, cosine, frequency_hz
+    return *reflection(*given), *transmission(*given)
 
 
 def test_a_perfect_conductor_mirrors() -> None:

@@ -16,7 +16,7 @@ from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.paths import find_paths
 from t2d_rt.propagation.surroundings import polarization
 from t2d_rt.propagation.visibility import FACES_PER_SCENE, faded, side_by_side
-from t2d_rt.slabs import slab
+from t2d_rt.slabs import reflection
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, OneWayPath, Radar, Scene, StaticPath
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
@@ -86,8 +86,8 @@ def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray
     for number, surface in enumerate(mirrors.scene.surfaces):
         mine = of == number
         material = resolved(surface.material, radar.mid_frequency_hz)
-        slabs = slab(material, surface.thickness_m, np.abs(cosine[mine]), radar.mid_frequency_hz)
-        rcs[mine] *= material.scattering_coefficient**2 * np.mean(np.abs(slabs[:2]) ** 2, axis=0)
+        both = reflection(material, surface.thickness_m, np.abs(cosine[mine]), radar.mid_frequency_hz)
+        rcs[mine] *= material.scattering_coefficient**2 * np.mean(np.abs(both) ** 2, axis=0)
     visible = rcs > 0
     visible[visible] = mirrors.free(rx, points[visible])
     return points[visible], rcs[visible]

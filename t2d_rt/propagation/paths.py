@@ -18,7 +18,7 @@ from t2d_rt.propagation.edges import Edges
 from t2d_rt.propagation.images import existing, reflected
 from t2d_rt.propagation.materials import resolved
 from t2d_rt.propagation.mirrors import Chain, Mirrors
-from t2d_rt.slabs import slab
+from t2d_rt.slabs import transmission
 from t2d_rt.types import Material, PathSet
 from t2d_rt.types.paths import Elements
 
@@ -63,7 +63,9 @@ def find_paths(
 def _losses_db(mirrors: Mirrors, materials: Sequence[Material], frequency_hz: float) -> np.ndarray:
     """Transmission loss of each mirror (M,) at normal incidence."""
     slabs = zip(materials, mirrors.scene.surfaces, strict=True)
-    transmitted = [slab(material, surface.thickness_m, np.array(1.0), frequency_hz)[2] for material, surface in slabs]
+    transmitted = [
+        transmission(material, surface.thickness_m, np.array(1.0), frequency_hz)[0] for material, surface in slabs
+    ]
     return -20 * np.log10(np.maximum(np.abs(transmitted), 1e-30))[[mirror.surface for mirror in mirrors.each]]
 
 
