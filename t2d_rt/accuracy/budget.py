@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,7 +17,7 @@ from t2d_rt.room import Clutter
 from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
 
 OCCLUSION = "occlusion of targets by themselves and one another"
-SURELY = 1.6
+SURELY = 2.0
 """Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
 BODY_SAGITTA_RAD = 0.3
 """Phase sagitta of a body's facets that its own sagittas, one for each vertex, stand for."""
@@ -41,9 +41,31 @@ class Omission:
         return ratio(self.error_db)
 
     @property
+    def margin(self) -> float:
+        """What `SURELY` standard deviations add."""
+        return ratio(self.error_db + SURELY * self.scatter_db) - self.energy
+
+
+@dataclass(frozen=True, slots=True)
+class Total:
+    """The sum of errors that depend on one another as little as their laws' scatter does."""
+
+    energy: float = 0.0
+    margin: float = 0.0
+
+    @classmethod
+    def of(cls, parts: Iterable[Omission]) -> Total:
+        """Of what is left out."""
+        taken = [each for each in parts if each.taken]
+        return cls(sum(each.energy for each in taken), math.sqrt(sum(each.margin**2 for each in taken)))
+
+    def __add__(self, other: Total) -> Total:
+        return Total(self.energy + other.energy, math.hypot(self.margin, other.margin))
+
+    @property
     def surely(self) -> float:
-        """The same with a margin of `SURELY` standard deviations."""
-        return ratio(self.error_db + SURELY * self.scatter_db)
+        """What the sum hardly exceeds."""
+        return self.energy + self.margin
 
 
 @dataclass(frozen=True)

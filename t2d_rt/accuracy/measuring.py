@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.accuracy.budget import Budget, db, ratio
+from t2d_rt.accuracy.budget import Budget, Total, db, ratio
 from t2d_rt.accuracy.estimate import Chirps, field, of_cube
 from t2d_rt.accuracy.laws import COARSER
 from t2d_rt.accuracy.plans import Plan
@@ -86,7 +86,8 @@ def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredEr
             shadows = np.append(shadows, np.sum(np.abs(exact - again) ** 2, axis=1))
         result = _from_laws(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
         beyond = 0.0 if plan.tolerance_db is None else abs(result.error_db - plan.tolerance_db)
-        if _standard_error_db(facets) <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db:
+        uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if traced else [facets]))
+        if uncertain_db <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db:
             break
     if plan.tolerance_db is not None and result.error_db > plan.tolerance_db + OVER_DB:
         warnings.warn(
@@ -131,7 +132,7 @@ def shadows_matter(budget: Budget, accuracy: Accuracy, coarser: Accuracy, own: f
     """Whether what visibility costs is measured: in free space, where it may be a good part of the error."""
     if budget.model.scene is not None or coarser.occlusion != accuracy.occlusion:
         return False
-    return sum(each.surely for each in budget.of_visibility(accuracy) if each.taken) > SHADOWS * own
+    return Total.of(budget.of_visibility(accuracy)).surely > SHADOWS * own
 
 
 def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, float]:

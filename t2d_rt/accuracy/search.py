@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.accuracy.budget import SURELY, Budget, ratio
+from t2d_rt.accuracy.budget import SURELY, Budget, Total, ratio
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.checks import number
 from t2d_rt.errors import T2DWarning
@@ -64,12 +64,12 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     bodies = [isinstance(target, Motion) for target in model.targets]
     if model.method == "mesh" and all(bodies) and not asked:
         simpler = Budget(with_method(model, "ellipsoid"), start)
-        if sum(each.surely for each in simpler.omissions(start)) <= allowed:
+        if Total.of(simpler.omissions(start)).surely <= allowed:
             return Plan(simpler, float(tolerance_db), start)
     budget = Budget(model, start)
     found = list(_candidates(budget, start, asked, allowed))
     if not asked:
-        found.append((Accuracy(), sum(each.surely for each in budget.omissions(Accuracy()) if each.taken)))
+        found.append((Accuracy(), Total.of(budget.omissions(Accuracy())).surely))
     good = [accuracy for accuracy, error in found if error <= allowed]
     best = min(good, key=budget.seconds) if good else min(found, key=lambda each: each[1])[0]
     return _checked(Plan(budget, float(tolerance_db), best))
@@ -80,26 +80,24 @@ def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float
     ones."""
     fixed = not asked.isdisjoint(("sagitta_rad", "sagitta_scale")) or not budget.counts
     scales = (start.sagitta_scale,) if fixed else SCALES
-    in_time = sum(each.surely for each in budget.in_time(start))
+    in_time = Total.of(budget.in_time(start))
     visibilities = _visibilities(budget, start, asked, allowed)
     for paths in _paths(budget, start, asked, allowed):
         tiers = list(budget.tiers(start.replace(**paths)))
-        errors = [
-            in_time + sum(each.surely for each in budget.of_tiers(tiers, scale) if each.taken) for scale in scales
-        ]
+        errors = [in_time + Total.of(budget.of_tiers(tiers, scale)) for scale in scales]
         for seen, unseen in visibilities:
-            left = max(allowed - unseen, errors[-1] + LEAST_FRACTION * allowed)
-            number = next((n for n, error in enumerate(errors) if error <= left), len(scales) - 1)
-            yield start.replace(**paths, **seen, sagitta_scale=scales[number]), errors[number] + unseen
+            totals = [(error + unseen).surely for error in errors]
+            enough = max(allowed, totals[-1] + LEAST_FRACTION * allowed)
+            number = next((n for n, total in enumerate(totals) if total <= enough), len(scales) - 1)
+            yield start.replace(**paths, **seen, sagitta_scale=scales[number]), totals[number]
 
 
 def _visibilities(
     budget: Budget, start: Accuracy, asked: set[str], allowed: float
-) -> list[tuple[dict[str, Any], float]]:
-    """Whether, how often and from where visibility may be sampled, and the error that this hardly exceeds; the best way if none is
-    good enough."""
+) -> list[tuple[dict[str, Any], Total]]:
+    """Whether, how often and from where visibility may be sampled, and what that costs; the best way if none is good enough."""
     if not budget.counts:
-        return [({}, 0.0)]
+        return [({}, Total())]
     found: list[dict[str, Any]] = [{"occlusion": False}]
     if start.occlusion:
         rates = [start.visibility_rate_hz] if "visibility_rate_hz" in asked else []
@@ -110,9 +108,9 @@ def _visibilities(
             {"visibility_rate_hz": rate, "visibility_subdivision": n} for rate, n in ladder
         ]
         found = sampled if asked & {"occlusion", "visibility_rate_hz"} else found + sampled
-    costs = [sum(each.surely for each in budget.of_visibility(start.replace(**seen)) if each.taken) for seen in found]
-    good = [(seen, cost) for seen, cost in zip(found, costs, strict=True) if cost < allowed]
-    return good[:MOST_VISIBILITIES] or [min(zip(found, costs, strict=True), key=lambda each: each[1])]
+    costs = [Total.of(budget.of_visibility(start.replace(**seen))) for seen in found]
+    good = [(seen, cost) for seen, cost in zip(found, costs, strict=True) if cost.surely < allowed]
+    return good[:MOST_VISIBILITIES] or [min(zip(found, costs, strict=True), key=lambda each: each[1].surely)]
 
 
 def _paths(budget: Budget, start: Accuracy, asked: set[str], allowed: float) -> list[dict[str, Any]]:
