@@ -34,6 +34,8 @@ class Omission:
     """Standard deviation of the law that predicts it [dB]."""
     taken: bool = True
     """Whether it is left out; False where the error would be too great."""
+    law: str = ""
+    """Of which law's deviation the margin is: what deviates together adds up."""
 
     @property
     def energy(self) -> float:
@@ -48,7 +50,7 @@ class Omission:
 
 @dataclass(frozen=True, slots=True)
 class Total:
-    """The sum of errors that depend on one another as little as their laws' scatter does."""
+    """A sum of errors; margins of the same law add up, those of independent laws add in quadrature."""
 
     energy: float = 0.0
     margin: float = 0.0
@@ -56,8 +58,10 @@ class Total:
     @classmethod
     def of(cls, parts: Iterable[Omission]) -> Total:
         """Of what is left out."""
-        taken = [each for each in parts if each.taken]
-        return cls(sum(each.energy for each in taken), math.sqrt(sum(each.margin**2 for each in taken)))
+        taken, margins = [each for each in parts if each.taken], dict[str, float]()
+        for each in taken:
+            margins[each.law] = margins.get(each.law, 0.0) + each.margin
+        return cls(sum(each.energy for each in taken), math.hypot(*margins.values()))
 
     def __add__(self, other: Total) -> Total:
         return Total(self.energy + other.energy, math.hypot(self.margin, other.margin))
@@ -89,8 +93,8 @@ class Budget:
         return Law(found + self.laws.occlusion.mean_db, self.laws.occlusion.scatter_db)
 
     @cached_property
-    def facets(self) -> tuple[float, FacetLaw]:
-        """Phase sagitta [rad] of the facets that err most at a scale of 1, and their law."""
+    def _meshes(self) -> list[tuple[float, FacetLaw]]:
+        """Phase sagitta [rad] of each mesh's facets at a scale of 1, and their law."""
         found = []
         for target, mesh in zip(self.model.targets, self.model.geometries, strict=True):
             if isinstance(mesh, MovingMesh):
@@ -98,6 +102,14 @@ class Budget:
                 of_body = isinstance(target, Motion)
                 sagitta = BODY_SAGITTA_RAD if of_body and self.given.sagitta_rad is None else own
                 found.append((sagitta, self.laws.bodies if of_body else self.laws.smooth))
+        return found
+
+    def facets(self, tier: PathTier, scale: float) -> tuple[float, FacetLaw]:
+        """Phase sagitta [rad] of the facets that err most over a tier's paths at a sagitta scale, and their law."""
+        found = []
+        for own, law in self._meshes:
+            finest = own * scale
+            found.append((max(finest, min(tier.sagitta_scale * finest, tier.greatest_sagitta_rad)), law))
         return max(found, key=lambda each: each[1].error_db(each[0]), default=(math.nan, self.laws.bodies))
 
     @cached_property
@@ -118,11 +130,12 @@ class Budget:
             return []
         law = self.unoccluded
         if not accuracy.occlusion:
-            return [Omission(OCCLUSION, law.mean_db, law.scatter_db)]
+            return [Omission(OCCLUSION, law.mean_db, law.scatter_db, law="occlusion")]
         rate_hz, n = accuracy.visibility_rate_hz, accuracy.visibility_subdivision
         edges = self.laws.sampled(law.mean_db, rate_hz, n)
         nothing = Omission(OCCLUSION, law.mean_db, law.scatter_db, taken=False)
-        return [nothing, Omission(f"shadows' edges, {sampled(rate_hz, n)}", edges.mean_db, edges.scatter_db)]
+        what = f"shadows' edges, {sampled(rate_hz, n)}"
+        return [nothing, Omission(what, edges.mean_db, edges.scatter_db, law="shadows")]
 
     def in_time(self, accuracy: Accuracy) -> list[Omission]:
         """What interpolation between surface frames and the merging of echoes may add."""
@@ -148,11 +161,6 @@ class Budget:
             yield tier, len(some), float(power[first : first + len(some)].sum())
             first += len(some)
 
-    def sagitta_of(self, tier: PathTier, scale: float) -> float:
-        """Phase sagitta of a tier's facets [rad] at a sagitta scale."""
-        own = self.facets[0] * scale
-        return max(own, min(tier.sagitta_scale * own, tier.greatest_sagitta_rad))
-
     @property
     def of_bodies(self) -> bool:
         """Whether there is a body among the targets, which ellipsoids may stand for."""
@@ -171,21 +179,21 @@ class Budget:
             over = "" if self.model.scene is None else f" over {pairs} path pair{'s' * (pairs > 1)}"
             if self.by_limbs(tier):
                 law = self.laws.limbs
-                found.append(Omission(f"the skin: limbs by ellipsoids{over}", level_db + law.mean_db, law.scatter_db))
+                what = f"the skin: limbs by ellipsoids{over}"
+                found.append(Omission(what, level_db + law.mean_db, law.scatter_db, law="limbs"))
             elif self.counts:
                 if not number and self.of_bodies:
                     what = "the skin: limbs by ellipsoids"
                     found.append(
                         Omission(what, level_db + self.laws.limbs.mean_db, self.laws.limbs.scatter_db, taken=False)
                     )
-                law_of_facets = self.facets[1]
-                error_db = level_db + law_of_facets.error_db(self.sagitta_of(tier, scale))
+                sagitta, of_facets = self.facets(tier, scale)
                 what = f"the curve of the skin between facets' corners{over}"
-                found.append(Omission(what, error_db, law_of_facets.scatter_db))
+                found.append(Omission(what, level_db + of_facets.error_db(sagitta), of_facets.scatter_db, law="facets"))
         if count < len(self.model.ranked):
             left_db = db(1 - kept) + self.laws.pairs.mean_db
             what = f"{len(self.model.ranked) - count} path pairs left out"
-            found.append(Omission(what, left_db, self.laws.pairs.scatter_db))
+            found.append(Omission(what, left_db, self.laws.pairs.scatter_db, law="pairs"))
         return found
 
     def seconds(self, accuracy: Accuracy, clutter: Clutter = "none") -> float:

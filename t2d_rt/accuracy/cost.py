@@ -99,7 +99,7 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
     if accuracy.occlusion and counts:
         found["ray"] = samples * places_of(model, accuracy) * vertices * 4.0**accuracy.visibility_subdivision
     if pairs is not None:
-        paths = {path.chain for pair in pairs.pairs for path in (pair.out, pair.back)}
+        paths = {path.key for pair in pairs.pairs for path in (pair.out, pair.back)}
         found["obstacle"] = samples / 2 * len(paths)
         found["path pair"] = float(len(pairs.pairs))
     return found
@@ -110,7 +110,7 @@ def places_of(model: Model, accuracy: Accuracy) -> int:
     pairs = model.pairs(accuracy)
     if pairs is None:
         return len(model.radar.views_m)
-    return len({path.chain for pair in pairs.occluded for path in (pair.out, pair.back)})
+    return len({path.key for pair in pairs.occluded for path in (pair.out, pair.back)})
 
 
 def seconds(units: dict[str, float], laws: Laws) -> float:

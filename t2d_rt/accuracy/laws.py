@@ -1,7 +1,8 @@
 """Fitted laws: what each simplification costs in field error, and what a run takes; with their scatter.
 
-`python -m validation laws` fits them to measurements and writes `laws.json`; nothing here is fitted by hand. Errors are energies of
-the field's difference over the field's energy. Means are means of decibels, and the scatter is the standard deviation about them.
+`python -m validation.methods.laws` fits them to measurements and writes `laws.json`; nothing here is fitted by hand. Errors are
+energies of the field's difference over the field's energy. Means are means of decibels, and the scatter is the standard deviation
+about them.
 """
 
 from __future__ import annotations
@@ -44,21 +45,24 @@ class FacetLaw:
     facets_db: np.ndarray
     """Error of facets of these (K,)."""
     coarser_db: np.ndarray
-    """Energy of what they differ by from facets of `COARSER` times the phase sagitta (K,)."""
+    """Energy of what they differ by from facets of `COARSER` times the phase sagitta, of the first of these (K - 2,)."""
     scatter_db: float
     """Standard deviation of the first over the cases of the fit."""
     difference_scatter_db: float
     """Of the second."""
     ratio_scatter_db: float
     """Of the one over the other."""
+    correlation: float
+    """Of the deviations of the first and of that ratio."""
 
     @classmethod
     def of(cls, found: dict[str, Any]) -> FacetLaw:
         """From what the fit wrote."""
         sagitta, own, coarser = (np.array(found[name]) for name in ("sagitta_rad", "facets_db", "coarser_db"))
         return cls(
-            sagitta, own, coarser, found["scatter_db"], found["difference_scatter_db"], found["ratio_scatter_db"]
-        )
+            sagitta, own, coarser, found["scatter_db"], found["difference_scatter_db"], found["ratio_scatter_db"],
+            found["correlation"],
+        )  # fmt: skip
 
     def error_db(self, sagitta_rad: float) -> float:
         """Error of facets of that phase sagitta."""
@@ -69,11 +73,11 @@ class FacetLaw:
         return self._at(sagitta_rad, self.coarser_db)
 
     def _at(self, sagitta_rad: float, table_db: np.ndarray) -> float:
-        """Between fitted phase sagittas, and beyond them along the outermost slope."""
-        x, known = math.log10(sagitta_rad), np.log10(self.sagitta_rad)
-        i = int(np.clip(np.searchsorted(known, x) - 1, 0, len(known) - 2))
-        slope = (table_db[i + 1] - table_db[i]) / (known[i + 1] - known[i])
-        return float(min(table_db[i] + slope * (x - known[i]), MOST_DB))
+        """Between fitted phase sagittas; beyond them the amplitude of the error goes with the phase sagitta."""
+        known = self.sagitta_rad[: len(table_db)]
+        within = np.clip(sagitta_rad, known[0], known[-1])
+        between_db = np.interp(math.log10(within), np.log10(known), table_db)
+        return float(min(between_db + 20 * math.log10(sagitta_rad / within), MOST_DB))
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +102,7 @@ class Laws:
     pairs: Law
     """Power of path pairs over what probes at the targets say."""
     seconds: dict[str, float]
-    """Of a unit of each kind of work (`cost.Work`), where the yardstick takes a second."""
+    """Of a unit of each kind of work (`cost.KINDS`), where the yardstick takes a second."""
     seconds_scatter: float
     """Standard deviation of the logarithm of the time taken over that predicted."""
 

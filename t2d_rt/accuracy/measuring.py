@@ -84,7 +84,7 @@ def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredEr
         if traced:
             exact = field(full, coarser.replace(occlusion=True, visibility_subdivision=EXACT_SUBDIVISION), chirps)
             shadows = np.append(shadows, np.sum(np.abs(exact - again) ** 2, axis=1))
-        result = _from_laws(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
+        result = _combined(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
         beyond = 0.0 if plan.tolerance_db is None else abs(result.error_db - plan.tolerance_db)
         uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if traced else [facets]))
         if uncertain_db <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db:
@@ -99,7 +99,7 @@ def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredEr
     return result
 
 
-def _from_laws(
+def _combined(
     budget: Budget, accuracy: Accuracy, expected: float, fraction: float, facets: np.ndarray, shadows: np.ndarray
 ) -> MeasuredError:
     """The error of a run from energies by which its chirps differ from coarser facets' (K,), and these from traced ones, if any.
@@ -108,24 +108,30 @@ def _from_laws(
     explain is an error of the run in full; one that is smaller than they say counts only where the coarser model has fewer facets
     in fact.
     """
-    law, apart, of_chirps_db = budget.facets[1], float(facets.sum()), _standard_error_db(facets)
-    explained = min(apart, expected * ratio(EXPLAINED * math.hypot(law.difference_scatter_db, of_chirps_db)))
-    told = explained if has_fewer_facets(budget, accuracy) else max(expected, explained)
-    own_db, scatter_db = _mean(
-        (db(fraction * expected), law.scatter_db),
-        (db(fraction * told), math.hypot(law.ratio_scatter_db, of_chirps_db)),
+    law, apart, of_chirps_db = (
+        budget.facets(accuracy.tiers[0], accuracy.sagitta_scale)[1],
+        float(facets.sum()),
+        _standard_error_db(facets),
     )
-    of_shadows = 0.0
+    explained = min(apart, expected * ratio(EXPLAINED * math.hypot(law.difference_scatter_db, of_chirps_db)))
+    least = expected * (ratio(-EXPLAINED * law.difference_scatter_db) if has_fewer_facets(budget, accuracy) else 1.0)
+    own = _mean(
+        (db(fraction * expected), law.scatter_db),
+        (db(fraction * max(least, explained)), math.hypot(law.ratio_scatter_db, of_chirps_db)),
+        law.correlation * law.ratio_scatter_db / math.hypot(law.ratio_scatter_db, of_chirps_db),
+    )
+    parts = [own, (db(left_out(budget, accuracy)), budget.laws.pairs.scatter_db)]
     for each in budget.of_visibility(accuracy):
         if each.taken:
-            both = [(each.error_db, each.scatter_db)]
-            if len(shadows):
-                direct = budget.laws.over_direct(accuracy)
-                over_db = math.hypot(direct.scatter_db, _standard_error_db(shadows))
-                both.append((db(float(shadows.sum())) + direct.mean_db, over_db))
-            of_shadows += ratio(_mean(*both)[0])
-    error = ratio(own_db) + (apart - explained) + of_shadows + left_out(budget, accuracy)
-    return MeasuredError(db(error), scatter_db, len(facets))
+            by_law = each.error_db, each.scatter_db
+            if shadows.any():
+                coarser = budget.laws.over_direct(accuracy)
+                direct_db = db(float(shadows.sum())) + coarser.mean_db
+                by_law = _mean(by_law, (direct_db, math.hypot(coarser.scatter_db, _standard_error_db(shadows))))
+            parts.append(by_law)
+    error = sum(ratio(each_db) for each_db, _ in parts)
+    scatter_db = math.hypot(*(ratio(each_db) * each_scatter_db for each_db, each_scatter_db in parts)) / error
+    return MeasuredError(db(error + apart - explained), scatter_db, len(facets))
 
 
 def shadows_matter(budget: Budget, accuracy: Accuracy, coarser: Accuracy, own: float) -> bool:
@@ -138,7 +144,7 @@ def shadows_matter(budget: Budget, accuracy: Accuracy, coarser: Accuracy, own: f
 def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, float]:
     """The coarser accuracy with which a run is compared, the energy of their difference by the laws, and the fraction of it that
     is the error of the run."""
-    laws, scale = budget.laws, accuracy.sagitta_scale
+    laws = budget.laws
     apart, error = 0.0, 0.0
     for tier, _, power in budget.tiers(accuracy):
         if budget.by_limbs(tier):
@@ -147,7 +153,7 @@ def compared_with(budget: Budget, accuracy: Accuracy) -> tuple[Accuracy, float, 
                 laws.limbs.mean_db if budget.model.method == "ellipsoid" else laws.limbs_power.mean_db
             )
         elif budget.counts:
-            sagitta, law = budget.sagitta_of(tier, scale), budget.facets[1]
+            sagitta, law = budget.facets(tier, accuracy.sagitta_scale)
             error += power * ratio(law.error_db(sagitta))
             apart += power * ratio(law.difference_db(sagitta))
     in_time = sum(each.energy for each in budget.in_time(accuracy))
@@ -173,18 +179,25 @@ def has_fewer_facets(budget: Budget, accuracy: Accuracy) -> bool:
     return not budget.counts or own > FEWER * coarser
 
 
-def _mean(*told: tuple[float, float]) -> tuple[float, float]:
-    """Mean of figures and their standard deviations [dB], each weighted by how well it is known, and its standard deviation."""
-    weight = sum(1 / scatter_db**2 for _, scatter_db in told)
-    return sum(value / scatter_db**2 for value, scatter_db in told) / weight, weight**-0.5
+def _mean(one: tuple[float, float], other: tuple[float, float], correlation: float = 0.0) -> tuple[float, float]:
+    """The mean of least variance of two figures with standard deviations [dB], and its own standard deviation."""
+    (a_db, a), (b_db, b) = one, other
+    if math.isinf(b):
+        return one
+    both = correlation * a * b
+    apart = a**2 + b**2 - 2 * both
+    weight = min(1.0, max(0.0, (b**2 - both) / apart))
+    return weight * a_db + (1 - weight) * b_db, math.sqrt(
+        (weight * a) ** 2 + ((1 - weight) * b) ** 2 + 2 * weight * (1 - weight) * both
+    )
 
 
 def _standard_error_db(difference: np.ndarray) -> float:
     """Standard error of the mean of chirps' energies (K,) [dB]; infinite where there are too few to tell."""
     count, mean = len(difference), float(np.mean(difference))
-    if count < LEAST_CHIRPS:
+    if count < LEAST_CHIRPS or mean == 0:
         return math.inf
-    return 4.34 * float(np.std(difference, ddof=1)) / math.sqrt(count) / max(mean, 1e-300)
+    return 4.34 * float(np.std(difference, ddof=1)) / math.sqrt(count) / mean
 
 
 def _coarser(accuracy: Accuracy, *, without_limbs: bool) -> Accuracy:

@@ -52,7 +52,8 @@ def summary(plan: Plan) -> str:
     """What is modelled, what is left out, and what the run takes, line by line."""
     model, accuracy = plan.model, plan.accuracy
     radar, counts = model.radar, iter(plan.budget.counts)
-    lines = [f"tolerance {plan.tolerance_db:g} dB, expected error {plan.error_db:.1f} dB", "modelled:"]
+    asked = "no tolerance" if plan.tolerance_db is None else f"tolerance {plan.tolerance_db:g} dB"
+    lines = [f"{asked}, expected error {plan.error_db:.1f} dB", "modelled:"]
     for geometry, times_s in zip(model.geometries, model.frame_times(accuracy), strict=True):
         rate_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
         what = (

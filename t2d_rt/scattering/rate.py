@@ -23,12 +23,11 @@ PROBE_RATE_HZ, FINER = 240.0, 4.0
 PROBE_FRAMES = 12
 """Frames of one short record, five of which make a fourth difference."""
 RECORDS_PER_S, LEAST_RECORDS, MOST_RECORDS = 3, 4, 40
-MOST_WHOLE = 400
-"""So many short records cover a whole one, of up to 18 s at the first of those rates."""
 MISSED = 1.15
 """The rate rises where the whole record asks for so many times more than its short records: less is their scatter."""
 CHEAP_POINTS = 1_000_000
-"""Points times instants at which a whole record is probed at most: a mesh of 300 vertices has as many in 12 s."""
+"""Points times instants at which a whole record is probed: a mesh of 300 vertices has as many in 14 s, a body's 17 ellipsoids in
+four minutes. Of more, as many short records are taken."""
 
 
 def needed_rate_hz(
@@ -42,8 +41,8 @@ def needed_rate_hz(
     """Rate of surface frames [Hz] between two times, from the fourth derivative of its points' paths.
 
     A cubic spline of frames h apart misses x(t) by 16 u^2 (1 - u)^2 h^4 x''''/384 within an interval; the square of that has the
-    mean 0.406. It is found in short records; `stand_in`, a few points that move with the geometry, tell from the whole record
-    whether these missed a jerk.
+    mean 0.406. It is found in short records; `stand_in`, a few points that move with the geometry, tell from the whole record, or
+    from as much of it as `CHEAP_POINTS` allow, whether these missed a jerk.
     """
     length_s = span_s[1] - span_s[0]
     probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / length_s)
@@ -52,9 +51,10 @@ def needed_rate_hz(
     while probe_hz < needed < MOST_HZ:
         probe_hz *= FINER
         needed = _needed(geometry, radar, span_s, probe_hz, records, tolerance_db)
-    whole = min(MOST_WHOLE, math.ceil(length_s * probe_hz / (PROBE_FRAMES - 1)))
     moving = geometry if stand_in is None else stand_in
-    if whole > records and whole * PROBE_FRAMES * moving.point_count < CHEAP_POINTS:
+    affordable = CHEAP_POINTS // (PROBE_FRAMES * moving.point_count)
+    whole = min(affordable, math.ceil(length_s * probe_hz / (PROBE_FRAMES - 1)))
+    if whole > records:
         short, all_of_it = (_needed(moving, radar, span_s, probe_hz, n, tolerance_db) for n in (records, whole))
         if all_of_it > MISSED * short:
             needed *= all_of_it / short

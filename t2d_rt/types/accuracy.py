@@ -84,7 +84,8 @@ class Accuracy(Fields):
     clutter_occlusion: bool | None = None
     """Whether targets occlude parts of the static scene; as `occlusion` by default."""
     visibility_rate_hz: Annotated[Number, Field(ge=1, le=1_000)] = 25.0
-    """Rate at which visibility is sampled [Hz], faded in between; 25 suits walking. Cost is proportional."""
+    """Rate at which visibility is sampled [Hz], faded in between; 25 suits walking. Cost is proportional, and surface frames are no
+    fewer unless `surface_rate_hz` is given."""
     visibility_subdivision: Annotated[Count, Field(ge=0, le=4)] = 0
     """How often the edges of the meshes are halved for the points at which visibility is sampled; each costs a factor of 4."""
     fast_rotating_hz: Annotated[Number, Field(ge=1, le=100_000)] | None = None

@@ -105,6 +105,9 @@ class OneWayPath:
     def __eq__(self, other: object) -> bool:
         return _same(self, other)
 
+    def __hash__(self) -> int:
+        return hash(self.key)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathSet:

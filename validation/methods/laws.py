@@ -19,9 +19,11 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.accuracy import cost
+from t2d_rt.accuracy.budget import BODY_SAGITTA_RAD
 from t2d_rt.accuracy.estimate import Chirps, field, nmse_db, of_cube
 from t2d_rt.accuracy.laws import COARSER, FILE, PERIMETER, Law, Laws
 from t2d_rt.accuracy.occlusion import unoccluded_db
+from t2d_rt.accuracy.search import VISIBILITY
 from t2d_rt.errors import T2DWarning
 from t2d_rt.model import Model, with_method
 from t2d_rt.propagation.visibility import sample_times
@@ -40,10 +42,8 @@ SCALES = tuple(math.sqrt(COARSER) ** n for n in range(-2, 6))
 """Of the meshes' own phase sagitta; each third one is `COARSER` times the first."""
 SMOOTH_SCALES = tuple(math.sqrt(COARSER) ** n for n in range(8))
 FINEST, SMOOTH_FINEST = 0.2, 0.25
-BODY_SAGITTA_RAD, SMOOTH_SAGITTA_RAD = 0.3, 0.07
+SMOOTH_SAGITTA_RAD = 0.07
 CHIRPS, ROOM_CHIRPS = 24, 10
-SAMPLED = (12.5, 0), (25.0, 0), (25.0, 1), (50.0, 1), (50.0, 2), (100.0, 2)
-"""Rates [Hz] and subdivisions of visibility."""
 FINER_SHADOWS = 0.4
 """Sagitta scale of facets at whose vertices what occlusion takes is traced."""
 COUNTS_ABOVE_DB = -30.0
@@ -145,7 +145,7 @@ def shadows(name: str) -> dict[str, Any]:
         return of_cube(model, cube, [], chirps)
 
     whole, found, direct = of_run(ALL), [], []
-    for rate_hz, subdivision in SAMPLED:
+    for rate_hz, subdivision in VISIBILITY:
         sampled = EXACT.replace(visibility_rate_hz=rate_hz, visibility_subdivision=subdivision)
         found.append(_power_db(whole - of_run(sampled) - taken, seen))
         again = field(
@@ -201,10 +201,11 @@ def fitted(measured: dict[str, Any]) -> dict[str, Any]:
         "smooth": _facet_law(measured["smooth"], SMOOTH_SCALES, SMOOTH_SAGITTA_RAD),
         "occlusion": _law_of([each["unoccluded_db"] - each["unrefined_db"] for each in occluded]),
         "edges": [
-            {"rate_hz": rate, "subdivision": n, **_law_of(column)} for (rate, n), column in zip(SAMPLED, sampled.T, strict=True)
+            {"rate_hz": rate, "subdivision": n, **_law_of(column)} for (rate, n), column in zip(VISIBILITY, sampled.T, strict=True)
         ],
         "direct": [
-            {"rate_hz": rate, "subdivision": n, **_law_of(column)} for (rate, n), column in zip(SAMPLED, direct.T[:-1], strict=True)
+            {"rate_hz": rate, "subdivision": n, **_law_of(column)}
+            for (rate, n), column in zip(VISIBILITY, direct.T[:-1], strict=True)
         ],
         "direct_unoccluded": _law_of(direct.T[-1]),
         "limbs": _law_of([each["limbs_db"] for each in (*bodies, *levels)]),
@@ -216,22 +217,26 @@ def fitted(measured: dict[str, Any]) -> dict[str, Any]:
 
 def _facet_law(cases: list[dict[str, Any]], scales: Sequence[float], sagitta_rad: float) -> dict[str, Any]:
     """Means over cases, and their scatter where facets are neither near the finest nor useless."""
-    coarser = np.array([each["coarser_db"] for each in cases])
-    error = np.array([each["facets_db"] for each in cases])[:, : coarser.shape[1]]
+    error, coarser = (np.array([each[name] for each in cases]) for name in ("facets_db", "coarser_db"))
     middle = slice(1, 5)
+    own, beside = error[:, middle], error[:, middle] - coarser[:, middle]
+    deviations = [(each - each.mean(axis=0)).ravel() for each in (own, beside)]
 
     def scatter(values: np.ndarray) -> float:
-        return float(values[:, middle].std(axis=0).mean())
+        return float(values.std(axis=0, ddof=1).mean())
 
     return {
-        "sagitta_rad": [sagitta_rad * scale for scale in scales[: coarser.shape[1]]],
-        "facets_db": error.mean(axis=0).tolist(), "coarser_db": coarser.mean(axis=0).tolist(),
-        "scatter_db": scatter(error), "difference_scatter_db": scatter(coarser), "ratio_scatter_db": scatter(error - coarser),
+        "sagitta_rad": [sagitta_rad * scale for scale in scales],
+        # Coarser facets never err less; means of a few cases may say so.
+        "facets_db": np.maximum.accumulate(error.mean(axis=0)).tolist(),
+        "coarser_db": np.maximum.accumulate(coarser.mean(axis=0)).tolist(),
+        "scatter_db": scatter(own), "difference_scatter_db": scatter(coarser[:, middle]), "ratio_scatter_db": scatter(beside),
+        "correlation": float(np.corrcoef(*deviations)[0, 1]),
     }  # fmt: skip
 
 
 def _law_of(values: Any) -> dict[str, float]:
-    return {"mean_db": float(np.mean(values)), "scatter_db": float(np.std(values))}
+    return {"mean_db": float(np.mean(values)), "scatter_db": float(np.std(values, ddof=1))}
 
 
 def run() -> Section:

@@ -1,0 +1,82 @@
+"""The fitted laws by which an accuracy is chosen, and how errors and their margins combine."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import t2d_rt as t2d
+from t2d_rt.accuracy.budget import SURELY, Omission, Total
+from t2d_rt.accuracy.estimate import Chirps
+from t2d_rt.accuracy.laws import COARSER, FacetLaw, Laws
+from t2d_rt.accuracy.measuring import _mean
+from t2d_rt.propagation.visibility import sample_times
+from t2d_rt.types import Radar
+
+LAWS = Laws.fitted()
+RADAR = Radar.preset("table2")
+
+
+@pytest.mark.parametrize("law", [LAWS.bodies, LAWS.smooth], ids=["bodies", "smooth"])
+def test_coarser_facets_never_err_less(law: FacetLaw) -> None:
+    sagittas = np.geomspace(0.005, 10, 60)
+    for table in (law.error_db, law.difference_db):
+        assert (np.diff([table(each) for each in sagittas]) >= 0).all()
+    # What facets differ by from coarser ones is about the error of these.
+    for sagitta in (0.15, 0.3, 0.6):
+        apart_db = law.difference_db(sagitta) - law.error_db(COARSER * sagitta)
+        assert abs(apart_db) < 2 * math.hypot(law.scatter_db, law.difference_scatter_db)
+
+
+def test_below_the_fitted_facets_the_amplitude_of_the_error_goes_with_the_sagitta() -> None:
+    least = float(LAWS.bodies.sagitta_rad[0])
+    assert LAWS.bodies.error_db(least / 10) == pytest.approx(LAWS.bodies.error_db(least) - 20)
+
+
+def test_margins_of_one_law_add_up_and_those_of_others_in_quadrature() -> None:
+    one, other = (Omission("facets", -20.0, 2.0, law=law) for law in ("facets", "shadows"))
+    assert Total.of([one, one]).margin == pytest.approx(2 * one.margin)
+    assert Total.of([one, other]).margin == pytest.approx(math.sqrt(2) * one.margin)
+    assert Total.of([one]).surely == pytest.approx(10 ** ((-20 + SURELY * 2) / 10))
+    assert Total.of([one, Omission("occlusion", -3.0, taken=False)]) == Total.of([one])
+
+
+def test_the_mean_of_two_figures_is_that_of_least_variance() -> None:
+    rng = np.random.default_rng(5)
+    covariance = np.array([[4.0, 1.2], [1.2, 1.0]])
+    figures = rng.multivariate_normal([-20, -20], covariance, 200_000)
+    correlation = 1.2 / 2
+    means = np.array([_mean((a, 2.0), (b, 1.0), correlation)[0] for a, b in figures[:2000]])
+    assert means.mean() == pytest.approx(-20, abs=0.1)
+    _, scatter_db = _mean((0.0, 2.0), (0.0, 1.0), correlation)
+    assert means.std() == pytest.approx(scatter_db, rel=0.1)
+    weights = np.linspace(0, 1, 101)
+    least = min(np.std(w * figures[:, 0] + (1 - w) * figures[:, 1]) for w in weights)
+    assert scatter_db == pytest.approx(least, rel=0.02)
+    assert _mean((-20.0, 2.0), (-300.0, math.inf)) == (-20.0, 2.0)
+
+
+def test_parts_of_random_chirps_are_disjoint_and_complete() -> None:
+    chirps = Chirps.random(RADAR, (0.0, 2.0), seed=3, count=30)
+    first, others = chirps.parts(12)
+    assert len(first.rows) == 12
+    assert sorted([*first.rows, *others.rows]) == chirps.rows.tolist()
+    assert (np.diff(first.rows) > 0).all()
+
+
+def test_samples_of_visibility_beside_chirps_are_all_that_these_need() -> None:
+    chirps = Chirps.random(RADAR, (0.0, 2.0), seed=3, count=12)
+    samples = sample_times(0.0, 2.0, 50.0)
+    near = chirps.nearest(samples, RADAR)
+    assert len(near) <= 2 * len(chirps.rows) + 2 < len(samples)
+    values = np.cos(7 * samples)
+    for instant in chirps.instants_s(RADAR):
+        assert np.interp(instant, near, np.cos(7 * near)) == pytest.approx(np.interp(instant, samples, values))
+
+
+def test_a_plan_without_a_tolerance_can_be_printed() -> None:
+    plan = t2d.plan(t2d.trim(t2d.example("walk"), 0.0, 0.3))
+    assert "tolerance -20 dB" in str(plan)
+    assert "no tolerance, expected error" in str(type(plan)(plan.budget, None, plan.accuracy))
