@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from t2d_rt.accuracy.cost import FacetCount, facet_counts, seconds, work
-from t2d_rt.accuracy.laws import FacetLaw, Law, Laws
+from t2d_rt.accuracy.laws import MOST_DB, FacetLaw, Law, Laws
 from t2d_rt.accuracy.occlusion import unoccluded_db
 from t2d_rt.model import SPLINE_ERROR_DB, Model, sagitta_rad
 from t2d_rt.room import Clutter
@@ -143,7 +143,7 @@ class Budget:
         if accuracy.surface_rate_hz is not None:
             # A cubic's error falls with the fourth power of its step.
             needed_hz = max(self.model.rates_hz(Accuracy()))
-            splines_db = SPLINE_ERROR_DB + 80 * math.log10(needed_hz / accuracy.surface_rate_hz)
+            splines_db = min(MOST_DB, SPLINE_ERROR_DB + 80 * math.log10(needed_hz / accuracy.surface_rate_hz))
         return [
             Omission("motion between surface frames, by splines", splines_db),
             Omission("the sum of echoes, merged", accuracy.synthesis_error_db),

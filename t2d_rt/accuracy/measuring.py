@@ -35,6 +35,8 @@ UNOCCLUDED_BELOW_DB = 6.0
 SHADOWS = 0.3
 """What visibility costs is measured where it may be more than this fraction of facets' error."""
 EXACT_SUBDIVISION = 2
+ROUNDING = 1e-12
+"""So much less energy than that of static echoes is none."""
 EXPLAINED = 2.5
 """What exceeds the difference that the laws say by more standard deviations is an error of the run's own."""
 
@@ -72,9 +74,10 @@ def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredEr
     facets, shadows, energy = np.zeros(0), np.zeros(0), 0.0
     all_chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=MOST_CHIRPS)
     for chirps in all_chirps.parts(FIRST_CHIRPS):
-        found = of_cube(model, cube, static, chirps)
+        found, with_static = (of_cube(model, cube, each, chirps) for each in (static, ()))
         energy += float(np.sum(np.abs(found) ** 2))
-        if energy == 0:
+        # Of float32 samples less the static echoes in them something remains in any case.
+        if energy <= ROUNDING * float(np.sum(np.abs(with_static) ** 2)):
             warnings.warn(
                 "there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4
             )

@@ -15,8 +15,8 @@ from t2d_rt.propagation.visibility import Occlusion
 from t2d_rt.types import Accuracy, MovingMesh
 
 INSTANTS, ROOM_INSTANTS = 12, 8
-LEAST_DB = -45.0
-"""Less cannot be told from faces' centroids."""
+LEAST_DB, MOST_DB = -45.0, 20.0
+"""Less cannot be told from faces' centroids; beyond the most next to nothing is visible."""
 LEVEL_DB = -20.0
 """Occlusion is judged over path pairs down to that level: who walks towards the radar occludes nothing from there, but much from a
 wall's image."""
@@ -85,7 +85,7 @@ def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
         left += power * float(glint[seen].sum()) / total
     if taken == 0:
         return LEAST_DB
-    return max(LEAST_DB, 10 * math.log10(max(taken, 1e-30) / max(left, 1e-30)))
+    return float(np.clip(10 * math.log10(max(taken, 1e-30) / max(left, 1e-30)), LEAST_DB, MOST_DB))
 
 
 def _ends(model: Model, accuracy: Accuracy) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:

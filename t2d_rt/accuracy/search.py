@@ -21,6 +21,9 @@ LEAST_DB, MOST_DB = -40.0, 6.0
 """Tolerances that there are settings for."""
 SCALES = tuple(2 ** (n / 8) for n in range(24, -29, -1))
 """Sagitta scales, coarsest first: in steps, so that recordings of about the same tolerance have their facets in common."""
+MOST_SMOOTH_SCALE = 2.0
+"""Greatest sagitta scale beside meshes of the user: a plate that moves along itself returns next to nothing, of which coarser
+facets say nothing."""
 VISIBILITY = (12.5, 0), (25.0, 0), (25.0, 1), (50.0, 1), (50.0, 2), (100.0, 2)
 """Rates [Hz] at which visibility may be sampled, and subdivisions, cheapest first."""
 MOST_SUBDIVISION = 2
@@ -79,7 +82,8 @@ def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float
     """Accuracies and the errors that they hardly exceed, each with facets as coarse as what is allowed lets them be, or the finest
     ones."""
     fixed = not asked.isdisjoint(("sagitta_rad", "sagitta_scale")) or not budget.counts
-    scales = (start.sagitta_scale,) if fixed else SCALES
+    most = max(SCALES) if all(isinstance(target, Motion) for target in budget.model.targets) else MOST_SMOOTH_SCALE
+    scales = (start.sagitta_scale,) if fixed else tuple(scale for scale in SCALES if scale <= most)
     in_time = Total.of(budget.in_time(start))
     visibilities = _visibilities(budget, start, asked, allowed)
     for paths in _paths(budget, start, asked, allowed):

@@ -25,9 +25,9 @@ PROBE_FRAMES = 12
 RECORDS_PER_S, LEAST_RECORDS, MOST_RECORDS = 3, 4, 40
 MISSED = 1.15
 """The rate rises where the whole record asks for so many times more than its short records: less is their scatter."""
-CHEAP_POINTS = 1_000_000
-"""Points times instants at which a whole record is probed: a mesh of 300 vertices has as many in 14 s, a body's 17 ellipsoids in
-four minutes. Of more, as many short records are taken."""
+CHEAP_POINTS = 2_000_000
+"""Points times instants at which a whole record is probed: a mesh of 600 vertices has as many in 14 s, a body's 17 ellipsoids in
+eight minutes. Of more, as many short records are taken."""
 
 
 def needed_rate_hz(
@@ -47,17 +47,22 @@ def needed_rate_hz(
     length_s = span_s[1] - span_s[0]
     probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / length_s)
     records = int(np.clip(RECORDS_PER_S * length_s, LEAST_RECORDS, MOST_RECORDS))
-    needed = _needed(geometry, radar, span_s, probe_hz, records, tolerance_db)
-    while probe_hz < needed < MOST_HZ:
-        probe_hz *= FINER
-        needed = _needed(geometry, radar, span_s, probe_hz, records, tolerance_db)
     moving = geometry if stand_in is None else stand_in
     affordable = CHEAP_POINTS // (PROBE_FRAMES * moving.point_count)
-    whole = min(affordable, math.ceil(length_s * probe_hz / (PROBE_FRAMES - 1)))
-    if whole > records:
-        short, all_of_it = (_needed(moving, radar, span_s, probe_hz, n, tolerance_db) for n in (records, whole))
-        if all_of_it > MISSED * short:
-            needed *= all_of_it / short
+
+    def probed(probe_hz: float) -> float:
+        needed = _needed(geometry, radar, span_s, probe_hz, records, tolerance_db)
+        whole = min(affordable, math.ceil(length_s * probe_hz / (PROBE_FRAMES - 1)))
+        if whole > records:
+            short, all_of_it = (_needed(moving, radar, span_s, probe_hz, n, tolerance_db) for n in (records, whole))
+            if all_of_it > MISSED * short:
+                return needed * all_of_it / short
+        return needed
+
+    needed = probed(probe_hz)
+    while probe_hz < needed < MOST_HZ:
+        probe_hz *= FINER
+        needed = probed(probe_hz)
     return float(np.clip(math.ceil(needed / STEP_HZ) * STEP_HZ, LEAST_HZ, MOST_HZ))
 
 

@@ -93,7 +93,7 @@ class Accuracy(Fields):
     is used; 8 times the visibility rate by default."""
     dynamic_range_db: Annotated[Number, Field(ge=0, le=MOST_RANGE_DB)] = 60.0
     """Path pairs weaker than the strongest one by more than that, at their best points, are left out [dB]."""
-    least_level_db: Decibel = EVERY_PATH_DB
+    least_level_db: Annotated[Number, Field(ge=-200, le=0)] = EVERY_PATH_DB
     """Path pairs below that level, relative to the strongest one in the mean over the targets, are left out [dB]."""
     tiers: tuple[PathTier, ...] = DEFAULT_TIERS
     """How path pairs of each range of levels are modelled, from dominant to minor ones."""
@@ -130,5 +130,6 @@ class Accuracy(Fields):
         return self.occlusion if self.clutter_occlusion is None else self.clutter_occlusion
 
     def replace(self, **changes: object) -> Accuracy:
-        """A copy with some fields changed, checked like a new one."""
-        return type(self)(**{**dict(self), **changes})
+        """A copy with some fields changed, checked like a new one; the others are set in it if they were set before."""
+        given = {name: getattr(self, name) for name in self.model_fields_set}
+        return type(self)(**{**given, **changes})

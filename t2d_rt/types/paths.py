@@ -149,7 +149,8 @@ class PathSet:
         return (self[number] for number in range(len(self)))
 
     def taken(self, numbers: np.ndarray) -> PathSet:
-        """Some of the paths, by their numbers, padded no more than these need."""
+        """Some of the paths, by their numbers or a mask, padded no more than these need."""
+        numbers = np.arange(len(self))[numbers]
         longest = int(self.mask[numbers].sum(axis=1).max(initial=0))
         return PathSet(
             antenna_m=self.antenna_m,
