@@ -37,8 +37,8 @@ SHADOWS = 0.3
 EXACT_SUBDIVISION = 2
 ROUNDING = 1e-12
 """So much less energy than that of static echoes is none."""
-EXPLAINED = 2.5
-"""What exceeds the difference that the laws say by more standard deviations is an error of the run's own."""
+EXPLAINED = 3.5
+"""A difference this many standard deviations above the law counts in full: short records scatter more than those of the fit."""
 
 
 @dataclass(frozen=True, slots=True)
