@@ -136,9 +136,15 @@ class Model:
         ]
 
     def streams(
-        self, accuracy: Accuracy, instants_s: np.ndarray | None = None, samples_s: np.ndarray | None = None
+        self,
+        accuracy: Accuracy,
+        instants_s: np.ndarray | None = None,
+        samples_s: np.ndarray | None = None,
+        *,
+        then: Accuracy | None = None,
     ) -> list[EchoStream]:
-        """Echoes of all targets at surface frames of their own, or at just these instants.
+        """Echoes of all targets at surface frames of their own, or at just these instants; `then` is the accuracy whose facets will
+        be asked for next.
 
         At instants visibility is traced just then, over the strongest path pair from every facet's vertices, through the facets; or
         as in a run, sampled at `samples_s`.
@@ -157,7 +163,7 @@ class Model:
             pairs=[None] if pairs is None else pairs.occluded, blockage=self.blockage,
         )  # fmt: skip
         run = _Run(
-            accuracy=accuracy, pairs=pairs, sight=sight, decimated_s=decimated, at_instants=instants_s is not None,
+            accuracy=accuracy, pairs=pairs, sight=sight, decimated_s=decimated, at_instants=instants_s is not None, then=then,
             visibility=self._visibility(accuracy, sight, exact=instants_s is not None and samples_s is None),
         )  # fmt: skip
         return [stream for number in range(len(self.modelled)) for stream in self._of(number, times[number], run)]
@@ -168,7 +174,9 @@ class Model:
             return Unoccluded(sight)
         if not exact:
             return Sampled(sight, subdivision=accuracy.visibility_subdivision)
-        coarse = accuracy.replace(sagitta_scale=max(OCCLUDER_SAGITTA_SCALE, accuracy.sagitta_scale))
+        # Facets about as coarse as that need no refinement of their own.
+        own = accuracy.sagitta_scale if accuracy.sagitta_scale > OCCLUDER_SAGITTA_SCALE / 2 else OCCLUDER_SAGITTA_SCALE
+        coarse = accuracy.replace(sagitta_scale=own)
         meshes = [target.mesh for target, fast in zip(self.modelled, sight.fast_rotating, strict=True) if not fast]
         occluders = [self.facets(mesh, coarse) for mesh in meshes if mesh is not None]
         return ExactOverStrongest(sight, occluders, subdivision=accuracy.visibility_subdivision)
@@ -185,7 +193,7 @@ class Model:
             assert ellipsoids is not None  # what has no mesh has these
             yield self._ellipsoid_echoes(number, ellipsoids, times_s, views)
             return
-        close, own, first = run.visibility.views(number), sagitta_rad(mesh, run.accuracy), 0
+        close, first = run.visibility.views(number), 0
         tiers = [(run.accuracy.tiers[0], None)] if run.pairs is None else run.pairs.by_tier(run.accuracy)
         for tier, pairs in tiers:
             count = 1 if pairs is None else len(pairs)
@@ -201,7 +209,7 @@ class Model:
                 yield mesh_echoes(
                     mesh, self.radar, views=views, material=self._material(number), seed=self.seed, backend=self.backend,
                     times_s=self._decimated(times_s, tier, run) if fast and tier.decimation > 1 else times_s,
-                    detail=detail(own, tier, self.span_s, at_instants=run.at_instants, max_facets=self.max_facets),
+                    detail=run.detail(mesh, run.accuracy.tiers.index(tier), self),
                 )  # fmt: skip
             first += count
 
@@ -259,6 +267,19 @@ class _Run:
     decimated_s: np.ndarray
     """When visibility is sampled over path pairs without their own occlusion."""
     at_instants: bool
+    then: Accuracy | None
+    """Whose facets will be asked for next."""
+
+    def detail(self, mesh: MovingMesh, number: int, model: Model) -> Detail:
+        """How a mesh is modelled over the tier of that number."""
+
+        def of(accuracy: Accuracy) -> Detail:
+            tier, sagitta = accuracy.tiers[number], sagitta_rad(mesh, accuracy)
+            return detail(sagitta, tier, model.span_s, at_instants=self.at_instants, max_facets=model.max_facets)
+
+        if self.then is None or number >= len(self.then.tiers):
+            return of(self.accuracy)
+        return replace(of(self.accuracy), also_rad=(of(self.then).sagitta_rad,))
 
 
 def sagitta_rad(geometry: MovingMesh, accuracy: Accuracy) -> Sagitta:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.accuracy import Wanted, check_memory, chosen, measured
+from t2d_rt.accuracy import Wanted, check_memory, chosen, compared_with, measured
 from t2d_rt.again import again
 from t2d_rt.backend import Device
 from t2d_rt.experiment import Experiment
@@ -106,7 +106,7 @@ def _recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress |
     plan = chosen(stage.model, wanted)
     model, accuracy = plan.model, plan.accuracy
     static, counts = model.clutter(stage.experiment.clutter, accuracy)
-    streams = model.streams(accuracy)
+    streams = model.streams(accuracy, then=compared_with(plan.budget, accuracy)[0] if wanted.measured else None)
     needed_bytes = check_memory(model, [*streams, *static], measured=wanted.measured)
     cube = summed(streams, static, model.radar, accuracy, device=device, memory=model.memory, progress=progress)
     del streams

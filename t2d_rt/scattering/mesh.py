@@ -57,6 +57,8 @@ class Detail:
     """More facets are refused."""
     span_s: tuple[float, float] | None = None
     """Record whose nearest range sets how fine facets are [s]; by default from the first surface frame to the last."""
+    also_rad: tuple[Sagitta, ...] = ()
+    """Phase sagittas of facets that will be asked for next: made along with these, they cost half as much."""
 
 
 def mesh_echoes(
@@ -165,7 +167,8 @@ class _Model:
         sagittas = [detail.sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [detail.sagitta_rad]
         span_s = times_s if detail.span_s is None else np.array(detail.span_s)
         wavenumber, range_m = 2 * math.pi / radar.wavelength_m, least_range_m(surface, seen_from, span_s)
-        fine, *carriers = refined(surface, wavenumber, range_m, sagittas, detail.max_facets)
+        refinements = refined(surface, wavenumber, range_m, [*sagittas, *detail.also_rad], detail.max_facets)
+        fine, *carriers = refinements[: len(sagittas)]
         parts = patches(
             surface, fine, radar, times_s,
             seen_from=seen_from, cycles_per_step=detail.cycles_per_step, sweep_cycles=detail.sweep_cycles,
