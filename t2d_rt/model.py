@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget, blocks
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import itu_material
-from t2d_rt.propagation.visibility import sample_times
+from t2d_rt.propagation.visibility import KeptVisibility, sample_times
 from t2d_rt.room import ChosenPairs, Clutter, clutter_streams
 from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
@@ -49,6 +50,13 @@ MINOR_FRAMES = 128
 """Surface frames of ellipsoids that are worked out at once over minor paths: there are many small arrays."""
 BLOCKAGE_RATE = 0.5
 """Visibility of path pairs without their own occlusion is sampled less often, by this factor: fields fade over some 10 cm."""
+
+
+class Next(NamedTuple):
+    """What will be asked for after a run."""
+
+    accuracy: Accuracy
+    kept: KeptVisibility
 
 
 @dataclass(frozen=True)
@@ -139,15 +147,15 @@ class Model:
         self,
         accuracy: Accuracy,
         instants_s: np.ndarray | None = None,
-        samples_s: np.ndarray | None = None,
         *,
-        then: Accuracy | None = None,
+        kept: KeptVisibility | None = None,
+        then: Next | None = None,
     ) -> list[EchoStream]:
-        """Echoes of all targets at surface frames of their own, or at just these instants; `then` is the accuracy whose facets will
-        be asked for next.
+        """Echoes of all targets at surface frames of their own, or at just these instants.
 
         At instants visibility is traced just then, over the strongest path pair from every facet's vertices, through the facets; or
-        as in a run, sampled at `samples_s`.
+        as in a run, sampled, at the times of what is `kept`. `then` is what will be asked for next: its facets
+        are made along, and visibility is kept for it.
         """
         pairs, fast = self.pairs(accuracy), self.fast_rotating(accuracy)
         if instants_s is None:
@@ -156,15 +164,15 @@ class Model:
                 sample_times(*self.span_s, rate * accuracy.visibility_rate_hz) for rate in (1.0, BLOCKAGE_RATE)
             )
         else:
-            times, decimated = [instants_s] * len(self.modelled), instants_s
-            sampled = instants_s if samples_s is None else samples_s
+            times, decimated = [instants_s] * len(self.modelled), np.unique(instants_s)
+            sampled = decimated if kept is None else kept.times_s
         sight = Sight(
             geometries=self.geometries, fast_rotating=fast, radar=self.radar, samples_s=sampled, backend=self.backend,
-            pairs=[None] if pairs is None else pairs.occluded, blockage=self.blockage,
+            pairs=[None] if pairs is None else pairs.occluded, blockage=self.blockage, kept=kept if then is None else then.kept,
         )  # fmt: skip
         run = _Run(
             accuracy=accuracy, pairs=pairs, sight=sight, decimated_s=decimated, at_instants=instants_s is not None, then=then,
-            visibility=self._visibility(accuracy, sight, exact=instants_s is not None and samples_s is None),
+            visibility=self._visibility(accuracy, sight, exact=instants_s is not None and kept is None),
         )  # fmt: skip
         return [stream for number in range(len(self.modelled)) for stream in self._of(number, times[number], run)]
 
@@ -267,8 +275,8 @@ class _Run:
     decimated_s: np.ndarray
     """When visibility is sampled over path pairs without their own occlusion."""
     at_instants: bool
-    then: Accuracy | None
-    """Whose facets will be asked for next."""
+    then: Next | None
+    """What will be asked for next."""
 
     def detail(self, mesh: MovingMesh, number: int, model: Model) -> Detail:
         """How a mesh is modelled over the tier of that number."""
@@ -277,9 +285,9 @@ class _Run:
             tier, sagitta = accuracy.tiers[number], sagitta_rad(mesh, accuracy)
             return detail(sagitta, tier, model.span_s, at_instants=self.at_instants, max_facets=model.max_facets)
 
-        if self.then is None or number >= len(self.then.tiers):
+        if self.then is None or number >= len(self.then.accuracy.tiers):
             return of(self.accuracy)
-        return replace(of(self.accuracy), also_rad=(of(self.then).sagitta_rad,))
+        return replace(of(self.accuracy), also_rad=(of(self.then.accuracy).sagitta_rad,))
 
 
 def sagitta_rad(geometry: MovingMesh, accuracy: Accuracy) -> Sagitta:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from t2d_rt.accuracy import Wanted, check_memory, chosen, compared_with, measured
+from t2d_rt.accuracy import Measurement, Wanted, check_memory, chosen
 from t2d_rt.again import again
 from t2d_rt.backend import Device
 from t2d_rt.experiment import Experiment
@@ -71,8 +71,7 @@ def simulate(
     body: the body template that motions are skinned with.
     material: material of everything but movers; by default a body is "skin" and a mesh keeps its own.
     phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
-    measure_error: whether the error is measured at a few random chirps, and kept in `Recording.error_db`; by
-        default only where a tolerance is given.
+    measure_error: whether `Recording.error_db` is measured, at a few random chirps; by default where a tolerance is given.
     device: "cpu", "gpu" (a CUDA device), or "auto" for a CUDA device where there is one and the CPU elsewhere.
     memory_gb: most memory that the run may take [GB]; it works in blocks to stay below, and what needs more is refused beforehand.
     progress: True shows a bar, or a line now and then in a log; a function is called with the fraction done, 0..1.
@@ -106,13 +105,14 @@ def _recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress |
     plan = chosen(stage.model, wanted)
     model, accuracy = plan.model, plan.accuracy
     static, counts = model.clutter(stage.experiment.clutter, accuracy)
-    streams = model.streams(accuracy, then=compared_with(plan.budget, accuracy)[0] if wanted.measured else None)
+    measurement = Measurement(plan) if wanted.measured else None
+    streams = model.streams(accuracy, then=measurement.next if measurement else None)
     needed_bytes = check_memory(model, [*streams, *static], measured=wanted.measured)
     cube = summed(streams, static, model.radar, accuracy, device=device, memory=model.memory, progress=progress)
     del streams
     settings = stage.described(model, accuracy) | counts | plan.described(needed_bytes)
-    if wanted.measured:
-        settings |= measured(plan, cube, static).described()
+    if measurement:
+        settings |= measurement.result(cube, static).described()
     after_call()
     return Recording(
         cube, model.radar, experiment=stage.experiment.model_copy(update={"method": model.method}), accuracy=accuracy,

@@ -12,8 +12,9 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.propagation.edges import SceneBlockage
+from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.surroundings import Blockage
-from t2d_rt.propagation.visibility import ExactVisibility, Occlusion
+from t2d_rt.propagation.visibility import ExactVisibility, KeptVisibility, Occlusion
 from t2d_rt.scattering.paths import FacetVisibility, Fraction, View, anchor_vertices
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar
 from t2d_rt.types.paths import PathKey
@@ -47,6 +48,8 @@ class Sight:
     backend: Backend
     blockage: SceneBlockage
     """What of the scene blocks the paths."""
+    kept: KeptVisibility | None = None
+    """What is sampled from the meshes' vertices and kept."""
 
 
 class Sampled:
@@ -155,6 +158,7 @@ class _OneWayVisibility:
             if isinstance(geometry, MovingMesh) and not rotates
         ]
         self._index = {number: index for index, number in enumerate(traced)}
+        self._meshes = Occluders([sight.geometries[each] for each in traced], subdivision=subdivision)  # type: ignore[misc]
         self._known: dict[_Place, Occlusion] = {}
 
     def place(self, end: int, path: OneWayPath | None) -> _Place:
@@ -175,10 +179,9 @@ class _OneWayVisibility:
         if key not in self._known:
             unblocked = None if path is None else partial(sight.blockage.fraction, path)
             self._known[key] = Occlusion(
-                [sight.geometries[each] for each in self._index],  # type: ignore[misc]
-                sight.radar.views_m[key[1]] if path is None else path.image_m,
+                self._meshes, sight.radar.views_m[key[1]] if path is None else path.image_m,
                 samples_s=sight.samples_s, backend=sight.backend, unblocked=unblocked,
-                solid=self._solid, subdivision=self.subdivision,
+                solid=self._solid, kept=sight.kept if self._solid else None, where=key,
             )  # fmt: skip
         occlusion = self._known[key]
         if sight.fast_rotating[number]:

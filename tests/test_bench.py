@@ -16,7 +16,6 @@ from validation.bench.sections import Found, Sweep, overview, power_law, sweeps,
 from validation.bench.stages import (
     ECHO_BYTES,
     FACETS,
-    OCCLUSION,
     PATHS,
     PIECE_BYTES,
     SPECTROGRAM,
@@ -116,9 +115,9 @@ def test_stages_are_told_apart(scene: str) -> None:
         target, radar, scene=scene, method="mesh", accuracy={"sagitta_rad": 2.0, "dynamic_range_db": 10}
     )
     assert set(spent) == set(STAGES)
-    assert min(spent.values()) >= 0
+    assert min(spent.values()) >= 0  # occlusion, the difference of two short times, may come out as 0
     assert (spent[PATHS] > 0) == (scene != "free_space")
-    assert min(spent[FACETS], spent[OCCLUSION], spent[SYNTHESIS], spent[SPECTROGRAM]) > 0
+    assert min(spent[FACETS], spent[SYNTHESIS], spent[SPECTROGRAM]) > 0
     assert done["instants"] >= len(whole.cube)
     assert done["facets"] > 6_402
     assert done["echo_terms"] > done["instants"]

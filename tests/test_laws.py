@@ -9,10 +9,10 @@ import pytest
 
 import t2d_rt as t2d
 from t2d_rt.accuracy.budget import SURELY, Omission, Total
-from t2d_rt.accuracy.estimate import Chirps
+from t2d_rt.accuracy.estimate import Chirps, Field
 from t2d_rt.accuracy.laws import COARSER, FacetLaw, Laws
 from t2d_rt.accuracy.measuring import _mean
-from t2d_rt.propagation.visibility import sample_times
+from t2d_rt.propagation.visibility import KeptVisibility, sample_times
 from t2d_rt.types import Radar
 
 LAWS = Laws.fitted()
@@ -58,12 +58,27 @@ def test_the_mean_of_two_figures_is_that_of_least_variance() -> None:
     assert _mean((-20.0, 2.0), (-300.0, math.inf)) == (-20.0, 2.0)
 
 
-def test_parts_of_random_chirps_are_disjoint_and_complete() -> None:
-    chirps = Chirps.random(RADAR, (0.0, 2.0), seed=3, count=30)
-    first, others = chirps.parts(12)
-    assert len(first.rows) == 12
-    assert sorted([*first.rows, *others.rows]) == chirps.rows.tolist()
-    assert (np.diff(first.rows) > 0).all()
+def test_half_of_the_random_chirps_covers_the_whole_record() -> None:
+    chirps = Chirps.random(RADAR, (0.0, 2.0), seed=3, count=16)
+    first, others = chirps[:8], chirps[8:]
+    assert not set(first.rows) & set(others.rows)
+    edges = np.linspace(0, len(RADAR.chirp_times_s(2.0)), 17)
+    assert (np.searchsorted(edges, first.rows, side="right") - 1).tolist() == list(range(0, 16, 2))
+    assert (np.searchsorted(edges, others.rows, side="right") - 1).tolist() == list(range(1, 16, 2))
+
+
+@pytest.mark.parametrize("sampled", [True, False])
+def test_chirps_asked_for_in_parts_have_the_same_samples(sampled: bool) -> None:
+    model = t2d.plan(t2d.trim(t2d.example("walk"), 0.3, 0.6), radar=RADAR).budget.model
+    chirps = Chirps.random(RADAR, model.span_s, seed=3, count=9)
+    accuracy = t2d.Accuracy(sagitta_scale=8.0)
+    kept = KeptVisibility(chirps.nearest(sample_times(*model.span_s, 25.0), RADAR)) if sampled else None
+    whole = Field(model, accuracy, chirps, kept=kept)
+    parts = np.concatenate([whole.samples(first, last) for first, last in ((0, 5), (5, 7), (7, 20))])
+    order = np.argsort(chirps.rows)
+    ascending = Chirps(chirps.rows[order], chirps.antennas[order], chirps.starts_s[order], chirps.samples)
+    expected = Field(model, accuracy, ascending, kept=kept).samples()
+    np.testing.assert_allclose(parts[order], expected, rtol=0, atol=1e-6 * np.abs(expected).max())
 
 
 def test_samples_of_visibility_beside_chirps_are_all_that_these_need() -> None:

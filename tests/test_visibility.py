@@ -15,6 +15,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.body.template import template
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import SubdividedMesh
+from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion, sample_times
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
@@ -40,7 +41,7 @@ def moving_sphere(
 
 def occlusion(meshes: list[MovingMesh], backend: Backend, rate_hz: float = 10.0, at: np.ndarray = HERE) -> Occlusion:
     start, stop = max(m.times_s[0] for m in meshes), min(m.times_s[-1] for m in meshes)
-    return Occlusion(meshes, at, samples_s=sample_times(start, stop, rate_hz), backend=backend)
+    return Occlusion(Occluders(meshes), at, samples_s=sample_times(start, stop, rate_hz), backend=backend)
 
 
 def facing(mesh: MovingMesh, time_s: float = 0.0) -> np.ndarray:
@@ -234,7 +235,7 @@ def test_more_sample_times_than_one_scene_holds(backend: Backend, monkeypatch: p
     view = occlusion(meshes, backend, 200.0)
     many = view.visibility(times_s)  # more than 64 instants, four scenes
     assert len(many[0]) > 3 * 64
-    monkeypatch.setattr("t2d_rt.propagation.visibility.FACES_PER_SCENE", 1)  # one instant in a scene
+    monkeypatch.setattr("t2d_rt.propagation.occluders.FACES_PER_SCENE", 1)  # one instant in a scene
     alone = occlusion(meshes, backend, 200.0)
     some = np.arange(0, 201, 8)
     for whole, one in zip(many, alone.visibility(times_s[some]), strict=True):
@@ -343,7 +344,9 @@ def test_subdivision_places_a_shadows_edge_more_closely(backend: Backend) -> Non
     lit = (across < 2 * low) | (across > 2 * high)
     errors = []
     for subdivision in range(3):
-        occluded = Occlusion([floor, shade], HERE, samples_s=samples_s, backend=backend, subdivision=subdivision)
+        occluded = Occlusion(
+            Occluders([floor, shade], subdivision=subdivision), HERE, samples_s=samples_s, backend=backend
+        )
         seen = occluded.visibility(np.array([0.5]))[0][0]
         stands = SubdividedMesh.of(faces, len(places), subdivision).operator @ places
         row = np.abs(stands[:, 2] - 1.0) < 1e-6

@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.cubes import Cube
 from t2d_rt.model import Model
+from t2d_rt.propagation.visibility import KeptVisibility
 from t2d_rt.radar.direct import between, chirp_samples
 from t2d_rt.scattering.streams import batches
 from t2d_rt.types import Accuracy, EchoStream, Radar
@@ -27,7 +28,7 @@ class Chirps:
     """Some chirps of a record and some samples of each."""
 
     rows: np.ndarray
-    """Rows of the cube, ascending (K,)."""
+    """Rows of the cube (K,)."""
     antennas: np.ndarray
     """Antenna of each row (K,)."""
     starts_s: np.ndarray
@@ -37,7 +38,7 @@ class Chirps:
 
     @classmethod
     def random(cls, radar: Radar, span_s: tuple[float, float], *, seed: int, count: int) -> Chirps:
-        """One random chirp in each of `count` equal parts of the record, each of a random antenna."""
+        """One random chirp in each of `count` equal parts of the record, each of a random antenna; every other part first."""
         starts = radar.chirp_times_s(span_s[1] - span_s[0])
         count = min(count, len(starts))
         edges = np.linspace(0, len(starts), count + 1)
@@ -45,14 +46,12 @@ class Chirps:
         rows = np.unique((edges[:-1] + rng.random(count) * np.diff(edges)).astype(int))
         antennas = rng.integers(radar.antennas, size=len(rows))
         begin = span_s[0] + starts[rows] + radar.antenna_delays_s[antennas]
+        order = np.concatenate([np.arange(first, len(rows), 2) for first in (0, 1)])
         step = max(1, radar.samples // SAMPLES)
-        return cls(rows, antennas, begin, np.arange(step // 2, radar.samples, step))
+        return cls(rows[order], antennas[order], begin[order], np.arange(step // 2, radar.samples, step))
 
-    def parts(self, first: int) -> list[Chirps]:
-        """So many of them at random, and the others."""
-        order = np.random.default_rng(len(self.rows)).permutation(len(self.rows))
-        some = (np.sort(part) for part in (order[:first], order[first:]) if len(part))
-        return [replace(self, rows=self.rows[k], antennas=self.antennas[k], starts_s=self.starts_s[k]) for k in some]
+    def __getitem__(self, some: slice) -> Chirps:
+        return replace(self, rows=self.rows[some], antennas=self.antennas[some], starts_s=self.starts_s[some])
 
     def instants_s(self, radar: Radar) -> np.ndarray:
         """First and last instant of each chirp [s] (2 K,)."""
@@ -64,24 +63,37 @@ class Chirps:
         return samples_s[np.unique([after - 1, after])]
 
 
-def field(model: Model, accuracy: Accuracy, chirps: Chirps, *, samples_s: np.ndarray | None = None) -> np.ndarray:
-    """Samples (K, S) complex128 [sqrt(W)] of the targets alone.
+class Field:
+    """Samples of the targets alone at chirps, at an accuracy.
 
-    Visibility is sampled from the meshes' vertices at `samples_s` [s], as in a run; or it is traced at every chirp, over the
-    strongest path pair from every facet's vertices.
+    Visibility is sampled from the meshes' vertices at the times of what is `kept`, as in a run; or it is traced at every chirp,
+    over the strongest path pair from every facet's vertices.
     """
-    radar = model.radar
-    total = np.zeros((len(chirps.rows), len(chirps.samples)), complex)
-    for part in batches(model.streams(accuracy, chirps.instants_s(radar), samples_s), radar):
-        of_one = 2 * (ECHO_BYTES * part.echoes + VERTEX_BYTES * part.vertices)
-        at_once = int(np.clip(FIELD_BYTES / max(1, of_one), 1, CHIRPS_AT_ONCE))
-        for first in range(0, len(total), at_once):
-            some = slice(first, first + at_once)
-            rows, antennas = chirps.rows[some], chirps.antennas[some]
-            ends = part.frames(2 * first, 2 * (first + len(rows)))
-            total[some] += chirp_samples(ends, radar, rows, antennas, chirps.samples)
-            model.memory.release()
-    return total
+
+    def __init__(self, model: Model, accuracy: Accuracy, chirps: Chirps, *, kept: KeptVisibility | None = None) -> None:
+        self._model, self._chirps = model, chirps
+        self._parts = batches(model.streams(accuracy, chirps.instants_s(model.radar), kept=kept), model.radar)
+
+    def samples(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        """Of the chirps from the first to before the last, (K, S) complex128 [sqrt(W)]."""
+        chirps, radar = self._chirps, self._model.radar
+        last = len(chirps.rows) if last is None else min(last, len(chirps.rows))
+        total = np.zeros((last - first, len(chirps.samples)), complex)
+        for part in self._parts:
+            of_one = 2 * (ECHO_BYTES * part.echoes + VERTEX_BYTES * part.vertices)
+            at_once = int(np.clip(FIELD_BYTES / max(1, of_one), 1, CHIRPS_AT_ONCE))
+            for start in range(first, last, at_once):
+                stop = min(start + at_once, last)
+                rows, antennas = chirps.rows[start:stop], chirps.antennas[start:stop]
+                ends = part.frames(2 * start, 2 * stop)
+                total[start - first : stop - first] += chirp_samples(ends, radar, rows, antennas, chirps.samples)
+                self._model.memory.release()
+        return total
+
+
+def field(model: Model, accuracy: Accuracy, chirps: Chirps) -> np.ndarray:
+    """Samples (K, S) complex128 [sqrt(W)] of the targets alone at all chirps, visibility traced at each."""
+    return Field(model, accuracy, chirps).samples()
 
 
 def of_cube(model: Model, cube: Cube, static: Sequence[EchoStream], chirps: Chirps) -> np.ndarray:

@@ -10,17 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.accuracy.budget import Budget, Total, db, ratio
-from t2d_rt.accuracy.estimate import Chirps, field, of_cube
+from t2d_rt.accuracy.estimate import Chirps, Field, of_cube
 from t2d_rt.accuracy.laws import COARSER
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import OVER_DB
 from t2d_rt.cubes import Cube
 from t2d_rt.errors import T2DWarning
-from t2d_rt.model import with_method
-from t2d_rt.propagation.visibility import sample_times
+from t2d_rt.model import Next, with_method
+from t2d_rt.propagation.visibility import KeptVisibility, sample_times
 from t2d_rt.types import Accuracy, EchoStream
 
-FIRST_CHIRPS, MOST_CHIRPS = 12, 30
+FIRST_CHIRPS, MOST_CHIRPS = 8, 16
 """So many chirps are held against the coarser model, all of them where the first ones do not tell well enough."""
 ENOUGH_DB = 1.4
 """Standard error of the mean over chirps at which no more are asked."""
@@ -57,49 +57,61 @@ class MeasuredError:
         return {"error_db": self.error_db, "error_scatter_db": self.scatter_db, "error_chirps": self.chirps}
 
 
-def measured(plan: Plan, cube: Cube, static: Sequence[EchoStream]) -> MeasuredError:
-    """Field error of a run by that plan; a warning where it misses the tolerance, or where there is nothing to measure.
+class Measurement:
+    """The field error of a run by a plan, measured at random chirps.
 
-    Random chirps of the cube are held against a model with coarser facets, which costs little. Facets' errors fall with their
-    phase sagitta by a fitted law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). In free
-    space the coarser model tells what sampled visibility costs, too, beside one that traces it at each chirp. Ellipsoids that
-    stand for bodies over minor path pairs are not in the coarser model: the difference has their power. `static` are echoes of
-    the static scene.
+    They are held against a model with coarser facets, which costs little. Facets' errors fall with their phase sagitta by a fitted
+    law, so the difference tells the run's own (`Budget`, as in Richardson's extrapolation). In free space the coarser model tells
+    what sampled visibility costs, too, beside one that traces it at each chirp. Ellipsoids that stand for bodies over minor path
+    pairs are not in the coarser model: the difference has their power.
     """
-    budget, model, accuracy = plan.budget, plan.model, plan.accuracy
-    coarser, expected, fraction = compared_with(budget, accuracy)
-    full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
-    traced = shadows_matter(budget, accuracy, coarser, expected * fraction)
-    samples_s = sample_times(*model.span_s, accuracy.visibility_rate_hz)
-    facets, shadows, energy = np.zeros(0), np.zeros(0), 0.0
-    all_chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=MOST_CHIRPS)
-    for chirps in all_chirps.parts(FIRST_CHIRPS):
-        found, with_static = (of_cube(model, cube, each, chirps) for each in (static, ()))
-        energy += float(np.sum(np.abs(found) ** 2))
-        # Of float32 samples less the static echoes in them something remains in any case.
-        if energy <= ROUNDING * float(np.sum(np.abs(with_static) ** 2)):
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan, model = plan, plan.model
+        coarser, self._expected, self._fraction = compared_with(plan.budget, plan.accuracy)
+        self._chirps = Chirps.random(model.radar, model.span_s, seed=model.seed + 1, count=MOST_CHIRPS)
+        samples_s = sample_times(*model.span_s, plan.accuracy.visibility_rate_hz)
+        self.next = Next(coarser, KeptVisibility(self._chirps.nearest(samples_s, model.radar)))
+        """What the run can do for it."""
+
+    def result(self, cube: Cube, static: Sequence[EchoStream]) -> MeasuredError:
+        """The error of the run's cube, `static` being the echoes of the static scene in it; a warning where it misses the
+        tolerance, or where there is nothing to measure."""
+        plan, (coarser, kept), chirps = self._plan, self.next, self._chirps
+        budget, model, accuracy = plan.budget, plan.model, plan.accuracy
+        full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
+        again = Field(full, coarser, chirps, kept=kept)
+        exact = None
+        if shadows_matter(budget, accuracy, coarser, self._expected * self._fraction):
+            traced = coarser.replace(occlusion=True, visibility_subdivision=EXACT_SUBDIVISION)
+            exact = Field(full, traced, chirps)
+        facets, shadows, energy = np.zeros(0), np.zeros(0), 0.0
+        for first, last in ((0, FIRST_CHIRPS), (FIRST_CHIRPS, len(chirps.rows))):
+            found, with_static = (of_cube(model, cube, each, chirps[first:last]) for each in (static, ()))
+            energy += float(np.sum(np.abs(found) ** 2))
+            # Of float32 samples less the static echoes in them something remains in any case.
+            if energy <= ROUNDING * float(np.sum(np.abs(with_static) ** 2)):
+                warnings.warn(
+                    "there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4
+                )
+                return MeasuredError(math.nan, math.nan, len(found))
+            coarse = again.samples(first, last)
+            facets = np.append(facets, np.sum(np.abs(found - coarse) ** 2, axis=1))
+            if exact:
+                shadows = np.append(shadows, np.sum(np.abs(exact.samples(first, last) - coarse) ** 2, axis=1))
+            result = _combined(budget, accuracy, self._expected, self._fraction, facets / energy, shadows / energy)
+            beyond = 0.0 if plan.tolerance_db is None else abs(result.error_db - plan.tolerance_db)
+            uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if exact else [facets]))
+            if len(facets) == len(chirps.rows) or uncertain_db <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db:
+                break
+        if plan.tolerance_db is not None and result.error_db > plan.tolerance_db + OVER_DB:
             warnings.warn(
-                "there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4
+                f"the measured error of {result.error_db:.1f} dB misses the tolerance of {plan.tolerance_db:g} dB; plan tells what "
+                "costs most",
+                T2DWarning,
+                stacklevel=4,
             )
-            return MeasuredError(math.nan, math.nan, len(chirps.rows))
-        again = field(full, coarser, chirps, samples_s=chirps.nearest(samples_s, model.radar))
-        facets = np.append(facets, np.sum(np.abs(found - again) ** 2, axis=1))
-        if traced:
-            exact = field(full, coarser.replace(occlusion=True, visibility_subdivision=EXACT_SUBDIVISION), chirps)
-            shadows = np.append(shadows, np.sum(np.abs(exact - again) ** 2, axis=1))
-        result = _combined(budget, accuracy, expected, fraction, facets / energy, shadows / energy)
-        beyond = 0.0 if plan.tolerance_db is None else abs(result.error_db - plan.tolerance_db)
-        uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if traced else [facets]))
-        if uncertain_db <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db:
-            break
-    if plan.tolerance_db is not None and result.error_db > plan.tolerance_db + OVER_DB:
-        warnings.warn(
-            f"the measured error of {result.error_db:.1f} dB misses the tolerance of {plan.tolerance_db:g} dB; plan tells what "
-            "costs most",
-            T2DWarning,
-            stacklevel=4,
-        )
-    return result
+        return result
 
 
 def _combined(

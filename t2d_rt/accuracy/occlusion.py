@@ -11,6 +11,7 @@ import numpy as np
 from t2d_rt.accuracy.estimate import Chirps
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.model import Model
+from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion
 from t2d_rt.types import Accuracy, MovingMesh
 
@@ -67,13 +68,14 @@ def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
     if not meshes:
         return -math.inf
     count = INSTANTS if model.scene is None else ROOM_INSTANTS
+    occluders = Occluders(meshes)
     faces = _Faces.of(meshes, Chirps.random(model.radar, model.span_s, seed=model.seed, count=count).starts_s)
     visible: dict[bytes, np.ndarray] = {}
     taken = left = 0.0
     for power, out_m, back_m in _ends(model, accuracy):
         for place in (out_m, back_m):
             if place.tobytes() not in visible:
-                traced = Occlusion(meshes, place, samples_s=np.zeros(0), backend=model.backend)
+                traced = Occlusion(occluders, place, samples_s=np.zeros(0), backend=model.backend)
                 visible[place.tobytes()] = traced.visible(faces.vertices, faces.middle, faces.normal)
         (there, to), (here, back) = faces.towards(out_m), faces.towards(back_m)
         middle = there + here

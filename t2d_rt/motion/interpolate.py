@@ -120,15 +120,31 @@ def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
 
 def low_pass(values: np.ndarray, cutoff_hz: float, rate_hz: float) -> np.ndarray:
     """Forward and backward Butterworth along axis 0, -3 dB at the cut-off; the ends are padded by point reflection."""
-    from scipy.signal import butter, sosfiltfilt
-
     # Two passes of 2nd order: each is -1.5 dB at the cut-off if its own corner lies 1/0.802 higher (Winter, 2.2.4.4),
     # warped exactly through the tangent of the bilinear transform.
     warped = math.tan(math.pi * cutoff_hz / rate_hz) / (math.sqrt(2.0) - 1.0) ** 0.25
-    corner = math.atan(warped) * rate_hz / math.pi
-    sections = butter(2, corner, fs=rate_hz, output="sos")
     pad = min(len(values) - 1, math.ceil(2.0 * rate_hz / cutoff_hz))
-    return np.asarray(sosfiltfilt(sections, values, axis=0, padtype="odd", padlen=pad))
+    before, after = 2 * values[:1] - values[pad:0:-1], 2 * values[-1:] - values[-2 : -pad - 2 : -1]
+    padded = np.concatenate([before, values, after])
+    twice = _butterworth(_butterworth(padded, warped)[::-1], warped)[::-1]
+    return twice[pad : pad + len(values)]
+
+
+def _butterworth(values: np.ndarray, warped: float) -> np.ndarray:
+    """Low-pass of 2nd order along axis 0, at rest at the first value; `warped` is the tangent of half its corner's phase advance.
+
+    The recursion is a banded system of equations: importing scipy.signal for it takes longer than planning a run.
+    """
+    from scipy.linalg import solve_banded
+
+    damped = 1 + math.sqrt(2.0) * warped + warped**2
+    recursive = 1.0, 2 * (warped**2 - 1) / damped, (1 - math.sqrt(2.0) * warped + warped**2) / damped
+    start = values[:1]
+    x = (values - start).reshape(len(values), -1)
+    late = [np.pad(x, ((frames, 0), (0, 0)))[: len(x)] for frames in range(3)]
+    right = (late[0] + 2 * late[1] + late[2]) * (warped**2 / damped)
+    found = solve_banded((2, 0), np.outer(recursive, np.ones(len(x))), right)
+    return found.reshape(values.shape) + start
 
 
 def jitter_mps(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> float:

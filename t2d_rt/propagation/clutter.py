@@ -13,9 +13,10 @@ from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.materials import resolved
 from t2d_rt.propagation.mirrors import Mirrors, sphere
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
+from t2d_rt.propagation.occluders import FACES_PER_SCENE
 from t2d_rt.propagation.paths import find_paths
 from t2d_rt.propagation.surroundings import polarization
-from t2d_rt.propagation.visibility import FACES_PER_SCENE, faded, side_by_side
+from t2d_rt.propagation.visibility import faded, side_by_side
 from t2d_rt.slabs import reflection
 from t2d_rt.types import Ellipsoids, Material, MovingMesh, OneWayPath, Radar, Scene, StaticPath
 

@@ -8,24 +8,20 @@ one of them. Between sample times visibility fades smoothly: an abrupt change wo
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned
-from t2d_rt.geometry import SubdividedMesh, topology
 from t2d_rt.geometry.vectors import cross
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
+from t2d_rt.propagation.occluders import Occluders, corners, incidence, vertex_normals
 from t2d_rt.types import MovingMesh
 
-FACES_PER_SCENE = 250_000
 # Rays start this far off the surface, so that the triangles they start from do not stop them.
 LIFT_M = 2e-3
-MARK_M = 0.06
-"""Blockage by the static scene is sampled at vertices that far apart: its shadows have soft edges."""
-
 
 Unblocked = Callable[[np.ndarray], np.ndarray]
 
@@ -62,47 +58,52 @@ class VisibilitySamples:
     """Visibility by the number of one-way paths that share the blockage."""
 
 
+class KeptVisibility:
+    """Visibility at some sample times, kept by one model of the targets for the next one that asks for it."""
+
+    def __init__(self, times_s: np.ndarray) -> None:
+        self.times_s = times_s
+        self._wanted = frozenset(times_s.tolist())
+        self._rows: dict[tuple[Hashable, int, float], np.ndarray] = {}
+
+    def keep(self, where: Hashable, path_count: int, time_s: float, visibility: np.ndarray) -> None:
+        """Visibility (V,) from somewhere, if its time is wanted."""
+        if time_s in self._wanted:
+            self._rows[where, path_count, time_s] = visibility.astype(np.float16)
+
+    def at(self, where: Hashable, path_count: int, time_s: float) -> np.ndarray | None:
+        """What was kept, float32 (V,)."""
+        found = self._rows.get((where, path_count, time_s))
+        return None if found is None else found.astype(np.float32)
+
+
 class Occlusion:
     """Visibility of the vertices of `meshes` from one point, self-occlusion and occlusion of one another included.
 
     `unblocked` gives the fraction of the field at points (..., 3) that the static scene does not block; with `solid` False only
     that counts. Visibility is sampled at `samples_s` [s] (`sample_times`) and fades in between; at 25 Hz the edge of a fast limb's
-    shadow moves by some 10 cm from one sample time to the next. It is sampled at the meshes' vertices (a body's are 25 mm apart)
-    and at those that their `subdivision` adds, which follow the mesh's own (`geometry.SubdividedMesh`).
+    shadow moves by some 10 cm from one sample time to the next. What is `kept` for this viewpoint, under the name `where`, is not
+    traced again.
     """
 
     def __init__(
         self,
-        meshes: Sequence[MovingMesh],
+        meshes: Occluders,
         viewpoint_m: np.ndarray,
         *,
         samples_s: np.ndarray,
         backend: Backend,
         unblocked: Unblocked | None = None,
         solid: bool = True,
-        subdivision: int = 0,
+        kept: KeptVisibility | None = None,
+        where: Hashable = None,
     ) -> None:
-        self._meshes = tuple(meshes)
+        self._meshes, self._kept, self._where = meshes, kept, where
         self._unblocked, self._solid = unblocked, solid
         self._last: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}
         self._viewpoint = np.asarray(viewpoint_m, np.float64)
         self._samples_s = samples_s
-        self._copies = 64
-        if not meshes:
-            return
-        self._faces = _side_by_side([m.faces for m in meshes], [len(m.rest) for m in meshes])
-        subdivided = [SubdividedMesh.of(m.faces, len(m.rest), subdivision) for m in meshes]
-        self._subdivided = subdivided if subdivision else None
-        self._sizes = [each.operator.shape[0] for each in subdivided]
         self._chunks: OrderedDict[int, VisibilitySamples] = OrderedDict()
-        self._closed = np.concatenate([np.full(len(m.faces), _is_closed(m)) for m in meshes])
-        self._copies = int(np.clip(FACES_PER_SCENE // (len(self._faces) * 2**subdivision), 1, 64))
-        self._subdivided_faces = _side_by_side([each.faces for each in subdivided], self._sizes)
-        self._incidence = _incidence(self._subdivided_faces, sum(self._sizes))
-        self._neighbours = _adjacency(self._incidence)
-        self._marks = (
-            None if unblocked is None else _marks([m.rest for m in meshes], [each.operator for each in subdivided])
-        )
         self._mitsuba = mitsuba(backend)
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
@@ -114,19 +115,27 @@ class Occlusion:
         last = self._last.get(path_count)
         if last is None or not np.array_equal(last[0], times_s):  # meshes and pairs ask for the same
             values = faded(times_s, self._samples_s, lambda numbers: self._at_samples(numbers, path_count))
-            last = self._last[path_count] = times_s, np.split(values, np.cumsum(self._sizes)[:-1], axis=1)
+            last = self._last[path_count] = times_s, self._meshes.split(values)
         return last[1]
 
     def _at_samples(self, numbers: np.ndarray, path_count: int) -> np.ndarray:
-        return np.stack(
-            [self._fractions(self._chunk(k // self._copies), path_count)[k % self._copies] for k in numbers.tolist()]
-        )
+        return np.stack([self._at_sample(k, path_count) for k in numbers.tolist()])
+
+    def _at_sample(self, number: int, path_count: int) -> np.ndarray:
+        time_s = float(self._samples_s[number])
+        known = None if self._kept is None else self._kept.at(self._where, path_count, time_s)
+        if known is None:
+            chunk, place = divmod(number, self._meshes.copies)
+            known = self._fractions(self._chunk(chunk), path_count)[place]
+            if self._kept is not None:
+                self._kept.keep(self._where, path_count, time_s, known)
+        return known
 
     def _chunk(self, number: int) -> VisibilitySamples:
         """Visibility at a chunk of sample times, `copies` or fewer; the last two chunks are kept."""
         if number not in self._chunks:
-            first = number * self._copies
-            self._chunks[number] = self.sampled(self._samples_s[first : first + self._copies])
+            first = number * self._meshes.copies
+            self._chunks[number] = self.sampled(self._samples_s[first : first + self._meshes.copies])
             while len(self._chunks) > 2:
                 self._chunks.popitem(last=False)
         self._chunks.move_to_end(number)
@@ -140,7 +149,8 @@ class Occlusion:
 
         def at_samples(numbers: np.ndarray) -> np.ndarray:
             if not known:
-                parts = [samples_s[first : first + self._copies] for first in range(0, len(samples_s), self._copies)]
+                copies = self._meshes.copies
+                parts = [samples_s[first : first + copies] for first in range(0, len(samples_s), copies)]
                 known.append(np.concatenate([self._mean_fraction(mesh.at(part), part, path_count) for part in parts]))
             return known[0][numbers]
 
@@ -149,9 +159,8 @@ class Occlusion:
     def _mean_fraction(self, points: np.ndarray, times_s: np.ndarray, path_count: int) -> np.ndarray:
         """Mean visibility (K, 1) of points (K, Q, 3) at these times."""
         visibility = np.ones(points.shape[:2], np.float32)
-        if self._solid and self._meshes:
-            vertices = np.concatenate([mesh.at(times_s) for mesh in self._meshes], axis=1)
-            visibility *= self.visible(vertices, points, np.zeros_like(points))
+        if self._solid and self._meshes.meshes:
+            visibility *= self.visible(self._meshes.at(times_s).vertices, points, np.zeros_like(points))
         if self._unblocked is not None:
             visibility[visibility > 0] *= self._unblocked(points[visibility > 0]) ** path_count
         return visibility.mean(axis=1, keepdims=True)
@@ -162,18 +171,12 @@ class Occlusion:
 
     def sampled(self, times_s: np.ndarray) -> VisibilitySamples:
         """Visibility at just these times; at most as many as stand in one scene."""
-        posed = [mesh.at(times_s) for mesh in self._meshes]
-        vertices = points = np.concatenate(posed, axis=1)
-        if self._subdivided is not None:
-            points = np.concatenate(
-                [_of_each(each.operator, p) for each, p in zip(self._subdivided, posed, strict=True)], axis=1
-            )
-        unblocked = self._unblocked_at(points)
+        at = self._meshes.at(times_s)
+        unblocked = self._unblocked_at(at.points)
         if not self._solid:
             return VisibilitySamples(None, None, unblocked)
-        normal = _vertex_normals(points, self._subdivided_faces, self._incidence)
-        front = np.einsum("kvi,kvi->kv", normal, self._viewpoint - points) > 0
-        return VisibilitySamples(front, self.visible(vertices, points, normal) & front, unblocked)
+        front = np.einsum("kvi,kvi->kv", at.normals, self._viewpoint - at.points) > 0
+        return VisibilitySamples(front, self.visible(at.vertices, at.points, at.normals) & front, unblocked)
 
     def _fractions(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
         """Visibility where so many one-way paths share the blockage, float32 (K, all vertices)."""
@@ -187,15 +190,15 @@ class Occlusion:
         front, visibility = sampled.front, sampled.visible * unblocked
         # A vertex just beyond the horizon takes the mean of its neighbours this side of it: the horizon itself is the
         # facets' own cosine, not a shadow. (To go on from there over as much as a whole edge was tried and changes nothing.)
-        count = (self._neighbours @ front.T.astype(np.float32)).T
-        beyond = (self._neighbours @ visibility.T).T / np.maximum(count, 1)
+        count = (self._meshes.neighbours @ front.T.astype(np.float32)).T
+        beyond = (self._meshes.neighbours @ visibility.T).T / np.maximum(count, 1)
         return np.where(front, visibility, beyond).astype(np.float32)
 
     def _unblocked_at(self, vertices: np.ndarray) -> np.ndarray:
         """Fraction of the field at vertices (K, V, 3) that the static scene does not block, float32 (K, V)."""
-        if self._unblocked is None or self._marks is None:
+        if self._unblocked is None:
             return np.ones(vertices.shape[:2], np.float32)
-        marks, carried = self._marks
+        marks, carried = self._meshes.marks
         return np.asarray((carried @ self._unblocked(vertices[:, marks]).T).T)
 
     def visible(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -204,8 +207,10 @@ class Occlusion:
         towards = offset / np.sqrt(np.einsum("kqi,kqi->kq", offset, offset))[..., None]
         origins = LIFT_M * (towards + normals) - offset
         vertices = vertices - self._viewpoint
-        instant, face = np.nonzero(_faces_origin(vertices, self._faces) | ~self._closed)
-        return _unobstructed(self._mitsuba, vertices, self._faces[face] + instant[:, None] * vertices.shape[1], origins)
+        instant, face = np.nonzero(_faces_origin(vertices, self._meshes.faces) | ~self._meshes.closed)
+        return _unobstructed(
+            self._mitsuba, vertices, self._meshes.faces[face] + instant[:, None] * vertices.shape[1], origins
+        )
 
 
 class ExactVisibility:
@@ -217,26 +222,26 @@ class ExactVisibility:
     SAME_S = 1e-3
 
     def __init__(self, occluders: Sequence[MovingMesh], viewpoint_m: np.ndarray, *, backend: Backend) -> None:
-        self._meshes = tuple(occluders)
+        self._occluders = Occluders(occluders)
         self._viewpoint = viewpoint_m
-        self._solid = Occlusion(occluders, viewpoint_m, samples_s=np.zeros(0), backend=backend)
+        self._solid = Occlusion(self._occluders, viewpoint_m, samples_s=np.zeros(0), backend=backend)
 
     def fraction(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         """1 where vertices (K, V, 3) m of triangles (F, 3) are visible at times [s] (K,), else 0: float32 (K, V)."""
         fresh = np.zeros(len(times_s), bool)
         last = -np.inf
         for number, time_s in enumerate(times_s):
-            if time_s - last > self.SAME_S:
+            if abs(time_s - last) > self.SAME_S:
                 fresh[number], last = True, time_s
-        incidence = _incidence(faces, vertices.shape[1])
+        around = incidence(faces, vertices.shape[1])
         found = []
         for instant in np.flatnonzero(fresh):
             here = vertices[instant : instant + 1]
-            normal = _vertex_normals(here, faces, incidence)
+            normal = vertex_normals(here, faces, around)
             front = np.flatnonzero(np.einsum("vi,vi->v", normal[0], self._viewpoint - here[0]) > 0)
             visibility = np.ones(vertices.shape[1], np.float32)  # beyond the horizon facets show their back
-            occluders = np.concatenate([mesh.at(times_s[instant : instant + 1]) for mesh in self._meshes], axis=1)
-            visibility[front] = self._solid.visible(occluders, here[:, front], normal[:, front])[0]
+            occluders = self._occluders.at(times_s[instant : instant + 1])
+            visibility[front] = self._solid.visible(occluders.vertices, here[:, front], normal[:, front])[0]
             found.append(visibility)
         return np.stack(found)[np.cumsum(fresh) - 1]
 
@@ -261,80 +266,7 @@ def side_by_side(instants: int, reach_m: float) -> np.ndarray:
     return np.asarray(np.stack(np.unravel_index(np.arange(instants), (4, 4, 4)), axis=1)[:, None, :] * reach_m)
 
 
-def _is_closed(mesh: MovingMesh) -> bool:
-    """Whether every edge joins two faces of the same orientation."""
-    return bool((topology(mesh.faces, len(mesh.rest)).twin >= 0).all())
-
-
 def _faces_origin(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Which faces of vertices (K, V, 3) face the coordinate origin, bool (K, F)."""
-    a, b, c = _corners(vertices, faces)
+    a, b, c = corners(vertices, faces)
     return (a * np.stack(cross(b, c))).sum(axis=0).T <= 0
-
-
-def _vertex_normals(vertices: np.ndarray, faces: np.ndarray, incidence: Any) -> np.ndarray:
-    """Area-weighted unit normals (K, V, 3) of vertices (K, V, 3)."""
-    a, b, c = _corners(vertices, faces)
-    total = np.stack([incidence @ each for each in cross(b - a, c - a)])
-    return (total / np.maximum(np.sqrt((total**2).sum(axis=0)), 1e-30)).T
-
-
-def _corners(vertices: np.ndarray, faces: np.ndarray) -> Iterator[np.ndarray]:
-    """The three corners of faces, each (3, F, K): whole rows of instants are read and worked on at a time."""
-    rows = np.ascontiguousarray(vertices.T)
-    return (rows.take(faces[:, i], axis=1) for i in range(3))
-
-
-def _incidence(faces: np.ndarray, count: int) -> Any:
-    """Sparse (V, F): 1 where a vertex belongs to a face."""
-    from scipy.sparse import csr_array
-
-    rows = faces.ravel()
-    columns = np.repeat(np.arange(len(faces)), 3)
-    return csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, len(faces)))
-
-
-def _side_by_side(faces: Sequence[np.ndarray], sizes: Sequence[int]) -> np.ndarray:
-    """Faces of meshes of so many vertices as those of one."""
-    offsets = np.cumsum([0, *sizes[:-1]])
-    return np.concatenate([each + offset for each, offset in zip(faces, offsets, strict=True)])
-
-
-def _of_each(operator: Any, vertices: np.ndarray) -> np.ndarray:
-    """Applies a sparse (V', V) to vertices (K, V, 3)."""
-    flat = operator @ np.ascontiguousarray(vertices.swapaxes(0, 1)).reshape(vertices.shape[1], -1)
-    return np.asarray(flat.reshape(-1, len(vertices), 3).swapaxes(0, 1))
-
-
-def _marks(rest: Sequence[np.ndarray], operators: Sequence[Any]) -> tuple[np.ndarray, Any]:
-    """Numbers (M,) of vertices at least `MARK_M` apart in each of some meshes (V, 3), and the interpolation from these to all
-    vertices of the subdivided meshes, whose `operators` are sparse (V', V): sparse (V', M)."""
-    from scipy.sparse import block_diag, csr_array
-    from scipy.spatial import cKDTree
-
-    numbers, carried = [], []
-    offset = 0
-    for points, operator in zip(rest, operators, strict=True):
-        near = cKDTree(points).query_ball_point(points, MARK_M)
-        free, mine = np.ones(len(points), bool), []
-        for vertex, neighbours in enumerate(near):
-            if free[vertex]:
-                mine.append(vertex)
-                free[neighbours] = False
-        away, nearest = cKDTree(points[mine]).query(points, k=min(3, len(mine)))
-        weight = 1 / np.maximum(away.reshape(len(points), -1), 1e-6)
-        weight /= weight.sum(axis=1, keepdims=True)
-        row = np.repeat(np.arange(len(weight)), weight.shape[1])
-        carried.append(operator @ csr_array((weight.ravel(), (row, nearest.ravel())), shape=(len(weight), len(mine))))
-        numbers.append(np.array(mine) + offset)
-        offset += operator.shape[0]
-    return np.concatenate(numbers), block_diag(carried, format="csr").astype(np.float32)
-
-
-def _adjacency(incidence: Any) -> Any:
-    """Sparse (V, V): 1 where two vertices share an edge."""
-    joined = (incidence @ incidence.T).tocsr()
-    joined.setdiag(0)
-    joined.eliminate_zeros()
-    joined.data[:] = 1
-    return joined.astype(np.float32)

@@ -20,13 +20,13 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.accuracy import cost
 from t2d_rt.accuracy.budget import BODY_SAGITTA_RAD
-from t2d_rt.accuracy.estimate import Chirps, field, nmse_db, of_cube
+from t2d_rt.accuracy.estimate import Chirps, Field, field, nmse_db, of_cube
 from t2d_rt.accuracy.laws import COARSER, FILE, PERIMETER, Law, Laws
 from t2d_rt.accuracy.occlusion import unoccluded_db
 from t2d_rt.accuracy.search import VISIBILITY
 from t2d_rt.errors import T2DWarning
 from t2d_rt.model import Model, with_method
-from t2d_rt.propagation.visibility import sample_times
+from t2d_rt.propagation.visibility import KeptVisibility, sample_times
 from t2d_rt.summation import summed
 from t2d_rt.types import Accuracy, MovingMesh, PathTier
 from t2d_rt.types.accuracy import EVERY_PATH_DB
@@ -148,9 +148,8 @@ def shadows(name: str) -> dict[str, Any]:
     for rate_hz, subdivision in VISIBILITY:
         sampled = EXACT.replace(visibility_rate_hz=rate_hz, visibility_subdivision=subdivision)
         found.append(_power_db(whole - of_run(sampled) - taken, seen))
-        again = field(
-            model, sampled.replace(sagitta_scale=COARSER), chirps, samples_s=sample_times(*model.span_s, rate_hz)
-        )
+        kept = KeptVisibility(sample_times(*model.span_s, rate_hz))
+        again = Field(model, sampled.replace(sagitta_scale=COARSER), chirps, kept=kept).samples()
         direct.append(_power_db(again - seen_coarser, seen_coarser))
     found.append(_power_db(taken, seen))
     direct.append(_power_db(field(model, coarser, chirps) - seen_coarser, seen_coarser))

@@ -12,6 +12,7 @@ import t2d_rt as t2d
 from t2d_rt.backend import select
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.template import template
+from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion, sample_times
 from t2d_rt.scattering.ellipsoid import specular_points
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
@@ -270,7 +271,7 @@ def _torso(body: MovingMesh, position: np.ndarray, times_s: np.ndarray) -> np.nd
 def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     """Mean of the echoes' places weighted with their powers, (T, 3)."""
     samples_s = sample_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0)
-    view = Occlusion([body], radar.tx_position_m, samples_s=samples_s, backend=select("auto"))
+    view = Occlusion(Occluders([body]), radar.tx_position_m, samples_s=samples_s, backend=select("auto"))
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, detail=Detail(sagitta_rad=body.sagitta_rad), seed=0,

@@ -1,0 +1,181 @@
+"""Meshes that occlude: what the rays of every viewpoint have in common."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.geometry import SubdividedMesh, topology
+from t2d_rt.geometry.vectors import cross
+from t2d_rt.types import MovingMesh
+
+FACES_PER_SCENE, MOST_COPIES = 250_000, 64
+"""So many faces stand in one ray tracer's scene, of so many instants."""
+MARK_M = 0.06
+"""Blockage by the static scene is sampled at vertices that far apart: its shadows have soft edges."""
+POSES_KEPT = 2
+"""Visibility fades from one chunk of sample times to the next, and all viewpoints ask for the same ones."""
+
+
+@dataclass(frozen=True)
+class Posed:
+    """Meshes at some instants."""
+
+    meshes: Occluders
+    vertices: np.ndarray
+    """(K, V, 3) m."""
+    points: np.ndarray
+    """Where visibility is sampled: the vertices, and those that the subdivision adds, mesh by mesh (K, V', 3) m."""
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Unit normals at these points, weighted with the areas of the faces around (K, V', 3)."""
+        return vertex_normals(self.points, self.meshes.subdivided_faces, self.meshes.incidence)
+
+
+class Occluders:
+    """Meshes, and the points on them at which visibility is sampled: their vertices (a body's are 25 mm apart) and those that
+    `subdivision` adds, which follow the mesh's own (`geometry.SubdividedMesh`)."""
+
+    def __init__(self, meshes: Sequence[MovingMesh], *, subdivision: int = 0) -> None:
+        self.meshes = tuple(meshes)
+        self._subdivided = [SubdividedMesh.of(m.faces, len(m.rest), subdivision) for m in meshes]
+        self._subdivision = subdivision
+        self._posed: OrderedDict[bytes, Posed] = OrderedDict()
+
+    @cached_property
+    def faces(self) -> np.ndarray:
+        """Those of all meshes, as of one (F, 3)."""
+        return _side_by_side([m.faces for m in self.meshes], [len(m.rest) for m in self.meshes])
+
+    @cached_property
+    def closed(self) -> np.ndarray:
+        """Which faces belong to a closed mesh (F,)."""
+        return np.concatenate([np.full(len(m.faces), _is_closed(m)) for m in self.meshes])
+
+    @cached_property
+    def copies(self) -> int:
+        """At how many instants they are traced in one scene."""
+        if not self.meshes:
+            return MOST_COPIES
+        return int(np.clip(FACES_PER_SCENE // (len(self.faces) * 2**self._subdivision), 1, MOST_COPIES))
+
+    @cached_property
+    def neighbours(self) -> Any:
+        """Sparse (V', V'): 1 where two points share an edge."""
+        return _adjacency(self.incidence)
+
+    @cached_property
+    def marks(self) -> tuple[np.ndarray, Any]:
+        """Numbers (M,) of points about `MARK_M` apart, and the interpolation from these to all points: sparse (V', M)."""
+        return _marks([m.rest for m in self.meshes], [each.operator for each in self._subdivided])
+
+    def at(self, times_s: np.ndarray) -> Posed:
+        """Their shape at these times; the last ones are kept."""
+        key = times_s.tobytes()
+        if key not in self._posed:
+            posed = [mesh.at(times_s) for mesh in self.meshes]
+            vertices = points = np.concatenate(posed, axis=1)
+            if self._subdivision:
+                each = (_of_each(s.operator, p) for s, p in zip(self._subdivided, posed, strict=True))
+                points = np.concatenate(list(each), axis=1)
+            self._posed[key] = Posed(self, vertices, points)
+            while len(self._posed) > POSES_KEPT:
+                self._posed.popitem(last=False)
+        return self._posed[key]
+
+    def split(self, values: np.ndarray) -> list[np.ndarray]:
+        """Values at all points (K, V') mesh by mesh."""
+        return np.split(values, np.cumsum(self._sizes)[:-1], axis=1)
+
+    @cached_property
+    def _sizes(self) -> list[int]:
+        return [each.operator.shape[0] for each in self._subdivided]
+
+    @cached_property
+    def subdivided_faces(self) -> np.ndarray:
+        """Those between all points (F', 3)."""
+        return _side_by_side([each.faces for each in self._subdivided], self._sizes)
+
+    @cached_property
+    def incidence(self) -> Any:
+        """Sparse (V', F'): 1 where a point belongs to a face."""
+        return incidence(self.subdivided_faces, sum(self._sizes))
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray, around: Any) -> np.ndarray:
+    """Area-weighted unit normals (K, V, 3) of vertices (K, V, 3)."""
+    a, b, c = corners(vertices, faces)
+    total = np.stack([around @ each for each in cross(b - a, c - a)])
+    return (total / np.maximum(np.sqrt((total**2).sum(axis=0)), 1e-30)).T
+
+
+def corners(vertices: np.ndarray, faces: np.ndarray) -> Iterator[np.ndarray]:
+    """The three corners of faces, each (3, F, K): whole rows of instants are read and worked on at a time."""
+    rows = np.ascontiguousarray(vertices.T)
+    return (rows.take(faces[:, i], axis=1) for i in range(3))
+
+
+def incidence(faces: np.ndarray, count: int) -> Any:
+    """Sparse (V, F): 1 where a vertex belongs to a face."""
+    from scipy.sparse import csr_array
+
+    rows = faces.ravel()
+    columns = np.repeat(np.arange(len(faces)), 3)
+    return csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, len(faces)))
+
+
+def _adjacency(incidence: Any) -> Any:
+    """Sparse (V, V): 1 where two vertices share an edge."""
+    joined = (incidence @ incidence.T).tocsr()
+    joined.setdiag(0)
+    joined.eliminate_zeros()
+    joined.data[:] = 1
+    return joined.astype(np.float32)
+
+
+def _is_closed(mesh: MovingMesh) -> bool:
+    """Whether every edge joins two faces of the same orientation."""
+    return bool((topology(mesh.faces, len(mesh.rest)).twin >= 0).all())
+
+
+def _side_by_side(faces: Sequence[np.ndarray], sizes: Sequence[int]) -> np.ndarray:
+    """Faces of meshes of so many vertices as those of one."""
+    offsets = np.cumsum([0, *sizes[:-1]])
+    return np.concatenate([each + offset for each, offset in zip(faces, offsets, strict=True)])
+
+
+def _of_each(operator: Any, vertices: np.ndarray) -> np.ndarray:
+    """Applies a sparse (V', V) to vertices (K, V, 3)."""
+    flat = operator @ np.ascontiguousarray(vertices.swapaxes(0, 1)).reshape(vertices.shape[1], -1)
+    return np.asarray(flat.reshape(-1, len(vertices), 3).swapaxes(0, 1))
+
+
+def _marks(rest: Sequence[np.ndarray], operators: Sequence[Any]) -> tuple[np.ndarray, Any]:
+    """Numbers (M,) of vertices at least `MARK_M` apart in each of some meshes (V, 3), and the interpolation from these to all
+    vertices of the subdivided meshes, whose `operators` are sparse (V', V): sparse (V', M)."""
+    from scipy.sparse import block_diag, csr_array
+    from scipy.spatial import cKDTree
+
+    numbers, carried = [], []
+    offset = 0
+    for points, operator in zip(rest, operators, strict=True):
+        near = cKDTree(points).query_ball_point(points, MARK_M)
+        free, mine = np.ones(len(points), bool), []
+        for vertex, neighbours in enumerate(near):
+            if free[vertex]:
+                mine.append(vertex)
+                free[neighbours] = False
+        away, nearest = cKDTree(points[mine]).query(points, k=min(3, len(mine)))
+        weight = 1 / np.maximum(away.reshape(len(points), -1), 1e-6)
+        weight /= weight.sum(axis=1, keepdims=True)
+        row = np.repeat(np.arange(len(weight)), weight.shape[1])
+        carried.append(operator @ csr_array((weight.ravel(), (row, nearest.ravel())), shape=(len(weight), len(mine))))
+        numbers.append(np.array(mine) + offset)
+        offset += operator.shape[0]
+    return np.concatenate(numbers), block_diag(carried, format="csr").astype(np.float32)
