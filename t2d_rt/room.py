@@ -150,7 +150,6 @@ def clutter_streams(
     """Echoes of the static scene, occluded by targets, and how many, for a result's settings."""
     if kind == "diffuse":
         scene = roughened(scene, SCATTERING_COEFFICIENT, radar.mid_frequency_hz)
-    mirrors = Mirrors.of(scene, backend)
     streams = []
 
     def unoccluded(paths_m: Sequence[np.ndarray], **fineness: int) -> Fraction | None:
@@ -160,12 +159,14 @@ def clutter_streams(
             geometries, paths_m, radar.wavelength_m, samples_s=samples_s, backend=backend, **fineness
         ).fractions
 
-    paths = static_paths(mirrors, radar, order=CLUTTER_ORDER)
+    paths = static_paths(scene, radar, order=CLUTTER_ORDER, backend=backend)
     if paths:
         streams.append(
             mirror_echoes(paths, radar, times_s=times_s, fractions=unoccluded([path.stops_m for path in paths]))
         )
-    points, rcs = rough_points(mirrors, radar) if kind == "diffuse" else (np.zeros((0, 3)), np.zeros(0))
+    points = np.zeros((0, 3))
+    if kind == "diffuse":
+        points, rcs = rough_points(Mirrors.of(scene, backend), radar)
     if len(points):
         paths_m = [np.array([radar.tx_position_m, point, radar.rx_position_m]) for point in points]
         passing = unoccluded(paths_m, rays=POINT_RAYS, pieces=POINT_PIECES)

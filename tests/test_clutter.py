@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,8 +40,8 @@ def ahead(x: float, half_m: float = 5.0, **kind: object) -> Surface:
 
 
 def found(*surfaces: Surface, radar: Radar | None = None, order: int = 3) -> list[StaticPath]:
-    mirrors = Mirrors.of(Scene(name="test", surfaces=surfaces), select("cpu"))
-    return static_paths(mirrors, Radar.preset("table2") if radar is None else radar, order=order)
+    radar = Radar.preset("table2") if radar is None else radar
+    return static_paths(Scene(name="test", surfaces=surfaces), radar, order=order, backend=select("cpu"))
 
 
 def power_w(paths: list[StaticPath], radar: Radar) -> float:
@@ -177,7 +178,7 @@ def test_paths_are_those_of_sionna(scene: str, paths: int) -> None:
     there_and_back = there + solved()
     strongest = max(abs(field) for _, field in there)
     ours = []
-    for path in static_paths(Mirrors.of(load_scene(scene), select("cpu")), radar, order=3):
+    for path in static_paths(load_scene(scene), radar, order=3, backend=select("cpu")):
         length = float(np.linalg.norm(path.arrival_m - radar.rx_position_m))
         field = radar.wavelength_m / (4 * math.pi * length) * received(path, np.array([radar.mid_frequency_hz]))[0]
         ours.append((length / SPEED_OF_LIGHT, field))
@@ -192,6 +193,28 @@ def test_paths_are_those_of_sionna(scene: str, paths: int) -> None:
     dominant = [delay for delay, field in there if abs(field) > 1e-3 * strongest]
     assert len(dominant) > paths
     assert all(min(abs(delay - mine) for mine, _ in ours) < 1e-12 for delay in dominant)
+
+
+def test_paths_that_are_kept_are_those_of_the_scene_and_radar_at_hand() -> None:
+    """Whatever changes a path must not find another's."""
+    near, far, rough = ahead(3.0), ahead(4.0), ahead(3.0, material=replace(PEC, scattering_coefficient=0.5))
+    table2 = Radar.preset("table2")
+    changes = [
+        {"position_m": (0.5, 0.0, 1.0)},
+        {"tx_offsets_m": ((0.0, 0.3, 0.0),)},
+        {"rx_polarization_deg": 90.0},
+        {"carrier_hz": 60e9},
+    ]
+    radars = [table2, *(table2.replace(**change) for change in changes)]
+    seen = []
+    for _ in range(2):  # made, then kept
+        for surface, radar in [(near, table2), (far, table2), (rough, table2), *((near, each) for each in radars[1:])]:
+            (path,) = found(surface, radar=radar, order=1)
+            field = received(path, np.array([radar.mid_frequency_hz]))[0]
+            seen.append((*path.stops_m.ravel(), *path.taken, field, radar.mid_frequency_hz))
+    half = len(seen) // 2
+    assert seen[:half] == seen[half:]
+    assert len(set(seen)) == half
 
 
 # --- rough walls ---
@@ -209,7 +232,7 @@ def test_a_rough_wall_returns_what_lamberts_law_says(monkeypatch: pytest.MonkeyP
         assert 0.4 * count < len(points) < 0.51 * count
         assert total == pytest.approx(2 * math.pi * fraction**2 / distance**2, rel=0.01)
     # What is scattered is missing from the mirror's path.
-    (path,), (smooth,) = static_paths(mirrors, radar, order=1), found(ahead(distance), order=1)
+    (path,), (smooth,) = static_paths(scene, radar, order=1, backend=select("cpu")), found(ahead(distance), order=1)
     ratio = (
         received(path, np.array([radar.mid_frequency_hz]))[0] / received(smooth, np.array([radar.mid_frequency_hz]))[0]
     )

@@ -160,7 +160,7 @@ def test_the_line_of_sight(points: np.ndarray) -> None:
 
 def test_static_paths_pickle() -> None:
     radar = Radar.preset("table2")
-    paths = static_paths(Mirrors.of(scene(), select("cpu")), radar, order=2)
+    paths = static_paths(scene(), radar, order=2, backend=select("cpu"))
     assert len(paths) >= 2
     for path in paths:
         same = pickle.loads(pickle.dumps(path))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -30,20 +31,31 @@ RAYS, PIECES = 32, 4
 POINT_RAYS, POINT_PIECES = 4, 1
 """The same for rough points, of which there are many."""
 
+KEPT_SEARCHES = 16
+_kept: OrderedDict[tuple[object, ...], list[StaticPath]] = OrderedDict()
 
-def static_paths(mirrors: Mirrors, radar: Radar, *, order: int) -> list[StaticPath]:
-    """Specular paths over 1 to `order` mirrors; the line of sight between the antennas is leakage, not clutter."""
-    frequency_hz, receivers = radar.mid_frequency_hz, radar.rx_position_m
-    found = find_paths(
-        mirrors,
-        radar.tx_position_m,
-        polarization(radar, radar.tx_polarization_deg),
-        frequency_hz,
-        order=order,
-        probes_m=(receivers + ASIDE_M)[None],
-    )
-    across = polarization(radar, radar.rx_polarization_deg)
-    return [_path(path, receivers, across) for path in found.paths if path.order]
+
+def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) -> list[StaticPath]:
+    """Specular paths over 1 to `order` mirrors; the line of sight between the antennas is leakage, not clutter.
+
+    Those of the last scenes and radars are kept: the search takes a second in a furnished room.
+    """
+    departing, across = (polarization(radar, angle) for angle in (radar.tx_polarization_deg, radar.rx_polarization_deg))
+    places = radar.tx_position_m, radar.rx_position_m
+    key = (
+        scene.content, order, radar.mid_frequency_hz, backend.name,
+        *(np.asarray(each, float).tobytes() for each in (*places, departing, across)),
+    )  # fmt: skip
+    if key not in _kept:
+        found = find_paths(
+            Mirrors.of(scene, backend), places[0], departing, radar.mid_frequency_hz, order=order,
+            probes_m=(places[1] + ASIDE_M)[None],
+        )  # fmt: skip
+        _kept[key] = [_path(path, places[1], across) for path in found.paths if path.order]
+        while len(_kept) > KEPT_SEARCHES:
+            _kept.popitem(last=False)
+    _kept.move_to_end(key)
+    return _kept[key]
 
 
 def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray) -> StaticPath:

@@ -153,6 +153,14 @@ class Scene:
         return " x ".join(f"{length:.3g}" for length in high - low) + " m"
 
     @property
+    def content(self) -> tuple[object, ...]:
+        """All that is reflected from, hashable: equal for equal scenes of any name."""
+        return tuple(
+            (each.name, each.vertices.tobytes(), each.faces.tobytes(), each.material, each.thickness_m)
+            for each in self.surfaces
+        )
+
+    @property
     def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner of the bounding box [m]."""
         vertices = np.concatenate([surface.vertices for surface in self.surfaces])

@@ -91,7 +91,7 @@ def run() -> Section:
         checks=checks,
         note="`simulate(tolerance_db=...)` on pieces of recordings, `table2`. True error: field NMSE of "
         f"{CHIRPS} random chirps ({ROOM_CHIRPS} in rooms) at {len(SAMPLES)} places of the sweep against the converged float64 "
-        "reference. Measured: by `simulate` itself, from 12 to 30 other chirps. Expected: by the plan, before. "
+        "reference. Measured: by `simulate` itself, from 8 to 16 other chirps. Expected: by the plan, before. "
         "Times are of `simulate` and the spectrogram, kernels compiled and no refinement kept.\n\n" + manual,
         table=[_row(each) for each in found],
         charts=[_chart(found)],

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from t2d_rt.backend import select
 from t2d_rt.propagation.clutter import static_paths
-from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.scattering.clutter import mirror_echoes
 from t2d_rt.types import PEC, Radar, Scene, Surface
@@ -111,8 +110,8 @@ def room_corner(radar: Radar, walls: int) -> dict[str, object]:
     away = np.ones(3) if walls == 3 else np.array([1.0, 1.0, 0])
     away *= CORNER_RANGE_M / np.linalg.norm(away)
     surfaces = tuple(_wall(radar.tx_position_m + away, axis) for axis in range(walls))
-    mirrors = Mirrors.of(Scene(name="corner", surfaces=surfaces), select("auto"))
-    paths = [path for path in static_paths(mirrors, radar, order=walls) if len(path.chain) == walls]
+    found = static_paths(Scene(name="corner", surfaces=surfaces), radar, order=walls, backend=select("auto"))
+    paths = [path for path in found if len(path.chain) == walls]
     cube = synthesize(mirror_echoes(paths, radar, times_s=np.linspace(0, 0.02, 5)), radar)
     power = float(np.mean(np.abs(cube[:]) ** 2))
     return row_of(
