@@ -118,6 +118,7 @@ def quadrature_field(side: float, range_m: float, frequency_hz: float) -> comple
         pytest.param(30.0, "table2-long", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_sphere_reads_its_rcs(range_m: float, preset: str, backend: Backend, field_in_cube: ReadField) -> None:
     # pi a^2 = 0 dBsm; near by (R/(R + a))^2 of it. Against exact PO (eq. 6) that is within 8.69/(2 k a) = 0.01 dB.
     radius, radar = 0.5642, Radar.preset(preset)

@@ -179,6 +179,7 @@ def test_a_plan_tries_nothing(walk: Motion, monkeypatch: pytest.MonkeyPatch) -> 
     assert t2d.plan(walk, radar=RADAR, tolerance_db=-15.0).accuracy.sagitta_scale > 1
 
 
+@pytest.mark.slow
 def test_a_plan_predicts_more_work_for_longer_and_finer_records(walk: Motion) -> None:
     longer = t2d.place(t2d.trim(builders.walk(), 1.0, 3.0), distance_m=3.0)
     seconds, memory = zip(
@@ -201,6 +202,7 @@ def test_a_plan_serves_other_recordings(walk: Motion) -> None:
     assert t2d.simulate(other, radar=RADAR, accuracy=plan.accuracy).accuracy == plan.accuracy
 
 
+@pytest.mark.slow
 def test_facets_are_counted_before_they_are_made(walk: Motion) -> None:
     model = modelled(walk)
     (counted,) = facet_counts(model, t2d.Accuracy())

@@ -34,7 +34,7 @@ class Posed:
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """Unit normals at these points, weighted with the areas of the faces around (K, V', 3)."""
+        """Unit normals at these points, weighted with the areas of the faces they belong to (K, V', 3)."""
         return vertex_normals(self.points, self.meshes.subdivided_faces, self.meshes.incidence)
 
 
@@ -108,10 +108,10 @@ class Occluders:
         return incidence(self.subdivided_faces, sum(self._sizes))
 
 
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray, around: Any) -> np.ndarray:
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray, of_faces: Any) -> np.ndarray:
     """Area-weighted unit normals (K, V, 3) of vertices (K, V, 3)."""
     a, b, c = corners(vertices, faces)
-    total = np.stack([around @ each for each in cross(b - a, c - a)])
+    total = np.stack([of_faces @ each for each in cross(b - a, c - a)])
     return (total / np.maximum(np.sqrt((total**2).sum(axis=0)), 1e-30)).T
 
 

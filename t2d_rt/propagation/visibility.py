@@ -233,11 +233,11 @@ class ExactVisibility:
         for number, time_s in enumerate(times_s):
             if abs(time_s - last) > self.SAME_S:
                 fresh[number], last = True, time_s
-        around = incidence(faces, vertices.shape[1])
+        of_faces = incidence(faces, vertices.shape[1])
         found = []
         for instant in np.flatnonzero(fresh):
             here = vertices[instant : instant + 1]
-            normal = vertex_normals(here, faces, around)
+            normal = vertex_normals(here, faces, of_faces)
             front = np.flatnonzero(np.einsum("vi,vi->v", normal[0], self._viewpoint - here[0]) > 0)
             visibility = np.ones(vertices.shape[1], np.float32)  # beyond the horizon facets show their back
             occluders = self._occluders.at(times_s[instant : instant + 1])
