@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.accuracy.budget import SURELY, Budget, Total, ratio
+from t2d_rt.accuracy.laws import Laws
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.checks import number
 from t2d_rt.errors import T2DWarning
@@ -65,14 +66,17 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     }  # fmt: skip
     start = given.replace(**{name: value for name, value in in_time.items() if name not in asked})
     bodies = [isinstance(target, Motion) for target in model.targets]
-    if model.method == "mesh" and all(bodies) and not asked:
+    # Ellipsoids err by more than the field itself: to fit them would be in vain.
+    by_ellipsoids = ratio(Laws.fitted().limbs.mean_db) <= allowed
+    if model.method == "mesh" and all(bodies) and not asked and by_ellipsoids:
         simpler = Budget(with_method(model, "ellipsoid"), start)
         if Total.of(simpler.omissions(start)).surely <= allowed:
             return Plan(simpler, float(tolerance_db), start)
     budget = Budget(model, start)
     found = list(_candidates(budget, start, asked, allowed))
     if not asked:
-        found.append((Accuracy(), Total.of(budget.omissions(Accuracy())).surely))
+        # Of nearly the same error the default is taken, unless something else is quicker.
+        found.append((Accuracy(), Total.of(budget.omissions(Accuracy())).surely * ratio(-OVER_DB)))
     good = [accuracy for accuracy, error in found if error <= allowed]
     best = min(good, key=budget.seconds) if good else min(found, key=lambda each: each[1])[0]
     return _checked(Plan(budget, float(tolerance_db), best))

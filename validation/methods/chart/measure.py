@@ -29,6 +29,8 @@ REFERENCE_RAD, ROOM_REFERENCE_RAD, MINOR_RAD = 0.08, 0.12, 0.3
 """Facets of the reference, in rooms, and there over path pairs weaker than the strongest by 12 dB."""
 FLAT = 1e6
 """A phase sagitta [rad] that asks for no refinement."""
+MEMORY_GB = 6.0
+"""That a simulation may take: the finest settings take more than the default limit."""
 LONG_S = 3.0
 """A run that takes longer than that is not repeated once kernels are warm."""
 NEAR_PEAK_DB = 40.0
@@ -116,7 +118,9 @@ def simulated(
 ) -> Recording:
     """`simulate` with the body's phase sagitta scaled: 1 is the default setting."""
     return t2d.simulate(
-        case.motion, accuracy={"sagitta_scale": scale} | dict(accuracy or {}), **{**case.settings(), **options}
+        case.motion,
+        accuracy={"sagitta_scale": scale} | dict(accuracy or {}),
+        **{"memory_gb": MEMORY_GB, **case.settings(), **options},
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.result import Recording
-from validation.methods.chart.measure import Case, simulated
+from validation.methods.chart.measure import MEMORY_GB, Case, simulated
 from validation.methods.chart.variants import occluded_by_ellipsoids, one_point_each
 
 UNREFINED = 100.0
@@ -36,7 +36,9 @@ class Method:
 
 def by_tolerance(case: Case, tolerance_db: float) -> Recording:
     """Settings that follow from a tolerance; the time to find them is in it, that to measure the error is not."""
-    return simulated(case, tolerance_db=tolerance_db, measure_error=False)
+    return t2d.simulate(
+        case.motion, tolerance_db=tolerance_db, measure_error=False, **{"memory_gb": MEMORY_GB, **case.settings()}
+    )
 
 
 def with_visibility(case: Case, how: str) -> Recording:
