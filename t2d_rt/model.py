@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import itu_material
 from t2d_rt.propagation.visibility import KeptVisibility, sample_times
 from t2d_rt.room import ChosenPairs, Clutter, clutter_streams
+from t2d_rt.rotors import in_periods
 from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.patches import CYCLES_PER_STEP, SWEEP_CYCLES
@@ -214,11 +216,14 @@ class Model:
                     views = run.visibility.with_shared_occlusion(number, pairs, run.decimated_s)
                 elif pairs and tier.visibility != "occlusion":
                     views = coarse_views(mesh, pairs, run.decimated_s, self.blockage, fast_rotating=fast)
-                yield mesh_echoes(
-                    mesh, self.radar, views=views, material=self._material(number), seed=self.seed, backend=self.backend,
-                    times_s=self._decimated(times_s, tier, run) if fast and tier.decimation > 1 else times_s,
+                make = partial(
+                    mesh_echoes, mesh, self.radar, material=self._material(number), seed=self.seed, backend=self.backend,
                     detail=run.detail(mesh, run.accuracy.tiers.index(tier), self),
                 )  # fmt: skip
+                frames_s = self._decimated(times_s, tier, run) if fast and tier.decimation > 1 else times_s
+                repeats = fast and run.accuracy.repeats and not run.at_instants
+                found = in_periods(mesh, self.radar, frames_s, views, make) if repeats else None
+                yield from [make(times_s=frames_s, views=views)] if found is None else found
             first += count
 
     def _minor(

@@ -23,6 +23,8 @@ PROBE_RATE_HZ, FINER = 240.0, 4.0
 PROBE_FRAMES = 12
 """Frames of one short record, five of which make a fourth difference."""
 RECORDS_PER_S, LEAST_RECORDS, MOST_RECORDS = 3, 4, 40
+LEAST_PROBED_S = 0.5
+"""So much of a periodic motion is probed, or a period."""
 MISSED = 1.15
 """The rate rises where the whole record asks for so many times more than its short records: less is their scatter."""
 CHEAP_POINTS = 2_000_000
@@ -44,6 +46,8 @@ def needed_rate_hz(
     mean 0.406. It is found in short records; `stand_in`, a few points that move with the geometry, tell from the whole record, or
     from as much of it as `CHEAP_POINTS` allow, whether these missed a jerk.
     """
+    if isinstance(geometry, MovingMesh) and geometry.period_s is not None:  # one period tells all
+        span_s = span_s[0], min(span_s[1], span_s[0] + max(geometry.period_s, LEAST_PROBED_S))
     length_s = span_s[1] - span_s[0]
     probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / length_s)
     records = int(np.clip(RECORDS_PER_S * length_s, LEAST_RECORDS, MOST_RECORDS))

@@ -91,6 +91,9 @@ class Accuracy(Fields):
     fast_rotating_hz: Annotated[Number, Field(ge=1, le=100_000)] | None = None
     """Surface rate [Hz] above which a target rotates too fast for its visibility to be sampled point by point, so that its average
     is used; 8 times the visibility rate by default."""
+    repeats: bool = True
+    """Whether targets that rotate fast and at a constant rate, a fan's blades, are computed for a few rotations only, from
+    which the whole record is read."""
     dynamic_range_db: Annotated[Number, Field(ge=0, le=MOST_RANGE_DB)] = 60.0
     """Path pairs weaker than the strongest one by more than that, at their best points, are left out [dB]."""
     least_level_db: Annotated[Number, Field(ge=-200, le=0)] = EVERY_PATH_DB

@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.checks import array, call, check_shape, instance, integer, numeric
 from t2d_rt.errors import InputError
+from t2d_rt.types.radar import Radar
 
 LARGEST = 1e30
 """Larger numbers are refused as infinite: single precision ends at 3.4e38."""
@@ -90,6 +91,30 @@ class EchoArrays(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Repetition:
+    """How echoes of a few periods stand for those of a whole record."""
+
+    period_s: float
+    span_s: tuple[float, float]
+    """The record."""
+    radar: Radar
+    """The same with another PRF: its chirps over some periods begin at equal steps of one period."""
+    first: int
+    """Row of its first chirp that is used; before it the record of the echoes begins."""
+    rows: int
+    """How many are used."""
+    periods: int
+    """Of so many periods, coprime with the rows."""
+    gain: Callable[[np.ndarray], np.ndarray] | None = None
+    """Factor (K,) on the field at times [s] (K,); None is 1."""
+
+    @property
+    def step_s(self) -> float:
+        """From one row to the next."""
+        return self.periods * self.period_s / self.rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EchoStream:
     """Echoes made when they are asked for, so that memory does not grow with duration."""
 
@@ -103,6 +128,8 @@ class EchoStream:
     """How many scatterers there are, where that is known beforehand."""
     parts: tuple[EchoStream, ...] = ()
     """The same scatterers in several streams of fewer each, where there are many."""
+    repeats: Repetition | None = None
+    """Where they stand for a longer record than their own."""
 
     def __post_init__(self) -> None:
         call("frames", self.frames, "a function from the first frame and the one after the last to their EchoArrays")

@@ -42,6 +42,8 @@ class Solid(NamedTuple):
     """Number of them."""
 
 
+PERIOD_PROBES, PERIOD_M = 7, 1e-6
+"""A period is checked at so many instants; there vertices may be so far apart."""
 SAGITTA_RAD = 1e-3, 1e9
 """Phase sagittas that are taken: below, no memory holds the facets; a very large one keeps the triangles as they are."""
 
@@ -70,6 +72,8 @@ class MovingMesh:
     """The vertices as a function of time."""
     made: Made | None
     """How it was made; None where a function of the user computes it."""
+    period_s: float | None
+    """Time after which it is in the same place again, at any time; None where it is not [s]."""
 
     def __init__(
         self,
@@ -89,7 +93,7 @@ class MovingMesh:
             raise InputError(f"vertices of {name} must hold at least 3 vertices, got none")
         made = Made("arrays", {"vertices": vertices})
         self._fill(name, vertices[0], faces, material, crease_deg, sagitta_rad)
-        set_fields(self, name=name, times_s=times_s, track=spline(times_s, vertices), made=made)
+        set_fields(self, name=name, times_s=times_s, track=spline(times_s, vertices), made=made, period_s=None)
 
     @classmethod
     def from_track(
@@ -104,11 +108,13 @@ class MovingMesh:
         sagitta_rad: float | np.ndarray = 0.07,
         name: str = "mesh",
         made: Made | None = None,
+        period_s: float | None = None,
     ) -> MovingMesh:
         """A mesh whose vertices are computed when asked for: `track` gives (K, V, 3) at times (K,) within `times_s`.
 
         `rest` (V, 3) is the pose in which curvature is measured and diffuse points are spread; the first frame by default.
-        `made` tells how `track` was made, where it can be made again.
+        `made` tells how `track` was made, where it can be made again. After each `period_s` the mesh is in the same place again;
+        one that rotates fast is then computed for a few periods only.
         """
         mesh = cls.__new__(cls)
         times_s, name = checked_times(times_s), text("name", name)
@@ -116,7 +122,10 @@ class MovingMesh:
         first = np.asarray(_positions(track, times_s[:1], None, name)[0], float)
         rest = first if rest is None else array("rest", rest, first.shape, limit=LARGEST_M, unit="m")
         mesh._fill(name, rest, faces, material, crease_deg, sagitta_rad)
-        set_fields(mesh, name=name, times_s=times_s, track=track, made=made)
+        if period_s is not None:
+            period_s = number("period_s", period_s, 1e-6, 1e6, unit="s")
+            _check_period(track, times_s, len(rest), period_s, name)
+        set_fields(mesh, name=name, times_s=times_s, track=track, made=made, period_s=period_s)
         return mesh
 
     def _fill(
@@ -206,6 +215,18 @@ def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) 
         at = times_s[~np.isfinite(found).all(axis=(1, 2))]
         raise InputError(f"the track of {name} must be finite, got NaN or infinite vertices at {at[0]:.6g} s")
     return found
+
+
+def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float, name: str) -> None:
+    """Refuses a track that is elsewhere a period later."""
+    early = np.linspace(times_s[0], times_s[-1] - period_s, PERIOD_PROBES)
+    if early[-1] <= early[0]:
+        return  # less than a period: nothing is read from it
+    apart_m = np.abs(_positions(track, early + period_s, count, name) - _positions(track, early, count, name)).max()
+    if apart_m > PERIOD_M:
+        raise InputError(
+            f"{name} must be in the same place after each period_s, {period_s:.6g} s, but is {apart_m:.3g} m away; leave it out"
+        )
 
 
 def _check_faces(faces: np.ndarray, vertex_count: int, name: str) -> None:

@@ -71,6 +71,11 @@ class TableFan(Fields):
         _check_rotor(self, CHORD * self.radius_m)
         return self
 
+    @property
+    def period_s(self) -> float | None:
+        """Time of a rotation [s]; None where it swings, too, or hardly moves."""
+        return None if self.swing_deg else _period_s(self.rpm)
+
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
         """The blades and the hub between two times."""
         rotor, faces = _rotor(self.blades, self.radius_m, CHORD * self.radius_m, 0.003, self.pitch_deg)
@@ -110,6 +115,11 @@ class CeilingFan(Fields):
         _check_rotor(self, self.chord_m)
         return self
 
+    @property
+    def period_s(self) -> float | None:
+        """Time of a rotation [s]; None where it hardly moves."""
+        return _period_s(self.rpm)
+
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
         """The blades and the hub between two times."""
         rotor, faces = _rotor(self.blades, self.radius_m, self.chord_m, 0.006, self.pitch_deg)
@@ -119,6 +129,11 @@ class CeilingFan(Fields):
             return _rotated(rotor, down @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
         return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
+
+
+def _period_s(rpm: float) -> float | None:
+    # With one blade in place of the next the surface is the same, but its diffuse points are not.
+    return 60 / abs(rpm) if abs(rpm) >= 1 else None
 
 
 def _check_rotor(fan: TableFan | CeilingFan, chord_m: float) -> None:

@@ -1,0 +1,155 @@
+"""Echoes that repeat, a fan's: a few periods are summed, and every chirp of the record is read from them.
+
+What a chirp records of a rotor depends on the rotor's angle when the chirp begins, and on nothing else; motion within the chirp is
+part of it. Chirps of a few periods, timed so that they begin at equal steps of the angle, are a table of it. Between its steps it
+is a band-limited periodic function, interpolated by a Kaiser-Bessel window as non-uniform Fourier transforms are (Fessler and
+Sutton, 2003).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.cubes import Cube, CubeAdder, new_cube
+from t2d_rt.memory import Budget
+from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.types import EchoStream, Radar
+from t2d_rt.types.echoes import Repetition
+
+TAPS, OVERSAMPLING = 6, 2
+"""Of the interpolation, which errs by less than -90 dB."""
+BAND = 1.25
+"""Steps of the table over those that the fastest points ask for."""
+END_FRAMES = 6
+"""Surface frames beyond the table at both of its ends, for the splines through them."""
+LEAST_GAIN = 3.0
+"""Records that are so many times longer than the table are read from it."""
+ROWS_AT_ONCE = 4_096
+"""Of the record."""
+TABLE_BYTES = 256e6
+"""Greatest table, oversampled."""
+
+
+def repetition(
+    radar: Radar, period_s: float, speed_mps: float, frame_rate_hz: float, span_s: tuple[float, float]
+) -> Repetition | None:
+    """For points of that greatest speed; None where nothing is gained by it.
+
+    Chirps do not overlap, so one period hardly ever has enough of them. Several have, at other angles each.
+    """
+    row_rate_hz = 1 / (radar.sweep_time_s * radar.loop_chirps)
+    shortest_m = SPEED_OF_LIGHT / (radar.mid_frequency_hz + radar.bandwidth_hz / 2)
+    least = math.ceil(BAND * 4 * speed_mps / shortest_m * period_s) + 4 * TAPS
+    periods = math.ceil(least / (row_rate_hz * period_s))
+    while (rows := _coprime(math.floor(periods * period_s * row_rate_hz), periods)) < least:
+        periods += 1
+    step_s = periods * period_s / rows
+    first = math.ceil(END_FRAMES / frame_rate_hz / step_s)
+    found = Repetition(
+        period_s=period_s, span_s=span_s, first=first, rows=rows, periods=periods,
+        radar=radar.replace(prf_hz=radar.loop_chirps / step_s, chirps_per_frame=None, frame_interval_s=None),
+    )  # fmt: skip
+    # Transmitters told apart by Doppler change their phase from one row of the record to the next.
+    worth = span_s[1] - span_s[0] > LEAST_GAIN * duration_s(found, frame_rate_hz) and radar.multiplexing != "ddm"
+    return found if worth and 8.0 * OVERSAMPLING * rows * radar.antennas * radar.samples < TABLE_BYTES else None
+
+
+def duration_s(table: Repetition, frame_rate_hz: float) -> float:
+    """Of the echoes that the table is summed from."""
+    return (table.first + table.rows + 1) * table.step_s + END_FRAMES / frame_rate_hz
+
+
+def _coprime(rows: int, periods: int) -> int:
+    """The greatest number of rows up to that one that has no divisor in common with the periods."""
+    while rows > 0 and math.gcd(rows, periods) > 1:
+        rows -= 1
+    return rows
+
+
+def add_repeated(
+    source: EchoStream, radar: Radar, *, tolerance_db: float, device: str, memory: Budget, onto: Cube | None
+) -> Cube:
+    """The ADC cube of a record whose echoes repeat, added to another one or by itself."""
+    table = source.repeats
+    assert table is not None
+    starts_s = radar.chirp_times_s(table.span_s[1] - table.span_s[0])
+    if onto is None:
+        onto = new_cube((len(starts_s), radar.antennas, radar.samples), memory.limit_bytes)
+        for first in range(0, len(starts_s), ROWS_AT_ONCE):
+            rows = min(ROWS_AT_ONCE, len(starts_s) - first)
+            onto[first : first + rows] = np.zeros((rows, radar.antennas, radar.samples), np.complex64)
+    found = _summed(source, table, tolerance_db=tolerance_db, device=device, memory=memory)
+    dense = _oversampled(found)
+    # Chirps of the table and of the record begin at times of their own after the starts of their rows.
+    late_s = radar.antenna_delays_s - table.radar.antenna_delays_s - table.first * table.step_s
+    with CubeAdder(onto) as adder:
+        for first in range(0, len(starts_s), ROWS_AT_ONCE):
+            some = starts_s[first : first + ROWS_AT_ONCE]
+            out = adder.room(len(some))
+            gain = np.ones(len(some)) if table.gain is None else table.gain(table.span_s[0] + some)
+            if not gain.any():
+                out[:] = 0
+                continue
+            for antenna, each_s in enumerate(late_s.tolist()):
+                position = (some + each_s) / table.period_s % 1 * dense.shape[1]
+                out[:, antenna] = _at(dense[antenna], position, gain)
+    return onto
+
+
+def _summed(source: EchoStream, table: Repetition, *, tolerance_db: float, device: str, memory: Budget) -> np.ndarray:
+    """What chirps record that begin at equal steps of a period, complex64 (step, antenna, sample)."""
+    cube: Cube | None = None
+    for part in source.parts or (replace(source, repeats=None),):
+        cube = synthesize(part, table.radar, tolerance_db=tolerance_db, device=device, onto=cube, memory=memory)
+    assert cube is not None
+    rows = np.asarray(cube[table.first : table.first + table.rows])
+    found = np.empty_like(rows)
+    found[np.arange(table.rows) * table.periods % table.rows] = rows
+    return found
+
+
+def _oversampled(steps: np.ndarray) -> np.ndarray:
+    """Values between which `_at` interpolates, complex64 (antenna, step, sample)."""
+    from scipy import fft
+
+    count = len(steps)
+    many = OVERSAMPLING * count
+    spectrum = fft.fft(steps, axis=0)
+    harmonic = fft.fftfreq(count, 1 / count)
+    inside = np.zeros((many, *steps.shape[1:]), steps.dtype)
+    inside[harmonic.astype(int)] = spectrum / _window_spectrum(harmonic / many)[:, None, None].astype(np.float32)
+    return np.ascontiguousarray(fft.ifft(inside, axis=0).swapaxes(0, 1)) * np.float32(OVERSAMPLING)
+
+
+def _at(dense: np.ndarray, position: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """Values (K, sample) at positions (K,) among periodic steps (step, sample), times a gain (K,)."""
+    from scipy.sparse import csr_array
+
+    first = np.floor(position).astype(int) - TAPS // 2 + 1
+    taps = first[:, None] + np.arange(TAPS)
+    weight = (_window(position[:, None] - taps) * gain[:, None]).astype(np.float32)
+    operator = csr_array(
+        (weight.ravel(), (taps % len(dense)).ravel(), np.arange(0, TAPS * len(position) + 1, TAPS)),
+        shape=(len(position), len(dense)),
+    )
+    return np.asarray(operator @ dense.view(np.float32)).view(np.complex64)
+
+
+_BETA = math.pi * math.sqrt((TAPS / OVERSAMPLING) ** 2 * (OVERSAMPLING - 0.5) ** 2 - 0.8)
+
+
+def _window(x: np.ndarray) -> np.ndarray:
+    """Kaiser-Bessel window, `TAPS` wide."""
+    from scipy.special import i0
+
+    return np.asarray(i0(_BETA * np.sqrt(np.maximum(0.0, 1 - (2 * x / TAPS) ** 2))))
+
+
+def _window_spectrum(frequency: np.ndarray) -> np.ndarray:
+    """Its Fourier transform at frequencies below that of the window's first zero [1 / step]."""
+    root = np.sqrt(_BETA**2 - (math.pi * TAPS * frequency) ** 2)
+    return np.asarray(TAPS * np.sinh(root) / root)
