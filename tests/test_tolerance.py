@@ -112,6 +112,16 @@ def test_chirps_are_of_any_antenna(preset: str) -> None:
     assert found.error_db < -30
 
 
+@pytest.mark.parametrize("chirps", [5, 8, 11])
+def test_few_chirps_are_all_compared(chirps: int) -> None:
+    radar = Radar.preset("table2", prf_hz=chirps / 0.3)
+    target = ball((3.0, 0.0, 1.0), (0.001, 0.0, 0.0), 0.3, radius_m=0.15)
+    found = t2d.simulate(target, radar=radar, measure_error=True)
+    assert len(found.cube) in (chirps, chirps + 1)
+    assert found.settings["error_chirps"] in (8, len(found.cube))
+    assert found.error_db < -20
+
+
 # --- planning ---------------------------------------------------------------------------------------------------------
 
 

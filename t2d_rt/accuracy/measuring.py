@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,7 +26,7 @@ FIRST_CHIRPS, MOST_CHIRPS = 8, 16
 ENOUGH_DB = 1.4
 """Standard error of the mean over chirps at which no more are asked."""
 CLEARLY = 3.0
-"""A tolerance that the error misses or keeps by so many standard deviations is decided."""
+"""A tolerance that the error keeps by so many standard deviations is decided; one that it misses asks for all chirps."""
 FEWER = 1.5
 """Facets that are so many times fewer are coarser in fact."""
 LEAST_CHIRPS = 4
@@ -85,25 +86,30 @@ class Measurement:
         if shadows_matter(budget, accuracy, coarser, self._expected * self._fraction):
             traced = coarser.replace(occlusion=True, visibility_subdivision=EXACT_SUBDIVISION)
             exact = Field(full, traced, chirps)
-        facets, shadows, energy = np.zeros(0), np.zeros(0), 0.0
-        for first, last in ((0, FIRST_CHIRPS), (FIRST_CHIRPS, len(chirps.rows))):
+        facets, shadows, energy, with_all_echoes = np.zeros(0), np.zeros(0), 0.0, 0.0
+        count = len(chirps.rows)
+        for first, last in pairwise(sorted({0, min(FIRST_CHIRPS, count), count})):
             found, with_static = (of_cube(model, cube, each, chirps[first:last]) for each in (static, ()))
             energy += float(np.sum(np.abs(found) ** 2))
-            # Of float32 samples less the static echoes in them something remains in any case.
-            if energy <= ROUNDING * float(np.sum(np.abs(with_static) ** 2)):
-                warnings.warn(
-                    "there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4
-                )
-                return MeasuredError(math.nan, math.nan, len(found))
+            with_all_echoes += float(np.sum(np.abs(with_static) ** 2))
             coarse = again.samples(first, last)
             facets = np.append(facets, np.sum(np.abs(found - coarse) ** 2, axis=1))
             if exact:
                 shadows = np.append(shadows, np.sum(np.abs(exact.samples(first, last) - coarse) ** 2, axis=1))
+            # Of float32 samples less the static echoes in them something remains in any case.
+            silent = energy <= ROUNDING * with_all_echoes
+            if silent:
+                continue
             result = _combined(budget, accuracy, self._expected, self._fraction, facets / energy, shadows / energy)
-            beyond = 0.0 if plan.tolerance_db is None else abs(result.error_db - plan.tolerance_db)
             uncertain_db = max(_standard_error_db(each) for each in ([facets, shadows] if exact else [facets]))
-            if len(facets) == len(chirps.rows) or uncertain_db <= ENOUGH_DB or beyond > CLEARLY * result.scatter_db:
+            missed_db = -math.inf if plan.tolerance_db is None else result.error_db - plan.tolerance_db
+            if missed_db < -CLEARLY * result.scatter_db or (uncertain_db <= ENOUGH_DB and missed_db <= 0):
                 break
+        if silent:
+            warnings.warn(
+                "there is no echo at the chirps compared, so the error is not known", T2DWarning, stacklevel=4
+            )
+            return MeasuredError(math.nan, math.nan, len(facets))
         if plan.tolerance_db is not None and result.error_db > plan.tolerance_db + OVER_DB:
             warnings.warn(
                 f"the measured error of {result.error_db:.1f} dB misses the tolerance of {plan.tolerance_db:g} dB; plan tells what "
