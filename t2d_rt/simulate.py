@@ -107,7 +107,7 @@ def _recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress |
     static, counts = model.clutter(stage.experiment.clutter, accuracy)
     measurement = Measurement(plan) if wanted.measured else None
     streams = model.streams(accuracy, then=measurement.next if measurement else None)
-    needed_bytes = check_memory(model, [*streams, *static], measured=wanted.measured)
+    needed_bytes = check_memory(model, accuracy, [*streams, *static], measured=wanted.measured)
     cube = summed(streams, static, model.radar, accuracy, device=device, memory=model.memory, progress=progress)
     del streams
     settings = stage.described(model, accuracy) | counts | plan.described(needed_bytes)

@@ -13,17 +13,22 @@ from t2d_rt.accuracy.laws import COARSER, Laws
 from t2d_rt.cubes import is_large
 from t2d_rt.geometry.refine import curvature
 from t2d_rt.memory import release
-from t2d_rt.model import Model, sagitta_rad
+from t2d_rt.model import Model, resolved, sagitta_rad
 from t2d_rt.room import Clutter
+from t2d_rt.scattering.mesh import POINTS_PER_MESH
 from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scattering.streams import batches, most_echoes
 from t2d_rt.types import Accuracy, EchoStream, MovingMesh, PathTier
 
-SUMMED_BYTES, SUMMED_ARRAY_BYTES = 7_200, 12_000
-"""Bytes that an echo takes while a window of frames is summed, for one antenna and for an array (measured: 133 000 echoes of a
-walk in living_room add 0.96 GB)."""
-POSED_BYTES = 40 * 64
+SUMMED_BYTES, SUMMED_ARRAY_BYTES = 6_900, 12_000
+"""Bytes that an echo takes while a window of frames is summed, for one antenna and for an array (this and what follows by least
+squares from the greatest memory of 11 runs, 0.34 to 1.48 GB, which they give within 10 %)."""
+POSED_BYTES = 1_000
 """Bytes that a facet's vertex takes in the frames of a window."""
+SAMPLED_BYTES = 5_400
+"""Bytes that a point takes at which visibility is sampled, in the frames of a window."""
+SET_UP_BYTES, FACET_BYTES = 90e6, 1_400
+"""What a run has taken before it sums, and of that each facet."""
 FACETS_PER_SAGITTA = 1.7
 """Facets of a cage face over its phase sagitta in units of the limit (1.65 to 1.76 for bodies from 1.5 to 4 m, limits from 0.15 to
 2.4 rad)."""
@@ -32,8 +37,9 @@ KINDS = (
     "path pair", "clutter",
 )  # fmt: skip
 """Kinds of work, each with its fitted seconds a unit; in free space there is one path pair."""
-ECHOES_PER_FACET, POINTS = 0.25, 4_000
-"""Echoes over facets and path pairs, and how many diffuse points there are beside (measured as above)."""
+PATCHES_PER_FACET, PATCHES_PER_ROOT = 0.35, 80.0
+"""Most patches over one path pair, for each facet and for the root of their number: finer facets share patches (12 000 to 44 000
+for 70 000 to 330 000 facets)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +92,6 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
         "call": 1.0, "ADC sample": chirps, "clutter": length_s if model.scene is not None and clutter != "none" else 0.0,
     }  # fmt: skip
     samples = length_s * accuracy.visibility_rate_hz
-    vertices = sum(len(mesh.rest) for mesh in model.geometries if isinstance(mesh, MovingMesh))
     for tier, count in tiers:
         by_ellipsoids = tier.scatterer == "ellipsoids"
         if model.method == "ellipsoid" or by_ellipsoids or not counts:
@@ -97,7 +102,7 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
             found["facet of a path pair"] += facets * count
             found["facet of a frame"] += frames * facets * count
     if accuracy.occlusion and counts:
-        found["ray"] = samples * places_of(model, accuracy) * vertices * 4.0**accuracy.visibility_subdivision
+        found["ray"] = samples * places_of(model, accuracy) * sampled_points(model, accuracy)
     if pairs is not None:
         paths = {path.key for pair in pairs.pairs for path in (pair.out, pair.back)}
         found["obstacle"] = samples / 2 * len(paths)
@@ -118,36 +123,58 @@ def seconds(units: dict[str, float], laws: Laws) -> float:
     return sum(laws.seconds[kind] * count for kind, count in units.items())
 
 
-def memory_bytes(model: Model, *, echoes: float, vertices: float, facets: float, measured: bool) -> float:
+def memory_bytes(
+    model: Model, accuracy: Accuracy, *, echoes: float, vertices: float, facets: float, measured: bool, taken: float = 0.0
+) -> float:
     """Greatest memory to be expected of a run beyond what the process held: of its greatest batch of echoes with that many facets'
-    vertices, and of `facets` that are refined at once."""
+    vertices, of `facets` that are refined at once, and of what is `taken` before."""
     radar = model.radar
     of_echo = SUMMED_ARRAY_BYTES if radar.is_array else SUMMED_BYTES
-    most = max(of_echo * echoes + POSED_BYTES * vertices, REFINING_BYTES * facets, FIELD_BYTES if measured else 0.0)
+    summed = of_echo * echoes + POSED_BYTES * vertices + SAMPLED_BYTES * sampled_points(model, accuracy)
+    most = max(summed, REFINING_BYTES * facets, FIELD_BYTES if measured else 0.0)
     shape = (len(radar.chirp_times_s(model.span_s[1] - model.span_s[0])), radar.antennas, radar.samples)
     cube = 0.0 if is_large(shape, model.memory.limit_bytes) else 8.0 * math.prod(shape)
-    return model.memory.taken_bytes + most + cube
+    return max(taken, model.memory.taken_bytes) + most + cube
+
+
+def sampled_points(model: Model, accuracy: Accuracy) -> float:
+    """Number of points on all meshes at which visibility is sampled."""
+    vertices = sum(len(mesh.rest) for mesh in model.geometries if isinstance(mesh, MovingMesh))
+    return vertices * 4.0**accuracy.visibility_subdivision if accuracy.occlusion else 0.0
 
 
 def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], *, measured: bool) -> float:
     """The same before anything is refined."""
     units = work(model, accuracy, counts)
-    echoes = min(ECHOES_PER_FACET * units["facet of a path pair"] + POINTS * len(counts), most_echoes(model.radar))
-    facets = units["refined facet"]
-    return memory_bytes(model, echoes=echoes, vertices=facets / 2, facets=facets, measured=measured)
+    facets, pairs = units["refined facet"], max(1.0, units["path pair"])
+    of_pair = units["facet of a path pair"] / pairs
+    patches = min(PATCHES_PER_FACET * of_pair, PATCHES_PER_ROOT * math.sqrt(of_pair))
+    echoes = min(pairs * (patches + points(model)), most_echoes(model.radar))
+    return memory_bytes(
+        model, accuracy, echoes=echoes, vertices=facets / 2, facets=facets, measured=measured,
+        taken=SET_UP_BYTES + FACET_BYTES * facets,
+    )  # fmt: skip
 
 
-def check_memory(model: Model, streams: Sequence[EchoStream], *, measured: bool) -> float:
+def points(model: Model) -> int:
+    """Number of diffuse points of all rough meshes."""
+    rough = [target.material for target in model.modelled if target.mesh is not None]
+    return POINTS_PER_MESH * sum(resolved(each, model.radar).scattering_coefficient > 0 for each in rough)
+
+
+def check_memory(model: Model, accuracy: Accuracy, streams: Sequence[EchoStream], *, measured: bool) -> float:
     """What summing these streams needs, refused where it is more than the run may take."""
 
     def needed_bytes() -> float:
         parts = batches(streams, model.radar)
         if not parts:
-            return memory_bytes(model, echoes=0, vertices=0, facets=0, measured=measured)
+            return memory_bytes(model, accuracy, echoes=0, vertices=0, facets=0, measured=measured)
         greatest = max(parts, key=lambda part: part.echoes * SUMMED_BYTES + part.vertices * POSED_BYTES)
         # A surface has twice as many facets as vertices; these exist by now, but not the coarser ones of a measurement.
         facets = 2 * max(part.vertices for part in parts) / COARSER if measured else 0.0
-        return memory_bytes(model, echoes=greatest.echoes, vertices=greatest.vertices, facets=facets, measured=measured)
+        return memory_bytes(
+            model, accuracy, echoes=greatest.echoes, vertices=greatest.vertices, facets=facets, measured=measured
+        )
 
     needed = needed_bytes()
     if needed > model.memory.limit_bytes:

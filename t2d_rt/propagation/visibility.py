@@ -203,14 +203,14 @@ class Occlusion:
 
     def visible(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Whether the mesh at vertices (K, V, 3) leaves points (K, Q, 3) on it, of given normals, visible from here: (K, Q)."""
-        offset = self._viewpoint - points
-        towards = offset / np.sqrt(np.einsum("kqi,kqi->kq", offset, offset))[..., None]
-        origins = LIFT_M * (towards + normals) - offset
+        return self.obstacles(vertices).leave_visible(points, normals)
+
+    def obstacles(self, vertices: np.ndarray) -> _Obstacles:
+        """The mesh at vertices (K, V, 3), as rays to the viewpoint meet it."""
         vertices = vertices - self._viewpoint
         instant, face = np.nonzero(_faces_origin(vertices, self._meshes.faces) | ~self._meshes.closed)
-        return _unobstructed(
-            self._mitsuba, vertices, self._meshes.faces[face] + instant[:, None] * vertices.shape[1], origins
-        )
+        faces = self._meshes.faces[face] + instant[:, None] * vertices.shape[1]
+        return _Obstacles.of(self._mitsuba, vertices, faces, self._viewpoint)
 
 
 class ExactVisibility:
@@ -225,6 +225,7 @@ class ExactVisibility:
         self._occluders = Occluders(occluders)
         self._viewpoint = viewpoint_m
         self._solid = Occlusion(self._occluders, viewpoint_m, samples_s=np.zeros(0), backend=backend)
+        self._last: tuple[bytes, list[_Obstacles]] = b"", []
 
     def fraction(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         """1 where vertices (K, V, 3) m of triangles (F, 3) are visible at times [s] (K,), else 0: float32 (K, V)."""
@@ -235,30 +236,51 @@ class ExactVisibility:
                 fresh[number], last = True, time_s
         of_faces = incidence(faces, vertices.shape[1])
         found = []
-        for instant in np.flatnonzero(fresh):
+        for instant, obstacles in zip(np.flatnonzero(fresh), self._obstacles(times_s[fresh]), strict=True):
             here = vertices[instant : instant + 1]
             normal = vertex_normals(here, faces, of_faces)
             front = np.flatnonzero(np.einsum("vi,vi->v", normal[0], self._viewpoint - here[0]) > 0)
             visibility = np.ones(vertices.shape[1], np.float32)  # beyond the horizon facets show their back
-            occluders = self._occluders.at(times_s[instant : instant + 1])
-            visibility[front] = self._solid.visible(occluders.vertices, here[:, front], normal[:, front])[0]
+            visibility[front] = obstacles.leave_visible(here[:, front], normal[:, front])[0]
             found.append(visibility)
         return np.stack(found)[np.cumsum(fresh) - 1]
 
+    def _obstacles(self, times_s: np.ndarray) -> list[_Obstacles]:
+        """Occluders at each of these times: facets and diffuse points ask for the same ones."""
+        if self._last[0] != times_s.tobytes():
+            posed = self._occluders.at(times_s).vertices
+            self._last = times_s.tobytes(), [self._solid.obstacles(each[None]) for each in posed]
+        return self._last[1]
 
-def _unobstructed(mi: Any, vertices: np.ndarray, faces: np.ndarray, origins: np.ndarray) -> np.ndarray:
-    """Whether the segment from origins (K, Q, 3) to the coordinate origin is free, bool (K, Q).
 
-    `faces` (F, 3) are those of all instants, and number the vertices (K, V, 3) as one list.
-    """
-    reach = 2.2 * float(np.abs(vertices).max())
-    shift = side_by_side(len(vertices), reach)
-    mesh = mitsuba_mesh(mi, (vertices + shift).reshape(-1, 3), faces)
-    distance = np.sqrt(np.einsum("kqi,kqi->kq", origins, origins))
+@dataclass(frozen=True, slots=True)
+class _Obstacles:
+    """Meshes at some instants side by side, in a scene that rays towards a viewpoint are traced in."""
 
-    ray = mi.Ray3f(mi.Point3f(*columns(mi, origins + shift)), mi.Vector3f(*columns(mi, -origins / distance[..., None])))
-    ray.maxt = mi.Float(aligned(distance, np.float32))
-    return ~traceable(mi, mesh).ray_test(ray).numpy().reshape(distance.shape)
+    mitsuba: Any
+    scene: Any
+    shift_m: np.ndarray
+    """From the viewpoint's coordinates to where the meshes of each instant stand (K, 1, 3)."""
+    viewpoint_m: np.ndarray
+
+    @classmethod
+    def of(cls, mi: Any, vertices: np.ndarray, faces: np.ndarray, viewpoint_m: np.ndarray) -> _Obstacles:
+        """`faces` (F, 3) are those of all instants, and number the vertices (K, V, 3) m, seen from the viewpoint, as one list."""
+        reach = 2.2 * float(np.abs(vertices).max())
+        shift = side_by_side(len(vertices), reach)
+        mesh = mitsuba_mesh(mi, (vertices + shift).reshape(-1, 3), faces)
+        return cls(mi, traceable(mi, mesh), shift, viewpoint_m)
+
+    def leave_visible(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Whether the segment from points (K, Q, 3) of given normals to the viewpoint is free, bool (K, Q)."""
+        mi, offset = self.mitsuba, self.viewpoint_m - points
+        towards = offset / np.sqrt(np.einsum("kqi,kqi->kq", offset, offset))[..., None]
+        origins = LIFT_M * (towards + normals) - offset
+        distance = np.sqrt(np.einsum("kqi,kqi->kq", origins, origins))
+        start, direction = columns(mi, origins + self.shift_m), columns(mi, -origins / distance[..., None])
+        ray = mi.Ray3f(mi.Point3f(*start), mi.Vector3f(*direction))
+        ray.maxt = mi.Float(aligned(distance, np.float32))
+        return ~self.scene.ray_test(ray).numpy().reshape(distance.shape)
 
 
 def side_by_side(instants: int, reach_m: float) -> np.ndarray:

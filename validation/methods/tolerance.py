@@ -33,6 +33,8 @@ CHIRPS, ROOM_CHIRPS = 32, 6
 LONG_S, LONG_DB = 10.0, -20.0
 SAME_DB = 0.3
 """Errors that far apart are the same."""
+RUNS = 3
+"""Of each kind, in turns; the shortest time counts, as other work of the machine only lengthens it."""
 EVERY = 50
 """Chirps of the long record that are compared."""
 
@@ -184,15 +186,18 @@ def _found(case: Case) -> Found:
 
     run(tolerance_db=case.tolerance_db)  # compiles kernels
     plan = t2d.plan(case.target, tolerance_db=case.tolerance_db, measure_error=False, **options)
-    with peak_bytes() as peak:
-        took = timed(lambda: run(accuracy=plan.accuracy))
+    took, automatic, peaks = [], [], []
     results: list[t2d.Recording] = []
-    automatic = timed(lambda: results.append(run(tolerance_db=case.tolerance_db)))
+    for _ in range(RUNS):
+        with peak_bytes() as peak:
+            took.append(timed(lambda: run(accuracy=plan.accuracy)))
+        peaks.append(peak[0])
+        automatic.append(timed(lambda: results.append(run(tolerance_db=case.tolerance_db))))
     predicted = plan.seconds["preparing"] + plan.seconds["running"]
     result = results[0]
     return Found(
-        case, plan.error_db, result.settings["error_db"], _true_db(case, radar, result), predicted, took, automatic,
-        plan.memory_bytes / 1e9, peak[0] / 1e9,
+        case, plan.error_db, result.settings["error_db"], _true_db(case, radar, result), predicted, min(took), min(automatic),
+        plan.memory_bytes / 1e9, max(peaks) / 1e9,
     )  # fmt: skip
 
 
