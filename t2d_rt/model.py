@@ -23,7 +23,7 @@ from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.patches import CYCLES_PER_STEP, SWEEP_CYCLES
 from t2d_rt.scattering.paths import Ranked, View
-from t2d_rt.scattering.rate import needed_rate_hz
+from t2d_rt.scattering.rate import SurfaceRate
 from t2d_rt.scattering.refinement import REFINING_BYTES, Sagitta, facets
 from t2d_rt.targets import TargetLike
 from t2d_rt.types import (
@@ -82,8 +82,8 @@ class Model:
     seed: int
     backend: Backend
     memory: Budget
-    needed_hz: dict[tuple[int, float], float] = field(default_factory=dict)
-    """Surface rates that were asked for, by the target's number and `Accuracy.spline_error_db`."""
+    surface_rates: dict[int, SurfaceRate] = field(default_factory=dict)
+    """What was found of the rates that targets need, by their number."""
 
     @property
     def targets(self) -> list[TargetLike]:
@@ -106,12 +106,10 @@ class Model:
         ]
 
     def _needed(self, number: int, error_db: float) -> float:
-        key = number, error_db
-        if key not in self.needed_hz:
-            self.needed_hz[key] = needed_rate_hz(
-                self.geometries[number], self.radar, self.span_s, error_db, stand_in=self.modelled[number].ellipsoids()
-            )
-        return self.needed_hz[key]
+        if number not in self.surface_rates:
+            stand_in = self.modelled[number].ellipsoids()
+            self.surface_rates[number] = SurfaceRate(self.geometries[number], self.radar, self.span_s, stand_in)
+        return self.surface_rates[number].needed_hz(error_db)
 
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
         """Surface frames of each target [s] at its rate or more; those that need about the same rate have the same ones."""
@@ -346,4 +344,4 @@ def resolved(material: str | Material, radar: Radar) -> Material:
 def with_method(model: Model, method: Method) -> Model:
     """The same targets by another echo model."""
     modelled = [target.by(method) for target in model.modelled]
-    return replace(model, modelled=modelled, method=method, needed_hz={})
+    return replace(model, modelled=modelled, method=method, surface_rates={})

@@ -124,7 +124,14 @@ def seconds(units: dict[str, float], laws: Laws) -> float:
 
 
 def memory_bytes(
-    model: Model, accuracy: Accuracy, *, echoes: float, vertices: float, facets: float, measured: bool, taken: float = 0.0
+    model: Model,
+    accuracy: Accuracy,
+    *,
+    echoes: float,
+    vertices: float,
+    facets: float,
+    measured: bool,
+    taken: float = 0.0,
 ) -> float:
     """Greatest memory to be expected of a run beyond what the process held: of its greatest batch of echoes with that many facets'
     vertices, of `facets` that are refined at once, and of what is `taken` before."""

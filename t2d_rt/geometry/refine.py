@@ -15,7 +15,9 @@ surface that is sampled, at the scale of the edge, and needs no estimate from th
 
 from __future__ import annotations
 
+import hashlib
 import math
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -25,6 +27,9 @@ from t2d_rt.errors import InputError
 from t2d_rt.geometry.conforming import displacement, final_faces, grade, tree_masks
 from t2d_rt.geometry.levels import Level, build_levels, edge_depths
 from t2d_rt.geometry.subdivide import Csr, crease_corners, midpoints, sharp_edges, topology
+
+KEPT_CURVATURES = 8
+_curvatures: OrderedDict[tuple[object, ...], np.ndarray] = OrderedDict()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +120,21 @@ def _refined(levels: list[Level], rest: np.ndarray, operator: Csr, linear: Csr, 
 
 
 def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> np.ndarray:
-    """Mean over its edges of each vertex's normal curvature, without sign [1/m], (V,); measured as `refine` does."""
+    """Mean over its edges of each vertex's normal curvature, without sign [1/m], (V,); measured as `refine` does.
+
+    The last ones are kept, read-only: a body's is asked for when it is skinned and when its facets are counted.
+    """
+    key = hashlib.sha256(rest.tobytes()).digest(), hashlib.sha256(faces.tobytes()).digest(), rest.shape, crease_deg
+    if key not in _curvatures:
+        found = _curvatures[key] = _curvature(rest, faces, crease_deg)
+        found.setflags(write=False)
+        if len(_curvatures) > KEPT_CURVATURES:
+            _curvatures.popitem(last=False)
+    _curvatures.move_to_end(key)
+    return _curvatures[key]
+
+
+def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.ndarray:
     sharp = sharp_edges(rest, faces, crease_deg)
     mesh = topology(faces, len(rest), sharp)
     ends = rest[mesh.edges]

@@ -40,55 +40,73 @@ def needed_rate_hz(
     *,
     stand_in: Ellipsoids | None = None,
 ) -> float:
-    """Rate of surface frames [Hz] between two times, from the fourth derivative of its points' paths.
+    """Rate of surface frames [Hz] that a target needs between two times, as `SurfaceRate` has it."""
+    return SurfaceRate(geometry, radar, span_s, stand_in).needed_hz(tolerance_db)
+
+
+class SurfaceRate:
+    """Rate of surface frames that a target needs between two times, from the fourth derivative of its points' paths.
 
     A cubic spline of frames h apart misses x(t) by 16 u^2 (1 - u)^2 h^4 x''''/384 within an interval; the square of that has the
     mean 0.406. It is found in short records; `stand_in`, a few points that move with the geometry, tell from the whole record, or
-    from as much of it as `CHEAP_POINTS` allow, whether these missed a jerk.
+    from as much of it as `CHEAP_POINTS` allow, whether these missed a jerk. Motion is probed once for all tolerances.
     """
-    if isinstance(geometry, MovingMesh) and geometry.period_s is not None:  # one period tells all
-        span_s = span_s[0], min(span_s[1], span_s[0] + max(geometry.period_s, LEAST_PROBED_S))
-    length_s = span_s[1] - span_s[0]
-    probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / length_s)
-    records = int(np.clip(RECORDS_PER_S * length_s, LEAST_RECORDS, MOST_RECORDS))
-    moving = geometry if stand_in is None else stand_in
-    affordable = CHEAP_POINTS // (PROBE_FRAMES * moving.point_count)
 
-    def probed(probe_hz: float) -> float:
-        needed = _needed(geometry, radar, span_s, probe_hz, records, tolerance_db)
-        whole = min(affordable, math.ceil(length_s * probe_hz / (PROBE_FRAMES - 1)))
+    def __init__(
+        self,
+        geometry: MovingMesh | Ellipsoids,
+        radar: Radar,
+        span_s: tuple[float, float],
+        stand_in: Ellipsoids | None = None,
+    ) -> None:
+        if isinstance(geometry, MovingMesh) and geometry.period_s is not None:  # one period tells all
+            span_s = span_s[0], min(span_s[1], span_s[0] + max(geometry.period_s, LEAST_PROBED_S))
+        self._geometry, self._radar, self._span_s = geometry, radar, span_s
+        self._stand_in = geometry if stand_in is None else stand_in
+        self._known: dict[tuple[int, float, int], tuple[float, float]] = {}
+
+    def needed_hz(self, tolerance_db: float = TOLERANCE_DB) -> float:
+        """The rate [Hz] at which splines add no more than that to the field's error."""
+        probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / self._length_s)
+        needed = self._probed_hz(probe_hz, tolerance_db)
+        while probe_hz < needed < MOST_HZ:
+            probe_hz *= FINER
+            needed = self._probed_hz(probe_hz, tolerance_db)
+        return float(np.clip(math.ceil(needed / STEP_HZ) * STEP_HZ, LEAST_HZ, MOST_HZ))
+
+    @property
+    def _length_s(self) -> float:
+        return self._span_s[1] - self._span_s[0]
+
+    def _probed_hz(self, probe_hz: float, tolerance_db: float) -> float:
+        """The rate that motion sampled so often asks for."""
+        records = int(np.clip(RECORDS_PER_S * self._length_s, LEAST_RECORDS, MOST_RECORDS))
+        needed = self._asked_hz(self._geometry, probe_hz, records, tolerance_db)
+        affordable = CHEAP_POINTS // (PROBE_FRAMES * self._stand_in.point_count)
+        whole = min(affordable, math.ceil(self._length_s * probe_hz / (PROBE_FRAMES - 1)))
         if whole > records:
-            short, all_of_it = (_needed(moving, radar, span_s, probe_hz, n, tolerance_db) for n in (records, whole))
+            short, all_of_it = (
+                self._asked_hz(self._stand_in, probe_hz, count, tolerance_db) for count in (records, whole)
+            )
             if all_of_it > MISSED * short:
                 return needed * all_of_it / short
         return needed
 
-    needed = probed(probe_hz)
-    while probe_hz < needed < MOST_HZ:
-        probe_hz *= FINER
-        needed = probed(probe_hz)
-    return float(np.clip(math.ceil(needed / STEP_HZ) * STEP_HZ, LEAST_HZ, MOST_HZ))
-
-
-def _needed(
-    geometry: MovingMesh | Ellipsoids,
-    radar: Radar,
-    span_s: tuple[float, float],
-    probe_hz: float,
-    records: int,
-    tolerance_db: float,
-) -> float:
-    """The rate that so many short records ask for [Hz], at least 1."""
-    step = 1 / probe_hz
-    length = (PROBE_FRAMES - 1) * step
-    begin = np.linspace(span_s[0], span_s[1] - length, records)
-    some = list(blocks(begin, PROBE_FRAMES * geometry.point_count))
-    phase, rotation = _mean([_mean_squares(geometry, radar, each, step) for each in some], [len(each) for each in some])
-    for_delays = max(1.0, float((0.406 * phase / 10 ** (tolerance_db / 10)) ** 0.125))
-    if not len(geometry.faces):
-        return for_delays
-    rotation_rad = ROTATION_RAD * 2 ** ((tolerance_db - TOLERANCE_DB) / DB_PER_OCTAVE)
-    return max(for_delays, math.sqrt(rotation) / step / rotation_rad)
+    def _asked_hz(self, geometry: MovingMesh | Ellipsoids, probe_hz: float, records: int, tolerance_db: float) -> float:
+        """The rate that so many short records of a geometry ask for [Hz], at least 1."""
+        step = 1 / probe_hz
+        key = id(geometry), probe_hz, records
+        if key not in self._known:
+            begin = np.linspace(self._span_s[0], self._span_s[1] - (PROBE_FRAMES - 1) * step, records)
+            some = list(blocks(begin, PROBE_FRAMES * geometry.point_count))
+            found = [_mean_squares(geometry, self._radar, each, step) for each in some]
+            self._known[key] = _mean(found, [len(each) for each in some])
+        phase, rotation = self._known[key]
+        for_delays = max(1.0, float((0.406 * phase / 10 ** (tolerance_db / 10)) ** 0.125))
+        if not len(geometry.faces):
+            return for_delays
+        rotation_rad = ROTATION_RAD * 2 ** ((tolerance_db - TOLERANCE_DB) / DB_PER_OCTAVE)
+        return max(for_delays, math.sqrt(rotation) / step / rotation_rad)
 
 
 def _mean_squares(
