@@ -13,6 +13,7 @@ import numpy as np
 from t2d_rt.backend import Backend
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
 from t2d_rt.errors import InputError
+from t2d_rt.geometry.vectors import lengths
 from t2d_rt.memory import Budget, blocks
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import itu_material
@@ -319,11 +320,11 @@ def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, 
     """Greatest range [m] and speed towards or from the antennas [m/s] of any point of a target."""
     start, stop = span_s
     step = min(1e-3, (stop - start) / 10)
-    places = (radar.tx_position_m, radar.rx_position_m)
+    places = np.unique([radar.tx_position_m, radar.rx_position_m], axis=0)
     farthest, fastest = 0.0, 0.0
     for times in blocks(np.linspace(start, stop - step, SPEED_SAMPLES), geometry.point_count):
         points = [geometry.points_at(t) for t in (times, times + step)]
-        ranges = [np.mean([np.linalg.norm(p - place, axis=2) for place in places], axis=0) for p in points]
+        ranges = [np.mean([lengths(p - place) for place in places], axis=0) for p in points]
         farthest = max(farthest, float(ranges[0].max()))
         fastest = max(fastest, float(np.abs(ranges[1] - ranges[0]).max() / step))
     return farthest, fastest

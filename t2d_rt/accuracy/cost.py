@@ -12,6 +12,7 @@ from t2d_rt.accuracy.estimate import FIELD_BYTES
 from t2d_rt.accuracy.laws import COARSER, Laws
 from t2d_rt.cubes import is_large
 from t2d_rt.geometry.refine import curvature
+from t2d_rt.geometry.vectors import lengths
 from t2d_rt.memory import release
 from t2d_rt.model import Model, resolved, sagitta_rad
 from t2d_rt.room import Clutter
@@ -37,7 +38,7 @@ KINDS = (
     "path pair", "clutter",
 )  # fmt: skip
 """Kinds of work, each with its fitted seconds a unit; in free space there is one path pair."""
-PATCHES_PER_FACET, PATCHES_PER_ROOT = 0.35, 80.0
+PATCHES_PER_FACET, PATCHES_PER_ROOT = 0.35, 70.0
 """Most patches over one path pair, for each facet and for the root of their number: finer facets share patches (12 000 to 44 000
 for 70 000 to 330 000 facets)."""
 
@@ -56,7 +57,7 @@ class FacetCount:
         """For the least range in the record, from the curvature of the mesh at rest."""
         middle = np.array([np.mean(model.span_s)])
         places = np.array([model.radar.tx_position_m])
-        range_m = float(np.linalg.norm(mesh.at(middle)[0][:, None] - places, axis=2).min())
+        range_m = float(lengths(mesh.at(middle)[0][:, None] - places).min())
         limit = np.broadcast_to(sagitta_rad(mesh, accuracy.replace(sagitta_scale=1.0)), (len(mesh.rest),))
         ends = np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2)
         length2 = ((mesh.rest[ends[..., 0]] - mesh.rest[ends[..., 1]]) ** 2).sum(axis=2)

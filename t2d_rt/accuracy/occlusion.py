@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.accuracy.estimate import Chirps
-from t2d_rt.geometry.vectors import edge_cross
+from t2d_rt.geometry.vectors import edge_cross, lengths
 from t2d_rt.model import Model
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion
@@ -46,13 +46,13 @@ class _Faces:
         faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=False)])
         corners = vertices[:, faces]
         across = edge_cross(corners)
-        twice = np.maximum(np.linalg.norm(across, axis=2), 1e-30)
+        twice = np.maximum(lengths(across), 1e-30)
         return cls(vertices, corners.mean(axis=2), across / twice[..., None], twice / 2)
 
     def towards(self, place_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit vectors to a place (K, F, 3) and the distances (K, F) [m]."""
         offset = place_m - self.middle
-        distance = np.linalg.norm(offset, axis=2)
+        distance = lengths(offset)
         return offset / distance[..., None], distance
 
 
@@ -79,7 +79,7 @@ def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
                 visible[place.tobytes()] = traced.visible(faces.vertices, faces.middle, faces.normal)
         (there, to), (here, back) = faces.towards(out_m), faces.towards(back_m)
         middle = there + here
-        cosine = np.einsum("kfi,kfi->kf", faces.normal, middle) / np.maximum(np.linalg.norm(middle, axis=2), 1e-30)
+        cosine = np.einsum("kfi,kfi->kf", faces.normal, middle) / np.maximum(lengths(middle), 1e-30)
         glint = np.exp(-((np.arccos(np.clip(cosine, -1, 1)) / GLINT_RAD) ** 2)) * faces.area_m2 / (to * back) ** 2
         seen = visible[out_m.tobytes()] & visible[back_m.tobytes()]
         total = max(float(glint.sum()), 1e-300)

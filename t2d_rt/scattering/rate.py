@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.geometry.vectors import lengths
 from t2d_rt.memory import blocks
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 
@@ -116,7 +117,7 @@ def _mean_squares(
     for frames one second apart [rad], and of the angles by which edges rotate from frame to frame [rad]."""
     times = (begin_s[:, None] + step_s * np.arange(PROBE_FRAMES)).ravel()
     points = geometry.points_at(times)
-    paths = sum(np.linalg.norm(points - place, axis=2) for place in (radar.tx_position_m, radar.rx_position_m))
+    paths = sum(lengths(points - place) for place in (radar.tx_position_m, radar.rx_position_m))
     fourth = np.diff(np.reshape(paths, (len(begin_s), PROBE_FRAMES, -1)), n=4, axis=1) / step_s**4
     rad_per_m = 2 * math.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT
     phase = np.mean((rad_per_m * fourth / 384) ** 2)
