@@ -34,8 +34,8 @@ FACETS_PER_SAGITTA = 1.7
 """Facets of a cage face over its phase sagitta in units of the limit (1.65 to 1.76 for bodies from 1.5 to 4 m, limits from 0.15 to
 2.4 rad)."""
 KINDS = (
-    "call", "ADC sample", "refined facet", "facet of a path pair", "facet of a frame", "ellipsoids of a frame", "ray", "obstacle",
-    "path pair", "clutter",
+    "call", "ADC sample", "refined facet", "facet of a path pair", "facet of a frame", "diffuse point of a frame",
+    "ellipsoids of a frame", "ray", "obstacle", "path pair", "clutter",
 )  # fmt: skip
 """Kinds of work, each with its fitted seconds a unit; in free space there is one path pair."""
 PATCHES_PER_FACET, PATCHES_PER_ROOT = 0.35, 70.0
@@ -85,6 +85,7 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
     radar, length_s = model.radar, model.span_s[1] - model.span_s[0]
     frames = float(max(len(times) for times in model.frame_times(accuracy)))
     pairs = model.pairs(accuracy)
+    rough = rough_meshes(model)
     tiers: list[tuple[PathTier, int]] = [(accuracy.tiers[0], 1)]
     if pairs is not None:
         tiers = [(tier, len(some)) for tier, some in pairs.by_tier(accuracy)]
@@ -102,6 +103,7 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
             found["refined facet"] += facets
             found["facet of a path pair"] += facets * count
             found["facet of a frame"] += frames * facets * count
+            found["diffuse point of a frame"] += frames * tier.diffuse_points * count * rough
     if accuracy.occlusion and counts:
         found["ray"] = samples * places_of(model, accuracy) * sampled_points(model, accuracy)
     if pairs is not None:
@@ -157,17 +159,17 @@ def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCoun
     facets, pairs = units["refined facet"], max(1.0, units["path pair"])
     of_pair = units["facet of a path pair"] / pairs
     patches = min(PATCHES_PER_FACET * of_pair, PATCHES_PER_ROOT * math.sqrt(of_pair))
-    echoes = min(pairs * (patches + points(model)), most_echoes(model.radar))
+    echoes = min(pairs * (patches + POINTS_PER_MESH * rough_meshes(model)), most_echoes(model.radar))
     return memory_bytes(
         model, accuracy, echoes=echoes, vertices=facets / 2, facets=facets, measured=measured,
         taken=SET_UP_BYTES + FACET_BYTES * facets,
     )  # fmt: skip
 
 
-def points(model: Model) -> int:
-    """Number of diffuse points of all rough meshes."""
-    rough = [target.material for target in model.modelled if target.mesh is not None]
-    return POINTS_PER_MESH * sum(resolved(each, model.radar).scattering_coefficient > 0 for each in rough)
+def rough_meshes(model: Model) -> int:
+    """Number of meshes that have diffuse points."""
+    materials = [target.material for target in model.modelled if target.mesh is not None]
+    return sum(resolved(each, model.radar).scattering_coefficient > 0 for each in materials)
 
 
 def check_memory(model: Model, accuracy: Accuracy, streams: Sequence[EchoStream], *, measured: bool) -> float:

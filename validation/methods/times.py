@@ -39,6 +39,12 @@ SECONDARY = PathTier(level_db=EVERY_PATH_DB, sagitta_scale=4.0, greatest_sagitta
 TWO_TIERS = {"least_level_db": -25.0, "tiers": (PathTier(level_db=-10.0), SECONDARY)}
 FINER = TWO_TIERS | {"sagitta_scale": 0.7, "visibility_rate_hz": 50.0, "visibility_subdivision": 1}
 ONE_TIER = {"least_level_db": -14.0, "tiers": (PathTier(level_db=EVERY_PATH_DB),)}
+COARSE = {
+    "sagitta_scale": 3.4,
+    "visibility_rate_hz": 12.5,
+    "least_level_db": -20.0,
+    "tiers": (PathTier(level_db=EVERY_PATH_DB),),
+}
 CLUTTER = {"clutter": "specular"}
 
 
@@ -68,6 +74,7 @@ def runs() -> Iterator[Run]:
             yield Run("walk", length_s, scene, physics=CLUTTER)
             yield Run("walk", length_s, scene, TWO_TIERS)
             yield Run("walk", length_s, scene, FINER)
+            yield Run("walk", length_s, scene, COARSE)
             yield Run("walk", length_s, scene, ONE_TIER | {"occlusion": False, "sagitta_scale": 2.0}, CLUTTER)
     yield Run("run", 1.3, "living_room", TWO_TIERS | {"sagitta_scale": 1.5, "visibility_rate_hz": 12.5})
     yield Run("run", 1.3, "corridor", ONE_TIER | {"visibility_rate_hz": 50.0}, CLUTTER)
