@@ -113,6 +113,11 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
     return found
 
 
+def patches_of(facets: float) -> float:
+    """Number of patches, over one path pair."""
+    return min(PATCHES_PER_FACET * facets, PATCHES_PER_ROOT * math.sqrt(facets))
+
+
 def places_of(model: Model, accuracy: Accuracy) -> int:
     """Number of antennas and of their images from which occlusion is traced."""
     pairs = model.pairs(accuracy)
@@ -157,9 +162,8 @@ def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCoun
     """The same before anything is refined."""
     units = work(model, accuracy, counts)
     facets, pairs = units["refined facet"], max(1.0, units["path pair"])
-    of_pair = units["facet of a path pair"] / pairs
-    patches = min(PATCHES_PER_FACET * of_pair, PATCHES_PER_ROOT * math.sqrt(of_pair))
-    echoes = min(pairs * (patches + POINTS_PER_MESH * rough_meshes(model)), most_echoes(model.radar))
+    of_pair = patches_of(units["facet of a path pair"] / pairs) + POINTS_PER_MESH * rough_meshes(model)
+    echoes = min(pairs * of_pair, most_echoes(model.radar))
     return memory_bytes(
         model, accuracy, echoes=echoes, vertices=facets / 2, facets=facets, measured=measured,
         taken=SET_UP_BYTES + FACET_BYTES * facets,

@@ -122,7 +122,7 @@ def _visibilities(
 
 
 def _paths(budget: Budget, start: Accuracy, asked: set[str], allowed: float) -> list[dict[str, Any]]:
-    """Which path pairs may be left out and which be modelled by coarser facets."""
+    """Which path pairs may be left out and which be modelled by coarser facets, the default's tiers among them."""
     if len(budget.power) < 2 or not asked.isdisjoint(("tiers", "least_level_db")):
         return [{}]
     levels = np.array([each.mean_db for each in budget.model.ranked])
@@ -130,7 +130,7 @@ def _paths(budget: Budget, start: Accuracy, asked: set[str], allowed: float) -> 
     lost = np.cumsum(budget.power[order]) * ratio(budget.laws.pairs.mean_db + SURELY * budget.laws.pairs.scatter_db)
     least = sorted({max(float(levels[order[min(int(np.searchsorted(lost, f * allowed, side="right")), len(order) - 1)]]),
                         EVERY_PATH_DB) for f in LEFT_OUT})  # fmt: skip
-    found = []
+    found: list[dict[str, Any]] = [{}]
     for level_db in least:
         found.append({"least_level_db": level_db, "tiers": (PathTier(level_db=EVERY_PATH_DB),)})
         for high_db, scale in itertools.product(
