@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 import t2d_rt as t2d
 from t2d_rt.accuracy import cost
 from t2d_rt.backend import yardstick_s
+from t2d_rt.scattering import points, refinement
 from t2d_rt.signal import spectrogram
 from t2d_rt.summation import summed
 from t2d_rt.types import Accuracy, PathTier, Radar
@@ -85,10 +86,11 @@ def timed(each: Run) -> dict[str, Any]:
     motion = recorded(WALK if each.name == "walk" else RUN)
     target = t2d.trim(motion, 0.2, 0.2 + each.length_s) if each.name == "walk" else t2d.trim(motion, 0.0, each.length_s)
     radar, taken = Radar.preset(each.radar), []
-    for number in range(3):  # the first one compiles; each refines anew, for scales that differ a little
+    for _ in range(3):  # the first one compiles
+        for keeps in (refinement, points):  # each run refines anew
+            keeps.forget()
         model = modelled(target, each.scene, radar=radar, **each.physics)
         accuracy = Accuracy(**each.accuracy)
-        accuracy = accuracy.replace(sagitta_scale=accuracy.sagitta_scale * (1 + 1e-3 * number))
         yardstick, start = yardstick_s(model.backend), time.perf_counter()
         static, _ = model.clutter(each.physics.get("clutter", "none"), accuracy)
         streams = model.streams(accuracy)
