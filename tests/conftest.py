@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from command_line import Command, Run, listing
 from t2d_rt.backend import Backend, select
 from t2d_rt.cli import main
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.disk_cache import VARIABLE
 from t2d_rt.types import Radar
 
 ReadField = Callable[..., np.ndarray]
@@ -36,6 +38,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Puts them first."""
     place = {name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The tests' own folder for what is kept on disk; processes that they start have it, too."""
+    os.environ[VARIABLE] = str(tmp_path_factory.mktemp("cache"))
 
 
 @pytest.fixture(scope="session")

@@ -3,3 +3,11 @@
 physics/ holds the results against closed forms and measurements, methods/ the approximations against converged references,
 robustness/ odd inputs, memory and interruptions; bench/ is speed (`python -m validation.bench`).
 """
+
+from __future__ import annotations
+
+import os
+
+from t2d_rt.disk_cache import VARIABLE
+
+os.environ.setdefault(VARIABLE, "off")  # times are those of a first recording

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
+from t2d_rt import disk_cache
 from t2d_rt.geometry import Refinement, SubdividedMesh, SurfacePoints, point_spacing, surface_points
 from t2d_rt.geometry.vectors import dot, edge_cross
 from t2d_rt.scattering.facets import Pair
@@ -34,16 +34,22 @@ class Seen:
     """Of the path pair; None in free space."""
 
 
-_kept: OrderedDict[tuple[object, ...], SurfacePoints] = OrderedDict()
+_kept: OrderedDict[str, SurfacePoints] = OrderedDict()
 KEPT_POINTS = 8
 """Sets of points that are kept, the last used ones: some 300 kB each."""
 
 
 def _spread(rest: np.ndarray, faces: np.ndarray, seed: int, spacing_m: float) -> SurfacePoints:
     """`surface_points`, kept for the next recording of the same body and for coarser facets of this one."""
-    key = hashlib.sha256(rest.tobytes()).digest(), hashlib.sha256(faces.tobytes()).digest(), seed, spacing_m
+    key = disk_cache.key("geometry", ("points", rest, faces, seed, spacing_m))
     if key not in _kept:
-        _kept[key] = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
+
+        def spread() -> dict[str, np.ndarray]:
+            found = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
+            return {each.name: getattr(found, each.name) for each in fields(SurfacePoints)}
+
+        names = [each.name for each in fields(SurfacePoints)]
+        _kept[key] = SurfacePoints(**disk_cache.kept(key, names, spread))
         if len(_kept) > KEPT_POINTS:
             _kept.popitem(last=False)
     _kept.move_to_end(key)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import os
 from collections import OrderedDict
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from t2d_rt import disk_cache
 from t2d_rt.backend import aligned_empty
 from t2d_rt.geometry import Refinement, refinements
 from t2d_rt.scattering.patches import Csr, least_range_m
@@ -25,7 +27,7 @@ MOST_FACETS = 1_000_000
 """Of one mesh, unless a run may take more memory."""
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many instants fit the cache."""
-_kept: OrderedDict[tuple[object, ...], Refinement] = OrderedDict()
+_kept: OrderedDict[str, Refinement] = OrderedDict()
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
 
@@ -52,9 +54,10 @@ def facets(
 def refined(
     surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Sagitta], max_facets: int
 ) -> list[Refinement]:
-    """`refinements` of a mesh, each kept for the next recording of the same body; those that are missing are made together."""
-    common = surface.rest.tobytes(), surface.faces.tobytes(), wavenumber, range_m, surface.crease_deg
-    keys = [(*common, np.asarray(sagitta, float).tobytes()) for sagitta in sagittas_rad]
+    """`refinements` of a mesh, each kept for the next recording of the same body, on disk too; those that are missing are made
+    together."""
+    common = surface.rest, surface.faces, wavenumber, range_m, surface.crease_deg
+    keys = [disk_cache.key("geometry", ("refinement", *common, np.asarray(each, float))) for each in sagittas_rad]
     missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
     if missing:
         made = refinements(
@@ -66,7 +69,9 @@ def refined(
             crease_deg=surface.crease_deg,
             max_faces=max_facets,
         )
-        _kept.update(zip(missing, made, strict=True))
+        for key, each in zip(missing, made, strict=True):
+            _kept[key] = each
+            disk_cache.write(key, _as_arrays(each))
     found = [_kept[key] for key in keys]
     for key in keys:
         _kept.move_to_end(key)
@@ -75,13 +80,39 @@ def refined(
     return found
 
 
-def _needed(key: tuple[object, ...], max_facets: int) -> bool:
+def _needed(key: str, max_facets: int) -> bool:
     """Whether a refinement must be made: it is not kept, or has more facets than are allowed, which making it will tell."""
+    if key not in _kept and (found := disk_cache.read(key, _ARRAYS)) is not None:
+        _kept[key] = _of_arrays(found)
     return key not in _kept or len(_kept[key].faces) > max_facets
 
 
+_SPARSE = "data", "indices", "indptr", "shape"
+_ARRAYS = "faces", "base_face", *(f"{name}_{part}" for name in ("operator", "linear") for part in _SPARSE)
+
+
+def _as_arrays(found: Refinement) -> dict[str, np.ndarray]:
+    """A refinement as it is kept on disk."""
+    arrays = {"faces": found.faces, "base_face": found.base_face}
+    for name in ("operator", "linear"):
+        matrix = getattr(found, name)
+        arrays |= {f"{name}_{part}": np.asarray(getattr(matrix, part)) for part in _SPARSE}
+    return arrays
+
+
+def _of_arrays(arrays: Mapping[str, np.ndarray]) -> Refinement:
+    """The same as it was."""
+    from scipy.sparse import csr_matrix
+
+    operator, linear = (
+        csr_matrix(tuple(arrays[f"{name}_{part}"] for part in _SPARSE[:3]), shape=tuple(arrays[f"{name}_shape"]))
+        for name in ("operator", "linear")
+    )
+    return Refinement(operator=operator, faces=arrays["faces"], base_face=arrays["base_face"], linear=linear)
+
+
 def forget() -> None:
-    """Drops the refinements that are kept, so that the next recording takes as long as a first one."""
+    """Drops the refinements that this process keeps; without those on disk the next recording takes as long as a first one."""
     _kept.clear()
 
 

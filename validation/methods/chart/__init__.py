@@ -128,7 +128,7 @@ def _note(found: dict[tuple[str, str], list[Point]], fine_db: dict[tuple[str, st
     own = ", ".join(f"{scene} {motion} {db:.1f} dB" for (scene, motion), db in fine_db.items())
     return (
         f"Preset `table2`, body of skin, {STRETCH_S:g} s in free space and {ROOM_STRETCH_S:g} s in rooms, without static clutter. "
-        "Seconds from the motion to the spectrogram, kernels warm and no refinement kept, best of two runs or of one long one; what "
+        "Seconds from the motion to the spectrogram, kernels warm, no refinement kept, best of two runs or of one long one; what "
         "a record needs once, about 0.3 s, weighs more in so short ones than in the bench's 10 s. Field NMSE at "
         f"{CHIRPS} random chirps ({ROOM_CHIRPS} in rooms) and three places of the sweep against the float64 reference with "
         f"facets of {REFERENCE_RAD} rad, in rooms {ROOM_REFERENCE_RAD} rad and up to two reflections, so that wall order 3 is held "

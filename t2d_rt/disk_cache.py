@@ -1,0 +1,128 @@
+"""Arrays that take longer to make than to read, kept on disk from one process to the next.
+
+An entry is named by the hash of all that it follows from: its inputs, the package's own code that made it, and the versions of
+NumPy and SciPy. One that is missing, damaged or from elsewhere is made anew. Nothing depends on the folder: it may be moved,
+emptied at any time, or turned off.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import platform
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+VARIABLE = "T2D_RT_CACHE"
+"""Environment variable that names another folder, or turns the cache off where it is "off" or empty."""
+MOST_BYTES, LARGEST_BYTES = 1e9, 100e6
+"""Of all entries, the longest unused of which go first, and of one."""
+_ENTRY, _UNFINISHED = ".npz", ".part"
+_UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
+
+Arrays = Mapping[str, np.ndarray]
+
+
+def folder() -> Path | None:
+    """Where entries are kept; None where they are not."""
+    given = os.environ.get(VARIABLE)
+    if given is not None:
+        return None if given.strip().lower() in ("", "off") else Path(given)
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    try:
+        return (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "t2d-rt"
+    except RuntimeError:  # there is no home
+        return None
+
+
+def key(made_by: str, parts: Iterable[object]) -> str:
+    """Name of what the package's folder `made_by` makes of `parts`: arrays, bytes, numbers and texts."""
+    digest = hashlib.sha256(_made_with(made_by))
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            part = repr((part.dtype.str, part.shape)).encode() + np.ascontiguousarray(part).tobytes()
+        data = part if isinstance(part, bytes) else repr(part).encode()
+        digest.update(len(data).to_bytes(8, "little") + data)
+    return digest.hexdigest()
+
+
+@functools.cache
+def _made_with(made_by: str) -> bytes:
+    """Hash of the source code and of the versions that an entry's numbers depend on."""
+    digest = hashlib.sha256("/".join((np.__version__, _scipy_version(), platform.machine())).encode())
+    for path in sorted((Path(__file__).parent / made_by).glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.digest()
+
+
+def _scipy_version() -> str:
+    import scipy
+
+    return str(scipy.__version__)
+
+
+def read(name: str, wanted: Iterable[str]) -> dict[str, np.ndarray] | None:
+    """The `wanted` arrays of an entry; None where there is none that can be read."""
+    home = folder()
+    if home is None:
+        return None
+    path = home / (name + _ENTRY)
+    try:
+        with path.open("rb") as opened:
+            file = np.load(opened, allow_pickle=False)  # checks the CRC of each array
+            if not isinstance(file, np.lib.npyio.NpzFile) or str(file["name"]) != name:
+                return None
+            found = {each: file[each] for each in wanted}
+        os.utime(path)
+    except _UNREADABLE:
+        return None
+    return found
+
+
+def write(name: str, arrays: Arrays) -> None:
+    """Keeps an entry, if the disk allows it."""
+    home = folder()
+    if home is None or sum(each.nbytes for each in arrays.values()) > LARGEST_BYTES:
+        return
+    try:
+        home.mkdir(mode=0o700, parents=True, exist_ok=True)
+        descriptor, unfinished = tempfile.mkstemp(suffix=_UNFINISHED, dir=home)
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                np.savez(file, name=np.array(name), **arrays)  # type: ignore[arg-type]
+            Path(unfinished).replace(home / (name + _ENTRY))
+        except BaseException:
+            Path(unfinished).unlink(missing_ok=True)
+            raise
+        _make_room(home)
+    except OSError:
+        return
+
+
+def kept(name: str, wanted: Iterable[str], make: Callable[[], Arrays]) -> Arrays:
+    """The arrays of an entry, made and kept where they are missing."""
+    found: Arrays | None = read(name, wanted)
+    if found is None:
+        found = make()
+        write(name, found)
+    return found
+
+
+def _make_room(home: Path) -> None:
+    """Removes what was not used for longest, entries and what killed processes left unfinished."""
+    entries = []
+    for path in home.iterdir():
+        if path.suffix in (_ENTRY, _UNFINISHED):
+            found = path.stat()
+            entries.append((found.st_mtime, found.st_size, path))
+    room = MOST_BYTES
+    for _, size, path in sorted(entries, reverse=True):
+        room -= size
+        if room < 0:
+            path.unlink(missing_ok=True)
