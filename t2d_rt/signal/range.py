@@ -26,20 +26,27 @@ def taper(name: str, length: int, *, periodic: bool = False) -> np.ndarray:
     of the range bins, is exactly mid-sweep. Periodic for slow time: static echoes, on a bin there, leak into no Doppler
     bin beyond the main lobe (a symmetric Hann window of 256 leaks -66 dB). Its centre is sample length/2.
     """
+    length, periodic = integer("length of a window", length, 1, LONGEST_WINDOW), flag("periodic", periodic)
+    if name == "hann":  # to import scipy.signal for the default takes longer than the spectrogram of a short record
+        window = np.hanning(length + (periodic and length > 1))[:length]
+    else:
+        window = _of_scipy(name, length, periodic=periodic)
+    if not window.sum() > 0:
+        raise InputError(f"window {shown(name)} of {length} samples is zero; take a longer one")
+    return window / window.sum()
+
+
+def _of_scipy(name: str, length: int, *, periodic: bool) -> np.ndarray:
     from scipy.signal import get_window
 
-    length = integer("length of a window", length, 1, LONGEST_WINDOW)
     try:
         if not isinstance(name, (str, tuple)):  # scipy takes a number for the beta of a Kaiser window
             raise ValueError
-        window = get_window(name, length, fftbins=flag("periodic", periodic))
+        return np.asarray(get_window(name, length, fftbins=periodic))
     except (ValueError, TypeError, OverflowError, IndexError):
         raise InputError(
             f"unknown window {shown(name)}; choose one of scipy.signal's by name: hann, hamming, blackmanharris, boxcar"
         ) from None
-    if not window.sum() > 0:
-        raise InputError(f"window {shown(name)} of {length} samples is zero; take a longer one")
-    return window / window.sum()
 
 
 def range_fft(
