@@ -14,7 +14,7 @@ from t2d_rt.types import EchoStream, MovingMesh, Radar
 
 GAIN_RATE_HZ = 250.0
 """Rate at which visibility is read from its fades, which take some 40 ms."""
-UNCHANGED = 0.03
+UNCHANGED = 0.01
 """Visibility that stays as close to its median is that: blades behind a cupboard's edge vary by it from angle to angle."""
 SPEED_PROBES = 60
 
@@ -56,9 +56,8 @@ def in_periods(
 
 
 def _interpolated(samples_s: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Between samples; 0 where nothing departs."""
-    departs = np.where(np.abs(values) > UNCHANGED, values, 0.0)
-    return lambda times_s: np.interp(times_s, samples_s, departs)
+    """Between samples."""
+    return lambda times_s: np.interp(times_s, samples_s, values)
 
 
 def _visibility(view: View, samples_s: np.ndarray) -> np.ndarray:

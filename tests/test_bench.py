@@ -115,7 +115,6 @@ def test_stages_are_told_apart(scene: str) -> None:
         target, radar, scene=scene, method="mesh", accuracy={"sagitta_rad": 2.0, "dynamic_range_db": 10}
     )
     assert set(spent) == set(STAGES)
-    assert min(spent.values()) >= 0  # occlusion, the difference of two short times, may come out as 0
     assert (spent[PATHS] > 0) == (scene != "free_space")
     assert min(spent[FACETS], spent[SYNTHESIS], spent[SPECTROGRAM]) > 0
     assert done["instants"] >= len(whole.cube)

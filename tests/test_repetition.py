@@ -113,6 +113,21 @@ def test_a_period_that_is_none_is_refused() -> None:
     assert turning.period_s == pytest.approx(0.05)
 
 
+def test_a_period_that_drifts_or_ends_is_refused() -> None:
+    turning = FAN.mesh(0, 8)
+    with pytest.raises(InputError, match="must be in the same place after each period_s"):
+        MovingMesh.from_track(turning.track, turning.faces, turning.times_s, period_s=0.05 * (1 + 1e-6))
+    for stop in (lambda times_s: np.minimum(times_s, 7.21), lambda times_s: np.maximum(times_s, 2.11)):
+        with pytest.raises(InputError, match="must be in the same place after each period_s"):
+            MovingMesh.from_track(
+                lambda times_s, stop=stop: turning.track(stop(times_s)), turning.faces, turning.times_s, period_s=0.05
+            )
+
+
+def test_a_door_that_opens_late_has_no_period() -> None:
+    assert t2d.Door(position_m=(2, 0, 0), opens_at_s=3).mesh(0, 8).period_s is None
+
+
 def test_the_same_seed_gives_the_same_bits() -> None:
     first, second = (cube([FAN.mesh(0, 0.6)], QUICK, repeats=True) for _ in range(2))
     assert np.array_equal(first, second)

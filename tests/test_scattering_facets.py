@@ -112,10 +112,10 @@ def quadrature_field(side: float, range_m: float, frequency_hz: float) -> comple
 @pytest.mark.parametrize(
     ("range_m", "preset"),
     [
-        pytest.param(1.0, "table2", marks=pytest.mark.slow),
-        pytest.param(3.0, "table2", marks=pytest.mark.slow),
+        (1.0, "table2"),
+        (3.0, "table2"),
         (10.0, "table2"),
-        pytest.param(30.0, "table2-long", marks=pytest.mark.slow),
+        (30.0, "table2-long"),
     ],
 )
 @pytest.mark.slow

@@ -126,6 +126,27 @@ def test_few_chirps_are_all_compared(chirps: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_a_measured_error_changes_no_sample() -> None:
+    """Of a record that is long enough for its visibility to be asked for in blocks."""
+    target = t2d.place(t2d.trim(builders.walk(), 0.2, 3.7), distance_m=8.0)
+    cubes = [
+        np.asarray(t2d.simulate(target, radar=RADAR, accuracy={"sagitta_scale": 16.0}, measure_error=each).cube)
+        for each in (False, True)
+    ]
+    np.testing.assert_array_equal(cubes[0], cubes[1])
+
+
+def test_bodies_by_ellipsoids_behind_a_mesh_are_measured(walk: Motion) -> None:
+    until_s = float(walk.times_s[-1])
+    door = t2d.Door(position_m=(1.6, 0.4, 0.0), opens_at_s=0.05).mesh(0, until_s)
+    found = t2d.simulate(
+        [walk, door], radar=RADAR, method="ellipsoid", measure_error=True, accuracy={"sagitta_scale": 4.0}
+    )
+    assert found.error_db is not None
+    assert math.isfinite(found.error_db)
+
+
 def test_a_tolerance_is_kept_and_asks_for_no_more_than_it_needs(walk: Motion) -> None:
     loose, tight = (t2d.simulate(walk, radar=RADAR, tolerance_db=db) for db in (-12.0, -26.0))
     assert loose.error_db is not None

@@ -15,9 +15,10 @@ from t2d_rt.geometry.refine import curvature
 from t2d_rt.geometry.vectors import lengths
 from t2d_rt.memory import release
 from t2d_rt.model import Model, resolved, sagitta_rad
+from t2d_rt.radar.repetition import table_bytes
 from t2d_rt.room import Clutter
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
-from t2d_rt.scattering.refinement import REFINING_BYTES
+from t2d_rt.scattering.refinement import POINT_SAGITTA_RAD, REFINING_BYTES
 from t2d_rt.scattering.streams import batches, most_echoes
 from t2d_rt.types import Accuracy, EchoStream, MovingMesh, PathTier
 
@@ -33,6 +34,8 @@ SET_UP_BYTES, FACET_BYTES = 90e6, 1_400
 FACETS_PER_SAGITTA = 1.7
 """Facets of a cage face over its phase sagitta in units of the limit (1.65 to 1.76 for bodies from 1.5 to 4 m, limits from 0.15 to
 2.4 rad)."""
+MADE_ALONG = 0.5
+"""Cost of a facet that is refined along with other ones, over theirs."""
 KINDS = (
     "call", "ADC sample", "refined facet", "facet of a path pair", "facet of a frame", "diffuse point of a frame",
     "ellipsoids of a frame", "ray", "obstacle", "path pair", "clutter",
@@ -51,6 +54,8 @@ class FacetCount:
     """Phase sagitta of each unrefined face over the limit of its mesh, (F,)."""
     greatest_rad: float
     """Greatest limit of the mesh, at a sagitta scale of 1."""
+    of_points: float
+    """Number of those that hold its diffuse points."""
 
     @classmethod
     def of(cls, model: Model, mesh: MovingMesh, accuracy: Accuracy) -> FacetCount:
@@ -63,8 +68,11 @@ class FacetCount:
         length2 = ((mesh.rest[ends[..., 0]] - mesh.rest[ends[..., 1]]) ** 2).sum(axis=2)
         bend = curvature(mesh.rest, mesh.faces, mesh.crease_deg)[ends].mean(axis=2) + 1 / range_m
         wavenumber = 2 * math.pi / model.radar.wavelength_m
-        sagitta = (wavenumber / 3 * length2 * bend / limit[ends].mean(axis=2)).mean(axis=1)
-        return cls(sagitta, float(limit.max()))
+        of_edges = wavenumber / 3 * length2 * bend
+        sagitta = (of_edges / limit[ends].mean(axis=2)).mean(axis=1)
+        rough = resolved(mesh.material, model.radar).scattering_coefficient > 0
+        of_points = _facets(of_edges.mean(axis=1) / POINT_SAGITTA_RAD) if rough else 0.0
+        return cls(sagitta, float(limit.max()), of_points)
 
     def of_tier(self, tier: PathTier, scale: float) -> float:
         """The number over the paths of a tier."""
@@ -72,7 +80,12 @@ class FacetCount:
 
     def at(self, scale: float) -> float:
         """The number at a sagitta scale."""
-        return float(np.maximum(1, FACETS_PER_SAGITTA / scale * self.sagitta_rad).sum())
+        return _facets(self.sagitta_rad / scale)
+
+
+def _facets(sagitta: np.ndarray) -> float:
+    """Number of facets of faces with such phase sagittas over their limit (F,)."""
+    return float(np.maximum(1, FACETS_PER_SAGITTA * sagitta).sum())
 
 
 def facet_counts(model: Model, accuracy: Accuracy) -> list[FacetCount]:
@@ -104,6 +117,7 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
             found["facet of a path pair"] += facets * count
             found["facet of a frame"] += frames * facets * count
             found["diffuse point of a frame"] += frames * tier.diffuse_points * count * rough
+    found["refined facet"] += beside_facets(counts)
     if accuracy.occlusion and counts:
         found["ray"] = samples * places_of(model, accuracy) * sampled_points(model, accuracy)
     if pairs is not None:
@@ -111,6 +125,11 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
         found["obstacle"] = samples / 2 * len(paths)
         found["path pair"] = float(len(pairs.pairs))
     return found
+
+
+def beside_facets(counts: Sequence[FacetCount]) -> float:
+    """Refining the facets that hold diffuse points along with the others costs as much as this number of those."""
+    return MADE_ALONG * sum(each.of_points for each in counts)
 
 
 def patches_of(facets: float) -> float:
@@ -161,7 +180,7 @@ def sampled_points(model: Model, accuracy: Accuracy) -> float:
 def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], *, measured: bool) -> float:
     """The same before anything is refined."""
     units = work(model, accuracy, counts)
-    facets, pairs = units["refined facet"], max(1.0, units["path pair"])
+    facets, pairs = units["refined facet"] - beside_facets(counts), max(1.0, units["path pair"])
     of_pair = patches_of(units["facet of a path pair"] / pairs) + POINTS_PER_MESH * rough_meshes(model)
     echoes = min(pairs * of_pair, most_echoes(model.radar))
     return memory_bytes(
@@ -186,7 +205,8 @@ def check_memory(model: Model, accuracy: Accuracy, streams: Sequence[EchoStream]
         greatest = max(parts, key=lambda part: part.echoes * SUMMED_BYTES + part.vertices * POSED_BYTES)
         # A surface has twice as many facets as vertices; these exist by now, but not the coarser ones of a measurement.
         facets = 2 * max(part.vertices for part in parts) / COARSER if measured else 0.0
-        return memory_bytes(
+        tables = max((table_bytes(each.repeats, model.radar) for each in streams if each.repeats), default=0.0)
+        return tables + memory_bytes(
             model, accuracy, echoes=greatest.echoes, vertices=greatest.vertices, facets=facets, measured=measured
         )
 

@@ -66,8 +66,8 @@ class Chirps:
 class Field:
     """Samples of the targets alone at chirps, at an accuracy.
 
-    Visibility is sampled from the meshes' vertices at the times of what is `kept`, as in a run; or it is traced at every chirp,
-    over the strongest path pair from every facet's vertices.
+    With `kept`, visibility is that of a run: sampled at `kept.times_s` from the meshes' vertices. Without, it is traced at every
+    chirp, from every facet's vertices over the strongest path pair.
     """
 
     def __init__(self, model: Model, accuracy: Accuracy, chirps: Chirps, *, kept: KeptVisibility | None = None) -> None:

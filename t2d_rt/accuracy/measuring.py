@@ -81,7 +81,8 @@ class Measurement:
         plan, (coarser, kept), chirps = self._plan, self.next, self._chirps
         budget, model, accuracy = plan.budget, plan.model, plan.accuracy
         full = with_method(model, "mesh") if model.method == "ellipsoid" and budget.of_bodies else model
-        again = Field(full, coarser, chirps, kept=kept)
+        # Of other meshes, the bodies beside the run's ellipsoids, the run has kept nothing.
+        again = Field(full, coarser, chirps, kept=kept if full is model else KeptVisibility(kept.times_s))
         exact = None
         if shadows_matter(budget, accuracy, coarser, self._expected * self._fraction):
             traced = coarser.replace(occlusion=True, visibility_subdivision=EXACT_SUBDIVISION)

@@ -137,6 +137,7 @@ def _butterworth(values: np.ndarray, warped: float) -> np.ndarray:
     """
     from scipy.linalg import solve_banded
 
+    assert warped > 0, "the cut-off lies below half the rate"
     damped = 1 + math.sqrt(2.0) * warped + warped**2
     recursive = 1.0, 2 * (warped**2 - 1) / damped, (1 - math.sqrt(2.0) * warped + warped**2) / damped
     start = values[:1]

@@ -32,10 +32,10 @@ POINT_RAYS, POINT_PIECES = 4, 1
 """The same for rough points, of which there are many."""
 
 KEPT_SEARCHES = 16
-_kept: OrderedDict[tuple[object, ...], list[StaticPath]] = OrderedDict()
+_kept: OrderedDict[tuple[object, ...], tuple[StaticPath, ...]] = OrderedDict()
 
 
-def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) -> list[StaticPath]:
+def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) -> tuple[StaticPath, ...]:
     """Specular paths over 1 to `order` mirrors; the line of sight between the antennas is leakage, not clutter.
 
     Those of the last scenes and radars are kept: the search takes a second in a furnished room.
@@ -51,7 +51,7 @@ def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) ->
             Mirrors.of(scene, backend), places[0], departing, radar.mid_frequency_hz, order=order,
             probes_m=(places[1] + ASIDE_M)[None],
         )  # fmt: skip
-        _kept[key] = [_path(path, places[1], across) for path in found.paths if path.order]
+        _kept[key] = tuple(_path(path, places[1], across) for path in found.paths if path.order)
         while len(_kept) > KEPT_SEARCHES:
             _kept.popitem(last=False)
     _kept.move_to_end(key)

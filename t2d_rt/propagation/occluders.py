@@ -76,7 +76,7 @@ class Occluders:
         return _marks([m.rest for m in self.meshes], [each.operator for each in self._subdivided])
 
     def at(self, times_s: np.ndarray) -> Posed:
-        """Their shape at these times; the last ones are kept."""
+        """Their shape at these times; the last ones made are kept."""
         key = times_s.tobytes()
         if key not in self._posed:
             posed = [mesh.at(times_s) for mesh in self.meshes]

@@ -67,14 +67,13 @@ class KeptVisibility:
         self._rows: dict[tuple[Hashable, int, float], np.ndarray] = {}
 
     def keep(self, where: Hashable, path_count: int, time_s: float, visibility: np.ndarray) -> None:
-        """Visibility (V,) from somewhere, if its time is wanted."""
+        """Visibility float32 (V,) from somewhere, if its time is wanted."""
         if time_s in self._wanted:
-            self._rows[where, path_count, time_s] = visibility.astype(np.float16)
+            self._rows[where, path_count, time_s] = visibility
 
     def at(self, where: Hashable, path_count: int, time_s: float) -> np.ndarray | None:
-        """What was kept, float32 (V,)."""
-        found = self._rows.get((where, path_count, time_s))
-        return None if found is None else found.astype(np.float32)
+        """What was kept (V,)."""
+        return self._rows.get((where, path_count, time_s))
 
 
 class Occlusion:

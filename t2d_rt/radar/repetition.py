@@ -118,11 +118,18 @@ def _oversampled(steps: np.ndarray) -> np.ndarray:
 
     count = len(steps)
     many = OVERSAMPLING * count
-    spectrum = fft.fft(steps, axis=0)
     harmonic = fft.fftfreq(count, 1 / count)
-    inside = np.zeros((many, *steps.shape[1:]), steps.dtype)
-    inside[harmonic.astype(int)] = spectrum / _window_spectrum(harmonic / many)[:, None, None].astype(np.float32)
-    return np.ascontiguousarray(fft.ifft(inside, axis=0).swapaxes(0, 1)) * np.float32(OVERSAMPLING)
+    window = OVERSAMPLING / _window_spectrum(harmonic / many)[:, None].astype(np.float32)
+    found = np.zeros((steps.shape[1], many, steps.shape[2]), steps.dtype)
+    for antenna, inside in enumerate(found):  # one by one, for memory
+        inside[harmonic.astype(int)] = fft.fft(steps[:, antenna], axis=0) * window
+        inside[:] = fft.ifft(inside, axis=0)
+    return found
+
+
+def table_bytes(table: Repetition, radar: Radar) -> float:
+    """What a table takes while it is made and read."""
+    return 1.5 * 8 * OVERSAMPLING * table.rows * radar.antennas * radar.samples
 
 
 def _at(dense: np.ndarray, position: np.ndarray, gain: np.ndarray) -> np.ndarray:

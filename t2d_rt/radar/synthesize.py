@@ -72,6 +72,7 @@ def synthesize(
     from threadpoolctl import threadpool_limits
 
     checks.instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
+    assert getattr(echoes, "repeats", None) is None, "echoes that repeat are summed by add_repeated"
     checks.number("tolerance_db", tolerance_db, -90, -10, unit="dB", hint="-50 suits most uses")
     if read_frames is not None:
         checks.integer("read_frames", read_frames, 1)

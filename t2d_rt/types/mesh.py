@@ -42,8 +42,8 @@ class Solid(NamedTuple):
     """Number of them."""
 
 
-PERIOD_PROBES, PERIOD_M = 7, 1e-6
-"""A period is checked at so many instants; there vertices may be so far apart."""
+PERIOD_PROBES, PERIOD_M = 100, 2e-6
+"""A period is checked at so many instants of the record; there vertices may be so far apart."""
 SAGITTA_RAD = 1e-3, 1e9
 """Phase sagittas that are taken: below, no memory holds the facets; a very large one keeps the triangles as they are."""
 
@@ -218,11 +218,16 @@ def _positions(track: Track, times_s: np.ndarray, count: int | None, name: str) 
 
 
 def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float, name: str) -> None:
-    """Refuses a track that is elsewhere a period later."""
-    early = np.linspace(times_s[0], times_s[-1] - period_s, PERIOD_PROBES)
-    if early[-1] <= early[0]:
+    """Refuses a track that is elsewhere, anywhere in its record, than at the same place of its first period."""
+    parts = np.linspace(0, times_s[-1] - times_s[0], PERIOD_PROBES + 1)
+    since = parts[:-1] + np.random.default_rng(0).random(PERIOD_PROBES) * np.diff(parts)
+    since = np.append(since[since >= period_s], parts[-1])
+    if parts[-1] < period_s:
         return  # less than a period: nothing is read from it
-    apart_m = np.abs(_positions(track, early + period_s, count, name) - _positions(track, early, count, name)).max()
+    apart_m = 0.0
+    for some in np.array_split(since, 10):
+        here, first = (_positions(track, times_s[0] + each, count, name) for each in (some, some % period_s))
+        apart_m = max(apart_m, float(np.abs(here - first).max(initial=0.0)))
     if apart_m > PERIOD_M:
         raise InputError(
             f"{name} must be in the same place after each period_s, {period_s:.6g} s, but is {apart_m:.3g} m away; leave it out"

@@ -59,7 +59,9 @@ def stage_seconds(
     """
     clock = Stopwatch()
     model, static = _set_up(clock, target, radar, scene=scene, method=method)
-    settings = chosen(model, Wanted.of(accuracy, None)).accuracy
+    settings = chosen(model, Wanted.of(accuracy, None)).accuracy.replace(
+        repeats=False
+    )  # each stage does the whole record
     clutter: list[EchoStream] = []
     if model.scene is not None:
         with clock(PATHS):

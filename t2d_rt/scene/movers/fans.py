@@ -86,7 +86,9 @@ class TableFan(Fields):
             head = about_z(np.radians(self.heading_deg + swing)) @ tilt
             return _rotated(rotor, head @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
-        return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
+        return moving(
+            self, track, faces, start_s, stop_s, material=self.material, name=self.noun, period_s=self.period_s
+        )
 
 
 class CeilingFan(Fields):
@@ -128,7 +130,9 @@ class CeilingFan(Fields):
         def track(times_s: np.ndarray) -> np.ndarray:
             return _rotated(rotor, down @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
-        return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
+        return moving(
+            self, track, faces, start_s, stop_s, material=self.material, name=self.noun, period_s=self.period_s
+        )
 
 
 def _period_s(rpm: float) -> float | None:
