@@ -112,7 +112,7 @@ def test_a_corner_has_as_many_paths_as_images() -> None:
 
 
 def test_an_edge_that_sticks_out_sends_nothing_back() -> None:
-    assert found(*corner(inside=False)) == []
+    assert not found(*corner(inside=False))
 
 
 def test_between_two_walls_both_paths_round_count() -> None:

@@ -138,8 +138,7 @@ def test_a_measured_error_changes_no_sample() -> None:
 
 
 def test_bodies_by_ellipsoids_behind_a_mesh_are_measured(walk: Motion) -> None:
-    until_s = float(walk.times_s[-1])
-    door = t2d.Door(position_m=(1.6, 0.4, 0.0), opens_at_s=0.05).mesh(0, until_s)
+    door = t2d.Door(position_m=(1.6, 0.4, 0.0), opens_at_s=0.05)
     found = t2d.simulate(
         [walk, door], radar=RADAR, method="ellipsoid", measure_error=True, accuracy={"sagitta_scale": 4.0}
     )

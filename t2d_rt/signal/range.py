@@ -27,7 +27,9 @@ def taper(name: str, length: int, *, periodic: bool = False) -> np.ndarray:
     bin beyond the main lobe (a symmetric Hann window of 256 leaks -66 dB). Its centre is sample length/2.
     """
     length, periodic = integer("length of a window", length, 1, LONGEST_WINDOW), flag("periodic", periodic)
-    if name == "hann":  # to import scipy.signal for the default takes longer than the spectrogram of a short record
+    if (
+        isinstance(name, str) and name == "hann"
+    ):  # to import scipy.signal for the default takes longer than the spectrogram of a short record
         window = np.hanning(length + (periodic and length > 1))[:length]
     else:
         window = _of_scipy(name, length, periodic=periodic)

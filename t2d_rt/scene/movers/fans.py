@@ -72,7 +72,7 @@ class TableFan(Fields):
         return self
 
     @property
-    def period_s(self) -> float | None:
+    def rotation_period_s(self) -> float | None:
         """Time of a rotation [s]; None where it swings, too, or hardly moves."""
         return None if self.swing_deg else _period_s(self.rpm)
 
@@ -86,9 +86,7 @@ class TableFan(Fields):
             head = about_z(np.radians(self.heading_deg + swing)) @ tilt
             return _rotated(rotor, head @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
-        return moving(
-            self, track, faces, start_s, stop_s, material=self.material, name=self.noun, period_s=self.period_s
-        )
+        return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
 
 
 class CeilingFan(Fields):
@@ -118,7 +116,7 @@ class CeilingFan(Fields):
         return self
 
     @property
-    def period_s(self) -> float | None:
+    def rotation_period_s(self) -> float | None:
         """Time of a rotation [s]; None where it hardly moves."""
         return _period_s(self.rpm)
 
@@ -130,9 +128,7 @@ class CeilingFan(Fields):
         def track(times_s: np.ndarray) -> np.ndarray:
             return _rotated(rotor, down @ about_x(2 * math.pi * self.rpm / 60 * times_s), self.position_m)
 
-        return moving(
-            self, track, faces, start_s, stop_s, material=self.material, name=self.noun, period_s=self.period_s
-        )
+        return moving(self, track, faces, start_s, stop_s, material=self.material, name=self.noun)
 
 
 def _period_s(rpm: float) -> float | None:

@@ -52,9 +52,9 @@ def check_speed(speed_mps: float, noun: str, remedy: str) -> None:
 
 def moving(
     mover: Any, track: Track, faces: np.ndarray, start_s: float, stop_s: float, *, material: Substance, name: str,
-    sagitta_rad: float = 0.07, period_s: float | None = None,
+    sagitta_rad: float = 0.07,
 ) -> MovingMesh:  # fmt: skip
-    """A mover's mesh between two times [s], in the same place after each `period_s`, if there is one."""
+    """A mover's mesh between two times [s]; fans have a `rotation_period_s`."""
     number("start_s", start_s, unit="s"), number("stop_s", stop_s, unit="s")
     if not start_s < stop_s:
         raise InputError(f"a mover's mesh needs finite start_s < stop_s, got {start_s} and {stop_s}")
@@ -63,7 +63,8 @@ def moving(
     start_s, stop_s = float(start_s), float(stop_s)
     return MovingMesh.from_track(
         MoverTrack(mover, start_s, stop_s, track), faces, times_s, material=substance, sagitta_rad=sagitta_rad, name=name,
-        made=Made("mover", {"mover": mover, "start_s": start_s, "stop_s": stop_s}), period_s=period_s,
+        made=Made("mover", {"mover": mover, "start_s": start_s, "stop_s": stop_s}),
+        period_s=getattr(mover, "rotation_period_s", None),
     )  # fmt: skip
 
 
