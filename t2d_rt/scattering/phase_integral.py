@@ -88,11 +88,11 @@ def _slope(exp_mid: Parts, exp_end: Parts, d: Any, ops: Ops, terms: int) -> Part
     small = abs(d) < 1
     inverse = 1 / ops.where(small, d * 0 + 1, d)
     quotient = (exp_end[1] - exp_mid[1]) * inverse, (exp_mid[0] - exp_end[0]) * inverse
-    series = times(exp_mid, power_moment(d, 0, terms))
+    series = times(exp_mid, power_integral(d, 0, terms))
     return ops.where(small, series[0], quotient[0]), ops.where(small, series[1], quotient[1])
 
 
-def power_moment(d: Any, power: int, terms: int) -> Parts:
+def power_integral(d: Any, power: int, terms: int) -> Parts:
     """Integral of (1-u)^n exp(j d u) over u in 0..1, n the power, as n! sum_m (jd)^m/(m+n+1)!; for n = 0 (exp(jd) - 1)/(jd)."""
     square = d * d
     real, imag = 0 * d, 0 * d
