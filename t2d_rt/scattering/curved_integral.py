@@ -182,14 +182,15 @@ def _part(
     with alpha = (1-v) first + v second of `bubbles`. dI is integrated by parts over t, where it has t d/dt of the polynomial
     in place of the phase t d; what is left at the line is `_at_line`.
     """
-    both = (_expansion(averages, bubbles, line, order) for averages in (line.plain, line.weighted))
-    real, imag = (_blend(corner.amplitude, *ends) for ends in zip(*both, strict=True))
+    plain = _expansion(line.plain, bubbles, line, order)
+    weighted = _expansion(line.weighted, bubbles, line, order)
+    real, imag = (_blend(corner.amplitude, x, y, ops) for x, y in zip(plain, weighted, strict=True))
     integrals = _power_integrals(exponential(corner.phase, ops), line.exponential, difference, ops, terms, order)
-    value = _sum_of_products(real, imag, integrals)
+    value = _sum_of_products(real, imag, integrals, ops)
     d_real = [(1 - k) * x for k, x in enumerate(real)]
     d_real[0] = d_real[0] - 2 * corner.amplitude
     d_real[1] = d_real[1] - 2 * (line.weighted.one - corner.amplitude)
-    d_value = _sum_of_products(d_real, [-k * x for k, x in enumerate(imag)], integrals)
+    d_value = _sum_of_products(d_real, [-k * x for k, x in enumerate(imag)], integrals, ops)
     return *value, d_value[0] - corner.phase * value[1], d_value[1] + corner.phase * value[0]
 
 
@@ -227,11 +228,11 @@ def _at_line(line: Line, order: Order) -> Parts:
     return one + line.centre * (beta - 0.5 * line.centre * one) - 0.5 * beta_beta, imag
 
 
-def _blend(corner: Any, plain: list[Any], weighted: list[Any]) -> list[Any]:
+def _blend(corner: Any, plain: list[Any], weighted: list[Any], ops: Ops) -> list[Any]:
     """Coefficients of corner (1-t) plain(t) + t weighted(t)."""
-    scaled = [corner * x for x in plain]
-    steps = [y - x for x, y in zip(scaled, weighted, strict=True)]
-    return [scaled[0], *(x + y for x, y in zip(scaled[1:], steps, strict=False)), steps[-1]]
+    steps = [ops.fma(-corner, x, y) for x, y in zip(plain, weighted, strict=True)]
+    middle = [ops.fma(corner, x, step) for x, step in zip(plain[1:], steps, strict=False)]
+    return [corner * plain[0], *middle, steps[-1]]
 
 
 def _power_integrals(exp_corner: Parts, exp_line: Parts, d: Any, ops: Ops, terms: int, order: Order) -> list[Parts]:
@@ -245,22 +246,22 @@ def _power_integrals(exp_corner: Parts, exp_line: Parts, d: Any, ops: Ops, terms
     up = [((exp_line[1] - exp_corner[1]) * inverse, (exp_corner[0] - exp_line[0]) * inverse)]
     for k in range(1, last + 1):
         real, imag = up[-1]
-        up.append(((exp_line[1] - k * imag) * inverse, (k * real - exp_line[0]) * inverse))
+        up.append((ops.fma(-k, imag, exp_line[1]) * inverse, ops.fma(k, real, -exp_line[0]) * inverse))
     d = ops.where(small, d, d * 0)
-    down = [times(exp_line, power_integral(-d, last, terms))]
+    down = [times(exp_line, power_integral(-d, last, terms, ops.fma))]
     for k in range(last, 1, -1):
         real, imag = down[-1]
-        down.append(((exp_line[0] + d * imag) * (1 / k), (exp_line[1] - d * real) * (1 / k)))
+        down.append((ops.fma(d, imag, exp_line[0]) * (1 / k), ops.fma(-d, real, exp_line[1]) * (1 / k)))
     return [
         (ops.where(small, x[0], y[0]), ops.where(small, x[1], y[1])) for x, y in zip(down[::-1], up[1:], strict=True)
     ]
 
 
-def _sum_of_products(real: list[Any], imag: list[Any], integrals: list[Parts]) -> Parts:
+def _sum_of_products(real: list[Any], imag: list[Any], integrals: list[Parts], ops: Ops) -> Parts:
     """Sum of (real_k + j imag_k) integral_k; fewer coefficients than integrals have the first of them."""
-    return (
-        sum(x * m[0] for x, m in zip(real, integrals, strict=False))
-        - sum(x * m[1] for x, m in zip(imag, integrals, strict=False)),
-        sum(x * m[1] for x, m in zip(real, integrals, strict=False))
-        + sum(x * m[0] for x, m in zip(imag, integrals, strict=False)),
-    )
+    total: Parts = 0.0, 0.0
+    for x, (re, im) in zip(real, integrals, strict=False):
+        total = ops.fma(x, re, total[0]), ops.fma(x, im, total[1])
+    for x, (re, im) in zip(imag, integrals, strict=False):
+        total = ops.fma(-x, im, total[0]), ops.fma(x, re, total[1])
+    return total

@@ -24,10 +24,20 @@ class Ops(Protocol):
     maximum: Any
     where: Any
     sincos: Any
+    fma: Any
+
+
+def product_sum(a: Any, b: Any, c: Any) -> Any:
+    """a b + c, rounded twice."""
+    return a * b + c
 
 
 NUMPY_OPS: Ops = SimpleNamespace(
-    minimum=np.minimum, maximum=np.maximum, where=np.where, sincos=lambda x: (np.sin(x), np.cos(x))
+    minimum=np.minimum,
+    maximum=np.maximum,
+    where=np.where,
+    sincos=lambda x: (np.sin(x), np.cos(x)),
+    fma=product_sum,
 )
 
 # Terms after which the series' remainder is below the rounding of the dtype for differences up to 1 rad: the next
@@ -92,13 +102,13 @@ def _slope(exp_mid: Parts, exp_end: Parts, d: Any, ops: Ops, terms: int) -> Part
     return ops.where(small, series[0], quotient[0]), ops.where(small, series[1], quotient[1])
 
 
-def power_integral(d: Any, power: int, terms: int) -> Parts:
+def power_integral(d: Any, power: int, terms: int, fma: Any = product_sum) -> Parts:
     """Integral of (1-u)^n exp(j d u) over u in 0..1, n the power, as n! sum_m (jd)^m/(m+n+1)!; for n = 0 (exp(jd) - 1)/(jd)."""
-    square = d * d
+    minus_square = -(d * d)
     real, imag = 0 * d, 0 * d
     for m in range(terms - terms % 2, -1, -2):  # even powers of jd are real, odd ones imaginary
-        real = real * -square + _factorial(power) / _factorial(m + power + 1)
-        imag = imag * -square + _factorial(power) / _factorial(m + power + 2)
+        real = fma(real, minus_square, _factorial(power) / _factorial(m + power + 1))
+        imag = fma(imag, minus_square, _factorial(power) / _factorial(m + power + 2))
     return real, d * imag
 
 
