@@ -170,4 +170,4 @@ def _extra_path(d: Vector, antenna: Vector) -> Any:
 
 
 def _ops(dr: Any) -> Ops:
-    return SimpleNamespace(minimum=dr.minimum, maximum=dr.maximum, where=dr.select, sincos=dr.sincos)  # type: ignore[return-value]
+    return SimpleNamespace(minimum=dr.minimum, maximum=dr.maximum, where=dr.select, sincos=dr.sincos, fma=dr.fma)  # type: ignore[return-value]

@@ -24,10 +24,20 @@ class Ops(Protocol):
     maximum: Any
     where: Any
     sincos: Any
+    fma: Any
+
+
+def product_sum(a: Any, b: Any, c: Any) -> Any:
+    """a b + c, rounded twice."""
+    return a * b + c
 
 
 NUMPY_OPS: Ops = SimpleNamespace(
-    minimum=np.minimum, maximum=np.maximum, where=np.where, sincos=lambda x: (np.sin(x), np.cos(x))
+    minimum=np.minimum,
+    maximum=np.maximum,
+    where=np.where,
+    sincos=lambda x: (np.sin(x), np.cos(x)),
+    fma=product_sum,
 )
 
 # Terms after which the series' remainder is below the rounding of the dtype for differences up to 1 rad: the next
@@ -58,7 +68,7 @@ def divided_differences(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> t
     low = ops.minimum(ops.minimum(p0, p1), p2)
     high = ops.maximum(ops.maximum(p0, p1), p2)
     mid = ops.maximum(ops.minimum(p0, p1), ops.minimum(ops.maximum(p0, p1), p2))
-    exp_low, exp_mid, exp_high = (_exp(p, ops) for p in (low, mid, high))
+    exp_low, exp_mid, exp_high = (exponential(p, ops) for p in (low, mid, high))
     below = low - mid
     above = high - mid
     width = high - low
@@ -66,18 +76,20 @@ def divided_differences(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> t
     last = _slope(exp_mid, exp_high, above, ops, terms)  # exp[mid, high]
     inverse = 1 / ops.where(width > 1, width, width * 0 + 1)
     quotient = (last[1] - first[1]) * inverse, (first[0] - last[0]) * inverse  # divided by j width
-    series = _times(exp_mid, _series(below, above, terms))
+    series = times(exp_mid, _series(below, above, terms))
     real = ops.where(width > 1, quotient[0], series[0])
     imag = ops.where(width > 1, quotient[1], series[1])
     return (real, imag), (last[0] - real - low * imag, last[1] - imag + low * real)
 
 
-def _exp(p: Any, ops: Ops) -> Parts:
+def exponential(p: Any, ops: Ops) -> Parts:
+    """exp(j p)."""
     sin, cos = ops.sincos(p)
     return cos, sin
 
 
-def _times(a: Parts, b: Parts) -> Parts:
+def times(a: Parts, b: Parts) -> Parts:
+    """Complex product."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
@@ -86,14 +98,18 @@ def _slope(exp_mid: Parts, exp_end: Parts, d: Any, ops: Ops, terms: int) -> Part
     small = abs(d) < 1
     inverse = 1 / ops.where(small, d * 0 + 1, d)
     quotient = (exp_end[1] - exp_mid[1]) * inverse, (exp_mid[0] - exp_end[0]) * inverse
-    # (exp(jd) - 1)/(jd) = sum (jd)^n/(n+1)!: even powers are real, odd ones imaginary.
-    square = d * d
-    real, imag = 0 * d, 0 * d
-    for n in range(terms - terms % 2, -1, -2):
-        real = real * -square + 1 / _factorial(n + 1)
-        imag = imag * -square + 1 / _factorial(n + 2)
-    series = _times(exp_mid, (real, d * imag))
+    series = times(exp_mid, power_integral(d, 0, terms))
     return ops.where(small, series[0], quotient[0]), ops.where(small, series[1], quotient[1])
+
+
+def power_integral(d: Any, power: int, terms: int, fma: Any = product_sum) -> Parts:
+    """Integral of (1-u)^n exp(j d u) over u in 0..1, n the power, as n! sum_m (jd)^m/(m+n+1)!; for n = 0 (exp(jd) - 1)/(jd)."""
+    minus_square = -(d * d)
+    real, imag = 0 * d, 0 * d
+    for m in range(terms - terms % 2, -1, -2):  # even powers of jd are real, odd ones imaginary
+        real = fma(real, minus_square, _factorial(power) / _factorial(m + power + 1))
+        imag = fma(imag, minus_square, _factorial(power) / _factorial(m + power + 2))
+    return real, d * imag
 
 
 def _series(a: Any, b: Any, terms: int) -> Parts:

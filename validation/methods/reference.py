@@ -257,7 +257,7 @@ class _Part:
         path = _path(centroid, images)
         wavenumber = dr.opaque(Float64, 2 * math.pi * frequency / SPEED_OF_LIGHT)
         phases = [wavenumber * (_path(corner, images) - path) for corner in (a, b, c)]
-        ops = SimpleNamespace(minimum=dr.minimum, maximum=dr.maximum, where=dr.select, sincos=dr.sincos)
+        ops = SimpleNamespace(minimum=dr.minimum, maximum=dr.maximum, where=dr.select, sincos=dr.sincos, fma=dr.fma)
         (x, y), _ = divided_differences(*phases, ops=ops, terms=SERIES_TERMS[8])
         delay = path / SPEED_OF_LIGHT + delay_s
         cycles = (
