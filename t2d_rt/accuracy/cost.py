@@ -52,8 +52,8 @@ class FacetCount:
 
     sagitta_rad: np.ndarray
     """Phase sagitta of each unrefined face over the limit of its mesh, (F,)."""
-    greatest_rad: float
-    """Greatest limit of the mesh, at a sagitta scale of 1."""
+    limit_rad: np.ndarray
+    """That limit at a sagitta scale of 1, (F,)."""
     of_points: float
     """Number of those that hold its diffuse points."""
 
@@ -69,17 +69,18 @@ class FacetCount:
         bend = curvature(mesh.rest, mesh.faces, mesh.crease_deg)[ends].mean(axis=2) + 1 / range_m
         wavenumber = 2 * math.pi / model.radar.wavelength_m
         of_edges = wavenumber / 3 * length2 * bend
-        sagitta = (of_edges / limit[ends].mean(axis=2)).mean(axis=1)
+        limits = limit[ends].mean(axis=2)
         rough = resolved(mesh.material, model.radar).scattering_coefficient > 0
         of_points = _facets(of_edges.mean(axis=1) / POINT_SAGITTA_RAD) if rough else 0.0
-        return cls(sagitta, float(limit.max()), of_points)
+        return cls((of_edges / limits).mean(axis=1), limits.mean(axis=1), of_points)
 
     def of_tier(self, tier: PathTier, scale: float) -> float:
         """The number over the paths of a tier."""
-        return self.at(max(scale, min(scale * tier.sagitta_scale, tier.greatest_sagitta_rad / self.greatest_rad)))
+        of_faces = np.minimum(scale * tier.sagitta_scale, tier.greatest_sagitta_rad / self.limit_rad)
+        return self.at(np.maximum(scale, of_faces))
 
-    def at(self, scale: float) -> float:
-        """The number at a sagitta scale."""
+    def at(self, scale: float | np.ndarray) -> float:
+        """The number at a sagitta scale, one for all faces or one for each (F,)."""
         return _facets(self.sagitta_rad / scale)
 
 

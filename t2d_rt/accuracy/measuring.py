@@ -25,7 +25,7 @@ FIRST_CHIRPS, MOST_CHIRPS = 8, 16
 """So many chirps are held against the coarser model, all of them where the first ones do not tell well enough."""
 ENOUGH_DB = 1.4
 """Standard error of the mean over chirps at which no more are asked."""
-CLEARLY = 3.0
+CLEARLY = 2.5
 """A tolerance that the error keeps by so many standard deviations is decided; one that it misses asks for all chirps."""
 FEWER = 1.5
 """Facets that are so many times fewer are coarser in fact."""

@@ -45,6 +45,8 @@ SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
 at lower surface rates their law says too little."""
 GREATEST_SYNTHESIS_DB = -40.0
 """Greatest error of the sum."""
+OTHER_TIERS = 1.15
+"""The default's tiers stay unless others are expected to take so many times less: the law of cost scatters by as much."""
 OVER_DB = 1.0
 """A plan may expect that much more than the tolerance before it warns."""
 
@@ -80,7 +82,11 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
         error = Total.of(budget.omissions(Accuracy())).surely
         found.append((Accuracy(), error))
         good += [Accuracy()] if error <= allowed * ratio(OVER_DB) else []
-    best = min(good, key=budget.seconds) if good else min(found, key=lambda each: each[1])[0]
+
+    def judged_s(each: Accuracy) -> float:
+        return budget.seconds(each) * (1.0 if each.tiers == start.tiers else OTHER_TIERS)
+
+    best = min(good, key=judged_s) if good else min(found, key=lambda each: each[1])[0]
     return _checked(Plan(budget, float(tolerance_db), best))
 
 

@@ -89,7 +89,7 @@ def timed(each: Run) -> dict[str, Any]:
     motion = recorded(WALK if each.name == "walk" else RUN)
     target = t2d.trim(motion, 0.2, 0.2 + each.length_s) if each.name == "walk" else t2d.trim(motion, 0.0, each.length_s)
     radar, taken = Radar.preset(each.radar), []
-    for _ in range(3):  # the first one compiles
+    for _ in range(4):  # the first one compiles
         for keeps in (refinement, points):  # each run refines anew
             keeps.forget()
         model = modelled(target, each.scene, radar=radar, **each.physics)

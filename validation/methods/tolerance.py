@@ -33,7 +33,7 @@ CHIRPS, ROOM_CHIRPS = 32, 6
 LONG_S, LONG_DB = 10.0, -20.0
 SAME_DB = 0.3
 """Errors that far apart are the same."""
-LEAST_RUNS, MOST_RUNS, ENOUGH_S = 3, 9, 20.0
+LEAST_RUNS, MOST_RUNS, ENOUGH_S = 5, 9, 20.0
 """Of each kind, in turns, for about as long; the shortest time counts, as other work of the machine only lengthens it."""
 EVERY = 50
 """Chirps of the long record that are compared."""
