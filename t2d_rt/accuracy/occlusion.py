@@ -24,6 +24,8 @@ wall's image."""
 GLINT_RAD = math.radians(15)
 """Faces return power where their normal is about that close to the bisector of the directions to the antennas: the mesh's faces, as
 they are, lie so far apart in direction."""
+LEAST_GLINT = 1e-3
+"""Faces that return less, relative to one that faces the bisector, are passed over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,17 +72,29 @@ def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
     count = INSTANTS if model.scene is None else ROOM_INSTANTS
     occluders = Occluders(meshes)
     faces = _Faces.of(meshes, Chirps.random(model.radar, model.span_s, seed=model.seed, count=count).starts_s)
-    visible: dict[bytes, np.ndarray] = {}
-    taken = left = 0.0
-    for power, out_m, back_m in _ends(model, accuracy):
-        for place in (out_m, back_m):
-            if place.tobytes() not in visible:
-                traced = Occlusion(occluders, place, samples_s=np.zeros(0), backend=model.backend)
-                visible[place.tobytes()] = traced.visible(faces.vertices, faces.middle, faces.normal)
-        (there, to), (here, back) = faces.towards(out_m), faces.towards(back_m)
+    ends = list(_ends(model, accuracy))
+    places = {place.tobytes(): place for _, *both in ends for place in both}
+    towards = {key: faces.towards(place) for key, place in places.items()}
+    wanted = {key: np.zeros(faces.area_m2.shape[1], bool) for key in places}
+    glints = []
+    for _, *both in ends:
+        keys = [place.tobytes() for place in both]
+        (there, to), (here, back) = (towards[key] for key in keys)
         middle = there + here
         cosine = np.einsum("kfi,kfi->kf", faces.normal, middle) / np.maximum(lengths(middle), 1e-30)
-        glint = np.exp(-((np.arccos(np.clip(cosine, -1, 1)) / GLINT_RAD) ** 2)) * faces.area_m2 / (to * back) ** 2
+        direct = np.exp(-((np.arccos(np.clip(cosine, -1, 1)) / GLINT_RAD) ** 2))
+        direct[direct < LEAST_GLINT] = 0
+        for key in keys:
+            wanted[key] |= direct.any(axis=0)
+        glints.append(direct * faces.area_m2 / (to * back) ** 2)
+    visible = {}
+    for key, place in places.items():
+        some, traced = wanted[key], Occlusion(occluders, place, samples_s=np.zeros(0), backend=model.backend)
+        visible[key] = np.zeros(faces.area_m2.shape, bool)
+        if some.any():
+            visible[key][:, some] = traced.visible(faces.vertices, faces.middle[:, some], faces.normal[:, some])
+    taken = left = 0.0
+    for (power, out_m, back_m), glint in zip(ends, glints, strict=True):
         seen = visible[out_m.tobytes()] & visible[back_m.tobytes()]
         total = max(float(glint.sum()), 1e-300)
         taken += power * float(glint[~seen].sum()) / total

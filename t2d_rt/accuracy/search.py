@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import warnings
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -100,12 +102,28 @@ def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float
     visibilities = _visibilities(budget, start, asked, allowed)
     for paths in _paths(budget, start, asked, allowed):
         tiers = list(budget.tiers(start.replace(**paths)))
-        errors = [in_time + Total.of(budget.of_tiers(tiers, scale)) for scale in scales]
+        error = _by_scale(budget, tiers, in_time, scales)
         for seen, unseen in visibilities:
-            totals = [(error + unseen).surely for error in errors]
-            enough = max(allowed, totals[-1] + LEAST_FRACTION * allowed)
-            number = next((n for n, total in enumerate(totals) if total <= enough), len(scales) - 1)
-            yield start.replace(**paths, **seen, sagitta_scale=scales[number]), totals[number]
+            number = _coarsest(error, unseen, len(scales) - 1, allowed)
+            yield start.replace(**paths, **seen, sagitta_scale=scales[number]), (error(number) + unseen).surely
+
+
+def _coarsest(error: Callable[[int], Total], unseen: Total, last: int, allowed: float) -> int:
+    """Number of the coarsest scale at which the error, that of visibility added, is allowed or about that of the `last` and finest
+    one; by the laws it falls with the scale."""
+
+    def surely(number: int) -> float:
+        return (error(number) + unseen).surely
+
+    enough = max(allowed, surely(last) + LEAST_FRACTION * allowed)
+    return bisect_left(range(last), True, key=lambda number: surely(number) <= enough)
+
+
+def _by_scale(
+    budget: Budget, tiers: Sequence[tuple[PathTier, int, float]], in_time: Total, scales: Sequence[float]
+) -> Callable[[int], Total]:
+    """The error at each of the scales, without that of visibility."""
+    return functools.cache(lambda number: in_time + Total.of(budget.of_tiers(tiers, scales[number])))
 
 
 def _visibilities(

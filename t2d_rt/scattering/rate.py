@@ -65,9 +65,15 @@ class SurfaceRate:
         self._geometry, self._radar, self._span_s = geometry, radar, span_s
         self._stand_in = geometry if stand_in is None else stand_in
         self._known: dict[tuple[int, float, int], tuple[float, float]] = {}
+        self._needed_hz: dict[float, float] = {}
 
     def needed_hz(self, tolerance_db: float = TOLERANCE_DB) -> float:
         """The rate [Hz] at which splines add no more than that to the field's error."""
+        if tolerance_db not in self._needed_hz:
+            self._needed_hz[tolerance_db] = self._found_hz(tolerance_db)
+        return self._needed_hz[tolerance_db]
+
+    def _found_hz(self, tolerance_db: float) -> float:
         probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / self._length_s)
         needed = self._probed_hz(probe_hz, tolerance_db)
         while probe_hz < needed < MOST_HZ:
