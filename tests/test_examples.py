@@ -19,7 +19,7 @@ from measures import check_picture, nmse_db
 from t2d_rt.cli import main
 from t2d_rt.errors import T2DWarning
 
-FRAMES = 40
+FRAMES = 30
 README = ROOT / "README.md"
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 SLOW = "t2d-rt plan", "t2d-rt simulate walk --start-s 2 --stop-s 2.3 --scene"
@@ -55,7 +55,7 @@ def coarse_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def walk_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder that the README is run in: nothing but walk.bvh, the first third of a second of the CMU walk."""
+    """The folder that the README is run in: nothing but walk.bvh, the first quarter of a second of the CMU walk."""
     head, frames = WALK.read_text().split("MOTION\n")
     count, interval, *lines = frames.splitlines()
     assert count.startswith("Frames:")
@@ -79,7 +79,7 @@ def test_every_example_is_tested() -> None:
 @pytest.mark.slow
 def test_room_interference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recordings = runpy.run_path(str(ROOT / "examples" / "room_interference.py"))["recordings"]
-    pictures = recordings("empty_room", "fan:3,-1,1,rpm=300", tmp_path / "out", duration_s=0.3)
+    pictures = recordings("empty_room", "fan:3,-1,1,rpm=300", tmp_path / "out", duration_s=0.2)
     assert [path.name for path in pictures] == ["walk_alone.png", "walk_empty_room.png", "walk_empty_room_company.png"]
     for path in pictures:
         check_picture(path)

@@ -57,7 +57,7 @@ def test_cube_is_the_direct_sum(preset: str) -> None:
     radar = Radar.preset(preset)
     echoes = random_echoes(radar)
     cube = synthesize(echoes, radar)
-    chirps = np.linspace(0, len(cube) - 1, 10).astype(int)
+    chirps = np.linspace(0, len(cube) - 1, 4 if preset in LARGE else 10).astype(int)
     # Motion inside the chirp: the twin takes every sample's own time. Every 7th sample, all over the sweep.
     for antenna in {0, radar.antennas // 2, radar.antennas - 1}:
         expected = direct_sum(echoes, radar, chirps, every=7, antenna=antenna)
