@@ -12,7 +12,7 @@ from t2d_rt.accuracy.estimate import Chirps
 from t2d_rt.geometry.vectors import edge_cross, lengths
 from t2d_rt.model import Model
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.visibility import Occlusion
+from t2d_rt.propagation.visibility import Surroundings
 from t2d_rt.types import Accuracy, MovingMesh
 
 INSTANTS, ROOM_INSTANTS = 12, 8
@@ -87,12 +87,13 @@ def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
         for key in keys:
             wanted[key] |= direct.any(axis=0)
         glints.append(direct * faces.area_m2 / (to * back) ** 2)
+    surroundings = Surroundings(occluders, faces.vertices, list(places.values()), model.backend)
     visible = {}
     for key, place in places.items():
-        some, traced = wanted[key], Occlusion(occluders, place, samples_s=np.zeros(0), backend=model.backend)
+        some = wanted[key]
         visible[key] = np.zeros(faces.area_m2.shape, bool)
         if some.any():
-            visible[key][:, some] = traced.visible(faces.vertices, faces.middle[:, some], faces.normal[:, some])
+            visible[key][:, some] = surroundings.visible(place, faces.middle[:, some], faces.normal[:, some])
     taken = left = 0.0
     for (power, out_m, back_m), glint in zip(ends, glints, strict=True):
         seen = visible[out_m.tobytes()] & visible[back_m.tobytes()]

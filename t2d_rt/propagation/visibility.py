@@ -259,7 +259,7 @@ class _Obstacles:
     mitsuba: Any
     scene: Any
     shift_m: np.ndarray
-    """From the viewpoint's coordinates to where the meshes of each instant stand (K, 1, 3)."""
+    """Where the viewpoint lies in the scene, beside the meshes of each instant (K, 1, 3)."""
     viewpoint_m: np.ndarray
 
     @classmethod
@@ -280,6 +280,27 @@ class _Obstacles:
         ray = mi.Ray3f(mi.Point3f(*start), mi.Vector3f(*direction))
         ray.maxt = mi.Float(aligned(distance, np.float32))
         return ~self.scene.ray_test(ray).numpy().reshape(distance.shape)
+
+
+class Surroundings:
+    """The meshes at some instants with all of their faces: one scene, in which visibility is traced from many places."""
+
+    def __init__(
+        self, occluders: Occluders, vertices: np.ndarray, places_m: Sequence[np.ndarray], backend: Backend
+    ) -> None:
+        """`vertices` (K, V, 3) m at up to 64 instants."""
+        faces = occluders.faces + vertices.shape[1] * np.arange(len(vertices))[:, None, None]
+        self._middle = vertices.reshape(-1, 3).mean(axis=0)
+        reach = 2.2 * max(float(np.abs(each - self._middle).max()) for each in (vertices, *places_m))
+        self._shift = side_by_side(len(vertices), reach)
+        self._mitsuba = mitsuba(backend)
+        mesh = mitsuba_mesh(self._mitsuba, (vertices - self._middle + self._shift).reshape(-1, 3), faces.reshape(-1, 3))
+        self._scene = traceable(self._mitsuba, mesh)
+
+    def visible(self, place_m: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Whether points (K, Q, 3) of given normals on the meshes are visible from a place, bool (K, Q)."""
+        shift = self._shift + (place_m - self._middle)
+        return _Obstacles(self._mitsuba, self._scene, shift, place_m).leave_visible(points, normals)
 
 
 def side_by_side(instants: int, reach_m: float) -> np.ndarray:
