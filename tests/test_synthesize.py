@@ -55,7 +55,7 @@ def point(range_m: np.ndarray, times_s: np.ndarray, radar: Radar) -> Echoes:
 )
 def test_cube_is_the_direct_sum(preset: str) -> None:
     radar = Radar.preset(preset)
-    echoes = random_echoes(radar)
+    echoes = random_echoes(radar, frames=24 if preset in LARGE else 40)
     cube = synthesize(echoes, radar)
     chirps = np.linspace(0, len(cube) - 1, 4 if preset in LARGE else 10).astype(int)
     # Motion inside the chirp: the twin takes every sample's own time. Every 7th sample, all over the sweep.
