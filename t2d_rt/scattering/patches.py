@@ -151,8 +151,7 @@ def least_range_m(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.nd
     span = times_s[-1] - times_s[0]
     least = math.inf
     for times in blocks(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))), len(surface.rest)):
-        vertices = surface.at(times)
-        least = min(least, *(float(ranges_m(vertices, place).min()) for ends in seen_from for place in ends))
+        least = min(least, *(float(each.min()) for each in _ranges_of(surface.at(times), seen_from).values()))
     return RANGE_STEP ** math.floor(math.log(least, RANGE_STEP)) if least > 0 else least
 
 
@@ -180,9 +179,16 @@ def _path_speeds(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.nda
     for first in range(0, count, PROBES):
         for times in blocks(instants[first : first + PROBES], 2 * len(surface.rest)):
             vertices = surface.at(np.concatenate([times, times + step]))
+            ranges = _ranges_of(vertices, seen_from)
             for tx, rx in seen_from:
-                before, after = np.split(ranges_m(vertices, tx) + ranges_m(vertices, rx), 2)
+                before, after = np.split(ranges[tx.tobytes()] + ranges[rx.tobytes()], 2)
                 yield ((after - before) / step).T.astype(np.float32)
+
+
+def _ranges_of(vertices: np.ndarray, seen_from: Sequence[Ends]) -> dict[bytes, np.ndarray]:
+    """Distances (K, V) of vertices from each place, which path pairs have in common, by the place's bytes."""
+    places = {place.tobytes(): place for ends in seen_from for place in ends}
+    return {key: ranges_m(vertices, place) for key, place in places.items()}
 
 
 def ranges_m(vertices: np.ndarray, place: np.ndarray) -> np.ndarray:
