@@ -17,11 +17,11 @@ from t2d_rt.geometry.vectors import lengths
 from t2d_rt.memory import Budget, blocks
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import itu_material
-from t2d_rt.propagation.visibility import KeptVisibility, sample_times
+from t2d_rt.propagation.visibility import KeptVisibility, Occlusion, sample_times
 from t2d_rt.room import ChosenPairs, Clutter, clutter_streams
 from t2d_rt.rotors import in_periods
 from t2d_rt.scattering.ellipsoid import PhaseFrom, ellipsoid_echoes
-from t2d_rt.scattering.mesh import Detail, mesh_echoes
+from t2d_rt.scattering.mesh import CLOSED_FORM, Detail, FacetMethod, mesh_echoes
 from t2d_rt.scattering.patches import CYCLES_PER_STEP, SWEEP_CYCLES
 from t2d_rt.scattering.paths import Ranked, View
 from t2d_rt.scattering.rate import SurfaceRate
@@ -83,6 +83,9 @@ class Model:
     seed: int
     backend: Backend
     memory: Budget
+    facet_method: FacetMethod = CLOSED_FORM
+    occlusion: type[Occlusion] = Occlusion
+    """How occlusion is found."""
     surface_rates: dict[int, SurfaceRate] = field(default_factory=dict)
     """What was found of the rates that targets need, by their number."""
 
@@ -170,6 +173,7 @@ class Model:
         sight = Sight(
             geometries=self.geometries, fast_rotating=fast, radar=self.radar, samples_s=sampled, backend=self.backend,
             pairs=[None] if pairs is None else pairs.occluded, blockage=self.blockage, kept=kept if then is None else then.kept,
+            occlusion=self.occlusion,
         )  # fmt: skip
         run = _Run(
             accuracy=accuracy, pairs=pairs, sight=sight, decimated_s=decimated, at_instants=instants_s is not None, then=then,
@@ -287,7 +291,8 @@ class _Run:
 
         def of(accuracy: Accuracy) -> Detail:
             tier, sagitta = accuracy.tiers[number], sagitta_rad(mesh, accuracy)
-            return detail(sagitta, tier, model.span_s, at_instants=self.at_instants, max_facets=model.max_facets)
+            found = detail(sagitta, tier, model.span_s, at_instants=self.at_instants, max_facets=model.max_facets)
+            return replace(found, method=model.facet_method)
 
         if self.then is None or number >= len(self.then.accuracy.tiers):
             return of(self.accuracy)

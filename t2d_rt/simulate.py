@@ -82,7 +82,7 @@ def simulate(
     }  # fmt: skip
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, method)
     stage = set_up(target, radar, scene, physics, device=device, memory_gb=memory_gb)
-    return _recorded(stage, wanted, device, progress)
+    return recorded(stage, wanted, device, progress)
 
 
 def run(
@@ -96,12 +96,13 @@ def run(
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
     targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
     stage = set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
-    recording = _recorded(stage, wanted, device, progress)
+    recording = recorded(stage, wanted, device, progress)
     recording.settings |= {**known, **recording.settings}
     return recording
 
 
-def _recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | None) -> Recording:
+def recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | None) -> Recording:
+    """The recording of an experiment that is set up."""
     plan = chosen(stage.model, wanted)
     model, accuracy = plan.model, plan.accuracy
     static, counts = model.clutter(stage.experiment.clutter, accuracy)
@@ -111,8 +112,7 @@ def _recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress |
     cube = summed(streams, static, model.radar, accuracy, device=device, memory=model.memory, progress=progress)
     del streams
     settings = stage.described(model, accuracy) | counts | plan.described(needed_bytes)
-    if measurement:
-        settings |= measurement.result(cube, static).described()
+    settings |= measurement.result(cube, static).described() if measurement else {}
     after_call()
     return Recording(
         cube, model.radar, experiment=stage.experiment.model_copy(update={"method": model.method}), accuracy=accuracy,

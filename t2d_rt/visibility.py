@@ -50,6 +50,8 @@ class Sight:
     """What of the scene blocks the paths."""
     kept: KeptVisibility | None = None
     """What is sampled from the meshes' vertices and kept."""
+    occlusion: type[Occlusion] = Occlusion
+    """How occlusion is found where it is sampled; a comparison hands in its own."""
 
 
 class Sampled:
@@ -178,7 +180,7 @@ class _OneWayVisibility:
         key, sight = self.place(end, path), self._sight
         if key not in self._known:
             unblocked = None if path is None else partial(sight.blockage.fraction, path)
-            self._known[key] = Occlusion(
+            self._known[key] = sight.occlusion(
                 self._meshes, sight.radar.views_m[key[1]] if path is None else path.image_m,
                 samples_s=sight.samples_s, backend=sight.backend, unblocked=unblocked,
                 solid=self._solid, kept=sight.kept if self._solid else None, where=key,

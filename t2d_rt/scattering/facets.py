@@ -24,7 +24,7 @@ from t2d_rt.scattering.lanes import (
     triangle_normal,
 )
 from t2d_rt.scattering.patches import Patches
-from t2d_rt.scattering.phase_integral import SERIES_TERMS, Ops, divided_differences
+from t2d_rt.scattering.phase_integral import SERIES_TERMS, Integrals, Ops
 from t2d_rt.types import PathPair, Radar
 from t2d_rt.types.radar import one_view
 
@@ -75,6 +75,8 @@ class FacetVertices:
     """Flat Float64 (G, T, 3): each patch's reference point [m], whose delay is the patch's."""
     origin: np.ndarray
     """(T, 3) m."""
+    integrals: Integrals
+    """Over a facet."""
 
 
 def patch_delays(centres: Any, patches: np.ndarray, pair: Pair, block: Block, columns: np.ndarray) -> None:
@@ -149,7 +151,7 @@ def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, number:
         weight = dr.select(lit, doubled_area * obliquity / (ranges[0] * ranges[-1]), 0)
         weight *= sum(dr.clip(packet[3], 0, 1) for packet in packets) * (1 / 3)
         phases = [wavenumber * both * path for path in paths]
-        parts = divided_differences(*phases, ops=_ops(dr), terms=SERIES_TERMS[4])
+        parts = posed.integrals(*phases, ops=_ops(dr), terms=SERIES_TERMS[4])
         return facet + 1, [t + value * weight for t, value in zip(total, (*parts[0], *parts[1]), strict=True)]
 
     lanes = dr.width(at.item)

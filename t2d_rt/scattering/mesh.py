@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from t2d_rt.backend import Backend
+from t2d_rt.geometry import Refinement
 from t2d_rt.scattering.antennas import seen_by, side_by_side
 from t2d_rt.scattering.facets import FacetVertices, Pair, patch_delays, patch_echoes
 from t2d_rt.scattering.facing import Facing
@@ -27,6 +28,7 @@ from t2d_rt.scattering.patches import (
     tilts,
 )
 from t2d_rt.scattering.paths import Anchors, Arrivals, View, anchor_vertices, unfolded
+from t2d_rt.scattering.phase_integral import Integrals, divided_differences
 from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, diffuse_echoes, sampled_visibility
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
 from t2d_rt.scattering.streams import in_parts, most_echoes
@@ -39,6 +41,18 @@ FACING_RATE_HZ, FACING_AT_ONCE, FACING_MOST_HZ = 10.0, 20, 200.0
 surface rate exceeds the last one rotates too fast for that."""
 PROBE_EVERY = 6
 """Frames between tests of which faces face the antennas."""
+
+
+class FacetMethod(NamedTuple):
+    """How facets are made and integrated; a comparison hands in its own."""
+
+    refine: Callable[[MovingMesh, float, float, list[Sagitta], int], list[Refinement]] = refined
+    """As `refined`."""
+    integrals: Integrals = divided_differences
+    """Over a facet, as `divided_differences`."""
+
+
+CLOSED_FORM = FacetMethod()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +73,7 @@ class Detail:
     """Record whose nearest range sets how fine facets are [s]; by default from the first surface frame to the last."""
     also_rad: tuple[Sagitta, ...] = ()
     """Phase sagittas of facets that will be asked for next: made along with these, they cost half as much."""
+    method: FacetMethod = CLOSED_FORM
 
 
 def mesh_echoes(
@@ -142,6 +157,8 @@ class _Model:
     patches: Patches
     centre: Csr
     """Sparse: the patches' reference points from the cage's vertices."""
+    integrals: Integrals
+    """Over a facet."""
     reflection: complex
     points: DiffusePoints | None
     visibility_meshes: dict[int, VisibilityMesh]
@@ -167,7 +184,9 @@ class _Model:
         sagittas = [detail.sagitta_rad, POINT_SAGITTA_RAD] if rough > 0 else [detail.sagitta_rad]
         span_s = times_s if detail.span_s is None else np.array(detail.span_s)
         wavenumber, range_m = 2 * math.pi / radar.wavelength_m, least_range_m(surface, seen_from, span_s)
-        refinements = refined(surface, wavenumber, range_m, [*sagittas, *detail.also_rad], detail.max_facets)
+        refinements = detail.method.refine(
+            surface, wavenumber, range_m, [*sagittas, *detail.also_rad], detail.max_facets
+        )
         fine, *carriers = refinements[: len(sagittas)]
         parts = patches(
             surface, fine, radar, times_s,
@@ -183,6 +202,7 @@ class _Model:
             operator=fine.operator.astype(np.float32),
             patches=parts,
             centre=centres(parts, fine),
+            integrals=detail.method.integrals,
             reflection=reflection * math.sqrt(1 - rough**2),
             points=points,
             visibility_meshes=visibility_meshes,
@@ -221,7 +241,9 @@ class _Model:
         lit = np.flatnonzero(self._lit(posed, pair, seen, mesh)[chosen])
         if len(lit):
             parts, vertices = self._vertices(self.patches.only(chosen[lit]), posed, seen, mesh)
-            facets = FacetVertices(vertices=vertices, centres=posed.centres, origin=posed.origin)
+            facets = FacetVertices(
+                vertices=vertices, centres=posed.centres, origin=posed.origin, integrals=self.integrals
+            )
             patch_echoes(facets, parts, chosen[lit], pair, self.reflection, seen.weights, block, columns[lit])
         if self.points is not None and len(selection.echoes) > selection.patches:
             fraction = self.points.fraction(seen, mesh, posed.cage)

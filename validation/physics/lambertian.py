@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 from scipy.integrate import quad
@@ -13,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 import t2d_rt as t2d
 from t2d_rt.backend import select
-from t2d_rt.scattering import mesh
+from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.types import Material, MovingMesh, Radar
 from validation.report import Check, Section, new_figure, save_chart
@@ -93,30 +90,15 @@ def _fields(radar: Radar, faces: int) -> np.ndarray:
     sphere = turning_sphere(faces)
     backend = select("auto")
     out = np.empty((SEEDS, ASPECTS), np.complex128)
-    # Only the points depend on the seed.
-    unchanged = {name: _once(getattr(mesh, name)) for name in ("refinements", "patches", "tilts")}
     for seed in range(SEEDS):
-        with patch.multiple(mesh, **unchanged):
-            echoes = mesh.mesh_echoes(
-                sphere, radar, times_s=sphere.times_s, material=ROUGH, detail=mesh.Detail(sagitta_rad=SAGITTA_RAD), seed=seed,
-                views=[View()], backend=backend,
-            )  # fmt: skip
-            delay, amplitude, *_ = echoes.frames(0, ASPECTS)
+        echoes = mesh_echoes(
+            sphere, radar, times_s=sphere.times_s, material=ROUGH, detail=Detail(sagitta_rad=SAGITTA_RAD), seed=seed,
+            views=[View()], backend=backend,
+        )  # fmt: skip
+        delay, amplitude, *_ = echoes.frames(0, ASPECTS)
         cycles = radar.mid_frequency_hz * delay
         out[seed] = np.sum(amplitude * np.exp(2j * math.pi * (cycles % 1)), axis=1)
     return out * RANGE_M**2 / radar.link_amplitude
-
-
-def _once(function: Callable) -> Callable:
-    """The function, worked out once: what it gives first it gives ever after."""
-    known: list[Any] = []
-
-    def remembered(*args: Any, **options: Any) -> Any:
-        if not known:
-            known.append(function(*args, **options))
-        return known[0]
-
-    return remembered
 
 
 def _from_cube(radar: Radar, fields: np.ndarray) -> float:

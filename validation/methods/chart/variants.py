@@ -1,25 +1,26 @@
-"""Methods that `simulate` does not offer: one point per facet, and occlusion by ellipsoids.
-
-Both need a strategy that the package does not take yet, a phase integral and a visibility. Until it does they stand in for its own
-functions here, and nowhere else.
-"""
+"""Methods that `simulate` does not offer: one point per facet, facets of even edges, and occlusion by ellipsoids."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
-from unittest import mock
 
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import visibility
+from t2d_rt.accuracy import Wanted
+from t2d_rt.experiment import Experiment
 from t2d_rt.geometry import Refinement, Tessellation, refine
 from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
 from t2d_rt.result import Recording
-from t2d_rt.scattering import facets, mesh
+from t2d_rt.scattering.mesh import FacetMethod
 from t2d_rt.scattering.phase_integral import Ops, Parts
+from t2d_rt.scattering.refinement import refined
+from t2d_rt.simulate import recorded
+from t2d_rt.stage import set_up
 from t2d_rt.types import Ellipsoids, MovingMesh
-from validation.methods.chart.measure import FLAT, Case, simulated
+from validation.bench.stages import PHYSICS
+from validation.methods.chart.measure import FLAT, MEMORY_GB, Case
 
 SHRUNK, NEAR = 0.9, 1.15
 """Ellipsoids that occlude are smaller by the first, and occlude nothing of what lies within them enlarged by the second."""
@@ -30,24 +31,30 @@ def one_point_each(case: Case, edge_m: float | None) -> Recording:
 
     None: the default's facets.
     """
-    with mock.patch.object(facets, "divided_differences", one_point):
-        return simulated(case) if edge_m is None else _cut_everywhere(case, edge_m)
-
-
-def _cut_everywhere(case: Case, edge_m: float) -> Recording:
+    if edge_m is None:
+        return _by(case, facet_method=FacetMethod(integrals=one_point))
 
     def cut(
         surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Any], max_facets: int
     ) -> list[Refinement]:
         return [
             cut_to(surface, edge_m, wavenumber, range_m),
-            *_refined(surface, wavenumber, range_m, sagittas_rad[1:], max_facets),
+            *refined(surface, wavenumber, range_m, sagittas_rad[1:], max_facets),
         ]
 
-    with mock.patch.object(mesh, "refined", cut):
-        found = simulated(case)
+    found = _by(case, facet_method=FacetMethod(refine=cut, integrals=one_point))
     found.settings["facets"] = max(len(each.faces) for each in _cuts.values())
     return found
+
+
+def _by(case: Case, **others: Any) -> Recording:
+    """The default setting, some fields of the model replaced by `others`."""
+    settings = case.settings()
+    physics = {name: Experiment.model_fields[name].default for name in PHYSICS} | settings
+    radar, scene = physics.pop("radar"), physics.pop("scene")
+    stage = set_up(case.motion, radar, scene, physics, device="auto", memory_gb=MEMORY_GB)
+    stage = replace(stage, model=replace(stage.model, **others))
+    return recorded(stage, Wanted.of(None, None), "auto", None)
 
 
 def cut_to(surface: MovingMesh, edge_m: float, wavenumber: float, range_m: float) -> Refinement:
@@ -62,7 +69,6 @@ def cut_to(surface: MovingMesh, edge_m: float, wavenumber: float, range_m: float
     return _cuts[key]
 
 
-_refined = mesh.refined
 _cuts: dict[Any, Refinement] = {}
 
 
@@ -76,8 +82,7 @@ def one_point(p0: Any, p1: Any, p2: Any, *, ops: Ops, terms: int) -> tuple[Parts
 
 def occluded_by_ellipsoids(case: Case) -> Recording:
     """The default setting, occlusion by the segments' ellipsoids and worked out instead of traced."""
-    with mock.patch.object(visibility, "Occlusion", _occlusion_by(t2d.segments(case.motion))):
-        return simulated(case)
+    return _by(case, occlusion=_occlusion_by(t2d.segments(case.motion)))
 
 
 def _occlusion_by(limbs: Ellipsoids) -> type[Occlusion]:
