@@ -2,6 +2,9 @@
 .PHONY: demo test check style doctest bench validate
 .DELETE_ON_ERROR:
 
+# Compiled modules are kept, whatever the environment says: the tests start many processes.
+unexport PYTHONDONTWRITEBYTECODE
+
 PYTHON ?= python3
 PY := .venv/bin/python
 STAMP := .venv/.installed

@@ -32,10 +32,10 @@ Arrays = Mapping[str, np.ndarray]
 def folder() -> Path | None:
     """Where entries are kept; None where they are not."""
     given = os.environ.get(VARIABLE)
-    if given is not None:
-        return None if given.strip().lower() in ("", "off") else Path(given)
     base = os.environ.get("XDG_CACHE_HOME", "")
     try:
+        if given is not None:
+            return None if given.strip().lower() in ("", "off") else Path(given).expanduser()
         return (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "t2d-rt"
     except RuntimeError:  # there is no home
         return None

@@ -115,6 +115,6 @@ def recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | 
     settings |= measurement.result(cube, static).described() if measurement else {}
     after_call()
     return Recording(
-        cube, model.radar, experiment=stage.experiment.model_copy(update={"method": model.method}), accuracy=accuracy,
-        inputs=stage.inputs, settings=settings, versions=versions(),
+        cube, model.radar, experiment=stage.experiment, accuracy=accuracy, inputs=stage.inputs, settings=settings,
+        versions=versions(),
     )  # fmt: skip

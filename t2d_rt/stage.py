@@ -68,12 +68,14 @@ def set_up(
 ) -> Stage:  # fmt: skip
     """The stage of a target or several, in a scene; `physics` are the other fields of an `Experiment`; all are checked."""
     memory = Budget.of(memory_gb)
-    target, radar = target_named(target), radar_named(radar)
+    # Names first: a motion takes longer to read.
+    radar, scene = radar_named(radar), _scene_of(scene)
     radar = Radar.preset("table2") if radar is None else radar
+    target = target_named(target)
     targets = [target] if isinstance(target, TargetLike) else target
     _check(targets, radar, physics)
     targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
-    backend, scene = select(device), _scene_of(scene)
+    backend = select(device)
     method, body, material = physics["method"], physics["body"], physics["material"]
     modelled = targets_of(targets, method, body, material, radar)
     geometries = [each.geometry for each in modelled]

@@ -112,6 +112,7 @@ def test_copies_and_pickles_are_the_same_recording(tmp_path: Path) -> None:
             assert np.array_equal(one, SAMPLES)
 
 
+@pytest.mark.slow
 def test_a_pool_reads_what_it_is_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     simulated().save("a.zarr")

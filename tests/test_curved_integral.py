@@ -112,6 +112,7 @@ def envelope(phases: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
     return amplitudes.sum(axis=0) / 6 / np.maximum(1, np.ptp(phases.astype(float), axis=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_value_against_mpmath(dtype: type, order: Order, backend: Backend) -> None:
@@ -134,6 +135,7 @@ def slope_envelope(phases: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
     return (1 + abs(phases).max(axis=0)) * envelope(phases, amplitudes) + amplitudes.sum(axis=0) / 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_slope_against_a_finite_difference(dtype: type, order: Order) -> None:
@@ -213,6 +215,7 @@ def errors_by_bubble(greatest: float, count: int = 2000) -> list[float]:
     return [float(np.sqrt(np.mean((abs(x - true) / envelope(p, a)) ** 2))) for x in found]
 
 
+@pytest.mark.slow
 def test_error_grows_with_the_bubble_as_documented() -> None:
     rows = re.findall(
         r"^    (?:constant only|first order|second order) +([\d. e-]+)$", module.__doc__ or "", re.MULTILINE

@@ -118,6 +118,8 @@ def test_the_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch, tmp
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     assert disk_cache.folder() == tmp_path / "home" / ".cache" / "t2d-rt"
+    monkeypatch.setenv(disk_cache.VARIABLE, "~/kept")
+    assert disk_cache.folder() == tmp_path / "home" / "kept"
 
 
 def test_a_folder_that_cannot_be_written_does_no_harm(home: Path) -> None:
@@ -128,6 +130,7 @@ def test_a_folder_that_cannot_be_written_does_no_harm(home: Path) -> None:
     assert home.read_text() == "a file"
 
 
+@pytest.mark.slow
 def test_recordings_are_the_same_with_nothing_kept_in_memory_and_on_disk(home: Path) -> None:
     walk = trim(place(load_motion(WALK)), 0.5, 0.7)
     cubes = []

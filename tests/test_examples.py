@@ -19,7 +19,7 @@ from measures import check_picture, nmse_db
 from t2d_rt.cli import main
 from t2d_rt.errors import T2DWarning
 
-FRAMES = 30
+FRAMES = 20
 README = ROOT / "README.md"
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 SLOW = "t2d-rt plan", "t2d-rt simulate walk --start-s 2 --stop-s 2.3 --scene"
@@ -55,7 +55,7 @@ def coarse_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def walk_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder that the README is run in: nothing but walk.bvh, the first quarter of a second of the CMU walk."""
+    """The folder that the README is run in: nothing but walk.bvh, the first sixth of a second of the CMU walk."""
     head, frames = WALK.read_text().split("MOTION\n")
     count, interval, *lines = frames.splitlines()
     assert count.startswith("Frames:")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import subprocess
 import sys
 import warnings
@@ -100,10 +101,55 @@ def test_experiments_and_accuracies_go_to_yaml_and_json_and_back() -> None:
     experiment, accuracy = made.experiment, made.accuracy
     assert experiment is not None
     assert accuracy is not None
-    assert t2d.Experiment.model_validate(json.loads(json.dumps(experiment.model_dump(mode="json")))) == experiment
-    assert t2d.Accuracy.model_validate(json.loads(json.dumps(accuracy.model_dump(mode="json")))) == accuracy
+    for made_of in (experiment, accuracy):
+        assert type(made_of).model_validate_json(made_of.model_dump_json()) == made_of
+        assert type(made_of).model_validate(json.loads(json.dumps(made_of.model_dump(mode="json")))) == made_of
     assert experiment.hash == experiment.model_copy().hash
     assert experiment.hash != experiment.model_copy(update={"seed": 1}).hash
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            '{"targets": [{"kind": "file", "file": "walk"}], "radar": "table2", "radar": "ci4r"}',
+            "key 'radar' is given twice",
+        ),
+        ('{"targets": [', "the JSON text of an experiment cannot be read: Expecting value"),
+        ("[" * 100_000, "the JSON text of an experiment cannot be read"),
+        ("[1]", "an experiment must be a mapping of field names and values"),
+        ('{"targets": [], "radar": "table2"}', "key targets is empty; give at least one"),
+        (
+            '{"targets": "walk", "radar": "table2"}',
+            "key targets: 'walk' is not one; give a list of mappings such as {kind: file",
+        ),
+        ('{"targets": ["walk"], "radar": "table2"}', "key targets: 'walk' is not one; give a list"),
+        ('{"targets": [{"file": "walk"}], "radar": "table2"}', "has no kind; give a list of mappings"),
+        ('{"targets": [{"kind": "fann"}], "radar": "table2"}', "unknown kind 'fann'; did you mean fan"),
+        ('{"target": [], "radar": "table2"}', "unknown experiment key 'target'; did you mean targets"),
+    ],
+)
+def test_json_that_is_refused(text: str, told: str) -> None:
+    with pytest.raises(InputError, match=re.escape(told)):
+        t2d.Experiment.model_validate_json(text)
+
+
+def test_a_plan_of_an_experiment_is_that_of_its_targets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "experiment.yaml"
+    path.write_text("targets: [{kind: file, file: walk, stop_s: 0.2}]\nradar: ci4r\ntolerance_db: -10\n")
+    text = "targets: [{kind: file, file: walk, stop_s: 0.2}]\nradar: ci4r\n"
+    (tmp_path / "bare.yaml").write_text(text)
+    planned = t2d.plan(t2d.Experiment.from_yaml(tmp_path / "bare.yaml"), tolerance_db=-10.0)
+    direct = t2d.plan(t2d.trim(t2d.example("walk"), 0, 0.2), radar="ci4r", tolerance_db=-10.0)
+    assert (planned.accuracy, planned.error_db) == (direct.accuracy, direct.error_db)
+    assert main(["plan", str(path)]) == 0
+    assert capsys.readouterr().out.splitlines()[:-1] == str(planned).splitlines()[:-1]
+    assert main(["plan", str(path), "--scene", "living_room"]) == 2
+    assert "option scene is part of the experiment" in capsys.readouterr().err
+    assert main(["plan", "some.zarr"]) == 2
+    assert "some.zarr is a result, which is simulated already" in capsys.readouterr().err
+    with pytest.raises(InputError, match="option seed is part of the experiment"):
+        t2d.plan(t2d.Experiment.from_yaml(tmp_path / "bare.yaml"), seed=3)
 
 
 def test_experiments_to_a_yaml_file_and_back(tmp_path: Path) -> None:

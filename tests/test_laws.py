@@ -67,6 +67,7 @@ def test_half_of_the_random_chirps_covers_the_whole_record() -> None:
     assert (np.searchsorted(edges, others.rows, side="right") - 1).tolist() == list(range(1, 16, 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampled", [True, False])
 def test_chirps_asked_for_in_parts_have_the_same_samples(sampled: bool) -> None:
     model = t2d.plan(t2d.trim(t2d.example("walk"), 0.3, 0.6), radar=RADAR).budget.model

@@ -128,6 +128,7 @@ def test_a_door_that_opens_late_has_no_period() -> None:
     assert t2d.Door(position_m=(2, 0, 0), opens_at_s=3).mesh(0, 8).period_s is None
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits() -> None:
     first, second = (cube([FAN.mesh(0, 0.6)], QUICK, repeats=True) for _ in range(2))
     assert np.array_equal(first, second)

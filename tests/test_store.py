@@ -85,6 +85,7 @@ def names(path: Path) -> list[str]:
 # --- kills ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_old_result_comes_back_after_a_kill_between_the_renames(tmp_path: Path) -> None:
     path = tmp_path / "a.zarr"
     recording(1).save(path)

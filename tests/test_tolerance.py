@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,7 @@ def test_chirps_are_of_any_antenna(preset: str) -> None:
     assert found.error_db < -30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chirps", [5, 8, 11])
 def test_few_chirps_are_all_compared(chirps: int) -> None:
     radar = Radar.preset("table2", prf_hz=chirps / 0.3)
@@ -137,6 +139,7 @@ def test_a_measured_error_changes_no_sample() -> None:
     np.testing.assert_array_equal(cubes[0], cubes[1])
 
 
+@pytest.mark.slow
 def test_bodies_by_ellipsoids_behind_a_mesh_are_measured(walk: Motion) -> None:
     door = t2d.Door(position_m=(1.6, 0.4, 0.0), opens_at_s=0.05)
     found = t2d.simulate(
@@ -146,6 +149,7 @@ def test_bodies_by_ellipsoids_behind_a_mesh_are_measured(walk: Motion) -> None:
     assert math.isfinite(found.error_db)
 
 
+@pytest.mark.slow
 def test_a_tolerance_is_kept_and_asks_for_no_more_than_it_needs(walk: Motion) -> None:
     loose, tight = (t2d.simulate(walk, radar=RADAR, tolerance_db=db) for db in (-12.0, -26.0))
     assert loose.error_db is not None
@@ -158,6 +162,43 @@ def test_a_tolerance_is_kept_and_asks_for_no_more_than_it_needs(walk: Motion) ->
 
 def test_ellipsoids_where_they_suffice(walk: Motion) -> None:
     assert t2d.simulate(walk, radar=RADAR, tolerance_db=5.0, measure_error=False).settings["method"] == "ellipsoid"
+
+
+def test_a_plan_by_ellipsoids_makes_the_same_recording(walk: Motion) -> None:
+    """Its accuracy says so, in free space too, and the experiment stays that which was asked for."""
+    plan = t2d.plan(walk, radar=RADAR, tolerance_db=5.0)
+    planned = t2d.simulate(walk, radar=RADAR, accuracy=plan.accuracy)
+    asked = t2d.simulate(walk, radar=RADAR, tolerance_db=5.0)
+    default = t2d.simulate(walk, radar=RADAR, accuracy={"sagitta_scale": 16.0})
+    assert planned.settings["method"] == asked.settings["method"] == "ellipsoid"
+    np.testing.assert_array_equal(np.asarray(planned.cube), np.asarray(asked.cube))
+    assert planned.experiment == asked.experiment == default.experiment
+    np.testing.assert_array_equal(np.asarray(asked.again().cube), np.asarray(asked.cube))
+    assert t2d.run(asked, accuracy=default.accuracy).settings["method"] == "mesh"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("heading_deg", "at_least_db", "at_most_db"), [(180.0, -50, -35), (135.0, -20, -12), (90.0, -12, -5)]
+)
+def test_occlusion_by_what_rotates_fast_is_part_of_the_error(
+    heading_deg: float, at_least_db: float, at_most_db: float
+) -> None:
+    """A fan's guard and blades hide one another where it is seen from the side; only its mean visibility is modelled."""
+    fan = t2d.TableFan(position_m=(3, 0, 1), rpm=900, heading_deg=heading_deg).mesh(0, 0.1)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        plan = t2d.plan(fan, radar=RADAR, tolerance_db=-20.0)
+        (cost,) = (each.error_db for each in plan.omissions if "rotate fast" in each.what)
+        found = t2d.simulate(fan, radar=RADAR, accuracy=plan.accuracy, measure_error=True)
+        sampled = {"fast_rotating_hz": 100_000.0, "visibility_rate_hz": 400.0}
+        traced = t2d.plan(fan, radar=RADAR, tolerance_db=-6.0, accuracy=sampled)
+    assert at_least_db < cost < at_most_db
+    assert found.error_db is not None
+    assert any("fast_rotating_hz" in str(each.message) for each in caught) == (cost > -19)
+    if cost > -19:
+        assert found.error_db == pytest.approx(cost, abs=4)
+    assert not any("rotate fast" in each.what for each in traced.omissions)
 
 
 @pytest.mark.slow
@@ -226,6 +267,7 @@ def test_a_plan_predicts_more_work_for_longer_and_finer_records(walk: Motion) ->
     assert memory[1] > 1.5 * memory[0] > 0
 
 
+@pytest.mark.slow
 def test_a_plan_serves_other_recordings(walk: Motion) -> None:
     plan = t2d.plan(walk, radar=RADAR, tolerance_db=-15.0)
     other = t2d.place(t2d.trim(builders.walk(), 3.0, 3.2), distance_m=3.0)

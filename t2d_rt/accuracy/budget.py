@@ -17,6 +17,7 @@ from t2d_rt.room import Clutter
 from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
 
 OCCLUSION = "occlusion of targets by themselves and one another"
+FAST_OCCLUSION = "occlusion by targets that rotate fast, and of them by themselves"
 SURELY = 2.0
 """Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
 BODY_SAGITTA_RAD = 0.3
@@ -89,8 +90,17 @@ class Budget:
     @cached_property
     def unoccluded(self) -> Law:
         """Cost of no occlusion, found once."""
-        found = unoccluded_db(self.model, Accuracy(fast_rotating_hz=self.given.fastest_sampled_hz))
-        return Law(found + self.laws.occlusion.mean_db, self.laws.occlusion.scatter_db)
+        return self._unoccluded(by_fast=False)
+
+    @cached_property
+    def unoccluded_by_fast(self) -> Law:
+        """Cost of the occlusion by targets that rotate fast, which no run traces; found once."""
+        return self._unoccluded(by_fast=True)
+
+    def _unoccluded(self, *, by_fast: bool) -> Law:
+        sampled = Accuracy(fast_rotating_hz=self.given.fastest_sampled_hz)
+        law = self.laws.occlusion
+        return Law(unoccluded_db(self.model, sampled, by_fast=by_fast) + law.mean_db, law.scatter_db)
 
     @cached_property
     def _meshes(self) -> list[tuple[float, FacetLaw]]:
@@ -128,14 +138,17 @@ class Budget:
         """What no occlusion costs, or that visibility is sampled."""
         if not self.counts:
             return []
-        law = self.unoccluded
+        law, fast = self.unoccluded, self.unoccluded_by_fast
+        never = [Omission(FAST_OCCLUSION, fast.mean_db, fast.scatter_db, law="occlusion")]
+        if math.isinf(fast.mean_db):
+            never = []
         if not accuracy.occlusion:
-            return [Omission(OCCLUSION, law.mean_db, law.scatter_db, law="occlusion")]
+            return [Omission(OCCLUSION, law.mean_db, law.scatter_db, law="occlusion"), *never]
         rate_hz, n = accuracy.visibility_rate_hz, accuracy.visibility_subdivision
         edges = self.laws.sampled(law.mean_db, rate_hz, n)
         nothing = Omission(OCCLUSION, law.mean_db, law.scatter_db, taken=False)
         what = f"shadows' edges, {sampled(rate_hz, n)}"
-        return [nothing, Omission(what, edges.mean_db, edges.scatter_db, law="shadows")]
+        return [nothing, Omission(what, edges.mean_db, edges.scatter_db, law="shadows"), *never]
 
     def in_time(self, accuracy: Accuracy) -> list[Omission]:
         """What interpolation between surface frames and the merging of echoes may add."""

@@ -20,6 +20,7 @@ from t2d_rt.errors import T2DWarning
 from t2d_rt.model import Next, with_method
 from t2d_rt.propagation.visibility import KeptVisibility, sample_times
 from t2d_rt.types import Accuracy, EchoStream
+from t2d_rt.types.accuracy import DEFAULT_TIERS
 
 FIRST_CHIRPS, MOST_CHIRPS = 8, 16
 """So many chirps are held against the coarser model, all of them where the first ones do not tell well enough."""
@@ -35,7 +36,8 @@ UNOCCLUDED_BELOW_DB = 6.0
 """The coarser model traces no occlusion where that costs so much less than coarser facets."""
 SHADOWS = 0.3
 """What visibility costs is measured where it may be more than this fraction of facets' error."""
-EXACT_SUBDIVISION = 2
+EXACT_SUBDIVISION, FASTEST_HZ = 2, 100_000.0
+"""What visibility costs is measured beside one that is traced from points so dense, of targets that rotate so fast, too."""
 ROUNDING = 1e-12
 """So much less energy than that of static echoes is none."""
 EXPLAINED = 3.5
@@ -85,7 +87,9 @@ class Measurement:
         again = Field(full, coarser, chirps, kept=kept if full is model else KeptVisibility(kept.times_s))
         exact = None
         if shadows_matter(budget, accuracy, coarser, self._expected * self._fraction):
-            traced = coarser.replace(occlusion=True, visibility_subdivision=EXACT_SUBDIVISION)
+            traced = coarser.replace(
+                occlusion=True, visibility_subdivision=EXACT_SUBDIVISION, fast_rotating_hz=FASTEST_HZ
+            )
             exact = Field(full, traced, chirps)
         facets, shadows, energy, with_all_echoes = np.zeros(0), np.zeros(0), 0.0, 0.0
         count = len(chirps.rows)
@@ -143,14 +147,16 @@ def _combined(
         law.correlation * law.ratio_scatter_db / math.hypot(law.ratio_scatter_db, of_chirps_db),
     )
     parts = [own, (db(left_out(budget, accuracy)), budget.laws.pairs.scatter_db)]
-    for each in budget.of_visibility(accuracy):
-        if each.taken:
-            by_law = each.error_db, each.scatter_db
-            if shadows.any():
-                coarser = budget.laws.over_direct(accuracy)
-                direct_db = db(float(shadows.sum())) + coarser.mean_db
-                by_law = _mean(by_law, (direct_db, math.hypot(coarser.scatter_db, _standard_error_db(shadows))))
-            parts.append(by_law)
+    of_visibility = [each for each in budget.of_visibility(accuracy) if each.taken]
+    if of_visibility:
+        energies = [each.energy for each in of_visibility]
+        scatter_db = sum(each.energy * each.scatter_db for each in of_visibility) / max(sum(energies), 1e-30)
+        by_law = db(sum(energies)), scatter_db
+        if shadows.any():
+            coarser = budget.laws.over_direct(accuracy)
+            direct_db = db(float(shadows.sum())) + coarser.mean_db
+            by_law = _mean(by_law, (direct_db, math.hypot(coarser.scatter_db, _standard_error_db(shadows))))
+        parts.append(by_law)
     error = sum(ratio(each_db) for each_db, _ in parts)
     scatter_db = math.hypot(*(ratio(each_db) * each_scatter_db for each_db, each_scatter_db in parts)) / error
     return MeasuredError(db(error + apart - explained), scatter_db, len(facets))
@@ -224,13 +230,14 @@ def _standard_error_db(difference: np.ndarray) -> float:
 
 def _coarser(accuracy: Accuracy, *, without_limbs: bool) -> Accuracy:
     """Coarser facets over the same path pairs; `without_limbs` none over those where bodies are ellipsoids."""
-    facets = [tier for tier in accuracy.tiers if tier.scatterer == "facets"]
+    own = DEFAULT_TIERS if accuracy.by_ellipsoids else accuracy.tiers
+    facets = [tier for tier in own if tier.scatterer == "facets"]
     tiers = [
         tier.model_copy(update={"greatest_sagitta_rad": min(10.0, COARSER * tier.greatest_sagitta_rad)})
-        for tier in (facets if without_limbs else accuracy.tiers)
+        for tier in (facets if without_limbs else own)
     ]
     least_db = accuracy.least_level_db
-    if len(tiers) < len(accuracy.tiers):
+    if len(tiers) < len(own):
         least_db = max(least_db, tiers[-1].level_db)
     scale = min(100.0, COARSER * accuracy.sagitta_scale)
     return accuracy.replace(sagitta_scale=scale, least_level_db=least_db, tiers=tuple(tiers))

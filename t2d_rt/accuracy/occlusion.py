@@ -32,8 +32,6 @@ LEAST_GLINT = 1e-3
 class _Faces:
     """The meshes' faces at some instants."""
 
-    vertices: np.ndarray
-    """(K, V, 3) m."""
     middle: np.ndarray
     """(K, F, 3) m."""
     normal: np.ndarray
@@ -49,7 +47,7 @@ class _Faces:
         corners = vertices[:, faces]
         across = edge_cross(corners)
         twice = np.maximum(lengths(across), 1e-30)
-        return cls(vertices, corners.mean(axis=2), across / twice[..., None], twice / 2)
+        return cls(corners.mean(axis=2), across / twice[..., None], twice / 2)
 
     def towards(self, place_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit vectors to a place (K, F, 3) and the distances (K, F) [m]."""
@@ -58,20 +56,28 @@ class _Faces:
         return offset / distance[..., None], distance
 
 
-def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
+def unoccluded_db(model: Model, accuracy: Accuracy, *, by_fast: bool = False) -> float:
     """Estimated power that occlusion removes from the targets' echoes over the power that remains [dB].
+
+    Of occlusion that a run may trace or, `by_fast`, of that which it never traces: targets that rotate fast occlude themselves and
+    others.
 
     In geometrical optics a surface returns power where its normal points to the middle between the antennas, as much as its radii
     of curvature say: the area of a mesh's faces whose normals lie near that direction is in proportion. Which of that area is
     occluded is traced from the faces' centroids at a few random chirps (`Laws.occlusion` has the difference from the field's).
     """
-    fast = model.fast_rotating(accuracy)
-    meshes = [g for g, rotates in zip(model.geometries, fast, strict=True) if isinstance(g, MovingMesh) and not rotates]
-    if not meshes:
+    meshes = [
+        (geometry, rotates)
+        for geometry, rotates in zip(model.geometries, model.fast_rotating(accuracy), strict=True)
+        if isinstance(geometry, MovingMesh)
+    ]
+    slow = [geometry for geometry, rotates in meshes if not rotates]
+    every = [geometry for geometry, _ in meshes] if by_fast else slow
+    if not every or (by_fast and len(slow) == len(every)):
         return -math.inf
     count = INSTANTS if model.scene is None else ROOM_INSTANTS
-    occluders = Occluders(meshes)
-    faces = _Faces.of(meshes, Chirps.random(model.radar, model.span_s, seed=model.seed, count=count).starts_s)
+    times_s = Chirps.random(model.radar, model.span_s, seed=model.seed, count=count).starts_s
+    faces = _Faces.of(every, times_s)
     ends = list(_ends(model, accuracy))
     places = {place.tobytes(): place for _, *both in ends for place in both}
     towards = {key: faces.towards(place) for key, place in places.items()}
@@ -87,19 +93,27 @@ def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
         for key in keys:
             wanted[key] |= direct.any(axis=0)
         glints.append(direct * faces.area_m2 / (to * back) ** 2)
-    surroundings = Surroundings(occluders, faces.vertices, list(places.values()), model.backend)
-    visible = {}
-    for key, place in places.items():
-        some = wanted[key]
-        visible[key] = np.zeros(faces.area_m2.shape, bool)
-        if some.any():
-            visible[key][:, some] = surroundings.visible(place, faces.middle[:, some], faces.normal[:, some])
+
+    def visible_through(meshes: list[MovingMesh]) -> dict[bytes, np.ndarray]:
+        """Which faces the meshes leave visible from each place (K, F)."""
+        if not meshes:
+            return dict.fromkeys(places, np.ones(faces.area_m2.shape, bool))
+        vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)
+        surroundings = Surroundings(Occluders(meshes), vertices, list(places.values()), model.backend)
+        visible = {key: np.zeros(faces.area_m2.shape, bool) for key in places}
+        for key, place in places.items():
+            some = wanted[key]
+            if some.any():
+                visible[key][:, some] = surroundings.visible(place, faces.middle[:, some], faces.normal[:, some])
+        return visible
+
+    seen, known = visible_through(every), visible_through(slow if by_fast else [])
     taken = left = 0.0
     for (power, out_m, back_m), glint in zip(ends, glints, strict=True):
-        seen = visible[out_m.tobytes()] & visible[back_m.tobytes()]
+        visible, modelled = (each[out_m.tobytes()] & each[back_m.tobytes()] for each in (seen, known))
         total = max(float(glint.sum()), 1e-300)
-        taken += power * float(glint[~seen].sum()) / total
-        left += power * float(glint[seen].sum()) / total
+        taken += power * float(glint[modelled & ~visible].sum()) / total
+        left += power * float(glint[visible].sum()) / total
     if taken == 0:
         return LEAST_DB
     return float(np.clip(10 * math.log10(max(taken, 1e-30) / max(left, 1e-30)), LEAST_DB, MOST_DB))

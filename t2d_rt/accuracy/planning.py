@@ -21,10 +21,13 @@ from t2d_rt.targets import TargetLike
 
 
 def plan(
-    target: TargetLike | str | Path | Sequence[TargetLike | str | Path], *, tolerance_db: float = -20.0, **options: Any
+    target: TargetLike | str | Path | Sequence[TargetLike | str | Path] | Experiment,
+    *,
+    tolerance_db: float = -20.0,
+    **options: Any,
 ) -> Plan:
     """What `simulate` with these `options` would model and leave out to keep to a tolerance, and what that costs; predicted by
-    fitted laws, without a trial run.
+    fitted laws, without a trial run. An `Experiment` has its own physics, as for `run`.
 
     The plan's `accuracy` serves similar recordings, too: `simulate(other, accuracy=plan.accuracy)`.
     """
@@ -38,12 +41,19 @@ def plan(
     unknown = [name for name in options if name not in known]
     if unknown:
         raise InputError(f"unknown option {unknown[0]!r} of plan; choose from {', '.join(known)}")
+    targets: Any = target
+    if isinstance(target, Experiment):
+        fixed = [name for name in options if name in physics or name == "radar"]
+        if fixed:
+            raise InputError(f"option {fixed[0]} is part of the experiment; change it there")
+        targets = target.targets_from({})
+        known |= {**target.physics, "radar": target.radar, "scene": target.scene_from({})}
     given = known | options
     wanted = Wanted.of(given["accuracy"], tolerance_db, given["measure_error"])
     physics = {name: given[name] for name in physics if name != "scene"}
     begin = time.perf_counter()
     stage = set_up(
-        target, given["radar"], given["scene"], physics, device=given["device"], memory_gb=given["memory_gb"]
+        targets, given["radar"], given["scene"], physics, device=given["device"], memory_gb=given["memory_gb"]
     )
     ready = time.perf_counter()
     found = planned(stage.model, tolerance_db, wanted.given)

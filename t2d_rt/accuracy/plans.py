@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +12,7 @@ from t2d_rt.model import Model, farthest_and_fastest
 from t2d_rt.types import Accuracy, Ellipsoids
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Plan:
     """How a recording will be modelled to keep to a tolerance."""
 
@@ -46,6 +47,11 @@ class Plan:
 
     def __str__(self) -> str:
         return summary(self)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
 
 
 def summary(plan: Plan) -> str:

@@ -11,22 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.accuracy.budget import SURELY, Budget, Total, ratio
+from t2d_rt.accuracy.budget import FAST_OCCLUSION, SURELY, Budget, Total, ratio
 from t2d_rt.accuracy.laws import Laws
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.checks import number
 from t2d_rt.errors import T2DWarning
+from t2d_rt.geometry import curvature
 from t2d_rt.model import SPLINE_ERROR_DB, Model, with_method
-from t2d_rt.types import Accuracy, Motion, PathTier
-from t2d_rt.types.accuracy import EVERY_PATH_DB
+from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
+from t2d_rt.types.accuracy import ELLIPSOID_TIERS, EVERY_PATH_DB
 
 LEAST_DB, MOST_DB = -40.0, 6.0
 """Tolerances that there are settings for."""
 SCALES = tuple(2 ** (n / 8) for n in range(24, -29, -1))
 """Sagitta scales, coarsest first: in steps, so that recordings of about the same tolerance have their facets in common."""
-MOST_SMOOTH_SCALE = 2.0
-"""Greatest sagitta scale beside meshes of the user: a plate that moves along itself returns next to nothing, of which coarser
-facets say nothing."""
+MOST_SMOOTH_SCALE, MOST_FLAT_SCALE = 2.0, 1.0
+"""Greatest sagitta scale beside movers and meshes of the user, and where a good part of one is all but flat: of blades that face
+the radar or plates that move along themselves coarser facets err by more than the law of curved surfaces says."""
+FLAT_PER_M, FLAT_FRACTION = 4.0, 0.1
+"""Vertices where a surface curves less [1/m] are flat, and so large a fraction of them is a good part."""
 VISIBILITY = (12.5, 0), (25.0, 0), (25.0, 1), (50.0, 1), (50.0, 2), (100.0, 2)
 """Rates [Hz] at which visibility may be sampled, and subdivisions, cheapest first."""
 MOST_SUBDIVISION = 2
@@ -59,9 +62,15 @@ def check_tolerance(tolerance_db: float) -> None:
     number("tolerance_db", tolerance_db, LEAST_DB, MOST_DB, unit="dB", hint=hint)
 
 
+def as_given(model: Model, given: Accuracy) -> Model:
+    """The model, bodies by ellipsoids where the accuracy says so."""
+    return with_method(model, "ellipsoid") if given.by_ellipsoids else model
+
+
 def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     """The cheapest accuracy that keeps to the tolerance by the fitted laws; what is set in the `given` one stays."""
     check_tolerance(tolerance_db)
+    model = as_given(model, given)
     allowed, asked = ratio(tolerance_db), given.model_fields_set
     in_time: dict[str, Any] = {
         "spline_error_db": min(SPLINE_ERROR_DB, tolerance_db - SPLINES_BELOW_DB),
@@ -75,7 +84,7 @@ def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
     if model.method == "mesh" and all(bodies) and not asked and by_ellipsoids:
         simpler = Budget(with_method(model, "ellipsoid"), start)
         if Total.of(simpler.omissions(start)).surely <= allowed:
-            return Plan(simpler, float(tolerance_db), start)
+            return Plan(simpler, float(tolerance_db), start.replace(tiers=ELLIPSOID_TIERS))
     budget = Budget(model, start)
     found = list(_candidates(budget, start, asked, allowed))
     good = [accuracy for accuracy, error in found if error <= allowed]
@@ -96,8 +105,9 @@ def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float
     """Accuracies and the errors that they hardly exceed, each with facets as coarse as what is allowed lets them be, or the finest
     ones."""
     fixed = not asked.isdisjoint(("sagitta_rad", "sagitta_scale")) or not budget.counts
-    most = max(SCALES) if all(isinstance(target, Motion) for target in budget.model.targets) else MOST_SMOOTH_SCALE
-    scales = (start.sagitta_scale,) if fixed else tuple(scale for scale in SCALES if scale <= most)
+    scales = (
+        (start.sagitta_scale,) if fixed else tuple(scale for scale in SCALES if scale <= _coarsest_scale(budget.model))
+    )
     in_time = Total.of(budget.in_time(start))
     visibilities = _visibilities(budget, start, asked, allowed)
     for paths in _paths(budget, start, asked, allowed):
@@ -106,6 +116,19 @@ def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float
         for seen, unseen in visibilities:
             number = _coarsest(error, unseen, len(scales) - 1, allowed)
             yield start.replace(**paths, **seen, sagitta_scale=scales[number]), (error(number) + unseen).surely
+
+
+def _coarsest_scale(model: Model) -> float:
+    """The greatest sagitta scale that the laws say enough of."""
+    others = [
+        geometry
+        for target, geometry in zip(model.targets, model.geometries, strict=True)
+        if not isinstance(target, Motion) and isinstance(geometry, MovingMesh)
+    ]
+    if not others:
+        return max(SCALES)
+    bent = (curvature(mesh.rest, mesh.faces, mesh.crease_deg) for mesh in others)
+    return MOST_FLAT_SCALE if any(np.mean(each < FLAT_PER_M) > FLAT_FRACTION for each in bent) else MOST_SMOOTH_SCALE
 
 
 def _coarsest(error: Callable[[int], Total], unseen: Total, last: int, allowed: float) -> int:
@@ -177,9 +200,12 @@ def _checked(plan: Plan) -> Plan:
     assert plan.tolerance_db is not None
     if plan.error_db > plan.tolerance_db + OVER_DB:
         worst = max((each for each in plan.omissions if each.taken), key=lambda each: each.error_db)
+        remedy = "leave the settings to the tolerance"
+        if worst.what == FAST_OCCLUSION:
+            remedy = "trace it by the accuracy fast_rotating_hz=100000 and visibility_rate_hz=400"
         warnings.warn(
             f"a tolerance of {plan.tolerance_db:g} dB is not in reach, {plan.error_db:.1f} dB is: {worst.what} alone cost "
-            f"{worst.error_db:.1f} dB; ask for less, or leave the settings to the tolerance",
+            f"{worst.error_db:.1f} dB; ask for less, or {remedy}",
             T2DWarning,
             stacklevel=5,
         )

@@ -8,7 +8,7 @@ from typing import Any
 
 from t2d_rt.accuracy.budget import Budget
 from t2d_rt.accuracy.plans import Plan
-from t2d_rt.accuracy.search import check_tolerance, planned
+from t2d_rt.accuracy.search import as_given, check_tolerance, planned
 from t2d_rt.checks import flag, shown
 from t2d_rt.errors import InputError
 from t2d_rt.model import Model
@@ -60,5 +60,5 @@ def checked_accuracy(accuracy: Accuracy | Mapping[str, Any] | None) -> Accuracy:
 def chosen(model: Model, wanted: Wanted) -> Plan:
     """The accuracy that keeps to the tolerance, or the one given where there is none."""
     if wanted.tolerance_db is None:
-        return Plan(Budget(model, wanted.given), None, wanted.given)
+        return Plan(Budget(as_given(model, wanted.given), wanted.given), None, wanted.given)
     return planned(model, wanted.tolerance_db, wanted.given)

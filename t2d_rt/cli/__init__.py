@@ -85,7 +85,7 @@ def _run(arguments: list[str]) -> int:
         given = parser.parse_args(resolved(arguments[1:], configurable=arguments[0] in CONFIGURABLE))
         check_nulls(parser, given)
     except ArgumentError as error:
-        raise InputError(one_sentence(str(error), arguments[0])) from None
+        raise InputError(one_sentence(str(error), arguments[0], _options_of(parser))) from None
     except OverflowError:  # of an integer that no float holds
         raise InputError(
             f"an option of {arguments[0]} got a number of more than 300 digits; give it in SI units, as in 77e9"
@@ -94,6 +94,10 @@ def _run(arguments: list[str]) -> int:
     if sys.stdout is not None:  # closed by the caller
         sys.stdout.flush()
     return 0
+
+
+def _options_of(parser: ArgumentParser) -> list[str]:
+    return [each for action in parser._actions for each in action.option_strings]
 
 
 def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], None]]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -128,7 +129,7 @@ def bounded_yaml(text: str) -> Any:
     return get_loader("yaml")(text)
 
 
-def one_sentence(message: str, command: str) -> str:
+def one_sentence(message: str, command: str, options: Collection[str] = ()) -> str:
     """What the parser found wrong, in plain words."""
     help_command = f"t2d-rt {command} --help"
     wrong = re.match(r'Parser key "(.+?)":', message)
@@ -142,7 +143,9 @@ def one_sentence(message: str, command: str) -> str:
     unknown = re.search(r"unrecognized arguments: (\S+)|Option '(.+)' is not accepted", message)
     if unknown:
         name = (unknown[1] or unknown[2]).partition("=")[0]
-        return f"unknown option {name}; {help_command} lists all"
+        close = difflib.get_close_matches(name, options, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        return f"unknown option {name}; {hint}{help_command} lists all"
     return f"{_one_line(message, 300)}; see {help_command}"
 
 

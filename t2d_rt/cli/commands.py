@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from t2d_rt.checks import unknown_name
-from t2d_rt.cli.experiments import is_experiment, recorded
-from t2d_rt.cli.options import simulate_parser
+from t2d_rt.cli.experiments import is_experiment, planned, recorded
+from t2d_rt.cli.options import plan_parser, simulate_parser
 from t2d_rt.cli.output import check_picture, radar_info, recording_info, say, write_picture
 from t2d_rt.errors import InputError, T2DError, T2DWarning
 from t2d_rt.progress import ProgressBar
@@ -83,8 +83,12 @@ def plan_command(options: Namespace) -> None:
     """Prints what a tolerance would model, leave out and cost."""
     from t2d_rt.accuracy import plan
 
+    source = Path(options.file)
+    if is_experiment(source):
+        say(planned(source, options, plan_parser(), _accuracy(options)))
+        return
     radar = _radar(options)
-    motion = _motion(options, Path(options.file), radar)
+    motion = _motion(options, source, radar)
     names = [name for name in MODEL if name != "measure_error"]
     say(plan(motion, radar=radar, accuracy=_accuracy(options), **{name: options[name] for name in names}))
 

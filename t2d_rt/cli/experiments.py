@@ -12,6 +12,7 @@ from t2d_rt.progress import ProgressBar
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
+    from t2d_rt.accuracy import Plan
     from t2d_rt.result import Recording
 
 RUN = "tolerance_db", "measure_error", "device", "memory_gb"
@@ -22,7 +23,7 @@ BESIDE = (*RUN, "file", "output", "overwrite", "config", "accuracy", "signal")
 
 def is_experiment(source: Path) -> bool:
     """Whether a file is an experiment or a recording, not a motion."""
-    return source.suffix.lower() in (".yaml", ".yml") or (source.suffix == ".zarr" and source.is_dir())
+    return source.suffix.lower() in (".yaml", ".yml", ".zarr")
 
 
 def recorded(source: Path, options: Namespace, parser: ArgumentParser, accuracy: dict[str, Any]) -> Recording:
@@ -31,9 +32,7 @@ def recorded(source: Path, options: Namespace, parser: ArgumentParser, accuracy:
     from t2d_rt.result import Recording
     from t2d_rt.simulate import run
 
-    for name, value in options.items():
-        if name.partition(".")[0] not in BESIDE and value != parser.get_default(name):
-            raise InputError(f"option {name} is part of the experiment {source.name}; change it there")
+    _check_beside(source, options, parser)
     given: dict[str, Any] = {name: options[name] for name in RUN}
     processing = options.signal.as_dict()
     if source.suffix == ".zarr":
@@ -46,6 +45,32 @@ def recorded(source: Path, options: Namespace, parser: ArgumentParser, accuracy:
         accuracy = {**(stored.get("accuracy") or {}), **accuracy}
     with ProgressBar(source.stem) as progress:
         return run(experiment, accuracy or None, progress=progress, **given).processed(**processing)
+
+
+def planned(source: Path, options: Namespace, parser: ArgumentParser, accuracy: dict[str, Any]) -> Plan:
+    """The plan of an experiment in YAML."""
+    from t2d_rt.accuracy import plan
+
+    if source.suffix == ".zarr":
+        raise InputError(
+            f"{source} is a result, which is simulated already; give plan a motion file or an experiment (.yaml)"
+        )
+    _check_beside(source, options, parser)
+    experiment, stored = read_experiment(source)
+    tolerance_db = options.tolerance_db
+    if tolerance_db == parser.get_default("tolerance_db"):
+        tolerance_db = stored.get("tolerance_db", tolerance_db)
+    accuracy = {**(stored.get("accuracy") or {}), **accuracy}
+    return plan(
+        experiment, tolerance_db=tolerance_db, accuracy=accuracy, device=options.device, memory_gb=options.memory_gb
+    )
+
+
+def _check_beside(source: Path, options: Namespace, parser: ArgumentParser) -> None:
+    """Refuses options that are the experiment's own."""
+    for name, value in options.items():
+        if name.partition(".")[0] not in BESIDE and value != parser.get_default(name):
+            raise InputError(f"option {name} is part of the experiment {source.name}; change it there")
 
 
 def read_experiment(path: Path) -> tuple[Any, dict[str, Any]]:

@@ -74,7 +74,8 @@ def plan_parser() -> ArgumentParser:
     """Options of `t2d-rt plan`."""
     parser = _parser(
         "plan",
-        "Tells what simulate would model and leave out to keep to a tolerance, and the time and memory that it would take.",
+        "Tells what simulate would model and leave out to keep to a tolerance, for a motion file or an experiment (.yaml), and the "
+        "time and memory that it would take.",
     )
     _add_piece(parser)
     parser.add_argument(

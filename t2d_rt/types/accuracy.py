@@ -28,7 +28,8 @@ class PathTier(Fields):
     """Lowest level of its path pairs [dB], relative to the strongest one, in the mean over the targets; the last tier takes all
     that are left."""
     scatterer: Literal["facets", "ellipsoids"] = "facets"
-    """What stands for a body; other targets keep their facets. Ellipsoids give the right power, not the right phase."""
+    """What stands for a body; other targets keep their facets. Ellipsoids give the right power, not the right phase. Where they are
+    those of the first tier, all others have them, too."""
     sagitta_scale: Scale = 1.0
     """Phase sagitta of the facets relative to the first tier's; cost falls with its inverse."""
     greatest_sagitta_rad: Annotated[Number, Field(gt=0, le=10)] = 10.0
@@ -58,6 +59,8 @@ DEFAULT_TIERS = (
     ),
 )  # fmt: skip
 """Dominant, secondary and minor paths."""
+ELLIPSOID_TIERS = tuple(tier.model_copy(update={"scatterer": "ellipsoids"}) for tier in DEFAULT_TIERS)
+"""The same with ellipsoids in place of bodies over all of them: what a tolerance of a few decibels asks for."""
 
 
 class Accuracy(Fields):
@@ -109,9 +112,11 @@ class Accuracy(Fields):
             raise InputError(
                 "accuracy key tiers must hold at least one tier, got none; leave it out to have the default"
             )
-        if self.tiers[0].visibility != "occlusion" or self.tiers[0].scatterer != "facets":
+        if self.tiers[0].visibility != "occlusion":
+            raise InputError("the first path tier must have visibility 'occlusion'; coarser tiers come after it")
+        if self.by_ellipsoids and any(tier.scatterer != "ellipsoids" for tier in self.tiers):
             raise InputError(
-                "the first path tier must be facets with visibility 'occlusion'; coarser tiers come after it"
+                "a path tier of facets comes after a first one of ellipsoids; make all of them ellipsoids, or the first one facets"
             )
         finest = ("occlusion", "shared", "blockage")
         for one, next_ in pairwise(self.tiers):
@@ -121,6 +126,11 @@ class Accuracy(Fields):
                     f"({one.visibility}) before {next_.level_db:g} dB ({next_.visibility}); sort them"
                 )
         return self
+
+    @property
+    def by_ellipsoids(self) -> bool:
+        """Whether bodies are ellipsoids over all path pairs, in free space too."""
+        return self.tiers[0].scatterer == "ellipsoids"
 
     @property
     def fastest_sampled_hz(self) -> float:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from t2d_rt.checks import shown
+from t2d_rt.checks import names_advice, shown
 from t2d_rt.errors import InputError
 
 
@@ -63,6 +64,24 @@ class Fields(BaseModel):
         except ValidationError as error:
             raise InputError(_sentence(error, cls)) from None
 
+    @classmethod
+    def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
+        """A model from a JSON object of field names and values; an InputError where it is wrong or gives a key twice."""
+        try:
+            values = json.loads(json_data, object_pairs_hook=_each_once)
+        except (ValueError, RecursionError) as error:  # UnicodeDecodeError is a ValueError, too
+            reason = "is nested too deeply" if isinstance(error, RecursionError) else str(error)
+            raise InputError(f"the JSON text of {_article(cls)} cannot be read: {reason}; correct it") from None
+        return cls.model_validate(values, **options)
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(key for number, (key, _) in enumerate(pairs) if key in dict(pairs[:number]))
+        raise ValueError(f"key {shown(twice)} is given twice")
+    return found
+
 
 def _article(model: type[Fields]) -> str:
     return f"{'an' if model.noun[0] in 'aeiou' else 'a'} {model.noun}"
@@ -70,7 +89,9 @@ def _article(model: type[Fields]) -> str:
 
 def _sentence(error: ValidationError, model: type[Fields]) -> str:
     """One sentence for the first thing that pydantic found wrong."""
-    first, *others = error.errors(include_url=False)
+    # A key that there is none of is misspelt more often than another one is missing.
+    first, *more_errors = sorted(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
+    others = {each["loc"][:1] for each in more_errors} - {first["loc"][:1]}
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         return str(cause)
@@ -79,14 +100,28 @@ def _sentence(error: ValidationError, model: type[Fields]) -> str:
     given = shown(first["input"])
     if not key:
         return f"{_article(model)} must be a mapping of field names and values, got {given}"
+    if first["type"].startswith("union_tag") or (key == "targets" and first["type"].endswith("_type")):
+        return f"{model.noun} key {key}: {_of_kinds(first)}{more}"
+    if first["type"] == "too_short" and not first["input"]:
+        return f"{model.noun} key {key} is empty; give at least one{more}"
     if first["type"] == "extra_forbidden":
         close = difflib.get_close_matches(key, model.model_fields, n=1)
         hint = f"did you mean {close[0]}?" if close else f"valid keys are {', '.join(model.model_fields)}"
         return f"unknown {model.noun} key '{key}'; {hint}{more}"
     if first["type"] == "missing" and len(first["loc"]) == 1:
         return f"{model.noun} key {key} is missing; {model.if_missing}{more}"
-    if first["type"] in ("missing", "too_long", "tuple_type") and not key.endswith(("_deg", "_db")):
+    if first["type"] in ("missing", "too_long", "tuple_type") and not key.endswith(("_deg", "_db", "targets")):
         several = ", or a list of such" if key.endswith("offsets_m") else ""
         return f"{model.noun} key {key} must be three numbers x, y, z{several}, got {given}{more}"
     expected = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
     return f"{model.noun} key {key}: got {given}, {expected}; correct it, in SI units{more}"
+
+
+def _of_kinds(wrong: Any) -> str:
+    """What is wrong with an entry whose key `kind` says what it is."""
+    given = shown(wrong["input"])
+    if wrong["type"] != "union_tag_invalid":
+        what = "has no kind" if isinstance(wrong["input"], Mapping) else "is not one"
+        return f"{given} {what}; give a list of mappings such as {{kind: file, file: walk}}"
+    kinds = [each.strip().strip("'") for each in wrong["ctx"]["expected_tags"].split(",")]
+    return f"unknown kind {shown(wrong['ctx']['tag'])}; {names_advice(wrong['ctx']['tag'], kinds)}"
