@@ -32,6 +32,7 @@ from t2d_rt.types import (
     EchoStream,
     Ellipsoids,
     Material,
+    Motion,
     MovingMesh,
     PathPair,
     PathTier,
@@ -348,6 +349,6 @@ def resolved(material: str | Material, radar: Radar) -> Material:
 
 
 def with_method(model: Model, method: Method) -> Model:
-    """The same targets by another echo model."""
-    modelled = [target.by(method) for target in model.modelled]
+    """The same targets, bodies by another echo model."""
+    modelled = [target.by(method) if isinstance(target.source, Motion) else target for target in model.modelled]
     return replace(model, modelled=modelled, method=method, surface_rates={})

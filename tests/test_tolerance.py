@@ -18,6 +18,7 @@ from t2d_rt.accuracy.cost import facet_counts
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.radar.direct import between, direct_sum
 from t2d_rt.types import Echoes, Motion, MovingMesh, Radar
+from t2d_rt.types.accuracy import ELLIPSOID_TIERS
 from t2d_rt.types.echoes import stream
 from validation.methods.laws import modelled
 
@@ -175,6 +176,21 @@ def test_a_plan_by_ellipsoids_makes_the_same_recording(walk: Motion) -> None:
     assert planned.experiment == asked.experiment == default.experiment
     np.testing.assert_array_equal(np.asarray(asked.again().cube), np.asarray(asked.cube))
     assert t2d.run(asked, accuracy=default.accuracy).settings["method"] == "mesh"
+
+
+def test_ellipsoids_of_an_accuracy_stand_for_bodies_alone(walk: Motion) -> None:
+    """Meshes of the user keep their facets, beside a body and without one."""
+    ball_alone = balls((2, 0, 1))
+    by_ellipsoids = {"tiers": ELLIPSOID_TIERS}
+    found = t2d.simulate(ball_alone, radar=RADAR, accuracy=by_ellipsoids)
+    assert found.settings["method"] == "mesh"
+    np.testing.assert_array_equal(np.asarray(found.cube), np.asarray(t2d.simulate(ball_alone, radar=RADAR).cube))
+    beside = t2d.simulate([walk, *ball_alone], radar=RADAR, accuracy=by_ellipsoids)
+    body = t2d.simulate(walk, radar=RADAR, method="ellipsoid")
+    chirps = len(beside.cube)
+    assert beside.settings["method"] == "ellipsoid"
+    alone = np.asarray(beside.cube) - np.asarray(body.cube)[:chirps]
+    assert nmse_db(alone, np.asarray(found.cube)[:chirps]) < -30
 
 
 @pytest.mark.slow

@@ -64,7 +64,8 @@ def check_tolerance(tolerance_db: float) -> None:
 
 def as_given(model: Model, given: Accuracy) -> Model:
     """The model, bodies by ellipsoids where the accuracy says so."""
-    return with_method(model, "ellipsoid") if given.by_ellipsoids else model
+    bodies = any(isinstance(target, Motion) for target in model.targets)
+    return with_method(model, "ellipsoid") if given.by_ellipsoids and bodies else model
 
 
 def planned(model: Model, tolerance_db: float, given: Accuracy) -> Plan:
