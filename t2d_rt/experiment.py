@@ -165,6 +165,9 @@ class Experiment(_Plain):
     """
 
     noun: ClassVar[str] = "experiment"
+    written: ClassVar[Mapping[str, str]] = {
+        "targets": "a list of mappings with a kind, as in [{kind: file, file: walk}]"
+    }
 
     targets: Annotated[tuple[Source, ...], Field(min_length=1, max_length=1000)]
     """Motions, meshes, ellipsoids and movers by their sources."""

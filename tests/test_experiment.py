@@ -121,10 +121,10 @@ def test_experiments_and_accuracies_go_to_yaml_and_json_and_back() -> None:
         ('{"targets": [], "radar": "table2"}', "key targets is empty; give at least one"),
         (
             '{"targets": "walk", "radar": "table2"}',
-            "key targets: 'walk' is not one; give a list of mappings such as {kind: file",
+            "key targets: got 'walk', write it as a list of mappings with a kind, as in [{kind: file",
         ),
-        ('{"targets": ["walk"], "radar": "table2"}', "key targets: 'walk' is not one; give a list"),
-        ('{"targets": [{"file": "walk"}], "radar": "table2"}', "has no kind; give a list of mappings"),
+        ('{"targets": ["walk"], "radar": "table2"}', "key targets: got 'walk', write it as a list"),
+        ('{"targets": [{"file": "walk"}], "radar": "table2"}', "write it as a list of mappings with a kind"),
         ('{"targets": [{"kind": "fann"}], "radar": "table2"}', "unknown kind 'fann'; did you mean fan"),
         ('{"target": [], "radar": "table2"}', "unknown experiment key 'target'; did you mean targets"),
     ],
@@ -144,6 +144,11 @@ def test_a_plan_of_an_experiment_is_that_of_its_targets(tmp_path: Path, capsys: 
     assert (planned.accuracy, planned.error_db) == (direct.accuracy, direct.error_db)
     assert main(["plan", str(path)]) == 0
     assert capsys.readouterr().out.splitlines()[:-1] == str(planned).splitlines()[:-1]
+    for given, line in (((), "tolerance -10 dB"), (("--tolerance-db", "-20"), "tolerance -20 dB")):
+        assert main(["plan", str(path), *given]) == 0
+        assert capsys.readouterr().out.startswith(line)
+    assert main(["plan", str(tmp_path / "bare.yaml")]) == 0
+    assert capsys.readouterr().out.startswith("tolerance -20 dB")
     assert main(["plan", str(path), "--scene", "living_room"]) == 2
     assert "option scene is part of the experiment" in capsys.readouterr().err
     assert main(["plan", "some.zarr"]) == 2

@@ -171,6 +171,7 @@ def test_pose() -> None:
             "bursts of 128 chirps do not give 3 transmitters equally many each; set chirps_per_frame to a multiple of 3",
         ),
         ({"tx_pattern": {"kind": "horn"}}, "tx_pattern: unknown kind 'horn'; choose one of isotropic"),
+        ({"tx_pattern": {}}, "tx_pattern: got {}, write it as a mapping with a kind, as in {kind: cosine"),
         ({"tx_pattern": {"kind": "cosine"}}, "needs either exponent or half_power_beamwidth_deg, got None and None"),
         ({"rx_pattern": {"kind": "cosine", "exponent": -1}}, "antenna pattern key exponent: got -1"),
         ({"carier_hz": 1e9}, "unknown radar key 'carier_hz'; did you mean carrier_hz"),

@@ -37,7 +37,8 @@ UNOCCLUDED_BELOW_DB = 6.0
 SHADOWS = 0.3
 """What visibility costs is measured where it may be more than this fraction of facets' error."""
 EXACT_SUBDIVISION, FASTEST_HZ = 2, 100_000.0
-"""What visibility costs is measured beside one that is traced from points so dense, of targets that rotate so fast, too."""
+"""What visibility costs is measured beside visibility traced on meshes subdivided so often, those of targets that rotate up to that
+surface rate [Hz] among them."""
 ROUNDING = 1e-12
 """So much less energy than that of static echoes is none."""
 EXPLAINED = 3.5

@@ -89,7 +89,8 @@ def plan_command(options: Namespace) -> None:
         return
     radar = _radar(options)
     motion = _motion(options, source, radar)
-    names = [name for name in MODEL if name != "measure_error"]
+    left = {"measure_error"} if options.tolerance_db is not None else {"measure_error", "tolerance_db"}
+    names = [name for name in MODEL if name not in left]
     say(plan(motion, radar=radar, accuracy=_accuracy(options), **{name: options[name] for name in names}))
 
 

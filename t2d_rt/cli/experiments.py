@@ -57,13 +57,10 @@ def planned(source: Path, options: Namespace, parser: ArgumentParser, accuracy: 
         )
     _check_beside(source, options, parser)
     experiment, stored = read_experiment(source)
-    tolerance_db = options.tolerance_db
-    if tolerance_db == parser.get_default("tolerance_db"):
-        tolerance_db = stored.get("tolerance_db", tolerance_db)
+    tolerance_db = stored.get("tolerance_db") if options.tolerance_db is None else options.tolerance_db
+    given = {} if tolerance_db is None else {"tolerance_db": tolerance_db}
     accuracy = {**(stored.get("accuracy") or {}), **accuracy}
-    return plan(
-        experiment, tolerance_db=tolerance_db, accuracy=accuracy, device=options.device, memory_gb=options.memory_gb
-    )
+    return plan(experiment, accuracy=accuracy, device=options.device, memory_gb=options.memory_gb, **given)
 
 
 def _check_beside(source: Path, options: Namespace, parser: ArgumentParser) -> None:

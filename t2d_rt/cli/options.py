@@ -80,9 +80,9 @@ def plan_parser() -> ArgumentParser:
     _add_piece(parser)
     parser.add_argument(
         "--tolerance_db",
-        type=float,
-        default=-20.0,
-        help="Greatest error of the targets' field [dB], its energy relative to the field's own, against a converged model.",
+        type=float | None,
+        help="Greatest error of the targets' field [dB], its energy relative to the field's own, against a converged model; by "
+        "default an experiment's own, and -20 elsewhere.",
     )
     _add_model(parser, skip={"tolerance_db", "measure_error"}, signal=False)
     return parser

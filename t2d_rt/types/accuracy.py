@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -72,6 +73,7 @@ class Accuracy(Fields):
 
     model_config = ConfigDict(use_attribute_docstrings=True)
     noun: ClassVar[str] = "accuracy"
+    written: ClassVar[Mapping[str, str]] = {"tiers": "a list of mappings, as in [{level_db: -6}, {level_db: -200}]"}
 
     sagitta_rad: Annotated[Number, Field(ge=0.01, le=2)] | None = None
     """Greatest phase sagitta of a facet [rad], in place of each mesh's own (0.3 for a body at a radius of 0.1 m, 0.07 for others);

@@ -45,6 +45,8 @@ class Fields(BaseModel):
     """What the sentences call it."""
     if_missing: ClassVar[str] = "give it"
     """What to do about a field that is not given."""
+    written: ClassVar[Mapping[str, str]] = {}
+    """How fields that are lists or mappings are written, for a sentence about one that is not."""
 
     def __init__(self, **values: Any) -> None:
         try:
@@ -69,7 +71,7 @@ class Fields(BaseModel):
         """A model from a JSON object of field names and values; an InputError where it is wrong or gives a key twice."""
         try:
             values = json.loads(json_data, object_pairs_hook=_each_once)
-        except (ValueError, RecursionError) as error:  # UnicodeDecodeError is a ValueError, too
+        except (TypeError, ValueError, RecursionError) as error:  # UnicodeDecodeError is a ValueError, too
             reason = "is nested too deeply" if isinstance(error, RecursionError) else str(error)
             raise InputError(f"the JSON text of {_article(cls)} cannot be read: {reason}; correct it") from None
         return cls.model_validate(values, **options)
@@ -100,8 +102,10 @@ def _sentence(error: ValidationError, model: type[Fields]) -> str:
     given = shown(first["input"])
     if not key:
         return f"{_article(model)} must be a mapping of field names and values, got {given}"
-    if first["type"].startswith("union_tag") or (key == "targets" and first["type"].endswith("_type")):
-        return f"{model.noun} key {key}: {_of_kinds(first)}{more}"
+    if first["type"] == "union_tag_invalid":
+        return f"{model.noun} key {key}: {_unknown_kind(first['ctx'])}{more}"
+    if key in model.written and first["type"].endswith(("_type", "union_tag_not_found")):
+        return f"{model.noun} key {key}: got {given}, write it as {model.written[key]}{more}"
     if first["type"] == "too_short" and not first["input"]:
         return f"{model.noun} key {key} is empty; give at least one{more}"
     if first["type"] == "extra_forbidden":
@@ -110,18 +114,14 @@ def _sentence(error: ValidationError, model: type[Fields]) -> str:
         return f"unknown {model.noun} key '{key}'; {hint}{more}"
     if first["type"] == "missing" and len(first["loc"]) == 1:
         return f"{model.noun} key {key} is missing; {model.if_missing}{more}"
-    if first["type"] in ("missing", "too_long", "tuple_type") and not key.endswith(("_deg", "_db", "targets")):
+    if first["type"] in ("missing", "too_long", "tuple_type") and not key.endswith(("_deg", "_db")):
         several = ", or a list of such" if key.endswith("offsets_m") else ""
         return f"{model.noun} key {key} must be three numbers x, y, z{several}, got {given}{more}"
     expected = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
     return f"{model.noun} key {key}: got {given}, {expected}; correct it, in SI units{more}"
 
 
-def _of_kinds(wrong: Any) -> str:
-    """What is wrong with an entry whose key `kind` says what it is."""
-    given = shown(wrong["input"])
-    if wrong["type"] != "union_tag_invalid":
-        what = "has no kind" if isinstance(wrong["input"], Mapping) else "is not one"
-        return f"{given} {what}; give a list of mappings such as {{kind: file, file: walk}}"
-    kinds = [each.strip().strip("'") for each in wrong["ctx"]["expected_tags"].split(",")]
-    return f"unknown kind {shown(wrong['ctx']['tag'])}; {names_advice(wrong['ctx']['tag'], kinds)}"
+def _unknown_kind(context: Mapping[str, Any]) -> str:
+    """That there is no such kind, which the key `kind` names, with the one that it is close to."""
+    kinds = [each.strip().strip("'") for each in context["expected_tags"].split(",")]
+    return f"unknown kind {shown(context['tag'])}; {names_advice(context['tag'], kinds)}"

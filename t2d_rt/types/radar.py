@@ -40,6 +40,9 @@ class Radar(Fields):
     model_config = ConfigDict(use_attribute_docstrings=True)  # they are the help of the command line
 
     if_missing: ClassVar[str] = "give it, or start from a preset such as table2"
+    written: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("tx_pattern", "rx_pattern"), "a mapping with a kind, as in {kind: cosine, exponent: 2}"
+    )
 
     carrier_hz: Annotated[Number, Field(ge=1e6, le=1e13)]
     """Frequency at the first ADC sample [Hz]."""
