@@ -23,7 +23,7 @@ FOREARM_RAMP = (0.1, 0.8)
 UPPER_ARM_RAMP = (0.0, 0.7)
 """Where along the bone the half-twisted part takes over, as fractions of its length."""
 
-SAGITTA_RAD, SAGITTA_RADIUS_M = 0.3, 0.1
+SAGITTA_RAD, SAGITTA_RADIUS_M = 1.3, 0.1
 """Phase sagitta of a body's facets where its radius is 0.1 m. Facets of area A on a surface of curvature kappa err in
 field by A^2 kappa each; a given number of them errs least with A ~ kappa^-1/2, a sagitta ~ kappa^1/2. Field NMSE over a walk, at a
 surface rate of 150 Hz: -21 dB (validation/)."""
@@ -65,6 +65,7 @@ def skin(
         sagitta_rad=SAGITTA_RAD * np.sqrt(SAGITTA_RADIUS_M * bend),
         name=body,
         made=made,
+        curved=True,
     )
 
 

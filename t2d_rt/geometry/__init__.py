@@ -1,5 +1,6 @@
 """Surfaces as arrays: refinement on one fixed curved surface, points spread over it, what lies inside."""
 
+from t2d_rt.geometry.curved import curved_refinements
 from t2d_rt.geometry.refine import Refinement, Tessellation, curvature, refine, refinements
 from t2d_rt.geometry.subdivide import Subdivision, crease_corners, sharp_edges, subdivide, topology
 from t2d_rt.geometry.subdivided import SubdividedMesh
@@ -14,6 +15,7 @@ __all__ = [
     "Tessellation",
     "crease_corners",
     "curvature",
+    "curved_refinements",
     "hash_uniform",
     "point_spacing",
     "refine",

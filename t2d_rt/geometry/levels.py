@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from t2d_rt.errors import InputError
 from t2d_rt.geometry.subdivide import (
     Csr,
     Topology,
@@ -15,6 +14,7 @@ from t2d_rt.geometry.subdivide import (
     midpoints,
     sharp_edges,
     split_in_four,
+    too_many_faces,
     topology,
 )
 
@@ -89,10 +89,7 @@ def build_levels(
             break
         needed = 4 * int(level.red.sum(axis=1).max())
         if needed > max_faces:
-            raise InputError(
-                f"refining needs more than {needed} faces, the limit is {max_faces}; "
-                "ask for a looser tolerance or a greater sagitta_rad, or raise memory_gb (max_faces)"
-            )
+            raise too_many_faces(needed, max_faces)
         level = _next_level(level, inside, max_edge_m)
         levels.append(level)
     return levels, steps, linear_steps

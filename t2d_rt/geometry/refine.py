@@ -26,6 +26,7 @@ import numpy as np
 from t2d_rt.errors import InputError
 from t2d_rt.geometry.conforming import displacement, final_faces, grade, tree_masks
 from t2d_rt.geometry.levels import Level, build_levels, edge_depths
+from t2d_rt.geometry.vectors import edge_cross, lengths, unit
 from t2d_rt.geometry.subdivide import Csr, crease_corners, midpoints, sharp_edges, topology
 
 KEPT_CURVATURES = 8
@@ -37,13 +38,72 @@ class Refinement:
     """A finer mesh that is linear in the coarse one's vertices."""
 
     operator: Csr
-    """Fine vertices = operator @ coarse vertices, (Vf, V); rows sum to 1."""
+    """Fine vertices = operator @ control points, (Vf, V); rows sum to 1."""
     faces: np.ndarray
-    """Fine triangles, oriented like the coarse ones, int32 (Ff, 3)."""
+    """Corners of fine triangles, oriented like the coarse ones, int32 (Ff, 3)."""
     base_face: np.ndarray
     """Coarse face that each fine face lies in, int32 (Ff,)."""
     linear: Csr
     """Carries a field of the coarse vertices (a visibility, say) linearly to the fine ones, (Vf, V); rows sum to 1."""
+    middles: np.ndarray | None = None
+    """Of curved triangles, vertices near the middles of edges 01, 12 and 20, int32 (Ff, 3); None: they are flat."""
+    control: Csr | None = None
+    """Control points = control @ coarse vertices, (V, V); None: these are their own."""
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Vertices of the fine triangles, corners first, (Ff, 3) or (Ff, 6)."""
+        return self.faces if self.middles is None else np.concatenate([self.faces, self.middles], axis=1)
+
+    def corner_normals(self, vertices: np.ndarray) -> np.ndarray:
+        """Unit normals (Ff, C, 3) of fine triangles, at each corner of curved ones, for the coarse vertices (V, 3)."""
+        places = self.at(vertices)
+        corners = places[self.faces]
+        if self.middles is None:
+            return unit(edge_cross(corners))[:, None]
+        after, before = np.roll(corners, -1, axis=1), np.roll(corners, 1, axis=1)
+        bulge = 4 * places[self.middles] - 2 * (corners + after)
+        return unit(np.cross(after - corners + bulge, before - corners + np.roll(bulge, 1, axis=1)))
+
+    def flattened(self, vertices: np.ndarray) -> Refinement:
+        """Flat triangles in place of curved ones: the corners, moved outward as in `displacement` so that facets lie on the surface
+        in the mean where the coarse mesh has these vertices (V, 3)."""
+        if self.middles is None:
+            return self
+        from scipy import sparse
+
+        used, faces = np.unique(self.faces, return_inverse=True)
+        faces = faces.reshape(-1, 3)
+        count, nodes = len(faces), self.operator.shape[0]
+        # The middles of the edges lie off the chords by o; a triangle lies below the surface by a third of the sum of its o.
+        thirds = np.repeat([1 / 3, -1 / 3], 3)
+        depth = sparse.csr_matrix(
+            (
+                np.tile(thirds, count),
+                np.concatenate([self.middles, self.faces], axis=1).ravel(),
+                6 * np.arange(count + 1),
+            ),
+            shape=(count, nodes),
+        )
+        area = np.repeat(lengths(edge_cross(self.at(vertices)[self.faces])), 3)
+        share = area / np.bincount(faces.ravel(), weights=area)[faces.ravel()]
+        around = sparse.csr_matrix((share, (faces.ravel(), np.repeat(np.arange(count), 3))), shape=(len(used), count))
+        return replace(
+            self, operator=self.operator[used] + around @ (depth @ self.operator), linear=self.linear[used],
+            faces=faces.astype(np.int32), middles=None,
+        )  # fmt: skip
+
+    def controlled(self, vertices: np.ndarray) -> np.ndarray:
+        """Control points (..., V, 3) of the coarse mesh's vertices (..., V, 3)."""
+        if self.control is None:
+            return vertices
+        columns = np.moveaxis(vertices, -2, 0)
+        found = self.control @ np.ascontiguousarray(columns).reshape(len(columns), -1)
+        return np.moveaxis(found.reshape(columns.shape), 0, -2)
+
+    def at(self, vertices: np.ndarray) -> np.ndarray:
+        """Fine vertices (Vf, 3) of the coarse mesh's (V, 3)."""
+        return np.asarray(self.operator @ self.controlled(vertices))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

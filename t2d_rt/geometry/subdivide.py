@@ -164,6 +164,14 @@ def subdivide(
     )
 
 
+def too_many_faces(needed: int, most: int) -> InputError:
+    """What is raised where a refinement would have more faces than are allowed."""
+    return InputError(
+        f"refining needs more than {needed} faces, the limit is {most}; "
+        "ask for a looser tolerance or a greater sagitta_rad, or raise memory_gb (max_faces)"
+    )
+
+
 def split_in_four(faces: np.ndarray, middle: np.ndarray) -> np.ndarray:
     """Children (4 F, 3) of faces (F, 3) with edge midpoints (F, 3): corners 0, 1, 2, then the middle."""
     six = np.concatenate([faces, middle], axis=1)
@@ -278,11 +286,13 @@ def _first_half_edges(mesh: Topology) -> np.ndarray:
     return half
 
 
-def _next(half: np.ndarray) -> np.ndarray:
+def next_half(half: np.ndarray) -> np.ndarray:
+    """The half-edge after each one in its face."""
     return np.where(half % 3 == 2, half - 2, half + 1)
 
 
-def _previous(half: np.ndarray) -> np.ndarray:
+def previous_half(half: np.ndarray) -> np.ndarray:
+    """The half-edge before each one in its face."""
     return np.where(half % 3 == 0, half + 2, half - 1)
 
 
@@ -313,13 +323,19 @@ def _eight_point_stencils(mesh: Topology, half: np.ndarray) -> Entries:
     tail = mesh.faces.ravel()
     rows = mesh.face_edges.ravel()[half]
     twin = mesh.twin[half]
-    ends = [tail[half], tail[twin], tail[_previous(half)], tail[_previous(twin)]]
-    wings = np.concatenate([_next(half), _previous(half), _next(twin), _previous(twin)])
+    ends = [tail[half], tail[twin], tail[previous_half(half)], tail[previous_half(twin)]]
+    wings = np.concatenate([next_half(half), previous_half(half), next_half(twin), previous_half(twin)])
     rows4 = np.tile(rows, 4)
     open_ = mesh.twin[wings] >= 0
     shut = wings[~open_]
     columns = np.concatenate(
-        [*ends, tail[_previous(mesh.twin[wings[open_]])], tail[shut], tail[_next(shut)], tail[_previous(shut)]]
+        [
+            *ends,
+            tail[previous_half(mesh.twin[wings[open_]])],
+            tail[shut],
+            tail[next_half(shut)],
+            tail[previous_half(shut)],
+        ]
     )
     count, ghosts = len(half), len(shut)
     weights = np.repeat(
@@ -344,10 +360,10 @@ def _ring_stencils(mesh: Topology, start: np.ndarray) -> _Rings:
     columns, weights, picks = [tail[start]], [np.full(len(start), 0.75)], [np.arange(len(start))]
     for j in range(int(valence.max(initial=0))):
         pick = np.flatnonzero(valence > j)
-        columns.append(tail[_next(half[pick])])
+        columns.append(tail[next_half(half[pick])])
         weights.append(_ring_weights(valence[pick], j))
         picks.append(pick)
-        half[pick] = mesh.twin[_previous(half[pick])]
+        half[pick] = mesh.twin[previous_half(half[pick])]
         # two fans that meet in one vertex: the walk is round too early
         whole[pick] &= (half[pick] != start[pick]) | (valence[pick] == j + 1)
     picked = np.concatenate(picks)

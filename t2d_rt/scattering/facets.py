@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.geometry.vectors import dot
+from t2d_rt.geometry.vectors import cross, dot
+from t2d_rt.scattering.curved_integral import Order, curved_integrals
 from t2d_rt.scattering.lanes import (
     Block,
     Gather,
@@ -20,15 +21,18 @@ from t2d_rt.scattering.lanes import (
     complex_times,
     minus,
     norm,
+    plus,
     scaled,
     triangle_normal,
 )
 from t2d_rt.scattering.patches import Patches
-from t2d_rt.scattering.phase_integral import SERIES_TERMS, Integrals, Ops
+from t2d_rt.scattering.phase_integral import SERIES_TERMS, Integrals, Ops, Parts
 from t2d_rt.types import PathPair, Radar
 from t2d_rt.types.radar import one_view
 
 THIRDS = [1 / 3, 1 / 3, 1 / 3]
+EXPANSION_ORDER: Order = 2
+"""To which curved facets' bulges are expanded (physics.md, eq. 30)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,28 +135,18 @@ def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, number:
         Float32(x - o) for x, o in zip(middle, at.read(at.backend.lanes(origin, at.backend.Float64), 0), strict=True)
     )
     antennas = [minus(at.frame_point(place - origin), centre) for place in pair.views_m]
-    columns_of = at.columns(patches.corners)
+    columns_of = at.columns(patches.nodes)
     starts = at.backend.lanes(patches.starts)
+    # One antenna stands for both.
+    radians = wavenumber * (2 / len(antennas))
 
     def add(facet: Any, total: list[Any]) -> tuple[Any, list[Any]]:
         packets = at.packets(at.vertices(columns_of, facet))
-        corners = [minus(packet[:3], centre) for packet in packets]
-        normal, doubled_area = triangle_normal(corners, at)
-        lines_of_sight = [minus(antenna, combined(corners, THIRDS)) for antenna in antennas]
-        ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]
-        cosines = [
-            dot(normal, line_of_sight) / (doubled_area * distance)
-            for line_of_sight, distance in zip(lines_of_sight, ranges, strict=True)
-        ]
-        paths = [sum(_extra_path(corner, antenna) for antenna in antennas) for corner in corners]
-        # Half the sum of the cosines is the obliquity, 2 A F the phase integral (eq. 3). One antenna stands for both.
-        obliquity, both = (cosines[0] + cosines[-1]) / 2, 2 / len(antennas)
-        lit = (cosines[0] > 0) & (cosines[-1] > 0)
-        weight = dr.select(lit, doubled_area * obliquity / (ranges[0] * ranges[-1]), 0)
-        weight *= sum(dr.clip(packet[3], 0, 1) for packet in packets) * (1 / 3)
-        phases = [wavenumber * both * path for path in paths]
-        parts = posed.integrals(*phases, ops=_ops(dr), terms=SERIES_TERMS[4])
-        return facet + 1, [t + value * weight for t, value in zip(total, (*parts[0], *parts[1]), strict=True)]
+        nodes = [minus(packet[:3], centre) for packet in packets]
+        phases = [radians * sum(_extra_path(node, antenna) for antenna in antennas) for node in nodes]
+        visibility = [dr.clip(packet[3], 0, 1) for packet in packets[:3]]
+        parts = (_flat if len(nodes) == 3 else _curved)(at, nodes, phases, visibility, antennas, posed.integrals)
+        return facet + 1, [t + value for t, value in zip(total, (*parts[0], *parts[1]), strict=True)]
 
     lanes = dr.width(at.item)
     end = dr.gather(UInt32, starts, at.item + 1)
@@ -164,6 +158,56 @@ def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, number:
         mode="symbolic",
     )
     return list(total)
+
+
+def _flat(
+    at: Gather,
+    corners: list[Vector],
+    phases: list[Any],
+    visibility: list[Any],
+    antennas: list[Vector],
+    integrals: Integrals,
+) -> tuple[Parts, Parts]:
+    """Obliquity times phase integral over R^2 of a flat facet, and its derivative."""
+    normal, doubled_area = triangle_normal(corners, at)
+    lines_of_sight = [minus(antenna, combined(corners, THIRDS)) for antenna in antennas]
+    ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]
+    projected = [dot(normal, s) / d for s, d in zip(lines_of_sight, ranges, strict=True)]
+    weight = _obliquity(at, projected, ranges) * sum(visibility) * (1 / 3)
+    value, change = integrals(*phases, ops=_ops(at.dr), terms=SERIES_TERMS[4])
+    return (value[0] * weight, value[1] * weight), (change[0] * weight, change[1] * weight)
+
+
+def _curved(
+    at: Gather, nodes: list[Vector], phases: list[Any], visibility: list[Any], antennas: list[Vector], _: Integrals
+) -> tuple[Parts, Parts]:
+    """The same of a curved facet, whose amplitude is linear between its corners: with the true normals there it fades towards the
+    edge of what is lit."""
+    corners, middles = nodes[:3], nodes[3:]
+    after = corners[1:] + corners[:1]
+    bulges = [
+        scaled(minus(m, combined([a, b], [0.5, 0.5])), 4) for a, b, m in zip(corners, after, middles, strict=True)
+    ]
+    bubbles = [4 * phases[3 + i] - 2 * (phases[i] + phases[(i + 1) % 3]) for i in range(3)]
+    amplitudes = []
+    for i, corner in enumerate(corners):
+        # Tangents there, along the edges, of the parabola through the six nodes.
+        forward = plus(minus(after[i], corner), bulges[i])
+        backward = plus(minus(corners[i - 1], corner), bulges[i - 1])
+        normal = cross(forward, backward)
+        lines_of_sight = [minus(antenna, corner) for antenna in antennas]
+        ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]
+        projected = [dot(normal, s) / d for s, d in zip(lines_of_sight, ranges, strict=True)]
+        amplitudes.append(_obliquity(at, projected, ranges) * visibility[i])
+    return curved_integrals(
+        phases[:3], amplitudes, bubbles, ops=_ops(at.dr), terms=SERIES_TERMS[4], order=EXPANSION_ORDER
+    )
+
+
+def _obliquity(at: Gather, projected: list[Any], ranges: list[Any]) -> Any:
+    """Half the sum of the normal's projections on the lines of sight (eq. 3) over both ranges; 0 where one looks from behind."""
+    lit = (projected[0] > 0) & (projected[-1] > 0)
+    return at.dr.select(lit, (projected[0] + projected[-1]) / (2 * ranges[0] * ranges[-1]), 0)
 
 
 def _extra_path(d: Vector, antenna: Vector) -> Any:

@@ -89,11 +89,11 @@ class Gather:
         self.frame = lane - self.item * self.stride
 
     def columns(self, corners: np.ndarray) -> list[Any]:
-        """The three columns of vertex numbers (N, 3)."""
-        return [self.backend.lanes(corners[:, i]) for i in range(3)]
+        """The columns of vertex numbers (N, C)."""
+        return [self.backend.lanes(column) for column in corners.T]
 
     def vertices(self, columns: list[Any], triangle: Any) -> list[Any]:
-        """Numbers of the corners of every lane's triangle."""
+        """Numbers of the vertices of every lane's triangle."""
         return [self.dr.gather(self.backend.UInt32, column, triangle) for column in columns]
 
     def packets(self, vertices: list[Any]) -> list[Vector]:
@@ -178,6 +178,11 @@ def combined(points: list[Vector], weights: list[Any]) -> Vector:
 def minus(a: Vector, b: Vector) -> Vector:
     """a - b."""
     return tuple(x - y for x, y in zip(a, b, strict=True))
+
+
+def plus(a: Vector, b: Vector) -> Vector:
+    """a + b."""
+    return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
 def scaled(a: Vector, factor: Any) -> Vector:

@@ -93,14 +93,14 @@ def mesh_echoes(
     selections = list(model.selections(surface, times_s, pairs, views))
     anchors = None
     if any(view.paths is not None for view in views):
-        rest = surface.rest[None]
+        rest = model.fine.controlled(surface.rest[None])
         places = model.places(rest, carried(model.centre, rest))[0]
         anchors = Anchors.of(anchor_vertices(surface.rest), surface.rest, places, backend)
 
     def frames(selections: Sequence[_Selection], start: int, stop: int) -> EchoArrays:
         times = times_s[start:stop]
         cage = surface.at(times)
-        posed = _Posed.of(model, cage, backend)
+        posed = _Posed.of(model, model.fine.controlled(cage), backend)
         block = Block(len(times), _total(selections), backend)
         arrivals = None if anchors is None else Arrivals(radar, cage[:, anchors.vertices])
         for selection in selections:
@@ -117,7 +117,7 @@ def mesh_echoes(
         found = block.arrays()
         if not (radar.is_array or radar.directional):
             return found
-        places = model.places(cage, posed.centre)
+        places = model.places(posed.cage, posed.centre)
         return side_by_side([selection.with_ends(radar, found, places) for selection in selections])
 
     return in_parts(
@@ -153,10 +153,11 @@ class _Model:
     tilt_rad: np.ndarray
     """Largest angle between a cage face and its facets, (cage faces,)."""
     operator: Csr
-    """Sparse, float32: the facets' vertices from the cage's."""
+    """Sparse, float32: the facets' vertices from the control points."""
+    fine: Refinement
     patches: Patches
     centre: Csr
-    """Sparse: the patches' reference points from the cage's vertices."""
+    """Sparse: the patches' reference points from the control points."""
     integrals: Integrals
     """Over a facet."""
     reflection: complex
@@ -200,6 +201,7 @@ class _Model:
             cage_faces=surface.faces,
             tilt_rad=tilts(surface, fine),
             operator=fine.operator.astype(np.float32),
+            fine=fine,
             patches=parts,
             centre=centres(parts, fine),
             integrals=detail.method.integrals,
@@ -265,8 +267,8 @@ class _Model:
         used: np.ndarray | slice = slice(None)
         if seen.facet_visibility is None:
             used = np.zeros(self.operator.shape[0], bool)
-            used[parts.corners] = True
-            parts = replace(parts, corners=(np.cumsum(used) - 1)[parts.corners])
+            used[parts.nodes] = True
+            parts = replace(parts, nodes=(np.cumsum(used) - 1)[parts.nodes])
         values = self._visible_vertices(posed, seen.visibility, mesh, used)
         if seen.facet_visibility is not None:
             places = values[..., :3] + posed.origin
@@ -335,7 +337,7 @@ class _Posed:
 
     model: _Model
     cage: np.ndarray
-    """(T, V, 3) m."""
+    """Control points (T, V, 3) m."""
     origin: np.ndarray
     """What `local` counts from (T, 3) m."""
     centre: np.ndarray
@@ -357,7 +359,7 @@ class _Posed:
         return cls(model, cage, cage.mean(axis=1), centre, backend.Float64(centre.ravel()), carrier, facing, backend)
 
     def local(self, visibility: np.ndarray | None) -> np.ndarray:
-        """Cage vertices relative to the origin and their visibility, float32 (T, V, 4)."""
+        """Control points relative to the origin and their visibility, float32 (T, V, 4)."""
         # Positions within the body need no more than float32: 1e-7 of its size.
         values = np.ones((*self.cage.shape[:2], 4), np.float32)
         values[..., :3] = self.cage - self.origin[:, None]

@@ -42,8 +42,8 @@ PROBE_RATE_HZ, PROBES = 12.5, 40
 class Patches:
     """Facets in patches: a facet's phase relative to its patch's own delay changes slowly, in time and over the sweep."""
 
-    corners: np.ndarray
-    """Vertices of the facets, patch by patch, integers (F, 3)."""
+    nodes: np.ndarray
+    """Vertices of the facets, patch by patch, integers (F, 3), or (F, 6) of curved ones, corners first."""
     base_face: np.ndarray
     """Face of the unrefined mesh that each facet lies in, integers (F,)."""
     starts: np.ndarray
@@ -52,12 +52,17 @@ class Patches:
     def __len__(self) -> int:
         return len(self.starts) - 1
 
+    @property
+    def corners(self) -> np.ndarray:
+        """Those at the facets' corners, (F, 3)."""
+        return self.nodes[:, :3]
+
     def only(self, chosen: np.ndarray) -> Patches:
         """Some of the patches, by their indices."""
         sizes = np.diff(self.starts)[chosen]
         starts = np.concatenate([[0], np.cumsum(sizes)])
         facet = np.arange(starts[-1]) + np.repeat(self.starts[chosen] - starts[:-1], sizes)
-        return Patches(corners=self.corners[facet], base_face=self.base_face[facet], starts=starts)
+        return Patches(nodes=self.nodes[facet], base_face=self.base_face[facet], starts=starts)
 
     def any_of(self, base: np.ndarray) -> np.ndarray:
         """Whether any facet of each patch lies in a face for which `base` (unrefined faces,) is true, (G,)."""
@@ -79,7 +84,8 @@ def patches(
     `seen_from`: by default the radar itself.
     """
     seen_from = [(radar.tx_position_m, radar.rx_position_m)] if seen_from is None else seen_from
-    rest = (fine.operator @ surface.rest)[fine.faces].mean(axis=1)
+    places = fine.at(surface.rest)
+    rest = places[fine.faces].mean(axis=1)
     order = np.argsort(_morton(rest), kind="stable")
     corners = fine.faces[order]
     # The last facet fills up the last block.
@@ -111,7 +117,7 @@ def patches(
             spread = np.ptp((fine.linear @ cycles)[corners[alone]], axis=1).max(axis=1)
             widest[alone] = np.maximum(widest[alone], spread)
     by_spread = np.argsort(widest)
-    spans = (fine.operator @ surface.rest)[corners[by_spread]]
+    spans = places[corners[by_spread]]
     area = np.cumsum(np.linalg.norm(edge_cross(spans), axis=1))
     widest_of_most = float(widest[by_spread[np.searchsorted(area, (1 - FAST_FRACTION) * area[-1])]])
     if widest_of_most > 4:
@@ -123,7 +129,7 @@ def patches(
             stacklevel=5,
         )
     starts = np.append(np.flatnonzero(first[: len(order)]), len(order))
-    return Patches(corners=corners, base_face=fine.base_face[order], starts=starts)
+    return Patches(nodes=fine.nodes[order], base_face=fine.base_face[order], starts=starts)
 
 
 def centres(parts: Patches, fine: Refinement) -> Csr:
@@ -157,11 +163,11 @@ def least_range_m(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.nd
 
 def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:
     """Largest angle at rest between each unrefined face and a facet that lies in it [rad], (unrefined faces,)."""
-    normal = normals(surface.rest[None], surface.faces)[0]
-    facet = normals((fine.operator @ surface.rest)[None], fine.faces)[0]
-    angle = np.arccos(np.clip(np.sum(facet * normal[fine.base_face], axis=1), -1, 1))
+    normal = normals(fine.controlled(surface.rest)[None], surface.faces)[0]
+    facet = fine.corner_normals(surface.rest)
+    cosine = np.einsum("fci,fi->fc", facet, normal[fine.base_face]).min(axis=1)
     largest = np.zeros(len(normal))
-    np.maximum.at(largest, fine.base_face, angle)
+    np.maximum.at(largest, fine.base_face, np.arccos(np.clip(cosine, -1, 1)))
     return largest
 
 

@@ -83,8 +83,9 @@ class DiffusePoints:
 
     @classmethod
     def spread(cls, surface: MovingMesh, carrier: Refinement, seed: int, scattered: float, count: int) -> DiffusePoints:
-        """At least about `count` points, spread over the carrier with a seed."""
-        rest = carrier.operator @ surface.rest
+        """At least about `count` points, spread with a seed over the carrier, whose triangles are taken as flat."""
+        carrier = carrier.flattened(surface.rest)
+        rest = carrier.at(surface.rest)
         area = 0.5 * float(np.linalg.norm(edge_cross(rest[carrier.faces]), axis=1).sum())
         points = _spread(rest, carrier.faces, seed, point_spacing(area, count))
         used, corners = np.unique(carrier.faces[points.face], return_inverse=True)
@@ -94,7 +95,7 @@ class DiffusePoints:
         )  # fmt: skip
 
     def places(self, cage: np.ndarray) -> np.ndarray:
-        """Where the points stand (Q, K, 3), for cage vertices (K, V, 3)."""
+        """Where the points stand (Q, K, 3), for control points (K, V, 3)."""
         vertices = carried(self.operator, cage)
         return sum(vertices[self.corners[:, i]] * self.barycentric[:, i, None, None] for i in range(3))
 

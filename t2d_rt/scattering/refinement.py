@@ -7,12 +7,13 @@ import os
 from collections import OrderedDict
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 
 from t2d_rt import disk_cache
 from t2d_rt.backend import aligned_empty
-from t2d_rt.geometry import Refinement, refinements
+from t2d_rt.geometry import Refinement, curved_refinements, refinements
 from t2d_rt.scattering.patches import Csr, least_range_m
 from t2d_rt.types import MovingMesh, Radar
 
@@ -45,9 +46,10 @@ def facets(
     wavenumber = 2 * math.pi / radar.wavelength_m
     range_m = least_range_m(surface, [places], np.array(span_s))
     fine, _ = refined(surface, wavenumber, range_m, [sagitta_rad, POINT_SAGITTA_RAD], max_facets)
+    fine = fine.flattened(surface.rest)
     return MovingMesh.from_track(
-        lambda times_s: carried(fine.operator, surface.at(times_s)).swapaxes(0, 1),
-        fine.faces, surface.times_s, surface.material, rest=fine.operator @ surface.rest, name=surface.name,
+        lambda times_s: carried(fine.operator, fine.controlled(surface.at(times_s))).swapaxes(0, 1),
+        fine.faces, surface.times_s, surface.material, rest=fine.at(surface.rest), name=surface.name,
     )  # fmt: skip
 
 
@@ -56,17 +58,17 @@ def refined(
 ) -> list[Refinement]:
     """`refinements` of a mesh, each kept for the next recording of the same body, on disk too; those that are missing are made
     together."""
-    common = surface.rest, surface.faces, wavenumber, range_m, surface.crease_deg
+    common = surface.rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
     keys = [disk_cache.key("geometry", ("refinement", *common, np.asarray(each, float))) for each in sagittas_rad]
     missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
     if missing:
-        made = refinements(
+        make = curved_refinements if surface.curved else partial(refinements, crease_deg=surface.crease_deg)
+        made = make(
             surface.rest,
             surface.faces,
             wavenumber=wavenumber,
             range_m=range_m,
             sagittas_rad=list(missing.values()),
-            crease_deg=surface.crease_deg,
             max_faces=max_facets,
         )
         for key, each in zip(missing, made, strict=True):
@@ -88,14 +90,18 @@ def _needed(key: str, max_facets: int) -> bool:
 
 
 _SPARSE = "data", "indices", "indptr", "shape"
-_ARRAYS = "faces", "base_face", *(f"{name}_{part}" for name in ("operator", "linear") for part in _SPARSE)
+_MATRICES = "operator", "linear", "control"
+_ARRAYS = "faces", "base_face", "middles", *(f"{name}_{part}" for name in _MATRICES for part in _SPARSE)
 
 
 def _as_arrays(found: Refinement) -> dict[str, np.ndarray]:
-    """A refinement as it is kept on disk."""
-    arrays = {"faces": found.faces, "base_face": found.base_face}
-    for name in ("operator", "linear"):
-        matrix = getattr(found, name)
+    """A refinement as it is kept on disk; what flat facets lack is empty."""
+    from scipy.sparse import csr_matrix
+
+    middles = np.empty((0, 3), np.int32) if found.middles is None else found.middles
+    arrays = {"faces": found.faces, "base_face": found.base_face, "middles": middles}
+    for name in _MATRICES:
+        matrix = csr_matrix((0, 0)) if getattr(found, name) is None else getattr(found, name)
         arrays |= {f"{name}_{part}": np.asarray(getattr(matrix, part)) for part in _SPARSE}
     return arrays
 
@@ -104,11 +110,15 @@ def _of_arrays(arrays: Mapping[str, np.ndarray]) -> Refinement:
     """The same as it was."""
     from scipy.sparse import csr_matrix
 
-    operator, linear = (
+    operator, linear, control = (
         csr_matrix(tuple(arrays[f"{name}_{part}"] for part in _SPARSE[:3]), shape=tuple(arrays[f"{name}_shape"]))
-        for name in ("operator", "linear")
+        for name in _MATRICES
     )
-    return Refinement(operator=operator, faces=arrays["faces"], base_face=arrays["base_face"], linear=linear)
+    flat = not len(arrays["middles"])
+    return Refinement(
+        operator=operator, faces=arrays["faces"], base_face=arrays["base_face"], linear=linear,
+        middles=None if flat else arrays["middles"], control=None if flat else control,
+    )  # fmt: skip
 
 
 def forget() -> None:

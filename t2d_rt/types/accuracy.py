@@ -51,11 +51,11 @@ class PathTier(Fields):
 DEFAULT_TIERS = (
     PathTier(level_db=-6.0),
     PathTier(
-        level_db=-21.0, sagitta_scale=4.0, greatest_sagitta_rad=1.5, patch_span_scale=2.0, patch_phase_scale=4.0,
+        level_db=-21.0, sagitta_scale=4.0, greatest_sagitta_rad=3.0, patch_span_scale=2.0, patch_phase_scale=4.0,
         visibility="shared",
     ),
     PathTier(
-        level_db=EVERY_PATH_DB, scatterer="ellipsoids", sagitta_scale=8.0, greatest_sagitta_rad=3.0, patch_span_scale=4.0,
+        level_db=EVERY_PATH_DB, scatterer="ellipsoids", sagitta_scale=8.0, greatest_sagitta_rad=6.0, patch_span_scale=4.0,
         patch_phase_scale=8.0, visibility="blockage", diffuse_points=250, decimation=2,
     ),
 )  # fmt: skip
@@ -75,7 +75,7 @@ class Accuracy(Fields):
     noun: ClassVar[str] = "accuracy"
     written: ClassVar[Mapping[str, str]] = {"tiers": "a list of mappings, as in [{level_db: -6}, {level_db: -200}]"}
 
-    sagitta_rad: Annotated[Number, Field(ge=0.01, le=2)] | None = None
+    sagitta_rad: Annotated[Number, Field(ge=0.01, le=10)] | None = None
     """Greatest phase sagitta of a facet [rad], in place of each mesh's own (0.3 for a body at a radius of 0.1 m, 0.07 for others);
     0.25 gives -22 dB of field error, 0.07 gives 0.3 dB of RCS. The number of facets goes with its inverse."""
     sagitta_scale: Scale = 1.0

@@ -67,6 +67,8 @@ class MovingMesh:
     material: str | Material
     crease_deg: float
     sagitta_rad: float | np.ndarray
+    curved: bool
+    """Whether facets are curved ones on a surface without creases; meshes of the user have flat ones."""
     name: str
     track: Track = field(repr=False)
     """The vertices as a function of time."""
@@ -93,7 +95,9 @@ class MovingMesh:
             raise InputError(f"vertices of {name} must hold at least 3 vertices, got none")
         made = Made("arrays", {"vertices": vertices})
         self._fill(name, vertices[0], faces, material, crease_deg, sagitta_rad)
-        set_fields(self, name=name, times_s=times_s, track=spline(times_s, vertices), made=made, period_s=None)
+        set_fields(
+            self, name=name, times_s=times_s, track=spline(times_s, vertices), made=made, period_s=None, curved=False
+        )
 
     @classmethod
     def from_track(
@@ -109,12 +113,14 @@ class MovingMesh:
         name: str = "mesh",
         made: Made | None = None,
         period_s: float | None = None,
+        curved: bool = False,
     ) -> MovingMesh:
         """A mesh whose vertices are computed when asked for: `track` gives (K, V, 3) at times (K,) within `times_s`.
 
         `rest` (V, 3) is the pose in which curvature is measured and diffuse points are spread; the first frame by default.
         `made` tells how `track` was made, where it can be made again. After each `period_s` the mesh is in the same place again;
-        one that rotates fast is then computed for a few periods only.
+        one that rotates fast is then computed for a few periods only. `curved`: facets follow a smooth surface, Loop's, which
+        passes through the vertices of a closed mesh but for its finest detail, whatever the creases.
         """
         mesh = cls.__new__(cls)
         times_s, name = checked_times(times_s), text("name", name)
@@ -122,6 +128,7 @@ class MovingMesh:
         first = np.asarray(_positions(track, times_s[:1], None, name)[0], float)
         rest = first if rest is None else array("rest", rest, first.shape, limit=LARGEST_M, unit="m")
         mesh._fill(name, rest, faces, material, crease_deg, sagitta_rad)
+        set_fields(mesh, curved=bool(curved))
         if period_s is not None:
             period_s = number("period_s", period_s, 1e-6, 1e6, unit="s")
             _check_period(track, times_s, len(rest), period_s, name)

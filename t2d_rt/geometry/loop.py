@@ -1,0 +1,195 @@
+"""Loop's subdivision surface (Loop 1987) evaluated exactly: C2 but for isolated points, where it is C1.
+
+Control points make the surface: around a face whose corners have six neighbours each it is a quartic box spline of twelve of them
+(Stam 1998), elsewhere it is after some subdivisions. All of it is linear, so that one sparse matrix serves every pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.geometry.subdivide import Csr, Topology, next_half, previous_half, split_in_four, topology
+
+MOST_SUBDIVISIONS = 24
+"""Of a face beside an irregular vertex; a point that close to it takes the vertex's own place."""
+INTERPOLATION_TERMS = 2
+"""Of `control_points`. With 2, 3, 4, 8 terms, 24 000 facets of a walking body err by -25.7, -24.4, -24.3, -23.3 dB, and its volume
+is 0.13, 0.01, 0.01 and 0 % too small."""
+
+
+def control_points(faces: np.ndarray, vertex_count: int) -> Csr:
+    """Control points = matrix (V, V) @ vertices of a closed mesh; their surface runs through the vertices, but for the mesh's
+    finest detail.
+
+    With L the matrix of limit positions, 1/L = sum over k of (1 - L)^k, taken to INTERPOLATION_TERMS. (1 - L)^terms of the vertices
+    is left: next to nothing of what varies slowly over the mesh, and much of its roughness, which facets would have to follow.
+    """
+    from scipy import sparse
+
+    mesh = _closed(faces, vertex_count)
+    centre, ring = _limit_weights(mesh.valence)
+    rest = sparse.diags_array(1 - centre) - sparse.diags_array(ring) @ _neighbours(mesh)
+    one = sparse.eye_array(vertex_count, format="csr")
+    total = one
+    for _ in range(INTERPOLATION_TERMS - 1):
+        total = one + rest @ total
+    return sparse.csr_matrix(total)
+
+
+def surface_rows(faces: np.ndarray, vertex_count: int, face: np.ndarray, weights: np.ndarray) -> Csr:
+    """Places on the surface = matrix (N, V) @ control points; each row sums to 1.
+
+    They lie in faces `face` (N,) of the mesh of control points, closed, at barycentric `weights` (N, 3).
+    """
+    from scipy import sparse
+
+    mesh = _closed(faces, vertex_count)
+    found: list[tuple[np.ndarray, Csr]] = []
+    number, operator, valence = np.arange(len(face)), sparse.eye_array(vertex_count, format="csr"), mesh.valence
+    for depth in range(MOST_SUBDIVISIONS + 1):
+        corner = weights.argmax(axis=1)
+        at_corner = (weights.max(axis=1) == 1) | (depth == MOST_SUBDIVISIONS)
+        regular = (valence[mesh.faces] == 6).all(axis=1)[face] & ~at_corner
+        if at_corner.any():
+            vertex, which = np.unique(mesh.faces[face[at_corner], corner[at_corner]], return_inverse=True)
+            found.append((number[at_corner], (_limit_rows(mesh, valence, vertex) @ operator)[which]))
+        if regular.any():
+            found.append((number[regular], _box_spline(mesh, face[regular], weights[regular]) @ operator))
+        left = ~(at_corner | regular)
+        if not left.any():
+            break
+        number, face, weights = number[left], face[left], weights[left]
+        mesh, face, step, valence = _subdivided(mesh, valence, face)
+        operator = step @ operator
+        face, weights = _in_children(face, weights)
+    order = np.argsort(np.concatenate([numbers for numbers, _ in found]))
+    return sparse.csr_matrix(sparse.vstack([rows for _, rows in found], format="csr")[order])
+
+
+def _closed(faces: np.ndarray, vertex_count: int) -> Topology:
+    mesh = topology(faces, vertex_count)
+    if mesh.sharp.any():
+        raise InputError(
+            f"a smooth surface needs a closed mesh, got {np.count_nonzero(mesh.sharp)} edges that do not join two faces"
+        )
+    return mesh
+
+
+def _neighbours(mesh: Topology) -> Csr:
+    """Sparse (V, V), 1 where an edge joins two vertices."""
+    from scipy import sparse
+
+    a, b = mesh.edges.T
+    where = np.concatenate([a, b]), np.concatenate([b, a])
+    return sparse.csr_array((np.ones(2 * len(a)), where), shape=(mesh.vertex_count, mesh.vertex_count))
+
+
+def _next_weight(valence: np.ndarray) -> np.ndarray:
+    """Weight of each neighbour in a vertex's place after a subdivision."""
+    return (5 / 8 - (3 / 8 + np.cos(2 * np.pi / valence) / 4) ** 2) / valence
+
+
+def _limit_weights(valence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of a vertex and of each neighbour in its place on the surface."""
+    ring = 1 / (valence + 3 / (8 * _next_weight(valence)))
+    return 1 - valence * ring, ring
+
+
+def _limit_rows(mesh: Topology, valence: np.ndarray, vertex: np.ndarray) -> Csr:
+    """Places on the surface of some vertices, (N, V)."""
+    from scipy import sparse
+
+    centre, ring = _limit_weights(valence[vertex])
+    own = sparse.csr_array((centre, (np.arange(len(vertex)), vertex)), shape=(len(vertex), mesh.vertex_count))
+    return own + sparse.diags_array(ring) @ _neighbours(mesh)[vertex]
+
+
+def _subdivided(mesh: Topology, valence: np.ndarray, face: np.ndarray) -> tuple[Topology, np.ndarray, Csr, np.ndarray]:
+    """What is around some faces (N,), subdivided: its topology, where it has its faces' children (N,), the matrix (V1, V) of its
+    control points, and their valences.
+
+    Only the faces that touch these are kept; of what that makes, all that their children's surface depends on is right.
+    """
+    from scipy import sparse
+
+    touched = np.zeros(mesh.vertex_count, bool)
+    touched[mesh.faces[face]] = True
+    here = np.flatnonzero(touched[mesh.faces].any(axis=1))
+    kept = np.unique(mesh.faces[here])
+    part = topology(np.searchsorted(kept, mesh.faces[here]), len(kept))
+    count, edges = len(kept), len(part.edges)
+    ring = _next_weight(valence[kept])
+    old = sparse.diags_array(1 - valence[kept] * ring) + sparse.diags_array(ring) @ _neighbours(part)
+    edge, half = part.face_edges.ravel(), np.arange(part.faces.size)
+    entries = (
+        np.concatenate([np.full(2 * edges, 3 / 8), np.full(len(half), 1 / 8)]),
+        (np.concatenate([np.repeat(np.arange(edges), 2), edge]),
+         np.concatenate([part.edges.ravel(), part.faces.ravel()[previous_half(half)]])),
+    )  # fmt: skip
+    new = sparse.csr_array(entries, shape=(edges, count))
+    chosen = sparse.csr_array((np.ones(count), (np.arange(count), kept)), shape=(count, mesh.vertex_count))
+    children = topology(split_in_four(part.faces, count + part.face_edges), count + edges)
+    step = sparse.vstack([old, new], format="csr") @ chosen
+    return children, np.searchsorted(here, face), step, np.concatenate([valence[kept], np.full(edges, 6)])
+
+
+def _in_children(face: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Faces and weights of the same places among the children, 4 f .. 4 f + 3 of face f."""
+    rows, corner = np.arange(len(face)), weights.argmax(axis=1)
+    inner = weights.max(axis=1) < 0.5
+    outer = 2 * weights
+    outer[rows, corner] -= 1
+    # The middle child's corners are the middles of edges 01, 12 and 20.
+    return 4 * face + np.where(inner, 3, corner), np.where(inner[:, None], 1 - 2 * weights[:, [2, 0, 1]], outer)
+
+
+@dataclass(frozen=True, slots=True)
+class _Ring:
+    """Twelve control points around faces (N,), in three kinds of one for each corner."""
+
+    corner: np.ndarray
+    """The corner i, (N, 3)."""
+    across: np.ndarray
+    """Beyond the edge from i to the next corner, (N, 3)."""
+    before: np.ndarray
+    """Neighbour of corner i alone, on the side of the corner before it, (N, 3)."""
+    after: np.ndarray
+    """The same on the side of the next corner, (N, 3)."""
+
+
+def _ring(mesh: Topology, face: np.ndarray) -> _Ring:
+    tail, twin = mesh.faces.ravel(), mesh.twin
+    half = 3 * face[:, None] + np.arange(3)
+    out, into = twin[half], twin[previous_half(half)]
+    return _Ring(
+        corner=mesh.faces[face],
+        across=tail[previous_half(out)],
+        before=tail[previous_half(twin[previous_half(into)])],
+        after=tail[previous_half(twin[next_half(out)])],
+    )
+
+
+def _box_spline(mesh: Topology, face: np.ndarray, weights: np.ndarray) -> Csr:
+    """Places in faces whose corners all have six neighbours, (N, V)."""
+    from scipy import sparse
+
+    u, v, w = (np.roll(weights, -k, axis=1) for k in range(3))  # of each corner, of the next one and of the one before
+    u2, v2, w2 = u * u, v * v, w * w
+    corner = (
+        6 * u2 * u2 + 24 * u2 * u * (v + w) + u2 * (24 * v2 + 60 * v * w + 24 * w2)
+        + u * (8 * v2 * v + 36 * v2 * w + 36 * v * w2 + 8 * w2 * w)
+        + v2 * v2 + 6 * v2 * v * w + 12 * v2 * w2 + 6 * v * w2 * w + w2 * w2
+    )  # fmt: skip
+    across = (
+        u2 * u2 + 2 * u2 * u * w + 6 * u2 * u * v + 6 * u2 * v * w + 12 * u2 * v2
+        + 6 * u * v2 * w + 6 * u * v2 * v + 2 * v2 * v * w + v2 * v2
+    )  # fmt: skip
+    before, after = u2 * u * (u + 2 * w), u2 * u * (u + 2 * v)
+    ring = _ring(mesh, face)
+    columns = np.concatenate([ring.corner, ring.across, ring.before, ring.after], axis=1)
+    values = np.concatenate([corner, across, before, after], axis=1) / 12
+    starts = 12 * np.arange(len(face) + 1)
+    return sparse.csr_array((values.ravel(), columns.ravel(), starts), shape=(len(face), mesh.vertex_count))
