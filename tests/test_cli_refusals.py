@@ -129,7 +129,7 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--signal.range-gate-m [90,100]", "range gate 90..100 m holds no range bin"),
         ("--accuracy.surface-rate-hz 0", "surface_rate_hz: got 0.0, should be greater than or equal to 10"),
         ("--accuracy.visibility-rate-hz 0", "visibility_rate_hz: got 0.0, should be greater than or equal to 1"),
-        ("--accuracy.sagitta-rad 9", "sagitta_rad: got 9.0, should be less than or equal to 2"),
+        ("--accuracy.sagitta-rad 19", "sagitta_rad: got 19.0, should be less than or equal to 10"),
         ("--stop-s 0.01 --signal.n_window 256", "record of 85 chirps is shorter than the STFT window of 256"),
         ("--config gone.yaml", "cannot read config file gone.yaml: No such file"),
         ("--add fan", "a mover is written as kind:x,y,z,key=value or as a mapping with a kind, got 'fan'"),

@@ -130,7 +130,9 @@ def test_a_very_wide_sweep_is_summed_in_pieces(monkeypatch: pytest.MonkeyPatch) 
     whole = t2d.simulate(approaching(), radar=RADAR).cube
     monkeypatch.setattr(synthesis, "BASIS_NUMBERS", 20_000)
     monkeypatch.setattr(synthesis, "MOST_INSTANTS", 50)
-    assert np.array_equal(t2d.simulate(approaching(), radar=RADAR).cube, whole)
+    in_pieces = t2d.simulate(approaching(), radar=RADAR).cube
+    # Some BLAS add up the products of fewer rows in another order.
+    assert np.abs(in_pieces - whole).max() < 1e-6 * np.abs(whole).max()
 
 
 @pytest.mark.slow

@@ -297,7 +297,7 @@ def test_facets_are_counted_before_they_are_made(walk: Motion) -> None:
     (counted,) = facet_counts(model, t2d.Accuracy())
     for scale in (0.5, 1.0, 4.0, 100.0):
         (mesh,) = (model.facets(g, t2d.Accuracy(sagitta_scale=scale)) for g in model.geometries)
-        assert counted.at(scale) == pytest.approx(len(mesh.faces), rel=0.1)
+        assert counted.at(scale) == pytest.approx(len(mesh.faces), rel=0.15)
 
 
 @pytest.mark.slow

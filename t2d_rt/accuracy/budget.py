@@ -20,7 +20,7 @@ OCCLUSION = "occlusion of targets by themselves and one another"
 FAST_OCCLUSION = "occlusion by targets that rotate fast, and of them by themselves"
 SURELY = 2.0
 """Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
-BODY_SAGITTA_RAD = 0.3
+BODY_SAGITTA_RAD = 1.45
 """Phase sagitta of a body's facets that its own sagittas, one for each vertex, stand for."""
 
 
@@ -106,12 +106,11 @@ class Budget:
     def _meshes(self) -> list[tuple[float, FacetLaw]]:
         """Phase sagitta [rad] of each mesh's facets at a scale of 1, and their law."""
         found = []
-        for target, mesh in zip(self.model.targets, self.model.geometries, strict=True):
+        for mesh in self.model.geometries:
             if isinstance(mesh, MovingMesh):
                 own = float(np.max(sagitta_rad(mesh, self.given.replace(sagitta_scale=1.0))))
-                of_body = isinstance(target, Motion)
-                sagitta = BODY_SAGITTA_RAD if of_body and self.given.sagitta_rad is None else own
-                found.append((sagitta, self.laws.bodies if of_body else self.laws.smooth))
+                sagitta = BODY_SAGITTA_RAD if mesh.curved and self.given.sagitta_rad is None else own
+                found.append((sagitta, self.laws.bodies if mesh.curved else self.laws.smooth))
         return found
 
     def facets(self, tier: PathTier, scale: float) -> tuple[float, FacetLaw]:

@@ -31,9 +31,9 @@ SAMPLED_BYTES = 5_400
 """Bytes that a point takes at which visibility is sampled, in the frames of a window."""
 SET_UP_BYTES, FACET_BYTES = 90e6, 1_400
 """What a run has taken before it sums, and of that each facet."""
-FACETS_PER_SAGITTA = 1.7
-"""Facets of a cage face over its phase sagitta in units of the limit (1.65 to 1.76 for bodies from 1.5 to 4 m, limits from 0.15 to
-2.4 rad)."""
+FACETS_PER_SAGITTA, CURVED_PER_SAGITTA = 1.7, 1.9
+"""Flat and curved facets of a cage face over its phase sagitta in units of the limit (curved ones 1.58 to 2.19 for bodies from 2.5
+to 4 m, limits from 0.5 to 5 rad)."""
 MADE_ALONG = 0.5
 """Cost of a facet that is refined along with other ones, over theirs."""
 KINDS = (
@@ -56,6 +56,8 @@ class FacetCount:
     """That limit at a sagitta scale of 1, (F,)."""
     of_points: float
     """Number of those that hold its diffuse points."""
+    per_sagitta: float
+    """Number of facets of a face for each unit of its phase sagitta over the limit."""
 
     @classmethod
     def of(cls, model: Model, mesh: MovingMesh, accuracy: Accuracy) -> FacetCount:
@@ -71,8 +73,9 @@ class FacetCount:
         of_edges = wavenumber / 3 * length2 * bend
         limits = limit[ends].mean(axis=2)
         rough = resolved(mesh.material, model.radar).scattering_coefficient > 0
-        of_points = _facets(of_edges.mean(axis=1) / POINT_SAGITTA_RAD) if rough else 0.0
-        return cls((of_edges / limits).mean(axis=1), limits.mean(axis=1), of_points)
+        each = CURVED_PER_SAGITTA if mesh.curved else FACETS_PER_SAGITTA
+        of_points = _facets(of_edges.mean(axis=1) / POINT_SAGITTA_RAD, each) if rough else 0.0
+        return cls((of_edges / limits).mean(axis=1), limits.mean(axis=1), of_points, each)
 
     def of_tier(self, tier: PathTier, scale: float) -> float:
         """The number over the paths of a tier."""
@@ -81,12 +84,12 @@ class FacetCount:
 
     def at(self, scale: float | np.ndarray) -> float:
         """The number at a sagitta scale, one for all faces or one for each (F,)."""
-        return _facets(self.sagitta_rad / scale)
+        return _facets(self.sagitta_rad / scale, self.per_sagitta)
 
 
-def _facets(sagitta: np.ndarray) -> float:
+def _facets(sagitta: np.ndarray, per_sagitta: float) -> float:
     """Number of facets of faces with such phase sagittas over their limit (F,)."""
-    return float(np.maximum(1, FACETS_PER_SAGITTA * sagitta).sum())
+    return float(np.maximum(1, per_sagitta * sagitta).sum())
 
 
 def facet_counts(model: Model, accuracy: Accuracy) -> list[FacetCount]:

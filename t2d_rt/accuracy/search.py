@@ -41,7 +41,7 @@ SECONDARY_BELOW_DB = -3.0, -6.0, -10.0, -15.0, -21.0
 """Levels below which path pairs may be secondary."""
 LEFT_OUT = 0.1, 0.25, 0.5
 """Path pairs left out may cost such fractions of the error allowed."""
-GREATEST_SAGITTA_RAD = 3.0
+GREATEST_SAGITTA_RAD = 6.0
 """Limit of secondary facets' phase sagitta: beyond it they say nothing."""
 LEAST_FRACTION = 0.3
 """Facets are not made finer than that fraction of the error allowed asks for, even where visibility alone costs more."""

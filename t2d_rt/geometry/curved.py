@@ -1,23 +1,23 @@
 """Curved facets on Loop's surface: triangles of six nodes, the corners and a point near the middle of each edge.
 
-Every node lies on one and the same surface (`loop`), whatever the facets' size, and nodes at any time are
-`operator @ control @ vertices`. Facets tile the surface as they tile the faces' planes, in barycentric coordinates: a corner may
-lie on a neighbour's edge, where the two differ by as little as a facet differs from the surface.
+Every node lies on one and the same surface (`loop`), whatever the facets' size: one of given barycentric coordinates in a face of
+the mesh. Nodes at any time are `operator @ control @ vertices`.
 
-A facet is split while its phase sagitta exceeds the limit, as in `refine`; here that is the greatest phase by which it bulges, and
-a facet may bulge a good deal, since its integral knows of it (docs/physics.md, eq. 30).
+Edges are split while a facet's phase sagitta exceeds the limit, as in `refine`; here that is the greatest phase by which a facet
+bulges, and it may bulge a good deal, since its integral knows of it (docs/physics.md, eq. 30). Both facets beside an edge split it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from t2d_rt.geometry.loop import control_points, surface_rows
 from t2d_rt.geometry.refine import Refinement
-from t2d_rt.geometry.subdivide import Csr, topology, too_many_faces
-from t2d_rt.geometry.vectors import edge_cross, lengths
+from t2d_rt.geometry.subdivide import Csr, too_many_faces, topology
+from t2d_rt.geometry.vectors import edge_cross, lengths, unit
 
 PARTS = 1 << 16
 """Barycentric coordinates are whole numbers that add up to this."""
@@ -25,14 +25,15 @@ MOST_LEVELS = 12
 """An edge is halved at most so often."""
 LEAST_SPLIT = 0.5
 """An edge of a facet that is split is split with it where its own sagitta exceeds this fraction of the limit."""
-_FOUR = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
-_SPLITS: dict[int, tuple[tuple[int, int, int], ...]] = {
-    1: ((0, 3, 2), (3, 1, 2)),
-    2: ((3, 1, 4), (0, 3, 4), (0, 4, 2)),
-    3: ((3, 1, 4), (3, 4, 2), (0, 3, 2)),
-    4: _FOUR,
-}
-"""Triangles by code: corners 0, 1, 2, middles 3 of edge 01, 4 of 12, 5 of 20. Split are one edge, two by either diagonal, three."""
+_SPLITS = (
+    ((0, 1, 2),),
+    ((0, 3, 2), (3, 1, 2)),
+    ((3, 1, 4), (0, 3, 4), (0, 4, 2)),
+    ((3, 1, 4), (3, 4, 2), (0, 3, 2)),
+    ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+)
+"""Triangles by code: corners 0, 1, 2, middles 3 of edge 01, 4 of 12, 5 of 20. Split is no edge, one, two (by either diagonal), or
+three."""
 
 
 def curved_refinements(
@@ -43,10 +44,14 @@ def curved_refinements(
     range_m: float,
     sagittas_rad: Sequence[float | np.ndarray],
     max_faces: int,
+    max_edge_m: float = math.inf,
 ) -> list[Refinement]:
-    """Curved facets of a closed mesh (V, 3), (F, 3) for each limit, one number or one per vertex (V,)."""
+    """Curved facets of a closed mesh (V, 3), (F, 3) for each limit, one number or one per vertex (V,); edges are no longer than
+    `max_edge_m`."""
     surface = _Surface(np.asarray(rest, float), faces)
-    return [surface.refined(wavenumber, range_m, np.asarray(limit, float), max_faces) for limit in sagittas_rad]
+    return [
+        surface.refined(wavenumber, range_m, np.asarray(limit, float), max_faces, max_edge_m) for limit in sagittas_rad
+    ]
 
 
 class _Surface:
@@ -57,74 +62,117 @@ class _Surface:
         self.control = control_points(faces, len(rest))
         self.points = self.control @ rest
 
-    def refined(self, wavenumber: float, range_m: float, limit_rad: np.ndarray, max_faces: int) -> Refinement:
+    def refined(
+        self, wavenumber: float, range_m: float, limit_rad: np.ndarray, max_faces: int, max_edge_m: float
+    ) -> Refinement:
         """Facets for one limit."""
         count = len(self.mesh.faces)
         limits = np.broadcast_to(limit_rad, (len(self.points),))[self.mesh.faces]
         face, corners = np.arange(count), np.tile(PARTS * np.eye(3, dtype=np.int64), (count, 1, 1))
-        done = []
-        for level in range(MOST_LEVELS + 1):
-            rows, nodes, _ = self._nodes(face, corners)
-            places = (rows @ self.points)[nodes]
+        known = _Nodes(self)
+        for _ in range(MOST_LEVELS):
+            nodes = known.numbers(face, corners)
+            places = known.places[nodes]
             limit = (corners.mean(axis=1) / PARTS * limits[face]).sum(axis=1)
-            split = _split(edge_sagittas(places, wavenumber, range_m) / limit[:, None])
-            if level == MOST_LEVELS:
-                split[:] = False
-            stays = ~split.any(axis=1)
-            done.append((face[stays], corners[stays]))
-            face, corners = _children(face[~stays], corners[~stays], places[~stays], split[~stays])
-            if not len(face):
+            wanted = _split(_edge_sagittas(nodes, known.places, wavenumber, range_m) / limit[:, None])
+            wanted |= lengths(places[:, :3] - np.roll(places[:, :3], -1, axis=1)) > max_edge_m
+            flagged = np.zeros(len(known.places), bool)
+            flagged[nodes[:, 3:][wanted]] = True
+            split = flagged[nodes[:, 3:]]
+            if not split.any():
                 break
-            if sum(len(each) for each, _ in done) + len(face) > max_faces:
+            face, corners = _children(face, corners, places, split)
+            if len(face) > max_faces:
                 raise too_many_faces(len(face), max_faces)
-        face, corners = (np.concatenate(each) for each in zip(*done, strict=True))
-        rows, nodes, linear = self._nodes(face, corners)
+        used, nodes = np.unique(known.numbers(face, corners), return_inverse=True)
+        nodes = nodes.reshape(-1, 6).astype(np.int32)
+        operator, linear = known.rows(used)
         return Refinement(
-            operator=rows, faces=nodes[:, :3].astype(np.int32), middles=nodes[:, 3:].astype(np.int32),
-            base_face=face.astype(np.int32), linear=linear, control=self.control,
+            operator=operator, faces=nodes[:, :3], middles=nodes[:, 3:], base_face=face.astype(np.int32), linear=linear,
+            control=self.control,
         )  # fmt: skip
 
-    def _nodes(self, face: np.ndarray, corners: np.ndarray) -> tuple[Csr, np.ndarray, Csr]:
-        """Nodes of facets with `corners` (N, 3, 3) in faces (N,): rows of each node, once, on the control points; numbers (N, 6),
-        corners first; and rows that are linear within the faces."""
-        from scipy import sparse
-
-        six = np.concatenate([corners, (corners + np.roll(corners, -1, axis=1)) // 2], axis=1)
-        face, place = np.repeat(face, 6), six.reshape(-1, 3)
-        _, first, nodes = np.unique(self._keys(face, place), return_index=True, return_inverse=True)
-        face, weights = face[first], place[first] / PARTS
-        rows = surface_rows(self.mesh.faces, len(self.points), face, weights)
-        entries = weights.ravel(), self.mesh.faces[face].ravel(), 3 * np.arange(len(face) + 1)
-        linear = sparse.csr_matrix(entries, shape=(len(face), len(self.points)))
-        linear.eliminate_zeros()
-        return rows, nodes.reshape(-1, 6), linear
-
-    def _keys(self, face: np.ndarray, place: np.ndarray) -> np.ndarray:
+    def ids(self, face: np.ndarray, place: np.ndarray) -> np.ndarray:
         """A number for each place, the same from all faces that it lies in: of the vertex, edge or face, and where in it."""
         mesh, zeros = self.mesh, place == 0
         vertices, rows = mesh.faces[face], np.arange(len(face))
-        count = zeros.sum(axis=1)
-        corner = place.argmax(axis=1)
-        away = zeros.argmax(axis=1)
-        one, two = (away + 1) % 3, (away + 2) % 3
+        on_vertex, on_edge = (zeros.sum(axis=1) == n for n in (2, 1))
+        corner, beyond = place.argmax(axis=1), zeros.argmax(axis=1)
+        one, two = (beyond + 1) % 3, (beyond + 2) % 3
         smaller = np.where(vertices[rows, one] < vertices[rows, two], one, two)
         owner = np.select(
-            [count == 2, count == 1],
+            [on_vertex, on_edge],
             [vertices[rows, corner], mesh.vertex_count + mesh.face_edges[face, one]],
             mesh.vertex_count + len(mesh.edges) + face,
         )
-        along = np.select([count == 2, count == 1], [0, place[rows, smaller]], place[:, 0])
-        across = np.where(count == 0, place[:, 1], 0)
-        return (owner * (PARTS + 1) + along) * (PARTS + 1) + across
+        first = np.select([on_vertex, on_edge], [0, place[rows, smaller]], place[:, 0])
+        second = np.where(on_vertex | on_edge, 0, place[:, 1])
+        return (owner * (PARTS + 1) + first) * (PARTS + 1) + second
 
 
-def edge_sagittas(places: np.ndarray, wavenumber: float, range_m: float) -> np.ndarray:
-    """Phase sagittas q of edges 01, 12, 20 (N, 3) [rad] of facets' nodes (N, 6, 3), as in `refine`."""
-    corners, middles = places[:, :3], places[:, 3:]
+class _Nodes:
+    """Nodes on a surface, each evaluated once."""
+
+    def __init__(self, surface: _Surface) -> None:
+        self._surface = surface
+        self._ids = np.empty(0, np.int64)
+        self._numbers = np.empty(0, np.int64)
+        self._rows: list[tuple[Csr, Csr]] = []
+        self.places = np.empty((0, 3))
+        """At rest (N, 3)."""
+
+    def numbers(self, face: np.ndarray, corners: np.ndarray) -> np.ndarray:
+        """Numbers (N, 6) of the nodes of facets with `corners` (N, 3, 3) in faces (N,), corners first."""
+        six = _with_middles(corners).reshape(-1, 3)
+        face = np.repeat(face, 6)
+        ids, first, inverse = np.unique(self._surface.ids(face, six), return_index=True, return_inverse=True)
+        at = np.minimum(np.searchsorted(self._ids, ids), max(len(self._ids) - 1, 0))
+        new = np.ones(len(ids), bool) if not len(self._ids) else self._ids[at] != ids
+        if new.any():
+            self._add(ids[new], face[first[new]], six[first[new]])
+        return np.asarray(self._numbers[np.searchsorted(self._ids, ids)][inverse.reshape(-1, 6)])
+
+    def rows(self, numbers: np.ndarray) -> tuple[Csr, Csr]:
+        """Rows of some nodes on the control points, and rows that are linear within the faces."""
+        from scipy import sparse
+
+        operator, linear = (sparse.vstack(each, format="csr")[numbers] for each in zip(*self._rows, strict=True))
+        return operator, linear
+
+    def _add(self, ids: np.ndarray, face: np.ndarray, place: np.ndarray) -> None:
+        from scipy import sparse
+
+        surface, weights = self._surface, place / PARTS
+        faces, shape = surface.mesh.faces, (len(face), len(surface.points))
+        operator = surface_rows(faces, shape[1], face, weights)
+        linear = sparse.csr_matrix(
+            (weights.ravel(), faces[face].ravel(), 3 * np.arange(len(face) + 1)), shape, copy=True
+        )
+        linear.eliminate_zeros()
+        self._rows.append((operator, linear))
+        numbers = len(self.places) + np.arange(len(ids))
+        self.places = np.concatenate([self.places, operator @ surface.points])
+        ids, numbers = np.concatenate([self._ids, ids]), np.concatenate([self._numbers, numbers])
+        order = np.argsort(ids)
+        self._ids, self._numbers = ids[order], numbers[order]
+
+
+def _with_middles(corners: np.ndarray) -> np.ndarray:
+    """Corners (N, 3, 3) and the middles of their edges, (N, 6, 3)."""
+    return np.concatenate([corners, (corners + np.roll(corners, -1, axis=1)) // 2], axis=1)
+
+
+def _edge_sagittas(nodes: np.ndarray, places: np.ndarray, wavenumber: float, range_m: float) -> np.ndarray:
+    """Phase sagittas q of edges 01, 12, 20 (N, 3) [rad] of all facets, their nodes numbered (N, 6) and at `places`, as in `refine`.
+
+    Depth is along the surface's normal; that of a narrow facet would take its nodes' drift within the surface for curvature.
+    """
+    corners, middles = places[nodes[:, :3]], places[nodes[:, 3:]]
     ends = np.roll(corners, -1, axis=1)
-    normal = edge_cross(corners)
-    normal /= np.maximum(lengths(normal), 1e-300)[:, None]
-    depth = np.abs(np.einsum("nij,nj->ni", middles - (corners + ends) / 2, normal))
+    across = np.repeat(edge_cross(corners), 3, axis=0)
+    sums = np.stack([np.bincount(nodes[:, :3].ravel(), each, len(places)) for each in across.T], axis=1)[nodes[:, :3]]
+    normal = unit(unit(sums) + unit(np.roll(sums, -1, axis=1)))
+    depth = np.abs(np.einsum("nij,nij->ni", middles - (corners + ends) / 2, normal))
     return 2 * wavenumber / 6 * (8 * depth + ((ends - corners) ** 2).sum(axis=2) / range_m)
 
 
@@ -136,23 +184,15 @@ def _split(sagitta: np.ndarray) -> np.ndarray:
 def _children(
     face: np.ndarray, corners: np.ndarray, places: np.ndarray, split: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Facets that others fall into by their split edges (N, 3), which are some, all nodes' `places` known (N, 6, 3)."""
+    """Facets that others (N,), (N, 3, 3) fall into by their split edges (N, 3); nodes are at `places` (N, 6, 3)."""
     rows, count = np.arange(len(face))[:, None], split.sum(axis=1)
     # Corners are turned so that the split edges come first: one split edge at 0, two at 0 and 1.
     first = np.where(count == 1, split.argmax(axis=1), np.where(count == 2, (split.argmin(axis=1) + 1) % 3, 0))
     order = (first[:, None] + np.arange(3)) % 3
-    corners, places = corners[rows, order], places[rows, np.concatenate([order, 3 + order], axis=1)]
+    nodes, places = _with_middles(corners[rows, order]), places[rows, np.concatenate([order, 3 + order], axis=1)]
     from_2 = lengths(places[:, 3] - places[:, 2]) < lengths(places[:, 4] - places[:, 0])
-    case = np.select([count == 1, count == 3, from_2], [1, 4, 3], 2)
-    six = np.concatenate([corners, (corners + np.roll(corners, -1, axis=1)) // 2], axis=1)
-    made = [
-        (pick, codes)
-        for kind, all_of in _SPLITS.items()
-        if len(pick := np.flatnonzero(case == kind))
-        for codes in all_of
-    ]
-    if not made:
-        return face[:0], corners[:0]
+    case = np.select([count < 2, count == 3, from_2], [count, 4, 3], 2)
+    made = [(np.flatnonzero(case == kind), codes) for kind, all_of in enumerate(_SPLITS) for codes in all_of]
     return np.concatenate([face[pick] for pick, _ in made]), np.concatenate(
-        [six[pick][:, codes] for pick, codes in made]
+        [nodes[pick][:, codes] for pick, codes in made]
     )

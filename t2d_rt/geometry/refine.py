@@ -26,8 +26,8 @@ import numpy as np
 from t2d_rt.errors import InputError
 from t2d_rt.geometry.conforming import displacement, final_faces, grade, tree_masks
 from t2d_rt.geometry.levels import Level, build_levels, edge_depths
-from t2d_rt.geometry.vectors import edge_cross, lengths, unit
 from t2d_rt.geometry.subdivide import Csr, crease_corners, midpoints, sharp_edges, topology
+from t2d_rt.geometry.vectors import edge_cross, lengths, unit
 
 KEPT_CURVATURES = 8
 _curvatures: OrderedDict[tuple[object, ...], np.ndarray] = OrderedDict()
@@ -86,10 +86,10 @@ class Refinement:
             shape=(count, nodes),
         )
         area = np.repeat(lengths(edge_cross(self.at(vertices)[self.faces])), 3)
-        share = area / np.bincount(faces.ravel(), weights=area)[faces.ravel()]
-        around = sparse.csr_matrix((share, (faces.ravel(), np.repeat(np.arange(count), 3))), shape=(len(used), count))
+        fraction = area / np.bincount(faces.ravel(), weights=area)[faces.ravel()]
+        mean = sparse.csr_matrix((fraction, (faces.ravel(), np.repeat(np.arange(count), 3))), shape=(len(used), count))
         return replace(
-            self, operator=self.operator[used] + around @ (depth @ self.operator), linear=self.linear[used],
+            self, operator=self.operator[used] + mean @ (depth @ self.operator), linear=self.linear[used],
             faces=faces.astype(np.int32), middles=None,
         )  # fmt: skip
 

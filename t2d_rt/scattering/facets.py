@@ -23,7 +23,6 @@ from t2d_rt.scattering.lanes import (
     norm,
     plus,
     scaled,
-    triangle_normal,
 )
 from t2d_rt.scattering.patches import Patches
 from t2d_rt.scattering.phase_integral import SERIES_TERMS, Integrals, Ops, Parts
@@ -169,7 +168,7 @@ def _flat(
     integrals: Integrals,
 ) -> tuple[Parts, Parts]:
     """Obliquity times phase integral over R^2 of a flat facet, and its derivative."""
-    normal, doubled_area = triangle_normal(corners, at)
+    normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]))
     lines_of_sight = [minus(antenna, combined(corners, THIRDS)) for antenna in antennas]
     ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]
     projected = [dot(normal, s) / d for s, d in zip(lines_of_sight, ranges, strict=True)]

@@ -38,10 +38,10 @@ from validation.report import Check, Section, new_figure, save_chart
 
 MEASURED = Path(__file__).with_name("laws.json")
 JACKS, SHORT = "14_14_jumping_jacks.bvh", "momask_22j_120frames.bvh"
-SCALES = tuple(math.sqrt(COARSER) ** n for n in range(-2, 6))
+SCALES = tuple(math.sqrt(COARSER) ** n for n in range(-3, 5))
 """Of the meshes' own phase sagitta; each third one is `COARSER` times the first."""
 SMOOTH_SCALES = tuple(math.sqrt(COARSER) ** n for n in range(8))
-FINEST, SMOOTH_FINEST = 0.2, 0.25
+FINEST, SMOOTH_FINEST = 0.1, 0.25
 SMOOTH_SAGITTA_RAD = 0.07
 CHIRPS, ROOM_CHIRPS = 24, 10
 FINER_SHADOWS = 0.4

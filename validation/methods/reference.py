@@ -18,18 +18,20 @@ import numpy as np
 from t2d_rt.accuracy import nmse_db
 from t2d_rt.backend import Backend, select
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.geometry import Refinement, point_spacing, refine, surface_points
+from t2d_rt.geometry import Refinement, point_spacing, surface_points
 from t2d_rt.path_fields import field_over
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.propagation.surroundings import polarization, probes, radar_paths
 from t2d_rt.room import probed
+from t2d_rt.scattering.curved_integral import curved_integrals
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
 from t2d_rt.scattering.patches import least_range_m
 from t2d_rt.scattering.paths import ranked_pairs
-from t2d_rt.scattering.phase_integral import SERIES_TERMS, divided_differences
-from t2d_rt.scattering.refinement import POINT_SAGITTA_RAD
+from t2d_rt.scattering.phase_integral import SERIES_TERMS
+from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD
+from t2d_rt.scattering.refinement import refined as facets_of
 from t2d_rt.types import Material, MovingMesh, OneWayPath, PathPair, Radar, Scene
 
 __all__ = ["Converged", "nmse_db", "reference_samples", "refined"]
@@ -38,6 +40,10 @@ MINOR_DB, MINOR_SAGITTA_RAD = -15.0, 0.12
 """Path pairs that much weaker than the strongest one, in the mean over the target, are summed over coarser facets."""
 LIFT_M = 2e-3
 """Rays start that far off the surface, along its normal and ahead."""
+CURVED_SCALE = 4.0
+"""Curved facets need be no finer than of so many times the phase sagitta of flat ones."""
+AHEAD = 0.3
+"""Cosine by which a facet may look away and yet have a lit corner, if it is curved, or be lit within the chirp."""
 HORIZON = 0.1
 """Cosine beyond which a vertex is too far round to belong to a lit facet."""
 
@@ -68,8 +74,11 @@ def reference_samples(
     or in a scene, whose own echoes are left out."""
     dominant, minor, blockage = _path_pairs(surface, radar, how.scene, how.reflections, how.dynamic_range_db)
     points = _points(surface, radar, how.seed)
+    scale = CURVED_SCALE if surface.curved else 1.0
     parts = [
-        _Part.of(pairs, refined(surface, radar, sagitta), points, how.material, radar, how.occlusion)
+        _Part.of(
+            pairs, refined(surface, radar, scale * np.asarray(sagitta)), points, how.material, radar, how.occlusion
+        )
         for pairs, sagitta in ((dominant, how.sagitta_rad), (minor, how.minor_sagitta_rad))
         if pairs
     ]
@@ -86,14 +95,10 @@ def reference_samples(
 
 
 def refined(surface: MovingMesh, radar: Radar, sagitta_rad: float | np.ndarray) -> Refinement:
-    return refine(
-        surface.rest,
-        surface.faces,
-        wavenumber=2 * math.pi / radar.wavelength_m,
-        range_m=least_range_m(surface, [(radar.tx_position_m, radar.rx_position_m)], surface.times_s),
-        sagitta_rad=sagitta_rad,
-        crease_deg=surface.crease_deg,
-    )
+    """Facets of that phase sagitta."""
+    wavenumber = 2 * math.pi / radar.wavelength_m
+    range_m = least_range_m(surface, [(radar.tx_position_m, radar.rx_position_m)], surface.times_s)
+    return facets_of(surface, wavenumber, range_m, [sagitta_rad], MOST_FACETS)[0]
 
 
 # --- paths ---
@@ -184,7 +189,7 @@ class _Part:
 
     def samples(self, instant: _Instant) -> np.ndarray:
         """Of one chirp (samples,)."""
-        start, moving = self.fine.operator @ instant.cage, self.fine.operator @ instant.velocity
+        start, moving = self.fine.at(instant.cage), self.fine.at(instant.velocity)
         at, at_velocity, point_normal = (
             self.points.place(instant.cage), self.points.place(instant.velocity), self.points.normals(instant.cage),
         )  # fmt: skip
@@ -206,14 +211,14 @@ class _Part:
                 visibilities[id(pair.out)],
                 visibilities[id(pair.back)],
             )
-            faces = self.fine.faces[facing & facing_back]
+            nodes = self.fine.nodes[facing & facing_back]
             weights = instant.weights(pair)
-            if not weights.any() or not len(faces):
+            if not weights.any() or not len(nodes):
                 continue
             for k, (_, places, frequency) in enumerate(now):
                 weight = (self.fine.linear @ weights[k]) * visible * visibility_back
                 out[k] += (
-                    math.sqrt(1 - rough**2) * np.conj(gamma) * self._facets(vertices[k], faces, weight, pair, frequency)
+                    math.sqrt(1 - rough**2) * np.conj(gamma) * self._facets(vertices[k], nodes, weight, pair, frequency)
                 )
                 if rough > 0:
                     weight = self.points.carried(weights[k]) * points_visibility * points_back
@@ -233,40 +238,47 @@ class _Part:
         return [self.backend.lanes(vertices[:, axis], self.backend.Float64) for axis in range(3)]
 
     def _facets(
-        self, vertices: list[Any], faces: np.ndarray, weight: np.ndarray, pair: PathPair, frequency: float
+        self, vertices: list[Any], nodes: np.ndarray, weight: np.ndarray, pair: PathPair, frequency: float
     ) -> complex:
-        """-(j sqrt(4 pi)/lambda) sum w (n.r) I_f/(R_out R_back), n.r half the sum of the cosines, with the residual video phase of
-        each facet's delay; Gamma left out."""
+        """-(j sqrt(4 pi)/lambda) sum w integral of (n.r) exp(..)/(R_out R_back), n.r half the sum of the cosines, with the residual
+        video phase of each facet's delay; Gamma left out. Flat facets are curved ones that do not bulge."""
         import drjit as dr
 
         Float64 = self.backend.Float64
-        real, imag = (self.backend.lanes(part, Float64) for part in (weight.real, weight.imag))
-        corners = [self.backend.lanes(faces[:, i]) for i in range(3)]
         images = [[dr.opaque(Float64, float(x)) for x in path.image_m] for path in (pair.out, pair.back)]
-        a, b, c = ([dr.gather(Float64, axis, corner) for axis in vertices] for corner in corners)
-        centroid = [(x + y + z) / 3 for x, y, z in zip(a, b, c, strict=True)]
-        normal = _cross(_minus(b, a), _minus(c, a))  # 2 A long
-        obliquity, spread, lit = 0.0, 1.0, True
-        for image in images:
-            line_of_sight = _minus(image, centroid)
-            distance = dr.sqrt(_inner(line_of_sight, line_of_sight))
-            projected = _inner(normal, line_of_sight) / distance
-            obliquity, spread, lit = obliquity + projected / 2, spread * distance, lit & (projected > 0)
-        scale = dr.select(lit, obliquity / spread, 0)
-        delay_s = dr.opaque(Float64, pair.delay_s)
+        columns = [self.backend.lanes(column) for column in nodes.T]
+        places = [[dr.gather(Float64, axis, column) for axis in vertices] for column in columns]
+        corners, centroid = places[:3], [sum(each) / 3 for each in zip(*places[:3], strict=True)]
         path = _path(centroid, images)
         wavenumber = dr.opaque(Float64, 2 * math.pi * frequency / SPEED_OF_LIGHT)
-        phases = [wavenumber * (_path(corner, images) - path) for corner in (a, b, c)]
+        phases = [wavenumber * (_path(place, images) - path) for place in places]
+        bulges, bubbles = [[0.0] * 3] * 3, [dr.zeros(Float64, len(nodes))] * 3
+        if len(places) == 6:
+            sides = [(places[3 + i], corners[i], corners[(i + 1) % 3]) for i in range(3)]
+            bulges = [[4 * m - 2 * (a + b) for m, a, b in zip(*side, strict=True)] for side in sides]
+            bubbles = [4 * phases[3 + i] - 2 * (phases[i] + phases[(i + 1) % 3]) for i in range(3)]
+        amplitudes = []
+        for i, corner in enumerate(corners):
+            ahead = [x + y for x, y in zip(_minus(corners[(i + 1) % 3], corner), bulges[i], strict=True)]
+            back = [x + y for x, y in zip(_minus(corners[i - 1], corner), bulges[i - 1], strict=True)]
+            normal, obliquity, spread, lit = _cross(ahead, back), 0.0, 1.0, True
+            for image in images:
+                line_of_sight = _minus(image, corner)
+                distance = dr.sqrt(_inner(line_of_sight, line_of_sight))
+                projected = _inner(normal, line_of_sight) / distance
+                obliquity, spread, lit = obliquity + projected / 2, spread * distance, lit & (projected > 0)
+            amplitudes.append(dr.select(lit, obliquity / spread, 0))
         ops = SimpleNamespace(minimum=dr.minimum, maximum=dr.maximum, where=dr.select, sincos=dr.sincos, fma=dr.fma)
-        (x, y), _ = divided_differences(*phases, ops=ops, terms=SERIES_TERMS[8])
-        delay = path / SPEED_OF_LIGHT + delay_s
+        (x, y), _ = curved_integrals(phases[:3], amplitudes, bubbles, ops=ops, terms=SERIES_TERMS[8], order=2)
+        delay = path / SPEED_OF_LIGHT + dr.opaque(Float64, pair.delay_s)
         cycles = (
             dr.opaque(Float64, frequency) * delay - dr.opaque(Float64, self.radar.slope_hz_per_s / 2) * delay * delay
         )
         sin, cos = dr.sincos(2 * math.pi * (cycles - dr.floor(cycles)))
         x, y = x * cos - y * sin, x * sin + y * cos
-        u, v = (sum(dr.gather(Float64, part, corner) for corner in corners) / 3 for part in (real, imag))
-        total = dr.sum(scale * (x * u - y * v)), dr.sum(scale * (x * v + y * u))
+        real, imag = (self.backend.lanes(part, Float64) for part in (weight.real, weight.imag))
+        u, v = (sum(dr.gather(Float64, part, corner) for corner in columns[:3]) / 3 for part in (real, imag))
+        total = dr.sum(x * u - y * v), dr.sum(x * v + y * u)
         dr.eval(total)
         factor = -1j * math.sqrt(4 * math.pi) / (SPEED_OF_LIGHT / frequency) * self.radar.link_amplitude
         return factor * complex(total[0][0], total[1][0])
@@ -323,16 +335,17 @@ class _View:
         self._scene = self._mi.load_dict({"type": "scene", "body": mitsuba_mesh(self._mi, vertices, faces)})
 
     def facing(self, place: np.ndarray) -> np.ndarray:
-        """Which faces look there, or just past, as may change within a chirp, bool (F,)."""
+        """Which faces look there, or just past, bool (F,)."""
         line_of_sight = place - self._middle
         size = np.sqrt(_dot(self._across, self._across) * _dot(line_of_sight, line_of_sight))
-        return _dot(self._across, line_of_sight) > -0.02 * size
+        return _dot(self._across, line_of_sight) > -AHEAD * size
 
     def visible(self, points: np.ndarray, normals: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Whether nothing of the mesh stands between points on it (Q, 3) and a place, 0 or 1 (Q,)."""
         mi, line_of_sight = self._mi, place - points
         ahead = line_of_sight / np.linalg.norm(line_of_sight, axis=1, keepdims=True)
-        visible = _dot(ahead, normals) > -HORIZON
+        # Only corners of facets have a normal.
+        visible = (_dot(ahead, normals) > -HORIZON) & normals.any(axis=1)
         origin = points[visible] + LIFT_M * (ahead[visible] + normals[visible])
         ray = mi.Ray3f(mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, ahead[visible])))
         ray.maxt = mi.Float(np.inf)
@@ -344,7 +357,8 @@ class _Points:
     """The diffuse realisation that a seed stands for, on the carrier on which it is defined."""
 
     def __init__(self, rest: np.ndarray, carrier: Refinement, seed: int) -> None:
-        vertices = carrier.operator @ rest
+        carrier = carrier.flattened(rest)
+        vertices = carrier.at(rest)
         a, b, c = (vertices[carrier.faces[:, i]] for i in range(3))
         area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
         spread = surface_points(vertices, carrier.faces, seed=seed, spacing_m=point_spacing(area, POINTS_PER_MESH))
@@ -354,7 +368,7 @@ class _Points:
 
     def place(self, cage: np.ndarray) -> np.ndarray:
         """Positions (Q, 3), linear in the cage's."""
-        return np.einsum("qi,qij->qj", self.weights, (self.carrier.operator @ cage)[self.faces])
+        return np.einsum("qi,qij->qj", self.weights, self.carrier.at(cage)[self.faces])
 
     def carried(self, field: np.ndarray) -> np.ndarray:
         """A field of the cage's vertices (V,), linear from these to the points (Q,)."""
@@ -362,7 +376,7 @@ class _Points:
 
     def normals(self, cage: np.ndarray) -> np.ndarray:
         """Unit normals (Q, 3)."""
-        corners = (self.carrier.operator @ cage)[self.faces]
+        corners = self.carrier.at(cage)[self.faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 

@@ -64,7 +64,7 @@ def run() -> Section:
 def mean_edge(surface: MovingMesh, radar: Radar, sagitta_rad: float) -> tuple[int, float]:
     """Facets and their mean edge at rest [m], each weighted by its facet's area."""
     fine = refined(surface, radar, sagitta_rad)
-    corners = (fine.operator @ surface.rest)[fine.faces]
+    corners = fine.at(surface.rest)[fine.faces]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     return len(fine.faces), float(np.average(sides.mean(axis=1), weights=area))

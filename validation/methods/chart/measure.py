@@ -14,16 +14,14 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.compare import envelope
-from t2d_rt.geometry import refine
 from t2d_rt.model import sagitta_rad
 from t2d_rt.result import Recording
 from t2d_rt.scattering import points, refinement
-from t2d_rt.scattering.patches import least_range_m
 from t2d_rt.scattering.refinement import facets
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation.bodies import random_chirps
 from validation.methods.kept import CACHE, kept_samples
-from validation.methods.reference import Converged, nmse_db
+from validation.methods.reference import Converged, nmse_db, refined
 
 SAMPLES = np.array([20, 128, 236])
 REFERENCE_RAD, ROOM_REFERENCE_RAD, MINOR_RAD = 0.08, 0.12, 0.3
@@ -65,19 +63,13 @@ class Case:
     @cached_property
     def refined(self) -> MovingMesh:
         """The facets of the default setting as a mesh of their own, which is refined no further."""
-        surface, radar = self.surface, self.radar
-        range_m = least_range_m(surface, [(radar.tx_position_m, radar.rx_position_m)], surface.times_s)
-        fine = refine(
-            surface.rest, surface.faces, wavenumber=2 * np.pi / radar.wavelength_m, range_m=range_m,
-            sagitta_rad=surface.sagitta_rad, crease_deg=surface.crease_deg,
-        )  # fmt: skip
+        fine = refined(self.surface, self.radar, self.surface.sagitta_rad).flattened(self.surface.rest)
 
         def vertices(times_s: np.ndarray) -> np.ndarray:
-            columns = surface.at(times_s).transpose(1, 0, 2).reshape(len(surface.rest), -1)
-            return np.asarray((fine.operator @ columns).reshape(-1, len(times_s), 3).transpose(1, 0, 2))
+            return np.stack([fine.at(each) for each in self.surface.at(times_s)])
 
         return MovingMesh.from_track(
-            vertices, fine.faces, surface.times_s, rest=fine.operator @ surface.rest, crease_deg=0, sagitta_rad=FLAT
+            vertices, fine.faces, self.surface.times_s, rest=fine.at(self.surface.rest), crease_deg=0, sagitta_rad=FLAT
         )
 
     @cached_property

@@ -83,7 +83,7 @@ def _seconds_per_chirp(case: Case, edge_m: float) -> float:
     taken = []
     for start_s in surface.times_s[0] + radar.chirp_times_s(surface.duration_s)[case.chirps[: FLOAT64_CHIRPS + 1]]:
         begin = time.perf_counter()
-        vertices = Float64((fine.operator @ surface.at(np.array([start_s]))[0] - radar.tx_position_m).ravel())
+        vertices = Float64((fine.at(surface.at(np.array([start_s]))[0]) - radar.tx_position_m).ravel())
         a, b, c = (dr.gather(Array3, vertices, place) for place in corner)
         middle, across = (a + b + c) / 3, dr.cross(b - a, c - a)
         squared = dr.dot(middle, middle)

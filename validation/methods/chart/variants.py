@@ -10,7 +10,7 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.accuracy import Wanted
 from t2d_rt.experiment import Experiment
-from t2d_rt.geometry import Refinement, Tessellation, refine
+from t2d_rt.geometry import Refinement, curved_refinements
 from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
 from t2d_rt.result import Recording
 from t2d_rt.scattering.mesh import FacetMethod
@@ -32,7 +32,7 @@ def one_point_each(case: Case, edge_m: float | None) -> Recording:
     None: the default's facets.
     """
     if edge_m is None:
-        return _by(case, facet_method=FacetMethod(integrals=one_point))
+        return _by(case, facet_method=FacetMethod(refine=flat, integrals=one_point))
 
     def cut(
         surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Any], max_facets: int
@@ -45,6 +45,13 @@ def one_point_each(case: Case, edge_m: float | None) -> Recording:
     found = _by(case, facet_method=FacetMethod(refine=cut, integrals=one_point))
     found.settings["facets"] = max(len(each.faces) for each in _cuts.values())
     return found
+
+
+def flat(
+    surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Any], max_facets: int
+) -> list[Refinement]:
+    """The default's facets without their bulge."""
+    return [each.flattened(surface.rest) for each in refined(surface, wavenumber, range_m, sagittas_rad, max_facets)]
 
 
 def _by(case: Case, **others: Any) -> Recording:
@@ -62,10 +69,11 @@ def cut_to(surface: MovingMesh, edge_m: float, wavenumber: float, range_m: float
     key = edge_m, surface.rest.tobytes(), range_m
     if key not in _cuts:
         _cuts.clear()  # these are large
-        _cuts[key] = refine(
-            surface.rest, surface.faces, wavenumber=wavenumber, range_m=range_m, sagitta_rad=FLAT,
-            tessellation=Tessellation(max_edge_m=edge_m), crease_deg=surface.crease_deg, max_faces=20_000_000,
+        (cut,) = curved_refinements(
+            surface.rest, surface.faces, wavenumber=wavenumber, range_m=range_m, sagittas_rad=[FLAT],
+            max_edge_m=edge_m, max_faces=20_000_000,
         )  # fmt: skip
+        _cuts[key] = cut.flattened(surface.rest)
     return _cuts[key]
 
 
