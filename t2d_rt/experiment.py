@@ -100,6 +100,7 @@ class MeshArrays(_Plain):
     """`vertices`, `faces`, `times_s` and `sagitta_rad`."""
     material: Substance
     crease_deg: Number
+    curved: bool = False
     name: str
 
 
@@ -311,7 +312,13 @@ def _source(target: TargetLike, store: Store) -> Any:
     if isinstance(target, MovingMesh):
         sagitta = np.asarray(target.sagitta_rad, float)
         key = store.keep(**made.arguments, faces=target.faces, times_s=target.times_s, sagitta_rad=sagitta)
-        return MeshArrays(input=key, material=target.material, crease_deg=float(target.crease_deg), name=target.name)
+        return MeshArrays(
+            input=key,
+            material=target.material,
+            crease_deg=float(target.crease_deg),
+            curved=target.curved,
+            name=target.name,
+        )
     key = store.keep(**made.arguments, semi_axes_m=target.semi_axes_m, times_s=target.times_s)
     return EllipsoidArrays(input=key, material=target.material, names=target.names)
 
@@ -341,7 +348,7 @@ def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> T
         sagitta = arrays["sagitta_rad"]
         return MovingMesh(
             arrays["vertices"], arrays["faces"], arrays["times_s"], source.material, crease_deg=source.crease_deg,
-            sagitta_rad=sagitta if sagitta.ndim else float(sagitta), name=source.name,
+            sagitta_rad=sagitta if sagitta.ndim else float(sagitta), curved=source.curved, name=source.name,
         )  # fmt: skip
     if isinstance(source, EllipsoidArrays):
         arrays = named_arrays(inputs, source.input, ("semi_axes_m", "centres", "axes", "times_s"))

@@ -76,8 +76,8 @@ class Accuracy(Fields):
     written: ClassVar[Mapping[str, str]] = {"tiers": "a list of mappings, as in [{level_db: -6}, {level_db: -200}]"}
 
     sagitta_rad: Annotated[Number, Field(ge=0.01, le=10)] | None = None
-    """Greatest phase sagitta of a facet [rad], in place of each mesh's own (0.3 for a body at a radius of 0.1 m, 0.07 for others);
-    0.25 gives -22 dB of field error, 0.07 gives 0.3 dB of RCS. The number of facets goes with its inverse."""
+    """Greatest phase sagitta of a facet [rad], in place of each mesh's own (1.45 for a body at a radius of 0.1 m, whose facets are
+    curved, 0.07 for the flat ones of others, which gives 0.3 dB of RCS). The number of facets goes with its inverse."""
     sagitta_scale: Scale = 1.0
     """Factor on that phase sagitta."""
     surface_rate_hz: Rate | None = None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from t2d_rt.checks import LARGEST_M, array, call, check_shape, number, numeric, shown, text
+from t2d_rt.checks import LARGEST_M, array, call, check_shape, flag, number, numeric, shown, text
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.types.material import Material, checked_material
@@ -54,8 +54,10 @@ class MovingMesh:
 
     Between the given times the vertices follow a C2 cubic spline. Triangles are samples of a curved surface: edges bent by
     less than `crease_deg` are smooth, sharper ones (a box's) stay edges; 0 takes every triangle as flat as it is.
-    Echo models refine them to a phase sagitta of `sagitta_rad`, one number or one per vertex: 0.07 gives 0.3 dB of RCS for
-    canonical targets, 0.25 a field NMSE of -22 dB for a body (docs/physics.md, eq. 5).
+    Echo models refine them to flat facets of a phase sagitta of `sagitta_rad`, one number or one per vertex: 0.07 gives 0.3 dB of
+    RCS for canonical targets (docs/physics.md, eq. 5). A closed mesh without edges may have `curved` facets instead, as a body
+    has, on Loop's surface, which passes through its vertices but for their roughness, whatever `crease_deg`: a few of up to 2 rad
+    do for many flat ones (eq. 30).
     """
 
     rest: np.ndarray
@@ -68,7 +70,7 @@ class MovingMesh:
     crease_deg: float
     sagitta_rad: float | np.ndarray
     curved: bool
-    """Whether facets are curved ones on a surface without creases; meshes of the user have flat ones."""
+    """Whether facets are curved ones on a smooth surface, as a body's are."""
     name: str
     track: Track = field(repr=False)
     """The vertices as a function of time."""
@@ -86,6 +88,7 @@ class MovingMesh:
         *,
         crease_deg: float = 45.0,
         sagitta_rad: float | np.ndarray = 0.07,
+        curved: bool = False,
         name: str = "mesh",
     ) -> None:
         times_s, name = checked_times(times_s), text("name", name)
@@ -94,10 +97,8 @@ class MovingMesh:
         if not vertices.shape[1]:
             raise InputError(f"vertices of {name} must hold at least 3 vertices, got none")
         made = Made("arrays", {"vertices": vertices})
-        self._fill(name, vertices[0], faces, material, crease_deg, sagitta_rad)
-        set_fields(
-            self, name=name, times_s=times_s, track=spline(times_s, vertices), made=made, period_s=None, curved=False
-        )
+        self._fill(name, vertices[0], faces, material, crease_deg, sagitta_rad, curved)
+        set_fields(self, name=name, times_s=times_s, track=spline(times_s, vertices), made=made, period_s=None)
 
     @classmethod
     def from_track(
@@ -110,25 +111,23 @@ class MovingMesh:
         rest: np.ndarray | None = None,
         crease_deg: float = 45.0,
         sagitta_rad: float | np.ndarray = 0.07,
+        curved: bool = False,
         name: str = "mesh",
         made: Made | None = None,
         period_s: float | None = None,
-        curved: bool = False,
     ) -> MovingMesh:
         """A mesh whose vertices are computed when asked for: `track` gives (K, V, 3) at times (K,) within `times_s`.
 
         `rest` (V, 3) is the pose in which curvature is measured and diffuse points are spread; the first frame by default.
         `made` tells how `track` was made, where it can be made again. After each `period_s` the mesh is in the same place again;
-        one that rotates fast is then computed for a few periods only. `curved`: facets follow a smooth surface, Loop's, which
-        passes through the vertices of a closed mesh but for its finest detail, whatever the creases.
+        one that rotates fast is then computed for a few periods only.
         """
         mesh = cls.__new__(cls)
         times_s, name = checked_times(times_s), text("name", name)
         call("track", track, "a function from times (K,) to vertices (K, V, 3)")
         first = np.asarray(_positions(track, times_s[:1], None, name)[0], float)
         rest = first if rest is None else array("rest", rest, first.shape, limit=LARGEST_M, unit="m")
-        mesh._fill(name, rest, faces, material, crease_deg, sagitta_rad)
-        set_fields(mesh, curved=bool(curved))
+        mesh._fill(name, rest, faces, material, crease_deg, sagitta_rad, curved)
         if period_s is not None:
             period_s = number("period_s", period_s, 1e-6, 1e6, unit="s")
             _check_period(track, times_s, len(rest), period_s, name)
@@ -143,9 +142,10 @@ class MovingMesh:
         material: str | Material,
         crease_deg: float,
         sagitta_rad: float | np.ndarray,
+        curved: bool,
     ) -> None:
         faces = numeric(f"faces of {name}", faces)
-        _check_faces(faces, len(rest), name)
+        _check_faces(faces, len(rest), name, curved)
         _check_side(rest[faces], name)
         hint = f"one number or one per vertex ({len(rest)},), {SAGITTA_RAD[0]:g}..{SAGITTA_RAD[1]:g} rad"
         sagitta = array(f"sagitta_rad of {name}", sagitta_rad, hint=hint)
@@ -161,6 +161,7 @@ class MovingMesh:
             material=checked_material(material),
             crease_deg=number("crease_deg", crease_deg, 0, 180, hint="180 makes all edges smooth, 0 none"),
             sagitta_rad=sagitta_rad,
+            curved=flag("curved", curved),
         )
 
     @property
@@ -241,7 +242,7 @@ def _check_period(track: Track, times_s: np.ndarray, count: int, period_s: float
         )
 
 
-def _check_faces(faces: np.ndarray, vertex_count: int, name: str) -> None:
+def _check_faces(faces: np.ndarray, vertex_count: int, name: str, curved: bool) -> None:
     if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
         raise InputError(f"faces of {name} must have shape (face, 3) with at least one face, got {faces.shape}")
     if not np.issubdtype(faces.dtype, np.integer):
@@ -256,6 +257,11 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str) -> None:
         )
     start, end = faces.astype(np.int64), np.roll(faces, -1, axis=1).astype(np.int64)
     _, counts = np.unique(np.minimum(start, end) * vertex_count + np.maximum(start, end), return_counts=True)
+    if curved and not (counts == 2).all():
+        raise InputError(
+            f"{name} must be watertight to have curved facets, got {np.count_nonzero(counts != 2)} of {len(counts)} edges that do "
+            "not join two faces; merge its vertices (trimesh: merge_vertices), or leave curved out"
+        )
     if not (counts == 2).all():
         warnings.warn(
             f"{name} is not watertight ({np.count_nonzero(counts != 2)} of {len(counts)} edges do not join two faces): "

@@ -108,7 +108,7 @@ def _gliding() -> MovingMesh:
     times = np.array([0.0, 1.0])
     track = moving.at(times[:1])[0] - GLIDE_MPS * times[:, None, None] * [1.0, 0, 0]
     return MovingMesh(
-        track, moving.faces, times, "skin", crease_deg=moving.crease_deg, sagitta_rad=moving.sagitta_rad, name="glider"
+        track, moving.faces, times, "skin", sagitta_rad=moving.sagitta_rad, curved=moving.curved, name="glider"
     )
 
 

@@ -146,7 +146,7 @@ def _alone() -> list[Check]:
     checks = []
     moving = walking(2.5, 2.52)
     body = _static(
-        moving.at(moving.times_s[:1])[0], moving.faces, 0.02, crease_deg=moving.crease_deg, sagitta_rad=moving.sagitta_rad
+        moving.at(moving.times_s[:1])[0], moving.faces, 0.02, sagitta_rad=moving.sagitta_rad, curved=moving.curved
     )  # fmt: skip
     for preset in ("array-3x4", "imaging-12x16"):
         radar = Radar.preset(preset)

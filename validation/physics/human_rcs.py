@@ -160,7 +160,7 @@ def _from_cubes(radar: Radar) -> float:
     for pose in turning.vertices:
         static = MovingMesh.from_track(
             partial(_unmoved, pose), body.faces, TIMES_S, "skin",
-            rest=turning.rest, sagitta_rad=body.sagitta_rad, crease_deg=body.crease_deg,
+            rest=turning.rest, sagitta_rad=body.sagitta_rad, curved=True,
         )  # fmt: skip
         middle = t2d.simulate(static, radar=radar).cube[0, 0, radar.samples // 2 - 1 : radar.samples // 2 + 1]
         power += float(np.sum(np.abs(middle) ** 2)) / radar.link_amplitude**2

@@ -107,7 +107,7 @@ def _static_body(radar: Radar) -> float:
         moving.faces,
         [0.0, 0.2],
         "skin",
-        crease_deg=moving.crease_deg,
+        curved=moving.curved,
         sagitta_rad=moving.sagitta_rad,
     )
     cube = t2d.simulate(static, radar=radar).cube.astype(np.complex128)

@@ -40,6 +40,7 @@ def on_turntable(
     *,
     sagitta_rad: float | np.ndarray = 0.07,
     crease_deg: float = 45.0,
+    curved: bool = False,
 ) -> MovingMesh:
     """A mesh (V, 3), turned about the vertical through `centre_m` to each of equally spaced angles, STEP_S apart."""
 
@@ -48,7 +49,7 @@ def on_turntable(
 
     times_s = STEP_S * np.arange(len(angles_rad))
     return MovingMesh.from_track(
-        track, faces, times_s, material, rest=vertices, sagitta_rad=sagitta_rad, crease_deg=crease_deg
+        track, faces, times_s, material, rest=vertices, sagitta_rad=sagitta_rad, crease_deg=crease_deg, curved=curved
     )
 
 
@@ -169,7 +170,6 @@ class Body:
     vertices: np.ndarray
     faces: np.ndarray
     sagitta_rad: float | np.ndarray
-    crease_deg: float
     segment: np.ndarray
     """Which segment each face belongs to, (F,)."""
     names: tuple[str, ...]
@@ -192,7 +192,6 @@ class Body:
             vertices=(skin.at(instant_s)[0] - pelvis) @ rotation.T,
             faces=skin.faces,
             sagitta_rad=skin.sagitta_rad,
-            crease_deg=skin.crease_deg,
             segment=segment_of_faces(fit(template("adult"), motion)),
             names=limbs.names,
             semi_axes_m=limbs.semi_axes_m,
@@ -204,7 +203,7 @@ class Body:
         """On a turntable `range_m` before a radar at x = 0; at 0 it faces the radar, at 90 degrees it shows its right side."""
         return on_turntable(
             self.vertices, self.faces, angles_rad, np.array([range_m, 0, 0]), material,
-            sagitta_rad=self.sagitta_rad, crease_deg=self.crease_deg,
+            sagitta_rad=self.sagitta_rad, curved=True,
         )  # fmt: skip
 
     def ellipsoids(self, angles_rad: np.ndarray, range_m: float, material: str) -> Ellipsoids:
