@@ -281,7 +281,7 @@ def test_a_plan_predicts_more_work_for_longer_and_finer_records(walk: Motion) ->
         strict=True,
     )
     assert seconds[2] > 1.2 * seconds[1] > 1.2 * 1.2 * seconds[0] > 0
-    assert memory[1] > 1.5 * memory[0] > 0
+    assert memory[1] > 1.3 * memory[0] > 0
 
 
 @pytest.mark.slow
@@ -319,7 +319,7 @@ def test_what_a_user_gives_stays(walk: Motion) -> None:
 
 def test_a_tolerance_out_of_reach_is_told(walk: Motion) -> None:
     with pytest.warns(T2DWarning, match="not in reach"):
-        t2d.simulate(walk, radar=RADAR, tolerance_db=-25.0, accuracy={"sagitta_rad": 1.5}, measure_error=False)
+        t2d.simulate(walk, radar=RADAR, tolerance_db=-25.0, accuracy={"sagitta_rad": 4.0}, measure_error=False)
 
 
 @pytest.mark.parametrize("wrong", [-60, 20, "-20", math.nan])
