@@ -41,7 +41,7 @@ class SubdividedMesh:
 
         rows = np.arange(fine.linear.shape[0])
         face = np.zeros(len(rows), np.int64)
-        face[fine.faces.ravel()] = np.repeat(fine.base_face, 3)
+        face[fine.nodes.ravel()] = np.repeat(fine.base_face, fine.nodes.shape[1])
         corners = faces[face]
         weights = np.asarray(fine.linear[np.repeat(rows, 3), corners.ravel()]).reshape(-1, 3)
         for _ in range(self.level):

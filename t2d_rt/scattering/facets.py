@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from t2d_rt.scattering.lanes import (
     norm,
     plus,
     scaled,
+    triangle_normal,
 )
 from t2d_rt.scattering.patches import Patches
 from t2d_rt.scattering.phase_integral import SERIES_TERMS, Integrals, Ops, Parts
@@ -82,6 +84,24 @@ class FacetVertices:
     """Over a facet."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointVertices:
+    """Diffuse points of some patches at T frames."""
+
+    vertices: Any
+    """Of the triangles that hold them, flat Float32 (Vp, T, 4) on the device: place [m] relative to the origin, and 1."""
+    visibility: Any
+    """Of these in 0..1, flat Float32 (Vp, T) on the device; None: all are visible."""
+    corners: np.ndarray
+    """Of each point's triangle, (Q, 3)."""
+    packets: np.ndarray
+    """As in `DiffusePoints`, (Q, 4)."""
+    starts: np.ndarray
+    """First point of each patch and the end, (P + 1,)."""
+    scattered: float
+    """S |Gamma|."""
+
+
 def patch_delays(centres: Any, patches: np.ndarray, pair: Pair, block: Block, columns: np.ndarray) -> None:
     """Writes the delays [s] of `patches` (P,) to `columns` (P,); `centres`: flat Float64 (G, T, 3) m on the device."""
     at = Gather(centres, block.shape[0], len(patches), block.backend)
@@ -96,19 +116,21 @@ def patch_echoes(
     numbers: np.ndarray,
     pair: Pair,
     reflection: complex,
+    points: PointVertices | None,
     weights: Weights | None,
     block: Block,
     columns: np.ndarray,
 ) -> None:
-    """Writes the coherent amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, their delay's carrier taken out.
+    """Writes the amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, their delay's carrier taken out.
 
     `patches` are some of the G, by their `numbers` (P,), and go to `columns` (P,). Reflection is Gamma of the surface times the
-    fraction that stays coherent.
+    fraction that stays coherent; `points` add what does not.
     """
     at = Gather(posed.vertices, block.shape[0], len(patches), block.backend)
     dr, Float32 = at.dr, block.backend.Float32
     number = at.per_lane(numbers)
-    total = _phase_integrals(at, posed, patches, number, pair)
+    seen = _Antennas.of(at, posed, number, pair)
+    total = _phase_integrals(at, posed, patches, seen)
     wavelength = SPEED_OF_LIGHT / pair.frequency_hz
     scale = Float32(at.constant(pair.link_amplitude * math.sqrt(4 * math.pi) / wavelength))
     # IF = tx conj(rx): the conjugate of the usual -j/lambda Gamma ... e^{-jkR}.
@@ -117,43 +139,99 @@ def patch_echoes(
     per_hz = dr.opaque(Float32, 1 / pair.frequency_hz)
     amplitude = complex_times(real, imag, total[0], total[1])
     slope = complex_times(real * per_hz, imag * per_hz, total[2], total[3])
+    if points is not None:
+        diffuse = _diffuse_sums(at, points, seen)
+        scale = Float32(at.constant(2 * pair.link_amplitude * points.scattered))
+        amplitude = tuple(x + scale * y for x, y in zip(amplitude, diffuse[:2], strict=True))
+        slope = tuple(x + scale * per_hz * y for x, y in zip(slope, diffuse[2:], strict=True))
     if weights is not None:
         amplitude, slope = at.weighted(weights, number, amplitude, slope)
     dr.eval(amplitude, slope)  # all at once; else each would run the loop again
     block.put(at, columns, amplitude=amplitude, slope=slope)
 
 
-def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, number: Any, pair: Pair) -> list[Any]:
+class _Antennas(NamedTuple):
+    """The antennas as each patch sees them."""
+
+    centre: Vector
+    """Of the patch, relative to the origin [m]."""
+    places: list[Vector]
+    """Relative to that centre [m]."""
+    radians: Any
+    """Phase [rad] of a metre of path to one of these, which stands for both where there is but one."""
+
+    @classmethod
+    def of(cls, at: Gather, posed: FacetVertices, number: Any, pair: Pair) -> _Antennas:
+        """For patches by their numbers."""
+        Float32, Float64 = at.backend.Float32, at.backend.Float64
+        origin = at.read(at.backend.lanes(posed.origin, Float64), 0)
+        centre = tuple(Float32(x - o) for x, o in zip(at.read(posed.centres, number), origin, strict=True))
+        places = [minus(at.frame_point(place - posed.origin), centre) for place in pair.views_m]
+        wavenumber = Float32(at.constant(2 * math.pi * pair.frequency_hz / SPEED_OF_LIGHT))
+        return cls(centre, places, wavenumber * (2 / len(places)))
+
+    def phase(self, place: Vector) -> Any:
+        """Of a place relative to the centre [rad]."""
+        return self.radians * sum(_extra_path(place, antenna) for antenna in self.places)
+
+
+def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, seen: _Antennas) -> list[Any]:
     """Sum over each patch's facets of obliquity times phase integral over R^2 (eq. 3), and its derivative by the logarithm of the
     frequency: real and imaginary parts, without unit."""
-    dr, Float32, UInt32 = at.dr, at.backend.Float32, at.backend.UInt32
-    origin = posed.origin
-    wavenumber = Float32(at.constant(2 * math.pi * pair.frequency_hz / SPEED_OF_LIGHT))
-    middle = at.read(posed.centres, number)
-    centre = tuple(
-        Float32(x - o) for x, o in zip(middle, at.read(at.backend.lanes(origin, at.backend.Float64), 0), strict=True)
-    )
-    antennas = [minus(at.frame_point(place - origin), centre) for place in pair.views_m]
+    dr = at.dr
     columns_of = at.columns(patches.nodes)
-    starts = at.backend.lanes(patches.starts)
-    # One antenna stands for both.
-    radians = wavenumber * (2 / len(antennas))
 
     def add(facet: Any, total: list[Any]) -> tuple[Any, list[Any]]:
         packets = at.packets(at.vertices(columns_of, facet))
-        nodes = [minus(packet[:3], centre) for packet in packets]
-        phases = [radians * sum(_extra_path(node, antenna) for antenna in antennas) for node in nodes]
+        nodes = [minus(packet[:3], seen.centre) for packet in packets]
+        phases = [seen.phase(node) for node in nodes]
         visibility = [dr.clip(packet[3], 0, 1) for packet in packets[:3]]
-        parts = (_flat if len(nodes) == 3 else _curved)(at, nodes, phases, visibility, antennas, posed.integrals)
+        parts = (_flat if len(nodes) == 3 else _curved)(at, nodes, phases, visibility, seen.places, posed.integrals)
         return facet + 1, [t + value for t, value in zip(total, (*parts[0], *parts[1]), strict=True)]
 
-    lanes = dr.width(at.item)
-    end = dr.gather(UInt32, starts, at.item + 1)
+    return _sums(at, patches.starts, add)
+
+
+def _diffuse_sums(at: Gather, points: PointVertices, seen: _Antennas) -> list[Any]:
+    """Sum over each patch's Lambertian points of fixed random phase (eq. 9), sigma_q = 4 S^2 |Gamma|^2 A_q cos_i cos_s, of
+    sqrt(sigma_q)/(2 S |Gamma| R^2) exp(j phase), and its derivative by the logarithm of the frequency: real and imaginary parts."""
+    dr, Packet, Float32 = at.dr, at.backend.arrays.Array4f, at.backend.Float32
+    held = Gather(points.vertices, at.frames, len(points.starts) - 1, at.backend)
+    columns_of = held.columns(points.corners)
+    packets = at.backend.lanes(points.packets.ravel(), Float32)
+
+    def add(point: Any, total: list[Any]) -> tuple[Any, list[Any]]:
+        first, second, root, own_phase = dr.gather(Packet, packets, point)
+        vertices = held.vertices(columns_of, point)
+        corners = [minus(packet[:3], seen.centre) for packet in held.packets(vertices)]
+        place = combined(corners, [first, second, 1 - first - second])
+        normal, doubled_area = triangle_normal(corners, at)
+        lines_of_sight = [minus(antenna, place) for antenna in seen.places]
+        ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]
+        cosines = [
+            dr.maximum(dot(normal, s) / (doubled_area * d), 0) for s, d in zip(lines_of_sight, ranges, strict=True)
+        ]
+        weight = root * dr.sqrt(cosines[0] * cosines[-1]) / (ranges[0] * ranges[-1])
+        if points.visibility is not None:
+            weight *= held.corner_mean(points.visibility, vertices)
+        phase = seen.phase(place)
+        sin, cos = dr.sincos(phase + own_phase)
+        real, imag = weight * cos, weight * sin
+        return point + 1, [t + value for t, value in zip(total, (real, imag, -phase * imag, phase * real), strict=True)]
+
+    return _sums(at, points.starts, add)
+
+
+def _sums(at: Gather, starts: np.ndarray, add: Callable[[Any, list[Any]], tuple[Any, list[Any]]]) -> list[Any]:
+    """Four sums over the members starts[p]..starts[p + 1] - 1 of every lane's patch."""
+    dr, UInt32 = at.dr, at.backend.UInt32
+    device = at.backend.lanes(starts)
+    end = dr.gather(UInt32, device, at.item + 1)
     _, total = dr.while_loop(
-        state=(dr.gather(UInt32, starts, at.item), [dr.zeros(Float32, lanes) for _ in range(4)]),
-        cond=lambda facet, total: facet < end,
+        state=(dr.gather(UInt32, device, at.item), [dr.zeros(at.backend.Float32, dr.width(at.item)) for _ in range(4)]),
+        cond=lambda member, total: member < end,
         body=add,
-        labels=("facet", "total"),
+        labels=("member", "total"),
         mode="symbolic",
     )
     return list(total)

@@ -79,6 +79,7 @@ class Gather:
 
         self.dr = drjit
         self.backend = backend
+        self.frames = frames
         self.numbers = numbers
         self.real = type(numbers)
         UInt32 = backend.UInt32
@@ -140,15 +141,6 @@ class Gather:
     def place(self, position_m: np.ndarray) -> Vector:
         """A fixed point (3,)."""
         return tuple(self.constant(x) for x in position_m)
-
-    def per_item(self, values: np.ndarray) -> Any:
-        """A constant of each item, on every lane."""
-        Float64 = self.backend.Float64
-        return self.dr.gather(Float64, self.backend.lanes(values, Float64), self.item)
-
-    def field(self, values: np.ndarray) -> Any:
-        """A vertex field (V, T)."""
-        return self.backend.lanes(values, self.backend.Float32)
 
     def corner_mean(self, field: Any, vertices: list[Any]) -> Any:
         """Mean of a vertex field over a triangle's corners."""

@@ -13,7 +13,7 @@ import numpy as np
 from t2d_rt.backend import Backend
 from t2d_rt.geometry import Refinement
 from t2d_rt.scattering.antennas import seen_by, side_by_side
-from t2d_rt.scattering.facets import FacetVertices, Pair, patch_delays, patch_echoes
+from t2d_rt.scattering.facets import FacetVertices, Pair, PointVertices, patch_delays, patch_echoes
 from t2d_rt.scattering.facing import Facing
 from t2d_rt.scattering.lanes import Block
 from t2d_rt.scattering.patches import (
@@ -29,7 +29,7 @@ from t2d_rt.scattering.patches import (
 )
 from t2d_rt.scattering.paths import Anchors, Arrivals, View, anchor_vertices, unfolded
 from t2d_rt.scattering.phase_integral import Integrals, divided_differences
-from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, diffuse_echoes, sampled_visibility
+from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, sampled_visibility
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
 from t2d_rt.scattering.streams import in_parts, most_echoes
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
@@ -87,14 +87,14 @@ def mesh_echoes(
     views: Sequence[View],
     backend: Backend,
 ) -> EchoStream:
-    """Echoes of `surface` at surface frames `times_s`: one of each patch and of each diffuse point, in each of `views`."""
+    """Echoes of `surface` at surface frames `times_s`: one of each patch, in each of `views`."""
     pairs = [Pair.of(radar, view.paths) for view in views]
     model = _Model.of(surface, radar, pairs, times_s, material, detail, seed, {view.subdivision for view in views})
     selections = list(model.selections(surface, times_s, pairs, views))
     anchors = None
     if any(view.paths is not None for view in views):
         rest = model.fine.controlled(surface.rest[None])
-        places = model.places(rest, carried(model.centre, rest))[0]
+        places = carried(model.centre, rest)[:, 0]
         anchors = Anchors.of(anchor_vertices(surface.rest), surface.rest, places, backend)
 
     def frames(selections: Sequence[_Selection], start: int, stop: int) -> EchoArrays:
@@ -117,7 +117,7 @@ def mesh_echoes(
         found = block.arrays()
         if not (radar.is_array or radar.directional):
             return found
-        places = model.places(posed.cage, posed.centre)
+        places = posed.centre.swapaxes(0, 1)
         return side_by_side([selection.with_ends(radar, found, places) for selection in selections])
 
     return in_parts(
@@ -131,14 +131,14 @@ def mesh_echoes(
 
 
 def _total(selections: Sequence[_Selection]) -> int:
-    return sum(len(selection.echoes) for selection in selections)
+    return sum(len(selection.patches) for selection in selections)
 
 
 def _parts(selections: Sequence[_Selection], most: int) -> Iterator[list[_Selection]]:
     """Selections in parts of at most that many echoes, each part's columns counted from 0; a larger one is cut."""
     part: list[_Selection] = []
     for selection in (piece for each in selections for piece in each.cut(most)):
-        if part and _total(part) + len(selection.echoes) > most:
+        if part and _total(part) + len(selection.patches) > most:
             yield part
             part = []
         part.append(replace(selection, first=_total(part)))
@@ -195,7 +195,15 @@ class _Model:
         )  # fmt: skip
         points = None
         if carriers:
-            points = DiffusePoints.spread(surface, carriers[0], seed, rough * abs(reflection), detail.points)
+            points = DiffusePoints.spread(
+                surface,
+                carriers[0],
+                patch_facets=fine.at(surface.rest)[parts.corners],
+                starts=parts.starts,
+                seed=seed,
+                scattered=rough * abs(reflection),
+                count=detail.points,
+            )
         visibility_meshes = {level: VisibilityMesh.of(surface, fine, points, level) for level in subdivisions}
         return cls(
             cage_faces=surface.faces,
@@ -225,32 +233,27 @@ class _Model:
             for number, pair in enumerate(pairs):
                 lit[number] |= facing.lit(pair, self.tilt_rad)
         lit[~np.array(in_room)] = True
-        points = len(self.patches) + np.arange(0 if self.points is None else len(self.points.area_m2))
         first = 0
         for pair, view, some in zip(pairs, views, lit, strict=True):
-            patches = np.flatnonzero(self.patches.any_of(some))
-            echoes = np.concatenate([patches, points])
-            yield _Selection(view, pair, echoes, len(patches), first)
-            first += len(echoes)
+            chosen = np.flatnonzero(self.patches.any_of(some))
+            yield _Selection(view, pair, chosen, first)
+            first += len(chosen)
 
     def put(self, block: Block, posed: _Posed, selection: _Selection, seen: Seen) -> None:
         """Writes the echoes of one view to its columns."""
-        pair, chosen = selection.pair, selection.echoes[: selection.patches]
-        columns = selection.first + np.arange(len(selection.echoes))
+        pair, chosen = selection.pair, selection.patches
+        columns = selection.first + np.arange(len(chosen))
         mesh = self.visibility_meshes[selection.view.subdivision]
         if len(chosen):
-            patch_delays(posed.centres, chosen, pair, block, columns[: len(chosen)])
+            patch_delays(posed.centres, chosen, pair, block, columns)
         lit = np.flatnonzero(self._lit(posed, pair, seen, mesh)[chosen])
         if len(lit):
             parts, vertices = self._vertices(self.patches.only(chosen[lit]), posed, seen, mesh)
             facets = FacetVertices(
                 vertices=vertices, centres=posed.centres, origin=posed.origin, integrals=self.integrals
             )
-            patch_echoes(facets, parts, chosen[lit], pair, self.reflection, seen.weights, block, columns[lit])
-        if self.points is not None and len(selection.echoes) > selection.patches:
-            fraction = self.points.fraction(seen, mesh, posed.cage)
-            first, columns = len(self.patches), columns[len(chosen) :]
-            diffuse_echoes(self.points, posed.carrier, fraction, pair, seen.weights, first, block, columns)
+            points = self._points(chosen[lit], posed, seen, mesh)
+            patch_echoes(facets, parts, chosen[lit], pair, self.reflection, points, seen.weights, block, columns[lit])
 
     def _lit(self, posed: _Posed, pair: Pair, seen: Seen, mesh: VisibilityMesh) -> np.ndarray:
         """Which patches may hold lit and visible facets at any of the frames, bool (G,)."""
@@ -259,6 +262,17 @@ class _Model:
             faces &= self._with_neighbours(mesh, np.asarray(seen.visibility.any(axis=0)))
         lit = self.patches.any_of(faces)
         return lit if seen.weights is None else lit & seen.weights.reach[: len(lit)]
+
+    def _points(self, patches: np.ndarray, posed: _Posed, seen: Seen, mesh: VisibilityMesh) -> PointVertices | None:
+        """The diffuse points of some patches, on the device."""
+        if self.points is None:
+            return None
+        visibility = self.points.visibility(seen, mesh, posed.cage)
+        some = self.points.only(patches)
+        return PointVertices(
+            vertices=posed.carrier, visibility=None if visibility is None else posed.backend.Float32(visibility.ravel()),
+            corners=some.corners, packets=some.packets, starts=some.starts, scattered=some.scattered,
+        )  # fmt: skip
 
     def _vertices(self, parts: Patches, posed: _Posed, seen: Seen, mesh: VisibilityMesh) -> tuple[Patches, Any]:
         """Patches, and the facets' vertices by which they are numbered, on the device."""
@@ -292,41 +306,27 @@ class _Model:
         wider[self.cage_faces[visibility[visibility_mesh.faces].reshape(len(self.cage_faces), -1).any(axis=1)]] = True
         return np.asarray(wider[self.cage_faces].any(axis=1))
 
-    def places(self, cage: np.ndarray, centre: np.ndarray) -> np.ndarray:
-        """Where the echoes stand (K, N, 3), as of `echoes`."""
-        found = [centre]
-        if self.points is not None:
-            found.append(self.points.places(cage))
-        return np.concatenate(found).transpose(1, 0, 2)
-
 
 @dataclass(frozen=True, slots=True)
 class _Selection:
-    """One view's echoes, which are some of the model's."""
+    """One view's echoes: those of some of the model's patches."""
 
     view: View
     pair: Pair
-    echoes: np.ndarray
-    """Their numbers (N,): patches first, then diffuse points."""
-    patches: int
+    patches: np.ndarray
+    """Their numbers (N,)."""
     first: int
     """Column of the first one."""
 
     def cut(self, most: int) -> list[_Selection]:
-        """The same in pieces of at most that many echoes; the diffuse points stay together."""
-        if len(self.echoes) <= most:
-            return [self]
-        patches, points = np.split(self.echoes, [self.patches])
-        pieces = [
-            replace(self, echoes=some, patches=len(some)) for some in np.split(patches, range(most, len(patches), most))
-        ]
-        return [*pieces, replace(self, echoes=points, patches=0)] if len(points) else pieces
+        """The same in pieces of at most that many echoes."""
+        return [replace(self, patches=some) for some in np.split(self.patches, range(most, len(self.patches), most))]
 
     def with_ends(self, radar: Radar, found: EchoArrays, places: np.ndarray) -> EchoArrays:
-        """The view's own of all echoes found, as arrays and patterns see them from their `places` (T, all of the model's, 3)."""
-        columns = slice(self.first, self.first + len(self.echoes))
+        """The view's own of all echoes found, as arrays and patterns see them from the patches' places (T, all of them, 3)."""
+        columns = slice(self.first, self.first + len(self.patches))
         mine = found._replace(**{name: getattr(found, name)[:, columns] for name in ("delay_s", "amplitude", "slope")})
-        places = places[:, self.echoes]
+        places = places[:, self.patches]
         paths = self.view.paths
         return seen_by(radar, mine, places) if paths is None else unfolded(radar, mine, paths, places)
 
@@ -344,19 +344,17 @@ class _Posed:
     """The patches' reference points, (G, T, 3) m."""
     centres: Any
     """The same on the device, flat Float64."""
-    carrier: Any
-    """Vertices that hold the diffuse points, flat Float64 (Vp, T, 3) m on the device."""
     facing: Facing
     backend: Backend
-    _whole: list[Any] = field(default_factory=list)
+    _device: dict[str, Any] = field(default_factory=dict)
+    """What was asked for of these."""
 
     @classmethod
     def of(cls, model: _Model, cage: np.ndarray, backend: Backend) -> _Posed:
         centre = carried(model.centre, cage)
-        carrier = None if model.points is None else backend.Float64(carried(model.points.operator, cage).ravel())
         instants = np.unique(np.linspace(0, len(cage) - 1, math.ceil((len(cage) - 1) / PROBE_EVERY) + 1).astype(int))
         facing = Facing.of(cage[instants], model.cage_faces)
-        return cls(model, cage, cage.mean(axis=1), centre, backend.Float64(centre.ravel()), carrier, facing, backend)
+        return cls(model, cage, cage.mean(axis=1), centre, backend.Float64(centre.ravel()), facing, backend)
 
     def local(self, visibility: np.ndarray | None) -> np.ndarray:
         """Control points relative to the origin and their visibility, float32 (T, V, 4)."""
@@ -370,6 +368,15 @@ class _Posed:
     @property
     def vertices(self) -> Any:
         """The facets' vertices where all are visible, flat Float32 (Vf, T, 4) on the device."""
-        if not self._whole:
-            self._whole.append(self.backend.Float32(carried(self.model.operator, self.local(None)).ravel()))
-        return self._whole[0]
+        return self._on_device("vertices", self.model.operator)
+
+    @property
+    def carrier(self) -> Any:
+        """Vertices that hold the diffuse points, likewise."""
+        assert self.model.points is not None
+        return self._on_device("carrier", self.model.points.operator)
+
+    def _on_device(self, name: str, operator: Csr) -> Any:
+        if name not in self._device:
+            self._device[name] = self.backend.Float32(carried(operator, self.local(None)).ravel())
+        return self._device[name]

@@ -21,7 +21,7 @@ Csr = Any
 """A scipy.sparse matrix."""
 Ends = tuple[np.ndarray, np.ndarray]
 """Places of a transmitter and a receiver, or of their images [m]."""
-CYCLES_PER_STEP = 0.5
+CYCLES_PER_STEP = 0.35
 """Greatest change, from one surface frame to the next, of the phase between two facets of a patch [cycles]."""
 SWEEP_CYCLES = 0.25
 """Greatest change over the sweep of the phase between two facets of a patch [cycles], along each axis."""
@@ -59,9 +59,7 @@ class Patches:
 
     def only(self, chosen: np.ndarray) -> Patches:
         """Some of the patches, by their indices."""
-        sizes = np.diff(self.starts)[chosen]
-        starts = np.concatenate([[0], np.cumsum(sizes)])
-        facet = np.arange(starts[-1]) + np.repeat(self.starts[chosen] - starts[:-1], sizes)
+        facet, starts = members(self.starts, chosen)
         return Patches(nodes=self.nodes[facet], base_face=self.base_face[facet], starts=starts)
 
     def any_of(self, base: np.ndarray) -> np.ndarray:
@@ -130,6 +128,13 @@ def patches(
         )
     starts = np.append(np.flatnonzero(first[: len(order)]), len(order))
     return Patches(nodes=fine.nodes[order], base_face=fine.base_face[order], starts=starts)
+
+
+def members(starts: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the members starts[g]..starts[g + 1] - 1 of the chosen groups, one group after the other, and their new starts."""
+    sizes = np.diff(starts)[chosen]
+    new = np.concatenate([[0], np.cumsum(sizes)])
+    return np.arange(new[-1]) + np.repeat(starts[chosen] - new[:-1], sizes), new
 
 
 def centres(parts: Patches, fine: Refinement) -> Csr:
