@@ -44,7 +44,44 @@ def _spread(rest: np.ndarray, faces: np.ndarray, seed: int, spacing_m: float) ->
     key = disk_cache.key("geometry", ("points", rest, faces, seed, spacing_m))
     if key not in _kept:
 
-        def spread(
+        def spread() -> dict[str, np.ndarray]:
+            found = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
+            return {each.name: getattr(found, each.name) for each in fields(SurfacePoints)}
+
+        names = [each.name for each in fields(SurfacePoints)]
+        _kept[key] = SurfacePoints(**disk_cache.kept(key, names, spread))
+        if len(_kept) > KEPT_POINTS:
+            _kept.popitem(last=False)
+    _kept.move_to_end(key)
+    return _kept[key]
+
+
+def forget() -> None:
+    """Drops the points that are kept."""
+    _kept.clear()
+
+
+@dataclass(frozen=True, slots=True)
+class DiffusePoints:
+    """Diffuse points on the triangles that hold them, those of each patch together."""
+
+    carrier: Refinement
+    used: np.ndarray
+    """Numbers of its vertices that hold points, (Vp,)."""
+    operator: Csr
+    """Sparse, float32: these from the control points, (Vp, V)."""
+    corners: np.ndarray
+    """Of each point's triangle, as numbers among these, (Q, 3)."""
+    packets: np.ndarray
+    """Where in the triangle it lies, by two barycentric coordinates, the root of the area [m] that it stands for, and its phase
+    [rad], float32 (Q, 4)."""
+    starts: np.ndarray
+    """First point of each patch and the end, integers (G + 1,)."""
+    scattered: float
+    """S |Gamma|."""
+
+    @classmethod
+    def spread(
         cls, surface: MovingMesh, carrier: Refinement, *, patch_facets: np.ndarray, starts: np.ndarray, seed: int,
         scattered: float, count: int,
     ) -> DiffusePoints:  # fmt: skip
