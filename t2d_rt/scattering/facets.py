@@ -75,7 +75,11 @@ class FacetVertices:
     """Facets at T frames, on the device."""
 
     vertices: Any
-    """Flat Float32 (V, T, 4): place [m] relative to the origin, and visibility in 0..1."""
+    """Flat Float32 (V, T, 4): place [m] relative to the origin, and 1."""
+    visibility: Any
+    """Of vertices at corners in 0..1, flat Float32 (Vc, T); None: all are visible."""
+    corners: np.ndarray
+    """Numbers of the patches' corners among the latter, (F, 3)."""
     centres: Any
     """Flat Float64 (G, T, 3): each patch's reference point [m], whose delay is the patch's."""
     origin: np.ndarray
@@ -178,14 +182,14 @@ class _Antennas(NamedTuple):
 def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, seen: _Antennas) -> list[Any]:
     """Sum over each patch's facets of obliquity times phase integral over R^2 (eq. 3), and its derivative by the logarithm of the
     frequency: real and imaginary parts, without unit."""
-    dr = at.dr
-    columns_of = at.columns(patches.nodes)
+    columns_of, corners_of = at.columns(patches.nodes), at.columns(posed.corners)
 
     def add(facet: Any, total: list[Any]) -> tuple[Any, list[Any]]:
-        packets = at.packets(at.vertices(columns_of, facet))
-        nodes = [minus(packet[:3], seen.centre) for packet in packets]
+        nodes = [minus(packet[:3], seen.centre) for packet in at.packets(at.vertices(columns_of, facet))]
         phases = [seen.phase(node) for node in nodes]
-        visibility = [dr.clip(packet[3], 0, 1) for packet in packets[:3]]
+        visibility = [1.0, 1.0, 1.0]
+        if posed.visibility is not None:
+            visibility = at.field(posed.visibility, at.vertices(corners_of, facet))
         parts = (_flat if len(nodes) == 3 else _curved)(at, nodes, phases, visibility, seen.places, posed.integrals)
         return facet + 1, [t + value for t, value in zip(total, (*parts[0], *parts[1]), strict=True)]
 
@@ -213,7 +217,7 @@ def _diffuse_sums(at: Gather, points: PointVertices, seen: _Antennas) -> list[An
         ]
         weight = root * dr.sqrt(cosines[0] * cosines[-1]) / (ranges[0] * ranges[-1])
         if points.visibility is not None:
-            weight *= held.corner_mean(points.visibility, vertices)
+            weight *= sum(held.field(points.visibility, vertices)) * (1 / 3)
         phase = seen.phase(place)
         sin, cos = dr.sincos(phase + own_phase)
         real, imag = weight * cos, weight * sin

@@ -142,10 +142,10 @@ class Gather:
         """A fixed point (3,)."""
         return tuple(self.constant(x) for x in position_m)
 
-    def corner_mean(self, field: Any, vertices: list[Any]) -> Any:
-        """Mean of a vertex field over a triangle's corners."""
+    def field(self, values: Any, vertices: list[Any]) -> list[Any]:
+        """A field of numbered vertices in the lane's frame, kept within 0..1, from flat (V, T) on the device."""
         places = (vertex * self.stride + self.frame for vertex in vertices)
-        return sum(self.dr.gather(self.backend.Float32, field, place) for place in places) * (1 / 3)
+        return [self.dr.clip(self.dr.gather(self.backend.Float32, values, place), 0, 1) for place in places]
 
 
 def triangle_normal(corners: list[Vector], at: Gather) -> tuple[Vector, Any]:

@@ -103,17 +103,11 @@ def mesh_echoes(
         posed = _Posed.of(model, model.fine.controlled(cage), backend)
         block = Block(len(times), _total(selections), backend)
         arrivals = None if anchors is None else Arrivals(radar, cage[:, anchors.vertices])
-        for selection in selections:
-            view, weights = selection.view, None
-            if view.paths is not None and arrivals is not None and anchors is not None:
-                unblocked = None if view.unblocked is None else view.unblocked(times)
-                weights = anchors.weights(*arrivals.weight(view.paths), unblocked, backend)
-            seen = Seen(
-                visibility=None if view.visibility is None else view.visibility(times),
-                facet_visibility=None if view.facet_visibility is None else partial(view.facet_visibility, times),
-                weights=weights,
-            )
-            model.put(block, posed, selection, seen)
+        seen = [_seen(selection.view, times, anchors, arrivals, backend) for selection in selections]
+        lit = [model.lit(posed, *each) for each in zip(selections, seen, strict=True)]
+        posed.carry(lit, selections, everything=any(each.facet_visibility is not None for each in seen))
+        for each in zip(selections, seen, lit, strict=True):
+            model.put(block, posed, *each)
         found = block.arrays()
         if not (radar.is_array or radar.directional):
             return found
@@ -127,6 +121,21 @@ def mesh_echoes(
             )
             for part in _parts(selections, most_echoes(radar))
         ]
+    )
+
+
+def _seen(
+    view: View, times_s: np.ndarray, anchors: Anchors | None, arrivals: Arrivals | None, backend: Backend
+) -> Seen:
+    """How a mesh is seen in a view at some times."""
+    weights = None
+    if view.paths is not None and arrivals is not None and anchors is not None:
+        unblocked = None if view.unblocked is None else view.unblocked(times_s)
+        weights = anchors.weights(*arrivals.weight(view.paths), unblocked, backend)
+    return Seen(
+        visibility=None if view.visibility is None else view.visibility(times_s),
+        facet_visibility=None if view.facet_visibility is None else partial(view.facet_visibility, times_s),
+        weights=weights,
     )
 
 
@@ -239,29 +248,33 @@ class _Model:
             yield _Selection(view, pair, chosen, first)
             first += len(chosen)
 
-    def put(self, block: Block, posed: _Posed, selection: _Selection, seen: Seen) -> None:
-        """Writes the echoes of one view to its columns."""
+    def put(self, block: Block, posed: _Posed, selection: _Selection, seen: Seen, lit: np.ndarray) -> None:
+        """Writes the echoes of one view to its columns; `lit`, bool (N,), are those of its patches that may return any."""
         pair, chosen = selection.pair, selection.patches
         columns = selection.first + np.arange(len(chosen))
-        mesh = self.visibility_meshes[selection.view.subdivision]
         if len(chosen):
             patch_delays(posed.centres, chosen, pair, block, columns)
-        lit = np.flatnonzero(self._lit(posed, pair, seen, mesh)[chosen])
-        if len(lit):
-            parts, vertices = self._vertices(self.patches.only(chosen[lit]), posed, seen, mesh)
+        if lit.any():
+            chosen, mesh = chosen[lit], self.visibility_meshes[selection.view.subdivision]
+            parts = self.patches.only(chosen)
             facets = FacetVertices(
-                vertices=vertices, centres=posed.centres, origin=posed.origin, integrals=self.integrals
-            )
-            points = self._points(chosen[lit], posed, seen, mesh)
-            patch_echoes(facets, parts, chosen[lit], pair, self.reflection, points, seen.weights, block, columns[lit])
+                vertices=posed.vertices, visibility=posed.visibility(seen, mesh), corners=posed.corner_numbers[parts.corners],
+                centres=posed.centres, origin=posed.origin, integrals=self.integrals,
+            )  # fmt: skip
+            points = self._points(chosen, posed, seen, mesh)
+            parts = replace(parts, nodes=posed.numbers[parts.nodes])
+            patch_echoes(facets, parts, chosen, pair, self.reflection, points, seen.weights, block, columns[lit])
 
-    def _lit(self, posed: _Posed, pair: Pair, seen: Seen, mesh: VisibilityMesh) -> np.ndarray:
-        """Which patches may hold lit and visible facets at any of the frames, bool (G,)."""
-        faces = np.ones(len(self.cage_faces), bool) if self.at_instants else posed.facing.lit(pair, self.tilt_rad)
+    def lit(self, posed: _Posed, selection: _Selection, seen: Seen) -> np.ndarray:
+        """Which of a view's patches may hold lit and visible facets at any of the frames, bool (N,)."""
+        mesh = self.visibility_meshes[selection.view.subdivision]
+        faces = np.ones(len(self.cage_faces), bool)
+        if not self.at_instants:
+            faces = posed.facing.lit(selection.pair, self.tilt_rad)
         if seen.visibility is not None:
             faces &= self._with_neighbours(mesh, np.asarray(seen.visibility.any(axis=0)))
         lit = self.patches.any_of(faces)
-        return lit if seen.weights is None else lit & seen.weights.reach[: len(lit)]
+        return (lit if seen.weights is None else lit & seen.weights.reach)[selection.patches]
 
     def _points(self, patches: np.ndarray, posed: _Posed, seen: Seen, mesh: VisibilityMesh) -> PointVertices | None:
         """The diffuse points of some patches, on the device."""
@@ -273,31 +286,6 @@ class _Model:
             vertices=posed.carrier, visibility=None if visibility is None else posed.backend.Float32(visibility.ravel()),
             corners=some.corners, packets=some.packets, starts=some.starts, scattered=some.scattered,
         )  # fmt: skip
-
-    def _vertices(self, parts: Patches, posed: _Posed, seen: Seen, mesh: VisibilityMesh) -> tuple[Patches, Any]:
-        """Patches, and the facets' vertices by which they are numbered, on the device."""
-        if seen.visibility is None and seen.facet_visibility is None:
-            return parts, posed.vertices
-        used: np.ndarray | slice = slice(None)
-        if seen.facet_visibility is None:
-            used = np.zeros(self.operator.shape[0], bool)
-            used[parts.nodes] = True
-            parts = replace(parts, nodes=(np.cumsum(used) - 1)[parts.nodes])
-        values = self._visible_vertices(posed, seen.visibility, mesh, used)
-        if seen.facet_visibility is not None:
-            places = values[..., :3] + posed.origin
-            values[..., 3] *= sampled_visibility(seen.facet_visibility, places, self.patches.corners)
-        return parts, posed.backend.Float32(values.ravel())
-
-    def _visible_vertices(
-        self, posed: _Posed, visibility: np.ndarray | None, visibility_mesh: VisibilityMesh, used: np.ndarray | slice
-    ) -> np.ndarray:
-        """The `used` facets' vertices and their visibility, float32 (Vf, T, 4)."""
-        if visibility_mesh.facets is None or visibility is None:
-            return carried(self.operator[used], posed.local(visibility))
-        values = carried(self.operator[used], posed.local(None))
-        values[..., 3] = carried(visibility_mesh.facets[used], visibility[..., None])[..., 0]
-        return values
 
     def _with_neighbours(self, visibility_mesh: VisibilityMesh, visibility: np.ndarray) -> np.ndarray:
         """Cage faces, bool (F,), whose facets' vertices depend on any visible vertex of the visibility mesh, bool (V',): its own
@@ -346,8 +334,8 @@ class _Posed:
     """The same on the device, flat Float64."""
     facing: Facing
     backend: Backend
-    _device: dict[str, Any] = field(default_factory=dict)
-    """What was asked for of these."""
+    _kept: dict[str, Any] = field(default_factory=dict)
+    """What was carried along."""
 
     @classmethod
     def of(cls, model: _Model, cage: np.ndarray, backend: Backend) -> _Posed:
@@ -356,27 +344,59 @@ class _Posed:
         facing = Facing.of(cage[instants], model.cage_faces)
         return cls(model, cage, cage.mean(axis=1), centre, backend.Float64(centre.ravel()), facing, backend)
 
-    def local(self, visibility: np.ndarray | None) -> np.ndarray:
-        """Control points relative to the origin and their visibility, float32 (T, V, 4)."""
-        # Positions within the body need no more than float32: 1e-7 of its size.
-        values = np.ones((*self.cage.shape[:2], 4), np.float32)
-        values[..., :3] = self.cage - self.origin[:, None]
-        if visibility is not None:
-            values[..., 3] = visibility
-        return values
+    def carry(self, lit: Sequence[np.ndarray], selections: Sequence[_Selection], *, everything: bool) -> None:
+        """Carries along the vertices of facets that are lit, bool (N,) of the patches of each selection, or all of them."""
+        model, kept = self.model, self._kept
+        used, corners = np.zeros((2, model.operator.shape[0]), bool)
+        patches = np.zeros(len(model.patches), bool)
+        for some, selection in zip(lit, selections, strict=True):
+            patches[selection.patches[some]] = True
+        facets = np.repeat(patches | everything, np.diff(model.patches.starts))
+        used[model.patches.nodes[facets]] = corners[model.patches.corners[facets]] = True
+        values = carried(model.operator[used], self._local())
+        kept["corners"], kept["values"] = corners, values[corners[used]] if everything else None
+        kept["numbers"], kept["corner numbers"] = (np.cumsum(each) - 1 for each in (used, corners))
+        kept["vertices"] = self.backend.Float32(values.ravel())
 
     @property
     def vertices(self) -> Any:
-        """The facets' vertices where all are visible, flat Float32 (Vf, T, 4) on the device."""
-        return self._on_device("vertices", self.model.operator)
+        """Those that were carried along, flat Float32 (V, T, 4) on the device: relative to the origin, and 1."""
+        return self._kept["vertices"]
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Of all facets' vertices among these, (Vf,)."""
+        return self._kept["numbers"]
+
+    @property
+    def corner_numbers(self) -> np.ndarray:
+        """Of all facets' vertices among those of these that are corners, (Vf,)."""
+        return self._kept["corner numbers"]
+
+    def visibility(self, seen: Seen, mesh: VisibilityMesh) -> Any:
+        """Of the corners carried along, flat Float32 (Vc, T) on the device; None: all are visible."""
+        corners, found = self._kept["corners"], None
+        if seen.visibility is not None:
+            operator = self.model.operator if mesh.facets is None else mesh.facets
+            found = carried(operator[corners], np.asarray(seen.visibility, np.float32)[..., None])[..., 0]
+        if seen.facet_visibility is not None:
+            patches = self.model.patches
+            places = self._kept["values"][..., :3] + self.origin
+            sampled = sampled_visibility(seen.facet_visibility, places, self.corner_numbers[patches.corners])
+            found = sampled if found is None else found * sampled
+        return None if found is None else self.backend.Float32(np.ascontiguousarray(found, np.float32).ravel())
 
     @property
     def carrier(self) -> Any:
-        """Vertices that hold the diffuse points, likewise."""
-        assert self.model.points is not None
-        return self._on_device("carrier", self.model.points.operator)
+        """Vertices that hold the diffuse points, flat Float32 (Vp, T, 4) on the device: relative to the origin, and 1."""
+        if "carrier" not in self._kept:
+            assert self.model.points is not None
+            self._kept["carrier"] = self.backend.Float32(carried(self.model.points.operator, self._local()).ravel())
+        return self._kept["carrier"]
 
-    def _on_device(self, name: str, operator: Csr) -> Any:
-        if name not in self._device:
-            self._device[name] = self.backend.Float32(carried(operator, self.local(None)).ravel())
-        return self._device[name]
+    def _local(self) -> np.ndarray:
+        """Control points relative to the origin, and 1, float32 (T, V, 4)."""
+        # Positions within the body need no more than float32: 1e-7 of its size.
+        values = np.ones((*self.cage.shape[:2], 4), np.float32)
+        values[..., :3] = self.cage - self.origin[:, None]
+        return values
