@@ -20,7 +20,7 @@ OCCLUSION = "occlusion of targets by themselves and one another"
 FAST_OCCLUSION = "occlusion by targets that rotate fast, and of them by themselves"
 SURELY = 2.0
 """Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
-BODY_SAGITTA_RAD = 1.45
+BODY_SAGITTA_RAD = 1.5
 """Phase sagitta of a body's facets that its own sagittas, one for each vertex, stand for."""
 
 

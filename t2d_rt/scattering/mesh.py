@@ -103,11 +103,11 @@ def mesh_echoes(
         posed = _Posed.of(model, model.fine.controlled(cage), backend)
         block = Block(len(times), _total(selections), backend)
         arrivals = None if anchors is None else Arrivals(radar, cage[:, anchors.vertices])
-        seen = [_seen(selection.view, times, anchors, arrivals, backend) for selection in selections]
-        lit = [model.lit(posed, *each) for each in zip(selections, seen, strict=True)]
-        posed.carry(lit, selections, everything=any(each.facet_visibility is not None for each in seen))
-        for each in zip(selections, seen, lit, strict=True):
-            model.put(block, posed, *each)
+        lit = [model.lit_faces(posed, selection.pair) for selection in selections]
+        posed.carry(np.any(lit, axis=0), with_places=any(each.view.facet_visibility is not None for each in selections))
+        for selection, faces in zip(selections, lit, strict=True):
+            seen = _seen(selection.view, times, anchors, arrivals, backend)
+            model.put(block, posed, selection, seen, faces)
         found = block.arrays()
         if not (radar.is_array or radar.directional):
             return found
@@ -248,14 +248,16 @@ class _Model:
             yield _Selection(view, pair, chosen, first)
             first += len(chosen)
 
-    def put(self, block: Block, posed: _Posed, selection: _Selection, seen: Seen, lit: np.ndarray) -> None:
-        """Writes the echoes of one view to its columns; `lit`, bool (N,), are those of its patches that may return any."""
+    def put(self, block: Block, posed: _Posed, selection: _Selection, seen: Seen, faces: np.ndarray) -> None:
+        """Writes the echoes of one view to its columns; `faces` are those of `lit_faces`."""
         pair, chosen = selection.pair, selection.patches
         columns = selection.first + np.arange(len(chosen))
+        mesh = self.visibility_meshes[selection.view.subdivision]
         if len(chosen):
             patch_delays(posed.centres, chosen, pair, block, columns)
+        lit = self._lit(faces, seen, mesh)[chosen]
         if lit.any():
-            chosen, mesh = chosen[lit], self.visibility_meshes[selection.view.subdivision]
+            chosen = chosen[lit]
             parts = self.patches.only(chosen)
             facets = FacetVertices(
                 vertices=posed.vertices, visibility=posed.visibility(seen, mesh), corners=posed.corner_numbers[parts.corners],
@@ -265,16 +267,16 @@ class _Model:
             parts = replace(parts, nodes=posed.numbers[parts.nodes])
             patch_echoes(facets, parts, chosen, pair, self.reflection, points, seen.weights, block, columns[lit])
 
-    def lit(self, posed: _Posed, selection: _Selection, seen: Seen) -> np.ndarray:
-        """Which of a view's patches may hold lit and visible facets at any of the frames, bool (N,)."""
-        mesh = self.visibility_meshes[selection.view.subdivision]
-        faces = np.ones(len(self.cage_faces), bool)
-        if not self.at_instants:
-            faces = posed.facing.lit(selection.pair, self.tilt_rad)
+    def lit_faces(self, posed: _Posed, pair: Pair) -> np.ndarray:
+        """Which cage faces may hold facets that face both antennas at any of the frames, bool (F,)."""
+        return np.ones(len(self.cage_faces), bool) if self.at_instants else posed.facing.lit(pair, self.tilt_rad)
+
+    def _lit(self, faces: np.ndarray, seen: Seen, mesh: VisibilityMesh) -> np.ndarray:
+        """Which patches hold facets of these cage faces, bool (F,), that are visible, bool (G,)."""
         if seen.visibility is not None:
-            faces &= self._with_neighbours(mesh, np.asarray(seen.visibility.any(axis=0)))
+            faces = faces & self._with_neighbours(mesh, np.asarray(seen.visibility.any(axis=0)))
         lit = self.patches.any_of(faces)
-        return (lit if seen.weights is None else lit & seen.weights.reach)[selection.patches]
+        return lit if seen.weights is None else lit & seen.weights.reach
 
     def _points(self, patches: np.ndarray, posed: _Posed, seen: Seen, mesh: VisibilityMesh) -> PointVertices | None:
         """The diffuse points of some patches, on the device."""
@@ -344,17 +346,14 @@ class _Posed:
         facing = Facing.of(cage[instants], model.cage_faces)
         return cls(model, cage, cage.mean(axis=1), centre, backend.Float64(centre.ravel()), facing, backend)
 
-    def carry(self, lit: Sequence[np.ndarray], selections: Sequence[_Selection], *, everything: bool) -> None:
-        """Carries along the vertices of facets that are lit, bool (N,) of the patches of each selection, or all of them."""
+    def carry(self, faces: np.ndarray, *, with_places: bool) -> None:
+        """Carries along the vertices of the patches of these cage faces, bool (F,); `with_places` keeps all of them at hand."""
         model, kept = self.model, self._kept
         used, corners = np.zeros((2, model.operator.shape[0]), bool)
-        patches = np.zeros(len(model.patches), bool)
-        for some, selection in zip(lit, selections, strict=True):
-            patches[selection.patches[some]] = True
-        facets = np.repeat(patches | everything, np.diff(model.patches.starts))
+        facets = np.repeat(model.patches.any_of(faces) | with_places, np.diff(model.patches.starts))
         used[model.patches.nodes[facets]] = corners[model.patches.corners[facets]] = True
         values = carried(model.operator[used], self._local())
-        kept["corners"], kept["values"] = corners, values[corners[used]] if everything else None
+        kept["corners"], kept["values"] = corners, values[corners[used]] if with_places else None
         kept["numbers"], kept["corner numbers"] = (np.cumsum(each) - 1 for each in (used, corners))
         kept["vertices"] = self.backend.Float32(values.ravel())
 
