@@ -25,9 +25,9 @@ MOST_LEVELS = 12
 """An edge is halved at most so often."""
 LEAST_SPLIT = 0.5
 """An edge of a facet that is split is split with it where its own sagitta exceeds this fraction of the limit."""
-MOST_WAVELENGTHS = 5.0
-"""An edge is at most so long: where a limb rotates, the phases of a long facet part between surface frames. And for a given number
-of facets the error is lower by a decibel."""
+MOST_WAVELENGTHS = 4.5
+"""An edge is at most so long, at a limit of 1 rad, and as the limit's root goes: where a limb rotates, the phases of a long facet part
+between surface frames."""
 _SPLITS = (
     ((0, 1, 2),),
     ((0, 3, 2), (3, 1, 2)),
@@ -51,10 +51,9 @@ def curved_refinements(
 ) -> list[Refinement]:
     """Curved facets of a closed mesh (V, 3), (F, 3) for each limit, one number or one per vertex (V,); edges are no longer than
     `max_edge_m`, by default `MOST_WAVELENGTHS`."""
-    longest_m = MOST_WAVELENGTHS * 2 * math.pi / wavenumber if max_edge_m is None else max_edge_m
     surface = _Surface(np.asarray(rest, float), faces)
     return [
-        surface.refined(wavenumber, range_m, np.asarray(limit, float), max_faces, longest_m) for limit in sagittas_rad
+        surface.refined(wavenumber, range_m, np.asarray(limit, float), max_faces, max_edge_m) for limit in sagittas_rad
     ]
 
 
@@ -67,7 +66,7 @@ class _Surface:
         self.points = self.control @ rest
 
     def refined(
-        self, wavenumber: float, range_m: float, limit_rad: np.ndarray, max_faces: int, max_edge_m: float
+        self, wavenumber: float, range_m: float, limit_rad: np.ndarray, max_faces: int, max_edge_m: float | None
     ) -> Refinement:
         """Facets for one limit."""
         count = len(self.mesh.faces)
@@ -79,7 +78,8 @@ class _Surface:
             places = known.places[nodes]
             limit = (corners.mean(axis=1) / PARTS * limits[face]).sum(axis=1)
             wanted = _split(_edge_sagittas(nodes, known.places, wavenumber, range_m) / limit[:, None])
-            wanted |= lengths(places[:, :3] - np.roll(places[:, :3], -1, axis=1)) > max_edge_m
+            longest = MOST_WAVELENGTHS * 2 * math.pi / wavenumber * np.sqrt(limit) if max_edge_m is None else max_edge_m
+            wanted |= (lengths(places[:, :3] - np.roll(places[:, :3], -1, axis=1)).T > longest).T
             flagged = np.zeros(len(known.places), bool)
             flagged[nodes[:, 3:][wanted]] = True
             split = flagged[nodes[:, 3:]]

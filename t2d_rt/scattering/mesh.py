@@ -203,7 +203,7 @@ class _Model:
             seen_from=seen_from, cycles_per_step=detail.cycles_per_step, sweep_cycles=detail.sweep_cycles,
         )  # fmt: skip
         points = None
-        if carriers:
+        if carriers and detail.points:
             points = DiffusePoints.spread(
                 surface,
                 carriers[0],
