@@ -26,8 +26,8 @@ MOST_LEVELS = 12
 LEAST_SPLIT = 0.5
 """An edge of a facet that is split is split with it where its own sagitta exceeds this fraction of the limit."""
 MOST_WAVELENGTHS = 4.5
-"""An edge is at most so long, at a limit of 1 rad, and as the limit's root goes: where a limb rotates, the phases of a long facet part
-between surface frames."""
+"""An edge is at most so long at a limit of 1 rad, and goes with the root of the limit: where a limb rotates, the phases of a long
+facet part between surface frames."""
 _SPLITS = (
     ((0, 1, 2),),
     ((0, 3, 2), (3, 1, 2)),
@@ -79,7 +79,8 @@ class _Surface:
             limit = (corners.mean(axis=1) / PARTS * limits[face]).sum(axis=1)
             wanted = _split(_edge_sagittas(nodes, known.places, wavenumber, range_m) / limit[:, None])
             longest = MOST_WAVELENGTHS * 2 * math.pi / wavenumber * np.sqrt(limit) if max_edge_m is None else max_edge_m
-            wanted |= (lengths(places[:, :3] - np.roll(places[:, :3], -1, axis=1)).T > longest).T
+            edge = lengths(places[:, :3] - np.roll(places[:, :3], -1, axis=1))
+            wanted |= edge > np.broadcast_to(longest, len(face))[:, None]
             flagged = np.zeros(len(known.places), bool)
             flagged[nodes[:, 3:][wanted]] = True
             split = flagged[nodes[:, 3:]]

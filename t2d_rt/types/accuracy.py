@@ -51,7 +51,7 @@ class PathTier(Fields):
 DEFAULT_TIERS = (
     PathTier(level_db=-6.0),
     PathTier(
-        level_db=-21.0, sagitta_scale=4.0, greatest_sagitta_rad=3.0, patch_span_scale=2.0, patch_phase_scale=4.0,
+        level_db=-25.0, sagitta_scale=4.0, greatest_sagitta_rad=3.5, patch_span_scale=2.0, patch_phase_scale=4.0,
         visibility="shared",
     ),
     PathTier(
@@ -76,13 +76,13 @@ class Accuracy(Fields):
     written: ClassVar[Mapping[str, str]] = {"tiers": "a list of mappings, as in [{level_db: -6}, {level_db: -200}]"}
 
     sagitta_rad: Annotated[Number, Field(ge=0.01, le=10)] | None = None
-    """Greatest phase sagitta of a facet [rad], in place of each mesh's own (1.45 for a body at a radius of 0.1 m, whose facets are
+    """Greatest phase sagitta of a facet [rad], in place of each mesh's own (1.5 for a body at a radius of 0.1 m, whose facets are
     curved, 0.07 for the flat ones of others, which gives 0.3 dB of RCS). The number of facets goes with its inverse."""
     sagitta_scale: Scale = 1.0
     """Factor on that phase sagitta."""
     surface_rate_hz: Rate | None = None
     """Rate at which the shape of every target is evaluated [Hz], in place of what its motion needs. Cost is proportional."""
-    spline_error_db: Annotated[Number, Field(ge=-100, le=0)] = -38.0
+    spline_error_db: Annotated[Number, Field(ge=-100, le=0)] = -41.0
     """Field error that splines between surface frames may add [dB]; it sets the surface rate where none is given."""
     occlusion: bool = True
     """Whether targets occlude themselves and one another; the furniture of a room blocks paths in any case."""
