@@ -63,7 +63,7 @@ def test_a_view_of_many_echoes_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = stream()
     monkeypatch.setattr(echo_streams, "MOST_ECHOES", whole.echoes // 3)
     cut = stream()
-    assert len(cut.parts) == 3
+    assert len(cut.parts) in (3, 4)
     assert [part.echoes for part in cut.parts] == [part.frames(0, 3).delay_s.shape[1] for part in cut.parts]
     for found, expected in zip(cut.frames(0, 3), whole.frames(0, 3), strict=True):
         assert (found is None and expected is None) or np.array_equal(found, expected)

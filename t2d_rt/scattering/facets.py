@@ -86,6 +86,8 @@ class FacetVertices:
     """(T, 3) m."""
     integrals: Integrals
     """Over a facet."""
+    points: PointVertices | None
+    """The patches' diffuse points."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +122,6 @@ def patch_echoes(
     numbers: np.ndarray,
     pair: Pair,
     reflection: complex,
-    points: PointVertices | None,
     weights: Weights | None,
     block: Block,
     columns: np.ndarray,
@@ -128,7 +129,7 @@ def patch_echoes(
     """Writes the amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, their delay's carrier taken out.
 
     `patches` are some of the G, by their `numbers` (P,), and go to `columns` (P,). Reflection is Gamma of the surface times the
-    fraction that stays coherent; `points` add what does not.
+    fraction that stays coherent; the diffuse points add what does not.
     """
     at = Gather(posed.vertices, block.shape[0], len(patches), block.backend)
     dr, Float32 = at.dr, block.backend.Float32
@@ -143,9 +144,9 @@ def patch_echoes(
     per_hz = dr.opaque(Float32, 1 / pair.frequency_hz)
     amplitude = complex_times(real, imag, total[0], total[1])
     slope = complex_times(real * per_hz, imag * per_hz, total[2], total[3])
-    if points is not None:
-        diffuse = _diffuse_sums(at, points, seen)
-        scale = Float32(at.constant(2 * pair.link_amplitude * points.scattered))
+    if posed.points is not None:
+        diffuse = _diffuse_sums(at, posed.points, seen)
+        scale = Float32(at.constant(2 * pair.link_amplitude * posed.points.scattered))
         amplitude = tuple(x + scale * y for x, y in zip(amplitude, diffuse[:2], strict=True))
         slope = tuple(x + scale * per_hz * y for x, y in zip(slope, diffuse[2:], strict=True))
     if weights is not None:

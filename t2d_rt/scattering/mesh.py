@@ -111,8 +111,7 @@ def mesh_echoes(
         found = block.arrays()
         if not (radar.is_array or radar.directional):
             return found
-        places = posed.centre.swapaxes(0, 1)
-        return side_by_side([selection.with_ends(radar, found, places) for selection in selections])
+        return side_by_side([each.with_ends(radar, found, posed.centre.swapaxes(0, 1)) for each in selections])
 
     return in_parts(
         [
@@ -262,10 +261,10 @@ class _Model:
             facets = FacetVertices(
                 vertices=posed.vertices, visibility=posed.visibility(seen, mesh), corners=posed.corner_numbers[parts.corners],
                 centres=posed.centres, origin=posed.origin, integrals=self.integrals,
+                points=self._points(chosen, posed, seen, mesh),
             )  # fmt: skip
-            points = self._points(chosen, posed, seen, mesh)
             parts = replace(parts, nodes=posed.numbers[parts.nodes])
-            patch_echoes(facets, parts, chosen, pair, self.reflection, points, seen.weights, block, columns[lit])
+            patch_echoes(facets, parts, chosen, pair, self.reflection, seen.weights, block, columns[lit])
 
     def lit_faces(self, posed: _Posed, pair: Pair) -> np.ndarray:
         """Which cage faces may hold facets that face both antennas at any of the frames, bool (F,)."""

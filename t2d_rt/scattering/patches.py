@@ -22,7 +22,8 @@ Csr = Any
 Ends = tuple[np.ndarray, np.ndarray]
 """Places of a transmitter and a receiver, or of their images [m]."""
 CYCLES_PER_STEP = 0.35
-"""Greatest change, from one surface frame to the next, of the phase between two facets of a patch [cycles]."""
+"""Greatest change, from one surface frame to the next, of the phase between two facets of a patch [cycles]: a walk's field errs by
+0.8 dB less than with 0.5, and by 0.1 dB more than with 0.25."""
 SWEEP_CYCLES = 0.25
 """Greatest change over the sweep of the phase between two facets of a patch [cycles], along each axis."""
 APERTURE_CYCLES = 0.05
