@@ -50,7 +50,7 @@ def commands(page: Path, line: int, text: str) -> list[tuple[str, list[str]]]:
 
 @pytest.fixture(autouse=True)
 def coarse_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tenth of the facets: programs run as they are written, in a fraction of the time."""
+    """Half of the facets: programs run as they are written, in less time."""
     monkeypatch.setattr(import_module("t2d_rt.body.skin"), "SAGITTA_RAD", 3.0)
 
 
