@@ -40,7 +40,7 @@ def in_periods(
     length_s = duration_s(found, rate_hz)
     times_s = np.linspace(span_s[0], span_s[0] + length_s, int(np.ceil(length_s * rate_hz)) + 1)
     samples_s = np.linspace(*span_s, int(np.ceil((span_s[1] - span_s[0]) * GAIN_RATE_HZ)) + 1)
-    plain = [replace(view, visibility=None, unblocked=None, subdivision=0) for view in views]
+    plain = [replace(view, visibility=(), unblocked=(), subdivision=0) for view in views]
     visibility = [_visibility(view, samples_s) for view in views]
     constant = [float(np.median(each)) for each in visibility]
     lit = [
@@ -63,9 +63,8 @@ def _interpolated(samples_s: np.ndarray, values: np.ndarray) -> Callable[[np.nda
 def _visibility(view: View, samples_s: np.ndarray) -> np.ndarray:
     """That of the whole mesh over a view at these times (K,)."""
     found = np.ones(len(samples_s))
-    for fraction in (view.visibility, view.unblocked):
-        if fraction is not None:
-            found *= np.concatenate([fraction(some)[:, 0] for some in blocks(samples_s, 10_000)])
+    for fraction in (*view.visibility, *view.unblocked):
+        found *= np.concatenate([fraction(some)[:, 0] for some in blocks(samples_s, 10_000)])
     return found
 
 
@@ -74,7 +73,7 @@ def _dimmed(view: View, level: float, vertices: int) -> View:
     if level > 1 - UNCHANGED:
         return view
     constant: Fraction = lambda times_s: np.broadcast_to(np.float32(level), (len(times_s), vertices))  # noqa: E731
-    return replace(view, visibility=constant)
+    return replace(view, visibility=(constant,))
 
 
 def _greatest_speed_mps(mesh: MovingMesh, start_s: float) -> float:

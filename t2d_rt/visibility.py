@@ -89,9 +89,9 @@ class Sampled:
             found.append(
                 View(
                     paths=pair,
-                    visibility=_product(fractions),
+                    visibility=tuple(fractions),
                     subdivision=subdivision,
-                    unblocked=_product(others),
+                    unblocked=tuple(others),
                 )
             )
         return found
@@ -171,9 +171,9 @@ class _OneWayVisibility:
         """Of a mesh over a pair."""
         # One sample serves where both ends have one visibility; the scene blocks both one-way paths, though.
         ends = {self.place(end, path): (end, path) for end, path in _ends(pair) if path or self._solid}
-        fractions = [self.fraction(number, *end, 3 - len(ends)) for end in ends.values()]
+        fractions = tuple(self.fraction(number, *end, 3 - len(ends)) for end in ends.values())
         subdivision = 0 if self._sight.fast_rotating[number] else self.subdivision
-        return View(paths=pair, visibility=_product(fractions), subdivision=subdivision)
+        return View(paths=pair, visibility=fractions, subdivision=subdivision)
 
     def fraction(self, number: int, end: int, path: OneWayPath | None, path_count: int) -> Fraction:
         """Visibility over the one-way path of an end, whose blockage `path_count` paths share."""
@@ -208,7 +208,7 @@ def coarse_views(
     """
     fractions = _unblocked(blockage(geometry, samples_s, minor=minor), pairs, scene, fast_rotating=fast_rotating)
     field = "visibility" if isinstance(geometry, Ellipsoids) else "unblocked"
-    found = [_product([fractions[path.key] for path in (pair.out, pair.back)]) for pair in pairs]
+    found = [tuple(fractions[path.key] for path in (pair.out, pair.back)) for pair in pairs]
     return [View(paths=pair, **{field: each}) for pair, each in zip(pairs, found, strict=True)]  # type: ignore[arg-type]
 
 
@@ -230,13 +230,6 @@ def _unblocked(
 def _ends(pair: PathPair | None) -> Iterator[tuple[int, OneWayPath | None]]:
     """Numbers of the ends, the transmitters' first, and their one-way paths; None in free space."""
     return enumerate((None, None) if pair is None else (pair.out, pair.back))
-
-
-def _product(fractions: Sequence[Fraction]) -> Fraction | None:
-    """Product of the visibility over each one-way path; None where there is none."""
-    if len(fractions) < 2:
-        return fractions[0] if fractions else None
-    return lambda times_s: np.asarray(np.prod([fraction(times_s) for fraction in fractions], axis=0))
 
 
 def _remembered(fraction: Fraction) -> Fraction:

@@ -394,7 +394,7 @@ def test_visibility_scales_what_is_seen(backend: Backend) -> None:
     for fraction in (1.0, 0.25, 0.0):
         stream = mesh_echoes(
             mesh, TABLE2, times_s=FRAMES_S, material=SKIN, detail=Detail(sagitta_rad=0.4), seed=0, backend=backend,
-            views=[View(visibility=lambda t, fraction=fraction: np.full((len(t), len(mesh.rest)), fraction))],
+            views=[View(visibility=(lambda t, fraction=fraction: np.full((len(t), len(mesh.rest)), fraction),))],
         )  # fmt: skip
         parts.append(stream.gather().amplitude)
     np.testing.assert_allclose(parts[1], 0.25 * parts[0], rtol=1e-5, atol=1e-16)

@@ -94,10 +94,8 @@ def _shown(
     from scipy.ndimage import maximum_filter1d
 
     first, last = max(0, start - REACH_FRAMES), min(len(times_s), stop + REACH_FRAMES)
-    every = [
-        np.ones((last - first, count)) if view.visibility is None else view.visibility(times_s[first:last])
-        for view in views
-    ]
+    seen = [view.visible(times_s[first:last]) for view in views]
+    every = [np.ones((last - first, count)) if each is None else each for each in seen]
     fractions = np.concatenate(every, axis=1)
     here = slice(start - first, stop - first)
     near = maximum_filter1d(fractions, 2 * REACH_FRAMES + 1, axis=0, mode="constant") > 0

@@ -76,8 +76,8 @@ class FacetVertices:
 
     vertices: Any
     """Flat Float32 (V, T, 4): place [m] relative to the origin, and 1."""
-    visibility: Any
-    """Of vertices at corners in 0..1, flat Float32 (Vc, T); None: all are visible."""
+    visibility: list[Any]
+    """Of vertices at corners in 0..1, flat Float32 (Vc, T) each; their product counts."""
     corners: np.ndarray
     """Numbers of the patches' corners among the latter, (F, 3)."""
     centres: Any
@@ -96,8 +96,8 @@ class PointVertices:
 
     vertices: Any
     """Of the triangles that hold them, flat Float32 (Vp, T, 4) on the device: place [m] relative to the origin, and 1."""
-    visibility: Any
-    """Of these in 0..1, flat Float32 (Vp, T) on the device; None: all are visible."""
+    visibility: list[Any]
+    """Of these in 0..1, flat Float32 (Vp, T) on the device each; their product counts."""
     corners: np.ndarray
     """Of each point's triangle, (Q, 3)."""
     packets: np.ndarray
@@ -189,8 +189,8 @@ def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, seen: _
         nodes = [minus(packet[:3], seen.centre) for packet in at.packets(at.vertices(columns_of, facet))]
         phases = [seen.phase(node) for node in nodes]
         visibility = [1.0, 1.0, 1.0]
-        if posed.visibility is not None:
-            visibility = at.field(posed.visibility, at.vertices(corners_of, facet))
+        if posed.visibility:
+            visibility = at.product(posed.visibility, at.vertices(corners_of, facet))
         parts = (_flat if len(nodes) == 3 else _curved)(at, nodes, phases, visibility, seen.places, posed.integrals)
         return facet + 1, [t + value for t, value in zip(total, (*parts[0], *parts[1]), strict=True)]
 
@@ -217,8 +217,8 @@ def _diffuse_sums(at: Gather, points: PointVertices, seen: _Antennas) -> list[An
             dr.maximum(dot(normal, s) / (doubled_area * d), 0) for s, d in zip(lines_of_sight, ranges, strict=True)
         ]
         weight = root * dr.sqrt(cosines[0] * cosines[-1]) / (ranges[0] * ranges[-1])
-        if points.visibility is not None:
-            weight *= sum(held.field(points.visibility, vertices)) * (1 / 3)
+        if points.visibility:
+            weight *= sum(held.product(points.visibility, vertices)) * (1 / 3)
         phase = seen.phase(place)
         sin, cos = dr.sincos(phase + own_phase)
         real, imag = weight * cos, weight * sin

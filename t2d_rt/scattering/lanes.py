@@ -142,10 +142,13 @@ class Gather:
         """A fixed point (3,)."""
         return tuple(self.constant(x) for x in position_m)
 
-    def field(self, values: Any, vertices: list[Any]) -> list[Any]:
-        """A field of numbered vertices in the lane's frame, kept within 0..1, from flat (V, T) on the device."""
-        places = (vertex * self.stride + self.frame for vertex in vertices)
-        return [self.dr.clip(self.dr.gather(self.backend.Float32, values, place), 0, 1) for place in places]
+    def product(self, fields: list[Any], vertices: list[Any]) -> list[Any]:
+        """The product of one or more fields of numbered vertices in the lane's frame, each flat (V, T) on the device."""
+        places = [vertex * self.stride + self.frame for vertex in vertices]
+        found = [self.dr.gather(self.backend.Float32, fields[0], place) for place in places]
+        for field in fields[1:]:
+            found = [x * self.dr.gather(self.backend.Float32, field, y) for x, y in zip(found, places, strict=True)]
+        return found
 
 
 def triangle_normal(corners: list[Vector], at: Gather) -> tuple[Vector, Any]:

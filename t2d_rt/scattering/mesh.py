@@ -27,7 +27,7 @@ from t2d_rt.scattering.patches import (
     patches,
     tilts,
 )
-from t2d_rt.scattering.paths import Anchors, Arrivals, View, anchor_vertices, unfolded
+from t2d_rt.scattering.paths import Anchors, Arrivals, View, anchor_vertices, product, unfolded
 from t2d_rt.scattering.phase_integral import Integrals, divided_differences
 from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, sampled_visibility
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
@@ -129,10 +129,10 @@ def _seen(
     """How a mesh is seen in a view at some times."""
     weights = None
     if view.paths is not None and arrivals is not None and anchors is not None:
-        unblocked = None if view.unblocked is None else view.unblocked(times_s)
+        unblocked = product([fraction(times_s) for fraction in view.unblocked])
         weights = anchors.weights(*arrivals.weight(view.paths), unblocked, backend)
     return Seen(
-        visibility=None if view.visibility is None else view.visibility(times_s),
+        visibility=[fraction(times_s) for fraction in view.visibility],
         facet_visibility=None if view.facet_visibility is None else partial(view.facet_visibility, times_s),
         weights=weights,
     )
@@ -272,8 +272,9 @@ class _Model:
 
     def _lit(self, faces: np.ndarray, seen: Seen, mesh: VisibilityMesh) -> np.ndarray:
         """Which patches hold facets of these cage faces, bool (F,), that are visible, bool (G,)."""
-        if seen.visibility is not None:
-            faces = faces & self._with_neighbours(mesh, np.asarray(seen.visibility.any(axis=0)))
+        if seen.visibility:
+            somewhere = np.logical_and.reduce([each > 0 for each in seen.visibility]).any(axis=0)
+            faces = faces & self._with_neighbours(mesh, np.asarray(somewhere))
         lit = self.patches.any_of(faces)
         return lit if seen.weights is None else lit & seen.weights.reach
 
@@ -281,11 +282,10 @@ class _Model:
         """The diffuse points of some patches, on the device."""
         if self.points is None:
             return None
-        visibility = self.points.visibility(seen, mesh, posed.cage)
         some = self.points.only(patches)
         return PointVertices(
-            vertices=posed.carrier, visibility=None if visibility is None else posed.backend.Float32(visibility.ravel()),
-            corners=some.corners, packets=some.packets, starts=some.starts, scattered=some.scattered,
+            vertices=posed.carrier, visibility=posed.visibility_of_points(seen, mesh), corners=some.corners,
+            packets=some.packets, starts=some.starts, scattered=some.scattered,
         )  # fmt: skip
 
     def _with_neighbours(self, visibility_mesh: VisibilityMesh, visibility: np.ndarray) -> np.ndarray:
@@ -335,7 +335,7 @@ class _Posed:
     """The same on the device, flat Float64."""
     facing: Facing
     backend: Backend
-    _kept: dict[str, Any] = field(default_factory=dict)
+    _kept: dict[Any, Any] = field(default_factory=dict)
     """What was carried along."""
 
     @classmethod
@@ -371,18 +371,39 @@ class _Posed:
         """Of all facets' vertices among those of these that are corners, (Vf,)."""
         return self._kept["corner numbers"]
 
-    def visibility(self, seen: Seen, mesh: VisibilityMesh) -> Any:
-        """Of the corners carried along, flat Float32 (Vc, T) on the device; None: all are visible."""
-        corners, found = self._kept["corners"], None
-        if seen.visibility is not None:
-            operator = self.model.operator if mesh.facets is None else mesh.facets
-            found = carried(operator[corners], np.asarray(seen.visibility, np.float32)[..., None])[..., 0]
+    def visibility(self, seen: Seen, mesh: VisibilityMesh) -> list[Any]:
+        """Of the corners carried along, flat Float32 (Vc, T) on the device for each one-way path."""
+        found = self._carried_visibility("corners", lambda: mesh.facets[self._kept["corners"]], seen, mesh)
         if seen.facet_visibility is not None:
             patches = self.model.patches
             places = self._kept["values"][..., :3] + self.origin
             sampled = sampled_visibility(seen.facet_visibility, places, self.corner_numbers[patches.corners])
-            found = sampled if found is None else found * sampled
-        return None if found is None else self.backend.Float32(np.ascontiguousarray(found, np.float32).ravel())
+            found.append(self.backend.lanes(sampled, self.backend.Float32))
+        return found
+
+    def visibility_of_points(self, seen: Seen, mesh: VisibilityMesh) -> list[Any]:
+        """Of the vertices that hold diffuse points, flat Float32 (Vp, T) on the device for each one-way path."""
+        found = self._carried_visibility("points", lambda: mesh.points, seen, mesh)
+        if seen.facet_visibility is not None:
+            assert self.model.points is not None
+            sampled = self.model.points.facet_visibility(seen.facet_visibility, self.cage)
+            found.append(self.backend.lanes(sampled, self.backend.Float32))
+        return found
+
+    def _carried_visibility(
+        self, what: str, operator: Callable[[], Csr], seen: Seen, mesh: VisibilityMesh
+    ) -> list[Any]:
+        """That over each one-way path, carried along once for all pairs that have the path in common."""
+        kept, found = self._kept, []
+        for values in seen.visibility:
+            key = what, id(mesh), id(values)
+            if key not in kept:
+                if (what, id(mesh)) not in kept:
+                    kept[what, id(mesh)] = operator()
+                out = carried(kept[what, id(mesh)], np.asarray(values, np.float32)[..., None])
+                kept[key] = values, self.backend.Float32(out.ravel())  # the array lives on, and so its id is its own
+            found.append(kept[key][1])
+        return found
 
     @property
     def carrier(self) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -32,14 +32,24 @@ class View:
     """Visibility of a target over a path pair, or in free space."""
 
     paths: PathPair | None = None
-    visibility: Fraction | None = None
-    """Of each vertex of a mesh, or of each ellipsoid; None: all that faces the antennas is visible."""
+    visibility: tuple[Fraction, ...] = ()
+    """Of each vertex of a mesh, or of each ellipsoid, over the one-way paths: their product; without any, all that faces the
+    antennas is visible."""
     subdivision: int = 0
     """Subdivision level of the mesh at whose vertices `visibility` is known (`geometry.SubdividedMesh`)."""
-    unblocked: Fraction | None = None
-    """Fraction of the field at a mesh's anchors that the scene does not block; None: all of it."""
+    unblocked: tuple[Fraction, ...] = ()
+    """Fraction of the field at a mesh's anchors that the scene does not block, over the one-way paths: their product."""
     facet_visibility: FacetVisibility | None = None
     """Of the facets' own vertices, as a factor on `visibility`."""
+
+    def visible(self, times_s: np.ndarray) -> np.ndarray | None:
+        """The product of `visibility` (K, N) at times [s] (K,); None: all is visible."""
+        return product([fraction(times_s) for fraction in self.visibility])
+
+
+def product(fractions: Sequence[np.ndarray]) -> np.ndarray | None:
+    """That of some arrays; None: there is none."""
+    return np.asarray(np.prod(fractions, axis=0)) if fractions else None
 
 
 def anchor_vertices(rest: np.ndarray) -> np.ndarray:

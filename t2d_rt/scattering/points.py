@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -26,8 +26,9 @@ VertexVisibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class Seen:
     """How a mesh is seen over a path pair at some frames."""
 
-    visibility: np.ndarray | None = None
-    """Of the vertices of its visibility mesh, (T, V'); None: all are visible."""
+    visibility: Sequence[np.ndarray] = ()
+    """Of the vertices of its visibility mesh over each one-way path, (T, V'); their product counts. Paths that pairs have in common
+    have one array."""
     facet_visibility: VertexVisibility | None = None
     """Of finer vertices, as a factor."""
     weights: Weights | None = None
@@ -115,13 +116,9 @@ class DiffusePoints:
         chosen, starts = members(self.starts, patches)
         return replace(self, corners=self.corners[chosen], packets=self.packets[chosen], starts=starts)
 
-    def visibility(self, seen: Seen, mesh: VisibilityMesh, cage: np.ndarray) -> np.ndarray | None:
-        """Visibility of the vertices that hold points (Vp, T), for control points (T, V, 3); None: all are visible."""
-        sampled = None if seen.visibility is None else carried(mesh.points, seen.visibility[..., None])[..., 0]
-        if seen.facet_visibility is None:
-            return sampled
-        found = sampled_visibility(seen.facet_visibility, carried(self.operator, cage), self.corners)
-        return found if sampled is None else sampled * found
+    def facet_visibility(self, visibility: VertexVisibility, cage: np.ndarray) -> np.ndarray:
+        """That of the vertices that hold points (Vp, T), for control points (T, V, 3)."""
+        return sampled_visibility(visibility, carried(self.operator, cage), self.corners)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +127,8 @@ class VisibilityMesh:
 
     faces: np.ndarray
     """Those of each cage face together."""
-    facets: Csr | None
-    """Sparse: from visibility there to that of the facets' vertices; None: visibility of the cage's own vertices is carried
-    along."""
+    facets: Csr
+    """Sparse, float32: from visibility there to that of the facets' vertices."""
     points: Csr | None
     """Sparse: the same of vertices that hold the diffuse points."""
 
@@ -140,7 +136,8 @@ class VisibilityMesh:
     def of(cls, surface: MovingMesh, fine: Refinement, points: DiffusePoints | None, level: int) -> VisibilityMesh:
         """At a subdivision level."""
         if not level:
-            return cls(surface.faces, None, None if points is None else points.carrier.linear[points.used])
+            held = None if points is None else points.carrier.linear[points.used].astype(np.float32)
+            return cls(surface.faces, fine.linear.astype(np.float32), held)
         subdivision = SubdividedMesh.of(surface.faces, len(surface.rest), level)
         held = None if points is None else subdivision.to(points.carrier, surface.faces)[points.used]
         return cls(subdivision.faces, subdivision.to(fine, surface.faces), held)

@@ -275,7 +275,7 @@ def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, detail=Detail(sagitta_rad=body.sagitta_rad), seed=0,
-        views=[View(visibility=lambda t: view.visibility(t)[0])], backend=select("auto"),
+        views=[View(visibility=(lambda t: view.visibility(t)[0],))], backend=select("auto"),
     ).frames(0, len(times_s))  # fmt: skip
     power = np.abs(echoes.amplitude) ** 2
     assert echoes.departure_m is not None

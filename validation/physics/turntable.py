@@ -86,8 +86,8 @@ def mesh_fields(
     views = [View()]
     if occlusion:
         traced = Occlusion(Occluders([mesh]), radar.tx_position_m, samples_s=times_s, backend=backend)
-        views = [View(visibility=lambda at: traced.visibility(at)[0])]
-    views += [View(visibility=_constant(fraction)) for fraction in only]
+        views = [View(visibility=(lambda at: traced.visibility(at)[0],))]
+    views += [View(visibility=(_constant(fraction),)) for fraction in only]
     stream = mesh_echoes(
         mesh, radar,
         times_s=times_s, material=resolve_material(mesh.material, radar.mid_frequency_hz),
