@@ -27,7 +27,7 @@ from t2d_rt.scattering.lanes import (
     triangle_normal,
 )
 from t2d_rt.scattering.patches import Patches
-from t2d_rt.scattering.phase_integral import SERIES_TERMS, Integrals, Ops, Parts
+from t2d_rt.scattering.phase_integral import SERIES_TERMS, Integrals, Ops
 from t2d_rt.types import PathPair, Radar
 from t2d_rt.types.radar import one_view
 
@@ -76,8 +76,8 @@ class FacetVertices:
 
     vertices: Any
     """Flat Float32 (V, T, 4): place [m] relative to the origin, and 1."""
-    visibility: list[Any]
-    """Of vertices at corners in 0..1, flat Float32 (Vc, T) each; their product counts."""
+    visibility: Any
+    """Of vertices at corners in 0..1, flat Float32 (Vc, T); None: all are visible."""
     corners: np.ndarray
     """Numbers of the patches' corners among the latter, (F, 3)."""
     centres: Any
@@ -96,8 +96,8 @@ class PointVertices:
 
     vertices: Any
     """Of the triangles that hold them, flat Float32 (Vp, T, 4) on the device: place [m] relative to the origin, and 1."""
-    visibility: list[Any]
-    """Of these in 0..1, flat Float32 (Vp, T) on the device each; their product counts."""
+    visibility: Any
+    """Of these in 0..1, flat Float32 (Vp, T) on the device; None: all are visible."""
     corners: np.ndarray
     """Of each point's triangle, (Q, 3)."""
     packets: np.ndarray
@@ -183,16 +183,32 @@ class _Antennas(NamedTuple):
 def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, seen: _Antennas) -> list[Any]:
     """Sum over each patch's facets of obliquity times phase integral over R^2 (eq. 3), and its derivative by the logarithm of the
     frequency: real and imaginary parts, without unit."""
-    columns_of, corners_of = at.columns(patches.nodes), at.columns(posed.corners)
+    nodes_of, corners_of = at.table(patches.nodes), at.table(posed.corners)
 
     def add(facet: Any, total: list[Any]) -> tuple[Any, list[Any]]:
-        nodes = [minus(packet[:3], seen.centre) for packet in at.packets(at.vertices(columns_of, facet))]
-        phases = [seen.phase(node) for node in nodes]
+        nodes = [minus(packet[:3], seen.centre) for packet in at.packets(at.vertices(nodes_of, facet))]
         visibility = [1.0, 1.0, 1.0]
-        if posed.visibility:
-            visibility = at.product(posed.visibility, at.vertices(corners_of, facet))
-        parts = (_flat if len(nodes) == 3 else _curved)(at, nodes, phases, visibility, seen.places, posed.integrals)
-        return facet + 1, [t + value for t, value in zip(total, (*parts[0], *parts[1]), strict=True)]
+        if posed.visibility is not None:
+            visibility = at.field(posed.visibility, at.vertices(corners_of, facet))
+        amplitudes = (_flat_amplitude if len(nodes) == 3 else _curved_amplitudes)(at, nodes, visibility, seen.places)
+
+        def integrate(nodes: list[Vector], amplitudes: list[Any], total: list[Any]) -> list[Any]:
+            phases = [seen.phase(node) for node in nodes]
+            if len(amplitudes) == 1:
+                value, change = posed.integrals(*phases, ops=_ops(at.dr), terms=SERIES_TERMS[4])
+                found = [amplitudes[0] * x for x in (*value, *change)]
+            else:
+                bubbles = [4 * phases[3 + i] - 2 * (phases[i] + phases[(i + 1) % 3]) for i in range(3)]
+                value, change = curved_integrals(
+                    phases[:3], amplitudes, bubbles, ops=_ops(at.dr), terms=SERIES_TERMS[4], order=EXPANSION_ORDER
+                )
+                found = [*value, *change]
+            return [t + x for t, x in zip(total, found, strict=True)]
+
+        # A branch, which lanes pass over together where none of their facets is lit.
+        arguments = nodes, amplitudes, total
+        lit = sum(amplitudes) > 0
+        return facet + 1, at.dr.if_stmt(arguments, lit, integrate, lambda *unlit: unlit[-1], mode="symbolic")
 
     return _sums(at, patches.starts, add)
 
@@ -202,12 +218,12 @@ def _diffuse_sums(at: Gather, points: PointVertices, seen: _Antennas) -> list[An
     sqrt(sigma_q)/(2 S |Gamma| R^2) exp(j phase), and its derivative by the logarithm of the frequency: real and imaginary parts."""
     dr, Packet, Float32 = at.dr, at.backend.arrays.Array4f, at.backend.Float32
     held = Gather(points.vertices, at.frames, len(points.starts) - 1, at.backend)
-    columns_of = held.columns(points.corners)
+    corners_of = held.table(points.corners)
     packets = at.backend.lanes(points.packets.ravel(), Float32)
 
     def add(point: Any, total: list[Any]) -> tuple[Any, list[Any]]:
         first, second, root, own_phase = dr.gather(Packet, packets, point)
-        vertices = held.vertices(columns_of, point)
+        vertices = held.vertices(corners_of, point)
         corners = [minus(packet[:3], seen.centre) for packet in held.packets(vertices)]
         place = combined(corners, [first, second, 1 - first - second])
         normal, doubled_area = triangle_normal(corners, at)
@@ -217,8 +233,8 @@ def _diffuse_sums(at: Gather, points: PointVertices, seen: _Antennas) -> list[An
             dr.maximum(dot(normal, s) / (doubled_area * d), 0) for s, d in zip(lines_of_sight, ranges, strict=True)
         ]
         weight = root * dr.sqrt(cosines[0] * cosines[-1]) / (ranges[0] * ranges[-1])
-        if points.visibility:
-            weight *= sum(held.product(points.visibility, vertices)) * (1 / 3)
+        if points.visibility is not None:
+            weight *= sum(held.field(points.visibility, vertices)) * (1 / 3)
         phase = seen.phase(place)
         sin, cos = dr.sincos(phase + own_phase)
         real, imag = weight * cos, weight * sin
@@ -242,52 +258,34 @@ def _sums(at: Gather, starts: np.ndarray, add: Callable[[Any, list[Any]], tuple[
     return list(total)
 
 
-def _flat(
-    at: Gather,
-    corners: list[Vector],
-    phases: list[Any],
-    visibility: list[Any],
-    antennas: list[Vector],
-    integrals: Integrals,
-) -> tuple[Parts, Parts]:
-    """Obliquity times phase integral over R^2 of a flat facet, and its derivative."""
+def _flat_amplitude(at: Gather, corners: list[Vector], visibility: list[Any], antennas: list[Vector]) -> list[Any]:
+    """Obliquity over R^2 of a flat facet, times its mean visibility."""
     normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]))
-    lines_of_sight = [minus(antenna, combined(corners, THIRDS)) for antenna in antennas]
-    ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]
-    projected = [dot(normal, s) / d for s, d in zip(lines_of_sight, ranges, strict=True)]
-    weight = _obliquity(at, projected, ranges) * sum(visibility) * (1 / 3)
-    value, change = integrals(*phases, ops=_ops(at.dr), terms=SERIES_TERMS[4])
-    return (value[0] * weight, value[1] * weight), (change[0] * weight, change[1] * weight)
+    return [_obliquity(at, normal, combined(corners, THIRDS), antennas) * sum(visibility) * (1 / 3)]
 
 
-def _curved(
-    at: Gather, nodes: list[Vector], phases: list[Any], visibility: list[Any], antennas: list[Vector], _: Integrals
-) -> tuple[Parts, Parts]:
-    """The same of a curved facet, whose amplitude is linear between its corners: with the true normals there it fades towards the
-    edge of what is lit."""
+def _curved_amplitudes(at: Gather, nodes: list[Vector], visibility: list[Any], antennas: list[Vector]) -> list[Any]:
+    """The same at the corners of a curved facet, between which it is linear: with the true normals there it fades towards the edge
+    of what is lit."""
     corners, middles = nodes[:3], nodes[3:]
     after = corners[1:] + corners[:1]
     bulges = [
         scaled(minus(m, combined([a, b], [0.5, 0.5])), 4) for a, b, m in zip(corners, after, middles, strict=True)
     ]
-    bubbles = [4 * phases[3 + i] - 2 * (phases[i] + phases[(i + 1) % 3]) for i in range(3)]
     amplitudes = []
     for i, corner in enumerate(corners):
         # Tangents there, along the edges, of the parabola through the six nodes.
         forward = plus(minus(after[i], corner), bulges[i])
         backward = plus(minus(corners[i - 1], corner), bulges[i - 1])
-        normal = cross(forward, backward)
-        lines_of_sight = [minus(antenna, corner) for antenna in antennas]
-        ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]
-        projected = [dot(normal, s) / d for s, d in zip(lines_of_sight, ranges, strict=True)]
-        amplitudes.append(_obliquity(at, projected, ranges) * visibility[i])
-    return curved_integrals(
-        phases[:3], amplitudes, bubbles, ops=_ops(at.dr), terms=SERIES_TERMS[4], order=EXPANSION_ORDER
-    )
+        amplitudes.append(_obliquity(at, cross(forward, backward), corner, antennas) * visibility[i])
+    return amplitudes
 
 
-def _obliquity(at: Gather, projected: list[Any], ranges: list[Any]) -> Any:
+def _obliquity(at: Gather, normal: Vector, place: Vector, antennas: list[Vector]) -> Any:
     """Half the sum of the normal's projections on the lines of sight (eq. 3) over both ranges; 0 where one looks from behind."""
+    lines_of_sight = [minus(antenna, place) for antenna in antennas]
+    ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]
+    projected = [dot(normal, s) / d for s, d in zip(lines_of_sight, ranges, strict=True)]
     lit = (projected[0] > 0) & (projected[-1] > 0)
     return at.dr.select(lit, (projected[0] + projected[-1]) / (2 * ranges[0] * ranges[-1]), 0)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,16 @@ class Weights:
     """Flat Float32 (anchor, T, 4): factor of the amplitude, and its slope over frequency [1/Hz]."""
     reach: np.ndarray
     """Which echoes the field reaches, bool (N,)."""
+
+
+class Table(NamedTuple):
+    """Vertex numbers of triangles, read four at a time: a read costs lanes as much as some ten operations."""
+
+    numbers: Any
+    """Flat UInt32 on the device, each triangle's filled up to whole packets of four."""
+    width: int
+    """Vertices of each triangle."""
+    packets: int
 
 
 class Block:
@@ -89,13 +99,18 @@ class Gather:
         self.item = lane // self.stride
         self.frame = lane - self.item * self.stride
 
-    def columns(self, corners: np.ndarray) -> list[Any]:
-        """The columns of vertex numbers (N, C)."""
-        return [self.backend.lanes(column) for column in corners.T]
+    def table(self, vertices: np.ndarray) -> Table:
+        """Vertex numbers (N, C), as `vertices` reads them."""
+        count, packets = vertices.shape[1], -(-vertices.shape[1] // 4)
+        filled = np.zeros((len(vertices), 4 * packets), np.uint32)
+        filled[:, :count] = vertices
+        return Table(self.backend.lanes(filled), count, packets)
 
-    def vertices(self, columns: list[Any], triangle: Any) -> list[Any]:
+    def vertices(self, table: Table, triangle: Any) -> list[Any]:
         """Numbers of the vertices of every lane's triangle."""
-        return [self.dr.gather(self.backend.UInt32, column, triangle) for column in columns]
+        Packet = self.backend.arrays.Array4u
+        packets = [self.dr.gather(Packet, table.numbers, triangle * table.packets + k) for k in range(table.packets)]
+        return [number for packet in packets for number in packet][: table.width]
 
     def packets(self, vertices: list[Any]) -> list[Vector]:
         """Four numbers of each numbered vertex in the lane's frame, read together."""
@@ -142,13 +157,10 @@ class Gather:
         """A fixed point (3,)."""
         return tuple(self.constant(x) for x in position_m)
 
-    def product(self, fields: list[Any], vertices: list[Any]) -> list[Any]:
-        """The product of one or more fields of numbered vertices in the lane's frame, each flat (V, T) on the device."""
-        places = [vertex * self.stride + self.frame for vertex in vertices]
-        found = [self.dr.gather(self.backend.Float32, fields[0], place) for place in places]
-        for field in fields[1:]:
-            found = [x * self.dr.gather(self.backend.Float32, field, y) for x, y in zip(found, places, strict=True)]
-        return found
+    def field(self, values: Any, vertices: list[Any]) -> list[Any]:
+        """A field of numbered vertices in the lane's frame, from flat (V, T) on the device."""
+        places = (vertex * self.stride + self.frame for vertex in vertices)
+        return [self.dr.gather(self.backend.Float32, values, place) for place in places]
 
 
 def triangle_normal(corners: list[Vector], at: Gather) -> tuple[Vector, Any]:
@@ -187,4 +199,6 @@ def scaled(a: Vector, factor: Any) -> Vector:
 
 def norm(a: Vector) -> Any:
     """Length of a."""
-    return dot(a, a) ** 0.5
+    import drjit
+
+    return drjit.sqrt(dot(a, a))  # ** 0.5 takes sixteen times as long

@@ -104,7 +104,10 @@ def mesh_echoes(
         block = Block(len(times), _total(selections), backend)
         arrivals = None if anchors is None else Arrivals(radar, cage[:, anchors.vertices])
         lit = [model.lit_faces(posed, selection.pair) for selection in selections]
-        posed.carry(np.any(lit, axis=0), with_places=any(each.view.facet_visibility is not None for each in selections))
+        posed.carry(
+            np.any(lit, axis=0),
+            with_places=any(each.view.facet_visibility is not None for each in selections),
+        )
         for selection, faces in zip(selections, lit, strict=True):
             seen = _seen(selection.view, times, anchors, arrivals, backend)
             model.put(block, posed, selection, seen, faces)
@@ -371,24 +374,24 @@ class _Posed:
         """Of all facets' vertices among those of these that are corners, (Vf,)."""
         return self._kept["corner numbers"]
 
-    def visibility(self, seen: Seen, mesh: VisibilityMesh) -> list[Any]:
-        """Of the corners carried along, flat Float32 (Vc, T) on the device for each one-way path."""
+    def visibility(self, seen: Seen, mesh: VisibilityMesh) -> Any:
+        """Of the corners carried along, flat Float32 (Vc, T) on the device; None: all are visible."""
         found = self._carried_visibility("corners", lambda: mesh.facets[self._kept["corners"]], seen, mesh)
         if seen.facet_visibility is not None:
             patches = self.model.patches
             places = self._kept["values"][..., :3] + self.origin
             sampled = sampled_visibility(seen.facet_visibility, places, self.corner_numbers[patches.corners])
             found.append(self.backend.lanes(sampled, self.backend.Float32))
-        return found
+        return _product(found)
 
-    def visibility_of_points(self, seen: Seen, mesh: VisibilityMesh) -> list[Any]:
-        """Of the vertices that hold diffuse points, flat Float32 (Vp, T) on the device for each one-way path."""
+    def visibility_of_points(self, seen: Seen, mesh: VisibilityMesh) -> Any:
+        """Of the vertices that hold diffuse points, flat Float32 (Vp, T) on the device; None: all are visible."""
         found = self._carried_visibility("points", lambda: mesh.points, seen, mesh)
         if seen.facet_visibility is not None:
             assert self.model.points is not None
             sampled = self.model.points.facet_visibility(seen.facet_visibility, self.cage)
             found.append(self.backend.lanes(sampled, self.backend.Float32))
-        return found
+        return _product(found)
 
     def _carried_visibility(
         self, what: str, operator: Callable[[], Csr], seen: Seen, mesh: VisibilityMesh
@@ -419,3 +422,10 @@ class _Posed:
         values = np.ones((*self.cage.shape[:2], 4), np.float32)
         values[..., :3] = self.cage - self.origin[:, None]
         return values
+
+
+def _product(fields: Sequence[Any]) -> Any:
+    """Of arrays on the device; None: there is none."""
+    if not fields:
+        return None
+    return fields[0] if len(fields) == 1 else math.prod(fields[1:], start=fields[0])
