@@ -207,7 +207,7 @@ class Model:
             assert ellipsoids is not None  # what has no mesh has these
             yield self._ellipsoid_echoes(number, ellipsoids, times_s, views)
             return
-        close, first = run.visibility.views(number), 0
+        close, first, above_db = run.visibility.views(number), 0, 0.0
         tiers = [(run.accuracy.tiers[0], None)] if run.pairs is None else run.pairs.by_tier(run.accuracy)
         for tier, pairs in tiers:
             count = 1 if pairs is None else len(pairs)
@@ -226,9 +226,9 @@ class Model:
                 )  # fmt: skip
                 frames_s = self._decimated(times_s, tier, run) if fast and tier.decimation > 1 else times_s
                 repeats = fast and run.accuracy.repeats and not run.at_instants
-                found = in_periods(mesh, self.radar, frames_s, views, make) if repeats else None
+                found = in_periods(mesh, self.radar, frames_s, views, make, level_db=above_db) if repeats else None
                 yield from [make(times_s=frames_s, views=views)] if found is None else found
-            first += count
+            first, above_db = first + count, tier.level_db
 
     def _minor(
         self, number: int, limbs: Ellipsoids, tier: PathTier, pairs: Sequence[PathPair], times_s: np.ndarray, run: _Run

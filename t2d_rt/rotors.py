@@ -15,7 +15,7 @@ from t2d_rt.types import EchoStream, MovingMesh, Radar
 GAIN_RATE_HZ = 250.0
 """Rate at which visibility is read from its fades, which take some 40 ms."""
 UNCHANGED = 0.01
-"""Visibility that stays as close to its median is that: blades behind a cupboard's edge vary by it from angle to angle."""
+"""Visibility over the strongest path that stays as close to its median is that; over a path 20 dB weaker, ten times as close."""
 SPEED_PROBES = 60
 
 Make = Callable[..., EchoStream]
@@ -23,9 +23,11 @@ Make = Callable[..., EchoStream]
 
 
 def in_periods(
-    mesh: MovingMesh, radar: Radar, frames_s: np.ndarray, views: Sequence[View], make: Make
+    mesh: MovingMesh, radar: Radar, frames_s: np.ndarray, views: Sequence[View], make: Make, *, level_db: float = 0.0
 ) -> list[EchoStream] | None:
     """Echoes of a few periods that stand for the record of these surface frames; None where nothing is gained by it.
+
+    `level_db` is that of the strongest of these views beside all others, and tells which changes of visibility matter.
 
     All of the mesh has one visibility at a time. Over each view its median is part of the echoes, and what it departs from that is
     a gain on those of the view alone.
@@ -43,15 +45,23 @@ def in_periods(
     plain = [replace(view, visibility=(), unblocked=(), subdivision=0) for view in views]
     visibility = [_visibility(view, samples_s) for view in views]
     constant = [float(np.median(each)) for each in visibility]
+    unchanged = min(UNCHANGED * 10 ** (-level_db / 20), 1.0)
     lit = [
         _dimmed(view, level, len(mesh.rest)) for view, level in zip(plain, constant, strict=True) if level > UNCHANGED
     ]
     streams = [replace(make(times_s=times_s, views=lit), repeats=found)] if lit else []
+    alike: dict[bytes, tuple[np.ndarray, list[View]]] = {}
     for view, each, level in zip(plain, visibility, constant, strict=True):
         departs = each - (level if level > UNCHANGED else 0.0)
-        if np.abs(departs).max() > UNCHANGED:
-            gain = _interpolated(samples_s, departs)
-            streams.append(replace(make(times_s=times_s, views=[view]), repeats=replace(found, gain=gain)))
+        most = float(departs[np.abs(departs).argmax()])
+        if abs(most) > unchanged:
+            # Views over paths that are dimmed at the same times have one gain, each with a factor of its own.
+            gain = departs / most
+            _, others = alike.setdefault(np.round(gain, 2).tobytes(), (np.sign(most) * gain, []))
+            others.append(_dimmed(view, abs(most), len(mesh.rest)))
+    for gain, some in alike.values():
+        repeated = replace(found, gain=_interpolated(samples_s, gain))
+        streams.append(replace(make(times_s=times_s, views=some), repeats=repeated))
     return streams or None
 
 

@@ -47,6 +47,7 @@ class Occluders:
         self._subdivided = [SubdividedMesh.of(m.faces, len(m.rest), subdivision) for m in meshes]
         self._subdivision = subdivision
         self._posed: OrderedDict[bytes, Posed] = OrderedDict()
+        self._marked: tuple[bytes, np.ndarray] = b"", np.zeros(0)
 
     @cached_property
     def faces(self) -> np.ndarray:
@@ -88,6 +89,22 @@ class Occluders:
             while len(self._posed) > POSES_KEPT:
                 self._posed.popitem(last=False)
         return self._posed[key]
+
+    def marked(self, times_s: np.ndarray) -> np.ndarray:
+        """The `marks` at all of the sample times (K, M, 3) m; those of the last times are kept, for all viewpoints."""
+        key = times_s.tobytes()
+        if self._marked[0] != key:
+            parts = (
+                self.at(times_s[first : first + self.copies]).points for first in range(0, len(times_s), self.copies)
+            )
+            self._marked = key, np.concatenate([part[:, self.marks[0]] for part in parts])
+        return self._marked[1]
+
+    @cached_property
+    def mark_reach_m(self) -> float:
+        """Greatest distance of any point of the meshes from a mark: in faces, and where skin stretches to twice its length."""
+        edges = (mesh.rest[mesh.faces] - mesh.rest[np.roll(mesh.faces, 1, axis=1)] for mesh in self.meshes)
+        return 2 * (MARK_M + max(float(np.linalg.norm(each, axis=2).max()) for each in edges))
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Values at all points (K, V') mesh by mesh."""

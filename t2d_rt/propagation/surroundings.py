@@ -15,7 +15,7 @@ from t2d_rt.memory import blocks
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import FoundPaths, find_paths
-from t2d_rt.propagation.visibility import faded, sample_times
+from t2d_rt.propagation.visibility import faded, poses, sample_times
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene
 
 PROBE_RATE_HZ, PROBES = 5.0, 40
@@ -90,9 +90,15 @@ def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar) -> None:
 class Blockage:
     """Blockage of one-way paths to points of a target by the static scene: sampled at sample times, faded in between."""
 
-    def __init__(self, points_at: Callable[[np.ndarray], np.ndarray], samples_s: np.ndarray) -> None:
-        """`points_at`: points (K, N, Q, 3) [m] at times [s] (K,), Q of them for each of the N fractions."""
-        self._samples_s, self._points = samples_s, points_at(samples_s)
+    def __init__(
+        self, points_at: Callable[[np.ndarray], np.ndarray], samples_s: np.ndarray, mesh: MovingMesh | None = None
+    ) -> None:
+        """`points_at`: points (K, N, Q, 3) [m] at times [s] (K,), Q of them for each of the N fractions; those of a `mesh` that has
+        a period are looked at in a few poses."""
+        self._samples_s, self._pose = samples_s, None
+        if mesh is not None and mesh.period_s is not None:
+            samples_s, self._pose = poses(mesh, samples_s)
+        self._points = points_at(samples_s)
 
     @classmethod
     def to_vertices(cls, mesh: MovingMesh, vertices: np.ndarray, samples_s: np.ndarray) -> Blockage:
@@ -102,6 +108,7 @@ class Blockage:
                 [mesh.at(some)[:, vertices, None] for some in blocks(times_s, len(mesh.rest))]
             ),
             samples_s,
+            mesh,
         )
 
     @classmethod
@@ -131,9 +138,10 @@ class Blockage:
         def at_samples(numbers: np.ndarray) -> np.ndarray:
             if not known:  # all at once: a kernel's start costs as much as some thousand rays
                 fraction = scene.fraction(path, self._points).mean(axis=2)
-                if in_the_mean:
-                    fraction[:] = fraction.mean(axis=1, keepdims=True)
-                known.append(fraction)
+                known.append(fraction.mean(axis=1, keepdims=True) if in_the_mean else fraction)
+                if self._pose is not None:
+                    known[0] = known[0][self._pose]
             return known[0][numbers]
 
-        return lambda times_s: faded(times_s, self._samples_s, at_samples)
+        count = self._points.shape[1]
+        return lambda times_s: np.broadcast_to(faded(times_s, self._samples_s, at_samples), (len(times_s), count))
