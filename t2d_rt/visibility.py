@@ -12,6 +12,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.propagation.edges import SceneBlockage
+from t2d_rt.propagation.mean_visibility import MeanVisibility
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.surroundings import Blockage
 from t2d_rt.propagation.visibility import ExactVisibility, KeptVisibility, Occlusion
@@ -162,6 +163,7 @@ class _OneWayVisibility:
         self._index = {number: index for index, number in enumerate(traced)}
         self._meshes = Occluders([sight.geometries[each] for each in traced], subdivision=subdivision)  # type: ignore[misc]
         self._known: dict[_Place, Occlusion] = {}
+        self._mean: dict[int, MeanVisibility] = {}
 
     def place(self, end: int, path: OneWayPath | None) -> _Place:
         """Viewpoint of the one-way path of an end."""
@@ -178,17 +180,23 @@ class _OneWayVisibility:
     def fraction(self, number: int, end: int, path: OneWayPath | None, path_count: int) -> Fraction:
         """Visibility over the one-way path of an end, whose blockage `path_count` paths share."""
         key, sight = self.place(end, path), self._sight
+        viewpoint = sight.radar.views_m[key[1]] if path is None else path.image_m
+        unblocked = None if path is None else partial(sight.blockage.fraction, path)
+        if sight.fast_rotating[number]:
+            if number not in self._mean:
+                mesh = sight.geometries[number]
+                assert isinstance(mesh, MovingMesh)  # ellipsoids rotate with limbs
+                self._mean[number] = MeanVisibility(
+                    mesh, self._meshes, sight.samples_s, solid=self._solid, backend=sight.backend
+                )
+            return self._mean[number].over(key, viewpoint, unblocked, path_count)
         if key not in self._known:
-            unblocked = None if path is None else partial(sight.blockage.fraction, path)
             self._known[key] = sight.occlusion(
-                self._meshes, sight.radar.views_m[key[1]] if path is None else path.image_m,
+                self._meshes, viewpoint,
                 samples_s=sight.samples_s, backend=sight.backend, unblocked=unblocked,
                 solid=self._solid, kept=sight.kept if self._solid else None, where=key,
             )  # fmt: skip
-        occlusion = self._known[key]
-        if sight.fast_rotating[number]:
-            return occlusion.of_fast_rotating(sight.geometries[number], path_count)  # type: ignore[arg-type]
-        index = self._index[number]
+        occlusion, index = self._known[key], self._index[number]
         return lambda times_s: occlusion.visibility(times_s, path_count)[index]
 
 

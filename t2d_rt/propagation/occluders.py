@@ -101,6 +101,18 @@ class Occluders:
         return self._marked[1]
 
     @cached_property
+    def mark_of_face(self) -> np.ndarray:
+        """The nearest mark of each face, (F,)."""
+        from scipy.spatial import cKDTree
+
+        numbers, found, ends = self.marks[0], [], np.cumsum([0, *self._sizes])
+        for mesh, first, last in zip(self.meshes, ends, ends[1:], strict=False):
+            begin, end = np.searchsorted(numbers, (first, last))
+            _, nearest = cKDTree(mesh.rest[numbers[begin:end] - first]).query(mesh.rest[mesh.faces[:, 0]])
+            found.append(nearest + begin)
+        return np.concatenate(found)
+
+    @cached_property
     def mark_reach_m(self) -> float:
         """Greatest distance of any point of the meshes from a mark: in faces, and where skin stretches to twice its length."""
         edges = (mesh.rest[mesh.faces] - mesh.rest[np.roll(mesh.faces, 1, axis=1)] for mesh in self.meshes)

@@ -13,9 +13,10 @@ from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError
 from t2d_rt.memory import blocks
 from t2d_rt.propagation.edges import SceneBlockage
+from t2d_rt.propagation.mean_visibility import poses
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import FoundPaths, find_paths
-from t2d_rt.propagation.visibility import faded, poses, sample_times
+from t2d_rt.propagation.visibility import faded, sample_times
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene
 
 PROBE_RATE_HZ, PROBES = 5.0, 40

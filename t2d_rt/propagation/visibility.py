@@ -22,8 +22,6 @@ from t2d_rt.types import MovingMesh
 
 # Rays start this far off the surface, so that the triangles they start from do not stop them.
 LIFT_M = 2e-3
-POSES = 24
-"""Of a rotation, in which a rotor's blockage by the static scene is found."""
 
 Unblocked = Callable[[np.ndarray], np.ndarray]
 
@@ -44,16 +42,6 @@ def faded(times_s: np.ndarray, samples_s: np.ndarray, at_samples: Callable[[np.n
     values = at_samples(numbers)
     first, second = inverse[: len(before)], inverse[len(before) :]
     return np.asarray(values[first] * (1 - fade) + values[second] * fade)
-
-
-def poses(mesh: MovingMesh, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times (P,) of poses that stand for those of a mesh at times [s] (K,), and the number of each one's (K,): the same few for all
-    rotations of a mesh that has a period."""
-    if mesh.period_s is None or len(times_s) <= POSES:
-        return times_s, np.arange(len(times_s))
-    turned = (times_s - mesh.times_s[0]) / mesh.period_s % 1
-    first = mesh.times_s[0] + mesh.period_s * np.arange(POSES) / POSES
-    return first, np.asarray(np.round(turned * POSES).astype(int) % POSES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,50 +139,6 @@ class Occlusion:
                 self._chunks.popitem(last=False)
         self._chunks.move_to_end(number)
         return self._chunks[number]
-
-    def of_fast_rotating(self, mesh: MovingMesh, path_count: int = 1) -> Unblocked:
-        """Mean visibility of another mesh at times [s] (K,), the same for all of its vertices (K, V): of one that rotates too
-        fast for its visibility to be sampled point by point, and occludes nothing itself."""
-        samples_s = self._samples_s
-        known: list[np.ndarray] = []
-
-        def at_samples(numbers: np.ndarray) -> np.ndarray:
-            if not known:
-                known.append(self._of_turning(mesh, path_count))
-            return known[0][numbers]
-
-        return lambda times_s: np.broadcast_to(faded(times_s, samples_s, at_samples), (len(times_s), len(mesh.rest)))
-
-    def _of_turning(self, mesh: MovingMesh, path_count: int) -> np.ndarray:
-        """Mean visibility (K, 1) of another mesh at the sample times."""
-        poses_s, pose = poses(mesh, self._samples_s)
-        posed = mesh.at(poses_s)
-        reached = np.ones(posed.shape[:2], np.float32)
-        if self._unblocked is not None:
-            reached = self._unblocked(posed) ** path_count
-        found = reached.mean(axis=1)[pose]
-        if self._solid and self._meshes.meshes:
-            middle = posed.mean(axis=1, keepdims=True)
-            radius = np.linalg.norm(posed - middle, axis=2).max(axis=1, keepdims=True)
-            hidden = np.flatnonzero(self._between(middle[pose], radius[pose]))
-            for first in range(0, len(hidden), self._meshes.copies):
-                some = hidden[first : first + self._meshes.copies]
-                points = mesh.at(self._samples_s[some])
-                visible = self.visible(self._meshes.at(self._samples_s[some]).vertices, points, np.zeros_like(points))
-                found[some] = (visible * reached[pose[some]]).mean(axis=1)
-        return found[:, None]
-
-    def _between(self, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
-        """At which sample times anything of the meshes may be in the way to a ball around (K, 1, 3) m of radius (K, 1) m, bool
-        (K,)."""
-        towards = middle - self._viewpoint
-        length = np.linalg.norm(towards, axis=2)
-        marks, apart = self._meshes.marked(self._samples_s), self._meshes.mark_reach_m
-        from_here = marks - self._viewpoint
-        along = np.einsum("kvi,kji->kv", from_here, towards / length[..., None])
-        beside = np.sqrt(np.maximum(np.einsum("kvi,kvi->kv", from_here, from_here) - along**2, 0))
-        wide = radius * np.clip(along / np.maximum(length - radius, 1e-9), 0, 1) + apart
-        return np.asarray(((beside < wide) & (along > -apart) & (along < length + radius + apart)).any(axis=1))
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
@@ -315,13 +259,20 @@ class _Obstacles:
 
 
 class Surroundings:
-    """The meshes at some instants with all of their faces: one scene, in which visibility is traced from many places."""
+    """The meshes at some instants: one scene, in which visibility is traced from many places."""
 
     def __init__(
-        self, occluders: Occluders, vertices: np.ndarray, places_m: Sequence[np.ndarray], backend: Backend
+        self,
+        occluders: Occluders,
+        vertices: np.ndarray,
+        places_m: Sequence[np.ndarray],
+        backend: Backend,
+        *,
+        parts: np.ndarray | None = None,
     ) -> None:
-        """`vertices` (K, V, 3) m at up to 64 instants."""
+        """`vertices` (K, V, 3) m at up to 64 instants; `parts` are the faces that count at each, bool (K, F), all by default."""
         faces = occluders.faces + vertices.shape[1] * np.arange(len(vertices))[:, None, None]
+        faces = faces if parts is None else faces[parts]
         self._middle = vertices.reshape(-1, 3).mean(axis=0)
         reach = 2.2 * max(float(np.abs(each - self._middle).max()) for each in (vertices, *places_m))
         self._shift = side_by_side(len(vertices), reach)

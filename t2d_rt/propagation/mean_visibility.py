@@ -1,0 +1,106 @@
+"""Mean visibility of a target that rotates too fast for it to be sampled point by point: a fan behind walkers."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.propagation.occluders import MOST_COPIES, Occluders
+from t2d_rt.propagation.visibility import Surroundings, Unblocked, faded
+from t2d_rt.types import MovingMesh
+
+POSES = 24
+"""Of a rotation, in which a rotor's blockage by the static scene is found."""
+POINTS = 300
+"""Points of it, about, whose mean visibility is that of all."""
+
+
+class MeanVisibility:
+    """Mean visibility of one mesh, the same for all of its vertices, from several viewpoints at the sample times; it occludes
+    nothing itself.
+
+    Viewpoints are worked on together, for what stands in the way is posed and traced once for all of them.
+    """
+
+    def __init__(
+        self, mesh: MovingMesh, occluders: Occluders, samples_s: np.ndarray, *, solid: bool, backend: Backend
+    ) -> None:
+        """`solid`: whether the `occluders` occlude."""
+        self._mesh, self._occluders, self._samples_s = mesh, occluders, samples_s
+        self._solid = solid and bool(occluders.meshes)
+        self._backend = backend
+        self._every = max(1, len(mesh.rest) // POINTS)
+        self._views: dict[Hashable, tuple[np.ndarray, Unblocked | None]] = {}
+        self._known: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
+        """Of one path, and of two that share the blockage by the scene, (K,)."""
+
+    def over(self, where: Hashable, viewpoint_m: np.ndarray, unblocked: Unblocked | None, path_count: int) -> Unblocked:
+        """Its function of times [s] (K,), (K, V), from a viewpoint of that name; the fraction `unblocked` by the scene counts for
+        `path_count` one-way paths, 1 or 2."""
+        self._views.setdefault(where, (viewpoint_m, unblocked))
+
+        def at(times_s: np.ndarray) -> np.ndarray:
+            if where not in self._known:
+                self._find()
+            values = self._known[where][path_count - 1][:, None]
+            return np.broadcast_to(
+                faded(times_s, self._samples_s, lambda numbers: values[numbers]), (len(times_s), len(self._mesh.rest))
+            )
+
+        return at
+
+    def _find(self) -> None:
+        """From all viewpoints that are not known yet."""
+        poses_s, pose = poses(self._mesh, self._samples_s)
+        posed = self._mesh.at(poses_s)[:, :: self._every]
+        views = {where: view for where, view in self._views.items() if where not in self._known}
+        reached = {
+            where: np.ones(posed.shape[:2], np.float32) if unblocked is None else unblocked(posed)
+            for where, (_, unblocked) in views.items()
+        }
+        for where, each in reached.items():
+            self._known[where] = each.mean(axis=1)[pose], (each**2).mean(axis=1)[pose]
+        if not self._solid:
+            return
+        middle = posed.mean(axis=1, keepdims=True)
+        radius = np.linalg.norm(posed - middle, axis=2).max(axis=1, keepdims=True)
+        near = {where: self._near(place, middle[pose], radius[pose]) for where, (place, _) in views.items()}
+        hidden = np.flatnonzero(np.any([each.any(axis=1) for each in near.values()], axis=0))
+        for first in range(0, len(hidden), MOST_COPIES):
+            some = hidden[first : first + MOST_COPIES]
+            times_s = self._samples_s[some]
+            points = self._mesh.at(times_s)[:, :: self._every]
+            parts = np.any([each[some] for each in near.values()], axis=0)[:, self._occluders.mark_of_face]
+            scene = Surroundings(
+                self._occluders, self._occluders.at(times_s).vertices, [place for place, _ in views.values()], self._backend,
+                parts=parts,
+            )  # fmt: skip
+            for where, (place, _) in views.items():
+                if near[where][some].any():
+                    visible = scene.visible(place, points, np.zeros_like(points))
+                    for number, found in enumerate(self._known[where]):
+                        found[some] = (visible * reached[where][pose[some]] ** (number + 1)).mean(axis=1)
+
+    def _near(self, viewpoint_m: np.ndarray, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        """Which marks on the occluders may be in the way to a ball around (K, 1, 3) m of radius (K, 1) m, or stand for what is, at
+        the sample times, bool (K, M)."""
+        towards = middle - viewpoint_m
+        length = np.linalg.norm(towards, axis=2)
+        reach = self._occluders.mark_reach_m
+        from_here = self._occluders.marked(self._samples_s) - viewpoint_m
+        along = np.einsum("kvi,kji->kv", from_here, towards / length[..., None])
+        beside = np.sqrt(np.maximum(np.einsum("kvi,kvi->kv", from_here, from_here) - along**2, 0))
+        wide = radius * np.clip(along / np.maximum(length - radius, 1e-9), 0, 1) + reach
+        return np.asarray((beside < wide) & (along > -reach) & (along < length + radius + reach))
+
+
+def poses(mesh: MovingMesh, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times (P,) of poses that stand for those of a mesh at times [s] (K,), and the number of each one's (K,): the same few for all
+    rotations of a mesh that has a period."""
+    if mesh.period_s is None or len(times_s) <= POSES:
+        return times_s, np.arange(len(times_s))
+    turned = (times_s - mesh.times_s[0]) / mesh.period_s % 1
+    first = mesh.times_s[0] + mesh.period_s * np.arange(POSES) / POSES
+    return first, np.asarray(np.round(turned * POSES).astype(int) % POSES)
