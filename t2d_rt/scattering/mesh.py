@@ -27,7 +27,7 @@ from t2d_rt.scattering.patches import (
     patches,
     tilts,
 )
-from t2d_rt.scattering.paths import Anchors, Arrivals, View, anchor_vertices, product, unfolded
+from t2d_rt.scattering.paths import Anchors, Arrivals, FadedArrivals, View, anchor_vertices, product, unfolded
 from t2d_rt.scattering.phase_integral import Integrals, divided_differences
 from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, sampled_visibility
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
@@ -102,7 +102,12 @@ def mesh_echoes(
         cage = surface.at(times)
         posed = _Posed.of(model, model.fine.controlled(cage), backend)
         block = Block(len(times), _total(selections), backend)
-        arrivals = None if anchors is None else Arrivals(radar, cage[:, anchors.vertices])
+        arrivals: Arrivals | FadedArrivals | None = None
+        if anchors is not None and model.at_instants:
+            arrivals = Arrivals(radar, cage[:, anchors.vertices])
+        elif anchors is not None:
+            some = anchors.vertices
+            arrivals = FadedArrivals.of(radar, lambda at_s: surface.at(at_s)[:, some], times_s, start, stop)
         lit = [model.lit_faces(posed, selection.pair) for selection in selections]
         posed.carry(
             np.any(lit, axis=0),
@@ -127,7 +132,11 @@ def mesh_echoes(
 
 
 def _seen(
-    view: View, times_s: np.ndarray, anchors: Anchors | None, arrivals: Arrivals | None, backend: Backend
+    view: View,
+    times_s: np.ndarray,
+    anchors: Anchors | None,
+    arrivals: Arrivals | FadedArrivals | None,
+    backend: Backend,
 ) -> Seen:
     """How a mesh is seen in a view at some times."""
     weights = None
