@@ -180,6 +180,8 @@ class Experiment(_Plain):
     """Greatest number of reflections on the paths out and back together."""
     transmissions: Annotated[Count, Field(ge=0, le=4)] = 0
     """Greatest number of thin slabs that these paths pass through."""
+    bounces: Annotated[Count, Field(ge=1, le=3)] = 1
+    """Greatest number of bounces within and between targets, on the direct paths."""
     clutter: Clutter = "specular"
     """Echoes of the static scene: "specular", "diffuse" or "none"."""
     collisions: Collisions = "warn"

@@ -12,6 +12,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
+from t2d_rt.bounces import Bouncing, bounce_streams
 from t2d_rt.errors import InputError
 from t2d_rt.geometry.vectors import lengths
 from t2d_rt.memory import Budget, blocks
@@ -84,6 +85,8 @@ class Model:
     seed: int
     backend: Backend
     memory: Budget
+    bounces: int = 1
+    """Greatest number of them, within and between targets."""
     facet_method: FacetMethod = CLOSED_FORM
     occlusion: type[Occlusion] = Occlusion
     """How occlusion is found."""
@@ -177,10 +180,12 @@ class Model:
             occlusion=self.occlusion,
         )  # fmt: skip
         run = _Run(
-            accuracy=accuracy, pairs=pairs, sight=sight, decimated_s=decimated, at_instants=instants_s is not None, then=then,
+            accuracy=accuracy, pairs=pairs, sight=sight, samples_s=sampled, decimated_s=decimated,
+            at_instants=instants_s is not None, then=then,
             visibility=self._visibility(accuracy, sight, exact=instants_s is not None and kept is None),
         )  # fmt: skip
-        return [stream for number in range(len(self.modelled)) for stream in self._of(number, times[number], run)]
+        found = [stream for number in range(len(self.modelled)) for stream in self._of(number, times[number], run)]
+        return found + self._bounced(times, run)
 
     def _visibility(self, accuracy: Accuracy, sight: Sight, *, exact: bool) -> Visibility:
         """The strategy of visibility: `exact` at instants, through the facets, or sampled."""
@@ -229,6 +234,31 @@ class Model:
                 found = in_periods(mesh, self.radar, frames_s, views, make, level_db=above_db) if repeats else None
                 yield from [make(times_s=frames_s, views=views)] if found is None else found
             first, above_db = first + count, tier.level_db
+
+    def _bounced(self, times: Sequence[np.ndarray], run: _Run) -> list[EchoStream]:
+        """Echoes of all targets over several bounces, on the direct path pair alone."""
+        if self.bounces == 1:
+            return []
+        direct = None
+        if run.pairs is not None:
+            found = [pair for pair in run.pairs.pairs if not pair.out.chain and not pair.back.chain]
+            if not found:
+                return []
+            direct = found[0], self.blockage
+        targets = [
+            Bouncing(
+                name=geometry.name, mesh=None if run.accuracy.by_ellipsoids and target.ellipsoids() else target.mesh,
+                fast_rotating=fast, material=self._material(number), times_s=times[number],
+                sagitta_rad=sagitta_rad(target.mesh, run.accuracy) if target.mesh else 0.0,
+            )
+            for number, (target, geometry, fast) in enumerate(
+                zip(self.modelled, self.geometries, run.sight.fast_rotating, strict=True)
+            )
+        ]  # fmt: skip
+        return bounce_streams(
+            targets, self.radar, span_s=self.span_s, samples_s=None if run.at_instants else run.samples_s,
+            bounces=self.bounces, direct=direct, max_facets=self.max_facets, backend=self.backend,
+        )  # fmt: skip
 
     def _minor(
         self, number: int, limbs: Ellipsoids, tier: PathTier, pairs: Sequence[PathPair], times_s: np.ndarray, run: _Run
@@ -281,6 +311,8 @@ class _Run:
     """None in free space."""
     sight: Sight
     visibility: Visibility
+    samples_s: np.ndarray
+    """When visibility is sampled, and ray tubes are traced."""
     decimated_s: np.ndarray
     """When visibility is sampled over path pairs without their own occlusion."""
     at_instants: bool

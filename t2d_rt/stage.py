@@ -56,7 +56,7 @@ class Stage:
             "seed": model.seed, "body": model.body, "accuracy": accuracy.model_dump(mode="json"),
             "material": "own" if material is None else material if isinstance(material, str) else asdict(material),
             "surface_rates_hz": [float((len(t) - 1) / (t[-1] - t[0])) for t in model.frame_times(accuracy)],
-            "phase_from": model.phase_from, "device": model.backend.name,
+            "phase_from": model.phase_from, "bounces": model.bounces, "device": model.backend.name,
             "targets": [each.report if isinstance(each, Motion) else repr(each) for each in model.targets],
             "placement": [placement(each) if isinstance(each, Motion) else "own coordinates" for each in model.targets],
             **({} if pairs is None else {**pairs.describe(), **room}),
@@ -107,6 +107,7 @@ def set_up(
     model = Model(
         radar, modelled, span_s, scene, ranked, blockage, method=method, material=material, body=body,
         phase_from=physics["phase_from"], seed=int(physics["seed"]), backend=backend, memory=memory,
+        bounces=int(physics["bounces"]),
     )  # fmt: skip
     store = Store({})
     experiment = Experiment(
@@ -195,6 +196,7 @@ def _check(targets: Any, radar: Any, physics: Mapping[str, Any]) -> None:
     integer("seed", physics["seed"])
     integer("reflections", physics["reflections"], 0, 4, hint="2 suits rooms")
     integer("transmissions", physics["transmissions"], 0, 4, hint="2 sees behind a partition")
+    integer("bounces", physics["bounces"], 1, 3, hint="1 is a single one, 2 suits bodies")
     choice("clutter", physics["clutter"], ("specular", "diffuse", "none"))
     choice("collisions", physics["collisions"], ("warn", "stop", "ignore"))
     text("body", physics["body"])

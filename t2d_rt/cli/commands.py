@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from t2d_rt.types import Motion, Radar
 
 MODEL = (
-    "method", "scene", "tolerance_db", "reflections", "transmissions", "clutter", "collisions", "seed", "body", "material",
-    "phase_from", "measure_error", "device", "memory_gb",
+    "method", "scene", "tolerance_db", "reflections", "transmissions", "bounces", "clutter", "collisions", "seed", "body",
+    "material", "phase_from", "measure_error", "device", "memory_gb",
 )  # fmt: skip
 """Options that go to the pipeline by their names."""
 

@@ -101,6 +101,6 @@ def poses(mesh: MovingMesh, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray
     rotations of a mesh that has a period."""
     if mesh.period_s is None or len(times_s) <= POSES:
         return times_s, np.arange(len(times_s))
-    turned = (times_s - mesh.times_s[0]) / mesh.period_s % 1
+    cycles = (times_s - mesh.times_s[0]) / mesh.period_s % 1
     first = mesh.times_s[0] + mesh.period_s * np.arange(POSES) / POSES
-    return first, np.asarray(np.round(turned * POSES).astype(int) % POSES)
+    return first, np.asarray(np.round(cycles * POSES).astype(int) % POSES)

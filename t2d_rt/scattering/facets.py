@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from t2d_rt.scattering.lanes import (
     Weights,
     combined,
     complex_times,
+    lane_ops,
     minus,
     norm,
     plus,
@@ -27,7 +27,7 @@ from t2d_rt.scattering.lanes import (
     triangle_normal,
 )
 from t2d_rt.scattering.patches import Patches
-from t2d_rt.scattering.phase_integral import SERIES_TERMS, Integrals, Ops
+from t2d_rt.scattering.phase_integral import SERIES_TERMS, Integrals
 from t2d_rt.types import PathPair, Radar
 from t2d_rt.types.radar import one_view
 
@@ -195,12 +195,12 @@ def _phase_integrals(at: Gather, posed: FacetVertices, patches: Patches, seen: _
         def integrate(nodes: list[Vector], amplitudes: list[Any], total: list[Any]) -> list[Any]:
             phases = [seen.phase(node) for node in nodes]
             if len(amplitudes) == 1:
-                value, change = posed.integrals(*phases, ops=_ops(at.dr), terms=SERIES_TERMS[4])
+                value, change = posed.integrals(*phases, ops=lane_ops(at.dr), terms=SERIES_TERMS[4])
                 found = [amplitudes[0] * x for x in (*value, *change)]
             else:
                 bubbles = [4 * phases[3 + i] - 2 * (phases[i] + phases[(i + 1) % 3]) for i in range(3)]
                 value, change = curved_integrals(
-                    phases[:3], amplitudes, bubbles, ops=_ops(at.dr), terms=SERIES_TERMS[4], order=EXPANSION_ORDER
+                    phases[:3], amplitudes, bubbles, ops=lane_ops(at.dr), terms=SERIES_TERMS[4], order=EXPANSION_ORDER
                 )
                 found = [*value, *change]
             return [t + x for t, x in zip(total, found, strict=True)]
@@ -293,7 +293,3 @@ def _obliquity(at: Gather, normal: Vector, place: Vector, antennas: list[Vector]
 def _extra_path(d: Vector, antenna: Vector) -> Any:
     """Distance of `antenna` from d minus that from the origin [m], without cancellation: d.(d - 2 o)/(R' + R)."""
     return dot(d, minus(d, scaled(antenna, 2))) / (norm(minus(antenna, d)) + norm(antenna))
-
-
-def _ops(dr: Any) -> Ops:
-    return SimpleNamespace(minimum=dr.minimum, maximum=dr.maximum, where=dr.select, sincos=dr.sincos, fma=dr.fma)  # type: ignore[return-value]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -161,6 +162,11 @@ class Gather:
         """A field of numbered vertices in the lane's frame, from flat (V, T) on the device."""
         places = (vertex * self.stride + self.frame for vertex in vertices)
         return [self.dr.gather(self.backend.Float32, values, place) for place in places]
+
+
+def lane_ops(dr: Any) -> Any:
+    """The operations that `phase_integral` asks for (`Ops`), on lanes."""
+    return SimpleNamespace(minimum=dr.minimum, maximum=dr.maximum, where=dr.select, sincos=dr.sincos, fma=dr.fma)
 
 
 def triangle_normal(corners: list[Vector], at: Gather) -> tuple[Vector, Any]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,8 @@ from t2d_rt.scattering.patches import (
 )
 from t2d_rt.scattering.paths import Anchors, Arrivals, FadedArrivals, View, anchor_vertices, product, unfolded
 from t2d_rt.scattering.phase_integral import Integrals, divided_differences
-from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh, sampled_visibility
+from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh
+from t2d_rt.scattering.posed import Posed
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
 from t2d_rt.scattering.streams import in_parts, most_echoes
 from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
@@ -39,8 +40,6 @@ POINTS_PER_MESH = 4_000
 FACING_RATE_HZ, FACING_AT_ONCE, FACING_MOST_HZ = 10.0, 20, 200.0
 """Rate at which faces are tested for whether they ever face an image of an antenna, and how many instants at once; a target whose
 surface rate exceeds the last one rotates too fast for that."""
-PROBE_EVERY = 6
-"""Frames between tests of which faces face the antennas."""
 
 
 class FacetMethod(NamedTuple):
@@ -100,7 +99,7 @@ def mesh_echoes(
     def frames(selections: Sequence[_Selection], start: int, stop: int) -> EchoArrays:
         times = times_s[start:stop]
         cage = surface.at(times)
-        posed = _Posed.of(model, model.fine.controlled(cage), backend)
+        posed = model.posed(cage, backend)
         block = Block(len(times), _total(selections), backend)
         arrivals: Arrivals | FadedArrivals | None = None
         if anchors is not None and model.at_instants:
@@ -259,7 +258,12 @@ class _Model:
             yield _Selection(view, pair, chosen, first)
             first += len(chosen)
 
-    def put(self, block: Block, posed: _Posed, selection: _Selection, seen: Seen, faces: np.ndarray) -> None:
+    def posed(self, cage: np.ndarray, backend: Backend) -> Posed:
+        """At frames whose cage has vertices (T, V, 3) m."""
+        control = self.fine.controlled(cage)
+        return Posed.of(control, self.cage_faces, self.operator, self.centre, self.patches, self.points, backend)
+
+    def put(self, block: Block, posed: Posed, selection: _Selection, seen: Seen, faces: np.ndarray) -> None:
         """Writes the echoes of one view to its columns; `faces` are those of `lit_faces`."""
         pair, chosen = selection.pair, selection.patches
         columns = selection.first + np.arange(len(chosen))
@@ -278,7 +282,7 @@ class _Model:
             parts = replace(parts, nodes=posed.numbers[parts.nodes])
             patch_echoes(facets, parts, chosen, pair, self.reflection, seen.weights, block, columns[lit])
 
-    def lit_faces(self, posed: _Posed, pair: Pair) -> np.ndarray:
+    def lit_faces(self, posed: Posed, pair: Pair) -> np.ndarray:
         """Which cage faces may hold facets that face both antennas at any of the frames, bool (F,)."""
         return np.ones(len(self.cage_faces), bool) if self.at_instants else posed.facing.lit(pair, self.tilt_rad)
 
@@ -290,7 +294,7 @@ class _Model:
         lit = self.patches.any_of(faces)
         return lit if seen.weights is None else lit & seen.weights.reach
 
-    def _points(self, patches: np.ndarray, posed: _Posed, seen: Seen, mesh: VisibilityMesh) -> PointVertices | None:
+    def _points(self, patches: np.ndarray, posed: Posed, seen: Seen, mesh: VisibilityMesh) -> PointVertices | None:
         """The diffuse points of some patches, on the device."""
         if self.points is None:
             return None
@@ -330,111 +334,3 @@ class _Selection:
         places = places[:, self.patches]
         paths = self.view.paths
         return seen_by(radar, mine, places) if paths is None else unfolded(radar, mine, paths, places)
-
-
-@dataclass(frozen=True, slots=True)
-class _Posed:
-    """A model at some frames: what all views have in common."""
-
-    model: _Model
-    cage: np.ndarray
-    """Control points (T, V, 3) m."""
-    origin: np.ndarray
-    """What `local` counts from (T, 3) m."""
-    centre: np.ndarray
-    """The patches' reference points, (G, T, 3) m."""
-    centres: Any
-    """The same on the device, flat Float64."""
-    facing: Facing
-    backend: Backend
-    _kept: dict[Any, Any] = field(default_factory=dict)
-    """What was carried along."""
-
-    @classmethod
-    def of(cls, model: _Model, cage: np.ndarray, backend: Backend) -> _Posed:
-        centre = carried(model.centre, cage)
-        instants = np.unique(np.linspace(0, len(cage) - 1, math.ceil((len(cage) - 1) / PROBE_EVERY) + 1).astype(int))
-        facing = Facing.of(cage[instants], model.cage_faces)
-        return cls(model, cage, cage.mean(axis=1), centre, backend.Float64(centre.ravel()), facing, backend)
-
-    def carry(self, faces: np.ndarray, *, with_places: bool) -> None:
-        """Carries along the vertices of the patches of these cage faces, bool (F,); `with_places` keeps all of them at hand."""
-        model, kept = self.model, self._kept
-        used, corners = np.zeros((2, model.operator.shape[0]), bool)
-        facets = np.repeat(model.patches.any_of(faces) | with_places, np.diff(model.patches.starts))
-        used[model.patches.nodes[facets]] = corners[model.patches.corners[facets]] = True
-        values = carried(model.operator[used], self._local())
-        kept["corners"], kept["values"] = corners, values[corners[used]] if with_places else None
-        kept["numbers"], kept["corner numbers"] = (np.cumsum(each) - 1 for each in (used, corners))
-        kept["vertices"] = self.backend.Float32(values.ravel())
-
-    @property
-    def vertices(self) -> Any:
-        """Those that were carried along, flat Float32 (V, T, 4) on the device: relative to the origin, and 1."""
-        return self._kept["vertices"]
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """Of all facets' vertices among these, (Vf,)."""
-        return self._kept["numbers"]
-
-    @property
-    def corner_numbers(self) -> np.ndarray:
-        """Of all facets' vertices among those of these that are corners, (Vf,)."""
-        return self._kept["corner numbers"]
-
-    def visibility(self, seen: Seen, mesh: VisibilityMesh) -> Any:
-        """Of the corners carried along, flat Float32 (Vc, T) on the device; None: all are visible."""
-        found = self._carried_visibility("corners", lambda: mesh.facets[self._kept["corners"]], seen, mesh)
-        if seen.facet_visibility is not None:
-            patches = self.model.patches
-            places = self._kept["values"][..., :3] + self.origin
-            sampled = sampled_visibility(seen.facet_visibility, places, self.corner_numbers[patches.corners])
-            found.append(self.backend.lanes(sampled, self.backend.Float32))
-        return _product(found)
-
-    def visibility_of_points(self, seen: Seen, mesh: VisibilityMesh) -> Any:
-        """Of the vertices that hold diffuse points, flat Float32 (Vp, T) on the device; None: all are visible."""
-        found = self._carried_visibility("points", lambda: mesh.points, seen, mesh)
-        if seen.facet_visibility is not None:
-            assert self.model.points is not None
-            sampled = self.model.points.facet_visibility(seen.facet_visibility, self.cage)
-            found.append(self.backend.lanes(sampled, self.backend.Float32))
-        return _product(found)
-
-    def _carried_visibility(
-        self, what: str, operator: Callable[[], Csr], seen: Seen, mesh: VisibilityMesh
-    ) -> list[Any]:
-        """That over each one-way path, carried along once for all pairs that have the path in common."""
-        kept, found = self._kept, []
-        for values in seen.visibility:
-            key = what, id(mesh), id(values)
-            if key not in kept:
-                if (what, id(mesh)) not in kept:
-                    kept[what, id(mesh)] = operator()
-                out = carried(kept[what, id(mesh)], np.asarray(values, np.float32)[..., None])
-                kept[key] = values, self.backend.Float32(out.ravel())  # the array lives on, and so its id is its own
-            found.append(kept[key][1])
-        return found
-
-    @property
-    def carrier(self) -> Any:
-        """Vertices that hold the diffuse points, flat Float32 (Vp, T, 4) on the device: relative to the origin, and 1."""
-        if "carrier" not in self._kept:
-            assert self.model.points is not None
-            self._kept["carrier"] = self.backend.Float32(carried(self.model.points.operator, self._local()).ravel())
-        return self._kept["carrier"]
-
-    def _local(self) -> np.ndarray:
-        """Control points relative to the origin, and 1, float32 (T, V, 4)."""
-        # Positions within the body need no more than float32: 1e-7 of its size.
-        values = np.ones((*self.cage.shape[:2], 4), np.float32)
-        values[..., :3] = self.cage - self.origin[:, None]
-        return values
-
-
-def _product(fields: Sequence[Any]) -> Any:
-    """Of arrays on the device; None: there is none."""
-    if not fields:
-        return None
-    return fields[0] if len(fields) == 1 else math.prod(fields[1:], start=fields[0])

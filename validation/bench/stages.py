@@ -31,7 +31,9 @@ PIECE_BYTES, ECHO_BYTES = 5e8, 24
 """Echoes are held in pieces of the record of about that size, so many bytes for each at a frame."""
 LEAST_FRAMES = 4
 """A piece has at least so many surface frames."""
-PHYSICS = ("reflections", "transmissions", "clutter", "collisions", "method", "seed", "body", "material", "phase_from")
+PHYSICS = (
+    "reflections", "transmissions", "bounces", "clutter", "collisions", "method", "seed", "body", "material", "phase_from",
+)  # fmt: skip
 
 
 class Stopwatch:

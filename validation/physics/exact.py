@@ -84,3 +84,36 @@ def summed_optics(points: np.ndarray, areas: np.ndarray, radar_m: np.ndarray, wa
     facing = np.maximum(np.einsum("ni,ni->n", areas, sight) / distance, 0) / distance**2
     cycles = 2 * distance / wavelength_m
     return float(4 * math.pi / wavelength_m**2 * abs(np.sum(facing * np.exp(2j * math.pi * (cycles % 1)))) ** 2)
+
+
+def dihedral_rcs(
+    edge_m: float, angle_rad: np.ndarray | float, wavelength_m: float, height_m: float | None = None
+) -> np.ndarray:
+    """Two bounces of a right-angled corner of two plates, `angle_rad` off its bisector in the plane across the fold: 4 pi A^2 /
+    lambda^2, A the aperture that rays leave by the way they came (Knott et al., Radar Cross Section, 2nd ed., section 6.5)."""
+    aperture = 2 * edge_m * (edge_m if height_m is None else height_m) * np.sin(math.pi / 4 - np.abs(angle_rad))
+    return np.asarray(4 * math.pi * aperture**2 / wavelength_m**2)
+
+
+def trihedral_area(edge_m: float, towards: np.ndarray, *, triangular: bool = False, count: int = 300) -> float:
+    """Aperture [m^2] that rays leave by the way they came after three bounces of a corner of three plates along the positive axes,
+    seen in the direction `towards` (3,): count^2 rays to each plate, by coordinates alone (eq. 4 pi A^2 / lambda^2 as above)."""
+    grid = (np.arange(count) + 0.5) / count * edge_m
+    total = 0.0
+    for first in range(3):
+        point, direction = np.zeros((count**2, 3)), np.tile(-np.asarray(towards, float), (count**2, 1))
+        point[:, (first + 1) % 3], point[:, (first + 2) % 3] = (each.ravel() for each in np.meshgrid(grid, grid))
+        met, rows = np.zeros((count**2, 3), bool), np.arange(count**2)
+        met[:, first] = True
+        direction[:, first] *= -1
+        good = point.sum(axis=1) <= edge_m if triangular else np.ones(count**2, bool)
+        for _ in range(2):
+            distance = np.where(met, np.inf, -point / np.minimum(direction, -1e-12))
+            plate = distance.argmin(axis=1)
+            point = point + distance[rows, plate][:, None] * direction
+            others = np.arange(3) != plate[:, None]
+            good &= (point.sum(axis=1) if triangular else np.where(others, point, 0).max(axis=1)) <= edge_m
+            direction[rows, plate] *= -1
+            met[rows, plate] = True
+        total += good.mean() * edge_m**2 * towards[first]
+    return float(total)

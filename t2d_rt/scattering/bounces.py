@@ -1,0 +1,224 @@
+"""Echoes over several bounces within and between targets (docs/physics.md, eq. 31)."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.memory import blocks
+from t2d_rt.scattering.antennas import seen_by
+from t2d_rt.scattering.fronts import Instant, RayTracer
+from t2d_rt.scattering.reflectors import Lattice, Reflector, Reflectors, carried_along, lattice
+from t2d_rt.scattering.streams import in_parts, most_echoes
+from t2d_rt.scattering.tube_groups import Cells, Frames, Groups, Sample
+from t2d_rt.scattering.tubes import Tubes, reflecting, traced_tubes
+from t2d_rt.types import EchoArrays, EchoStream, Radar
+
+TEST_WAVELENGTHS, TEST_RATE_HZ = 4.0, 10.0
+"""Facets are tested for whether their reflected rays ever meet a target from points so far apart, and so often; those beside them
+are taken, too."""
+KEPT_BYTES = 500e6
+"""Tubes of sample times are kept, the last used ones, in so much memory; others are traced again."""
+SWEEP_CYCLES = 0.4
+"""Greatest change over the sweep of the phase between two sides of a cell [cycles]."""
+Scene = Callable[[np.ndarray, np.ndarray], RayTracer]
+"""The tracer of vertices (V, 3) m and triangles (F, 3)."""
+Unblocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Fraction of the field over paths out to points (N, 3) m and back from points (N, 3) m that the static scene leaves, (N,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TubeDetail:
+    """How finely several bounces are modelled."""
+
+    bounces: int
+    """Greatest number of them, 2 or 3."""
+    spacing: float = 2.0
+    """Longest edge of ray tubes on the first surface [wavelengths], before they are made finer where they have to be."""
+    cell_m: float = 0.03
+    """Greatest size of the cells of the surfaces; tubes between the same cells return as one echo [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """What tubes are traced in."""
+
+    radar: Radar
+    scene: Scene
+    backend: Backend
+    unblocked: Unblocked | None = None
+    """None in free space."""
+
+
+def bounce_echoes(
+    reflectors: Sequence[Reflector],
+    setting: Setting,
+    *,
+    times_s: np.ndarray,
+    samples_s: np.ndarray,
+    detail: TubeDetail,
+) -> EchoStream:
+    """Echoes of 2 to `detail.bounces` bounces at frames `times_s`, of tubes that are traced at `samples_s` and ride on the surfaces
+    in between, each set fading into the next."""
+    model = _Model.of(Reflectors(reflectors), setting, samples_s, detail)
+    samples = _Samples(model, samples_s)
+    groups = samples.groups()
+    size = most_echoes(setting.radar)
+    parts = [groups.only(slice(first, first + size)) for first in range(0, max(1, len(groups)), size)]
+    return in_parts(
+        [
+            EchoStream(
+                times_s=times_s, frames=partial(_frames, samples, part, times_s), echoes=len(part),
+                vertices=model.reflectors.vertex_count,
+            )
+            for part in parts
+        ]
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Model:
+    """What stays the same from one sample time to the next."""
+
+    reflectors: Reflectors
+    setting: Setting
+    detail: TubeDetail
+    lattice: Lattice
+    cells: Cells
+
+    @classmethod
+    def of(cls, reflectors: Reflectors, setting: Setting, samples_s: np.ndarray, detail: TubeDetail) -> _Model:
+        """With a lattice on the facets whose reflected rays ever meet a target."""
+        wavelength = setting.radar.wavelength_m
+        size_m = min(detail.cell_m, SWEEP_CYCLES * SPEED_OF_LIGHT / (2 * setting.radar.bandwidth_hz))
+        every = lattice(reflectors, np.arange(len(reflectors.faces)), TEST_WAVELENGTHS * wavelength)
+        empty = cls(reflectors, setting, detail, every, Cells.of(reflectors, size_m))
+        count = max(2, math.ceil((samples_s[-1] - samples_s[0]) * TEST_RATE_HZ) + 1)
+        tests = samples_s[np.unique(np.linspace(0, len(samples_s) - 1, min(count, len(samples_s))).round().astype(int))]
+        found = np.zeros(len(reflectors.faces), bool)
+        for instant in empty.instants(tests):
+            found[reflecting(instant, every)] = True
+        beside = np.flatnonzero(reflectors.neighbours @ found.astype(float))
+        return replace(empty, lattice=lattice(reflectors, beside, detail.spacing * wavelength))
+
+    def instants(self, times_s: np.ndarray) -> Iterator[Instant]:
+        """The targets at some times."""
+        radar = self.setting.radar
+        for some in blocks(times_s, self.reflectors.vertex_count):
+            for vertices in self.reflectors.at(some):
+                yield Instant(
+                    reflectors=self.reflectors, posed=self.reflectors.posed(vertices),
+                    rays=self.setting.scene(vertices, self.reflectors.faces),
+                    transmitter_m=radar.tx_position_m, receiver_m=radar.rx_position_m, wavelength_m=radar.wavelength_m,
+                )  # fmt: skip
+
+    def frames(self, times_s: np.ndarray) -> Frames:
+        """The targets at some frames."""
+        return Frames.of(self.reflectors, times_s, self.setting.radar, self.setting.backend)
+
+    def sample(self, time_s: float) -> list[Sample]:
+        """Tubes at a time, by the number of bounces from 2."""
+        (instant,) = self.instants(np.array([time_s]))
+        return [
+            Sample.of(self._unblocked(instant, traced_tubes(instant, self.lattice, bounces)), self.cells)
+            for bounces in range(2, self.detail.bounces + 1)
+        ]
+
+    def _unblocked(self, instant: Instant, tubes: Tubes) -> Tubes:
+        """What the static scene leaves of them, taken at one of each cell where they start and end."""
+        if self.setting.unblocked is None or not len(tubes.factor):
+            return tubes
+        corner = tubes.nodes[:, 0]
+        ends = [0, -1]
+        cells = self.cells.numbers(tubes.faces[corner][:, ends], tubes.coordinates[corner][:, ends])
+        _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+        faces, coordinates = (each[corner[first]][:, ends] for each in (tubes.faces, tubes.coordinates))
+        places = carried_along(instant.posed.corners[faces], coordinates)
+        fraction = self.setting.unblocked(places[:, 0], places[:, 1])
+        return replace(tubes, factor=tubes.factor * fraction[inverse.ravel()])
+
+
+class _Samples:
+    """Tubes at the sample times, kept as far as memory allows."""
+
+    def __init__(self, model: _Model, samples_s: np.ndarray) -> None:
+        self.model, self.times_s = model, samples_s
+        self._kept: OrderedDict[int, list[Sample]] = OrderedDict()
+
+    def at(self, number: int) -> list[Sample]:
+        """By the number of bounces from 2."""
+        if number not in self._kept:
+            self._kept[number] = self.model.sample(float(self.times_s[number]))
+            while (
+                len(self._kept) > 2
+                and sum(s.tubes.bytes_held for each in self._kept.values() for s in each) > KEPT_BYTES
+            ):
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(number)
+        return self._kept[number]
+
+    def groups(self) -> Groups:
+        """Those of the whole record."""
+        found: list[Sample] = []
+        powers: list[np.ndarray] = []
+        for number, time_s in enumerate(self.times_s):
+            posed = self.model.frames(np.array([time_s]))
+            for sample in self.at(number):
+                powers.append(posed.powers(sample))
+                found.append(sample.of_carriers())
+        return Groups.of(found, powers, self.model.detail.bounces)
+
+
+def _frames(samples: _Samples, groups: Groups, times_s: np.ndarray, start: int, stop: int) -> EchoArrays:
+    """Echoes of groups at frames start..stop - 1."""
+    model, radar = samples.model, samples.model.setting.radar
+    posed = model.frames(times_s[start:stop])
+    count = stop - start
+    shape = count, len(groups)
+    delay, field, change = np.zeros(shape), np.zeros(shape, np.complex64), np.zeros(shape, np.complex64)
+    weights = _faded(times_s[start:stop], samples.times_s)
+    for bounces in range(2, model.detail.bounces + 1):
+        mine, first = groups.of_bounces(bounces)
+        if not len(mine):
+            continue
+        straight = np.ones((len(mine), bounces - 1))
+        lengths = posed.lengths(mine.faces, mine.coordinates, straight, np.arange(count))
+        carriers_m = lengths.numpy().reshape(len(mine), -1)
+        delay[:, first : first + len(mine)] = carriers_m.T / SPEED_OF_LIGHT
+        for number, (frames, weight) in weights.items():
+            sample = samples.at(number)[bounces - 2]
+            column = mine.columns(sample.codes)
+            for into, found in zip((field, change), posed.sums(sample, column, carriers_m, frames), strict=True):
+                into[frames[:, None], first + column[column >= 0]] += (found * weight).T
+    # As E in eq. 3.
+    scale = -1j * radar.link_amplitude * math.sqrt(4 * math.pi) / radar.wavelength_m
+    per_hz = scale / radar.mid_frequency_hz
+    arrays = EchoArrays(delay, (scale * field).astype(np.complex64), (per_hz * change).astype(np.complex64))
+    if not (radar.is_array or radar.directional):
+        return arrays
+    return seen_by(radar, arrays, *(posed.places(groups, end) for end in (0 * groups.bounces, groups.bounces - 1)))
+
+
+def _faded(times_s: np.ndarray, samples_s: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """By the number of a sample: frames that it counts at (K,), and its weight there (K,), which fades smoothly from one sample to
+    the next."""
+    if len(samples_s) == 1:
+        return {0: (np.arange(len(times_s)), np.ones(len(times_s)))}
+    position = np.interp(times_s, samples_s, np.arange(len(samples_s)))
+    before = np.minimum(position.astype(int), len(samples_s) - 2)
+    u = position - before
+    fade = u * u * (3 - 2 * u)
+    found = {}
+    for number in np.unique([before, before + 1]):
+        weight = np.where(before == number, 1 - fade, 0) + np.where(before + 1 == number, fade, 0)
+        frames = np.flatnonzero(weight > 0)
+        if len(frames):
+            found[int(number)] = frames, weight[frames]
+    return found

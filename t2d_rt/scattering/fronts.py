@@ -1,0 +1,263 @@
+"""Where the rays of tubes are on the surfaces that they meet, one after another, at one instant (physics.md, eq. 31)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from t2d_rt.geometry.vectors import lengths, unit
+from t2d_rt.scattering.reflectors import Lattice, Posed, Reflectors, cross, dot
+
+LIFT_WAVELENGTHS = 0.1
+"""Rays start so far off a curved facet [wavelengths], which is more than it bulges; what they meet is found of the ray from the
+surface itself."""
+FLAT_LIFT_M = 2e-5
+"""And so far off a flat one: what is missed at the rim of another surface is no more than that."""
+LEAST_COSINE = 0.8
+"""Between the true normals at a footprint's corners and that of the plane through them; less, and the corners lie on different
+surfaces."""
+GRAZING = 0.03
+"""Cosine of incidence from which a footprint has the area that it has there."""
+
+
+class Traced(NamedTuple):
+    """What rays meet first."""
+
+    face: np.ndarray
+    """(N,), -1 where a ray meets none."""
+    weights: np.ndarray
+    """Barycentric coordinates (N, 3)."""
+
+
+class RayTracer(Protocol):
+    """As `propagation.rays.Rays`."""
+
+    def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> Any:
+        """As `Traced`."""
+
+    def free(self, origins: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """Whether nothing lies between points, (N,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instant:
+    """Targets in one pose before the antennas."""
+
+    reflectors: Reflectors
+    posed: Posed
+    rays: RayTracer
+    transmitter_m: np.ndarray
+    receiver_m: np.ndarray
+    wavelength_m: float
+
+    def lift_m(self, faces: np.ndarray) -> np.ndarray:
+        """How far off facets (N,) rays start, (N,)."""
+        return np.where(self.reflectors.curved[faces], LIFT_WAVELENGTHS * self.wavelength_m, FLAT_LIFT_M)
+
+    def lifted(self, front: Front, paths: np.ndarray, towards: np.ndarray) -> np.ndarray:
+        """Where rays start that leave a surface: off it, and off another one that meets it there."""
+        lift_m = self.lift_m(front.faces[paths, -1])[:, None]
+        return np.asarray(front.place[paths] + lift_m * (1.5 * front.normal[paths] + towards))
+
+    def visible(self, place_m: np.ndarray, front: Front, asked: np.ndarray) -> np.ndarray:
+        """Which points of those asked for, bool (N,), a place sees, bool (N,)."""
+        towards = unit(place_m - front.place)
+        found = asked & (dot(towards, front.normal) > 0)
+        paths = np.flatnonzero(found)
+        found[paths] = self.rays.free(self.lifted(front, paths, towards[paths]), place_m)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Front:
+    """Where rays are on a surface, and the tubes between them."""
+
+    faces: np.ndarray
+    """(N, B)."""
+    coordinates: np.ndarray
+    """(N, B, 3)."""
+    sense: np.ndarray
+    """(N, B - 1)."""
+    length_m: np.ndarray
+    """Of the paths so far (N,)."""
+    place: np.ndarray
+    """On the last surface (N, 3) m."""
+    normal: np.ndarray
+    """(N, 3)."""
+    incoming: np.ndarray
+    """Unit directions in which rays arrive (N, 3)."""
+    triangles: np.ndarray
+    """(M, 3)."""
+    weight: np.ndarray
+    """Fraction of each tube that got here, times what conservation of power takes from its start (M,)."""
+    reflection: np.ndarray
+    """Product of the reflection coefficients so far, complex (M,)."""
+    lead: np.ndarray
+    """Corner whose path alone is traced on, the others keeping to the plane that touches the surface where it meets one; -1: all
+    are (M,)."""
+    number: np.ndarray
+    """Of the lattice's triangle that each tube began with (M,)."""
+
+    def only(self, tubes: np.ndarray) -> Front:
+        """Some of the tubes, bool (M,), and their paths."""
+        used, triangles = np.unique(self.triangles[tubes], return_inverse=True)
+        return Front(
+            self.faces[used], self.coordinates[used], self.sense[used], self.length_m[used],
+            self.place[used], self.normal[used], self.incoming[used],
+            triangles.reshape(-1, 3), self.weight[tubes], self.reflection[tubes], self.lead[tubes], self.number[tubes],
+        )  # fmt: skip
+
+
+def launched(instant: Instant, lattice: Lattice) -> Front:
+    """On the first surface, where any corner of a part of the lattice is lit."""
+    posed = instant.posed
+    place, normal = posed.places(lattice.face, lattice.weights), posed.normals_at(lattice.face, lattice.weights)
+    range_m = lengths(place - instant.transmitter_m)
+    incoming = (place - instant.transmitter_m) / range_m[:, None]
+    lit = dot(incoming, normal) < 0
+    number = np.flatnonzero(lit[lattice.parts].any(axis=1))
+    triangles = lattice.parts[number]
+    power = seen_area(place[triangles], incoming[triangles].mean(axis=1))
+    front = Front(
+        lattice.face[:, None], np.zeros((len(place), 1, 3)), np.zeros((len(place), 0)), range_m, place, normal, incoming, triangles,
+        np.sqrt(np.abs(power)) / range_m[triangles].mean(axis=1),
+        instant.reflectors.reflection[lattice.face[triangles[:, 0]]], np.full(len(triangles), -1), number,
+    ).only(np.ones(len(triangles), bool))  # fmt: skip
+    return replace(front, coordinates=posed.coordinates(front.faces[:, 0], front.place)[:, None])
+
+
+def outgoing(instant: Instant, front: Front) -> tuple[np.ndarray, np.ndarray, Traced]:
+    """Which paths go on, (P,), their directions (P, 3), and what they meet."""
+    paths = np.flatnonzero(dot(front.incoming, front.normal) < 0)
+    normal, incoming = front.normal[paths], front.incoming[paths]
+    direction = incoming - 2 * dot(incoming, normal)[:, None] * normal
+    return paths, direction, instant.rays.first_hits(instant.lifted(front, paths, -direction), direction)
+
+
+@dataclass(frozen=True, slots=True)
+class _Met:
+    """Where the rays of a front meet a surface again."""
+
+    direction: np.ndarray
+    """In which they left, 0 where they did not (N, 3)."""
+    face: np.ndarray
+    """(N,), -1 where they meet none."""
+    place: np.ndarray
+    """(N, 3) m."""
+    normal: np.ndarray
+    """(N, 3)."""
+    good: np.ndarray
+    """Which meet one from its front, bool (N,)."""
+    seen: np.ndarray
+    """Which start where the transmitter sees the surface, bool (N,)."""
+
+    @classmethod
+    def of(cls, instant: Instant, front: Front) -> _Met:
+        posed = instant.posed
+        paths, directions, hits = outgoing(instant, front)
+        direction, face = np.zeros_like(front.place), np.full(len(front.place), -1)
+        direction[paths], face[paths] = directions, hits.face
+        place, normal = front.place.copy(), front.normal.copy()
+        some, at = np.flatnonzero(face >= 0), face[face >= 0]
+        # Rays were lifted off the surface; this is of the ray from the surface itself.
+        weights = posed.on_surface(at, hits.weights[hits.face >= 0], front.place[some], direction[some])
+        place[some], normal[some] = posed.places(at, weights), posed.normals_at(at, weights)
+        ahead = dot(place - front.place, direction) > -instant.lift_m(front.faces[:, -1])
+        good = (face >= 0) & (dot(direction, normal) < 0) & ahead
+        # Later surfaces are where rays came to.
+        seen = instant.visible(instant.transmitter_m, front, good) if front.faces.shape[1] == 1 else good
+        return cls(direction, face, place, normal, good, seen)
+
+
+def reflected(instant: Instant, front: Front) -> Front:
+    """On the surfaces that tubes meet next.
+
+    A tube whose corners lie on one surface goes on as it is. Of others each corner that meets a surface stands for a third of the
+    tube, which goes on to the plane that touches the surface there.
+    """
+    met = _Met.of(instant, front)
+    good = met.good[front.triangles]
+    across = cross(*two_edges(met.place[front.triangles]))
+    agree = np.abs(np.einsum("mi,mci->mc", unit(across), met.normal[front.triangles])).min(axis=1) > LEAST_COSINE
+    whole = good.all(axis=1) & agree & (front.lead < 0)
+    triangles = front.triangles[whole]
+    faces, coordinates = np.maximum(met.face, 0), np.zeros_like(met.place)
+    coordinates[met.good] = instant.posed.coordinates(met.face[met.good], met.place[met.good])
+    kept = Front(
+        np.concatenate([front.faces, faces[:, None]], axis=1),
+        np.concatenate([front.coordinates, coordinates[:, None]], axis=1),
+        np.concatenate([front.sense, np.ones((len(faces), 1))], axis=1), front.length_m + lengths(met.place - front.place),
+        met.place, met.normal, met.direction, triangles,
+        front.weight[whole] * met.seen[triangles].mean(axis=1),
+        front.reflection[whole] * instant.reflectors.reflection[faces[triangles[:, 0]]]
+        * focal_phase(front.place[triangles], met.place[triangles], met.direction[triangles].mean(axis=1)),
+        front.lead[whole], front.number[whole],
+    )  # fmt: skip
+    led = (
+        good
+        & met.seen[front.triangles]
+        & ~whole[:, None]
+        & ((front.lead[:, None] < 0) | (front.lead[:, None] == range(3)))
+    )
+    return _joined([kept, *(_led(instant, front, met, np.flatnonzero(led[:, corner]), corner) for corner in range(3))])
+
+
+def _led(instant: Instant, front: Front, met: _Met, tubes: np.ndarray, corner: int) -> Front:
+    """What one corner of some tubes, by their numbers, stands for, going on to the plane that touches the surface it meets."""
+    triangles = front.triangles[tubes]
+    base = triangles[:, corner]
+    start, direction = front.place[triangles], met.direction[triangles]
+    normal = met.normal[base][:, None]
+    sinking = -dot(direction, normal)
+    along = -dot(met.place[base][:, None] - start, normal) / np.maximum(sinking, GRAZING)
+    usable = (sinking > GRAZING).all(axis=1)
+    tubes, base, triangles, start, direction = (each[usable] for each in (tubes, base, triangles, start, direction))
+    place = start + along[usable][..., None] * direction
+    count = len(base)
+    face = np.repeat(met.face[base], 3)
+    paths, place = triangles.ravel(), place.reshape(-1, 3)
+    return Front(
+        np.concatenate([front.faces[paths], face[:, None]], axis=1),
+        np.concatenate([front.coordinates[paths], instant.posed.coordinates(face, place)[:, None]], axis=1),
+        np.concatenate([front.sense[paths], np.sign(along[usable]).reshape(-1, 1)], axis=1),
+        front.length_m[paths] + along[usable].ravel(),
+        place, np.repeat(met.normal[base], 3, axis=0), met.direction[paths], np.arange(3 * count).reshape(-1, 3),
+        front.weight[tubes] / np.where(front.lead[tubes] < 0, 3, 1),
+        front.reflection[tubes] * instant.reflectors.reflection[met.face[base]]
+        * focal_phase(start, place.reshape(-1, 3, 3), direction.mean(axis=1)), np.full(count, corner), front.number[tubes],
+    )  # fmt: skip
+
+
+def focal_phase(start: np.ndarray, end: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """(-j) to the power of the focal lines that tubes pass from triangles (M, 3, 3) to others along (M, 3), complex (M,).
+
+    A section of the tube is mapped to a later one by I + s B, whose determinant changes its sign at each focal line.
+    """
+    (p, q), (u, v) = two_edges(start), two_edges(end)
+    before = dot(cross(p, q), direction)
+    determinant = dot(cross(u, v), direction) / before
+    trace = (dot(cross(u, q), direction) + dot(cross(p, v), direction)) / before
+    return np.where(determinant < 0, -1j, np.where(trace < 0, -1, 1))
+
+
+def _joined(fronts: list[Front]) -> Front:
+    """Several as one, without tubes that nothing is left of."""
+    fronts = [each.only(each.weight != 0) for each in fronts]
+    first = np.cumsum([0, *(len(each.place) for each in fronts)])
+    columns = {name: np.concatenate([getattr(each, name) for each in fronts]) for name in Front.__slots__}
+    columns["triangles"] = np.concatenate(
+        [each.triangles + start for each, start in zip(fronts, first[:-1], strict=True)]
+    )
+    return Front(**columns)
+
+
+def two_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges from the first corner of triangles (M, 3, 3), (M, 3) each."""
+    return triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+
+
+def seen_area(triangles: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Twice the area of triangles (M, 3, 3) as seen along (M, 3), with its sign."""
+    return dot(cross(*two_edges(triangles)), direction)

@@ -1,0 +1,252 @@
+"""Targets' surfaces as rays meet them: facets of all targets together, with their true places and normals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from t2d_rt.geometry import Refinement
+from t2d_rt.geometry.vectors import lengths, unit
+from t2d_rt.scattering.patches import Csr
+from t2d_rt.scattering.refinement import carried
+from t2d_rt.types import MovingMesh
+
+NEWTON_STEPS = 2
+"""From a flat facet along a ray to the curved one: the first leaves some 10 um of 0.4 mm."""
+INWARD = 0.01
+"""Points at a facet's rim lie inside it by about that fraction of their spacing: whether a ray meets what just ends there is a
+matter of rounding."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reflector:
+    """One target's surface."""
+
+    surface: MovingMesh
+    facets: Refinement
+    reflection: complex
+    """Gamma of the surface times the fraction that stays coherent."""
+
+
+class Reflectors:
+    """The facets of all targets, numbered through: corners 0, 1, 2 of a facet and, of a curved one, a vertex near the middle of
+    each edge."""
+
+    def __init__(self, reflectors: Sequence[Reflector]) -> None:
+        self._each = reflectors
+        counts = [each.facets.operator.shape[0] for each in reflectors]
+        first = np.cumsum([0, *counts[:-1]])
+        self.vertex_count = int(sum(counts))
+        self.faces = np.concatenate([each.facets.faces + start for each, start in zip(reflectors, first, strict=True)])
+        """Corners (F, 3)."""
+        middles = [each.facets.faces if (own := each.facets.middles) is None else own for each in reflectors]
+        self._middles = np.concatenate([own + start for own, start in zip(middles, first, strict=True)])
+        sizes = [len(each.facets.faces) for each in reflectors]
+        self.curved = np.repeat([each.facets.middles is not None for each in reflectors], sizes)
+        """Which facets are (F,)."""
+        self.reflection = np.repeat([complex(each.reflection).conjugate() for each in reflectors], sizes)
+        """Of each facet conj(Gamma), as IF = tx conj(rx), complex (F,)."""
+        self.rest = np.concatenate([each.facets.at(each.surface.rest) for each in reflectors])
+        """Vertices at rest (V, 3)."""
+        self.target = np.repeat(np.arange(len(reflectors)), sizes)
+        """The target that each facet belongs to (F,)."""
+        self._crease = np.repeat(
+            [180.0 if each.facets.middles is not None else each.surface.crease_deg for each in reflectors], sizes
+        )
+
+    def at(self, times_s: np.ndarray) -> np.ndarray:
+        """Vertices (K, V, 3) m at these times."""
+        cages = (each.facets.controlled(each.surface.at(times_s)) for each in self._each)
+        posed = (carried(each.facets.operator, cage) for each, cage in zip(self._each, cages, strict=True))
+        return np.concatenate(list(posed)).swapaxes(0, 1)
+
+    @cached_property
+    def edge_m(self) -> np.ndarray:
+        """Longest edge of each facet at rest (F,)."""
+        corners = self.rest[self.faces]
+        return np.asarray(lengths(corners - np.roll(corners, 1, axis=1)).max(axis=1))
+
+    @cached_property
+    def smooth(self) -> Csr:
+        """Sparse (3 F, 3 F): from a normal for each facet's corner to the mean over those that meet there without a crease."""
+        from scipy.sparse import csr_array
+
+        slots, count = self.faces.ravel(), self.faces.size
+        of_vertex = csr_array((np.ones(count), (np.arange(count), slots)), shape=(count, self.vertex_count))
+        joined = (of_vertex @ of_vertex.T).tocoo()
+        normal = np.repeat(unit(cross(*_edges(self.rest[self.faces]))), 3, axis=0)
+        cosine = np.einsum("ni,ni->n", normal[joined.row], normal[joined.col])
+        # A facet and those beside it are compared, so a mean over more than these is bent by no more than the crease.
+        keep = (cosine > np.cos(np.radians(self._crease[joined.row // 3]))) | (joined.row == joined.col)
+        return csr_array((np.ones(keep.sum()), (joined.row[keep], joined.col[keep])), shape=(count, count))
+
+    @cached_property
+    def neighbours(self) -> Csr:
+        """Sparse (F, F): 1 where two facets share a corner."""
+        from scipy.sparse import csr_array
+
+        count = len(self.faces)
+        of_vertex = csr_array(
+            (np.ones(3 * count), (np.repeat(np.arange(count), 3), self.faces.ravel())),
+            shape=(count, self.vertex_count),
+        )
+        return of_vertex @ of_vertex.T
+
+    def posed(self, vertices: np.ndarray) -> Posed:
+        """In a pose (V, 3) m."""
+        corners = vertices[self.faces]
+        after = np.roll(corners, -1, axis=1)
+        bulges = np.where(self.curved[:, None, None], 4 * vertices[self._middles] - 2 * (corners + after), 0)
+        forward = after - corners + bulges
+        backward = np.roll(corners, 1, axis=1) - corners + np.roll(bulges, 1, axis=1)
+        across = cross(forward, backward).reshape(-1, 3)  # as long as the facet is large, which weights the mean
+        return Posed(corners, bulges, unit(self.smooth @ across).reshape(-1, 3, 3))
+
+
+@dataclass(frozen=True, slots=True)
+class Posed:
+    """Facets in one pose."""
+
+    corners: np.ndarray
+    """(F, 3, 3) m."""
+    bulges: np.ndarray
+    """By which edges 01, 12, 20 leave the chord: four times that at the middle (F, 3, 3) m."""
+    normals: np.ndarray
+    """At the corners, unit (F, 3, 3)."""
+
+    def places(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Places (N, 3) m in facets (N,) at barycentric coordinates (N, 3)."""
+        pairs = weights * np.roll(weights, -1, axis=1)
+        return _sum(weights, self.corners[face]) + _sum(pairs, self.bulges[face])
+
+    def normals_at(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Unit normals (N, 3) there."""
+        return unit(_sum(weights, self.normals[face]))
+
+    def on_surface(
+        self, face: np.ndarray, weights: np.ndarray, origins: np.ndarray, directions: np.ndarray
+    ) -> np.ndarray:
+        """Barycentric coordinates (N, 3) where rays (N, 3) pierce the curved facets, from those where they pierce the flat ones.
+
+        The facet is continued beyond its edges.
+        """
+        corners, bulges = self.corners[face], self.bulges[face]
+        for _ in range(NEWTON_STEPS):
+            following = np.roll(weights, -1, axis=1)
+            place = _sum(weights, corners) + _sum(weights * following, bulges)
+            # Derivatives by each coordinate, of which a bulge has two.
+            slopes = corners + bulges * following[..., None] + np.roll(bulges * weights[..., None], 1, axis=1)
+            u, v = slopes[:, 1] - slopes[:, 0], slopes[:, 2] - slopes[:, 0]
+            offset = origins - place
+            along_v, along_u = cross(v, directions), cross(directions, u)
+            volume = dot(u, along_v)
+            scale = 1 / np.where(np.abs(volume) > 1e-30, volume, np.inf)
+            du, dv = dot(offset, along_v) * scale, dot(offset, along_u) * scale
+            weights = weights + np.stack([-du - dv, du, dv], axis=1)
+        return weights
+
+    def coordinates(self, face: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Places (N, 3) m in the frames of facets (N,), (N, 3): along two edges, and along the normal [m]."""
+        first, u, v, normal = frames(self.corners[face])
+        offset = places - first
+        along_v, along_u = cross(v, normal), cross(normal, u)
+        volume = dot(u, along_v)
+        return np.stack([dot(offset, along_v) / volume, dot(offset, along_u) / volume, dot(offset, normal)], axis=-1)
+
+
+def frames(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """First corner, two edges and unit normal of triangles (..., 3, 3)."""
+    u, v = _edges(corners)
+    return corners[..., 0, :], u, v, unit(cross(u, v))
+
+
+def carried_along(corners: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+    """Places (..., 3) m of `Posed.coordinates` (..., 3) in triangles (..., 3, 3) as they are now."""
+    first, u, v, normal = frames(corners)
+    return first + coordinates[..., :1] * u + coordinates[..., 1:2] * v + coordinates[..., 2:] * normal
+
+
+@dataclass(frozen=True, slots=True)
+class Lattice:
+    """Triangles on facets, fixed in them, with points at their corners and at the middles of their edges."""
+
+    face: np.ndarray
+    """Facet of each point (N,)."""
+    weights: np.ndarray
+    """Its barycentric coordinates (N, 3)."""
+    nodes: np.ndarray
+    """Points at the corners of each triangle, oriented like the facets, and at the middles of edges 01, 12 and 20, (M, 6)."""
+
+    @property
+    def parts(self) -> np.ndarray:
+        """Each triangle cut in four by its middles, (4 M, 3)."""
+        return self.nodes[:, PARTS].reshape(-1, 3)
+
+    def finer(self, parts: np.ndarray) -> Lattice:
+        """Some of the `parts`, by their numbers, as triangles of their own."""
+        return _with_middles(self.face, self.weights, self.parts[parts])
+
+
+PARTS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
+"""Nodes at the corners of the parts of a triangle that is cut in four."""
+
+
+def lattice(reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> Lattice:
+    """Triangles with edges of up to `spacing_m` on some facets (N,)."""
+    parts = np.maximum(1, np.ceil(reflectors.edge_m[faces] / spacing_m)).astype(int)
+    found, first = [(np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3), int))], 0
+    for count in np.unique(parts):
+        some = faces[parts == count]
+        weights, triangles = _grid(int(count))
+        weights = weights + (1 / 3 - weights) * INWARD / count
+        start = first + len(weights) * np.arange(len(some))
+        numbers = (start[:, None, None] + triangles).reshape(-1, 3)
+        found.append((np.repeat(some, len(weights)), np.tile(weights, (len(some), 1)), numbers))
+        first += len(weights) * len(some)
+    return _with_middles(*(np.concatenate(each) for each in zip(*found, strict=True)))
+
+
+def _with_middles(face: np.ndarray, weights: np.ndarray, triangles: np.ndarray) -> Lattice:
+    """Of triangles (M, 3) between points on facets (N,), (N, 3)."""
+    ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
+    edges, inverse = np.unique(np.sort(ends, axis=2).reshape(-1, 2), axis=0, return_inverse=True)
+    nodes = np.concatenate([triangles, len(face) + inverse.reshape(-1, 3)], axis=1)
+    used, nodes = np.unique(nodes, return_inverse=True)
+    face = np.concatenate([face, face[edges[:, 0]]])
+    weights = np.concatenate([weights, weights[edges].mean(axis=1)])
+    return Lattice(face[used], weights[used], nodes.reshape(-1, 6))
+
+
+def _grid(parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric coordinates (N, 3) of a triangle cut into parts^2, and these (parts^2, 3)."""
+    rows = [(i, j) for i in range(parts + 1) for j in range(parts + 1 - i)]
+    number = {place: k for k, place in enumerate(rows)}
+    triangles = [[number[i, j], number[i + 1, j], number[i, j + 1]] for i in range(parts) for j in range(parts - i)]
+    triangles += [
+        [number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]] for i in range(parts) for j in range(parts - i - 1)
+    ]
+    u, v = np.array(rows).T / parts
+    return np.stack([1 - u - v, u, v], axis=1), np.array(triangles)
+
+
+def _edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """`np.cross` takes several times as long."""
+    x, y, z = np.moveaxis(a, -1, 0)
+    p, q, r = np.moveaxis(b, -1, 0)
+    return np.stack([y * r - z * q, z * p - x * r, x * q - y * p], axis=-1)
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar products (...) of vectors (..., 3)."""
+    return np.einsum("...i,...i->...", a, b)
+
+
+def _sum(weights: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return np.einsum("nc,nci->ni", weights, points)

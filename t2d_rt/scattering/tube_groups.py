@@ -1,0 +1,222 @@
+"""Groups of ray tubes, an echo each: those between the same cells of the surfaces, whose phase beside that of the strongest changes
+slowly from frame to frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import Backend
+from t2d_rt.scattering.reflectors import Reflectors, carried_along
+from t2d_rt.scattering.tube_phases import Lengths, Track, path_lengths, tube_fields
+from t2d_rt.scattering.tubes import Tubes
+from t2d_rt.types import Radar
+
+LEFT_OUT = 1e-4
+"""Such a fraction of the power of all groups the weakest ones hold, which are left out."""
+MOST_LANES = 4_000_000
+"""Of a kernel."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """A grid over the targets at rest."""
+
+    reflectors: Reflectors
+    origin: np.ndarray
+    counts: np.ndarray
+    size_m: float
+
+    @classmethod
+    def of(cls, reflectors: Reflectors, size_m: float) -> Cells:
+        """Of some size."""
+        low, high = reflectors.rest.min(axis=0) - size_m, reflectors.rest.max(axis=0) + size_m
+        return cls(reflectors, low, np.ceil((high - low) / size_m).astype(np.int64) + 1, size_m)
+
+    def numbers(self, faces: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+        """The cells of points on the surfaces, (...)."""
+        rest = carried_along(self.reflectors.rest[self.reflectors.faces[faces]], coordinates)
+        place = np.clip(((rest - self.origin) / self.size_m).astype(np.int64), 0, self.counts - 1)
+        target = self.reflectors.target[faces]
+        return ((target * self.counts[0] + place[..., 0]) * self.counts[1] + place[..., 1]) * self.counts[2] + place[
+            ..., 2
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Tubes of one number of bounces at a sample time, those of each group together."""
+
+    tubes: Tubes
+    codes: np.ndarray
+    """Cells of each group's paths, in lexical order (G, B)."""
+    group: np.ndarray
+    """Of each tube, ascending; the strongest of a group comes first (M,)."""
+
+    @classmethod
+    def of(cls, tubes: Tubes, cells: Cells) -> Sample:
+        """Of tubes in any order."""
+        corner = tubes.nodes[:, 0]
+        codes = cells.numbers(tubes.faces[corner], tubes.coordinates[corner])
+        order = np.lexsort([-tubes.level, *codes.T[::-1]])
+        codes = codes[order]
+        new = _differs(codes)
+        return cls(tubes.only(order), codes[new], np.cumsum(new) - 1)
+
+    @property
+    def strongest(self) -> np.ndarray:
+        """Tube of each group (G,)."""
+        return np.flatnonzero(np.diff(self.group, prepend=-1))
+
+    def of_carriers(self) -> Sample:
+        """Each group's strongest tube alone, which is all that its echo's delay needs."""
+        return Sample(self.tubes.only(self.strongest), self.codes, np.arange(len(self.codes)))
+
+    @property
+    def carriers(self) -> np.ndarray:
+        """Path of each group that its delay is that of (G,)."""
+        return self.tubes.nodes[self.strongest, 0]
+
+
+def _differs(rows: np.ndarray) -> np.ndarray:
+    """Which rows (N, C) differ from the one before, bool (N,); the first one does."""
+    found = np.ones(len(rows), bool)
+    found[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    return found
+
+
+def _counting(power: np.ndarray) -> np.ndarray:
+    """Numbers of those that hold all but a small fraction of the power (N,), ascending."""
+    order = np.argsort(power, kind="stable")
+    return np.sort(order[np.cumsum(power[order]) > LEFT_OUT * power.sum()])
+
+
+@dataclass(frozen=True, slots=True)
+class Groups:
+    """Groups of tubes over the whole record: an echo each."""
+
+    bounces: np.ndarray
+    """(G,)."""
+    codes: np.ndarray
+    """Cells of their paths, in lexical order among those of as many bounces, -1 beyond the last (G, B)."""
+    faces: np.ndarray
+    """Facets that the strongest tube meets: its path is the carrier (G, B)."""
+    coordinates: np.ndarray
+    """Where in them (G, B, 3)."""
+
+    def __len__(self) -> int:
+        return len(self.bounces)
+
+    @classmethod
+    def of(cls, samples: Sequence[Sample], powers: Sequence[np.ndarray], most: int) -> Groups:
+        """All groups of up to `most` bounces that there are in any sample, without those that return next to nothing; `powers` are
+        what each sample's groups (G,) return."""
+        found: list[Groups] = []
+        for sample in samples:
+            tubes, path = sample.tubes, sample.carriers
+            bounces = tubes.faces.shape[1]
+            wider = ((0, 0), (0, most - bounces))
+            found.append(
+                cls(
+                    np.full(len(path), bounces), np.pad(sample.codes, wider, constant_values=-1),
+                    np.pad(tubes.faces[path], wider), np.pad(tubes.coordinates[path], (*wider, (0, 0))),
+                )
+            )  # fmt: skip
+        every = cls(*(np.concatenate([getattr(each, name) for each in found]) for name in cls.__slots__))
+        level = np.concatenate([sample.tubes.level[sample.strongest] for sample in samples])
+        keys = np.column_stack([every.bounces, every.codes])
+        order = np.lexsort([-level, *keys.T[::-1]])
+        keys, power = keys[order], np.concatenate(powers)[order]
+        new = np.flatnonzero(_differs(keys))
+        return every.only(order[new[_counting(np.add.reduceat(power, new) if len(new) else power)]])
+
+    def only(self, chosen: np.ndarray | slice) -> Groups:
+        """Some of them."""
+        return Groups(self.bounces[chosen], self.codes[chosen], self.faces[chosen], self.coordinates[chosen])
+
+    def of_bounces(self, bounces: int) -> tuple[Groups, int]:
+        """Those of so many bounces, and the number of the first."""
+        first, last = np.searchsorted(self.bounces, [bounces, bounces + 1])
+        some = slice(first, last)
+        narrow = (each[some, :bounces] for each in (self.codes, self.faces, self.coordinates))
+        return Groups(self.bounces[some], *narrow), int(first)
+
+    def columns(self, codes: np.ndarray) -> np.ndarray:
+        """Where groups of as many bounces stand among these, (N,) for (N, B); -1 for those that do not."""
+        if not len(self):
+            return np.full(len(codes), -1)
+        joined = np.concatenate([self.codes, codes])
+        _, number = np.unique(joined, axis=0, return_inverse=True)
+        known = np.full(number.max() + 1, -1)
+        known[number.ravel()[: len(self)]] = np.arange(len(self))
+        return np.asarray(known[number.ravel()[len(self) :]])
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """Targets at some frames."""
+
+    vertices: np.ndarray
+    """(T, V, 3) m."""
+    track: Track
+    """The same on the device."""
+    facets: np.ndarray
+    """Corners (F, 3)."""
+    radar: Radar
+
+    @classmethod
+    def of(cls, reflectors: Reflectors, times_s: np.ndarray, radar: Radar, backend: Backend) -> Frames:
+        """At these times."""
+        vertices = reflectors.at(times_s)
+        return cls(vertices, Track(vertices, backend), reflectors.faces, radar)
+
+    def powers(self, sample: Sample) -> np.ndarray:
+        """What the groups of a sample return at the first frame (G,)."""
+        tubes, path, first = sample.tubes, sample.carriers, np.arange(1)
+        if not len(path):
+            return np.zeros(0)
+        carriers = self.lengths(tubes.faces[path], tubes.coordinates[path], tubes.sense[path], first)
+        sums, _ = self.sums(sample, np.arange(len(path)), carriers.numpy().reshape(-1, 1), first)
+        return np.asarray(np.abs(sums[:, 0]) ** 2)
+
+    def lengths(self, faces: np.ndarray, coordinates: np.ndarray, sense: np.ndarray, frames: np.ndarray) -> Any:
+        """Of paths (N, B) at some of the frames (K,), as `path_lengths`."""
+        ends = self.radar.tx_position_m, self.radar.rx_position_m
+        return path_lengths(self.track, frames, self.facets[faces], coordinates, sense, ends)
+
+    def places(self, groups: Groups, end: np.ndarray) -> np.ndarray:
+        """Where the carriers of groups meet a surface, the first time or the last (G,), at all frames (T, G, 3) m."""
+        every = np.arange(len(groups))
+        corners = self.facets[groups.faces[every, end]]
+        return np.stack([carried_along(each[corners], groups.coordinates[every, end]) for each in self.vertices])
+
+    def sums(
+        self, sample: Sample, column: np.ndarray, carriers_m: np.ndarray, frames: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Fields of a sample's groups that have a column (G,), not -1, among the carriers (G', T), and their derivatives, at some
+        frames: complex (G'', K)."""
+        backend, tubes, row = self.track.backend, sample.tubes, np.cumsum(column >= 0) - 1
+        used = (column >= 0)[sample.group]
+        totals = np.zeros((2, np.count_nonzero(column >= 0), len(frames)), complex)
+        step = max(1, MOST_LANES // max(1, len(tubes.faces), len(tubes.factor)))
+        for first in range(0, len(frames) if used.any() else 0, step):
+            some = slice(first, first + step)
+            lengths = self.lengths(tubes.faces, tubes.coordinates, tubes.sense, frames[some])
+            carriers = backend.lanes(carriers_m[:, frames[some]], backend.Float64)
+            for chosen, nodes in ((used & tubes.curved, 6), (used & ~tubes.curved, 3)):
+                which = np.flatnonzero(chosen)
+                if not len(which):
+                    continue
+                group = sample.group[which]
+                values = tube_fields(
+                    Lengths(lengths, carriers, len(frames[some])), tubes.nodes[which, :nodes], column[group],
+                    tubes.amplitude[which], 2 * math.pi / self.radar.wavelength_m, backend,
+                )  # fmt: skip
+                starts = np.flatnonzero(np.append(True, group[1:] != group[:-1]))
+                for total, value in zip(totals, values, strict=True):
+                    total[row[group[starts]], some] += np.add.reduceat(value * tubes.factor[which, None], starts)
+        return totals[0], totals[1]
