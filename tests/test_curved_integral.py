@@ -16,7 +16,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError
 from t2d_rt.scattering import curved_integral as module
 from t2d_rt.scattering.curved_integral import CENTRE, Order, curved_integral, curved_integrals
-from t2d_rt.scattering.facets import _ops
+from t2d_rt.scattering.lanes import lane_ops
 from t2d_rt.scattering.phase_integral import NUMPY_OPS, SERIES_TERMS, divided_difference, divided_differences
 
 ORDERS = get_args(Order)
@@ -125,7 +125,7 @@ def test_value_against_mpmath(dtype: type, order: Order, backend: Backend) -> No
     assert np.max(abs(got - expected) / bound) < LIMIT[dtype]
     if dtype is np.float32:
         lanes = [[backend.Float32(np.ascontiguousarray(row)) for row in x] for x in given]
-        parts = curved_integrals(*lanes, ops=_ops(drjit), terms=SERIES_TERMS[4], order=order)
+        parts = curved_integrals(*lanes, ops=lane_ops(drjit), terms=SERIES_TERMS[4], order=order)
         (value, slope) = (real.numpy() + 1j * imag.numpy() for real, imag in parts)
         assert np.max(abs(value - expected) / bound) < LIMIT[dtype]
         assert np.max(abs(slope - both(given, order)[1]) / slope_envelope(*given[:2])) < LIMIT[dtype]

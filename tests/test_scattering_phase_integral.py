@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from t2d_rt.backend import Backend
-from t2d_rt.scattering.facets import _ops
+from t2d_rt.scattering.lanes import lane_ops
 from t2d_rt.scattering.phase_integral import NUMPY_OPS, SERIES_TERMS, divided_difference, divided_differences
 
 # Both sides of the switch from series to quotient (1 rad), multiples of 2 pi (the true zeros), and the whole range.
@@ -80,7 +80,7 @@ def test_drjit_kernel_against_mpmath(backend: Backend) -> None:
 
     phases = cases(np.float32)
     lanes = [backend.Float32(np.ascontiguousarray(column)) for column in phases.T]
-    parts = divided_differences(*lanes, ops=_ops(drjit), terms=SERIES_TERMS[4])
+    parts = divided_differences(*lanes, ops=lane_ops(drjit), terms=SERIES_TERMS[4])
     got = tuple(real.numpy() + 1j * imag.numpy() for real, imag in parts)
     assert max(errors(got, phases)) < LIMIT[np.float32]  # type: ignore[arg-type]
 

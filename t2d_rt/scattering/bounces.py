@@ -42,8 +42,9 @@ class TubeDetail:
     """Greatest number of them, 2 or 3."""
     spacing: float = 2.0
     """Longest edge of ray tubes on the first surface [wavelengths], before they are made finer where they have to be."""
-    cell_m: float = 0.03
-    """Greatest size of the cells of the surfaces; tubes between the same cells return as one echo [m]."""
+    cell_m: float = 0.02
+    """Greatest size of the cells of the surfaces; tubes between the same cells return as one echo [m]. At twice a walk's surface
+    rate interpolation errs by -15 dB with 3 cm, by -23 dB with 2 cm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

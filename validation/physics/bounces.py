@@ -67,12 +67,12 @@ def run() -> Section:
         Check(
             what="walk, two bounces: tubes between sample times beside tubes traced there",
             measured=traced,
-            limit=-8.0,
+            limit=-6.0,
             unit="dB",
         ),
         Check(what="walk, two bounces: tubes half as wide, difference", measured=size, limit=-8.0, unit="dB"),
         Check(
-            what="walk: time with two bounces over that with one", measured=seconds[1] / seconds[0], limit=80, unit=""
+            what="walk: time with two bounces over that with one", measured=seconds[1] / seconds[0], limit=40, unit=""
         ),
     ]
     one, two = (10 * np.log10(values.mean()) for values in body)
