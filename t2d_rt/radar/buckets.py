@@ -14,7 +14,9 @@ from t2d_rt.radar.sweep import Instants, Sweep
 from t2d_rt.radar.windows import Delay
 
 MOST_SLOTS = 1000
-"""Buckets that an echo may cross in a frame interval."""
+"""Time slots that a frame interval may have."""
+SLOT_BINS = 1.0
+"""Range bins that an echo may move by in a time slot, or a bucket where that is less."""
 MANY_SLOTS = 16
 """Where a frame interval has more slots than this, those that hold no chirp are left out."""
 
@@ -66,7 +68,7 @@ class Buckets:
     part: np.ndarray
     """Which part each bucket belongs to, ascending."""
     members: Members
-    """Which echoes fall into each during which slot, so short that no echo moves by more than a bucket."""
+    """Which echoes fall into each during which slot, so short that no echo moves by more than `SLOT_BINS`, or a bucket."""
 
     def theta(self, sweep: Sweep) -> np.ndarray:
         """theta of the buckets' carriers, their phase over x, (bucket,)."""
@@ -87,11 +89,12 @@ def buckets(
     effective = delay + delay_slope * (instants.sweep.coupling_s / step_s)
     width_s = width * instants.sweep.bin_s
     before, after = effective[interval, echo], effective[interval + 1, echo]
-    travel = float(np.abs(after - before).max()) / width_s
+    slot_s = min(width, SLOT_BINS) * instants.sweep.bin_s
+    travel = float(np.abs(after - before).max()) / slot_s
     if travel > MOST_SLOTS:
         raise InputError(
-            f"an echo's range changes by {travel * width_s * SPEED_OF_LIGHT / 2:.3g} m from one surface frame to the next, "
-            f"{step_s * 1e3:.3g} ms later, and at most {MOST_SLOTS * width_s * SPEED_OF_LIGHT / 2:.3g} m can be followed; remove "
+            f"an echo's range changes by {travel * slot_s * SPEED_OF_LIGHT / 2:.3g} m from one surface frame to the next, "
+            f"{step_s * 1e3:.3g} ms later, and at most {MOST_SLOTS * slot_s * SPEED_OF_LIGHT / 2:.3g} m can be followed; remove "
             "the jump from the target, raise surface_rate_hz, or give echoes of your own in seconds of delay"
         )
     slots = max(1, math.ceil(travel))

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.radar.buckets import SLOT_BINS
+from t2d_rt.radar.prolate import band_nodes
 from t2d_rt.radar.sweep import Sweep, nodes_for
 from t2d_rt.radar.windows import Delay, Window
 
@@ -19,8 +21,8 @@ FIRST_BINS = 0.35
 """Range bins that the smallest groups' echoes span at most."""
 MOST_BINS = 3.0
 """The same of the largest groups."""
-BUCKET_BINS = 3.0
-"""Width of a bucket of groups."""
+BUCKET_BINS = 9.0
+"""Width of a bucket of groups: wide ones have fewer nodes for each bin, but a group has to be summed at each of them."""
 WIDE = 0.25
 """Fraction of what the smallest groups may span from which the outermost antennas of an array count too."""
 PROBE_EVERY = 4
@@ -83,7 +85,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
         found.append(Level(samples, points, width, group, mean, delay, slope))
         low, high = _hulls(group, low, high)
         here = len(low)
-        work.append(spent + here * rate * WORK_NODE * bucket_nodes(width, tolerance))
+        work.append(spent + here * rate * WORK_NODE * len(band_nodes(bucket_theta(width), tolerance)))
         samples, width = 2 * samples, min(2 * width, MOST_BINS)
     return found[: int(np.argmin(work))]
 
@@ -92,9 +94,9 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
 WORK_ECHO, WORK_NODE = 1.0, 0.25
 
 
-def bucket_nodes(width: float, tolerance: float) -> int:
-    """Number of nodes of a bucket that holds groups of `width` bins."""
-    return nodes_for(math.pi * (BUCKET_BINS / 2 + 0.8 * width), tolerance)
+def bucket_theta(width: float) -> float:
+    """Greatest theta of a bucket that holds groups of `width` bins."""
+    return math.pi * (BUCKET_BINS / 2 + 0.8 * width + SLOT_BINS / 2)
 
 
 def _cycles_per_step(tolerance: float) -> float:

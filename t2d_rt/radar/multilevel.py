@@ -71,7 +71,7 @@ def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: fl
     u = start, start + dr.opaque(Float32, 0.5 / below.rate)
     samples = dr.opaque(UInt32, inner.samples)
     per_cycle, per_rate, _ = (dr.opaque(Float32, value) for value in sweep.per_cycle(step_s))
-    spread = spread_to(below.nodes, level.nodes)
+    spread = spread_to(below.nodes, nodes(level.nodes))
     x = [float(v) for v in nodes(level.nodes)[::2]]
 
     def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
@@ -119,10 +119,10 @@ def at_instants(
     buckets: Buckets,
     phase: tuple[Any, Any],
     instants: Instants,
-    count: int,
+    places: np.ndarray,
     backend: Backend,
 ) -> np.ndarray:
-    """Fields of buckets at `count` nodes of the sweep, complex64 (instant, bucket, node), from groups' factors.
+    """Fields of buckets at `places` of the sweep, pairs +x, -x, complex64 (instant, bucket, place), from groups' factors.
 
     The factors of `level`'s groups are those of `inner` from `first` on, `phase` holds the tables of `phases` for the groups.
     """
@@ -134,8 +134,8 @@ def at_instants(
     intervals = dr.opaque(UInt32, len(level.delay) - 1)
     samples, skipped = dr.opaque(UInt32, inner.samples), dr.opaque(UInt32, first)
     per_cycle, per_rate, eps_per_rate = (dr.opaque(Float32, value) for value in instants.per_cycle)
-    spread, u = spread_to(level.nodes, count), lanes.u
-    x = [float(v) for v in nodes(count)[::2]]
+    spread, u, count = spread_to(level.nodes, places), lanes.u, len(places)
+    x = places[::2].tolist()
 
     def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         group = dr.gather(UInt32, table, i)

@@ -61,12 +61,12 @@ def times_phasor(values: list[Any], sin: Any, cos: Any) -> list[Any]:
     return out
 
 
-def spread_to(inner: int, outer: int) -> Callable[[list[Any]], list[Any]]:
-    """From values at `inner` nodes of the sweep to those at `outer` nodes of the polynomial through them."""
-    if inner == outer:
+def spread_to(inner: int, outer: np.ndarray) -> Callable[[list[Any]], list[Any]]:
+    """From values at `inner` Chebyshev nodes of the sweep to those at `outer` nodes, pairs +x, -x, of the polynomial through them."""
+    if np.array_equal(nodes(inner), outer):
         return lambda values: values
     # Nodes come in pairs +-x: even and odd parts apart halve the work.
-    matrix = interpolation(inner, nodes(outer))[::2]
+    matrix = interpolation(inner, outer)[::2]
     even, odd = ((matrix[:, ::2] + sign * matrix[:, 1::2]) / 2 for sign in (1, -1))
 
     def spread(values: list[Any]) -> list[Any]:

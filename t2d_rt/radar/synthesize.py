@@ -12,6 +12,7 @@ a polynomial over the sweep, and a small matrix product per chirp then gives the
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -25,17 +26,20 @@ from t2d_rt.backend import Backend, select
 from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, new_cube
 from t2d_rt.memory import Budget
 from t2d_rt.radar.array_delays import array_delays, ends
-from t2d_rt.radar.buckets import buckets
-from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, phases
-from t2d_rt.radar.groups import BUCKET_BINS, Level, bucket_nodes, levels
+from t2d_rt.radar.buckets import SLOT_BINS, buckets
+from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, fields_at, phases
+from t2d_rt.radar.groups import BUCKET_BINS, Level, bucket_theta, levels
 from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
-from t2d_rt.radar.sweep import Instants, Sweep, chebyshev, interpolation
+from t2d_rt.radar.prolate import band_interpolation, band_nodes
+from t2d_rt.radar.sweep import Instants, Sweep, chebyshev
 from t2d_rt.radar.windows import Delay, Window, windows
 from t2d_rt.types import Echoes, EchoStream, Radar, stream
 
 ECHO_BUCKET_BINS = 0.25
 """Width of a bucket of echoes, in range bins."""
+FEW_ECHOES, WIDE_BUCKET_BINS, WIDE_ERROR = 500, 9.0, 3e-6
+"""Up to so many echoes are summed in buckets that wide, at as many places of the sweep as that error asks for: float32 has no more."""
 PRODUCT_CHIRPS = 512
 """Chirps at once from buckets to samples: few enough that buckets which the target has left, or not reached, need not be summed."""
 RECEIVERS, MOST_SUMS = 4, 400
@@ -227,12 +231,20 @@ def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> _Spectr
     # An antenna's time slot may come a little after the window's end.
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
-    weights = chebyshev(TERMS, sweep.x)
     if not len(echo):
-        return _Spectra(np.zeros((len(instants), 0, TERMS), np.complex64), weights, np.zeros(0), sweep.x)
-    found = buckets((window.delay, window.delay_slope), interval, echo, instants, ECHO_BUCKET_BINS)
+        return _Spectra(np.zeros((len(instants), 0, TERMS), np.complex64), chebyshev(TERMS, sweep.x), np.zeros(0), sweep.x)
+    wide = window.delay.shape[1] <= FEW_ECHOES
+    width = WIDE_BUCKET_BINS if wide else ECHO_BUCKET_BINS
+    found = buckets((window.delay, window.delay_slope), interval, echo, instants, width)
     table = phases(window.delay, window.delay_slope, sweep, None, found.origin_s, backend)
-    terms = chebyshev_coefficients(found, table, amplitudes(window, sweep, backend), instants, backend)
+    fields = amplitudes(window, sweep, backend)
+    if wide:
+        limit = math.pi * (WIDE_BUCKET_BINS + SLOT_BINS) / 2
+        weights = band_interpolation(limit, WIDE_ERROR, sweep.x).T
+        terms = fields_at(found, table, fields, instants, band_nodes(limit, WIDE_ERROR), backend)
+    else:
+        weights = chebyshev(TERMS, sweep.x)
+        terms = chebyshev_coefficients(found, table, fields, instants, backend)
     return _Spectra(terms.transpose(1, 0, 2), weights, found.theta(sweep), sweep.x)
 
 
@@ -246,9 +258,9 @@ def _sum_groups(
     pair = group // (len(top) // pairs)
     found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, BUCKET_BINS, apart=pair)
     table = phases(top.delay, top.delay_slope, sweep, None, found.origin_s, backend)
-    count = bucket_nodes(top.bins, tolerance)
-    fields = at_instants(inner, first, top, found, table, instants, count, backend)
-    theta, weights = found.theta(sweep), interpolation(count, sweep.x).T
+    limit = bucket_theta(top.bins)
+    fields = at_instants(inner, first, top, found, table, instants, band_nodes(limit, tolerance), backend)
+    theta, weights = found.theta(sweep), band_interpolation(limit, tolerance, sweep.x).T
     bounds = np.searchsorted(found.part, np.arange(pairs + 1))
     ranges = pairwise(bounds.tolist())
     return [_Spectra(fields[:, first:last], weights, theta[first:last], sweep.x) for first, last in ranges]

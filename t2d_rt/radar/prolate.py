@@ -1,0 +1,72 @@
+"""Nodes of the sweep for functions of limited bandwidth: exp(j t x) with |t| <= theta, x in -1..1 (docs/physics.md, eq. 16).
+
+A polynomial through Chebyshev nodes needs pi/2 times as many. The nodes are the zeros of a prolate spheroidal wave function, and
+what is interpolated are those of lower order (Xiao, Rokhlin and Yarvin, Inverse Problems 17 (2001), 805-838).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial.legendre import legvander
+
+CHECKED = 128
+"""Places of the sweep, and values of t, at which the error is checked."""
+PER_NODE = 32
+"""Places between two zeros; these are linear between them, and need not be exact."""
+TRIES = 12
+"""Even numbers of nodes that are tried, from the least that could do."""
+
+
+@lru_cache(maxsize=64)
+def band_nodes(theta: float, tolerance: float) -> np.ndarray:
+    """As few nodes as carry exp(j t x) for all |t| <= `theta` within `tolerance`, in pairs +x, -x, largest first."""
+    t, x = np.linspace(0, theta, CHECKED), np.linspace(0, 1, CHECKED)
+    least = 2 * max(1, math.ceil(theta / math.pi))
+    series = _wave_functions(theta, least + 2 * TRIES)
+    grid = np.cos(np.linspace(0, math.pi / 2, PER_NODE * series.shape[1]))
+    on_grid, at_x = (legvander(places, series.shape[0] - 1) @ series for places in (grid, x))
+    for count in range(least, least + 2 * TRIES, 2):
+        nodes = _pairs(_zeros(grid, on_grid[:, count]))
+        if len(nodes) != count:
+            continue
+        matrix = _through(nodes, series[:, :count], at_x[:, :count])
+        if np.abs(matrix @ np.exp(1j * np.outer(nodes, t)) - np.exp(1j * np.outer(x, t))).max() <= tolerance:
+            return nodes
+    raise AssertionError(f"no {count} nodes carry {theta:g} rad within {tolerance:g}")
+
+
+def band_interpolation(theta: float, tolerance: float, x: np.ndarray) -> np.ndarray:
+    """Matrix (len(x), nodes) from values at `band_nodes` to the function at `x`."""
+    nodes = band_nodes(theta, tolerance)
+    series = _wave_functions(theta, len(nodes))[:, : len(nodes)]
+    return _through(nodes, series, legvander(x, len(series) - 1) @ series)
+
+
+def _through(nodes: np.ndarray, series: np.ndarray, at_x: np.ndarray) -> np.ndarray:
+    """From values at nodes to the sum of as many wave functions through them, at places where these are `at_x` (x, node)."""
+    return np.linalg.solve((legvander(nodes, len(series) - 1) @ series).T, at_x.T).T
+
+
+def _zeros(grid: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Where values change their sign on a grid."""
+    k = np.flatnonzero(values[1:] * values[:-1] < 0)
+    return np.asarray(grid[k] + (grid[k + 1] - grid[k]) * values[k] / (values[k] - values[k + 1]))
+
+
+def _pairs(positive: np.ndarray) -> np.ndarray:
+    return np.stack([positive, -positive], axis=1).ravel()
+
+
+@lru_cache(maxsize=64)
+def _wave_functions(theta: float, order: int) -> np.ndarray:
+    """Series in Legendre polynomials of the wave functions of orders 0 to `order`, (terms, order + 1): the eigenvectors of eq. 62 to
+    64 of the source, which need no scale here."""
+    k = np.arange(order + math.ceil(theta) + 40)
+    diagonal = k * (k + 1) + (2 * k * (k + 1) - 1) / ((2 * k + 3) * (2 * k - 1)) * theta**2
+    j = k[2:]
+    beside = j * (j - 1) / ((2 * j - 1) * np.sqrt((2 * j - 3) * (2 * j + 1))) * theta**2
+    _, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(beside, 2) + np.diag(beside, -2))
+    return np.asarray(vectors[:, : order + 1] * np.sqrt(k + 0.5)[:, None])
