@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.products import ProductRows
 from t2d_rt.rows import DTYPE, SavedRows, ScratchRows, block_rows, row_bytes
 
 LARGE_BYTES = 512 * 2**20
@@ -20,13 +21,13 @@ LARGE_FRACTION = 1 / 8
 class DiskCube:
     """A complex64 cube (chirp, antenna, sample) whose rows lie on disk, read and written by ranges of chirps.
 
-    Whoever holds it, or an array that reads from it, can read it: see `ScratchRows` and `SavedRows`.
+    Whoever holds it, or an array that reads from it, can read it: see `ScratchRows`, `ProductRows` and `SavedRows`.
     """
 
     ndim = 3
     dtype = DTYPE
 
-    def __init__(self, rows: ScratchRows | SavedRows) -> None:
+    def __init__(self, rows: ScratchRows | ProductRows | SavedRows) -> None:
         self.rows = rows
 
     @property
@@ -172,13 +173,18 @@ class CubeAdder:
     def __init__(self, cube: Cube) -> None:
         self._cube, self._row = cube, 0
         self._held = np.zeros((0, *cube.shape[1:]), DTYPE)
+        self._products = cube.rows if isinstance(cube, DiskCube) and isinstance(cube.rows, ProductRows) else None
 
     def __enter__(self) -> CubeAdder:
+        if self._products is not None:
+            self._products.begin()
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
             self._add()
+            if self._products is not None:
+                self._products.end()
 
     def room(self, rows: int) -> np.ndarray:
         """What is added to the next rows, to be filled before the next call; what it holds before is anything."""
@@ -188,7 +194,10 @@ class CubeAdder:
 
     def _add(self) -> None:
         place = slice(self._row, self._row + len(self._held))
-        self._cube[place] = np.asarray(self._cube[place]) + self._held
+        if self._products is not None:
+            self._products.add_samples(place.start, self._held)
+        else:
+            self._cube[place] = np.asarray(self._cube[place]) + self._held
         self._row = place.stop
 
 

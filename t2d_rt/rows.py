@@ -7,6 +7,7 @@ import os
 import stat
 import tempfile
 import weakref
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +27,13 @@ CODECS = ({"name": "bytes", "configuration": {"endian": "little"}}, {"name": "cr
 """Of the array "adc": not compressed, for phases do not compress."""
 
 
-class ScratchRows:
-    """Rows (antenna, sample) in a temporary file without a name (in TMPDIR), written from the first on.
+class ScratchFile:
+    """A temporary file without a name (in TMPDIR).
 
-    The system frees the file when the last object or process that can read it has gone, however that ended.
+    The system frees it when the last object or process that can read it has gone, however that ended.
     """
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.shape = shape
-        self._written = 0
-        """Rows so far; those after them are an error at reading, not zeros."""
-        self._failed: InputError | None = None
+    def __init__(self) -> None:
         try:
             file = tempfile.TemporaryFile(prefix="t2d-rt-", buffering=0)  # noqa: SIM115  # lives as long as the object
         except OSError as error:
@@ -44,7 +41,54 @@ class ScratchRows:
         self._opened = file
         """Closed with this object and not before: at the end of the program its number may be another file's."""
         self._file = file.fileno()
+        self.size = 0
+        """[byte]."""
         weakref.finalize(self, file.close).atexit = False
+
+    def read(self, offset: int, shape: tuple[int, ...]) -> np.ndarray:
+        """Numbers from an offset [byte] on, complex64."""
+        values = np.empty(shape, DTYPE)
+        data = values.reshape(-1).view(np.uint8).data
+        while len(data):
+            count = os.preadv(self._file, [data], offset)
+            if not count:
+                raise InputError("the temporary file of the ADC samples ends early; simulate again")
+            data, offset = data[count:], offset + count
+        return values
+
+    def write(self, offset: int, values: np.ndarray) -> None:
+        """Puts numbers from an offset [byte] on."""
+        data = np.ascontiguousarray(values).reshape(-1).view(np.uint8).data
+        try:
+            while len(data):
+                count = os.pwrite(self._file, data, offset)
+                data, offset = data[count:], offset + count
+        except OSError as error:
+            raise _no_room(error) from error
+        self.size = max(self.size, offset)
+
+    def append(self, values: np.ndarray) -> int:
+        """Puts numbers at the end; their offset [byte]."""
+        offset = self.size
+        self.write(offset, values)
+        return offset
+
+    def blocks(self) -> Iterator[bytes]:
+        """What it holds, block by block."""
+        for offset in range(0, self.size, BLOCK_BYTES):
+            size = min(BLOCK_BYTES, self.size - offset)
+            yield self.read(offset, (size // DTYPE.itemsize,)).tobytes()
+
+
+class ScratchRows:
+    """Rows (antenna, sample) in a temporary file, written from the first on."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.shape = shape
+        self._written = 0
+        """Rows so far; those after them are an error at reading, not zeros."""
+        self._failed: InputError | None = None
+        self._file = ScratchFile()
 
     def read(self, start: int, stop: int) -> np.ndarray:
         """Rows start..stop, complex64 (row, antenna, sample)."""
@@ -55,14 +99,7 @@ class ScratchRows:
                 f"chirps {start}..{stop} of the ADC samples were asked for, and only {self._written} of {self.shape[0]} have "
                 "been written; simulate again"
             )
-        rows = np.empty((stop - start, *self.shape[1:]), DTYPE)
-        data, offset = rows.reshape(-1).view(np.uint8).data, start * row_bytes(self.shape)
-        while len(data):
-            count = os.preadv(self._file, [data], offset)
-            if not count:
-                raise InputError("the temporary file of the ADC samples ends early; simulate again")
-            data, offset = data[count:], offset + count
-        return rows
+        return self._file.read(start * row_bytes(self.shape), (stop - start, *self.shape[1:]))
 
     def write(self, start: int, rows: np.ndarray) -> None:
         """Puts rows in place from `start` on, which may lie at most at the end of what is written."""
@@ -70,14 +107,7 @@ class ScratchRows:
             raise InputError(
                 f"rows {rows.shape} from {start} on do not fit {self._written} of {self.shape} written so far"
             )
-        data = np.ascontiguousarray(rows, DTYPE).reshape(-1).view(np.uint8).data
-        offset = start * row_bytes(self.shape)
-        try:
-            while len(data):
-                count = os.pwrite(self._file, data, offset)
-                data, offset = data[count:], offset + count
-        except OSError as error:
-            raise _no_room(error) from error
+        self._file.write(start * row_bytes(self.shape), np.asarray(rows, DTYPE))
         self._written = max(self._written, start + len(rows))
 
     def append(self, rows: bytes) -> None:

@@ -244,7 +244,7 @@ def test_rows_that_were_not_written_are_no_zeros() -> None:
     for start, count in ((4, 1), (3, 8)):
         with pytest.raises(InputError, match="do not fit 3 of"):
             scratch.write(start, np.ones((count, 1, 4), np.complex64))
-    os.ftruncate(scratch._file, 40)
+    os.ftruncate(scratch._file._file, 40)
     with pytest.raises(InputError, match="ends early"):
         scratch.read(0, 3)
 

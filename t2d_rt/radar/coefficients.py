@@ -170,7 +170,12 @@ def chebyshev_coefficients(
 
 
 def fields_at(
-    buckets: Buckets, table: tuple[Any, Any], fields: list[Any], instants: Instants, places: np.ndarray, backend: Backend
+    buckets: Buckets,
+    table: tuple[Any, Any],
+    fields: list[Any],
+    instants: Instants,
+    places: np.ndarray,
+    backend: Backend,
 ) -> np.ndarray:
     """Fields of every bucket at `places` of the sweep, pairs +x, -x, complex64 (bucket, instant, place).
 
@@ -195,7 +200,11 @@ def fields_at(
         rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
         theta = dr.gather(Float32, table[1], member) - lanes.centre + travelled * per_cycle + rate * per_rate
         sin, cos = sin_cos(cubic[0] + travelled)
-        numbers = [each for k in range(0, len(parts), 2) for each in _times_phasor(*parts[k : k + 2], u, sin, cos)]
+        numbers = [
+            each
+            for real, imag in zip(parts[::2], parts[1::2], strict=True)
+            for each in _times_phasor(real, imag, u, sin, cos)
+        ]
         slopes = numbers[2:] or [0.0, 0.0]
         values = [a + place * b for place in places.tolist() for a, b in zip(numbers[:2], slopes, strict=True)]
         out = rotated(values, theta, x, bend=rate * eps_per_rate)

@@ -62,7 +62,7 @@ def times_phasor(values: list[Any], sin: Any, cos: Any) -> list[Any]:
 
 
 def spread_to(inner: int, outer: np.ndarray) -> Callable[[list[Any]], list[Any]]:
-    """From values at `inner` Chebyshev nodes of the sweep to those at `outer` nodes, pairs +x, -x, of the polynomial through them."""
+    """From values at `inner` Chebyshev nodes of the sweep to the polynomial through them at `outer` nodes, pairs +x, -x."""
     if np.array_equal(nodes(inner), outer):
         return lambda values: values
     # Nodes come in pairs +-x: even and odd parts apart halve the work.

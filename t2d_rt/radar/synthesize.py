@@ -15,16 +15,17 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from t2d_rt import checks
 from t2d_rt.backend import Backend, select
-from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, new_cube
+from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large, new_cube
 from t2d_rt.memory import Budget
+from t2d_rt.products import Product, ProductRows
 from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.buckets import SLOT_BINS, buckets
 from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, fields_at, phases
@@ -39,16 +40,12 @@ from t2d_rt.types import Echoes, EchoStream, Radar, stream
 ECHO_BUCKET_BINS = 0.25
 """Width of a bucket of echoes, in range bins."""
 FEW_ECHOES, WIDE_BUCKET_BINS, WIDE_ERROR = 500, 9.0, 3e-6
-"""Up to so many echoes are summed in buckets that wide, at as many places of the sweep as that error asks for: float32 has no more."""
-PRODUCT_CHIRPS = 512
-"""Chirps at once from buckets to samples: few enough that buckets which the target has left, or not reached, need not be summed."""
+"""Up to so many echoes are summed in buckets that wide, at as many places of the sweep as that error, float32's own, asks for."""
 RECEIVERS, MOST_SUMS = 4, 400
 """Receivers worked on at once, with as many transmitters as leave a lane of the leaves' kernel that many numbers to sum."""
 MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
 """Chirps of a window that buckets are summed for at once: chirps may come far faster than surface frames. Fewer beside many
 echoes, which take memory themselves."""
-BASIS_NUMBERS = 8_000_000
-"""Size of the matrix from buckets to samples; a very wide sweep is worked on in pieces of its samples."""
 
 Progress = Callable[[float], None]
 
@@ -66,7 +63,7 @@ def synthesize(
 ) -> Cube:
     """ADC cube (chirp, antenna, sample) complex64 [sqrt(W)] of all chirps that lie within the echoes' record.
 
-    A large one is a `DiskCube`: on disk, and read by ranges of chirps.
+    A large one is a `DiskCube`: its products are on disk, and samples are made of them where they are read.
 
     Motion within a chirp is included. The direct sum of the same echoes (`direct.direct_sum`) is met within `tolerance_db` of NMSE.
     `read_frames` is about how many frames of echoes are held at once, by default as many as fit a fixed amount of memory; it does
@@ -88,21 +85,22 @@ def synthesize(
     if onto is not None:
         checks.instance("onto", onto, (np.ndarray, DiskCube), "an ADC cube")
         checks.check_shape("onto", onto, (len(starts), radar.antennas, radar.samples))
-    cube = new_cube((len(starts), radar.antennas, radar.samples), memory.limit_bytes) if onto is None else onto
+    shape = len(starts), radar.antennas, radar.samples
+    cube = _new_cube(shape, memory) if onto is None else onto
     sweep, tolerance, backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
     jobs: list[Future[None]] = []
     # Threads of BLAS that wait for its next product would take the kernels' cores.
-    filling = CubeWriter(cube) if onto is None else CubeAdder(cube)
-    with threadpool_limits(1, user_api="blas"), filling as writer, ThreadPoolExecutor(1) as pool:
+    with threadpool_limits(1, user_api="blas"), _filler(cube, onto, radar) as filler, ThreadPoolExecutor(1) as pool:
         for window, rows, position in _blocks(source, radar, starts, read_frames):
             sums = _sums(window, radar, position, sweep, tolerance, backend)
             # Samples are made in another thread: with the first sums of a window most of its kernels are done.
             head = list(itertools.islice(sums, 1))
             for job in jobs:
                 job.result()
-            out = writer.room(len(position))
-            jobs = [pool.submit(job) for job in _filling(out, itertools.chain(head, sums), radar, rows)]
-            del sums, head, window
+            filler.next(len(position))
+            found = _products(itertools.chain(head, sums), radar, rows)
+            jobs = [pool.submit(filler.put, *each) for each in found]
+            del sums, head, window, found
             memory.release()
             if progress is not None:
                 progress(rows.stop / len(starts))
@@ -124,17 +122,73 @@ def _blocks(
             yield window, slice(first, last), mid_times[first:last] / window.step_s - window.start
 
 
-def _filling(out: np.ndarray, sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[Callable[[], None]]:
-    """Calls that fill `out` (row, antenna, sample), the cube's `rows`, from the results of `_sums`."""
-    receivers, ddm = len(radar.rx_positions_m), radar.multiplexing == "ddm"
+def _new_cube(shape: tuple[int, int, int], memory: Budget) -> Cube:
+    return DiskCube(ProductRows(shape)) if is_large(shape, memory.limit_bytes) else new_cube(shape)
+
+
+def _filler(cube: Cube, onto: Cube | None, radar: Radar) -> _Samples | _Products:
+    """What fills a cube, or adds to the one given."""
+    if isinstance(cube, DiskCube) and isinstance(cube.rows, ProductRows):
+        return _Products(cube.rows)
+    return _Samples(CubeWriter(cube) if onto is None else CubeAdder(cube), zeroed=radar.multiplexing == "ddm")
+
+
+class _Samples:
+    """Fills a cube with samples."""
+
+    def __init__(self, writer: CubeWriter | CubeAdder, *, zeroed: bool) -> None:
+        self._writer, self._zeroed = writer, zeroed
+        self._out = np.empty((0, 0, 0), np.complex64)
+
+    def __enter__(self) -> _Samples:
+        self._writer.__enter__()
+        return self
+
+    def __exit__(self, *failed: Any) -> None:
+        self._writer.__exit__(*failed)
+
+    def next(self, rows: int) -> None:
+        """Goes on to the next rows; what `put` was given before must be done."""
+        self._out = self._writer.room(rows)
+        if self._zeroed:
+            self._out[:] = 0
+
+    def put(self, antenna: int, chirps: slice, product: Product) -> None:
+        """Makes samples of some of the rows."""
+        product.put(self._out[chirps, antenna])
+
+
+class _Products:
+    """Fills a cube with a layer of products, of which samples are made when they are read."""
+
+    def __init__(self, rows: ProductRows) -> None:
+        self._rows, self._first, self._stop = rows, 0, 0
+
+    def __enter__(self) -> _Products:
+        self._rows.begin()
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self._rows.end()
+
+    def next(self, rows: int) -> None:
+        """Goes on to the next rows."""
+        self._first, self._stop = self._stop, self._stop + rows
+
+    def put(self, antenna: int, chirps: slice, product: Product) -> None:
+        """Keeps a product for some of the rows."""
+        self._rows.add(self._first + chirps.start, antenna, product)
+
+
+def _products(sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[tuple[int, slice, Product]]:
+    """The results of `_sums` with the antennas whose samples they are, and which of the cube's `rows`, counted from the first."""
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
-    if ddm:
-        out[:] = 0
-    for tx, rx, chirps, spectra in sums:
-        if ddm:
-            yield partial(spectra.add_rotated, out[chirps, rx], phase[chirps, tx, None])
+    for tx, rx, chirps, product in sums:
+        if radar.multiplexing == "ddm":
+            yield rx, chirps, replace(product, phase=phase[chirps, tx])
         else:
-            yield partial(spectra.to_samples, out[chirps, tx * receivers + rx])
+            yield tx * len(radar.rx_positions_m) + rx, chirps, product
 
 
 def _sums(
@@ -185,54 +239,20 @@ def _both(out: Delay, back: Delay) -> Delay:
     return out[0] + back[0], out[1] + back[1]
 
 
-_Sum = tuple[int, int, slice, "_Spectra"]
+_Sum = tuple[int, int, slice, Product]
 """Numbers of a transmitter and a receiver, some of a window's chirps, and what these two record of them."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Spectra:
-    """What buckets return at each chirp, over the sweep."""
-
-    numbers: np.ndarray
-    """(chirp, bucket, Q)."""
-    weights: np.ndarray
-    """What each of the Q adds to the samples, (Q, sample)."""
-    theta: np.ndarray
-    """The buckets' carriers in phase over x, (bucket,)."""
-    x: np.ndarray
-    """Places of the samples in the sweep, -1..1, (sample,)."""
-
-    def to_samples(self, out: np.ndarray) -> None:
-        """Fills `out` (chirp, sample)."""
-        size = max(1, BASIS_NUMBERS // max(1, len(self.theta) * len(self.weights)))
-        for first in range(0, len(self.x), size):
-            some = slice(first, first + size)
-            self._to_some(out[:, some], some)
-
-    def _to_some(self, out: np.ndarray, samples: slice) -> None:
-        carriers = np.exp(1j * np.outer(self.theta, self.x[samples]))
-        basis = (carriers[:, None] * self.weights[:, samples]).astype(np.complex64)
-        for start in range(0, len(out), PRODUCT_CHIRPS):
-            part = self.numbers[start : start + PRODUCT_CHIRPS]
-            used = part.any(axis=(0, 2))
-            columns = part[:, used].reshape(len(part), -1)
-            np.matmul(columns, basis[used].reshape(-1, basis.shape[2]), out=out[start : start + PRODUCT_CHIRPS])
-
-    def add_rotated(self, out: np.ndarray, phase: np.ndarray) -> None:
-        """Adds the samples times `phase` (chirp, 1) to `out` (chirp, sample)."""
-        samples = np.empty(out.shape, out.dtype)
-        self.to_samples(samples)
-        out += samples * phase
-
-
-def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> _Spectra:
+def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> Product:
     """Chirps at `instants`, echo by echo."""
     sweep = instants.sweep
     # An antenna's time slot may come a little after the window's end.
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
     if not len(echo):
-        return _Spectra(np.zeros((len(instants), 0, TERMS), np.complex64), chebyshev(TERMS, sweep.x), np.zeros(0), sweep.x)
+        return Product(
+            np.zeros((len(instants), 0, TERMS), np.complex64), chebyshev(TERMS, sweep.x), np.zeros(0), sweep.x
+        )
     wide = window.delay.shape[1] <= FEW_ECHOES
     width = WIDE_BUCKET_BINS if wide else ECHO_BUCKET_BINS
     found = buckets((window.delay, window.delay_slope), interval, echo, instants, width)
@@ -245,12 +265,12 @@ def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> _Spectr
     else:
         weights = chebyshev(TERMS, sweep.x)
         terms = chebyshev_coefficients(found, table, fields, instants, backend)
-    return _Spectra(terms.transpose(1, 0, 2), weights, found.theta(sweep), sweep.x)
+    return Product(terms.transpose(1, 0, 2), weights, found.theta(sweep), sweep.x)
 
 
 def _sum_groups(
     top: Level, inner: Factors, first: int, pairs: int, instants: Instants, tolerance: float, backend: Backend
-) -> list[_Spectra]:
+) -> list[Product]:
     """The same group by group, for each of the `pairs` of antennas whose groups `top` holds; their factors are those of `inner`
     from `first` on."""
     sweep = instants.sweep
@@ -263,4 +283,4 @@ def _sum_groups(
     theta, weights = found.theta(sweep), band_interpolation(limit, tolerance, sweep.x).T
     bounds = np.searchsorted(found.part, np.arange(pairs + 1))
     ranges = pairwise(bounds.tolist())
-    return [_Spectra(fields[:, first:last], weights, theta[first:last], sweep.x) for first, last in ranges]
+    return [Product(fields[:, first:last], weights, theta[first:last], sweep.x) for first, last in ranges]
