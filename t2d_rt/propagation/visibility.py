@@ -1,8 +1,8 @@
 """Visibility of moving meshes from an antenna: rays through the meshes themselves, traced with Mitsuba at sample times.
 
 Building a ray tracer's scene costs more than tracing it, so the meshes at a chunk of sample times stand in one scene side by side,
-too far apart to occlude one another, and of closed meshes only the faces that face the antenna: a ray that leaves a body crosses
-one of them. Between sample times visibility fades smoothly: an abrupt change would be a click across the spectrogram.
+too far apart to occlude one another, for the rays to all viewpoints. Between sample times visibility fades smoothly: an abrupt
+change would be a click across the spectrogram.
 """
 
 from __future__ import annotations
@@ -17,11 +17,13 @@ import numpy as np
 from t2d_rt.backend import Backend, aligned
 from t2d_rt.geometry.vectors import cross
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
-from t2d_rt.propagation.occluders import Occluders, corners, incidence, vertex_normals
+from t2d_rt.propagation.occluders import Occluders, Posed, corners, incidence, vertex_normals
 from t2d_rt.types import MovingMesh
 
 # Rays start this far off the surface, so that the triangles they start from do not stop them.
 LIFT_M = 2e-3
+KEPT_CHUNKS = 8
+"""Chunks of sample times whose visibility is kept from one block of frames to the next."""
 
 Unblocked = Callable[[np.ndarray], np.ndarray]
 
@@ -101,9 +103,11 @@ class Occlusion:
         self._unblocked, self._solid = unblocked, solid
         self._last: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}
         self._viewpoint = np.asarray(viewpoint_m, np.float64)
-        self._samples_s = samples_s
+        self._samples_s, self._backend = samples_s, backend
+        # From all places together, as a scene of the meshes costs more than to trace it.
+        self._together: list[Occlusion] = meshes.watched.setdefault(samples_s.tobytes(), [])
+        self._together.append(self)
         self._chunks: OrderedDict[int, VisibilitySamples] = OrderedDict()
-        self._mitsuba = mitsuba(backend)
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, those of its subdivision
@@ -131,12 +135,15 @@ class Occlusion:
         return known
 
     def _chunk(self, number: int) -> VisibilitySamples:
-        """Visibility at a chunk of sample times, `copies` or fewer; the last two chunks are kept."""
+        """Visibility at a chunk of sample times, `copies` or fewer; the last chunks are kept."""
         if number not in self._chunks:
             first = number * self._meshes.copies
-            self._chunks[number] = self.sampled(self._samples_s[first : first + self._meshes.copies])
-            while len(self._chunks) > 2:
-                self._chunks.popitem(last=False)
+            some = self._samples_s[first : first + self._meshes.copies]
+            for each in self._together:
+                each._chunks[number] = each.sampled(some)
+                each._chunks.move_to_end(number)
+                while len(each._chunks) > KEPT_CHUNKS:
+                    each._chunks.popitem(last=False)
         self._chunks.move_to_end(number)
         return self._chunks[number]
 
@@ -151,7 +158,7 @@ class Occlusion:
         if not self._solid:
             return VisibilitySamples(None, None, unblocked)
         front = np.einsum("kvi,kvi->kv", at.normals, self._viewpoint - at.points) > 0
-        return VisibilitySamples(front, self.visible(at.vertices, at.points, at.normals) & front, unblocked)
+        return VisibilitySamples(front, self.visible(at, front), unblocked)
 
     def _fractions(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
         """Visibility where so many one-way paths share the blockage, float32 (K, all vertices)."""
@@ -176,16 +183,16 @@ class Occlusion:
         marks, carried = self._meshes.marks
         return np.asarray((carried @ self._unblocked(vertices[:, marks]).T).T)
 
-    def visible(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Whether the mesh at vertices (K, V, 3) leaves points (K, Q, 3) on it, of given normals, visible from here: (K, Q)."""
-        return self.obstacles(vertices).leave_visible(points, normals)
+    def visible(self, at: Posed, front: np.ndarray) -> np.ndarray:
+        """Whether points of the meshes are visible from here, of those that face it, bool (K, Q); none of the others is."""
+        scene = at.kept("scene", len(self._together), lambda: self._scene(at))
+        visible = np.zeros(front.shape, bool)
+        visible[front] = scene.visible(self._viewpoint, at.points[front], at.normals[front], np.nonzero(front)[0])
+        return visible
 
-    def obstacles(self, vertices: np.ndarray) -> _Obstacles:
-        """The mesh at vertices (K, V, 3), as rays to the viewpoint meet it."""
-        vertices = vertices - self._viewpoint
-        instant, face = np.nonzero(_faces_origin(vertices, self._meshes.faces) | ~self._meshes.closed)
-        faces = self._meshes.faces[face] + instant[:, None] * vertices.shape[1]
-        return _Obstacles.of(self._mitsuba, vertices, faces, self._viewpoint)
+    def _scene(self, at: Posed) -> Surroundings:
+        places = [each._viewpoint for each in self._together]
+        return Surroundings(self._meshes, at.vertices, places, self._backend)
 
 
 class ExactVisibility:
@@ -199,7 +206,7 @@ class ExactVisibility:
     def __init__(self, occluders: Sequence[MovingMesh], viewpoint_m: np.ndarray, *, backend: Backend) -> None:
         self._occluders = Occluders(occluders)
         self._viewpoint = viewpoint_m
-        self._solid = Occlusion(self._occluders, viewpoint_m, samples_s=np.zeros(0), backend=backend)
+        self._mitsuba = mitsuba(backend)
         self._last: tuple[bytes, list[_Obstacles]] = b"", []
 
     def fraction(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -224,8 +231,15 @@ class ExactVisibility:
         """Occluders at each of these times: facets and diffuse points ask for the same ones."""
         if self._last[0] != times_s.tobytes():
             posed = self._occluders.at(times_s).vertices
-            self._last = times_s.tobytes(), [self._solid.obstacles(each[None]) for each in posed]
+            self._last = times_s.tobytes(), [self._obstacles_of(each[None]) for each in posed]
         return self._last[1]
+
+    def _obstacles_of(self, vertices: np.ndarray) -> _Obstacles:
+        """The meshes at vertices (1, V, 3), as rays to the viewpoint meet them: of closed ones only the faces that face it, for a
+        ray that leaves a body crosses one of these."""
+        meshes, vertices = self._occluders, vertices - self._viewpoint
+        faces = meshes.faces[(_faces_origin(vertices, meshes.faces) | ~meshes.closed)[0]]
+        return _Obstacles.of(self._mitsuba, vertices, faces, self._viewpoint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,23 +249,23 @@ class _Obstacles:
     mitsuba: Any
     scene: Any
     shift_m: np.ndarray
-    """Where the viewpoint lies in the scene, beside the meshes of each instant (K, 1, 3)."""
+    """Where the viewpoint lies in the scene, beside the meshes of each instant (K, 1, 3), or of that of each point (Q, 3)."""
     viewpoint_m: np.ndarray
 
     @classmethod
     def of(cls, mi: Any, vertices: np.ndarray, faces: np.ndarray, viewpoint_m: np.ndarray) -> _Obstacles:
-        """`faces` (F, 3) are those of all instants, and number the vertices (K, V, 3) m, seen from the viewpoint, as one list."""
+        """Of vertices (K, V, 3) m, seen from the viewpoint, and faces (F, 3) of all instants, which number them as one list."""
         reach = 2.2 * float(np.abs(vertices).max())
         shift = side_by_side(len(vertices), reach)
         mesh = mitsuba_mesh(mi, (vertices + shift).reshape(-1, 3), faces)
         return cls(mi, traceable(mi, mesh), shift, viewpoint_m)
 
     def leave_visible(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Whether the segment from points (K, Q, 3) of given normals to the viewpoint is free, bool (K, Q)."""
+        """Whether the segment from points (..., 3) of given normals to the viewpoint is free, bool (...)."""
         mi, offset = self.mitsuba, self.viewpoint_m - points
-        towards = offset / np.sqrt(np.einsum("kqi,kqi->kq", offset, offset))[..., None]
+        towards = offset / np.sqrt(np.einsum("...i,...i->...", offset, offset))[..., None]
         origins = LIFT_M * (towards + normals) - offset
-        distance = np.sqrt(np.einsum("kqi,kqi->kq", origins, origins))
+        distance = np.sqrt(np.einsum("...i,...i->...", origins, origins))
         start, direction = columns(mi, origins + self.shift_m), columns(mi, -origins / distance[..., None])
         ray = mi.Ray3f(mi.Point3f(*start), mi.Vector3f(*direction))
         ray.maxt = mi.Float(aligned(distance, np.float32))
@@ -280,9 +294,12 @@ class Surroundings:
         mesh = mitsuba_mesh(self._mitsuba, (vertices - self._middle + self._shift).reshape(-1, 3), faces.reshape(-1, 3))
         self._scene = traceable(self._mitsuba, mesh)
 
-    def visible(self, place_m: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Whether points (K, Q, 3) of given normals on the meshes are visible from a place, bool (K, Q)."""
-        shift = self._shift + (place_m - self._middle)
+    def visible(
+        self, place_m: np.ndarray, points: np.ndarray, normals: np.ndarray, instant: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Whether points (K, Q, 3) of given normals on the meshes are visible from a place, bool (K, Q); or points (Q, 3) of
+        numbered instants (Q,), bool (Q,)."""
+        shift = (self._shift if instant is None else self._shift[instant, 0]) + (place_m - self._middle)
         return _Obstacles(self._mitsuba, self._scene, shift, place_m).leave_visible(points, normals)
 
 

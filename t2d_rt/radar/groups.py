@@ -21,8 +21,11 @@ FIRST_BINS = 0.35
 """Range bins that the smallest groups' echoes span at most."""
 MOST_BINS = 3.0
 """The same of the largest groups."""
-BUCKET_BINS = 9.0
-"""Width of a bucket of groups: wide ones have fewer nodes for each bin, but a group has to be summed at each of them."""
+NARROW_BINS, WIDE_BINS = 3.0, 9.0
+"""Width of a bucket of groups: wide ones have fewer nodes for each bin, but a group has to be summed at more of them."""
+WIDE_GROUPS = 2.0
+"""Groups for each range bin up to which buckets are wide, of a sweep of `USUAL_SAMPLES`."""
+USUAL_SAMPLES = 256
 WIDE = 0.25
 """Fraction of what the smallest groups may span from which the outermost antennas of an array count too."""
 PROBE_EVERY = 4
@@ -85,7 +88,7 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
         found.append(Level(samples, points, width, group, mean, delay, slope))
         low, high = _hulls(group, low, high)
         here = len(low)
-        work.append(spent + here * rate * WORK_NODE * len(band_nodes(bucket_theta(width), tolerance)))
+        work.append(spent + here * rate * WORK_NODE * len(band_nodes(bucket_theta(NARROW_BINS, width), tolerance)))
         samples, width = 2 * samples, min(2 * width, MOST_BINS)
     return found[: int(np.argmin(work))]
 
@@ -94,9 +97,15 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
 WORK_ECHO, WORK_NODE = 1.0, 0.25
 
 
-def bucket_theta(width: float) -> float:
-    """Greatest theta of a bucket that holds groups of `width` bins."""
-    return math.pi * (BUCKET_BINS / 2 + 0.8 * width + SLOT_BINS / 2)
+def bucket_bins(groups: Level, count: int, sweep: Sweep) -> float:
+    """Width of buckets of a level's groups, `count` of them for each pair of antennas."""
+    span = float(np.ptp(groups.delay)) / sweep.bin_s
+    return WIDE_BINS if count < WIDE_GROUPS * span * len(sweep.x) / USUAL_SAMPLES else NARROW_BINS
+
+
+def bucket_theta(bucket: float, width: float) -> float:
+    """Greatest theta of a bucket, so many bins wide, that holds groups of `width` bins."""
+    return math.pi * (bucket / 2 + 0.8 * width + SLOT_BINS / 2)
 
 
 def _cycles_per_step(tolerance: float) -> float:

@@ -62,8 +62,8 @@ def _pairs(positive: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _wave_functions(theta: float, order: int) -> np.ndarray:
-    """Series in Legendre polynomials of the wave functions of orders 0 to `order`, (terms, order + 1), up to a scale: eigenvectors of
-    the matrix that the differential equation becomes in these polynomials."""
+    """Series in Legendre polynomials of the wave functions of orders 0 to `order`, (terms, order + 1), up to a scale: eigenvectors
+    of the matrix that the differential equation becomes in these polynomials."""
     k = np.arange(order + math.ceil(theta) + 40)
     diagonal = k * (k + 1) + (2 * k * (k + 1) - 1) / ((2 * k + 3) * (2 * k - 1)) * theta**2
     j = k[2:]

@@ -29,7 +29,7 @@ from t2d_rt.products import Product, ProductRows
 from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.buckets import SLOT_BINS, buckets
 from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, fields_at, phases
-from t2d_rt.radar.groups import BUCKET_BINS, Level, bucket_theta, levels
+from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, levels
 from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
 from t2d_rt.radar.prolate import band_interpolation, band_nodes
@@ -276,9 +276,10 @@ def _sum_groups(
     sweep = instants.sweep
     interval, group = np.indices((len(top.delay) - 2, len(top))).reshape(2, -1)
     pair = group // (len(top) // pairs)
-    found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, BUCKET_BINS, apart=pair)
+    bins = bucket_bins(top, len(top) // pairs, sweep)
+    found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=pair)
     table = phases(top.delay, top.delay_slope, sweep, None, found.origin_s, backend)
-    limit = bucket_theta(top.bins)
+    limit = bucket_theta(bins, top.bins)
     fields = at_instants(inner, first, top, found, table, instants, band_nodes(limit, tolerance), backend)
     theta, weights = found.theta(sweep), band_interpolation(limit, tolerance, sweep.x).T
     bounds = np.searchsorted(found.part, np.arange(pairs + 1))

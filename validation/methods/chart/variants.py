@@ -11,6 +11,7 @@ import t2d_rt as t2d
 from t2d_rt.accuracy import Wanted
 from t2d_rt.experiment import Experiment
 from t2d_rt.geometry import Refinement, curved_refinements
+from t2d_rt.propagation.occluders import Posed
 from t2d_rt.propagation.visibility import Occlusion, VisibilitySamples
 from t2d_rt.result import Recording
 from t2d_rt.scattering.mesh import FacetMethod
@@ -101,13 +102,13 @@ def _occlusion_by(limbs: Ellipsoids) -> type[Occlusion]:
             self.now = limbs.at(times_s)
             return super().sampled(times_s)
 
-        def visible(self, vertices: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-            free = np.ones(points.shape[:2], bool)
+        def visible(self, at: Posed, front: np.ndarray) -> np.ndarray:
+            free = front.copy()
             for centre, axes, half in zip(
                 self.now[0].swapaxes(0, 1), self.now[1].swapaxes(0, 1), limbs.semi_axes_m, strict=True
             ):
                 # where the ellipsoid is the unit sphere
-                start = np.einsum("kji,kqj->kqi", axes, points - centre[:, None]) / half
+                start = np.einsum("kji,kqj->kqi", axes, at.points - centre[:, None]) / half
                 stop = np.einsum("kji,kj->ki", axes, self._viewpoint - centre)[:, None] / half
                 segment = stop - start
                 length2 = np.einsum("kqi,kqi->kq", segment, segment)
