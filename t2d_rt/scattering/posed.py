@@ -121,10 +121,11 @@ class Posed:
 
     def _local(self) -> np.ndarray:
         """Control points relative to the origin, and 1, float32 (T, V, 4)."""
-        # Positions within the body need no more than float32: 1e-7 of its size.
-        values = np.ones((*self.cage.shape[:2], 4), np.float32)
-        values[..., :3] = self.cage - self.origin[:, None]
-        return values
+        if "local" not in self._kept:
+            # Positions within the body need no more than float32: 1e-7 of its size.
+            values = self._kept["local"] = np.ones((*self.cage.shape[:2], 4), np.float32)
+            np.subtract(self.cage, self.origin[:, None], out=values[..., :3], casting="same_kind")
+        return self._kept["local"]
 
 
 def _product(fields: Sequence[Any]) -> Any:
