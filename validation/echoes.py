@@ -9,13 +9,13 @@ from t2d_rt.types import Echoes, Radar
 
 
 def random_echoes(
-    radar: Radar, *, count: int = 60, frames: int = 40, sloped: bool = True, apparent: bool = False
+    radar: Radar, *, count: int = 60, frames: int = 40, sloped: bool = True, apparent: bool = False, seed: int = 0
 ) -> Echoes:
     """Echoes at 3..4 m, up to 5 m/s either way, swinging, some dark for a while.
 
     `sloped`: with a slope over the sweep; `apparent`: with apparent positions, a little apart for transmitters and receivers.
     """
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     t = np.arange(frames)[:, None] / 100
     range_m = (
         3 + rng.random(count) + rng.uniform(-5, 5, count) * t + 0.1 * np.sin(4 * np.pi * t + 6 * rng.random(count))

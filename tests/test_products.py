@@ -1,0 +1,134 @@
+"""Large cubes as products: the same bits as samples in memory, whatever is read, in layers, pickled; and what must not be read."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from t2d_rt import cubes, products
+from t2d_rt.cubes import Cube, CubeAdder, DiskCube
+from t2d_rt.errors import InputError
+from t2d_rt.memory import Budget
+from t2d_rt.products import Piece, Product, ProductRows
+from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.types import Radar
+from validation.echoes import random_echoes
+
+RADARS = [
+    Radar.preset("table2"),
+    Radar.preset("table2", tx_offsets_m=[[0, 0, 0], [0, 0.01, 0]], multiplexing="ddm"),
+    Radar.preset("table2", rx_offsets_m=[[0, 0, 0], [0, 0.01, 0]]),
+]
+NAMES = ["one antenna", "ddm", "two receivers"]
+
+
+def both(
+    radar: Radar, monkeypatch: pytest.MonkeyPatch, *, layers: int = 1, **options: float
+) -> tuple[np.ndarray, DiskCube]:
+    """The same sum in memory and as products."""
+
+    def summed() -> Cube:
+        cube = None
+        for seed in range(layers):
+            # More frames than a window has, of another number in each layer.
+            echoes = random_echoes(radar, frames=50 + 3 * seed, seed=seed)
+            times = echoes.times_s / echoes.times_s[-1] * 0.25
+            cube = synthesize(replace(echoes, times_s=times), radar, onto=cube, **options)
+        assert cube is not None
+        return cube
+
+    inside = summed()
+    monkeypatch.setattr(cubes, "LARGE_BYTES", 1000)
+    outside = summed()
+    assert isinstance(inside, np.ndarray)
+    assert isinstance(outside, DiskCube)
+    assert isinstance(outside.rows, ProductRows)
+    return inside, outside
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+@pytest.mark.parametrize("radar", RADARS, ids=NAMES)
+def test_the_same_bits_as_in_memory(radar: Radar, layers: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    inside, outside = both(radar, monkeypatch, layers=layers)
+    assert inside.any()
+    np.testing.assert_array_equal(np.asarray(outside), inside)
+    for start, stop in ((0, 1), (511, 513), (700, 1900), (len(inside) - 3, len(inside))):
+        np.testing.assert_array_equal(outside[start:stop], inside[start:stop])
+    np.testing.assert_array_equal(outside[5::700, -1, ::9], inside[5::700, -1, ::9])
+
+
+def test_more_numbers_than_samples_are_kept_as_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    # No merging at that tolerance, and more echoes than are summed in wide buckets.
+    radar = Radar.preset("table2", samples=32)
+    monkeypatch.setattr("t2d_rt.radar.synthesize.FEW_ECHOES", 0)
+    inside, outside = both(radar, monkeypatch, tolerance_db=-70.0)
+    np.testing.assert_array_equal(np.asarray(outside), inside)
+    assert isinstance(outside.rows, ProductRows)
+    assert outside.rows._file.size <= inside.nbytes
+
+
+def test_copies_and_pickles_hold_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("t2d_rt.rows.BLOCK_BYTES", 5000)  # several blocks
+    inside, outside = both(RADARS[1], monkeypatch, layers=2)
+    for other in (pickle.loads(pickle.dumps(outside)), copy.deepcopy(outside)):
+        assert other.rows._file is not outside.rows._file
+        np.testing.assert_array_equal(np.asarray(other), inside)
+
+
+def test_samples_are_added_to_products(monkeypatch: pytest.MonkeyPatch) -> None:
+    inside, outside = both(RADARS[2], monkeypatch)
+    rng = np.random.default_rng(0)
+    for cube in (inside, outside):
+        rng = np.random.default_rng(0)
+        with CubeAdder(cube) as adder:
+            for first in range(0, len(inside), 700):
+                out = adder.room(min(700, len(inside) - first))
+                out[:] = rng.normal(size=out.shape) if first != 700 else 0
+    np.testing.assert_array_equal(np.asarray(outside), inside)
+
+
+def test_few_numbers_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    inside, outside = both(RADARS[0], monkeypatch)
+    assert isinstance(outside.rows, ProductRows)
+    assert outside.rows._file.size < 0.5 * inside.nbytes  # random echoes fill a good part of the range axis
+
+
+def test_a_sum_that_was_broken_off_is_not_read() -> None:
+    rows = ProductRows((4, 1, 8))
+    product = Product(np.ones((4, 1, 2), np.complex64), np.ones((2, 8)), np.zeros(1), np.linspace(-1, 1, 8))
+    with pytest.raises(InputError, match="were not summed to their end; simulate again"):
+        rows.read(0, 4)
+    rows.begin()
+    rows.add(0, 0, product)
+    with pytest.raises(InputError, match="were not summed to their end"):
+        rows.read(0, 4)
+    rows.end()
+    np.testing.assert_array_equal(rows.read(1, 3), np.full((2, 1, 8), 2))
+    rows.begin()
+    with pytest.raises(InputError, match="were not summed to their end"):
+        rows.read(0, 4)
+
+
+def test_a_wide_sweep_is_multiplied_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    numbers = (rng.normal(size=(5, 6)) + 1j * rng.normal(size=(5, 6))).astype(np.complex64)
+    theta, weights, x = rng.normal(size=3), rng.normal(size=(2, 40)), np.linspace(-1, 1, 40)
+    piece = Piece(numbers, theta, weights, x, None)
+    whole, cut = np.empty((2, 5, 40), np.complex64)
+    piece.put(whole)
+    monkeypatch.setattr(products, "BASIS_NUMBERS", 6 * 7)
+    piece.put(cut)
+    expected = np.einsum("cbq,bs,qs->cs", numbers.reshape(5, 3, 2), np.exp(1j * np.outer(theta, x)), weights)
+    np.testing.assert_allclose(whole, expected, rtol=1e-4)
+    np.testing.assert_allclose(cut, expected, rtol=1e-4)
+
+
+def test_a_run_that_may_take_little_keeps_products() -> None:
+    radar = RADARS[0]
+    echoes = random_echoes(radar, frames=40)
+    cube = synthesize(echoes, radar, memory=Budget(limit_bytes=1e6, held_bytes=0.0))
+    np.testing.assert_array_equal(np.asarray(cube), synthesize(echoes, radar))
