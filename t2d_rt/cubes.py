@@ -53,6 +53,17 @@ class DiskCube:
             raise IndexError("a cube on disk takes chirps, antenna, sample; read it into memory first (numpy.asarray)")
         return self.outer(axes)
 
+    def spread(self, start: int, stop: int) -> float:
+        """By how much the beats of anything that chirps start..stop record differ at most [rad from mid-sweep to its end]; infinite
+        where nothing is known of that."""
+        return self.rows.spread(start, stop) if isinstance(self.rows, ProductRows) else np.inf
+
+    def every(self, start: int, stop: int, step: int) -> np.ndarray:
+        """Chirps start..stop at every so many samples, complex64 (chirp, antenna, sample)."""
+        if isinstance(self.rows, ProductRows):
+            return self.rows.read(start, stop, step)
+        return self[start:stop, :, ::step]
+
     def outer(self, axes: tuple[Any, ...]) -> np.ndarray:
         """An int, slice or list for each axis, every one by itself; only the blocks that hold such chirps are read."""
         if isinstance(axes[0], slice) and axes[0].step in (None, 1) and all(map(_is_all, axes[1:])):

@@ -34,11 +34,19 @@ class Piece:
     """Places of the samples in the sweep, -1..1, (sample,)."""
     phase: np.ndarray | None
     """Factor of each chirp's samples, (chirp,); these are added to what there is."""
+    band: float
+    """How far from its bucket's carrier the phase over x of what it holds may be."""
 
     @classmethod
     def of_samples(cls, samples: np.ndarray) -> Piece:
         """Samples (chirp, sample) as they are."""
-        return cls(samples, np.zeros(0), None, np.zeros(0), None)
+        return cls(samples, np.zeros(1), None, np.zeros(0), None, np.inf)
+
+    def at(self, places: slice) -> Piece:
+        """The same at some of the samples."""
+        if self.weights is None:
+            return replace(self, numbers=self.numbers[:, places])
+        return replace(self, weights=self.weights[:, places], x=self.x[places])
 
     def put(self, out: np.ndarray) -> None:
         """Fills `out` (chirp, sample), or adds to it."""
@@ -71,6 +79,7 @@ class Product:
     """As those of a `Piece`, like all that follow."""
     theta: np.ndarray
     x: np.ndarray
+    band: float
     phase: np.ndarray | None = None
 
     def pieces(self) -> Iterator[tuple[slice, Piece]]:
@@ -80,7 +89,8 @@ class Product:
             part = self.numbers[chirps]
             used = part.view(np.uint64).any(axis=(0, 2))  # as integers: six times as fast
             phase = None if self.phase is None else self.phase[chirps]
-            yield chirps, Piece(part[:, used].reshape(len(part), -1), self.theta[used], self.weights, self.x, phase)
+            numbers = part[:, used].reshape(len(part), -1)
+            yield chirps, Piece(numbers, self.theta[used], self.weights, self.x, phase, self.band)
 
     def put(self, out: np.ndarray) -> None:
         """Fills `out` (chirp, sample), or adds to it."""
@@ -131,9 +141,20 @@ class ProductRows:
         stored = replace(piece, numbers=np.empty((0, width)))
         self._layers[-1].append(_Stored(row, row + rows, antenna, offset, stored))
 
-    def read(self, start: int, stop: int) -> np.ndarray:
-        """Rows start..stop, complex64 (row, antenna, sample); pieces are multiplied whole, so that these are the same bits whatever
-        is asked for."""
+    def spread(self, start: int, stop: int) -> float:
+        """By how much the phases over x of anything in rows start..stop differ at most."""
+        pieces = (each.piece for layer in self._layers for each in self._some(layer, start, stop))
+        some = [piece for piece in pieces if len(piece.theta)]
+        low = min((float(piece.theta.min()) - piece.band for piece in some), default=0.0)
+        return max((float(piece.theta.max()) + piece.band for piece in some), default=0.0) - low
+
+    def _some(self, layer: list[_Stored], start: int, stop: int) -> Iterator[_Stored]:
+        """Those of a layer's pieces that hold any of rows start..stop."""
+        return (each for each in layer if each.start < stop and each.stop > start)
+
+    def read(self, start: int, stop: int, every: int = 1) -> np.ndarray:
+        """Rows start..stop, complex64 (row, antenna, sample), `every` so many samples; pieces are multiplied whole, so that
+        these are the same bits whatever rows are asked for."""
         from threadpoolctl import threadpool_limits
 
         if not self._whole:
@@ -141,23 +162,23 @@ class ProductRows:
         rows: np.ndarray | None = None
         with threadpool_limits(1, user_api="blas"):
             for layer in self._layers:
-                found = np.zeros((stop - start, *self.shape[1:]), DTYPE)
-                for each in layer:
-                    if each.start < stop and each.stop > start:
-                        self._put(each, start, found)
+                found = np.zeros((stop - start, self.shape[1], len(range(0, self.shape[2], every))), DTYPE)
+                for each in self._some(layer, start, stop):
+                    self._put(each, start, found, slice(None, None, every))
                 rows = found if rows is None else rows + found
-        return np.zeros((stop - start, *self.shape[1:]), DTYPE) if rows is None else rows
+        assert rows is not None, "a whole sum has a layer"
+        return rows
 
-    def _put(self, each: _Stored, start: int, rows: np.ndarray) -> None:
-        """Adds a stored piece to rows from `start` on."""
+    def _put(self, each: _Stored, start: int, rows: np.ndarray, samples: slice) -> None:
+        """Puts some samples of a stored piece into rows from `start` on."""
         numbers = self._file.read(each.offset, (each.stop - each.start, each.piece.numbers.shape[1]))
-        piece = replace(each.piece, numbers=numbers)
+        piece = replace(each.piece, numbers=numbers).at(samples)
         first, last = max(start, each.start), min(start + len(rows), each.stop)
         inside = rows[first - start : last - start, each.antenna]
         if last - first == each.stop - each.start:
             piece.put(inside)
         else:
-            whole = np.zeros((each.stop - each.start, self.shape[2]), DTYPE)
+            whole = np.zeros((each.stop - each.start, rows.shape[2]), DTYPE)
             whole[first - each.start : last - each.start] = inside
             piece.put(whole)
             inside[:] = whole[first - each.start : last - each.start]

@@ -15,6 +15,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget
 from t2d_rt.products import Piece, Product, ProductRows
 from t2d_rt.radar.synthesize import synthesize
+from t2d_rt.signal import spectrogram
 from t2d_rt.types import Radar
 from validation.echoes import random_echoes
 
@@ -99,7 +100,7 @@ def test_few_numbers_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_sum_that_was_broken_off_is_not_read() -> None:
     rows = ProductRows((4, 1, 8))
-    product = Product(np.ones((4, 1, 2), np.complex64), np.ones((2, 8)), np.zeros(1), np.linspace(-1, 1, 8))
+    product = Product(np.ones((4, 1, 2), np.complex64), np.ones((2, 8)), np.zeros(1), np.linspace(-1, 1, 8), 1.0)
     with pytest.raises(InputError, match="were not summed to their end; simulate again"):
         rows.read(0, 4)
     rows.begin()
@@ -117,7 +118,7 @@ def test_a_wide_sweep_is_multiplied_in_pieces(monkeypatch: pytest.MonkeyPatch) -
     rng = np.random.default_rng(0)
     numbers = (rng.normal(size=(5, 6)) + 1j * rng.normal(size=(5, 6))).astype(np.complex64)
     theta, weights, x = rng.normal(size=3), rng.normal(size=(2, 40)), np.linspace(-1, 1, 40)
-    piece = Piece(numbers, theta, weights, x, None)
+    piece = Piece(numbers, theta, weights, x, None, 1.0)
     whole, cut = np.empty((2, 5, 40), np.complex64)
     piece.put(whole)
     monkeypatch.setattr(products, "BASIS_NUMBERS", 6 * 7)
@@ -125,6 +126,20 @@ def test_a_wide_sweep_is_multiplied_in_pieces(monkeypatch: pytest.MonkeyPatch) -
     expected = np.einsum("cbq,bs,qs->cs", numbers.reshape(5, 3, 2), np.exp(1j * np.outer(theta, x)), weights)
     np.testing.assert_allclose(whole, expected, rtol=1e-4)
     np.testing.assert_allclose(cut, expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("window", ["hann", "boxcar", "blackmanharris"])
+def test_a_spectrogram_takes_few_samples_of_beats_that_lie_close(window: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    radar = Radar.preset("table2", rx_offsets_m=[[0, 0, 0], [0, 0.01, 0]], prf_hz=20e3)
+    inside, outside = both(radar, monkeypatch)
+    read: list[int] = []
+    rows = ProductRows.read
+    monkeypatch.setattr(
+        ProductRows, "read", lambda self, start, stop, every=1: read.append(every) or rows(self, start, stop, every)
+    )
+    expected, found = (spectrogram(cube, radar, range_window=window).power for cube in (inside, outside))
+    assert (max(read) > 2) == (window != "boxcar")  # a boxcar's edges need all of them
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-12 * expected.max())
 
 
 def test_a_run_that_may_take_little_keeps_products() -> None:

@@ -250,9 +250,8 @@ def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> Product
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
     if not len(echo):
-        return Product(
-            np.zeros((len(instants), 0, TERMS), np.complex64), chebyshev(TERMS, sweep.x), np.zeros(0), sweep.x
-        )
+        none = np.zeros((len(instants), 0, TERMS), np.complex64)
+        return Product(none, chebyshev(TERMS, sweep.x), np.zeros(0), sweep.x, 0.0)
     wide = window.delay.shape[1] <= FEW_ECHOES
     width = WIDE_BUCKET_BINS if wide else ECHO_BUCKET_BINS
     found = buckets((window.delay, window.delay_slope), interval, echo, instants, width)
@@ -263,9 +262,9 @@ def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> Product
         weights = band_interpolation(limit, WIDE_ERROR, sweep.x).T
         terms = fields_at(found, table, fields, instants, band_nodes(limit, WIDE_ERROR), backend)
     else:
-        weights = chebyshev(TERMS, sweep.x)
+        limit, weights = math.pi / 4, chebyshev(TERMS, sweep.x)
         terms = chebyshev_coefficients(found, table, fields, instants, backend)
-    return Product(terms.transpose(1, 0, 2), weights, found.theta(sweep), sweep.x)
+    return Product(terms.transpose(1, 0, 2), weights, found.theta(sweep), sweep.x, limit)
 
 
 def _sum_groups(
@@ -284,4 +283,4 @@ def _sum_groups(
     theta, weights = found.theta(sweep), band_interpolation(limit, tolerance, sweep.x).T
     bounds = np.searchsorted(found.part, np.arange(pairs + 1))
     ranges = pairwise(bounds.tolist())
-    return [Product(fields[:, first:last], weights, theta[first:last], sweep.x) for first, last in ranges]
+    return [Product(fields[:, first:last], weights, theta[first:last], sweep.x, limit) for first, last in ranges]

@@ -8,11 +8,13 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.checks import array, choice, flag, integer, number, numeric, positive
+from t2d_rt.cubes import DiskCube
 from t2d_rt.errors import InputError
 from t2d_rt.signal.maps import RangeDoppler, Spectrogram
 from t2d_rt.signal.mti import METHODS, PAPER_KERNEL
@@ -25,6 +27,8 @@ PIECE = 8192
 """Chirps of a long record that are worked on at once; of several antennas fewer."""
 CELLS = 256
 """Range cells that go through the STFT at once."""
+THINNED, MOST_STEP = 1e-7, 16
+"""Error of a cell's power, of that of its beats by themselves, with every so many samples at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,14 +153,17 @@ def spectrogram(
     slow = taper(window, n_window, periodic=True)
     powers = []
 
-    def cells_of(part: Any) -> np.ndarray:
-        if combine == "noncoherent" and bins == slice(0, radar.samples):
+    all_bins = combine == "noncoherent" and bins == slice(0, radar.samples)
+
+    def cells_of(part: Any, step: int = 1) -> np.ndarray:
+        if all_bins:
             # Parseval: over all bins the powers add up to those of the samples, to which slow time does the same.
             part = np.asarray(part)
-            return part * (fast * np.sqrt(radar.samples)).astype(part.real.dtype)
+            return part * (fast[::step] * np.sqrt(step * radar.samples)).astype(part.real.dtype)
         return range_fft(part, window=range_window, bins=bins)
 
-    for first, windows, cells in filtered(adc, radar, starts, n_window, cells_of, clutter_filter):
+    step_of = partial(_sample_step, adc, range_window) if all_bins and clutter_filter.method == "none" else None
+    for first, windows, cells in filtered(adc, radar, starts, n_window, cells_of, clutter_filter, step_of):
         if combine == "coherent":
             cells = cells.sum(axis=-1, keepdims=True)
         powers.append(_summed_power(cells.reshape(len(cells), -1), windows - first, slow, n_fft))
@@ -256,6 +263,29 @@ def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_
     return power.T
 
 
+def _sample_step(adc: Any, window: str, start: int, stop: int) -> int:
+    """Greatest step of samples whose powers, times the step, add up to those of all, within `THINNED`, at chirps start..stop.
+
+    That depends on how far beats lie apart, which is known of cubes that hold products.
+    """
+    spread = adc.spread(start, stop) if isinstance(adc, DiskCube) else math.inf
+    return 1 if math.isinf(spread) else _step_of(window, adc.shape[-1], math.ceil(spread))
+
+
+@lru_cache(maxsize=256)
+def _step_of(window: str, samples: int, spread: int) -> int:
+    """The same for a spread [rad from mid-sweep to its end]: the power of some beats is a sum of phasors at their differences, each
+    times what the squared window adds up to there."""
+    power, x = taper(window, samples) ** 2, np.linspace(-1, 1, samples)
+    apart = np.linspace(0, spread, max(2, 4 * spread))
+    phasors = np.exp(1j * np.outer(apart, x))
+    whole = phasors @ power
+    for step in range(MOST_STEP, 1, -1):
+        if np.abs(step * (phasors[:, ::step] @ power[::step]) - whole).max() <= THINNED * power.sum():
+            return step
+    return 1
+
+
 def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
     choice("combine", combine, ("noncoherent", "coherent"))
     if combine == "coherent" and all_bins and fast[0] < 1e-3 * fast.mean():
@@ -266,11 +296,18 @@ def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
 
 
 def filtered(
-    adc: Any, radar: Radar, starts: np.ndarray, n_window: int, cells_of: Callable[[Any], np.ndarray], mti: Mti
+    adc: Any,
+    radar: Radar,
+    starts: np.ndarray,
+    n_window: int,
+    cells_of: Callable[..., np.ndarray],
+    mti: Mti,
+    step_of: Callable[[int, int], int] | None = None,
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Cells after MTI piece by piece: the first chirp of each piece, the starts of the windows in it, and its cells.
 
-    Only "highpass" and "canceller" hold the whole record in memory.
+    Only "highpass" and "canceller" hold the whole record in memory. `step_of` gives a step of samples for some chirps, which
+    `cells_of` is then told.
     """
     piece = max(PIECE // (1 if adc.ndim == 2 else adc.shape[1]), 8 * n_window)
     if adc.shape[0] <= piece or mti.method not in ("none", "mean"):
@@ -286,7 +323,9 @@ def filtered(
     pieces = np.split(starts, np.flatnonzero(np.diff(starts // piece)) + 1)
 
     def moving(windows: np.ndarray) -> np.ndarray:
-        cells = cells_of(adc[windows[0] : windows[-1] + n_window])
+        first, last = int(windows[0]), int(windows[-1]) + n_window
+        step = 1 if step_of is None else step_of(first, last)
+        cells = cells_of(adc[first:last]) if step == 1 else cells_of(adc.every(first, last, step), step)
         if steady is not None:
             cells -= steady
         return cells
