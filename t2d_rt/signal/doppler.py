@@ -27,7 +27,7 @@ PIECE = 8192
 """Chirps of a long record that are worked on at once; of several antennas fewer."""
 CELLS = 256
 """Range cells that go through the STFT at once."""
-THINNED, MOST_STEP = 1e-7, 16
+THINNED, MOST_STEP = 1e-6, 16
 """Error of a cell's power, of that of its beats by themselves, with every so many samples at most."""
 
 
