@@ -7,6 +7,7 @@ import resource
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -22,7 +23,11 @@ from validation.bench.stages import stage_seconds
 
 ENOUGH_S = 15.0
 """A case is not run again once its runs have taken that long."""
+WALK = "12_01_walk.bvh"
 SPHERE_RADIUS_M, SPHERE_SPEED_MPS = 0.15, 1.0
+DISTANCES_M, ANGLES_DEG = (2.5, 3.0, 3.5), (0.0, 20.0, -20.0)
+"""Of the persons."""
+FAN = t2d.mover("fan:2,1,1.2,rpm=900")
 SINCOS_LANES, SINCOS_EACH = 1 << 22, 64
 
 
@@ -39,7 +44,11 @@ class Case:
     accuracy: dict[str, Any] = field(default_factory=dict)
     """Fields of `Accuracy` to change."""
     target: str = "walk"
-    """Cycles of CMU 12_01, repeated without a jump, or a "sphere" that comes nearer."""
+    """Cycles of CMU 12_01, repeated without a jump, or a "sphere" that comes nearer; or "nobody", beside a fan."""
+    persons: int = 1
+    """Who walk on the spot, side by side, where there are several."""
+    fan: bool = False
+    """Whether a table fan turns at 900 rpm beside them."""
     runs: int = 2
     """The best of so many counts."""
     memory_gb: float = LIMIT_GB
@@ -63,14 +72,11 @@ def measure(case: Case) -> dict[str, Any]:
     `stage_seconds` finds.
     """
     radar = Radar.preset(case.preset, **case.changes)
-    if case.target == "sphere":
-        target: Motion | MovingMesh = _sphere(case.duration_s)
-    else:
-        target = _walk(case.duration_s, on_the_spot=case.scene != "free_space")
+    targets = targets_of_case(case)
 
     def run() -> int:
         found = t2d.simulate(
-            target,
+            targets,
             radar=radar,
             method=case.method,  # type: ignore[arg-type]
             accuracy=case.accuracy,
@@ -85,7 +91,10 @@ def measure(case: Case) -> dict[str, Any]:
     taken: list[float] = []
     while len(taken) < case.runs and sum(taken) < ENOUGH_S:
         taken.append(timed(run))
-    stages, done = stage_seconds(target, radar, scene=case.scene, method=case.method, accuracy=case.accuracy)
+    stages: dict[str, float] = {}
+    done = Counter(instants=1)
+    if len(targets) == 1 and not case.fan:
+        stages, done = stage_seconds(targets[0], radar, scene=case.scene, method=case.method, accuracy=case.accuracy)
     return {
         "name": case.name,
         "method": case.method,
@@ -104,8 +113,23 @@ def measure(case: Case) -> dict[str, Any]:
     }
 
 
+def targets_of_case(case: Case) -> list[Any]:
+    """What is simulated."""
+    if case.target == "sphere":
+        return [_sphere(case.duration_s)]
+    if case.target == "nobody":
+        return [FAN.mesh(0, case.duration_s)]
+    found: list[Any] = [FAN] if case.fan else []
+    if case.persons == 1:
+        return [_walk(case.duration_s, on_the_spot=case.scene != "free_space"), *found]
+    walk = t2d.repeat(t2d.load_motion(shipped("motions", WALK)), case.duration_s, travel=False)
+    places = zip(DISTANCES_M, ANGLES_DEG, strict=True)
+    persons = [t2d.place(walk, distance_m=distance, angle_deg=angle) for distance, angle in places]
+    return [*persons[: case.persons], *found]
+
+
 def _walk(duration_s: float, *, on_the_spot: bool) -> Motion:
-    walk = t2d.load_motion(shipped("motions", "12_01_walk.bvh"))
+    walk = t2d.load_motion(shipped("motions", WALK))
     if on_the_spot:
         return t2d.place(t2d.repeat(walk, duration_s, travel=False), distance_m=3.0)
     return t2d.place(t2d.repeat(walk, duration_s))

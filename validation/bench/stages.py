@@ -89,11 +89,16 @@ def stage_seconds(
     return clock.spent, done
 
 
+def physics_of(method: str) -> dict[str, Any]:
+    """The other options of a simulation by that method, as they are by default."""
+    return {name: Experiment.model_fields[name].default for name in PHYSICS} | {"method": method}
+
+
 def _set_up(
     clock: Stopwatch, target: Motion | MovingMesh, radar: Radar, *, scene: str, method: str
 ) -> tuple[Model, Any]:
     """The model, and which static echoes it has; what checks and placement take is the rest."""
-    physics = {name: Experiment.model_fields[name].default for name in PHYSICS} | {"method": method}
+    physics = physics_of(method)
     start = time.perf_counter()
     stage = set_up(target, radar, scene, physics, device="auto", memory_gb=2.0)
     whole = time.perf_counter() - start
