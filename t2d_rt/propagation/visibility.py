@@ -262,6 +262,8 @@ class _Obstacles:
 
     def leave_visible(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Whether the segment from points (..., 3) of given normals to the viewpoint is free, bool (...)."""
+        if not points.size:  # Mitsuba aborts without a ray
+            return np.zeros(points.shape[:-1], bool)
         mi, offset = self.mitsuba, self.viewpoint_m - points
         towards = offset / np.sqrt(np.einsum("...i,...i->...", offset, offset))[..., None]
         origins = LIFT_M * (towards + normals) - offset

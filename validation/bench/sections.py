@@ -234,7 +234,7 @@ def experiments(run: Run) -> tuple[Section, Found]:
         ),
     ]  # fmt: skip
     table = [{"case": each["name"], "seconds": each["seconds"], "peak memory [GB]": each["peak_gb"]} for each in found]
-    note = f"In the {ROOM} at table2-uniform, the fan at 900 rpm; a fan alone at table2. Persons walk on the spot, 4 s of them alone."
+    note = f"In the {ROOM} at table2-uniform, the fan at 900 rpm; a fan alone at table2. Persons walk on the spot, for 4 s alone."
     return Section(title="Persons and fans", checks=checks, note=note, table=table), found
 
 
