@@ -39,7 +39,13 @@ def band_nodes(theta: float, tolerance: float) -> np.ndarray:
 
 
 def band_interpolation(theta: float, tolerance: float, x: np.ndarray) -> np.ndarray:
-    """Matrix (len(x), nodes) from values at `band_nodes` to the function at `x`."""
+    """Matrix (len(x), nodes) from values at `band_nodes` to the function at `x`; the last ones made are kept."""
+    return _interpolation(theta, tolerance, x.tobytes())
+
+
+@lru_cache(maxsize=16)
+def _interpolation(theta: float, tolerance: float, places: bytes) -> np.ndarray:
+    x = np.frombuffer(places)
     nodes = band_nodes(theta, tolerance)
     series = _wave_functions(theta, len(nodes))[:, : len(nodes)]
     return _through(nodes, series, legvander(x, len(series) - 1) @ series)
