@@ -140,7 +140,7 @@ class Recording:
 
     @property
     def adc(self) -> xr.DataArray:
-        """ADC samples [sqrt(W)], complex64 (chirp, antenna, sample); those of a large cube are read from disk when used."""
+        """ADC samples [sqrt(W)], complex64 (chirp, antenna, sample); those of a large cube are made, or read, when used."""
         times = {
             "chirp_time_s": ("chirp", self.radar.chirp_starts_s(len(self.cube))),
             "sample_time_s": ("sample", self.radar.sample_times_s),
