@@ -14,12 +14,12 @@ from t2d_rt.products import ProductRows
 from t2d_rt.rows import DTYPE, SavedRows, ScratchRows, block_rows, row_bytes
 
 LARGE_BYTES = 512 * 2**20
-"""Cubes beyond it go to disk, and those beyond `LARGE_FRACTION` of what a run may take."""
+"""Cubes beyond it are not held in memory, nor those beyond `LARGE_FRACTION` of what a run may take."""
 LARGE_FRACTION = 1 / 8
 
 
 class DiskCube:
-    """A complex64 cube (chirp, antenna, sample) whose rows lie on disk, read and written by ranges of chirps.
+    """A complex64 cube (chirp, antenna, sample) whose rows, or what they are made of, lie on disk: read by ranges of chirps.
 
     Whoever holds it, or an array that reads from it, can read it: see `ScratchRows`, `ProductRows` and `SavedRows`.
     """

@@ -1,12 +1,14 @@
-"""Samples of an ADC cube as the sum of echoes makes them last: few numbers for each chirp, times a matrix over the sweep.
+"""The last step of the sum of echoes, samples = coefficients of each chirp times a matrix over the sweep; cubes that keep these.
 
-Of a large cube these numbers are kept in place of the samples: for a body before an array they are a tenth of them.
+Of a large cube the coefficients are kept in place of the samples: for a body before an array they are a tenth of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -14,17 +16,21 @@ import numpy as np
 from t2d_rt.errors import InputError
 from t2d_rt.rows import DTYPE, ScratchFile
 
-PRODUCT_CHIRPS = 512
-"""Chirps at once from numbers to samples: few enough that buckets which the target has left, or not reached, are left out."""
+PIECE_CHIRPS = 512
+"""Chirps of a piece: few enough that buckets which the target has left, or not reached, are left out."""
+PRODUCT_CHIRPS = 128
+"""Chirps that are multiplied at once. A part of a piece is multiplied in the same blocks as the whole, for the same bits."""
 BASIS_NUMBERS = 8_000_000
 """Size of the matrix; a very wide sweep is worked on in pieces of its samples."""
+_alone = Lock()
+"""The number of BLAS threads is one setting of the process."""
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Some chirps' samples: numbers (chirp, bucket x Q) times the buckets' carriers over the sweep times weights."""
+    """Some chirps of one antenna: coefficients (chirp, bucket x Q) times the buckets' carriers over the sweep times weights."""
 
-    numbers: np.ndarray
+    coefficients: np.ndarray
     """complex64; the samples themselves where there are no `weights`."""
     theta: np.ndarray
     """The buckets' carriers in phase over x, (bucket,)."""
@@ -35,29 +41,35 @@ class Piece:
     phase: np.ndarray | None
     """Factor of each chirp's samples, (chirp,); these are added to what there is."""
     band: float
-    """How far from its bucket's carrier the phase over x of what it holds may be."""
+    """Greatest |theta - the bucket's theta| of anything in it [rad]."""
 
     @classmethod
-    def of_samples(cls, samples: np.ndarray) -> Piece:
-        """Samples (chirp, sample) as they are."""
-        return cls(samples, np.zeros(1), None, np.zeros(0), None, np.inf)
+    def of_samples(cls, samples: np.ndarray, phase: np.ndarray | None = None) -> Piece:
+        """Samples (chirp, sample) as they are, of which nothing is known."""
+        return cls(samples, np.zeros(1), None, np.zeros(0), phase, np.inf)
 
-    def at(self, places: slice) -> Piece:
+    def at(self, samples: slice) -> Piece:
         """The same at some of the samples."""
         if self.weights is None:
-            return replace(self, numbers=self.numbers[:, places])
-        return replace(self, weights=self.weights[:, places], x=self.x[places])
+            return replace(self, coefficients=self.coefficients[:, samples])
+        return replace(self, weights=self.weights[:, samples], x=self.x[samples])
 
     def put(self, out: np.ndarray) -> None:
-        """Fills `out` (chirp, sample), or adds to it."""
-        if self.weights is None:
-            out[:] = self.numbers
-        elif self.phase is None:
-            self._multiply(out)
+        """Fills `out` (chirp, sample), or adds to it where there is a phase."""
+        if self.phase is not None:
+            out += self.samples() * self.phase[:, None]
+        elif self.weights is None:
+            out[:] = self.coefficients
         else:
-            samples = np.empty(out.shape, DTYPE)
-            self._multiply(samples)
-            out += samples * self.phase[:, None]
+            self._multiply(out)
+
+    def samples(self) -> np.ndarray:
+        """Those before the phase, complex64 (chirp, sample)."""
+        if self.weights is None:
+            return self.coefficients
+        out = np.empty((len(self.coefficients), len(self.x)), DTYPE)
+        self._multiply(out)
+        return out
 
     def _multiply(self, out: np.ndarray) -> None:
         assert self.weights is not None
@@ -66,40 +78,47 @@ class Piece:
             some = slice(first, first + size)
             carriers = np.exp(1j * np.outer(self.theta, self.x[some]))
             basis = (carriers[:, None] * self.weights[:, some]).astype(DTYPE)
-            np.matmul(self.numbers, basis.reshape(-1, basis.shape[2]), out=out[:, some])
+            basis = basis.reshape(-1, basis.shape[2])
+            for start in range(0, len(out), PRODUCT_CHIRPS):
+                chirps = slice(start, start + PRODUCT_CHIRPS)
+                np.matmul(self.coefficients[chirps], basis, out=out[chirps, some])
 
 
 @dataclass(frozen=True, slots=True)
 class Product:
-    """What buckets return at each chirp, over the sweep."""
+    """What buckets return at each chirp of one antenna, over the sweep."""
 
-    numbers: np.ndarray
+    coefficients: np.ndarray
     """(chirp, bucket, Q) complex64."""
     weights: np.ndarray
-    """As those of a `Piece`, like all that follow."""
+    """What each of the Q adds to the samples, (Q, sample)."""
     theta: np.ndarray
+    """The buckets' carriers in phase over x, (bucket,)."""
     x: np.ndarray
+    """Places of the samples in the sweep, -1..1, (sample,)."""
     band: float
+    """Greatest |theta - the bucket's theta| of anything in a bucket [rad]."""
     phase: np.ndarray | None = None
+    """Factor of each chirp's samples, (chirp,); these are added to what there is."""
 
     def pieces(self) -> Iterator[tuple[slice, Piece]]:
-        """Pieces of `PRODUCT_CHIRPS`, each with the buckets that hold anything at these."""
-        for start in range(0, len(self.numbers), PRODUCT_CHIRPS):
-            chirps = slice(start, min(start + PRODUCT_CHIRPS, len(self.numbers)))
-            part = self.numbers[chirps]
+        """Pieces of `PIECE_CHIRPS`, each with the buckets that hold anything at these."""
+        for start in range(0, len(self.coefficients), PIECE_CHIRPS):
+            chirps = slice(start, min(start + PIECE_CHIRPS, len(self.coefficients)))
+            part = self.coefficients[chirps]
             used = part.view(np.uint64).any(axis=(0, 2))  # as integers: six times as fast
             phase = None if self.phase is None else self.phase[chirps]
-            numbers = part[:, used].reshape(len(part), -1)
-            yield chirps, Piece(numbers, self.theta[used], self.weights, self.x, phase, self.band)
+            found = part[:, used].reshape(len(part), -1)
+            yield chirps, Piece(found, self.theta[used], self.weights, self.x, phase, self.band)
 
     def put(self, out: np.ndarray) -> None:
-        """Fills `out` (chirp, sample), or adds to it."""
+        """Fills `out` (chirp, sample), or adds to it where there is a phase."""
         for chirps, piece in self.pieces():
             piece.put(out[chirps])
 
 
 class ProductRows:
-    """Rows (antenna, sample) of a cube, as pieces whose numbers lie in a temporary file without a name.
+    """Rows (antenna, sample) of a cube, as pieces whose coefficients lie in a temporary file without a name.
 
     They are added in layers, each a sum of echoes over the whole record; a row is the sum of its layers.
     """
@@ -107,12 +126,13 @@ class ProductRows:
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.shape = shape
         self._file = ScratchFile()
-        self._layers: list[list[_Stored]] = []
+        self._layers: list[_Layer] = []
         self._whole = False
+        self._failed: InputError | None = None
 
     def begin(self) -> None:
         """A layer, to which pieces are added from now on."""
-        self._layers.append([])
+        self._layers.append(_Layer())
         self._whole = False
 
     def end(self) -> None:
@@ -122,70 +142,69 @@ class ProductRows:
     def add(self, row: int, antenna: int, product: Product) -> None:
         """A product from a row on, to the last layer."""
         for chirps, piece in product.pieces():
-            if piece.numbers.shape[1] > self.shape[2] and piece.phase is None:
-                samples = np.empty((len(piece.numbers), self.shape[2]), DTYPE)
-                piece.put(samples)
-                piece = Piece.of_samples(samples)
-            self._append(row + chirps.start, antenna, piece)
+            many = piece.coefficients.shape[1] > self.shape[2]
+            self._append(row + chirps.start, antenna, Piece.of_samples(piece.samples(), piece.phase) if many else piece)
 
     def add_samples(self, row: int, samples: np.ndarray) -> None:
         """Samples (row, antenna, sample) from a row on, to the last layer; where they are zero nothing is kept."""
-        for first in range(0, len(samples), PRODUCT_CHIRPS):
-            for antenna, some in enumerate(samples[first : first + PRODUCT_CHIRPS].swapaxes(0, 1)):
+        for first in range(0, len(samples), PIECE_CHIRPS):
+            for antenna, some in enumerate(samples[first : first + PIECE_CHIRPS].swapaxes(0, 1)):
                 if some.any():
                     self._append(row + first, antenna, Piece.of_samples(some))
 
     def _append(self, row: int, antenna: int, piece: Piece) -> None:
-        offset = self._file.append(piece.numbers)
-        rows, width = piece.numbers.shape
-        stored = replace(piece, numbers=np.empty((0, width)))
-        self._layers[-1].append(_Stored(row, row + rows, antenna, offset, stored))
+        offset = self._file.append(piece.coefficients)
+        rows, width = piece.coefficients.shape
+        stored = replace(piece, coefficients=np.empty((0, width), DTYPE))
+        self._layers[-1].add(_Stored(row, row + rows, antenna, offset, stored))
 
     def spread(self, start: int, stop: int) -> float:
         """By how much the phases over x of anything in rows start..stop differ at most."""
-        pieces = (each.piece for layer in self._layers for each in self._some(layer, start, stop))
+        pieces = (each.piece for layer in self._layers for each in layer.within(start, stop))
         some = [piece for piece in pieces if len(piece.theta)]
         low = min((float(piece.theta.min()) - piece.band for piece in some), default=0.0)
         return max((float(piece.theta.max()) + piece.band for piece in some), default=0.0) - low
 
-    def _some(self, layer: list[_Stored], start: int, stop: int) -> Iterator[_Stored]:
-        """Those of a layer's pieces that hold any of rows start..stop."""
-        return (each for each in layer if each.start < stop and each.stop > start)
-
     def read(self, start: int, stop: int, every: int = 1) -> np.ndarray:
-        """Rows start..stop, complex64 (row, antenna, sample), `every` so many samples; pieces are multiplied whole, so that
-        these are the same bits whatever rows are asked for."""
-        from threadpoolctl import threadpool_limits
-
+        """Rows start..stop, complex64 (row, antenna, sample), of `every` so many samples; the same bits whatever rows are read."""
+        if self._failed is not None:
+            raise self._failed
         if not self._whole:
             raise InputError("the ADC samples were not summed to their end; simulate again")
+        samples = slice(None, None, every)
         rows: np.ndarray | None = None
-        with threadpool_limits(1, user_api="blas"):
+        with _alone, _blas().limit(limits=1, user_api="blas"):
             for layer in self._layers:
                 found = np.zeros((stop - start, self.shape[1], len(range(0, self.shape[2], every))), DTYPE)
-                for each in self._some(layer, start, stop):
-                    self._put(each, start, found, slice(None, None, every))
+                for each in layer.within(start, stop):
+                    self._put(each, start, found, samples)
                 rows = found if rows is None else rows + found
         assert rows is not None, "a whole sum has a layer"
         return rows
 
     def _put(self, each: _Stored, start: int, rows: np.ndarray, samples: slice) -> None:
         """Puts some samples of a stored piece into rows from `start` on."""
-        numbers = self._file.read(each.offset, (each.stop - each.start, each.piece.numbers.shape[1]))
-        piece = replace(each.piece, numbers=numbers).at(samples)
         first, last = max(start, each.start), min(start + len(rows), each.stop)
         inside = rows[first - start : last - start, each.antenna]
-        if last - first == each.stop - each.start:
+        # Whole blocks of chirps, counted from the piece's first.
+        low = each.start + (first - each.start) // PRODUCT_CHIRPS * PRODUCT_CHIRPS
+        high = min(each.start - (each.start - last) // PRODUCT_CHIRPS * PRODUCT_CHIRPS, each.stop)
+        piece = each.rows(self._file, low, high).at(samples)
+        if (low, high) == (first, last):
             piece.put(inside)
         else:
-            whole = np.zeros((each.stop - each.start, rows.shape[2]), DTYPE)
-            whole[first - each.start : last - each.start] = inside
-            piece.put(whole)
-            inside[:] = whole[first - each.start : last - each.start]
+            block = np.zeros((high - low, rows.shape[2]), DTYPE)
+            block[first - low : last - low] = inside
+            piece.put(block)
+            inside[:] = block[first - low : last - low]
 
     def append(self, block: bytes) -> None:
-        """The next bytes of the file, for `pickle` and `copy`."""
-        self._file.append(np.frombuffer(block, np.uint8))
+        """The next bytes of the file, for `pickle` and `copy`; a full disk shows at reading, for an error here hangs a pool."""
+        if self._failed is None:
+            try:
+                self._file.append(np.frombuffer(block, np.uint8))
+            except InputError as error:
+                self._failed = error
 
     def __reduce__(self) -> tuple[Any, ...]:
         # By value, in blocks: a file without a name cannot be opened by another process.
@@ -201,6 +220,42 @@ class _Stored:
     stop: int
     antenna: int
     offset: int
-    """Of its numbers in the file."""
+    """Of its coefficients in the file [byte]."""
     piece: Piece
-    """Without its numbers, of which there are none but their width."""
+    """With no rows of coefficients, but of their width."""
+
+    def rows(self, file: ScratchFile, first: int, last: int) -> Piece:
+        """Some rows of it."""
+        width, skipped = self.piece.coefficients.shape[1], first - self.start
+        found = file.read(self.offset + skipped * width * DTYPE.itemsize, (last - first, width))
+        phase = self.piece.phase
+        return replace(
+            self.piece, coefficients=found, phase=None if phase is None else phase[skipped : last - self.start]
+        )
+
+
+class _Layer:
+    """Pieces in the order in which they were added: by windows of rows that follow one another, antenna by antenna in each."""
+
+    def __init__(self) -> None:
+        self._pieces: list[_Stored] = []
+        self._bounds: np.ndarray | None = None
+        """First rows of the pieces and the ones after their last, (2, piece), once they are asked for."""
+
+    def add(self, piece: _Stored) -> None:
+        self._pieces.append(piece)
+        self._bounds = None
+
+    def within(self, start: int, stop: int) -> Iterator[_Stored]:
+        """Pieces that hold any of rows start..stop."""
+        if self._bounds is None:
+            self._bounds = np.array([(each.start, each.stop) for each in self._pieces]).reshape(-1, 2).T
+        first, last = self._bounds
+        return (self._pieces[k] for k in np.flatnonzero((first < stop) & (last > start)).tolist())
+
+
+@cache
+def _blas() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import errno
+import os
 import pickle
 from dataclasses import replace
 
@@ -16,6 +18,8 @@ from t2d_rt.memory import Budget
 from t2d_rt.products import Piece, Product, ProductRows
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.signal import spectrogram
+from t2d_rt.signal.doppler import MOST_STEP, _step_of
+from t2d_rt.signal.range import taper
 from t2d_rt.types import Radar
 from validation.echoes import random_echoes
 
@@ -62,14 +66,15 @@ def test_the_same_bits_as_in_memory(radar: Radar, layers: int, monkeypatch: pyte
     np.testing.assert_array_equal(outside[5::700, -1, ::9], inside[5::700, -1, ::9])
 
 
-def test_more_numbers_than_samples_are_kept_as_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("multiplexing", ["tdm", "ddm"])
+def test_more_coefficients_than_samples_are_kept_as_samples(multiplexing: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # No merging at that tolerance, and more echoes than are summed in wide buckets.
-    radar = Radar.preset("table2", samples=32)
+    radar = Radar.preset("table2", samples=32, tx_offsets_m=[[0, 0, 0], [0, 0.01, 0]], multiplexing=multiplexing)
     monkeypatch.setattr("t2d_rt.radar.synthesize.FEW_ECHOES", 0)
     inside, outside = both(radar, monkeypatch, tolerance_db=-70.0)
     np.testing.assert_array_equal(np.asarray(outside), inside)
     assert isinstance(outside.rows, ProductRows)
-    assert outside.rows._file.size <= inside.nbytes
+    assert outside.rows._file.size <= (2 if multiplexing == "ddm" else 1) * inside.nbytes
 
 
 def test_copies_and_pickles_hold_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,20 +87,36 @@ def test_copies_and_pickles_hold_the_same(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_samples_are_added_to_products(monkeypatch: pytest.MonkeyPatch) -> None:
     inside, outside = both(RADARS[2], monkeypatch)
-    rng = np.random.default_rng(0)
+    assert isinstance(outside.rows, ProductRows)
+    assert np.isfinite(outside.spread(0, 100))
     for cube in (inside, outside):
         rng = np.random.default_rng(0)
         with CubeAdder(cube) as adder:
             for first in range(0, len(inside), 700):
                 out = adder.room(min(700, len(inside) - first))
                 out[:] = rng.normal(size=out.shape) if first != 700 else 0
+    assert np.isinf(outside.spread(0, 100))  # a spectrogram takes all samples of what nothing is known of
+    assert np.isfinite(outside.spread(800, 900))
     np.testing.assert_array_equal(np.asarray(outside), inside)
 
 
-def test_few_numbers_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_coefficients_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     inside, outside = both(RADARS[0], monkeypatch)
     assert isinstance(outside.rows, ProductRows)
     assert outside.rows._file.size < 0.5 * inside.nbytes  # random echoes fill a good part of the range axis
+
+
+def test_a_disk_that_is_full_where_a_pickle_is_read_shows_at_reading(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, outside = both(RADARS[0], monkeypatch)
+    content = pickle.dumps(outside)
+
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "pwrite", full)
+    back = pickle.loads(content)  # an error here would leave a pool waiting for ever
+    with pytest.raises(InputError, match="No space left on device"):
+        back[0:3]
 
 
 def test_a_sum_that_was_broken_off_is_not_read() -> None:
@@ -128,6 +149,32 @@ def test_a_wide_sweep_is_multiplied_in_pieces(monkeypatch: pytest.MonkeyPatch) -
     np.testing.assert_allclose(cut, expected, rtol=1e-4)
 
 
+@pytest.mark.parametrize("window", ["hann", "blackmanharris", "boxcar", ("kaiser", 14)])
+@pytest.mark.parametrize("spread", [5, 25, 60, 140, 400, 500])
+def test_powers_of_few_samples_are_those_of_all(window: str, spread: int) -> None:
+    samples, rng = 256, np.random.default_rng(0)
+    step = _step_of(window, samples, spread)
+    weights, x = taper(window, samples), np.linspace(-1, 1, samples)
+    theta = 1000 + np.hstack([rng.uniform(0, spread, (50, 5)), np.tile([0, spread], (50, 1))])
+    amplitude = rng.normal(size=theta.shape) + 1j * rng.normal(size=theta.shape)
+    beats = weights * np.einsum("ki,kin->kn", amplitude, np.exp(1j * theta[..., None] * x))
+    whole, few = np.sum(np.abs(beats) ** 2, axis=1), step * np.sum(np.abs(beats[:, ::step]) ** 2, axis=1)
+    bound = np.abs(amplitude).sum(axis=1) ** 2 * np.sum(weights**2)
+    assert np.abs(few - whole).max() <= 1.5e-6 * bound.max()
+    if window != "boxcar":
+        assert step > 1 or spread > 300
+        further = step + 1  # and one more would be wrong somewhere
+        apart = np.linspace(0, spread, 2000)
+        kernel = np.exp(1j * np.outer(apart, x)) @ weights**2
+        thin = further * (np.exp(1j * np.outer(apart, x[::further])) @ weights[::further] ** 2)
+        assert step == MOST_STEP or np.abs(thin - kernel).max() > 1e-6 * np.sum(weights**2)
+
+
+def test_a_wide_sweep_of_echoes_far_apart_takes_little_memory() -> None:
+    assert _step_of("hann", 16_384, 300) > 4
+    assert _step_of("hann", 1_000_000, 10_000_000) == 1
+
+
 @pytest.mark.parametrize("window", ["hann", "boxcar", "blackmanharris"])
 def test_a_spectrogram_takes_few_samples_of_beats_that_lie_close(window: str, monkeypatch: pytest.MonkeyPatch) -> None:
     radar = Radar.preset("table2", rx_offsets_m=[[0, 0, 0], [0, 0.01, 0]], prf_hz=20e3)
@@ -146,4 +193,6 @@ def test_a_run_that_may_take_little_keeps_products() -> None:
     radar = RADARS[0]
     echoes = random_echoes(radar, frames=40)
     cube = synthesize(echoes, radar, memory=Budget(limit_bytes=1e6, held_bytes=0.0))
+    assert isinstance(cube, DiskCube)
+    assert isinstance(cube.rows, ProductRows)
     np.testing.assert_array_equal(np.asarray(cube), synthesize(echoes, radar))

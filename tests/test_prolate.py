@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from t2d_rt.radar.prolate import band_interpolation, band_nodes
+from t2d_rt.radar.prolate import band_nodes, band_weights
 from t2d_rt.radar.sweep import nodes_for
 
 
@@ -15,7 +15,7 @@ from t2d_rt.radar.sweep import nodes_for
 @pytest.mark.parametrize("theta", [0.7, 2.2, 7.9, 13.8, 22.0, 47.0])
 def test_phasors_within_the_band_are_carried(theta: float, tolerance: float) -> None:
     nodes, x = band_nodes(theta, tolerance), np.linspace(-1, 1, 333)
-    matrix = band_interpolation(theta, tolerance, x)
+    matrix = band_weights(theta, tolerance, x).T
     t = np.random.default_rng(0).uniform(-theta, theta, 50)
     error = matrix @ np.exp(1j * np.outer(nodes, t)) - np.exp(1j * np.outer(x, t))
     assert np.abs(error).max() < 1.2 * tolerance  # they are checked on a grid

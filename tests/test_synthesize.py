@@ -139,6 +139,19 @@ def test_first_and_last_chirp_are_as_good_as_any() -> None:
         assert nmse_db(cube[chirp, 0, ::7], direct_sum(echoes, TABLE2, np.array([chirp]), every=7)[0]) < -50
 
 
+@pytest.mark.parametrize("count", [1, 600])
+def test_a_long_sweep_during_which_echoes_move_by_wavelengths(count: int) -> None:
+    # 4 GHz in 1 ms at 6 m/s: the range changes by 6 mm, and the phase bends by 0.13 rad over half the sweep (eq. 16).
+    radar = Radar.preset("table2", slope_hz_per_s=4e12, sample_rate_hz=255e3, samples=256, prf_hz=900.0)
+    times = np.arange(30) / 100
+    ranges = np.linspace(4, 5, count) - 6 * times[:, None]
+    amplitude = np.exp(2j * np.pi * np.random.default_rng(0).random((1, count))) * np.ones((30, 1))
+    echoes = Echoes(times_s=times, delay_s=2 * ranges / SPEED_OF_LIGHT, amplitude=amplitude.astype(np.complex64))
+    cube = synthesize(echoes, radar, tolerance_db=-70)  # not merged
+    chirps = np.arange(5, len(cube), 60)
+    assert nmse_db(cube[chirps, 0, ::7], direct_sum(echoes, radar, chirps, every=7)) < (-66 if count == 1 else -45)
+
+
 def test_flat_echoes_need_no_slope() -> None:
     echoes = random_echoes(TABLE2, sloped=False)
     cube = synthesize(echoes, TABLE2)

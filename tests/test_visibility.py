@@ -16,7 +16,7 @@ from t2d_rt.body.template import template
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import SubdividedMesh
 from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.visibility import Occlusion, sample_times
+from t2d_rt.propagation.visibility import Occlusion, Surroundings, sample_times
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -296,17 +296,58 @@ def test_body_casts_its_shadow_as_straight_lines_say(walker: MovingMesh, backend
     assert np.mean((seen[sure] == 0) == dark) > 0.995
 
 
-def test_faces_that_face_away_would_hide_nothing_more(
-    walker: MovingMesh, backend: Backend, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_faces_that_face_away_hide_nothing_more(walker: MovingMesh, backend: Backend) -> None:
     """Legs and arms of a walker cut into one another at the joints: that opens no gap, either."""
-    times_s = np.linspace(0, 1.2, 13)
-    some = occlusion([walker], backend).traced(times_s)
-    monkeypatch.setattr(
-        "t2d_rt.propagation.visibility._faces_origin",
-        lambda vertices, faces: np.ones((len(vertices), len(faces)), bool),
-    )
-    assert np.array_equal(some, occlusion([walker], backend).traced(times_s))
+    posed = Occluders([walker]).at(np.linspace(0, 1.2, 13))
+    corners = posed.vertices[:, walker.faces]
+    normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
+    towards = np.sum(normals * (HERE - corners.mean(axis=2)), axis=2) > 0
+    seen = [
+        Surroundings(posed.meshes, posed.vertices, [HERE], backend, parts=parts).visible(
+            HERE, posed.points, posed.normals
+        )
+        for parts in (None, towards)
+    ]
+    front = np.sum(posed.normals * (HERE - posed.points), axis=2) > 0
+    assert 0.6 < seen[0][front].mean() < 0.99
+    assert (seen[0] == seen[1])[front].mean() > 0.9995
+
+
+@pytest.mark.parametrize("together", [1, 3])
+def test_viewpoints_share_a_scene(
+    walker: MovingMesh, backend: Backend, together: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Occluders, "copies", 4)  # several chunks in a block of frames
+    meshes, samples = Occluders([walker]), sample_times(0, 1.2, 25.0)
+    places = [HERE, np.array([9.0, -40.0, 2.0]), np.array([-3.0, 6.0, -5.0])]
+    some = [Occlusion(meshes, place, samples_s=samples, backend=backend) for place in places[:together]]
+    made: list[int] = []
+    scene = Surroundings.__init__
+
+    def counted(self: Surroundings, *given: object, **options: object) -> None:
+        made.append(1)
+        scene(self, *given, **options)  # type: ignore[arg-type]
+
+    blocks = np.linspace(0, 1.2, 60).reshape(3, 20)
+    with monkeypatch.context() as patch:
+        patch.setattr(Surroundings, "__init__", counted)
+        # As a run asks: block by block, and in each from one place after another.
+        found = [[each.visibility(times)[0] for each in some] for times in blocks]
+    assert len(made) == -(-len(samples) // 4)  # one scene for each chunk of samples, whatever the number of places
+    for place, values in zip(places, zip(*found, strict=True), strict=False):
+        alone = Occlusion(Occluders([walker]), place, samples_s=samples, backend=backend)
+        expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
+        # The scene lies elsewhere in float32; a ray that grazes may change sides.
+        assert np.mean(np.abs(np.concatenate(values) - expected) > 0.01) < 1e-3
+
+
+@pytest.mark.filterwarnings("ignore:.*is not watertight")
+def test_a_viewpoint_that_nothing_faces(backend: Backend) -> None:
+    corners = np.array([[3.0, 0, 1], [3, 1, 1], [3, 0, 2]])
+    for face, visible in (([0, 1, 2], 0), ([0, 2, 1], 1)):  # its normal is along +x, away from here, and the other way
+        plate = static_mesh(corners, np.array([face]))
+        (seen,) = occlusion([plate], backend).visibility(np.array([0.0, 0.5]))
+        assert np.all(seen == visible)
 
 
 def test_the_far_thigh_and_arm_go_behind_the_body(walker: MovingMesh, backend: Backend) -> None:

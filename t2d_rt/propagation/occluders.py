@@ -31,18 +31,19 @@ class Posed:
     """(K, V, 3) m."""
     points: np.ndarray
     """Where visibility is sampled: the vertices, and those that the subdivision adds, mesh by mesh (K, V', 3) m."""
-    _kept: dict[str, tuple[int, Any]] = field(default_factory=dict)
+    _kept: dict[bytes, Any] = field(default_factory=dict)
 
     @cached_property
     def normals(self) -> np.ndarray:
         """Unit normals at these points, weighted with the areas of the faces they belong to (K, V', 3)."""
         return vertex_normals(self.points, self.meshes.subdivided_faces, self.meshes.incidence)
 
-    def kept(self, name: str, version: int, make: Callable[[], Any]) -> Any:
-        """What was made under a name, or is made now if that was another version."""
-        if self._kept.get(name, (None,))[0] != version:
-            self._kept[name] = version, make()
-        return self._kept[name][1]
+    def kept(self, key: bytes, make: Callable[[], Any]) -> Any:
+        """What was made last, if its key was the same, or what is made now."""
+        if key not in self._kept:
+            self._kept.clear()
+            self._kept[key] = make()
+        return self._kept[key]
 
 
 class Occluders:
@@ -54,8 +55,8 @@ class Occluders:
         self._subdivided = [SubdividedMesh.of(m.faces, len(m.rest), subdivision) for m in meshes]
         self._subdivision = subdivision
         self._posed: OrderedDict[bytes, Posed] = OrderedDict()
-        self.watched: dict[bytes, list[Any]] = {}
-        """Whatever looks at them from somewhere, by its sample times."""
+        self.viewpoints: dict[bytes, list[Any]] = {}
+        """Weak references to the `Occlusion`s that share scenes of these meshes, by their sample times."""
         self._marked: tuple[bytes, np.ndarray] = b"", np.zeros(0)
 
     @cached_property

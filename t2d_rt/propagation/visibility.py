@@ -7,10 +7,10 @@ change would be a click across the spectrogram.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+from weakref import ref
 
 import numpy as np
 
@@ -22,8 +22,6 @@ from t2d_rt.types import MovingMesh
 
 # Rays start this far off the surface, so that the triangles they start from do not stop them.
 LIFT_M = 2e-3
-KEPT_CHUNKS = 8
-"""Chunks of sample times whose visibility is kept from one block of frames to the next."""
 
 Unblocked = Callable[[np.ndarray], np.ndarray]
 
@@ -104,10 +102,10 @@ class Occlusion:
         self._last: dict[int, tuple[np.ndarray, list[np.ndarray]]] = {}
         self._viewpoint = np.asarray(viewpoint_m, np.float64)
         self._samples_s, self._backend = samples_s, backend
-        # From all places together, as a scene of the meshes costs more than to trace it.
-        self._together: list[Occlusion] = meshes.watched.setdefault(samples_s.tobytes(), [])
-        self._together.append(self)
-        self._chunks: OrderedDict[int, VisibilitySamples] = OrderedDict()
+        # All places at once: to build a scene of the meshes costs more than to trace it.
+        self._together = meshes.viewpoints.setdefault(samples_s.tobytes(), [])
+        self._together.append(ref(self))
+        self._chunks: dict[int, VisibilitySamples] = {}
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, those of its subdivision
@@ -122,6 +120,9 @@ class Occlusion:
         return last[1]
 
     def _at_samples(self, numbers: np.ndarray, path_count: int) -> np.ndarray:
+        # Blocks of frames go on in time, and all chunks of one are asked for from each place in turn.
+        for old in [each for each in self._chunks if each < int(numbers.min()) // self._meshes.copies]:
+            del self._chunks[old]
         return np.stack([self._at_sample(k, path_count) for k in numbers.tolist()])
 
     def _at_sample(self, number: int, path_count: int) -> np.ndarray:
@@ -135,17 +136,17 @@ class Occlusion:
         return known
 
     def _chunk(self, number: int) -> VisibilitySamples:
-        """Visibility at a chunk of sample times, `copies` or fewer; the last chunks are kept."""
+        """Visibility at a chunk of sample times, `copies` or fewer."""
         if number not in self._chunks:
             first = number * self._meshes.copies
             some = self._samples_s[first : first + self._meshes.copies]
-            for each in self._together:
+            for each in self._viewpoints():
                 each._chunks[number] = each.sampled(some)
-                each._chunks.move_to_end(number)
-                while len(each._chunks) > KEPT_CHUNKS:
-                    each._chunks.popitem(last=False)
-        self._chunks.move_to_end(number)
         return self._chunks[number]
+
+    def _viewpoints(self) -> list[Occlusion]:
+        """Those that look at the same meshes at the same times, this one among them."""
+        return [each for each in (found() for found in self._together) if each is not None]
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
         """Visibility at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
@@ -185,14 +186,13 @@ class Occlusion:
 
     def visible(self, at: Posed, front: np.ndarray) -> np.ndarray:
         """Whether points of the meshes are visible from here, of those that face it, bool (K, Q); none of the others is."""
-        scene = at.kept("scene", len(self._together), lambda: self._scene(at))
+        places = [each._viewpoint for each in self._viewpoints()]
+        scene = at.kept(
+            np.stack(places).tobytes(), lambda: Surroundings(self._meshes, at.vertices, places, self._backend)
+        )
         visible = np.zeros(front.shape, bool)
         visible[front] = scene.visible(self._viewpoint, at.points[front], at.normals[front], np.nonzero(front)[0])
         return visible
-
-    def _scene(self, at: Posed) -> Surroundings:
-        places = [each._viewpoint for each in self._together]
-        return Surroundings(self._meshes, at.vertices, places, self._backend)
 
 
 class ExactVisibility:

@@ -16,7 +16,7 @@ from t2d_rt.radar.windows import Delay
 MOST_SLOTS = 1000
 """Time slots that a frame interval may have."""
 SLOT_BINS = 1.0
-"""Range bins that an echo may move by in a time slot, or a bucket where that is less."""
+"""Range bins that an echo may move within a time slot; narrower buckets allow only their own width."""
 MANY_SLOTS = 16
 """Where a frame interval has more slots than this, those that hold no chirp are left out."""
 

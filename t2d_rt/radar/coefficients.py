@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.phasors import rotated, sin_cos
-from t2d_rt.radar.sweep import Instants, Sweep
+from t2d_rt.radar.sweep import Instants, Sweep, chebyshev
 from t2d_rt.radar.windows import Window
 
 TERMS = 6
@@ -169,6 +170,16 @@ def chebyshev_coefficients(
     return by_batch[:, batching.batch, np.arange(len(slot)) - batching.instant[batching.batch]]
 
 
+def terms_over(x: np.ndarray) -> np.ndarray:
+    """T_0 ... at places of the sweep, (TERMS, len(x)); the same array for the same places."""
+    return _terms_over(x.tobytes())
+
+
+@lru_cache(maxsize=16)
+def _terms_over(places: bytes) -> np.ndarray:
+    return chebyshev(TERMS, np.frombuffer(places))
+
+
 def fields_at(
     buckets: Buckets,
     table: tuple[Any, Any],
@@ -199,7 +210,8 @@ def fields_at(
         travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
         rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
         theta = dr.gather(Float32, table[1], member) - lanes.centre + travelled * per_cycle + rate * per_rate
-        sin, cos = sin_cos(cubic[0] + travelled)
+        eps = eps_per_rate * rate
+        sin, cos = sin_cos(cubic[0] + travelled + eps * (0.25 / math.pi))
         numbers = [
             each
             for real, imag in zip(parts[::2], parts[1::2], strict=True)
@@ -207,7 +219,7 @@ def fields_at(
         ]
         slopes = numbers[2:] or [0.0, 0.0]
         values = [a + place * b for place in places.tolist() for a, b in zip(numbers[:2], slopes, strict=True)]
-        out = rotated(values, theta, x, bend=rate * eps_per_rate)
+        out = rotated(values, theta, x, bend=eps)
         return i + stride, [total + value for total, value in zip(sums, out, strict=True)]
 
     zeros = [dr.zeros(Float32, dr.width(lanes.begin)) for _ in range(2 * len(places))]

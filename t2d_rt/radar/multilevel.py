@@ -8,6 +8,7 @@ a group may hold follows from how fast its members' phases part and how far thei
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -148,10 +149,10 @@ def at_instants(
         values = [sum(w * v for w, v in zip(lanes.weights, parts, strict=True)) for parts in zip(*frames, strict=True)]
         travelled = u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
         rate = cubic[1] + u * (2 * cubic[2] + u * (3 * cubic[3]))
-        cycles = cubic[0] + travelled
-        sin, cos = sin_cos(cycles)
+        eps = rate * eps_per_rate
+        sin, cos = sin_cos(cubic[0] + travelled + eps * (0.25 / math.pi))
         theta = theta + travelled * per_cycle + rate * per_rate
-        out = rotated(spread(times_phasor(values, sin, cos)), theta, x, bend=rate * eps_per_rate)
+        out = rotated(spread(times_phasor(values, sin, cos)), theta, x, bend=eps)
         return i + 1, [total + value for total, value in zip(sums, out, strict=True)]
 
     zeros = [dr.zeros(Float32, dr.width(lanes.begin)) for _ in range(2 * count)]

@@ -85,7 +85,7 @@ def spread_to(inner: int, outer: np.ndarray) -> Callable[[list[Any]], list[Any]]
 
 
 def rotated(values: list[Any], theta: Any, x: list[float], *, bend: Any = None, small: bool = False) -> list[Any]:
-    """Values at pairs of nodes +-x, times exp(j (theta x + bend x^2)); bend to first order.
+    """Values at pairs of nodes +-x, times exp(j (theta x + bend (x^2 - 1/2))), bend to second order.
 
     `small`: |theta| <= pi is known.
     """
@@ -93,8 +93,9 @@ def rotated(values: list[Any], theta: Any, x: list[float], *, bend: Any = None, 
     for k, place in enumerate(x):
         a, b, c, d = values[4 * k : 4 * k + 4]
         if bend is not None:
-            e = bend * (place * place)
-            a, b, c, d = a - e * b, b + e * a, c - e * d, d + e * c
+            e = bend * (place * place - 0.5)
+            f = 1 - 0.5 * e * e
+            a, b, c, d = f * a - e * b, f * b + e * a, f * c - e * d, f * d + e * c
         sin, cos = sin_cos(theta * (place / (2 * math.pi)), within_half=small)
         out += [a * cos - b * sin, a * sin + b * cos, c * cos + d * sin, d * cos - c * sin]
     return out

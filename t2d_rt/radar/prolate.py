@@ -17,7 +17,7 @@ CHECKED = 128
 PER_NODE = 32
 """Places between two zeros; these are linear between them, and need not be exact."""
 TRIES = 12
-"""Even numbers of nodes that are tried, from the least that could do."""
+"""How many even numbers of nodes are tried, from 2 theta/pi up: fewer cannot hold the band."""
 
 
 @lru_cache(maxsize=64)
@@ -38,8 +38,8 @@ def band_nodes(theta: float, tolerance: float) -> np.ndarray:
     raise AssertionError(f"no {count} nodes carry {theta:g} rad within {tolerance:g}")
 
 
-def band_interpolation(theta: float, tolerance: float, x: np.ndarray) -> np.ndarray:
-    """Matrix (len(x), nodes) from values at `band_nodes` to the function at `x`; the last ones made are kept."""
+def band_weights(theta: float, tolerance: float, x: np.ndarray) -> np.ndarray:
+    """What values at `band_nodes` add to the function at `x`, (node, len(x)); the same array for the same arguments."""
     return _interpolation(theta, tolerance, x.tobytes())
 
 
@@ -48,7 +48,7 @@ def _interpolation(theta: float, tolerance: float, places: bytes) -> np.ndarray:
     x = np.frombuffer(places)
     nodes = band_nodes(theta, tolerance)
     series = _wave_functions(theta, len(nodes))[:, : len(nodes)]
-    return _through(nodes, series, legvander(x, len(series) - 1) @ series)
+    return np.ascontiguousarray(_through(nodes, series, legvander(x, len(series) - 1) @ series).T)
 
 
 def _through(nodes: np.ndarray, series: np.ndarray, at_x: np.ndarray) -> np.ndarray:

@@ -5,8 +5,8 @@ Relative to mid-sweep, x in -1..1 over the sweep, an echo's phase is (docs/physi
     psi + theta x + eps x^2,   psi = 2 pi (f_m tau - S tau^2/2),  theta = pi B (tau + f_m tau'/S),  eps = 2 pi (T/2)^2 S tau'
 
 theta is the beat with its range-Doppler coupling. Where there are many echoes they are merged first, level by level, into a few
-groups (`multilevel`); what is left, echoes or groups, is sorted by theta into buckets of fixed delay and summed at every chirp as
-a polynomial over the sweep, and a small matrix product per chirp then gives the samples.
+groups (`multilevel`); what is left, echoes or groups, is sorted by theta into buckets of fixed delay and summed at every chirp, at
+a few nodes of the sweep or as a polynomial over it, and a small matrix product per chirp then gives the samples (`products`).
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from t2d_rt.memory import Budget
 from t2d_rt.products import Product, ProductRows
 from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.buckets import SLOT_BINS, buckets
-from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, fields_at, phases
+from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, fields_at, phases, terms_over
 from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, levels
 from t2d_rt.radar.leaves import Factors, leaves
 from t2d_rt.radar.multilevel import at_antennas, at_instants, factors
-from t2d_rt.radar.prolate import band_interpolation, band_nodes
-from t2d_rt.radar.sweep import Instants, Sweep, chebyshev
+from t2d_rt.radar.prolate import band_nodes, band_weights
+from t2d_rt.radar.sweep import Instants, Sweep
 from t2d_rt.radar.windows import Delay, Window, windows
 from t2d_rt.types import Echoes, EchoStream, Radar, stream
 
 ECHO_BUCKET_BINS = 0.25
 """Width of a bucket of echoes, in range bins."""
 FEW_ECHOES, WIDE_BUCKET_BINS, WIDE_ERROR = 500, 9.0, 3e-6
-"""Up to so many echoes are summed in buckets that wide, at as many places of the sweep as that error, float32's own, asks for."""
+"""Up to so many echoes are summed in buckets that wide, at nodes of the sweep. The error is that of float32 itself."""
 RECEIVERS, MOST_SUMS = 4, 400
 """Receivers worked on at once, with as many transmitters as leave a lane of the leaves' kernel that many numbers to sum."""
 MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
@@ -223,7 +223,7 @@ def _sums(
                 found = _sum_groups(
                     top, inner, number * len(top), len(some_rx), instants[tx][chirps], tolerance, backend
                 )  # fmt: skip
-                yield from ((tx, rx, chirps, spectra) for rx, spectra in zip(some_rx, found, strict=True))
+                yield from ((tx, rx, chirps, product) for rx, product in zip(some_rx, found, strict=True))
 
 
 def _chirp_blocks(count: int, window: Window) -> list[slice]:
@@ -251,7 +251,7 @@ def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> Product
     interval, echo = window.lit[0][inside], window.lit[1][inside]
     if not len(echo):
         none = np.zeros((len(instants), 0, TERMS), np.complex64)
-        return Product(none, chebyshev(TERMS, sweep.x), np.zeros(0), sweep.x, 0.0)
+        return Product(none, terms_over(sweep.x), np.zeros(0), sweep.x, 0.0)
     wide = window.delay.shape[1] <= FEW_ECHOES
     width = WIDE_BUCKET_BINS if wide else ECHO_BUCKET_BINS
     found = buckets((window.delay, window.delay_slope), interval, echo, instants, width)
@@ -259,10 +259,10 @@ def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> Product
     fields = amplitudes(window, sweep, backend)
     if wide:
         limit = math.pi * (WIDE_BUCKET_BINS + SLOT_BINS) / 2
-        weights = band_interpolation(limit, WIDE_ERROR, sweep.x).T
+        weights = band_weights(limit, WIDE_ERROR, sweep.x)
         terms = fields_at(found, table, fields, instants, band_nodes(limit, WIDE_ERROR), backend)
     else:
-        limit, weights = math.pi / 4, chebyshev(TERMS, sweep.x)
+        limit, weights = math.pi / 4, terms_over(sweep.x)
         terms = chebyshev_coefficients(found, table, fields, instants, backend)
     return Product(terms.transpose(1, 0, 2), weights, found.theta(sweep), sweep.x, limit)
 
@@ -280,7 +280,7 @@ def _sum_groups(
     table = phases(top.delay, top.delay_slope, sweep, None, found.origin_s, backend)
     limit = bucket_theta(bins, top.bins)
     fields = at_instants(inner, first, top, found, table, instants, band_nodes(limit, tolerance), backend)
-    theta, weights = found.theta(sweep), band_interpolation(limit, tolerance, sweep.x).T
+    theta, weights = found.theta(sweep), band_weights(limit, tolerance, sweep.x)
     bounds = np.searchsorted(found.part, np.arange(pairs + 1))
     ranges = pairwise(bounds.tolist())
     return [Product(fields[:, first:last], weights, theta[first:last], sweep.x, limit) for first, last in ranges]

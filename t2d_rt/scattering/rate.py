@@ -18,8 +18,6 @@ ROTATION_RAD = 0.1
 field errs by -23.6 dB at 0.1 rad, by -18 dB at 0.2 (validation/report, movers). A walker's delays ask for more than that."""
 DB_PER_OCTAVE = 6.0
 """What half of that rotation gains, by the same figures."""
-ENOUGH_FACES = 2_000
-"""Of a large mesh every so many faces tell how its edges rotate, at least that many."""
 LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 10_000.0, 5.0
 PROBE_RATE_HZ, FINER = 240.0, 4.0
 """Rate at which motion is sampled, unless the record is shorter than such a short record; factor on it for faster motion."""
@@ -137,7 +135,7 @@ def _mean_squares(
         rotation = np.diff(edges.reshape(len(begin_s), PROBE_FRAMES, -1, 3), axis=1)
         return float(np.vdot(rotation, rotation)) / rotation.size, float(np.vdot(edges, edges)) / edges.size
 
-    some = list(blocks(geometry.faces[:: max(1, len(geometry.faces) // ENOUGH_FACES)], len(times)))
+    some = list(blocks(geometry.faces, len(times)))
     rotation, edges = _mean([squares(each) for each in some], [len(each) for each in some])
     return float(phase), rotation / edges
 

@@ -28,7 +28,9 @@ PIECE = 8192
 CELLS = 256
 """Range cells that go through the STFT at once."""
 THINNED, MOST_STEP = 1e-6, 16
-"""Error of a cell's power, of that of its beats by themselves, with every so many samples at most."""
+"""Greatest |K_D - K| / K(0) of eq. 16a, and the greatest step D."""
+FINER = 8
+"""Numbers of beats per range bin at which K is compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,14 +276,20 @@ def _sample_step(adc: Any, window: str, start: int, stop: int) -> int:
 
 @lru_cache(maxsize=256)
 def _step_of(window: str, samples: int, spread: int) -> int:
-    """The same for a spread [rad from mid-sweep to its end]: the power of some beats is a sum of phasors at their differences, each
-    times what the squared window adds up to there."""
-    power, x = taper(window, samples) ** 2, np.linspace(-1, 1, samples)
-    apart = np.linspace(0, spread, max(2, 4 * spread))
-    phasors = np.exp(1j * np.outer(apart, x))
-    whole = phasors @ power
+    """The same for a spread [rad from mid-sweep to its end], by the K of eq. 16a, here an FFT of the squared window."""
+    from scipy import fft
+
+    power, count = taper(window, samples) ** 2, FINER * samples
+    apart = math.ceil(
+        spread * count / (math.pi * (samples - 1))
+    )  # what bin k holds differs by pi k (samples - 1) / count
+    if 2 * apart >= count:
+        return 1
+    whole = fft.fft(power, count)[: apart + 1]
     for step in range(MOST_STEP, 1, -1):
-        if np.abs(step * (phasors[:, ::step] @ power[::step]) - whole).max() <= THINNED * power.sum():
+        some = np.zeros(samples)
+        some[::step] = step * power[::step]
+        if np.abs(fft.fft(some, count)[: apart + 1] - whole).max() <= THINNED * power.sum():
             return step
     return 1
 

@@ -52,7 +52,7 @@ class Case:
     runs: int = 2
     """The best of so many counts."""
     memory_gb: float = LIMIT_GB
-    """What the run may take; a cube of more than an eighth of it goes to disk."""
+    """What the run may take; a cube of more than an eighth of it is kept as products."""
     scene: str = "free_space"
     """In a room the walk is on the spot, 3 m before the radar."""
 
