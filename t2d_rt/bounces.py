@@ -12,6 +12,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.errors import T2DWarning
+from t2d_rt.memory import Budget
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.rays import Rays
 from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
@@ -44,7 +45,10 @@ class Bouncing:
     def why_not(self) -> str | None:
         """Why it takes no part in them; None where it does."""
         if self.mesh is None:
-            return f"{self.name} is made of ellipsoids and takes no part in several bounces; method 'mesh' has them"
+            return (
+                f"{self.name} is made of ellipsoids and takes no part in several bounces; method 'mesh' has them, "
+                "unless ellipsoids keep to the tolerance"
+            )
         if self.fast_rotating:
             return f"{self.name} rotates too fast for ray tubes and takes no part in several bounces"
         return None
@@ -59,6 +63,18 @@ class Bouncing:
         return Reflector(surface=self.mesh, facets=facets, reflection=gamma)
 
 
+def direct_pair(pairs: Sequence[PathPair], bounces: int, *, warned: bool) -> PathPair | None:
+    """The pair without mirrors or slabs, over which there are several bounces; a warning where there is none."""
+    found = [pair for pair in pairs if not pair.out.chain and not pair.back.chain]
+    if not found and warned:
+        warnings.warn(
+            f"no direct path leads from the radar to the targets, so there are no echoes of {bounces} bounces",
+            T2DWarning,
+            stacklevel=5,
+        )
+    return found[0] if found else None
+
+
 def bounce_streams(
     targets: Sequence[Bouncing],
     radar: Radar,
@@ -69,6 +85,7 @@ def bounce_streams(
     direct: tuple[PathPair, SceneBlockage] | None,
     max_facets: int,
     backend: Backend,
+    memory: Budget,
 ) -> list[EchoStream]:
     """Echoes of the targets over 2 to `bounces` bounces, a warning for each that takes no part in them.
 
@@ -90,6 +107,7 @@ def bounce_streams(
         scene=partial(Rays, backend=backend),
         backend=backend,
         unblocked=None if direct is None else partial(_unblocked, *direct),
+        memory=memory,
     )
     stream = bounce_echoes(
         [target.reflector(radar, span_s, max_facets) for target in taking], setting,

@@ -7,13 +7,13 @@ emptied at any time, or turned off.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
 import platform
+import re
 import tempfile
-import zipfile
-import zlib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
@@ -23,8 +23,9 @@ VARIABLE = "T2D_RT_CACHE"
 """Environment variable that names another folder, or turns the cache off where it is "off" or empty."""
 MOST_BYTES, LARGEST_BYTES = 1e9, 100e6
 """Of all entries, the longest unused of which go first, and of one."""
-_ENTRY, _UNFINISHED = ".npz", ".part"
-_UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
+_ENTRY, _UNFINISHED = ".npz", ".t2d-rt-part"
+_OWN = re.compile(rf"[0-9a-f]{{64}}{re.escape(_ENTRY)}|.*{re.escape(_UNFINISHED)}")
+"""Names of files that are removed to make room: the folder may hold others."""
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -79,9 +80,10 @@ def read(name: str, wanted: Iterable[str]) -> dict[str, np.ndarray] | None:
             if not isinstance(file, np.lib.npyio.NpzFile) or str(file["name"]) != name:
                 return None
             found = {each: file[each] for each in wanted}
-        os.utime(path)
-    except _UNREADABLE:
+    except Exception:  # NumPy and zipfile raise what they like of a damaged file
         return None
+    with contextlib.suppress(OSError):  # a folder that may only be read
+        os.utime(path)
     return found
 
 
@@ -118,7 +120,7 @@ def _make_room(home: Path) -> None:
     """Removes what was not used for longest, entries and what killed processes left unfinished."""
     entries = []
     for path in home.iterdir():
-        if path.suffix in (_ENTRY, _UNFINISHED):
+        if _OWN.fullmatch(path.name):
             found = path.stat()
             entries.append((found.st_mtime, found.st_size, path))
     room = MOST_BYTES

@@ -12,7 +12,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material
-from t2d_rt.bounces import Bouncing, bounce_streams
+from t2d_rt.bounces import Bouncing, bounce_streams, direct_pair
 from t2d_rt.errors import InputError
 from t2d_rt.geometry.vectors import lengths
 from t2d_rt.memory import Budget, blocks
@@ -53,6 +53,8 @@ SAME_RATE = 2.0
 """Targets whose surface rates differ by more are summed apart, each at its own."""
 MINOR_FRAMES = 128
 """Surface frames of ellipsoids that are worked out at once over minor paths: there are many small arrays."""
+TWIN_SEED = 1_000_003
+"""Between the seeds of targets that have the same shape at rest."""
 BLOCKAGE_RATE = 0.5
 """Visibility of path pairs without their own occlusion is sampled less often, by this factor: fields fade over some 10 cm."""
 
@@ -226,7 +228,7 @@ class Model:
                 elif pairs and tier.visibility != "occlusion":
                     views = coarse_views(mesh, pairs, run.decimated_s, self.blockage, fast_rotating=fast)
                 make = partial(
-                    mesh_echoes, mesh, self.radar, material=self._material(number), seed=self.seed, backend=self.backend,
+                    mesh_echoes, mesh, self.radar, material=self._material(number), seed=self._seed(number), backend=self.backend,
                     detail=run.detail(mesh, run.accuracy.tiers.index(tier), self),
                 )  # fmt: skip
                 frames_s = self._decimated(times_s, tier, run) if fast and tier.decimation > 1 else times_s
@@ -241,23 +243,23 @@ class Model:
             return []
         direct = None
         if run.pairs is not None:
-            found = [pair for pair in run.pairs.pairs if not pair.out.chain and not pair.back.chain]
-            if not found:
+            pair = direct_pair(run.pairs.pairs, self.bounces, warned=not run.at_instants)
+            if pair is None:
                 return []
-            direct = found[0], self.blockage
+            direct = pair, self.blockage
+        # The same ones in a run and where its error is measured, which samples fans point by point.
+        fast = self.fast_rotating(run.accuracy.replace(fast_rotating_hz=None))
         targets = [
             Bouncing(
                 name=geometry.name, mesh=None if run.accuracy.by_ellipsoids and target.ellipsoids() else target.mesh,
-                fast_rotating=fast, material=self._material(number), times_s=times[number],
+                fast_rotating=fast[number], material=self._material(number), times_s=times[number],
                 sagitta_rad=sagitta_rad(target.mesh, run.accuracy) if target.mesh else 0.0,
             )
-            for number, (target, geometry, fast) in enumerate(
-                zip(self.modelled, self.geometries, run.sight.fast_rotating, strict=True)
-            )
+            for number, (target, geometry) in enumerate(zip(self.modelled, self.geometries, strict=True))
         ]  # fmt: skip
         return bounce_streams(
             targets, self.radar, span_s=self.span_s, samples_s=None if run.at_instants else run.samples_s,
-            bounces=self.bounces, direct=direct, max_facets=self.max_facets, backend=self.backend,
+            bounces=self.bounces, direct=direct, max_facets=self.max_facets, backend=self.backend, memory=self.memory,
         )  # fmt: skip
 
     def _minor(
@@ -277,6 +279,11 @@ class Model:
         return ellipsoid_echoes(
             ellipsoids, self.radar, times_s=times_s, material=self._material(number), phase_from=self.phase_from, views=views
         )  # fmt: skip
+
+    def _seed(self, number: int) -> int:
+        """Of a target's diffuse points: two persons of one shape have points of their own."""
+        rest = [None if target.mesh is None else target.mesh.rest for target in self.modelled[: number + 1]]
+        return self.seed + TWIN_SEED * sum(np.array_equal(rest[-1], other) for other in rest[:-1])  # type: ignore[arg-type]
 
     def _material(self, number: int) -> Material:
         """What a target is made of, at mid-sweep."""

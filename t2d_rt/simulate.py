@@ -64,9 +64,10 @@ def simulate(
         it sets stay. The default comes to about -27 dB for a walk in free space, to -11 to -13 dB in rooms.
     reflections: greatest number of reflections, counted on the paths out and back together.
     transmissions: greatest number of thin slabs that they pass through, counted likewise; 2 for a target behind a partition.
-    bounces: greatest number of bounces within and between targets: 2 adds those between two limbs, a body and what it holds, or two
-        bodies, 3 those of corners; by ray tubes, on the direct paths alone, of meshes that do not rotate fast. A walk takes
-        some twenty times as long with 2.
+    bounces: greatest number of bounces off targets on the way, beside the scene's reflections: 1 is an ordinary echo, 2 adds those
+        between two limbs, a body and what it holds, or two bodies, 3 those of corners; by ray tubes, on the direct paths alone, of
+        meshes that do not rotate fast. Walls do not block the way from one target to another, and polarisation is kept as if
+        every fold were upright. A walk takes some twenty times as long with 2.
     clutter: echoes of the static scene, occluded by the targets: "specular" (up to 3 reflections), "diffuse" or "none".
     collisions: what becomes of targets that go through walls or furniture, or are outside the room: "warn" of them, "stop" the
         record just before, or "ignore" them. The same holds for a radar outside the room, unless there are `transmissions`.

@@ -309,3 +309,49 @@ def test_materials_have_their_own_reflection(corner: MovingMesh) -> None:
         )
         powers.append(float(np.sum(np.abs(two - one) ** 2)))
     assert powers[1] / powers[0] == pytest.approx((1 - 0.6**2) ** 2, rel=1e-3)
+
+
+def test_a_fold_that_opens_after_the_first_frame_is_a_corner(backend: Backend) -> None:
+    # At rest two plates lie in one plane; in the last frame they are at right angles.
+    vertices, faces = dihedral()
+    flat = vertices.copy()
+    flat[:, :2] = np.stack([np.zeros(6), np.sign(vertices[:, 1]) * np.hypot(vertices[:, 0], vertices[:, 1])], axis=1)
+    place = RADAR.tx_position_m + [RANGE_M, 0, 0]
+    opening = MovingMesh(np.stack([flat, vertices, vertices]) + place, faces, [0, 0.1, 0.2], "pec")
+    corner = static_mesh(vertices + place, faces, until_s=0.2)
+    times = np.linspace(0.15, 0.2, 5)
+    opened, expected = (
+        field(Echoes(times_s=times, **echoes([mesh], backend, times_s=times, samples=9).frames(0, 5)._asdict()))
+        for mesh in (opening, corner)
+    )
+    np.testing.assert_allclose(np.abs(opened[-1]), np.abs(expected[-1]), rtol=0.05)
+
+
+def test_a_weak_corner_beside_a_strong_one_is_kept(backend: Backend, corner: MovingMesh) -> None:
+    # Of a hundredth of the size, 80 dB weaker: less than what is left out of one target's echoes.
+    vertices, faces = dihedral()
+    small = static_mesh(0.1 * vertices + RADAR.tx_position_m + [RANGE_M, 3.0, 0], faces, until_s=0.1)
+    alone, both = (echoes(meshes, backend).frames(0, 2) for meshes in ([small], [corner, small]))
+    place = np.linalg.norm([RANGE_M, 3.0]) * 2 / SPEED_OF_LIGHT
+    mine = np.abs(both.delay_s[0] - place) * SPEED_OF_LIGHT / 2 < 0.02
+    assert alone.delay_s.shape[1] == mine.sum() > 0
+    np.testing.assert_allclose(np.abs(both.amplitude[0, mine]).sum(), np.abs(alone.amplitude[0]).sum(), rtol=1e-3)
+
+
+def test_surfaces_too_large_for_the_memory_are_refused(corner: MovingMesh) -> None:
+    square = np.array([[4.0, -9, -9], [4, 9, -9], [4, 9, 9], [4, -9, 9]])
+    wall = static_mesh(square, np.array([[0, 2, 1], [0, 3, 2]]), until_s=0.1)
+    with pytest.raises(
+        InputError, match=r"tracing rays from .* GB of memory, more than the limit .* or take bounces=1"
+    ):
+        t2d.simulate([corner, wall], radar=Radar.preset("table2", samples=16), bounces=2)
+
+
+def test_without_a_direct_path_there_are_none_and_that_is_told() -> None:
+    vertices, faces = dihedral()
+    behind = static_mesh(vertices + [9.5, 2.0, 1.0], faces, until_s=0.1)
+    options = {"radar": RADAR.replace(position_m=(1.0, 2.0, 1.0)), "scene": "empty_room", "collisions": "ignore"}
+    with pytest.warns(
+        T2DWarning, match="no direct path leads from the radar to the targets, so there are no echoes of 2"
+    ):
+        t2d.simulate(behind, bounces=2, transmissions=4, **options)  # type: ignore[arg-type]

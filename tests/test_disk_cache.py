@@ -97,6 +97,30 @@ def test_the_longest_unused_go_first(home: Path, monkeypatch: pytest.MonkeyPatch
     assert [disk_cache.read(name, ["a"]) is not None for name in names] == [True, False, True, True]
 
 
+def test_files_of_others_in_the_folder_stay(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home.mkdir()
+    others = [home / "walk.npz", home / "download.part", home / "notes.txt"]
+    for each in others:
+        each.write_bytes(bytes(10_000))
+        os.utime(each, (1, 1))
+    monkeypatch.setattr(disk_cache, "MOST_BYTES", 100.0)
+    (home / f"x{disk_cache._UNFINISHED}").write_bytes(bytes(10_000))
+    name = disk_cache.key("geometry", (1,))
+    disk_cache.write(name, ARRAYS)
+    assert sorted(home.iterdir()) == sorted(others)  # of what is its own, all of it is too much
+
+
+def test_an_entry_that_cannot_be_marked_as_used_is_read(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = disk_cache.key("geometry", (1,))
+    disk_cache.write(name, ARRAYS)
+
+    def foreign(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "utime", foreign)
+    assert disk_cache.read(name, ARRAYS) is not None
+
+
 def test_what_is_too_large_is_not_kept(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(disk_cache, "LARGEST_BYTES", 10)
     disk_cache.write(disk_cache.key("geometry", ()), ARRAYS)

@@ -12,10 +12,10 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.memory import blocks
+from t2d_rt.memory import Budget, blocks
 from t2d_rt.scattering.antennas import seen_by
 from t2d_rt.scattering.fronts import Instant, RayTracer
-from t2d_rt.scattering.reflectors import Lattice, Reflector, Reflectors, carried_along, lattice
+from t2d_rt.scattering.reflectors import Lattice, Reflector, Reflectors, carried_along, lattice, lattice_size
 from t2d_rt.scattering.streams import in_parts, most_echoes
 from t2d_rt.scattering.tube_groups import Cells, Frames, Groups, Sample
 from t2d_rt.scattering.tubes import Tubes, reflecting, traced_tubes
@@ -26,6 +26,8 @@ TEST_WAVELENGTHS, TEST_RATE_HZ = 4.0, 10.0
 are taken, too."""
 KEPT_BYTES = 500e6
 """Tubes of sample times are kept, the last used ones, in so much memory; others are traced again."""
+TUBE_BYTES = 4_000
+"""That tracing takes for each triangle of the lattice, of four tubes each, and as many of those that are made finer."""
 SWEEP_CYCLES = 0.4
 """Greatest change over the sweep of the phase between two sides of a cell [cycles]."""
 Scene = Callable[[np.ndarray, np.ndarray], RayTracer]
@@ -56,6 +58,16 @@ class Setting:
     backend: Backend
     unblocked: Unblocked | None = None
     """None in free space."""
+    memory: Budget | None = None
+    """What a run may take."""
+
+    def lattice(self, reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> Lattice:
+        """`reflectors.lattice`, where the memory suffices for the tubes that start on it."""
+        if self.memory is not None:
+            count = lattice_size(reflectors, faces, spacing_m)
+            remedy = "leave large surfaces out of the targets (a wall belongs to a scene), or take bounces=1"
+            self.memory.check(TUBE_BYTES * count, f"tracing rays from {count:,} places".replace(",", " "), remedy)
+        return lattice(reflectors, faces, spacing_m)
 
 
 def bounce_echoes(
@@ -99,7 +111,7 @@ class _Model:
         """With a lattice on the facets whose reflected rays ever meet a target."""
         wavelength = setting.radar.wavelength_m
         size_m = min(detail.cell_m, SWEEP_CYCLES * SPEED_OF_LIGHT / (2 * setting.radar.bandwidth_hz))
-        every = lattice(reflectors, np.arange(len(reflectors.faces)), TEST_WAVELENGTHS * wavelength)
+        every = setting.lattice(reflectors, np.arange(len(reflectors.faces)), TEST_WAVELENGTHS * wavelength)
         empty = cls(reflectors, setting, detail, every, Cells.of(reflectors, size_m))
         count = max(2, math.ceil((samples_s[-1] - samples_s[0]) * TEST_RATE_HZ) + 1)
         tests = samples_s[np.unique(np.linspace(0, len(samples_s) - 1, min(count, len(samples_s))).round().astype(int))]
@@ -107,7 +119,7 @@ class _Model:
         for instant in empty.instants(tests):
             found[reflecting(instant, every)] = True
         beside = np.flatnonzero(reflectors.neighbours @ found.astype(float))
-        return replace(empty, lattice=lattice(reflectors, beside, detail.spacing * wavelength))
+        return replace(empty, lattice=setting.lattice(reflectors, beside, detail.spacing * wavelength))
 
     def instants(self, times_s: np.ndarray) -> Iterator[Instant]:
         """The targets at some times."""
@@ -174,7 +186,7 @@ class _Samples:
             for sample in self.at(number):
                 powers.append(posed.powers(sample))
                 found.append(sample.of_carriers())
-        return Groups.of(found, powers, self.model.detail.bounces)
+        return Groups.of(found, powers, self.model.detail.bounces, self.model.reflectors.target)
 
 
 def _frames(samples: _Samples, groups: Groups, times_s: np.ndarray, start: int, stop: int) -> EchoArrays:

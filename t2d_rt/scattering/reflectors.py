@@ -103,7 +103,18 @@ class Reflectors:
         forward = after - corners + bulges
         backward = np.roll(corners, 1, axis=1) - corners + np.roll(bulges, 1, axis=1)
         across = cross(forward, backward).reshape(-1, 3)  # as long as the facet is large, which weights the mean
-        return Posed(corners, bulges, unit(self.smooth @ across).reshape(-1, 3, 3))
+        return Posed(corners, bulges, unit(self._smooth_in(across) @ across).reshape(-1, 3, 3))
+
+    def _smooth_in(self, across: np.ndarray) -> Csr:
+        """`smooth` without the folds that have opened in a pose, where facets' normals are `across` (3 F, 3)."""
+        from scipy.sparse import csr_array
+
+        smooth = self.smooth.tocoo()
+        limit = np.cos(np.radians(self._crease))[smooth.row // 3]
+        near = (limit <= -1) | (smooth.row == smooth.col)
+        some, normal = np.flatnonzero(~near), unit(across)
+        near[some] = dot(normal[smooth.row[some]], normal[smooth.col[some]]) > limit[some]
+        return csr_array((smooth.data[near], (smooth.row[near], smooth.col[near])), shape=smooth.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,9 +205,19 @@ PARTS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 """Nodes at the corners of the parts of a triangle that is cut in four."""
 
 
+def lattice_size(reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> int:
+    """Number of triangles of a `lattice`."""
+    return int(np.sum(_parts(reflectors, faces, spacing_m) ** 2))
+
+
+def _parts(reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> np.ndarray:
+    """Into how many parts the edges of facets (N,) are cut, (N,)."""
+    return np.maximum(1, np.ceil(reflectors.edge_m[faces] / spacing_m)).astype(int)
+
+
 def lattice(reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> Lattice:
     """Triangles with edges of up to `spacing_m` on some facets (N,)."""
-    parts = np.maximum(1, np.ceil(reflectors.edge_m[faces] / spacing_m)).astype(int)
+    parts = _parts(reflectors, faces, spacing_m)
     found, first = [(np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3), int))], 0
     for count in np.unique(parts):
         some = faces[parts == count]

@@ -112,9 +112,9 @@ class Groups:
         return len(self.bounces)
 
     @classmethod
-    def of(cls, samples: Sequence[Sample], powers: Sequence[np.ndarray], most: int) -> Groups:
-        """All groups of up to `most` bounces that there are in any sample, without those that return next to nothing; `powers` are
-        what each sample's groups (G,) return."""
+    def of(cls, samples: Sequence[Sample], powers: Sequence[np.ndarray], most: int, target: np.ndarray) -> Groups:
+        """All groups of up to `most` bounces that there are in any sample, without those that return next to nothing of what there
+        is between the same two targets; `powers` are what each sample's groups (G,) return, `target` that of each facet (F,)."""
         found: list[Groups] = []
         for sample in samples:
             tubes, path = sample.tubes, sample.carriers
@@ -132,7 +132,15 @@ class Groups:
         order = np.lexsort([-level, *keys.T[::-1]])
         keys, power = keys[order], np.concatenate(powers)[order]
         new = np.flatnonzero(_differs(keys))
-        return every.only(order[new[_counting(np.add.reduceat(power, new) if len(new) else power)]])
+        if not len(new):
+            return every.only(new)
+        chosen, power = order[new], np.add.reduceat(power, new)
+        last = every.faces[chosen, every.bounces[chosen] - 1]
+        between = target[every.faces[chosen, 0]] * (target.max() + 1) + target[last]
+        counting = [
+            some[_counting(power[some])] for some in (np.flatnonzero(between == each) for each in np.unique(between))
+        ]
+        return every.only(chosen[np.sort(np.concatenate(counting))])
 
     def only(self, chosen: np.ndarray | slice) -> Groups:
         """Some of them."""

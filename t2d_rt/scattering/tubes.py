@@ -20,7 +20,7 @@ tubes return is of their edges, and cancels."""
 LEVELS = 2
 """A lattice is made finer up to so many times less one."""
 WORTH = 0.1
-"""Only where tubes return less power than so many times what they return in the mean are they left as they are."""
+"""Tubes are made finer only where they return more power than this fraction of what a target's tubes return in the mean."""
 SIX_NODES = (0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)
 """Part and corner of it at each node of a tube that is cut in four."""
 
@@ -79,7 +79,8 @@ def traced_tubes(instant: Instant, lattice: Lattice, bounces: int) -> Tubes:
         front = launched(instant, lattice)
         for _ in range(bounces - 1):
             front = reflected(instant, front)
-        tubes, finer = _received(instant, front, len(lattice.nodes), level)
+        target = instant.reflectors.target[lattice.face[lattice.nodes[:, 0]]]
+        tubes, finer = _received(instant, front, target, level)
         found.append(tubes)
         lattice = lattice.finer(finer)
     return _all_of(found)
@@ -92,9 +93,9 @@ def reflecting(instant: Instant, lattice: Lattice) -> np.ndarray:
     return np.unique(front.faces[paths[hits.face >= 0], 0])
 
 
-def _received(instant: Instant, front: Front, count: int, level: int) -> tuple[Tubes, np.ndarray]:
-    """By physical optics on the last surface, where the receiver sees it; and which parts of the lattice's `count` triangles are to
-    be made finer."""
+def _received(instant: Instant, front: Front, target: np.ndarray, level: int) -> tuple[Tubes, np.ndarray]:
+    """By physical optics on the last surface, where the receiver sees it; and which parts of the lattice's triangles, which lie on
+    the `target`s of these numbers (M,), are to be made finer."""
     towards = instant.receiver_m - front.place
     range_m = lengths(towards)
     cosines = dot(towards, front.normal) / range_m - dot(front.incoming, front.normal)
@@ -109,12 +110,15 @@ def _received(instant: Instant, front: Front, count: int, level: int) -> tuple[T
     spread = area / np.sqrt(np.maximum(section, np.maximum(GRAZING * area, 1e-30)))
     amplitude = front.weight * obliquity * spread
     front = replace(front, length_m=front.length_m + range_m)
-    return _sorted(front, amplitude, count, 2 * np.pi / instant.wavelength_m, level)
+    return _sorted(front, amplitude, target, 2 * np.pi / instant.wavelength_m, level)
 
 
-def _sorted(front: Front, amplitude: np.ndarray, count: int, wavenumber: float, level: int) -> tuple[Tubes, np.ndarray]:
+def _sorted(
+    front: Front, amplitude: np.ndarray, target: np.ndarray, wavenumber: float, level: int
+) -> tuple[Tubes, np.ndarray]:
     """Parts of a triangle go together where a quadratic describes their phase. Elsewhere they are made finer, if the phase may have
     an extreme there or only some of their rays meet a surface, or each goes by itself."""
+    count = len(target)
     table = np.full((count, 4), -1)
     alone = np.flatnonzero((front.lead < 0) & (amplitude != 0))
     table[front.number[alone] // 4, front.number[alone] % 4] = alone
@@ -132,9 +136,10 @@ def _sorted(front: Front, amplitude: np.ndarray, count: int, wavenumber: float, 
     single[fours] = False
     finer = np.zeros(0, int)
     if level + 1 < LEVELS:
-        # Of the rest all parts that anything is left of, where that is worth it.
+        # Of the rest all parts that anything is left of, where that is worth it beside what starts at the same target.
         power = np.bincount(front.number // 4, amplitude**2, minlength=count)
-        left = ~done & (power > WORTH * power[power > 0].mean() if power.any() else False)
+        mean = np.bincount(target, power) / np.maximum(np.bincount(target, power > 0), 1)
+        left = ~done & (power > WORTH * mean[target])
         finer = np.unique(front.number[single & left[front.number // 4]])
         single &= ~left[front.number // 4]
     # A part of the four has the mean of a linear amplitude at its centroid, over a quarter of the area.

@@ -93,7 +93,7 @@ def measure(case: Case) -> dict[str, Any]:
         taken.append(timed(run))
     stages: dict[str, float] = {}
     done = Counter(instants=1)
-    if len(targets) == 1 and not case.fan:
+    if len(targets) == 1 and case.target != "nobody":  # stages do not follow what is read from a table
         stages, done = stage_seconds(targets[0], radar, scene=case.scene, method=case.method, accuracy=case.accuracy)
     return {
         "name": case.name,
