@@ -17,7 +17,7 @@ from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.rays import Rays
 from t2d_rt.scattering.bounces import Setting, TubeDetail, bounce_echoes
 from t2d_rt.scattering.patches import least_range_m
-from t2d_rt.scattering.refinement import Sagitta, refined
+from t2d_rt.scattering.refinement import Sagitta, most_facets, refined
 from t2d_rt.scattering.reflectors import Reflector
 from t2d_rt.types import EchoStream, Material, MovingMesh, PathPair, Radar
 
@@ -83,7 +83,6 @@ def bounce_streams(
     samples_s: np.ndarray | None,
     bounces: int,
     direct: tuple[PathPair, SceneBlockage] | None,
-    max_facets: int,
     backend: Backend,
     memory: Budget,
 ) -> list[EchoStream]:
@@ -110,7 +109,7 @@ def bounce_streams(
         memory=memory,
     )
     stream = bounce_echoes(
-        [target.reflector(radar, span_s, max_facets) for target in taking], setting,
+        [target.reflector(radar, span_s, most_facets(memory)) for target in taking], setting,
         times_s=times_s, samples_s=_apart(times_s) if samples_s is None else samples_s, detail=TubeDetail(bounces=bounces),
     )  # fmt: skip
     return [stream] if stream.echoes else []

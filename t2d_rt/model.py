@@ -26,7 +26,7 @@ from t2d_rt.scattering.mesh import CLOSED_FORM, Detail, FacetMethod, mesh_echoes
 from t2d_rt.scattering.patches import CYCLES_PER_STEP, SWEEP_CYCLES
 from t2d_rt.scattering.paths import Ranked, View
 from t2d_rt.scattering.rate import SurfaceRate
-from t2d_rt.scattering.refinement import REFINING_BYTES, Sagitta, facets
+from t2d_rt.scattering.refinement import Sagitta, facets, most_facets
 from t2d_rt.targets import TargetLike
 from t2d_rt.types import (
     Accuracy,
@@ -140,7 +140,7 @@ class Model:
     @property
     def max_facets(self) -> int:
         """Of one mesh, in the memory that may be taken."""
-        return int(self.memory.limit_bytes / REFINING_BYTES)
+        return most_facets(self.memory)
 
     def pairs(self, accuracy: Accuracy) -> ChosenPairs | None:
         """Path pairs in use; None in free space."""
@@ -259,7 +259,7 @@ class Model:
         ]  # fmt: skip
         return bounce_streams(
             targets, self.radar, span_s=self.span_s, samples_s=None if run.at_instants else run.samples_s,
-            bounces=self.bounces, direct=direct, max_facets=self.max_facets, backend=self.backend, memory=self.memory,
+            bounces=self.bounces, direct=direct, backend=self.backend, memory=self.memory,
         )  # fmt: skip
 
     def _minor(

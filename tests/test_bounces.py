@@ -311,22 +311,6 @@ def test_materials_have_their_own_reflection(corner: MovingMesh) -> None:
     assert powers[1] / powers[0] == pytest.approx((1 - 0.6**2) ** 2, rel=1e-3)
 
 
-def test_a_fold_that_opens_after_the_first_frame_is_a_corner(backend: Backend) -> None:
-    # At rest two plates lie in one plane; in the last frame they are at right angles.
-    vertices, faces = dihedral()
-    flat = vertices.copy()
-    flat[:, :2] = np.stack([np.zeros(6), np.sign(vertices[:, 1]) * np.hypot(vertices[:, 0], vertices[:, 1])], axis=1)
-    place = RADAR.tx_position_m + [RANGE_M, 0, 0]
-    opening = MovingMesh(np.stack([flat, vertices, vertices]) + place, faces, [0, 0.1, 0.2], "pec")
-    corner = static_mesh(vertices + place, faces, until_s=0.2)
-    times = np.linspace(0.15, 0.2, 5)
-    opened, expected = (
-        field(Echoes(times_s=times, **echoes([mesh], backend, times_s=times, samples=9).frames(0, 5)._asdict()))
-        for mesh in (opening, corner)
-    )
-    np.testing.assert_allclose(np.abs(opened[-1]), np.abs(expected[-1]), rtol=0.05)
-
-
 def test_a_weak_corner_beside_a_strong_one_is_kept(backend: Backend, corner: MovingMesh) -> None:
     # Of a hundredth of the size, 80 dB weaker: less than what is left out of one target's echoes.
     vertices, faces = dihedral()

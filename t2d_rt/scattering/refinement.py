@@ -14,6 +14,7 @@ import numpy as np
 from t2d_rt import disk_cache
 from t2d_rt.backend import aligned_empty
 from t2d_rt.geometry import Refinement, curved_refinements, refinements
+from t2d_rt.memory import Budget
 from t2d_rt.scattering.patches import Csr, least_range_m
 from t2d_rt.types import MovingMesh, Radar
 
@@ -119,6 +120,11 @@ def _of_arrays(arrays: Mapping[str, np.ndarray]) -> Refinement:
         operator=operator, faces=arrays["faces"], base_face=arrays["base_face"], linear=linear,
         middles=None if flat else arrays["middles"], control=None if flat else control,
     )  # fmt: skip
+
+
+def most_facets(memory: Budget) -> int:
+    """Of one mesh, in the memory that a run may take."""
+    return int(memory.limit_bytes / REFINING_BYTES)
 
 
 def forget() -> None:

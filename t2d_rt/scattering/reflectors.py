@@ -103,18 +103,7 @@ class Reflectors:
         forward = after - corners + bulges
         backward = np.roll(corners, 1, axis=1) - corners + np.roll(bulges, 1, axis=1)
         across = cross(forward, backward).reshape(-1, 3)  # as long as the facet is large, which weights the mean
-        return Posed(corners, bulges, unit(self._smooth_in(across) @ across).reshape(-1, 3, 3))
-
-    def _smooth_in(self, across: np.ndarray) -> Csr:
-        """`smooth` without the folds that have opened in a pose, where facets' normals are `across` (3 F, 3)."""
-        from scipy.sparse import csr_array
-
-        smooth = self.smooth.tocoo()
-        limit = np.cos(np.radians(self._crease))[smooth.row // 3]
-        near = (limit <= -1) | (smooth.row == smooth.col)
-        some, normal = np.flatnonzero(~near), unit(across)
-        near[some] = dot(normal[smooth.row[some]], normal[smooth.col[some]]) > limit[some]
-        return csr_array((smooth.data[near], (smooth.row[near], smooth.col[near])), shape=smooth.shape)
+        return Posed(corners, bulges, unit(self.smooth @ across).reshape(-1, 3, 3))
 
 
 @dataclass(frozen=True, slots=True)

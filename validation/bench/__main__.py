@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from t2d_rt.errors import T2DWarning
-from validation.bench import peers, sections
+from validation.bench import experiments, peers, sections
 from validation.bench.charts import stage_chart, sweep_chart
 from validation.bench.measure import Case, apart, measure
 from validation.report import Section, record, summary, write_report
@@ -45,7 +45,7 @@ def main(*, quick: bool) -> int:
         swept.append((sweep, found))
         add(name, section)
     if not quick:
-        section, _ = sections.experiments(run)
+        section, _ = experiments.experiments(run)
         add("experiments", section)
         add("short", peers.short_records())
         add("peers", peers.peers())
