@@ -33,7 +33,7 @@ def test_every_option_has_a_help_that_ends(command: str, option: str, text: str 
 def test_a_help_over_several_lines_is_whole() -> None:
     told = parameter_help(simulate)
     assert set(inspect.signature(simulate).parameters) <= set(told)
-    assert told["accuracy"].endswith("to -6 to -12 dB in rooms.")
+    assert told["accuracy"].endswith("to -11 to -13 dB in rooms.")
     assert told["collisions"].endswith("unless there are `transmissions`.")
     assert parameter_help(load_motion)["floor"] == "Height of the floor in the file [m]."
 

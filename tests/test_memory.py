@@ -9,7 +9,7 @@ import pytest
 import t2d_rt as t2d
 from builders import ball
 from measures import nmse_db
-from t2d_rt import memory
+from t2d_rt import memory, products
 from t2d_rt.backend import select
 from t2d_rt.model import farthest_and_fastest
 from t2d_rt.propagation.edges import Edges
@@ -128,7 +128,7 @@ def test_frames_of_large_meshes_come_in_pieces(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.slow
 def test_a_very_wide_sweep_is_summed_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = t2d.simulate(approaching(), radar=RADAR).cube
-    monkeypatch.setattr(synthesis, "BASIS_NUMBERS", 20_000)
+    monkeypatch.setattr(products, "BASIS_NUMBERS", 20_000)
     monkeypatch.setattr(synthesis, "MOST_INSTANTS", 50)
     in_pieces = t2d.simulate(approaching(), radar=RADAR).cube
     # Some BLAS add up the products of fewer rows in another order.
