@@ -8,10 +8,12 @@ import functools
 import os
 import re
 import sys
+import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 
 from t2d_rt.checks import shown
 from t2d_rt.errors import BackendError, InputError
@@ -19,6 +21,8 @@ from t2d_rt.errors import BackendError, InputError
 if TYPE_CHECKING:
     import numpy as np
 
+P = ParamSpec("P")
+R = TypeVar("R")
 Device = Literal["auto", "cpu", "gpu"]
 """Where to compute, as a user says it."""
 
@@ -70,6 +74,24 @@ class Backend:
         kind = self.UInt32 if kind is None else kind
         dtype = np.dtype({self.UInt32: np.uint32, self.Float32: np.float32, self.Float64: np.float64}[kind])
         return kind(aligned(values, dtype))
+
+
+_recording = threading.RLock()
+
+
+def one_thread_at_a_time(function: Callable[P, R]) -> Callable[P, R]:
+    """Lets one thread at a time record and start kernels in functions that have this decorator.
+
+    Echoes are made in one thread while earlier ones are summed in another. Dr.Jit 1.5 then fails now and then, as it takes one
+    thread's writes for part of the other's loop ("variable remains dirty despite an attempt to evaluate it").
+    """
+
+    @functools.wraps(function)
+    def alone(*args: P.args, **options: P.kwargs) -> R:
+        with _recording:
+            return function(*args, **options)
+
+    return alone
 
 
 def aligned(values: np.ndarray, dtype: Any) -> np.ndarray:

@@ -14,7 +14,7 @@ from weakref import ref
 
 import numpy as np
 
-from t2d_rt.backend import Backend, aligned
+from t2d_rt.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.geometry.vectors import cross
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.occluders import Occluders, Posed, corners, incidence, vertex_normals
@@ -260,6 +260,7 @@ class _Obstacles:
         mesh = mitsuba_mesh(mi, (vertices + shift).reshape(-1, 3), faces)
         return cls(mi, traceable(mi, mesh), shift, viewpoint_m)
 
+    @one_thread_at_a_time
     def leave_visible(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Whether the segment from points (..., 3) of given normals to the viewpoint is free, bool (...)."""
         if not points.size:  # Mitsuba aborts without a ray

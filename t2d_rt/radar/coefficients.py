@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.backend import Backend, one_thread_at_a_time
 from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.phasors import rotated, sin_cos
@@ -42,6 +42,7 @@ class References:
     """[s per frame], (n + 3, K)."""
 
 
+@one_thread_at_a_time
 def phases(
     delay: np.ndarray,
     delay_slope: np.ndarray,
@@ -89,6 +90,7 @@ def phases(
     return tables
 
 
+@one_thread_at_a_time
 def amplitudes(window: Window, sweep: Sweep, backend: Backend) -> list[Any]:
     """Flat float32 tables of cubics for every (echo, interval): the amplitude's real and imaginary part, and those of its slope
     over half the sweep where there is one."""
@@ -121,6 +123,7 @@ def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
     return echo, lane - echo * intervals, dr.opaque(UInt32, delay.shape[1])
 
 
+@one_thread_at_a_time
 def chebyshev_coefficients(
     buckets: Buckets, table: tuple[Any, Any], fields: list[Any], instants: Instants, backend: Backend
 ) -> np.ndarray:
@@ -180,6 +183,7 @@ def _terms_over(places: bytes) -> np.ndarray:
     return chebyshev(TERMS, np.frombuffer(places))
 
 
+@one_thread_at_a_time
 def fields_at(
     buckets: Buckets,
     table: tuple[Any, Any],

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.backend import Backend, one_thread_at_a_time
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.radar.array_delays import ArrayDelays, extra_length
 from t2d_rt.radar.buckets import Members
@@ -62,6 +62,7 @@ def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leav
     return Leaves(members, amplitudes(window, sweep, backend), phase)
 
 
+@one_thread_at_a_time
 def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend: Backend) -> Factors:
     """Factors of the first level's groups, those of one pair of antennas after those of another, straight from the echoes.
 

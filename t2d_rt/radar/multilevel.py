@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.backend import Backend, one_thread_at_a_time
 from t2d_rt.radar.array_delays import ArrayDelays
 from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.groups import Level
@@ -52,6 +52,7 @@ def factors(window: Window, tree: list[Level], leaves: Leaves, sweep: Sweep, bac
     return out
 
 
+@one_thread_at_a_time
 def _merged(inner: Factors, below: Level, level: Level, sweep: Sweep, step_s: float, backend: Backend) -> Factors:
     """The next level's factors, at twice the rate."""
     import drjit as dr
@@ -113,6 +114,7 @@ def _places(inner: Factors, below: Level) -> tuple[np.ndarray, np.ndarray]:
     return interval, place / below.rate - (interval - 1)
 
 
+@one_thread_at_a_time
 def at_instants(
     inner: Factors,
     first: int,

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from t2d_rt.backend import one_thread_at_a_time
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.scattering.curved_integral import Order, curved_integrals
@@ -108,6 +109,7 @@ class PointVertices:
     """S |Gamma|."""
 
 
+@one_thread_at_a_time
 def patch_delays(centres: Any, patches: np.ndarray, pair: Pair, block: Block, columns: np.ndarray) -> None:
     """Writes the delays [s] of `patches` (P,) to `columns` (P,); `centres`: flat Float64 (G, T, 3) m on the device."""
     at = Gather(centres, block.shape[0], len(patches), block.backend)
@@ -116,6 +118,7 @@ def patch_delays(centres: Any, patches: np.ndarray, pair: Pair, block: Block, co
     block.put(at, columns, delay=pair.delays(at, ranges))
 
 
+@one_thread_at_a_time
 def patch_echoes(
     posed: FacetVertices,
     patches: Patches,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from t2d_rt.backend import Backend
+from t2d_rt.backend import Backend, one_thread_at_a_time
 from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.types import EchoArrays
 
@@ -53,6 +53,7 @@ class Block:
         self._delay = dr.zeros(backend.Float64, frames * echoes)
         self._amplitude, self._slope = (dr.zeros(backend.Float32, 2 * frames * echoes) for _ in range(2))
 
+    @one_thread_at_a_time
     def put(
         self, at: Gather, columns: np.ndarray, *, delay: Any = None, amplitude: Any = None, slope: Any = None
     ) -> None:
@@ -68,7 +69,9 @@ class Block:
         ):
             if value is not None:
                 dr.scatter(into, value if kind is None else kind(*value), place)
+        dr.eval(self._delay, self._amplitude, self._slope)  # before another thread goes on
 
+    @one_thread_at_a_time
     def arrays(self) -> EchoArrays:
         """What was written; amplitudes are 0 elsewhere."""
         delay, amplitude, slope = (values.numpy() for values in (self._delay, self._amplitude, self._slope))
