@@ -40,7 +40,10 @@ from t2d_rt.types import Echoes, EchoStream, Radar, stream
 ECHO_BUCKET_BINS = 0.25
 """Width of a bucket of echoes, in range bins."""
 FEW_ECHOES, WIDE_BUCKET_BINS, WIDE_ERROR = 500, 9.0, 3e-6
-"""Up to so many echoes are summed in buckets that wide, at nodes of the sweep. The error is that of float32 itself."""
+"""Up to so many echoes are summed in buckets that wide, at nodes of the sweep, and any number that bend more than `MOST_BEND_RAD`.
+The error is that of float32 itself."""
+MOST_BEND_RAD = 0.02
+"""Greatest eps that the polynomial over the sweep holds to -70 dB: targets move little during a chirp."""
 RECEIVERS, MOST_SUMS = 4, 400
 """Receivers worked on at once, with as many transmitters as leave a lane of the leaves' kernel that many numbers to sum."""
 MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
@@ -252,7 +255,8 @@ def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> Product
     if not len(echo):
         none = np.zeros((len(instants), 0, TERMS), np.complex64)
         return Product(none, terms_over(sweep.x), np.zeros(0), sweep.x, 0.0)
-    wide = window.delay.shape[1] <= FEW_ECHOES
+    bend = sweep.mid_hz * float(np.abs(window.delay_slope).max()) * instants.per_cycle[2]
+    wide = window.delay.shape[1] <= FEW_ECHOES or bend > MOST_BEND_RAD
     width = WIDE_BUCKET_BINS if wide else ECHO_BUCKET_BINS
     found = buckets((window.delay, window.delay_slope), interval, echo, instants, width)
     table = phases(window.delay, window.delay_slope, sweep, None, found.origin_s, backend)
