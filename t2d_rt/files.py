@@ -173,6 +173,10 @@ def _events(text: str) -> Any:
         yield from yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except (UnicodeEncodeError, ValueError, OverflowError) as error:
         raise yaml.YAMLError(f"it holds characters that no text has: {error}") from None
+    except yaml.YAMLError as error:
+        if "maximum nesting depth" in str(error):  # of PyYAML 6.0.4, which reads ahead
+            raise yaml.YAMLError(f"it is nested deeper than {MAX_YAML_DEPTH} levels") from None
+        raise
 
 
 @cache
