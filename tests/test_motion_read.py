@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from builders import MOTIONS, WALK
 from t2d_rt.errors import InputError
 from t2d_rt.motion import flavours, load_motion, motion_from_joints, register_flavour, skeletons
-from t2d_rt.motion.bvh import forward_kinematics, read_bvh
 from t2d_rt.motion.interpolate import decompose
-from t2d_rt.motion.read import facing
+from t2d_rt.motion.posture import facing
+from t2d_rt.motion.read.bvh import forward_kinematics, read_bvh
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 MOMASK = MOTIONS / "momask_22j_120frames.bvh"

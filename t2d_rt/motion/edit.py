@@ -11,7 +11,7 @@ from t2d_rt.checks import LARGEST_M, array, flag, number, positive
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.interpolate import MOST_NUMBERS, compose, decompose, trim
-from t2d_rt.motion.read import facing, stature_m
+from t2d_rt.motion.posture import facing, stature_m
 from t2d_rt.types.motion import Motion, checked_motion
 
 FARTHEST_M = 10_000.0

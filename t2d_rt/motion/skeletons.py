@@ -17,7 +17,7 @@ import numpy as np
 
 from t2d_rt.checks import instance, shown, text
 from t2d_rt.errors import InputError
-from t2d_rt.motion.bvh import RawSkeleton
+from t2d_rt.motion.read.bvh import RawSkeleton
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
 
 Source = str | tuple[str, str, float]

@@ -41,7 +41,7 @@ def walk() -> t2d.Motion:
         "wrist": 0.22,
     }
     joints = np.zeros((len(times), 22, 3))
-    for number, name in enumerate(motion.read.CANONICAL_JOINTS):
+    for number, name in enumerate(motion.read.positions.CANONICAL_JOINTS):
         side, _, part = name.rpartition("_")
         swing = 0.1 * np.sin(4 * times + (0 if side == "left" else np.pi)) if side else 0 * times
         ahead = 0.12 if part == "foot" else 0.0

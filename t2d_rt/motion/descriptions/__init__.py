@@ -1,0 +1,1 @@
+"""Descriptions of activities: slots, a grammar that writes them, a parser that reads them, a language model for more."""

@@ -1,0 +1,107 @@
+"""What a description of an activity says, slot by slot: the properties of the Text2Doppler paper's Table I.
+
+One description is one sample's main step (a fall, a walk) with what comes before and after it.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal, get_args
+
+from pydantic import ConfigDict, Field, StringConstraints, model_validator
+
+from t2d_rt.errors import InputError
+from t2d_rt.types.fields import Fields
+
+Activity = Literal[
+    "walking", "abnormal_walking", "running", "falling", "sitting", "bending", "jumping", "dancing"
+]  # fmt: skip
+"""The paper's eight classes."""
+
+Action = Literal[
+    "walk", "fall", "sit", "bend", "lie_down", "stand_up", "climb", "stretch", "squat", "dance", "run", "jump", "turn",
+    "stand",
+]  # fmt: skip
+"""The actions of Table I; and standing, which comes before and after many of them."""
+
+Manner = Literal["careful", "happy", "angry", "sad"]
+Speed = Literal["slow", "normal", "fast"]
+Direction = Literal[
+    "forward", "back", "left", "right", "straight", "clockwise", "counterclockwise", "up", "down"
+]  # fmt: skip
+BodyPart = Literal["arm", "foot", "hand", "leg", "waist", "knee"]
+Object = Literal["stair", "chair", "floor", "ball", "handrail"]
+
+FallType = Literal["slip", "trip", "collapse"]
+GaitType = Literal["parkinsonian", "festinating", "freezing", "waddling", "ataxic", "scissor", "steppage", "limping"]
+
+Subject = Literal["person", "man", "woman", "child", "old_person", "heavy_person"]
+"""Who moves; it chooses body and stature."""
+
+ACTIVITIES: tuple[Activity, ...] = get_args(Activity)
+FALL_TYPES: tuple[FallType, ...] = get_args(FallType)
+GAIT_TYPES: tuple[GaitType, ...] = get_args(GaitType)
+
+ACTIONS_OF: dict[Activity, tuple[Action, ...]] = {
+    "walking": ("walk", "turn", "climb"),
+    "abnormal_walking": ("walk",),
+    "running": ("run",),
+    "falling": ("fall",),
+    "sitting": ("sit", "stand_up", "lie_down"),
+    "bending": ("bend", "squat", "stretch"),
+    "jumping": ("jump",),
+    "dancing": ("dance",),
+}
+"""Main actions of each class."""
+
+
+class Step(Fields):
+    """One action and how it is done."""
+
+    noun: ClassVar[str] = "step"
+    model_config = ConfigDict(populate_by_name=True)
+
+    action: Action
+    manner: Manner | None = None
+    direction: Direction | None = None
+    speed: Speed = "normal"
+    body_part: BodyPart | None = None
+    object: Object | None = None
+    type: FallType | GaitType | None = None
+    """Of a fall, how it comes about; of a walk, what is wrong with the gait."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Step:
+        if self.type is not None:
+            wanted = "fall" if self.type in FALL_TYPES else "walk"
+            if self.action != wanted:
+                raise InputError(f"type {self.type} belongs to action {wanted}, not to {self.action}")
+        return self
+
+
+class Description(Step):
+    """An activity in slots and in words: the main step, what comes before and after it, and the sentence."""
+
+    noun: ClassVar[str] = "description"
+
+    activity: Annotated[Activity, Field(alias="class")]
+    subject: Subject = "person"
+    before: Annotated[tuple[Step, ...], Field(max_length=8)] = ()
+    """Steps that lead to the main one, as the walk before a fall."""
+    after: Annotated[tuple[Step, ...], Field(max_length=8)] = ()
+    """Steps that follow it."""
+    sentence: Annotated[str, StringConstraints(min_length=1, max_length=500)]
+
+    @model_validator(mode="after")
+    def _of_its_class(self) -> Description:
+        if self.action not in ACTIONS_OF[self.activity]:
+            raise InputError(
+                f"class {self.activity} is made of {' or '.join(ACTIONS_OF[self.activity])}, not of {self.action}"
+            )
+        if (self.activity == "abnormal_walking") != (self.type in GAIT_TYPES):
+            raise InputError("class abnormal_walking needs a type of gait, and no other class takes one")
+        return self
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """All steps in order, the main one among them."""
+        return (*self.before, self, *self.after)

@@ -1,0 +1,1 @@
+"""Descriptions -> motions, by several providers behind one interface."""

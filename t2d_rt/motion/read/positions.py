@@ -1,0 +1,78 @@
+"""Joint positions alone -> `Motion`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from t2d_rt.checks import LARGEST_M, array, shown
+from t2d_rt.errors import InputError
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.skeletons import PARENT_OF
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
+
+
+def motion_from_joints(
+    joints: np.ndarray,
+    *,
+    rate_hz: float,
+    names: Sequence[str] = CANONICAL_JOINTS,
+    placed: bool | None = None,
+    report: str = "",
+) -> Motion:
+    """A motion from positions alone: joints (T, J, 3) [m], z up, canonical `names` in any order.
+
+    placed: True where the positions are those of the radar's world and stay as they are; False where `simulate` is to place the
+        motion before the radar; left out, it does so with a warning.
+
+    Orientations turn the bones by the smallest rotation from the first frame on (positions do not show a bone's twist);
+    the pelvis turns with hips and spine.
+    """
+    if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"names must be a list of joint names, got {shown(names)}")
+    missing = [name for name in CANONICAL_JOINTS if name not in names]
+    unknown = [name for name in names if name not in PARENT_OF]
+    if missing or unknown or len(set(names)) != len(names):
+        raise InputError(f"names must be the canonical joints, each once; missing {missing}, unknown {unknown}")
+    hint = "repair the tracks first"
+    joints = array("joints", joints, ("time >= 2", len(names), 3), limit=LARGEST_M, unit="m", hint=hint)
+    if len(joints) < 2:
+        raise InputError(f"joints must have shape (time >= 2, {len(names)}, 3), got {joints.shape}")
+    points = {name: joints[:, list(names).index(name)] for name in PARENT_OF if name in names}
+    return replace(assemble(points, _orientations_from_bones(points), rate_hz, 0.0, report), placed=placed)
+
+
+def assemble(
+    points: dict[str, np.ndarray], orientations: dict[str, np.ndarray], rate_hz: float, floor_m: float, report: str = ""
+) -> Motion:
+    """A motion of joints and orientations by canonical name, the floor put at z = 0."""
+    names = tuple(name for name in PARENT_OF if name in points)
+    parents = tuple(names.index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
+    joints = np.stack([points[name] for name in names], axis=1) - np.array([0.0, 0.0, floor_m])
+    rotations = quaternions.continuous(np.stack([orientations[name] for name in names], axis=1))
+    return Motion(
+        joints=joints, rotations=rotations, rate_hz=rate_hz, names=names, parents=parents, placed=False, report=report
+    )
+
+
+def _orientations_from_bones(points: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    main_child = {parent: child for child, parent in PARENT_OF.items() if child in points} | {"spine3": "neck"}
+    across = points["left_hip"] - points["right_hip"]
+    upward = np.cross(np.cross(across, points["spine1"] - points["pelvis"]), across)
+    x, z = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12) for v in (across, upward))
+    frames = np.stack([x, np.cross(z, x), z], axis=-1)
+    orientations = {"pelvis": quaternions.from_matrix(frames @ frames[0].T)}
+    for name in list(points)[1:]:
+        above = orientations[str(PARENT_OF[name])]
+        child = main_child.get(name)
+        if child is None:
+            orientations[name] = above
+            continue
+        bone = points[child] - points[name]
+        if not (np.linalg.norm(bone, axis=-1) > 1e-9).all():
+            raise InputError(f"joints {name!r} and {child!r} coincide; a bone needs a length to have a direction")
+        carried = quaternions.rotate(above, quaternions.rotate(quaternions.conjugate(above[0]), bone[0]))
+        orientations[name] = quaternions.multiply(quaternions.between(carried, bone), above)
+    return orientations
