@@ -49,7 +49,7 @@ OF_PERSONS = {
         "weak",
     ),
 }
-"""Words that have their plain sense where persons move: in `motion/` and its commands."""
+"""Words that have their plain sense where persons move: in `motion/` and `body/`."""
 
 EXCEPTIONS = {
     "_leg": "of a dog or a cat",
@@ -111,7 +111,7 @@ def of_package() -> list[tuple[str, str]]:
     return [
         (name, sentence)
         for name, sentence in found
-        if not (sentence.startswith("motion/") and set(parts(name)) & set(INSTEAD) <= OF_PERSONS)
+        if not (sentence.startswith(("motion/", "body/")) and set(parts(name)) & set(INSTEAD) <= OF_PERSONS)
     ]
 
 
