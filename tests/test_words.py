@@ -53,7 +53,6 @@ OF_PERSONS = {
 
 EXCEPTIONS = {
     "_leg": "of a dog or a cat",
-    "_hand_offset": "of a person",
     "turn_radius_m": "the turning radius of a pet, an option by that name",
     "looks": "the number of looks of a detector, a term of radar",
     "MOST_LOOKS": "the number of looks of a detector, a term of radar",
