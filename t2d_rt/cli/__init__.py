@@ -7,6 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from t2d_rt.checks import unknown_name
@@ -19,7 +20,24 @@ from t2d_rt.errors import InputError, T2DError, T2DWarning
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
-COMMANDS = "simulate", "plan", "compare", "scene", "info", "export", "list"
+COMMANDS = (
+    *(
+        "simulate",
+        "plan",
+        "compare",
+        "scene",
+        "describe",
+        "motion",
+        "check-motion",
+        "library",
+        "info",
+        "export",
+        "list",
+    ),
+)
+
+OWN_MODULES = "describe", "motion", "check-motion", "library"
+"""Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
 CONFIGURABLE = "simulate", "plan", "compare", "scene"
 """Those that take --config and --radar."""
@@ -112,6 +130,9 @@ def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], None]]:
     }
     if name not in COMMANDS:
         raise unknown_name("command", name, COMMANDS, hint=" (t2d-rt --help)")
+    if name in OWN_MODULES:
+        module = import_module(f"t2d_rt.cli.{name.replace('-', '_')}")
+        return module.parser(), module.run
     make, action = known[name]
     return make(), action
 

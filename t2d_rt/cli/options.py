@@ -52,7 +52,7 @@ PRINT_CONFIG_HELP = (
 
 def simulate_parser() -> ArgumentParser:
     """Options of `t2d-rt simulate`."""
-    parser = _parser(
+    parser = command_parser(
         "simulate",
         "Simulates a motion file or an experiment (.yaml), or a result (.zarr) again; writes the recording and its spectrogram.",
     )
@@ -72,7 +72,7 @@ def simulate_parser() -> ArgumentParser:
 
 def plan_parser() -> ArgumentParser:
     """Options of `t2d-rt plan`."""
-    parser = _parser(
+    parser = command_parser(
         "plan",
         "Tells what simulate would model and leave out to keep to a tolerance, for a motion file or an experiment (.yaml), and the "
         "time and memory that it would take.",
@@ -90,7 +90,7 @@ def plan_parser() -> ArgumentParser:
 
 def compare_parser() -> ArgumentParser:
     """Options of `t2d-rt compare`."""
-    parser = _parser(
+    parser = command_parser(
         "compare",
         "Simulates a motion file with both methods, ellipsoid and mesh, and draws both spectrograms and their difference.",
     )
@@ -103,7 +103,7 @@ def compare_parser() -> ArgumentParser:
 
 def scene_parser() -> ArgumentParser:
     """Options of `t2d-rt scene`."""
-    parser = _parser(
+    parser = command_parser(
         "scene",
         "Draws a room from above and in three dimensions, with the radar, a walker's track and the paths to it.",
         noun="SCENE",
@@ -129,14 +129,14 @@ def scene_parser() -> ArgumentParser:
 
 def info_parser() -> ArgumentParser:
     """Options of `t2d-rt info`."""
-    return _parser(
+    return command_parser(
         "info", "Tells what a motion file (.bvh), a result (.zarr) or a radar file (.yaml) holds.", config=False
     )
 
 
 def export_parser() -> ArgumentParser:
     """Options of `t2d-rt export`."""
-    parser = _parser(
+    parser = command_parser(
         "export",
         "Writes the ADC cube, the spectrogram and the axes of a result (.zarr) as one file for other programs.",
         config=False,
@@ -153,7 +153,7 @@ def export_parser() -> ArgumentParser:
 
 def list_parser() -> ArgumentParser:
     """Options of `t2d-rt list`."""
-    return _parser(
+    return command_parser(
         "list",
         "Lists the names that the other commands take: presets, scenes, bodies, movers and motions.",
         config=False,
@@ -162,10 +162,16 @@ def list_parser() -> ArgumentParser:
     )
 
 
-def _parser(
-    command: str, description: str, *, config: bool = True, noun: str = "FILE", file: str | None = None
+def command_parser(
+    command: str,
+    description: str,
+    *,
+    config: bool = True,
+    noun: str = "FILE",
+    file: str | None = None,
+    examples: str | None = None,
 ) -> ArgumentParser:
-    """A parser of a command's options; its bare word is a file, or may be left out and is what `file` says."""
+    """A parser of a command's options; its bare word is a file, or may be left out and is what `file` says; `examples` end its help."""
     from argparse import RawDescriptionHelpFormatter
 
     import yaml
@@ -180,7 +186,7 @@ def _parser(
         prog=f"t2d-rt {command}",
         usage=f"t2d-rt {command} {noun} [options]",
         description=description,
-        epilog=EXAMPLES[command],
+        epilog=EXAMPLES[command] if examples is None else examples,
         formatter_class=Formatter,
         exit_on_error=False,
         default_env=False,
