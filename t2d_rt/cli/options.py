@@ -171,7 +171,7 @@ def command_parser(
     file: str | None = None,
     examples: str | None = None,
 ) -> ArgumentParser:
-    """A parser of a command's options; its bare word is a file, or may be left out and is what `file` says; `examples` end its help."""
+    """A parser of a command's options; its bare word is a file, or may be left out and be what `file` says."""
     from argparse import RawDescriptionHelpFormatter
 
     import yaml
