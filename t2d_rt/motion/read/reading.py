@@ -1,0 +1,61 @@
+"""How a file is to be read, and the last steps that all formats share: smoothing and provenance."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from t2d_rt.checks import LARGEST_M, flag, number, positive, text
+from t2d_rt.errors import printable
+from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, smooth
+from t2d_rt.motion.read.detect import UNITS_M, Up
+from t2d_rt.types.motion import Motion
+
+LOWEST_CUTOFF_HZ = 0.1
+"""Below, a low-pass leaves nothing of human movement and the filter's coefficients lose their digits."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """What the user says of a file; None is detected. The fields are `load_motion`'s options."""
+
+    units: float | str | None = None
+    up: Up | None = None
+    floor: float | None = None
+    drop_tpose: bool | None = None
+    smooth_hz: float | Literal["auto"] | None = "auto"
+    flavour: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.units is not None and not isinstance(self.units, str):
+            positive("units", self.units, hint=f"metres per unit or one of {', '.join(UNITS_M)}")
+        if self.floor is not None:
+            number("floor", self.floor, -LARGEST_M, LARGEST_M, unit="m")
+        if self.drop_tpose is not None:
+            flag("drop_tpose", self.drop_tpose)
+        if self.smooth_hz is not None and not (isinstance(self.smooth_hz, str) and self.smooth_hz == "auto"):
+            number("smooth_hz", self.smooth_hz, LOWEST_CUTOFF_HZ, unit="Hz", hint="a cut-off in Hz, None or 'auto'")
+        for name, value in (("up", self.up), ("flavour", self.flavour)):
+            if value is not None:
+                text(name, value)
+
+
+def file_origin(path: Path) -> str:
+    """A file by its name, without the folders of this machine, and its content."""
+    with path.open("rb") as file:
+        return f"{printable(path.name)}, sha256 {hashlib.file_digest(file, 'sha256').hexdigest()}"
+
+
+def smoothed(motion: Motion, smooth_hz: float | str | None) -> tuple[Motion, str]:
+    """The motion low-passed as asked for, and a clause for its report."""
+    if smooth_hz is None:
+        return motion, "not smoothed"
+    if smooth_hz != "auto":
+        return smooth(motion, float(smooth_hz)), f"smoothed at {float(smooth_hz):g} Hz"
+    jitter = jitter_mps(motion)
+    if jitter <= JITTER_LIMIT_MPS:
+        return motion, f"not smoothed (jitter {jitter:.3f} m/s above {JITTER_CUTOFF_HZ:g} Hz)"
+    told = f"smoothed at {JITTER_CUTOFF_HZ:g} Hz (jitter {jitter:.2f} m/s above it)"
+    return smooth(motion, JITTER_CUTOFF_HZ), told
