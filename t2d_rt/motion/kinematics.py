@@ -1,0 +1,304 @@
+"""Skeletons whose zero pose means the same in every motion: what generators edit, blend and carry to other bodies.
+
+In the rest pose of a `Skeleton` the person stands upright, faces +x, left is +y, z up, with the arms stretched out sideways (a T)
+and every joint's frame parallel to the axes. Hips and collars are placed in the frames of pelvis and upper spine; every other bone
+lies along an axis: spine, neck and head along z, thighs and shanks along -z, arms along +-y. Knees and elbows bend about their own
+y and z axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.interpolate import compose, decompose
+from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
+
+LOWER_BACK = "lower_back"
+"""A joint at the pelvis's own place that carries the spine: many files bend the trunk there and not at the first vertebra."""
+
+NAMES: tuple[str, ...] = (CANONICAL_JOINTS[0], LOWER_BACK, *CANONICAL_JOINTS[1:], *OPTIONAL_JOINTS)
+"""The joints of a skeleton: the canonical ones, all optional ends, and the lower back."""
+
+INDEX: Mapping[str, int] = {name: number for number, name in enumerate(NAMES)}
+
+PARENT_NAMES: Mapping[str, str] = {
+    **{name: CANONICAL_JOINTS[parent] for name, parent in zip(CANONICAL_JOINTS[1:], CANONICAL_PARENTS[1:], strict=True)},
+    **OPTIONAL_JOINTS, LOWER_BACK: "pelvis", "spine1": LOWER_BACK,
+}  # fmt: skip
+
+PARENTS: tuple[int, ...] = (-1, *(INDEX[PARENT_NAMES[name]] for name in NAMES[1:]))
+
+END_LENGTHS = {"head_top": 0.115, "left_hand": 0.09, "right_hand": 0.09, "left_toe": 0.035, "right_toe": 0.035}
+"""Lengths of ends that a motion lacks, over its stature; the adult template's."""
+
+STRAIGHT = 0.05
+"""Squared sine of a knee's or an elbow's bend at which its hinge counts as much as its parent's orientation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Skeleton:
+    """Bones of one person in the rest pose."""
+
+    offsets: np.ndarray
+    """Joints from their parents [m] in the rest pose, (28, 3); the pelvis's is its height over the floor."""
+
+    def bone_m(self, name: str) -> float:
+        """Length of the bone that ends at a joint [m]."""
+        return float(np.linalg.norm(self.offsets[INDEX[name]]))
+
+    @property
+    def leg_m(self) -> float:
+        """Hip to ankle [m], mean of both legs."""
+        return 0.5 * sum(
+            self.bone_m(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle")
+        )  # fmt: skip
+
+    def scaled(self, factor: float) -> Skeleton:
+        """All bones longer by a factor."""
+        return replace(self, offsets=self.offsets * factor)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Poses:
+    """A skeleton in time: the root's track and each joint's rotation in its parent's frame."""
+
+    skeleton: Skeleton
+    root: np.ndarray
+    """Pelvis positions [m], (T, 3)."""
+    local: np.ndarray
+    """Unit quaternions x, y, z, w (T, 28, 4): rotations in the parents' frames; the pelvis's is its orientation."""
+    rate_hz: float
+
+    def __len__(self) -> int:
+        return len(self.root)
+
+    def world(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (T, 28, 3) [m] and orientations (T, 28, 4) of all joints: forward kinematics."""
+        offsets = np.broadcast_to(self.skeleton.offsets, (len(self), *self.skeleton.offsets.shape)).copy()
+        offsets[:, 0] = self.root
+        return compose(offsets, self.local, PARENTS)
+
+    def joint(self, name: str) -> np.ndarray:
+        """Positions of a joint [m], (T, 3)."""
+        return self.world()[0][:, INDEX[name]]
+
+    def part(self, start: int, stop: int) -> Poses:
+        """Frames from `start` to before `stop`."""
+        return replace(self, root=self.root[start:stop], local=self.local[start:stop])
+
+
+def poses_of(motion: Motion) -> Poses:
+    """A motion as poses of its own skeleton; bone lengths are medians over time.
+
+    Orientations keep what the motion knows of twist (of forearms, head and feet): each joint's own axes are turned to the
+    skeleton's by one rotation, the mean over time of what positions show, and so that its bone lies along its axis.
+    """
+    points = _with_ends(motion)
+    shown = frames(points)
+    given = {name: motion.rotations[:, motion.index(name)] for name in motion.names}
+    turned = {name: _calibrated(given[name], shown[name]) if name in given else shown[name] for name in NAMES}
+    turned[LOWER_BACK] = turned["pelvis"]
+    turned |= {name: _aligned(name, turned[name], points) for name in _CHILD}
+    for name, parent in OPTIONAL_JOINTS.items():
+        turned[name] = turned[parent]
+    joints = np.stack([points[name] for name in NAMES], axis=1)
+    rotations = np.stack([turned[name] for name in NAMES], axis=1)
+    offsets, local = decompose(joints, rotations, PARENTS)
+    return Poses(
+        skeleton=Skeleton(offsets=_rest_offsets(np.median(offsets, axis=0), joints)),
+        root=joints[:, 0], local=quaternions.continuous(local), rate_hz=motion.rate_hz,
+    )  # fmt: skip
+
+
+def motion_of(poses: Poses, *, origin: tuple[str, ...] = (), report: str = "") -> Motion:
+    """The motion of a skeleton's poses, with all optional ends."""
+    joints, rotations = poses.world()
+    names = (*CANONICAL_JOINTS, *OPTIONAL_JOINTS)
+    kept = [INDEX[name] for name in names]
+    return Motion(
+        joints=joints[:, kept], rotations=quaternions.continuous(quaternions.normalise(rotations[:, kept])),
+        rate_hz=poses.rate_hz, names=names, parents=(*CANONICAL_PARENTS, *(names.index(name) for name in OPTIONAL_JOINTS.values())),
+        placed=False, origin=origin, report=report,
+    )  # fmt: skip
+
+
+def skeleton_of(rest: Mapping[str, np.ndarray]) -> Skeleton:
+    """The skeleton of a body from the rest positions (3,) [m] of its canonical joints and all optional ends in any upright pose that faces +x."""
+    points = {name: np.asarray(point, dtype=float)[None] for name, point in rest.items()}
+    points[LOWER_BACK] = points["pelvis"]
+    turned = frames(points)
+    joints, rotations = (np.stack([each[name] for name in NAMES], axis=1) for each in (points, turned))
+    return Skeleton(offsets=_rest_offsets(decompose(joints, rotations, PARENTS)[0][0], joints))
+
+
+def retargeted(poses: Poses, skeleton: Skeleton) -> Poses:
+    """The same rotations on another skeleton; the root's track is scaled by the length of the legs, feet stay near the floor.
+
+    Feet then slide by what proportions differ: `contacts.plant` puts them back.
+    """
+    factor = _standing_m(skeleton) / _standing_m(poses.skeleton)
+    return replace(poses, skeleton=skeleton, root=poses.root * factor)
+
+
+def frames(points: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Orientations (T, 4) of all joints from positions (T, 3) alone: bones by swing, hinges of knees and elbows by the plane of
+    the limb where it is bent, everything else with its parent.
+    """
+    across_hips = points["left_hip"] - points["right_hip"]
+    across_shoulders = points["left_shoulder"] - points["right_shoulder"]
+    spine = ("pelvis", "spine1", "spine2", "spine3")
+    found: dict[str, np.ndarray] = {}
+    for number, (name, above) in enumerate(zip(spine, (*spine[1:], "neck"), strict=True)):
+        left = _unit(across_hips) * (1 - number / 3) + _unit(across_shoulders) * (number / 3)
+        found[name] = _frame("z", points[above] - points[name], "y", left)
+    found[LOWER_BACK] = found["pelvis"]
+    found["neck"] = _swung(found["spine3"], [0.0, 0.0, 1.0], points["head"] - points["neck"])
+    found["head"] = _swung(found["neck"], [0.0, 0.0, 1.0], points["head_top"] - points["head"])
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        _arm(found, points, side, sign)
+        _leg(found, points, side)
+    for name, parent in OPTIONAL_JOINTS.items():
+        found[name] = found[parent]
+    return found
+
+
+_CHILD = {
+    LOWER_BACK: ("spine1", "z", 1.0), "spine1": ("spine2", "z", 1.0), "spine2": ("spine3", "z", 1.0), "neck": ("head", "z", 1.0), "head": ("head_top", "z", 1.0),
+    **{
+        f"{side}_{joint}": (f"{side}_{child}", axis, sign * factor)
+        for side, sign in (("left", 1.0), ("right", -1.0))
+        for joint, child, axis, factor in (
+            ("collar", "shoulder", "y", 1.0), ("shoulder", "elbow", "y", 1.0), ("elbow", "wrist", "y", 1.0),
+            ("wrist", "hand", "y", 1.0), ("hip", "knee", "z", -sign), ("knee", "ankle", "z", -sign),
+        )
+    },
+}  # fmt: skip
+"""Joints whose bone lies along an axis: the joint at its end, the axis and the sign."""
+
+
+def _arm(found: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: str, sign: float) -> None:
+    along = [0.0, sign, 0.0]
+    shoulder, elbow, wrist, hand = (points[f"{side}_{name}"] for name in ("shoulder", "elbow", "wrist", "hand"))
+    found[f"{side}_collar"] = _swung(found["spine3"], along, shoulder - points[f"{side}_collar"])
+    upper, fore = elbow - shoulder, wrist - elbow
+    straight = _swung(found[f"{side}_collar"], along, upper)
+    # A bent elbow brings the forearm towards +x of the rest pose: about -z on the left, +z on the right.
+    hinge = _hinge(straight, [0.0, 0.0, 1.0], -sign * np.cross(_unit(upper), _unit(fore)))
+    found[f"{side}_shoulder"] = _frame("y", sign * upper, "z", hinge)
+    found[f"{side}_elbow"] = _frame("y", sign * fore, "z", hinge)
+    found[f"{side}_wrist"] = _swung(found[f"{side}_elbow"], along, hand - wrist)
+
+
+def _leg(found: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: str) -> None:
+    hip, knee, ankle, foot, toe = (points[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot", "toe"))
+    thigh, shank, sole = knee - hip, ankle - knee, foot - ankle
+    straight = _swung(found["pelvis"], [0.0, 0.0, -1.0], thigh)
+    # With the leg straight the hinge is square to the plane of leg and foot, which shows better than the pelvis's axis.
+    level = _hinge(straight, [0.0, 1.0, 0.0], np.cross(_unit(sole), _unit(shank)))
+    hinge = _hinge(_frame("z", -thigh, "y", level), [0.0, 1.0, 0.0], np.cross(_unit(thigh), _unit(shank)))
+    found[f"{side}_hip"] = _frame("z", -thigh, "y", hinge)
+    found[f"{side}_knee"] = _frame("z", -shank, "y", hinge)
+    # The sole's frame has x along the level part of the bone in standing: the bone itself falls by a constant angle.
+    found[f"{side}_ankle"] = _frame("x", _levelled(ankle, foot, hinge), "y", hinge)
+    found[f"{side}_foot"] = _frame("x", toe - foot, "y", hinge)
+
+
+def _levelled(ankle: np.ndarray, ball: np.ndarray, hinge: np.ndarray) -> np.ndarray:
+    """The bone from ankle to ball (T, 3), turned about the hinge by the angle at which it falls while the foot stands: level then."""
+    sole = ball - ankle
+    standing = ankle[:, 2] <= np.percentile(ankle[:, 2], 25)  # the heel is down, and with it the whole foot
+    direction, axis = _unit(sole), _unit(hinge)
+    half = 0.5 * np.arcsin(np.clip(np.median(direction[standing, 2]), -1.0, 1.0))
+    lift = np.concatenate([np.sin(half) * axis, np.full((*axis.shape[:-1], 1), np.cos(half))], axis=-1)
+    return quaternions.rotate(lift, direction)
+
+
+def _hinge(guess: np.ndarray, axis: list[float], normal: np.ndarray) -> np.ndarray:
+    """Axis of a hinge (T, 3): the limb's `normal` where it is bent, the guessed frame's axis where it is straight."""
+    expected = quaternions.rotate(guess, np.array(axis))
+    sine2 = (normal**2).sum(-1, keepdims=True)
+    # A knee bent the wrong way is noise of a straight one; the hinge must not turn over.
+    agrees = np.clip((normal * expected).sum(-1, keepdims=True) / np.maximum(np.sqrt(sine2), 1e-9), 0.0, 1.0)
+    weight = agrees * sine2 / (sine2 + STRAIGHT)
+    return (1 - weight) * expected + weight * _unit(normal)
+
+
+def _frame(first: str, along: np.ndarray, second: str, towards: np.ndarray) -> np.ndarray:
+    """Orientations whose axis `first` lies along a direction and whose axis `second` lies towards another, both (T, 3)."""
+    a = _unit(along)
+    b = _unit(towards - (towards * a).sum(-1, keepdims=True) * a)
+    columns = {first: a, second: b}
+    (third,) = set("xyz") - set(columns)
+    x, y = (("y", "z"), ("z", "x"), ("x", "y"))["xyz".index(third)]
+    columns[third] = np.cross(columns[x], columns[y])
+    return quaternions.from_matrix(np.stack([columns[axis] for axis in "xyz"], axis=-1))
+
+
+def _swung(parent: np.ndarray, axis: list[float], bone: np.ndarray) -> np.ndarray:
+    """The parent's orientation (T, 4), turned by the least rotation that lays `axis` along the bone (T, 3)."""
+    return quaternions.multiply(quaternions.between(quaternions.rotate(parent, np.array(axis)), bone), parent)
+
+
+def _calibrated(given: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """A joint's own orientations (T, 4), turned by the constant that brings them nearest to those that positions show."""
+    offset = quaternions.multiply(quaternions.conjugate(given), shown)
+    values, vectors = np.linalg.eigh(np.einsum("ti,tj->ij", offset, offset))
+    return quaternions.multiply(given, vectors[:, int(values.argmax())])
+
+
+def _aligned(name: str, rotation: np.ndarray, points: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Orientations turned by the least rotation that lays the joint's axis along its bone."""
+    child, axis, sign = _CHILD[name]
+    direction = sign * np.eye(3)["xyz".index(axis)]
+    return _swung(rotation, direction.tolist(), points[child] - points[name])
+
+
+def _rest_offsets(offsets: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Offsets with each bone exactly along its axis and the pelvis at its height over the feet in the rest pose."""
+    found = offsets.copy()
+    for name, (child, axis, sign) in _CHILD.items():
+        length = np.median(np.linalg.norm(joints[:, INDEX[child]] - joints[:, INDEX[name]], axis=-1))
+        found[INDEX[child]] = sign * length * np.eye(3)["xyz".index(axis)]
+    found[0] = 0.0
+    found[0, 2] = _standing_m(Skeleton(offsets=found))
+    return found
+
+
+def _standing_m(skeleton: Skeleton) -> float:
+    """Height of the pelvis over the balls of the feet in the rest pose [m]."""
+    return -float(
+        np.mean([
+            sum(skeleton.offsets[INDEX[f"{side}_{joint}"], 2] for joint in ("hip", "knee", "ankle", "foot"))
+            for side in ("left", "right")
+        ])
+    )  # fmt: skip
+
+
+def _with_ends(motion: Motion) -> dict[str, np.ndarray]:
+    """Positions (T, 3) of all 27 joints; ends that the motion lacks continue the bone before them."""
+    from t2d_rt.motion.posture import stature_m
+
+    points = {name: motion.joints[:, index] for index, name in enumerate(motion.names)}
+    tall = stature_m(points)
+    before = {"head_top": "neck", "left_hand": "left_elbow", "right_hand": "right_elbow"}
+    for name, parent in OPTIONAL_JOINTS.items():
+        if name in points:
+            continue
+        if name in before:
+            along = points[parent] - points[before[name]]
+        else:  # toes: ahead of the ball of the foot, in the foot's own frame level while it stands
+            side = name.split("_")[0]
+            ankle, ball = points[f"{side}_ankle"], points[parent]
+            shank = ankle - points[f"{side}_knee"]
+            along = _levelled(ankle, ball, np.cross(ball - ankle, shank))
+        points[name] = points[parent] + END_LENGTHS[name] * tall * _unit(along)
+    points[LOWER_BACK] = points["pelvis"]
+    return points
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-12)

@@ -1,0 +1,70 @@
+"""Inverse kinematics of one arm or leg: two bones that bring a wrist or an ankle to a point, in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.kinematics import INDEX, PARENTS, Poses
+
+Limb = Literal["left_leg", "right_leg", "left_arm", "right_arm"]
+
+LIMBS: dict[Limb, tuple[str, str, str]] = {
+    "left_leg": ("left_hip", "left_knee", "left_ankle"),
+    "right_leg": ("right_hip", "right_knee", "right_ankle"),
+    "left_arm": ("left_shoulder", "left_elbow", "left_wrist"),
+    "right_arm": ("right_shoulder", "right_elbow", "right_wrist"),
+}
+
+STRETCH = 0.9995
+"""Greatest length of a limb over that of its bones: at 1 the joint in its middle would have no direction to bend in."""
+
+FOLD = 0.25
+"""Least length of a limb over that of its bones: heel to buttock, hand to shoulder."""
+
+
+def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | None = None) -> tuple[Poses, np.ndarray]:
+    """Poses whose ankle or wrist is at `targets` (T, 3) [m], and the distance (T,) [m] by which it stays short of them.
+
+    pole: direction (T, 3) or (3,) in which knee or elbow points; by default where it points now. Ankle and wrist keep their
+        orientation in space. Law of cosines in the plane of target and pole.
+    """
+    joints, rotations = poses.world()
+    upper, middle, end = (INDEX[name] for name in LIMBS[limb])
+    start = joints[:, upper]
+    first = float(np.linalg.norm(poses.skeleton.offsets[middle]))
+    second = float(np.linalg.norm(poses.skeleton.offsets[end]))
+    way = targets - start
+    distance = np.linalg.norm(way, axis=-1)
+    length = np.clip(distance, FOLD * (first + second), STRETCH * (first + second))
+    axis = way / np.maximum(distance, 1e-9)[:, None]
+    aside = joints[:, middle] - start if pole is None else np.broadcast_to(pole, way.shape)
+    square = aside - (aside * axis).sum(-1, keepdims=True) * axis
+    size = np.linalg.norm(square, axis=-1, keepdims=True)
+    # A straight limb shows no side to bend to: the knee's own forward axis does, the elbow's backward one.
+    spare = quaternions.rotate(rotations[:, upper], np.array([1.0 if limb.endswith("leg") else -1.0, 0.0, 0.0]))
+    spare = spare - (spare * axis).sum(-1, keepdims=True) * axis
+    spare /= np.maximum(np.linalg.norm(spare, axis=-1, keepdims=True), 1e-9)
+    weight = np.clip(size / (0.02 * (first + second)), 0.0, 1.0)
+    side = weight * square / np.maximum(size, 1e-9) + (1 - weight) * spare
+    side /= np.maximum(np.linalg.norm(side, axis=-1, keepdims=True), 1e-9)
+    along = (length**2 + first**2 - second**2) / (2 * length)
+    height = np.sqrt(np.maximum(first**2 - along**2, 0.0))
+    knee = start + along[:, None] * axis + height[:, None] * side
+    reached = start + length[:, None] * axis
+    world = rotations.copy()
+    world[:, upper] = _swing(joints[:, middle] - start, knee - start, rotations[:, upper])
+    carried = quaternions.multiply(world[:, upper], quaternions.conjugate(rotations[:, upper]))
+    shank = quaternions.rotate(carried, joints[:, end] - joints[:, middle])
+    world[:, middle] = _swing(shank, reached - knee, quaternions.multiply(carried, rotations[:, middle]))
+    local = poses.local.copy()
+    for joint in (upper, middle, end):
+        local[:, joint] = quaternions.multiply(quaternions.conjugate(world[:, PARENTS[joint]]), world[:, joint])
+    return replace(poses, local=quaternions.continuous(local)), np.linalg.norm(targets - reached, axis=-1)
+
+
+def _swing(bone: np.ndarray, wanted: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    return quaternions.multiply(quaternions.between(bone, wanted), rotation)

@@ -1,0 +1,107 @@
+"""`save_motion`: a motion as a BVH file that this package, Blender and others read."""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from pathlib import Path
+
+import numpy as np
+
+from t2d_rt.checks import file_path, flag
+from t2d_rt.errors import InputError
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.kinematics import NAMES, PARENTS, poses_of
+from t2d_rt.types.motion import OPTIONAL_JOINTS, Motion, checked_motion
+
+BVH_NAMES = {
+    "pelvis": "Hips", "lower_back": "LowerBack", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck",
+    "head": "Head", "head_top": "HeadTop_End",
+    **{
+        f"{side}_{joint}": f"{side.capitalize()}{name}"
+        for side in ("left", "right")
+        for joint, name in {
+            "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase", "toe": "Toe_End", "collar": "Shoulder",
+            "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand", "hand": "HandMiddle4",
+        }.items()
+    },
+}  # fmt: skip
+"""Mixamo's names, which animation programs know, and the lower back of the CMU files."""
+
+
+def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write a motion as a .bvh file: centimetres, y up, a T-pose at rest, Mixamo's joint names.
+
+    A BVH's bones have constant lengths, so joints whose bones change length in the motion move by as much (of recorded ones about
+    1 mm). Read back, positions are the same within 0.1 mm beside that, and in height by where the reader finds the floor.
+    """
+    checked_motion(motion)
+    flag("overwrite", overwrite)
+    target = file_path("path", path)
+    if target.suffix.lower() != ".bvh":
+        raise InputError(f"a motion is written as .bvh, got '{target}'; change the file's ending")
+    if target.exists() and not overwrite:
+        raise InputError(f"{target} exists; choose another name or say overwrite")
+    if not target.parent.is_dir():
+        raise InputError(f"there is no folder '{target.parent}' to write {target.name} to; make it first")
+    text = bvh_text(motion)
+    part = target.with_name(f".{target.name}.part")
+    try:
+        part.write_text(text, encoding="ascii")
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def bvh_text(motion: Motion) -> str:
+    """The BVH file's text: frames (x, y, z) of the motion become (z, x, y) of the file, cyclically, so that y is up."""
+    poses = poses_of(motion)
+    lines = ["HIERARCHY"]
+    offsets = 100.0 * poses.skeleton.offsets[:, [1, 2, 0]]
+    order: list[int] = []
+    _joint(lines, order, 0, offsets, OPTIONAL_JOINTS.keys() - set(motion.names))
+    columns = [100.0 * poses.root[:, [1, 2, 0]]]
+    columns += [_degrees(poses.local[:, joint][:, [1, 2, 0, 3]]) for joint in order]
+    rows = np.round(np.concatenate(columns, axis=1), 5) + 0.0
+    lines += ["MOTION", f"Frames: {len(rows)}", f"Frame Time: {1.0 / poses.rate_hz:.10g}"]
+    lines += [" ".join(f"{value:.5f}" for value in row) for row in rows.tolist()]
+    return "\n".join(lines) + "\n"
+
+
+def _joint(
+    lines: list[str], order: list[int], joint: int, offsets: np.ndarray, absent: Set[str], indent: str = ""
+) -> None:
+    """Lines of a joint and of those below it; ends that the motion lacks are left out."""
+    name = NAMES[joint]
+    order.append(joint)
+    channels = "6 Xposition Yposition Zposition" if joint == 0 else "3"
+    lines += [f"{indent}{'ROOT' if joint == 0 else 'JOINT'} {BVH_NAMES[name]}", f"{indent}{{"]
+    lines += [
+        _offset(offsets[joint] if joint else np.zeros(3), indent),
+        f"{indent}\tCHANNELS {channels} Zrotation Xrotation Yrotation",
+    ]
+    children = [child for child, parent in enumerate(PARENTS) if parent == joint]
+    for child in children:
+        if NAMES[child] not in absent:
+            _joint(lines, order, child, offsets, absent, indent + "\t")
+    if all(NAMES[child] in absent for child in children):
+        end = offsets[children[0]] if children else 0.2 * offsets[joint]
+        lines += [f"{indent}\tEnd Site", f"{indent}\t{{", _offset(end, indent + "\t"), f"{indent}\t}}"]
+    lines.append(f"{indent}}}")
+
+
+def _offset(offset: np.ndarray, indent: str) -> str:
+    return f"{indent}\tOFFSET {' '.join(f'{value:.6f}' for value in offset)}"
+
+
+def _degrees(rotation: np.ndarray) -> np.ndarray:
+    """Angles (T, 3) [deg] about z, x, y in that order of unit quaternions (T, 4): R = Rz Rx Ry."""
+    x, y, z, w = np.moveaxis(quaternions.normalise(rotation), -1, 0)
+    sine = np.clip(2 * (y * z + x * w), -1.0, 1.0)
+    about_x = np.arcsin(sine)
+    about_z = np.arctan2(-2 * (x * y - z * w), 1 - 2 * (x * x + z * z))
+    about_y = np.arctan2(-2 * (x * z - y * w), 1 - 2 * (x * x + y * y))
+    # Looking straight along the pole, z and y turn about one axis: all of it goes to z.
+    pole = np.abs(sine) > 1 - 1e-12
+    about_z = np.where(pole, np.arctan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z)), about_z)
+    about_y = np.where(pole, 0.0, about_y)
+    return np.degrees(np.stack([about_z, about_x, about_y], axis=-1))
