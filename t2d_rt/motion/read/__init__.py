@@ -10,11 +10,11 @@ from t2d_rt.checks import file_path
 from t2d_rt.errors import InputError
 from t2d_rt.motion.read.detect import Up
 from t2d_rt.motion.read.positions import motion_from_joints
-from t2d_rt.motion.read.reading import Reading, file_origin
+from t2d_rt.motion.read.reading import LOWEST_CUTOFF_HZ, Reading, file_origin
 from t2d_rt.motion.read.skeletal import read_skeletal
 from t2d_rt.types.motion import Motion
 
-__all__ = ["load_motion", "motion_from_joints"]
+__all__ = ["LOWEST_CUTOFF_HZ", "load_motion", "motion_from_joints"]
 
 
 def load_motion(
