@@ -22,7 +22,8 @@ from builders import MOTIONS
 from t2d_rt import cli, files
 from t2d_rt.cli.add import additions
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.motion import bvh, load_motion, read
+from t2d_rt.motion import load_motion, read
+from t2d_rt.motion.read import bvh
 from t2d_rt.types import Radar
 
 MOMASK = MOTIONS / "momask_22j_120frames.bvh"
