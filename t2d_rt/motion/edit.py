@@ -89,7 +89,7 @@ def place(
         positive("distance_m", distance_m, FARTHEST_M, unit="m", hint="5 suits a room")
     number("angle_deg", angle_deg, -1e6, 1e6)
     aim = aim / np.linalg.norm(aim)
-    heading = _main_direction(motion)
+    heading = main_direction(motion)
     angle = math.atan2(-aim[1], -aim[0]) - math.atan2(heading[1], heading[0]) + math.radians(angle_deg)
     start = motion.joints[0, 0] * np.array([1.0, 1.0, 0.0])
     joints, rotations = _rotated(motion.joints - start, motion.rotations, np.array(angle))
@@ -166,7 +166,7 @@ def _points(motion: Motion) -> dict[str, np.ndarray]:
     return {name: motion.joints[:, i] for i, name in enumerate(motion.names)}
 
 
-def _main_direction(motion: Motion) -> np.ndarray:
+def main_direction(motion: Motion) -> np.ndarray:
     """Horizontal unit vector (2,): principal axis of the pelvis track from start to end, or the facing at the start."""
     track = motion.joints[:, 0, :2]
     net = track[-1] - track[0]
