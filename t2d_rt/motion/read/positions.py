@@ -10,8 +10,9 @@ import numpy as np
 from t2d_rt.checks import LARGEST_M, array, shown
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.read.orientations import orientations_from_positions
 from t2d_rt.motion.skeletons import PARENT_OF
-from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_rate
 
 
 def motion_from_joints(
@@ -27,8 +28,8 @@ def motion_from_joints(
     placed: True where the positions are those of the radar's world and stay as they are; False where `simulate` is to place the
         motion before the radar; left out, it does so with a warning.
 
-    Orientations turn the bones by the smallest rotation from the first frame on (positions do not show a bone's twist);
-    the pelvis turns with hips and spine.
+    Orientations carry the bones; the twist about a bone, which positions do not show, comes from its neighbours: from the plane
+    of a bent knee or elbow, from the foot, from the lines of hips and shoulders.
     """
     if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
         raise InputError(f"names must be a list of joint names, got {shown(names)}")
@@ -41,7 +42,10 @@ def motion_from_joints(
     if len(joints) < 2:
         raise InputError(f"joints must have shape (time >= 2, {len(names)}, 3), got {joints.shape}")
     points = {name: joints[:, list(names).index(name)] for name in PARENT_OF if name in names}
-    return replace(assemble(points, _orientations_from_bones(points), rate_hz, 0.0, report), placed=placed)
+    return replace(
+        assemble(points, orientations_from_positions(points, checked_rate(rate_hz)), rate_hz, 0.0, report),
+        placed=placed,
+    )
 
 
 def assemble(
@@ -55,24 +59,3 @@ def assemble(
     return Motion(
         joints=joints, rotations=rotations, rate_hz=rate_hz, names=names, parents=parents, placed=False, report=report
     )
-
-
-def _orientations_from_bones(points: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    main_child = {parent: child for child, parent in PARENT_OF.items() if child in points} | {"spine3": "neck"}
-    across = points["left_hip"] - points["right_hip"]
-    upward = np.cross(np.cross(across, points["spine1"] - points["pelvis"]), across)
-    x, z = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12) for v in (across, upward))
-    frames = np.stack([x, np.cross(z, x), z], axis=-1)
-    orientations = {"pelvis": quaternions.from_matrix(frames @ frames[0].T)}
-    for name in list(points)[1:]:
-        above = orientations[str(PARENT_OF[name])]
-        child = main_child.get(name)
-        if child is None:
-            orientations[name] = above
-            continue
-        bone = points[child] - points[name]
-        if not (np.linalg.norm(bone, axis=-1) > 1e-9).all():
-            raise InputError(f"joints {name!r} and {child!r} coincide; a bone needs a length to have a direction")
-        carried = quaternions.rotate(above, quaternions.rotate(quaternions.conjugate(above[0]), bone[0]))
-        orientations[name] = quaternions.multiply(quaternions.between(carried, bone), above)
-    return orientations

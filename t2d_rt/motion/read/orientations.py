@@ -1,0 +1,180 @@
+"""Orientations of bones from joint positions alone: each is swung along its bone, its twist comes from its neighbours.
+
+Positions fix two of a bone's three angles. The third, the twist about the bone, is seen where a knee or an elbow is bent: the
+bones above and below span a plane that the joint's hinge is square to. Near a straight limb that plane is lost in the errors of the
+joints, so that the twist there is what the nearest bent instants say, and in the absence of any what the trunk says. Pelvis and
+chest turn with the lines of hips and shoulders, feet with their own direction about the shank's hinge, the head follows the neck.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.motion.quaternions import between, conjugate, from_matrix, multiply, rotate
+from t2d_rt.motion.skeletons import PARENT_OF
+
+SHORTEST_M = 1e-9
+"""Bones that are shorter have no direction."""
+
+LEG_REST = np.array([0.35, 0.0, -0.94])
+ARM_REST = np.array([0.51, 0.61, -0.61])
+"""Directions (ahead, left, up) of a thigh and of a left upper arm from which the twist is counted. A swing has none at half a turn,
+and these two lie opposite to where no thigh or arm gets."""
+
+STRAIGHT_WEIGHT = 0.03
+"""(sine of the bend)^2 at which the hinge counts as much as the neutral twist: 10 degrees. Joint centres of recordings err by about
+1 cm, which at 10 degrees and bones of 0.3 m turns the plane by 11 degrees."""
+
+FOOT_WEIGHT = 0.05
+"""Weight of the foot's direction as a sign of the leg's twist beside (sine of the knee's bend)^2."""
+
+TRUNK_WEIGHT = 0.02
+"""Weight of `not twisted against the trunk` in a clip's neutral twist, per frame."""
+
+TWIST_TIME_S = 0.1
+"""Time over which the twist of a straight limb is smoothed; a right angle's is, over a sixth of it."""
+
+
+def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -> dict[str, np.ndarray]:
+    """Global orientations x, y, z, w (T, 4) by joint from positions (T, 3) [m], z up, of all canonical joints.
+
+    In a bone's own frame the bone itself keeps its direction over the whole motion.
+    """
+    _check_lengths(points)
+    turned = _trunk(points)
+    for side in ("left", "right"):
+        mirror = np.array([1.0, 1.0 if side == "left" else -1.0, 1.0])
+        hip, knee, ankle, foot, toe = (f"{side}_{name}" for name in ("hip", "knee", "ankle", "foot", "toe"))
+        collar, shoulder, elbow, wrist, hand = (
+            f"{side}_{name}" for name in ("collar", "shoulder", "elbow", "wrist", "hand")
+        )
+        ahead = points[foot] - points[ankle]
+        thigh, shank = _unit(points[knee] - points[hip]), _unit(points[ankle] - points[knee])
+        turned[hip], turned[knee] = _limb(
+            turned["pelvis"], LEG_REST * mirror, thigh, shank, np.cross(thigh, shank), rate_hz, _foot_hinge(thigh, shank, ahead)
+        )  # fmt: skip
+        turned[ankle] = from_matrix(
+            np.stack(_orthonormal(ahead, rotate(turned[knee], np.array([0.0, 1.0, 0.0]))), axis=-1)
+        )
+        turned[foot] = _carried(turned[ankle], points[toe] - points[foot]) if toe in points else turned[ankle]
+        turned[collar] = _carried(turned["spine3"], points[shoulder] - points[collar])
+        arm, forearm = _unit(points[elbow] - points[shoulder]), _unit(points[wrist] - points[elbow])
+        turned[shoulder], turned[elbow] = _limb(
+            turned["spine3"], ARM_REST * mirror, arm, forearm, np.cross(forearm, arm), rate_hz
+        )
+        turned[wrist] = _carried(turned[elbow], points[hand] - points[wrist]) if hand in points else turned[elbow]
+    for name in points:
+        if name not in turned:
+            turned[name] = turned[str(PARENT_OF[name])]
+    return {name: turned[name] for name in points}
+
+
+def _check_lengths(points: dict[str, np.ndarray]) -> None:
+    bones = [(str(PARENT_OF[child]), child) for child in points if PARENT_OF[child] not in (None, "pelvis")]
+    bones = [pair for pair in bones if "collar" not in pair[1]]  # the chest has its direction from the neck
+    for upper, lower in [("left_hip", "right_hip"), ("left_shoulder", "right_shoulder"), *bones]:
+        if not (np.linalg.norm(points[lower] - points[upper], axis=-1) > SHORTEST_M).all():
+            raise InputError(f"joints {upper!r} and {lower!r} coincide; a bone needs a length to have a direction")
+
+
+def _trunk(points: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    hips, shoulders = (_unit(points[f"left_{joint}"] - points[f"right_{joint}"]) for joint in ("hip", "shoulder"))
+    middle = 0.5 * (points["left_hip"] + points["right_hip"])
+    first, upward, _ = _orthonormal(hips, points["spine1"] - middle)
+    turned = {"pelvis": from_matrix(np.stack([np.cross(first, upward), first, upward], axis=-1))}
+    for step, (name, above) in enumerate((("spine1", "spine2"), ("spine2", "spine3"), ("spine3", "neck")), 1):
+        upward, left, _ = _orthonormal(points[above] - points[name], (3 - step) * hips + step * shoulders)
+        turned[name] = from_matrix(np.stack([np.cross(left, upward), left, upward], axis=-1))
+    turned["neck"] = _carried(turned["spine3"], points["head"] - points["neck"])
+    top = points.get("head_top")
+    turned["head"] = turned["neck"] if top is None else _carried(turned["neck"], top - points["head"])
+    return turned
+
+
+def _limb(
+    trunk: np.ndarray, rest: np.ndarray, upper: np.ndarray, lower: np.ndarray, hinge: np.ndarray, rate_hz: float,
+    second: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Orientations of a limb's upper and lower bone (T, 4) each.
+
+    upper, lower: their unit directions (T, 3).
+    hinge: the axis of the bend (T, 3), to the body's left where the limb hangs, as long as the sine of the bend.
+    second: another sign of where it points, as long as the sine of what it is taken from.
+    """
+    rest = _unit(rest)
+    swung = multiply(between(rotate(trunk, rest), upper), trunk)
+    neutral = rotate(swung, rotate(between(np.array([0.0, 0.0, -1.0]), rest), np.array([0.0, 1.0, 0.0])))
+    angle, weight = _angle_about(upper, neutral, hinge), (hinge**2).sum(axis=-1)
+    if second is not None:
+        angle, weight = _joined(
+            angle, weight, _angle_about(upper, neutral, second), FOOT_WEIGHT * (second**2).sum(axis=-1)
+        )
+    half = 0.5 * _smooth_angle(angle, weight, rate_hz)[:, None]
+    above = multiply(np.concatenate([np.sin(half) * upper, np.cos(half)], axis=-1), swung)
+    return above, multiply(between(upper, lower), above)
+
+
+def _foot_hinge(thigh: np.ndarray, shank: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """Axis to the left of a foot (T, 3), carried up from the shank to the thigh."""
+    return rotate(between(shank, thigh), np.cross(_unit(ahead), shank))
+
+
+def _joined(
+    angle: np.ndarray, weight: np.ndarray, other: np.ndarray, other_weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted mean of two angles (T,), the second freed of its constant difference from the first where both are known."""
+    both = weight * other_weight
+    difference = np.angle((both * np.exp(1j * (other - angle))).sum() + TRUNK_WEIGHT * FOOT_WEIGHT * len(angle))
+    total = weight * np.exp(1j * angle) + other_weight * np.exp(1j * (other - difference))
+    return np.angle(total), weight + other_weight
+
+
+def _smooth_angle(angle: np.ndarray, weight: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Angles (T,) that follow the given ones by their weights, and one neutral angle where there is no weight.
+
+    They minimise sum w (a - angle)^2 + w0 (a - neutral)^2 + w0 tau^2 a'^2, w0 = STRAIGHT_WEIGHT, tau = TWIST_TIME_S.
+    """
+    from scipy.linalg import solveh_banded
+
+    neutral = np.angle((weight * np.exp(1j * angle)).sum() + TRUNK_WEIGHT * len(angle))
+    unwrapped, known = np.empty(len(angle)), float(neutral)
+    for frame, (each, gain) in enumerate(
+        zip(angle.tolist(), (weight / (weight + STRAIGHT_WEIGHT)).tolist(), strict=True)
+    ):
+        step = math.remainder(each - known, 2 * math.pi)
+        unwrapped[frame] = known + step
+        known += gain * step
+    rest = neutral + 2 * math.pi * np.round((unwrapped - neutral) / (2 * math.pi))
+    stiffness = STRAIGHT_WEIGHT * (TWIST_TIME_S * rate_hz) ** 2
+    diagonal = weight + STRAIGHT_WEIGHT + stiffness * np.r_[1.0, np.full(len(angle) - 2, 2.0), 1.0]
+    bands = np.stack([np.full(len(angle), -stiffness), diagonal])
+    return np.asarray(solveh_banded(bands, weight * unwrapped + STRAIGHT_WEIGHT * rest))
+
+
+def _angle_about(axis: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Angle (T,) about unit axes by which `start` turns to `end` (T, 3), as seen along the axis."""
+    sine = (np.cross(start, end) * axis).sum(axis=-1)
+    along = (start * axis).sum(axis=-1) * (end * axis).sum(axis=-1)
+    return np.arctan2(sine, (start * end).sum(axis=-1) - along)
+
+
+def _carried(above: np.ndarray, bone: np.ndarray) -> np.ndarray:
+    """Orientations (T, 4) that follow those of the bone above but for the least swing that carries `bone` (T, 3)."""
+    local = rotate(conjugate(above), _unit(bone))
+    mean = local.mean(axis=0)
+    usual = mean if np.linalg.norm(mean) > 1e-3 else local[0]
+    return multiply(between(rotate(above, usual), bone), above)
+
+
+def _orthonormal(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors along `first`, towards `second` and square to both, (T, 3) each."""
+    a = _unit(first)
+    b = _unit(second - (second * a).sum(axis=-1, keepdims=True) * a)
+    return a, b, np.cross(a, b)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
