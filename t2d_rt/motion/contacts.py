@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.kinematics import INDEX, Poses
-from t2d_rt.motion.limbs import LIMBS, STRETCH, Limb, reach
+from t2d_rt.motion.limbs import LIMBS, Limb, reach
 
 SIDES = "left", "right"
 
-CONTACT_HEIGHT = 0.035
+CONTACT_HEIGHT = 0.025
 """Height of heel or ball over where it stands, over stature's proxy (twice the leg), up to which it may be in contact."""
 
-CONTACT_SPEED_MPS = 0.3
-"""Speed of heel or ball up to which it is in contact; a planted foot of a recorded walk moves at 0.05 to 0.3 m/s, a swinging one at
-2 m/s and more."""
+CONTACT_SPEED_MPS = 0.2
+"""Horizontal speed of heel or ball up to which it is in contact; a planted foot of a recorded walk moves at 0.02 to 0.2 m/s, a
+swinging one at 2 m/s and more."""
+
+FADE_S = 0.15
+"""Time in which a foot that leaves the ground, or comes down, passes from one correction to the next one's slope."""
+
+SUPPORT = 0.996
+"""Greatest length of a leg that follows a track, over that of its bones: of a straighter one the knee would swing by 20 times what the
+ankle is moved by."""
+
+RAISED_RAD = 0.35
+"""Greatest angle by which a heel is raised for a leg that is too short for its step."""
 
 SHORTEST_CONTACT_S = 0.06
 LONGEST_GAP_S = 0.04
@@ -44,7 +55,7 @@ def contacts(poses: Poses, *, speed_mps: float = CONTACT_SPEED_MPS) -> np.ndarra
     """Whether heel and ball of each foot stand, bool (T, 2 sides, 2 heel and ball): low and slow, for more than a few frames."""
     points = soles(poses)
     level = np.percentile(points[..., 2], 5, axis=0)
-    speed = np.linalg.norm(np.gradient(points, 1.0 / poses.rate_hz, axis=0), axis=-1)
+    speed = np.linalg.norm(np.gradient(points[..., :2], 1.0 / poses.rate_hz, axis=0), axis=-1)
     low = points[..., 2] - level < CONTACT_HEIGHT * 2 * poses.skeleton.leg_m
     found = low & (speed < speed_mps)
     for side in range(2):
@@ -56,16 +67,19 @@ def contacts(poses: Poses, *, speed_mps: float = CONTACT_SPEED_MPS) -> np.ndarra
 def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None) -> Poses:
     """Poses whose feet do not slide while they stand: `planted` as `contacts` gives it, (T, 2, 2).
 
-    While a foot stands, its pivot (the heel, then the ball) stays where it is on average over the contact; between contacts the
-    correction fades from one to the next. floor_m: height [m] that heels and balls are brought to; by default each stands at the
-    height at which it stands in the median. Where a leg is too short the pelvis is lowered.
+    While a foot stands, its pivot (the heel, then the ball) stays over one point, that of the middle of the contact; between
+    contacts the correction passes from one to the next. Heights change by one number per contact, so that feet roll as they did.
+    floor_m: height [m] at which the lower of heel and ball stands; by default that at which each does in the median. Where a leg
+    is too short its heel is raised, and then the pelvis lowered.
     """
     points = soles(poses)
     joints, _ = poses.world()
     targets = {}
     for number, side in enumerate(SIDES):
         shift = _corrections(points[:, number], planted[:, number], poses.rate_hz, floor_m)
-        targets[side] = joints[:, INDEX[f"{side}_ankle"]] + shift
+        track = joints[:, INDEX[f"{side}_ankle"]] + shift
+        heel_only = planted[:, number, 0] & ~planted[:, number, 1]
+        poses, targets[side] = _tiptoe(poses, side, track, ~heel_only)
     return follow(poses, targets)
 
 
@@ -75,18 +89,44 @@ def follow(poses: Poses, ankles: dict[str, np.ndarray]) -> Poses:
     drop = np.zeros(len(poses))
     for side, track in ankles.items():
         limb: Limb = "left_leg" if side == "left" else "right_leg"
-        upper, middle, end = (INDEX[name] for name in LIMBS[limb])
-        offsets = poses.skeleton.offsets
-        most = STRETCH * float(np.linalg.norm(offsets[middle]) + np.linalg.norm(offsets[end]))
+        upper = INDEX[LIMBS[limb][0]]
+        most = SUPPORT * _leg_m(poses, side)
         way = joints[:, upper] - track
         level2 = np.minimum((way[:, :2] ** 2).sum(-1), 0.98 * most**2)
         drop = np.maximum(drop, way[:, 2] - np.sqrt(most**2 - level2))
     root = poses.root.copy()
-    root[:, 2] -= _smooth_bound(drop, poses.rate_hz)
+    root[:, 2] -= _smooth_bound(drop, poses.rate_hz, 0.08)
     poses = replace(poses, root=root)
     for side, track in ankles.items():
         poses, _ = reach(poses, "left_leg" if side == "left" else "right_leg", track)
     return poses
+
+
+def _tiptoe(poses: Poses, side: str, track: np.ndarray, free: np.ndarray) -> tuple[Poses, np.ndarray]:
+    """Poses whose foot is turned about its ball, and the ankle's track (T, 3) [m] then, so that the leg can follow: as far as
+    `RAISED_RAD`, where the foot is `free` (T,) to."""
+    joints, rotations = poses.world()
+    ankle, hip = INDEX[f"{side}_ankle"], INDEX[f"{side}_hip"]
+    foot = rotations[:, ankle]
+    arm = -quaternions.rotate(foot, np.broadcast_to(poses.skeleton.offsets[INDEX[f"{side}_foot"]], track.shape))
+    hinge = quaternions.rotate(foot, np.array([0.0, 1.0, 0.0]))
+    way = joints[:, hip] - track
+    distance = np.linalg.norm(way, axis=-1)
+    gain = np.maximum((np.cross(hinge, arm) * way).sum(-1) / distance, 0.25 * np.linalg.norm(arm, axis=-1))
+    excess = np.where(free, distance - SUPPORT * _leg_m(poses, side), 0.0)
+    angle = np.minimum(_smooth_bound(np.maximum(excess, 0.0) / gain, poses.rate_hz, 0.04), RAISED_RAD)
+    spin = np.concatenate([np.sin(angle / 2)[:, None] * hinge, np.cos(angle / 2)[:, None]], axis=-1)
+    local = poses.local.copy()
+    turned = quaternions.multiply(spin, foot)
+    local[:, ankle] = quaternions.multiply(quaternions.conjugate(rotations[:, INDEX[f"{side}_knee"]]), turned)
+    # The ball's own orientation stays: toes keep lying on the floor.
+    ball = INDEX[f"{side}_foot"]
+    local[:, ball] = quaternions.multiply(quaternions.conjugate(turned), rotations[:, ball])
+    return replace(poses, local=local), track - arm + quaternions.rotate(spin, arm)
+
+
+def _leg_m(poses: Poses, side: str) -> float:
+    return poses.skeleton.bone_m(f"{side}_knee") + poses.skeleton.bone_m(f"{side}_ankle")
 
 
 def runs(flags: np.ndarray) -> list[tuple[int, int]]:
@@ -98,7 +138,7 @@ def runs(flags: np.ndarray) -> list[tuple[int, int]]:
 def _tidied(flags: np.ndarray, rate_hz: float) -> np.ndarray:
     found = flags.copy()
     for start, stop in runs(~found):
-        if 0 < start and stop < len(found) and stop - start <= LONGEST_GAP_S * rate_hz:
+        if start > 0 and stop < len(found) and stop - start <= LONGEST_GAP_S * rate_hz:
             found[start:stop] = True
     for start, stop in runs(found):
         if stop - start < SHORTEST_CONTACT_S * rate_hz:
@@ -108,7 +148,7 @@ def _tidied(flags: np.ndarray, rate_hz: float) -> np.ndarray:
 
 def _corrections(points: np.ndarray, planted: np.ndarray, rate_hz: float, floor_m: float | None) -> np.ndarray:
     """Shift (T, 3) of one foot that holds its pivots still: points (T, 2, 3) of heel and ball, planted (T, 2)."""
-    stands = planted.any(axis=1)
+    stands: np.ndarray = planted.any(axis=1)
     if not stands.any():
         return np.zeros((len(points), 3))
     # The ball is the pivot where it stands, else the heel; at the change the shift goes on without a jump.
@@ -116,44 +156,62 @@ def _corrections(points: np.ndarray, planted: np.ndarray, rate_hz: float, floor_
         (np.median(points[planted[:, part], part, 2]) if planted[:, part].any() else 0.0) if floor_m is None else floor_m
         for part in range(2)
     ])  # fmt: skip
-    above = np.where(planted[:, 1], points[:, 1, 2] - level[1], points[:, 0, 2] - level[0])
+    above = (points[..., 2] - level).min(axis=1)
     step = np.where(planted[1:, 1:] & planted[:-1, 1:], np.diff(points[:, 1], axis=0), np.diff(points[:, 0], axis=0))
     shift = np.zeros((len(points), 3))
     found = runs(stands)
     for start, stop in found:
         moved = np.concatenate([np.zeros((1, 3)), np.cumsum(-step[start : stop - 1], axis=0)])
-        shift[start:stop] = moved - moved.mean(axis=0)
-        shift[start:stop, 2] -= (above[start:stop] + shift[start:stop, 2]).mean()
+        quarter = (stop - start) // 4
+        shift[start:stop] = moved - moved[quarter : stop - start - quarter].mean(axis=0)
+        shift[start:stop, 2] = -np.median(above[start:stop])
     _bridge(shift, found, rate_hz)
     return shift
 
 
 def _bridge(shift: np.ndarray, found: list[tuple[int, int]], rate_hz: float) -> None:
-    """Fill the gaps between stretches (and before the first, after the last) with cubics that meet their ends in value and slope."""
+    """Fill the gaps between stretches, and what is before the first and after the last.
 
-    def slope(at: int, low: int, high: int) -> np.ndarray:
-        near = max(2, round(0.03 * rate_hz))
-        first, last = max(low, at - near), min(high - 1, at + near)
-        return (shift[last] - shift[first]) / max(last - first, 1)
+    The shift eases from one end to the other; its slope at either end dies out within `FADE_S`, so that value and slope go on.
+    """
+    near = max(1, round(0.025 * rate_hz))
+    ends = [
+        (0, None, found[0]),
+        *((low[1], low, high) for low, high in pairwise(found)),
+        (found[-1][1], found[-1], None),
+    ]
+    for start, before, after in ends:
+        stop = len(shift) if after is None else after[0]
+        if stop == start:
+            continue
+        at = np.arange(start, stop)
+        p = shift[before[1] - 1] if before else shift[after[0]]  # type: ignore[index]
+        q = shift[after[0]] if after else p
+        x = (at - (start - 1)) / (stop - (start - 1))
+        bridged = p + (10 * x**3 - 15 * x**4 + 6 * x**5)[:, None] * (q - p)
+        fade = max(2.0, min(FADE_S * rate_hz, (stop - start + 1) * (0.5 if before and after else 1.0)))
+        if before:
+            last = before[1] - 1
+            slope = (shift[last] - shift[max(before[0], last - near)]) / max(min(near, last - before[0]), 1)
+            bridged += _dying(at - last, fade)[:, None] * slope
+        if after:
+            first = after[0]
+            slope = (shift[min(after[1] - 1, first + near)] - shift[first]) / max(min(near, after[1] - 1 - first), 1)
+            bridged -= _dying(first - at, fade)[:, None] * slope
+        shift[start:stop] = bridged
 
-    start, stop = found[0][0], found[-1][1]
-    shift[:start] = shift[start]
-    shift[stop:] = shift[stop - 1]
-    for (low, end), (begin, high) in zip(found[:-1], found[1:], strict=True):
-        span = begin - (end - 1)
-        x = (np.arange(1, span) / span)[:, None]
-        p, q, u, v = shift[end - 1], shift[begin], slope(end - 1, low, end) * span, slope(begin, begin, high) * span
-        shift[end:begin] = (
-            (2 * x**3 - 3 * x**2 + 1) * p + (x**3 - 2 * x**2 + x) * u + (3 * x**2 - 2 * x**3) * q + (x**3 - x**2) * v
-        )
+
+def _dying(frames: np.ndarray, within: float) -> np.ndarray:
+    """Path (T,) of unit slope at 0 that comes back to 0, with slope 0, at `within` frames: t (1 - t / within)^2."""
+    return frames * np.clip(1 - frames / within, 0.0, 1.0) ** 2
 
 
-def _smooth_bound(needed: np.ndarray, rate_hz: float) -> np.ndarray:
-    """A smooth track (T,) that is nowhere below `needed` and never negative: the greatest value near by, then a mean of like width."""
+def _smooth_bound(needed: np.ndarray, rate_hz: float, reach_s: float) -> np.ndarray:
+    """A smooth track (T,) that is nowhere below `needed` nor negative: the greatest value near by, then a mean of like width."""
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
     if not (needed > 0).any():
         return np.zeros_like(needed)
-    width = 2 * max(1, round(0.08 * rate_hz)) + 1
+    width = 2 * max(1, round(reach_s * rate_hz)) + 1
     highest = maximum_filter1d(np.maximum(needed, 0.0), 2 * width + 1, mode="nearest")
     return uniform_filter1d(uniform_filter1d(highest, width, mode="nearest"), width, mode="nearest")

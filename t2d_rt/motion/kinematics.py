@@ -127,7 +127,8 @@ def motion_of(poses: Poses, *, origin: tuple[str, ...] = (), report: str = "") -
 
 
 def skeleton_of(rest: Mapping[str, np.ndarray]) -> Skeleton:
-    """The skeleton of a body from the rest positions (3,) [m] of its canonical joints and all optional ends in any upright pose that faces +x."""
+    """The skeleton of a body from the rest positions (3,) [m] of its canonical joints and all optional ends, in any upright pose that
+    faces +x."""
     points = {name: np.asarray(point, dtype=float)[None] for name, point in rest.items()}
     points[LOWER_BACK] = points["pelvis"]
     turned = frames(points)
@@ -167,7 +168,8 @@ def frames(points: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 _CHILD = {
-    LOWER_BACK: ("spine1", "z", 1.0), "spine1": ("spine2", "z", 1.0), "spine2": ("spine3", "z", 1.0), "neck": ("head", "z", 1.0), "head": ("head_top", "z", 1.0),
+    LOWER_BACK: ("spine1", "z", 1.0), "spine1": ("spine2", "z", 1.0), "spine2": ("spine3", "z", 1.0),
+    "neck": ("head", "z", 1.0), "head": ("head_top", "z", 1.0),
     **{
         f"{side}_{joint}": (f"{side}_{child}", axis, sign * factor)
         for side, sign in (("left", 1.0), ("right", -1.0))
@@ -208,7 +210,7 @@ def _leg(found: dict[str, np.ndarray], points: Mapping[str, np.ndarray], side: s
 
 
 def _levelled(ankle: np.ndarray, ball: np.ndarray, hinge: np.ndarray) -> np.ndarray:
-    """The bone from ankle to ball (T, 3), turned about the hinge by the angle at which it falls while the foot stands: level then."""
+    """The bone from ankle to ball (T, 3), turned about the hinge by the angle at which it falls while the foot stands."""
     sole = ball - ankle
     standing = ankle[:, 2] <= np.percentile(ankle[:, 2], 25)  # the heel is down, and with it the whole foot
     direction, axis = _unit(sole), _unit(hinge)

@@ -44,13 +44,13 @@ def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | N
     aside = joints[:, middle] - start if pole is None else np.broadcast_to(pole, way.shape)
     square = aside - (aside * axis).sum(-1, keepdims=True) * axis
     size = np.linalg.norm(square, axis=-1, keepdims=True)
-    # A straight limb shows no side to bend to: the knee's own forward axis does, the elbow's backward one.
+    # A straight limb shows no side to bend to: the knee's own forward axis does, the elbow's backward one. A recorded knee that is
+    # bent the wrong way is noise of a straight one.
     spare = quaternions.rotate(rotations[:, upper], np.array([1.0 if limb.endswith("leg") else -1.0, 0.0, 0.0]))
-    spare = spare - (spare * axis).sum(-1, keepdims=True) * axis
-    spare /= np.maximum(np.linalg.norm(spare, axis=-1, keepdims=True), 1e-9)
-    weight = np.clip(size / (0.02 * (first + second)), 0.0, 1.0)
-    side = weight * square / np.maximum(size, 1e-9) + (1 - weight) * spare
-    side /= np.maximum(np.linalg.norm(side, axis=-1, keepdims=True), 1e-9)
+    spare = _unit(spare - (spare * axis).sum(-1, keepdims=True) * axis)
+    agrees = 1.0 if pole is not None else np.clip(2 * (_unit(square) * spare).sum(-1, keepdims=True), 0.0, 1.0)
+    weight = agrees * np.clip(size / (0.05 * (first + second)), 0.0, 1.0)
+    side = _unit(weight * _unit(square) + (1 - weight) * spare)
     along = (length**2 + first**2 - second**2) / (2 * length)
     height = np.sqrt(np.maximum(first**2 - along**2, 0.0))
     knee = start + along[:, None] * axis + height[:, None] * side
@@ -68,3 +68,7 @@ def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | N
 
 def _swing(bone: np.ndarray, wanted: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     return quaternions.multiply(quaternions.between(bone, wanted), rotation)
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-9)
