@@ -3,12 +3,10 @@
 Positions fix two of a bone's three angles. The third, the twist about the bone, is seen where a knee or an elbow is bent: the
 bones above and below span a plane that the joint's hinge is square to. Near a straight limb that plane is lost in the errors of the
 joints, so that the twist there is what the nearest bent instants say, and in the absence of any what the trunk says. Pelvis and
-chest turn with the lines of hips and shoulders, feet with their own direction about the shank's hinge, the head follows the neck.
+chest turn with the lines of hips and shoulders; feet and the head follow shank and neck but for the swing of their own bone.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -56,9 +54,7 @@ def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -
         turned[hip], turned[knee] = _limb(
             turned["pelvis"], LEG_REST * mirror, thigh, shank, np.cross(thigh, shank), rate_hz, _foot_hinge(thigh, shank, ahead)
         )  # fmt: skip
-        turned[ankle] = from_matrix(
-            np.stack(_orthonormal(ahead, rotate(turned[knee], np.array([0.0, 1.0, 0.0]))), axis=-1)
-        )
+        turned[ankle] = _carried(turned[knee], ahead)
         turned[foot] = _carried(turned[ankle], points[toe] - points[foot]) if toe in points else turned[ankle]
         turned[collar] = _carried(turned["spine3"], points[shoulder] - points[collar])
         arm, forearm = _unit(points[elbow] - points[shoulder]), _unit(points[wrist] - points[elbow])
@@ -83,10 +79,10 @@ def _check_lengths(points: dict[str, np.ndarray]) -> None:
 def _trunk(points: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     hips, shoulders = (_unit(points[f"left_{joint}"] - points[f"right_{joint}"]) for joint in ("hip", "shoulder"))
     middle = 0.5 * (points["left_hip"] + points["right_hip"])
-    first, upward, _ = _orthonormal(hips, points["spine1"] - middle)
+    first, upward = _orthonormal(hips, points["spine1"] - middle)
     turned = {"pelvis": from_matrix(np.stack([np.cross(first, upward), first, upward], axis=-1))}
     for step, (name, above) in enumerate((("spine1", "spine2"), ("spine2", "spine3"), ("spine3", "neck")), 1):
-        upward, left, _ = _orthonormal(points[above] - points[name], (3 - step) * hips + step * shoulders)
+        upward, left = _orthonormal(points[above] - points[name], (3 - step) * hips + step * shoulders)
         turned[name] = from_matrix(np.stack([np.cross(left, upward), left, upward], axis=-1))
     turned["neck"] = _carried(turned["spine3"], points["head"] - points["neck"])
     top = points.get("head_top")
@@ -139,19 +135,14 @@ def _smooth_angle(angle: np.ndarray, weight: np.ndarray, rate_hz: float) -> np.n
     """
     from scipy.linalg import solveh_banded
 
+    # A hinge that points to the other side is a straight limb's error: elbows and knees do not bend backwards. And where
+    # the angle jumps from half a turn to minus half a turn it has no weight.
+    weight = weight * np.cos(angle / 2) ** 2
     neutral = np.angle((weight * np.exp(1j * angle)).sum() + TRUNK_WEIGHT * len(angle))
-    unwrapped, known = np.empty(len(angle)), float(neutral)
-    for frame, (each, gain) in enumerate(
-        zip(angle.tolist(), (weight / (weight + STRAIGHT_WEIGHT)).tolist(), strict=True)
-    ):
-        step = math.remainder(each - known, 2 * math.pi)
-        unwrapped[frame] = known + step
-        known += gain * step
-    rest = neutral + 2 * math.pi * np.round((unwrapped - neutral) / (2 * math.pi))
     stiffness = STRAIGHT_WEIGHT * (TWIST_TIME_S * rate_hz) ** 2
     diagonal = weight + STRAIGHT_WEIGHT + stiffness * np.r_[1.0, np.full(len(angle) - 2, 2.0), 1.0]
     bands = np.stack([np.full(len(angle), -stiffness), diagonal])
-    return np.asarray(solveh_banded(bands, weight * unwrapped + STRAIGHT_WEIGHT * rest))
+    return np.asarray(solveh_banded(bands, weight * angle + STRAIGHT_WEIGHT * neutral))
 
 
 def _angle_about(axis: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -169,11 +160,10 @@ def _carried(above: np.ndarray, bone: np.ndarray) -> np.ndarray:
     return multiply(between(rotate(above, usual), bone), above)
 
 
-def _orthonormal(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unit vectors along `first`, towards `second` and square to both, (T, 3) each."""
+def _orthonormal(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors along `first` and towards `second`, square to each other, (T, 3)."""
     a = _unit(first)
-    b = _unit(second - (second * a).sum(axis=-1, keepdims=True) * a)
-    return a, b, np.cross(a, b)
+    return a, _unit(second - (second * a).sum(axis=-1, keepdims=True) * a)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
