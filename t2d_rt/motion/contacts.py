@@ -24,8 +24,8 @@ FADE_S = 0.15
 """Time in which a foot that leaves the ground, or comes down, passes from one correction to the next one's slope."""
 
 SUPPORT = 0.996
-"""Greatest length of a leg that follows a track, over that of its bones: of a straighter one the knee would swing by 20 times what the
-ankle is moved by."""
+"""Greatest length of a leg that follows a track, over that of its bones: of a straighter one the knee would move by 20 times what
+the ankle does."""
 
 RAISED_RAD = 0.35
 """Greatest angle by which a heel is raised for a leg that is too short for its step."""
@@ -148,7 +148,7 @@ def _tidied(flags: np.ndarray, rate_hz: float) -> np.ndarray:
 
 def _corrections(points: np.ndarray, planted: np.ndarray, rate_hz: float, floor_m: float | None) -> np.ndarray:
     """Shift (T, 3) of one foot that holds its pivots still: points (T, 2, 3) of heel and ball, planted (T, 2)."""
-    stands: np.ndarray = planted.any(axis=1)
+    stands = np.asarray(planted.any(axis=1))
     if not stands.any():
         return np.zeros((len(points), 3))
     # The ball is the pivot where it stands, else the heel; at the change the shift goes on without a jump.

@@ -127,8 +127,7 @@ def motion_of(poses: Poses, *, origin: tuple[str, ...] = (), report: str = "") -
 
 
 def skeleton_of(rest: Mapping[str, np.ndarray]) -> Skeleton:
-    """The skeleton of a body from the rest positions (3,) [m] of its canonical joints and all optional ends, in any upright pose that
-    faces +x."""
+    """The skeleton of a body from the rest positions (3,) [m] of all its joints, in a pose that is upright and faces +x."""
     points = {name: np.asarray(point, dtype=float)[None] for name, point in rest.items()}
     points[LOWER_BACK] = points["pelvis"]
     turned = frames(points)
