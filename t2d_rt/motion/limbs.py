@@ -41,16 +41,19 @@ def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | N
     distance = np.linalg.norm(way, axis=-1)
     length = np.clip(distance, FOLD * (first + second), STRETCH * (first + second))
     axis = way / np.maximum(distance, 1e-9)[:, None]
+    # The side to bend to is found about the limb as it is and carried with it: about its new axis a nearly straight limb that turns
+    # far would change sides. A given pole is seen along the new axis.
+    now = axis if pole is not None else _unit(joints[:, end] - start)
     aside = joints[:, middle] - start if pole is None else np.broadcast_to(pole, way.shape)
-    square = aside - (aside * axis).sum(-1, keepdims=True) * axis
+    square = aside - (aside * now).sum(-1, keepdims=True) * now
     size = np.linalg.norm(square, axis=-1, keepdims=True)
     # A straight limb shows no side to bend to: the knee's own forward axis does, the elbow's backward one. A recorded knee that is
     # bent the wrong way is noise of a straight one.
     spare = quaternions.rotate(rotations[:, upper], np.array([1.0 if limb.endswith("leg") else -1.0, 0.0, 0.0]))
-    spare = _unit(spare - (spare * axis).sum(-1, keepdims=True) * axis)
+    spare = _unit(spare - (spare * now).sum(-1, keepdims=True) * now)
     agrees = 1.0 if pole is not None else np.clip(2 * (_unit(square) * spare).sum(-1, keepdims=True), 0.0, 1.0)
     weight = agrees * np.clip(size / (0.05 * (first + second)), 0.0, 1.0)
-    side = _unit(weight * _unit(square) + (1 - weight) * spare)
+    side = quaternions.rotate(quaternions.between(now, axis), _unit(weight * _unit(square) + (1 - weight) * spare))
     along = (length**2 + first**2 - second**2) / (2 * length)
     height = np.sqrt(np.maximum(first**2 - along**2, 0.0))
     knee = start + along[:, None] * axis + height[:, None] * side

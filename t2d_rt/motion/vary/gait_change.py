@@ -1,0 +1,374 @@
+"""Parametric changes of a recorded straight walk: where feet go, how the trunk is held, when each step comes.
+
+The recorded walk gives what a formula does not: weight shift, roll of the feet, the person's own variation. Places are changed by a
+map of the path, so that a planted foot stays planted; the legs then follow their feet by inverse kinematics, and time is warped
+last.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.contacts import contacts, follow, plant, runs
+from t2d_rt.motion.interpolate import low_pass
+from t2d_rt.motion.kinematics import INDEX, Poses
+from t2d_rt.motion.limbs import Limb, reach
+
+SPINE = "lower_back", "spine1", "spine2", "spine3"
+SIDES = "left", "right"
+
+STRAIGHT_RAD = math.radians(25.0)
+"""Greatest change of direction between the thirds of a walk that still counts as straight."""
+
+LEAST_WALK_M = 1.5
+"""Shortest path of a walk that is changed: two steps and a bit."""
+
+PHASE_CUTOFF_HZ = 3.0
+"""Smoothing of the side that bears the weight and of swing: they change within a double support, 0.1 to 0.2 s."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GaitChange:
+    """What is changed in a walk; the defaults change nothing. Pairs are left and right."""
+
+    stride: float = 1.0
+    """Factor of the step length."""
+    cadence: float = 1.0
+    """Factor of the steps per second."""
+    step_width_m: float | None = None
+    """Distance of the feet across the path [m]; None keeps the walk's."""
+    lift: tuple[float, float] = (1.0, 1.0)
+    """Factors of the height of the ankles in swing."""
+    foot_drop_rad: tuple[float, float] = (0.0, 0.0)
+    """Angles by which the feet hang in swing [rad]."""
+    equinus_rad: float = 0.0
+    """Angle by which the heels are up all the time [rad]: walking on the toes."""
+    shorter_step_m: tuple[float, float] = (0.0, 0.0)
+    """What the feet land short of their place [m]."""
+    hurried_stance: tuple[float, float] = (1.0, 1.0)
+    """Factors of the tempo while the foot bears the weight alone: above 1 its stance is short."""
+    lean_rad: float = 0.0
+    """Forward lean of the trunk [rad]."""
+    trunk_roll_rad: tuple[float, float] = (0.0, 0.0)
+    """Leans of the trunk over the standing foot [rad]."""
+    pelvis_drop_rad: tuple[float, float] = (0.0, 0.0)
+    """Drops of the pelvis on the side of the swing while the foot stands [rad] (Trendelenburg's sign)."""
+    pelvis_shift_m: float = 0.0
+    """Shift of the pelvis over the standing foot [m], beyond the recorded one."""
+    pelvis_turn: float = 1.0
+    """Factor of the pelvis's turning about the vertical."""
+    crouch_m: float = 0.0
+    """What the pelvis is lowered by [m]: knees stay bent."""
+    knees_inward_rad: float = 0.0
+    """Rotation of the knees towards each other about the line from hip to ankle [rad]."""
+    circumduction_m: float = 0.0
+    """What a swinging foot goes outward by [m]."""
+    arm_swing: tuple[float, float] = (1.0, 1.0)
+    """Factors of the arms' swing."""
+    elbow_bend_rad: float = 0.0
+    """Further bend of the elbows [rad]."""
+    arms_apart_rad: float = 0.0
+    """Angle by which the arms are held away from the body [rad]."""
+    step_time_spread: float = 0.0
+    """Standard deviation of the logarithm of each step's tempo."""
+    placement_m: tuple[float, float] = (0.0, 0.0)
+    """Standard deviations of where feet are put, along and across the path [m]."""
+    unsteady_rad: float = 0.0
+    """Standard deviation of the trunk's slow swaying, forward and sideways [rad]."""
+    hurry: float = 0.0
+    """Festination: over the walk the steps shorten, and come faster, by exp(hurry) and more."""
+    freezes_s: tuple[float, ...] = ()
+    """Durations of the halts at which the feet stick to the floor and the knees tremble [s]."""
+    tremble_hz: float = 6.0
+    """Frequency of the trembling [Hz]."""
+    hand_tremor_rad: float = 0.0
+    """Amplitude of the hands' tremor at rest [rad]."""
+
+
+def changed_walk(walk: Poses, change: GaitChange, rng: np.random.Generator) -> Poses:
+    """A straight walk with a gait changed: it starts at the origin and goes along +x.
+
+    Raises an InputError for a walk that is not straight or shorter than 1.5 m.
+    """
+    poses = along_x(walk)
+    planted = contacts(poses)
+    stands = np.asarray(planted.any(axis=2))
+    weight, swing = _phase(stands, poses.rate_hz)
+    ankles = _placed(poses, change, stands, swing, rng)
+    times = _times(poses, change, stands, weight, rng)  # of the recorded walk, before its path is shortened
+    poses = replace(poses, root=_pelvis_track(poses, change, weight), local=_held(poses, change, weight, rng))
+    poses = follow(poses, ankles)
+    poses = _knees(_feet(poses, change, swing), change)
+    poses = plant(poses, _pivots(planted, change))
+    poses = at_times(poses, times)
+    return _trembling(poses, change, times, rng)
+
+
+def along_x(poses: Poses) -> Poses:
+    """The poses turned about the vertical so that the pelvis goes along +x from the origin."""
+    track = poses.root[:, :2]
+    net = track[-1] - track[0]
+    thirds = np.diff(track[np.linspace(0, len(track) - 1, 4).astype(int)], axis=0)
+    headings = np.arctan2(thirds[:, 1], thirds[:, 0])
+    bend = np.abs(np.angle(np.exp(1j * np.diff(headings)))).max()
+    if not (np.linalg.norm(net) >= LEAST_WALK_M and bend < STRAIGHT_RAD):
+        raise InputError(
+            f"a gait is changed on a straight walk of {LEAST_WALK_M:g} m or more, got {np.linalg.norm(net):.2f} m with a bend of "
+            f"{math.degrees(bend):.0f} degrees; choose another clip"
+        )
+    turn = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), np.array(-math.atan2(net[1], net[0])))
+    local = poses.local.copy()
+    local[:, 0] = quaternions.multiply(turn, local[:, 0])
+    root = quaternions.rotate(turn, poses.root - poses.root[0] * [1, 1, 0])
+    return replace(poses, root=root, local=local)
+
+
+def at_times(poses: Poses, frames: np.ndarray) -> Poses:
+    """Poses at fractional frame numbers (K,), by cubic splines of quaternion components."""
+    from scipy.interpolate import make_interp_spline
+
+    values = np.concatenate([poses.root, quaternions.continuous(poses.local).reshape(len(poses), -1)], axis=1)
+    found = make_interp_spline(np.arange(len(poses)), values, k=3)(np.clip(frames, 0, len(poses) - 1))
+    local = quaternions.normalise(found[:, 3:].reshape(len(frames), -1, 4))
+    return replace(poses, root=found[:, :3], local=local)
+
+
+def _phase(stands: np.ndarray, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Weight (T,), 1 where the left foot bears it alone and -1 the right, and swing (T, 2), 1 in mid-swing; both smooth."""
+    values = np.column_stack([stands[:, 0].astype(float) - stands[:, 1], ~stands])
+    smooth = low_pass(values, PHASE_CUTOFF_HZ, rate_hz)
+    return np.clip(smooth[:, 0], -1, 1), np.clip(smooth[:, 1:], 0, 1)
+
+
+def _path(x: np.ndarray, change: GaitChange, length_m: float) -> np.ndarray:
+    """Map of places along the path [m]: its slope is the factor of the step length there."""
+    if change.hurry == 0.0:
+        return change.stride * x
+    rate = change.hurry / length_m
+    return change.stride * (1 - np.exp(-rate * x)) / rate
+
+
+def _placed(
+    poses: Poses, change: GaitChange, stands: np.ndarray, swing: np.ndarray, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Tracks (T, 3) of the ankles [m]."""
+    joints, _ = poses.world()
+    tracks = [joints[:, INDEX[f"{side}_ankle"]] for side in SIDES]
+    length = float(poses.root[-1, 0])
+    width = np.mean(
+        [sign * (track - poses.root)[on, 1].mean() for sign, track, on in zip((1, -1), tracks, stands.T, strict=True)]
+    )
+    found = {}
+    for number, (side, sign) in enumerate(zip(SIDES, (1.0, -1.0), strict=True)):
+        track = tracks[number].copy()
+        draws = rng.standard_normal((len(runs(stands[:, number])), 2)) * change.placement_m
+        shift = _while_standing(draws, stands[:, number])
+        track[:, 0] = _path(track[:, 0], change, length) - change.shorter_step_m[number] + shift[:, 0]
+        wider = 0.0 if change.step_width_m is None else 0.5 * change.step_width_m - width
+        track[:, 1] += sign * (wider + change.circumduction_m * swing[:, number]) + shift[:, 1]
+        base = float(np.median(track[stands[:, number], 2]))
+        rise = np.maximum(track[:, 2] - base, 0.0)
+        # A shuffling foot rises less wherever it rises; one that is lifted high is so in mid-swing, in front of the body.
+        highest = rise * swing[:, number] if change.lift[number] < 1 else rise.max() * _mid_swing(stands[:, number])
+        track[:, 2] += (change.lift[number] - 1) * highest
+        track[:, 2] = np.maximum(track[:, 2], np.percentile(tracks[number][:, 2], 1))
+        found[side] = track
+    return found
+
+
+def _mid_swing(stands: np.ndarray) -> np.ndarray:
+    """Bumps (T,), 1 in the middle of each swing and 0, with slope 0, at its ends."""
+    found = np.zeros(len(stands))
+    for start, stop in runs(~stands):
+        found[start:stop] = np.sin(np.pi * np.arange(1, stop - start + 1) / (stop - start + 1)) ** 2
+    return found
+
+
+def _while_standing(values: np.ndarray, stands: np.ndarray) -> np.ndarray:
+    """Values (steps, K) as tracks (T, K), constant while the foot stands, with smooth steps between."""
+    found = runs(stands)
+    out = np.zeros((len(stands), values.shape[1]))
+    if not found:
+        return out
+    out[: found[0][0]], out[found[-1][0] :] = values[0], values[-1]
+    for number, (start, stop) in enumerate(found):
+        out[start:stop] = values[number]
+        if number + 1 < len(found):
+            x = np.linspace(0, 1, found[number + 1][0] - stop + 2)[1:-1, None]
+            out[stop : found[number + 1][0]] = values[number] + (values[number + 1] - values[number]) * x**3 * (
+                10 + x * (6 * x - 15)
+            )
+    return out
+
+
+def _pelvis_track(poses: Poses, change: GaitChange, weight: np.ndarray) -> np.ndarray:
+    root = poses.root.copy()
+    root[:, 0] = _path(root[:, 0], change, float(root[-1, 0]))
+    root[:, 1] += change.pelvis_shift_m * weight
+    # The rise and fall of an inverted pendulum goes with the square of its step.
+    mean = root[:, 2].mean()
+    root[:, 2] = mean + (root[:, 2] - mean) * min(change.stride, 1.2) ** 2 - change.crouch_m
+    return root
+
+
+def _held(poses: Poses, change: GaitChange, weight: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Local rotations (T, J, 4) with pelvis, trunk and arms held otherwise."""
+    local = poses.local.copy()
+    left, right = np.maximum(weight, 0), np.maximum(-weight, 0)
+    sway = change.unsteady_rad * np.column_stack([_slow_noise(len(poses), poses.rate_hz, rng) for _ in range(2)])
+    drop = change.pelvis_drop_rad[0] * left - change.pelvis_drop_rad[1] * right
+    # Rotation about +x lowers the right side; the trunk leans over the left foot by one about -x.
+    roll = -(change.trunk_roll_rad[0] * left - change.trunk_roll_rad[1] * right) - drop + sway[:, 1]
+    lean = change.lean_rad + sway[:, 0]
+    local[:, 0] = _damped_heading(local[:, 0], change.pelvis_turn)
+    local[:, 0] = quaternions.multiply(_about("x", drop), local[:, 0])
+    for name in SPINE:
+        local[:, INDEX[name]] = _product(_about("x", roll / 4), _about("y", lean / 4), local[:, INDEX[name]])
+    for name in ("neck", "head"):  # the eyes stay on the path
+        local[:, INDEX[name]] = _product(_about("x", -roll / 3), _about("y", -0.35 * lean), local[:, INDEX[name]])
+    for number, (side, sign) in enumerate((("left", 1.0), ("right", -1.0))):
+        shoulder, elbow = INDEX[f"{side}_shoulder"], INDEX[f"{side}_elbow"]
+        for joint in (shoulder, elbow):
+            local[:, joint] = _scaled(local[:, joint], change.arm_swing[number])
+        apart = _about("x", np.full(len(poses), sign * change.arms_apart_rad))
+        local[:, shoulder] = quaternions.multiply(apart, local[:, shoulder])
+        bend = _about("z", np.full(len(poses), -sign * change.elbow_bend_rad))
+        local[:, elbow] = quaternions.multiply(local[:, elbow], bend)
+    return quaternions.continuous(local)
+
+
+def _feet(poses: Poses, change: GaitChange, swing: np.ndarray) -> Poses:
+    """Feet pitched less where steps are shorter, hanging in swing where they drop."""
+    _, rotations = poses.world()
+    local = poses.local.copy()
+    keep = min(change.stride, 1.0) ** 0.5
+    for number, side in enumerate(SIDES):
+        ankle, knee = INDEX[f"{side}_ankle"], INDEX[f"{side}_knee"]
+        world = rotations[:, ankle]
+        ahead = quaternions.rotate(world, np.array([1.0, 0.0, 0.0]))
+        level = quaternions.multiply(quaternions.between(ahead, ahead * [1, 1, 0]), world)
+        world = quaternions.blend(level, world, np.full((len(poses), 1), keep))
+        hang = change.foot_drop_rad[number] * swing[:, number] + change.equinus_rad
+        world = quaternions.multiply(world, _about("y", hang))
+        local[:, ankle] = quaternions.multiply(quaternions.conjugate(rotations[:, knee]), world)
+    return replace(poses, local=quaternions.continuous(local))
+
+
+def _pivots(planted: np.ndarray, change: GaitChange) -> np.ndarray:
+    """Contacts (T, 2, 2) of the changed walk: a hanging foot and one on its toes stand on the ball alone."""
+    found = planted.copy()
+    for side in range(2):
+        if change.equinus_rad > 0.05 or change.foot_drop_rad[side] > 0.05:
+            found[:, side, 1] = planted[:, side].any(axis=1)
+            found[:, side, 0] = False
+    return found
+
+
+def _knees(poses: Poses, change: GaitChange) -> Poses:
+    if change.knees_inward_rad == 0.0:
+        return poses
+    limbs: tuple[tuple[Limb, float], ...] = (("left_leg", 1.0), ("right_leg", -1.0))
+    for limb, sign in limbs:
+        joints, _ = poses.world()
+        hip, knee, ankle = (joints[:, INDEX[f"{limb.split('_')[0]}_{name}"]] for name in ("hip", "knee", "ankle"))
+        axis = ankle - hip
+        axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
+        # Seen from above a left knee goes inward clockwise; the axis points down, so that its angle is positive.
+        half = 0.5 * sign * change.knees_inward_rad
+        spin = np.concatenate([math.sin(half) * axis, np.full((len(axis), 1), math.cos(half))], axis=-1)
+        poses, _ = reach(poses, limb, ankle, pole=quaternions.rotate(spin, knee - hip))
+    return poses
+
+
+def _times(
+    poses: Poses, change: GaitChange, stands: np.ndarray, weight: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Fractional frames (K,) of the walk that the new frames show."""
+    rate = poses.rate_hz
+    x = np.clip(poses.root[:, 0] / max(float(poses.root[-1, 0]), 1e-9), 0, 1)
+    steps = np.sort(np.concatenate([[start for start, _ in runs(stands[:, side])] for side in range(2)])).astype(int)
+    number = np.searchsorted(steps, np.arange(len(poses)), side="right")
+    tempo = np.exp(change.step_time_spread * rng.standard_normal(len(steps) + 1))[number]
+    tempo = (
+        tempo
+        * np.where(weight > 0.3, change.hurried_stance[0], 1.0)
+        * np.where(weight < -0.3, change.hurried_stance[1], 1.0)
+    )
+    tempo = change.cadence * tempo / _mean_tempo(tempo)
+    slowness = 1.0 / (tempo * np.exp(0.8 * change.hurry * x))
+    slowness = low_pass(slowness[:, None], min(4.0, 0.4 * rate), rate)[:, 0]
+    shared = np.flatnonzero((np.abs(weight) < 0.3) & (x > 0.15) & (x < 0.9))  # both feet bear the weight
+    for duration_s in change.freezes_s if len(shared) else ():
+        centre = int(rng.choice(shared))
+        bell = np.exp(-0.5 * ((np.arange(len(poses)) - centre) / (0.06 * rate)) ** 2)
+        slowness += duration_s * rate * bell / bell.sum()
+    shown = np.concatenate([[0.0], np.cumsum(0.5 * (slowness[1:] + slowness[:-1]))])
+    return np.interp(np.arange(int(shown[-1]) + 1), shown, np.arange(len(poses)))
+
+
+def _mean_tempo(tempo: np.ndarray) -> float:
+    """Tempo of the whole: the harmonic mean, for time adds up."""
+    return float(len(tempo) / np.sum(1.0 / tempo))
+
+
+def _trembling(poses: Poses, change: GaitChange, frames: np.ndarray, rng: np.random.Generator) -> Poses:
+    """Knees that tremble where the walk halts, hands that shake at rest."""
+    if not change.freezes_s and change.hand_tremor_rad == 0.0:
+        return poses
+    times = np.arange(len(poses)) / poses.rate_hz
+    local = poses.local.copy()
+    if change.hand_tremor_rad:
+        for side in SIDES:
+            own = (
+                change.hand_tremor_rad * rng.uniform(0.3, 1.0) * (1 + 0.3 * _slow_noise(len(poses), poses.rate_hz, rng))
+            )
+            shake = _about("x", own * np.sin(2 * np.pi * rng.uniform(4.0, 6.0) * times + rng.uniform(0, 6.28)))
+            joint = INDEX[f"{side}_elbow"]
+            local[:, joint] = quaternions.multiply(local[:, joint], shake)
+    poses = replace(poses, local=local)
+    if not change.freezes_s:
+        return poses
+    halted = low_pass((np.gradient(frames) < 0.25).astype(float)[:, None], 2.0, poses.rate_hz)[:, 0]
+    joints, _ = poses.world()
+    ankles = {side: joints[:, INDEX[f"{side}_ankle"]] for side in SIDES}
+    wave = 2 * np.pi * change.tremble_hz * times + 0.6 * _slow_noise(len(poses), poses.rate_hz, rng)
+    root = poses.root + np.clip(halted, 0, 1)[:, None] * np.column_stack([
+        0.006 * np.sin(wave), 0.004 * np.sin(0.5 * wave), -0.008 * (1 + np.sin(wave + 0.7)) / 2
+    ])  # fmt: skip
+    return follow(replace(poses, root=root), ankles)
+
+
+def _damped_heading(rotation: np.ndarray, factor: float) -> np.ndarray:
+    """Orientations (T, 4) whose turning about the vertical is scaled."""
+    ahead = quaternions.rotate(rotation, np.array([1.0, 0.0, 0.0]))
+    heading = np.arctan2(ahead[:, 1], ahead[:, 0])
+    return quaternions.multiply(_about("z", (factor - 1) * heading), rotation)
+
+
+def _scaled(rotation: np.ndarray, factor: float) -> np.ndarray:
+    """Rotations (T, 4) whose departures from their mean are scaled."""
+    values, vectors = np.linalg.eigh(np.einsum("ti,tj->ij", rotation, rotation))
+    mean = np.broadcast_to(vectors[:, int(values.argmax())], rotation.shape)
+    return quaternions.blend(mean, rotation, np.full((len(rotation), 1), factor))
+
+
+def _slow_noise(count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+    """Noise (T,) of unit variance between 0.2 and 1.2 Hz: ten sines of random phase."""
+    tones, phases = rng.uniform(0.2, 1.2, 10), rng.uniform(0, 2 * np.pi, 10)
+    return np.sin(2 * np.pi * np.arange(count)[:, None] / rate_hz * tones + phases).sum(axis=1) / math.sqrt(5.0)
+
+
+def _about(axis: str, angle_rad: np.ndarray) -> np.ndarray:
+    return quaternions.about_axis(np.eye(3)["xyz".index(axis)], angle_rad)
+
+
+def _product(*rotations: np.ndarray) -> np.ndarray:
+    first, *others = rotations
+    for each in others:
+        first = quaternions.multiply(first, each)
+    return first
