@@ -42,9 +42,13 @@ OWN_MODULES = "describe", "motion", "check-motion", "library"
 CONFIGURABLE = "simulate", "plan", "compare", "scene"
 """Those that take --config and --radar."""
 
+SEVERAL_FILES = ("check-motion",)
+"""Those that take more than one file."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; 0 when it is done, 2 with one sentence when the input cannot be used, 130 on Ctrl-C, 143 on SIGTERM."""
+    """Run one command; 0 when it is done (1 where its --strict says so), 2 with one sentence when the input cannot be used, 130 on
+    Ctrl-C, 143 on SIGTERM."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     # Pictures are drawn in memory; matplotlib would refuse to load where this names a backend that it does not know.
     os.environ["MPLBACKEND"] = "agg"
@@ -100,7 +104,9 @@ def _run(arguments: list[str]) -> int:
 
     parser, action = _command(arguments[0])
     try:
-        given = parser.parse_args(resolved(arguments[1:], configurable=arguments[0] in CONFIGURABLE))
+        name = arguments[0]
+        words = resolved(arguments[1:], configurable=name in CONFIGURABLE, several=name in SEVERAL_FILES)
+        given = parser.parse_args(words)
         check_nulls(parser, given)
     except ArgumentError as error:
         raise InputError(one_sentence(str(error), arguments[0], _options_of(parser))) from None
@@ -108,18 +114,18 @@ def _run(arguments: list[str]) -> int:
         raise InputError(
             f"an option of {arguments[0]} got a number of more than 300 digits; give it in SI units, as in 77e9"
         ) from None
-    action(given)
+    code = action(given)
     if sys.stdout is not None:  # closed by the caller
         sys.stdout.flush()
-    return 0
+    return code or 0
 
 
 def _options_of(parser: ArgumentParser) -> list[str]:
     return [each for action in parser._actions for each in action.option_strings]
 
 
-def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], None]]:
-    known: dict[str, tuple[Callable[[], ArgumentParser], Callable[[Namespace], None]]] = {
+def _command(name: str) -> tuple[ArgumentParser, Callable[[Namespace], int | None]]:
+    known: dict[str, tuple[Callable[[], ArgumentParser], Callable[[Namespace], int | None]]] = {
         "simulate": (options.simulate_parser, commands.simulate_command),
         "plan": (options.plan_parser, commands.plan_command),
         "compare": (options.compare_parser, commands.compare_command),

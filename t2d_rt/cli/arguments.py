@@ -16,7 +16,7 @@ from t2d_rt.files import load_yaml, read_yaml
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
-FLAGS = ("--overwrite", "--help", "--print_config")
+FLAGS = ("--overwrite", "--help", "--print_config", "--strict")
 """Options that need no value."""
 
 PLAIN_TYPES = {
@@ -33,12 +33,12 @@ PLAIN_TYPES = {
 """Types as the parser names them, in words of its users."""
 
 
-def resolved(arguments: Sequence[str], *, configurable: bool = True) -> list[str]:
+def resolved(arguments: Sequence[str], *, configurable: bool = True, several: bool = False) -> list[str]:
     """Arguments as the parser wants them: --name_with_underscores=value, a bare word as --file, config files and radars first.
 
     A value may begin with a dash (--motion.up -z). Config files and --radar become texts for --config, in this order, so
     that a radar's fields can be overridden and a preset's name will do, in a config file too; only where the command is
-    `configurable`.
+    `configurable`. Where a command takes `several` files, they become one list.
     """
     files: list[str] = []
     configs: list[str] = []
@@ -79,6 +79,8 @@ def resolved(arguments: Sequence[str], *, configurable: bool = True) -> list[str
             files.append(value)
         else:
             rest.append(f"{name}={value}")
+    if several:
+        files = [_yaml(files)] if files else []
     if len(files) > 1:
         raise InputError(f"expected one file, got {len(files)} ({', '.join(files[:9])}); run once for each")
     rest += [f"--add={_yaml(added)}"] if added else []

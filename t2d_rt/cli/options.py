@@ -170,8 +170,9 @@ def command_parser(
     noun: str = "FILE",
     file: str | None = None,
     examples: str | None = None,
+    several: bool = False,
 ) -> ArgumentParser:
-    """A parser of a command's options; its bare word is a file, or may be left out and be what `file` says."""
+    """A parser of a command's options; its bare word is a file, or may be left out and be what `file` says. A command may take `several`."""
     from argparse import RawDescriptionHelpFormatter
 
     import yaml
@@ -197,7 +198,7 @@ def command_parser(
             "--file", type=str, required=True, help="The file, or a name; the word --file may be left out."
         )
     else:
-        parser.add_argument("--file", type=str | None, help=file)
+        parser.add_argument("--file", type=list[str] | None if several else str | None, help=file)
     if config:
         parser.add_argument(
             "--config",
