@@ -1,0 +1,96 @@
+"""Canonical joints that a set of joints lacks, put where an average adult has them.
+
+Proportions are those of the shipped adult body, in its trunk (middle of the hips to middle of the shoulders): the trunk follows the
+person's own, so that what is filled moves with hips and shoulders.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from t2d_rt.motion.posture import facing
+
+NECK = np.array([-0.03, 0.0, 0.21])
+"""From the middle of the shoulders to the neck (ahead, left, up), in trunks."""
+HEAD = np.array([0.08, 0.0, 0.22])
+"""From the neck to the head's joint at the base of the skull."""
+COLLAR_UP, COLLAR_OUT = 0.05, 0.13
+"""Collar above the middle of the shoulders in trunks, and how far out towards the shoulder."""
+SPINE = {"pelvis": 0.0, "spine1": 0.15, "spine2": 0.42, "spine3": 0.67, "neck": 1.0}
+"""Heights of the spine's joints between pelvis and neck."""
+
+LOW_HEAD = 0.1
+"""A `head` less than this above the shoulders, in trunks, is the joint of head and trunk: the neck."""
+
+FOOT_AHEAD, FOOT_DOWN = 0.07, 0.035
+"""Ball of the foot from the ankle, in statures."""
+LIFTED = 0.07
+"""Height of an ankle above its lowest, in statures, at which its foot follows the shank; on the ground it is level."""
+
+
+def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Points (T, 3) of all canonical joints but the feet, in any unit and axes, and what was filled or moved to its place."""
+    at = dict(points)
+    hips, shoulders = (0.5 * (at[f"left_{joint}"] + at[f"right_{joint}"]) for joint in ("hip", "shoulder"))
+    trunk = float(np.median(np.linalg.norm(shoulders - hips, axis=-1)))
+    axes = trunk * _axes(at, shoulders - hips)
+    told = []
+    head = at.get("head")
+    if head is not None and ((head - shoulders) * axes[..., 2]).sum(axis=-1).mean() < LOW_HEAD * trunk**2:
+        at["neck"] = at.pop("head")
+        told.append("the head's joint taken as the neck")
+    filled = [name for name in ("pelvis", "neck", "head", "spine1", "spine2", "spine3") if name not in at]
+    at.setdefault("pelvis", hips)
+    at.setdefault("neck", shoulders + axes @ NECK)
+    if "head" in at:
+        # Sources mean the base, the middle or the top of the skull by it: its direction holds, its distance is the canonical one.
+        up = at["head"] - at["neck"]
+        at["head"] = at["neck"] + np.linalg.norm(HEAD) * trunk * up / np.maximum(
+            np.linalg.norm(up, axis=-1, keepdims=True), 1e-12
+        )
+        told.append("head at the base of the skull")
+    at.setdefault("head", at["neck"] + axes @ HEAD)
+    known = [name for name in SPINE if name in at]
+    for low, high in pairwise(known):
+        for name, height in SPINE.items():
+            if SPINE[low] < height < SPINE[high]:
+                fraction = (height - SPINE[low]) / (SPINE[high] - SPINE[low])
+                at[name] = (1 - fraction) * at[low] + fraction * at[high]
+    for side in ("left", "right"):
+        if f"{side}_collar" not in at:
+            filled.append(f"{side}_collar")
+            at[f"{side}_collar"] = (
+                shoulders + COLLAR_UP * axes[..., 2] + COLLAR_OUT * (at[f"{side}_shoulder"] - shoulders)
+            )
+    return at, [*([f"filled {', '.join(filled)}"] if filled else []), *told]
+
+
+def _axes(at: dict[str, np.ndarray], up: np.ndarray) -> np.ndarray:
+    """Unit axes of the trunk (T, 3, 3), as columns: ahead, left, up."""
+    across = at["left_hip"] - at["right_hip"] + at["left_shoulder"] - at["right_shoulder"]
+    z = up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-12)
+    y = across - (across * z).sum(axis=-1, keepdims=True) * z
+    y /= np.maximum(np.linalg.norm(y, axis=-1, keepdims=True), 1e-12)
+    return np.stack([np.cross(y, z), y, z], axis=-1)
+
+
+def add_level_feet(points: dict[str, np.ndarray], tall_m: float) -> list[str]:
+    """Balls of feet that lack (z up, metres): level where the ankle is low and the shank upright, else square to the shank."""
+    filled = [f"{side}_foot" for side in ("left", "right") if f"{side}_foot" not in points]
+    ahead = facing(points)
+    for name in filled:
+        ankle = points[name.replace("foot", "ankle")]
+        shank = points[name.replace("foot", "knee")] - ankle
+        shank = shank / np.maximum(np.linalg.norm(shank, axis=-1, keepdims=True), 1e-12)
+        lift = np.clip((ankle[:, 2:] - np.percentile(ankle[:, 2], 5)) / (LIFTED * tall_m), 0, 1)
+        flat = (1 - lift**2 * (3 - 2 * lift)) * np.clip(shank[:, 2:], 0, 1) ** 2
+        up = flat * np.array([0.0, 0.0, 1.0]) + (1 - flat) * shank
+        up /= np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-12)
+        forward = ahead - (ahead * up).sum(axis=-1, keepdims=True) * up
+        # A shank that points straight ahead (sitting, legs stretched out) has its foot upward.
+        forward += 0.05 * (np.array([0.0, 0.0, 1.0]) - up[:, 2:] * up)
+        forward /= np.maximum(np.linalg.norm(forward, axis=-1, keepdims=True), 1e-12)
+        points[name] = ankle + tall_m * (FOOT_AHEAD * forward - FOOT_DOWN * up)
+    return filled
