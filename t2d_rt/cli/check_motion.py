@@ -30,8 +30,8 @@ def parser() -> ArgumentParser:
     """Options of `t2d-rt check-motion`."""
     found = command_parser(
         "check-motion",
-        "Judges motion files by limits of recorded motion (sliding feet, floor, flight, jerk, joints, jumps) and tells falls. The exit "
-        "code is 0 when all files were judged, whatever the verdicts; see --strict.",
+        "Judges motion files by limits of recorded motion (sliding feet, floor, flight, jerk, joints, jumps) and tells falls. "
+        "The exit code is 0 when all files were judged, whatever the verdicts; see --strict.",
         config=False,
         noun="FILE...",
         file="Motion files of any format that simulate reads; the word --file may be left out.",

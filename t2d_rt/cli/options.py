@@ -172,7 +172,7 @@ def command_parser(
     examples: str | None = None,
     several: bool = False,
 ) -> ArgumentParser:
-    """A parser of a command's options; its bare word is a file, or may be left out and be what `file` says. A command may take `several`."""
+    """A parser of a command's options; its bare word is a file, or may be left out and be what `file` says, and be `several`."""
     from argparse import RawDescriptionHelpFormatter
 
     import yaml
