@@ -34,7 +34,7 @@ RANGES: dict[GaitType, dict[str, Range]] = {
     # stride 0.9 to 1.1 m against 1.4 m; Hausdorff 2005: stride times vary twice as much as in healthy persons).
     "parkinsonian": _PARKINSON,
     # Steps grow shorter and faster while the trunk runs ahead of the feet (Nutt et al. 2011, Lancet Neurol. 10: 734).
-    "festinating": _PARKINSON | {"stride": (0.85, 0.60), "lean_rad": (10 * DEGREE, 25 * DEGREE), "hurry": (0.4, 0.9)},
+    "festinating": _PARKINSON | {"stride": (0.85, 0.60), "lean_rad": (10 * DEGREE, 25 * DEGREE), "hurry": (0.25, 0.5)},
     # Halts of seconds with the feet stuck and the knees trembling at 3 to 8 Hz (Moore et al. 2008, J. Neurosci. Methods 167: 340).
     "freezing": _PARKINSON | {"freeze_s": (1.2, 4.0), "hurry": (0.2, 0.4)},
     # The trunk leans over the standing foot and the pelvis drops on the other side, left and right alike: weak hip abductors

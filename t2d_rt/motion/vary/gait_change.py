@@ -81,7 +81,7 @@ class GaitChange:
     unsteady_rad: float = 0.0
     """Standard deviation of the trunk's slow swaying, forward and sideways [rad]."""
     hurry: float = 0.0
-    """Festination: over the walk the steps shorten, and come faster, by exp(hurry) and more."""
+    """Festination: over the walk the steps shorten to exp(-hurry) of their length and come exp(hurry) times as fast."""
     freezes_s: tuple[float, ...] = ()
     """Durations of the halts at which the feet stick to the floor and the knees tremble [s]."""
     tremble_hz: float = 6.0
@@ -160,9 +160,8 @@ def _placed(
     joints, _ = poses.world()
     tracks = [joints[:, INDEX[f"{side}_ankle"]] for side in SIDES]
     length = float(poses.root[-1, 0])
-    width = np.mean(
-        [sign * (track - poses.root)[on, 1].mean() for sign, track, on in zip((1, -1), tracks, stands.T, strict=True)]
-    )
+    left, right = (track[on, 1].mean() for track, on in zip(tracks, stands.T, strict=True))
+    width = 0.5 * float(left - right)
     found = {}
     for number, (side, sign) in enumerate(zip(SIDES, (1.0, -1.0), strict=True)):
         track = tracks[number].copy()
@@ -300,7 +299,7 @@ def _times(
         * np.where(weight < -0.3, change.hurried_stance[1], 1.0)
     )
     tempo = change.cadence * tempo / _mean_tempo(tempo)
-    slowness = 1.0 / (tempo * np.exp(0.8 * change.hurry * x))
+    slowness = 1.0 / (tempo * np.exp(change.hurry * x))
     slowness = low_pass(slowness[:, None], min(4.0, 0.4 * rate), rate)[:, 0]
     shared = np.flatnonzero((np.abs(weight) < 0.3) & (x > 0.15) & (x < 0.9))  # both feet bear the weight
     for duration_s in change.freezes_s if len(shared) else ():
