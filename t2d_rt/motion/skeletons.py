@@ -8,19 +8,18 @@ out (spine2, spine3, collars) are put between their mapped neighbours on the can
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
 
-from t2d_rt.checks import instance, shown, text
+from t2d_rt.checks import flag, instance, shown, text
 from t2d_rt.errors import InputError
+from t2d_rt.motion.conventions import CONVENTIONS, Source
 from t2d_rt.motion.read.bvh import RawSkeleton
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
-
-Source = str | tuple[str, str, float]
 
 FILLABLE = frozenset(
     {"spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "left_foot", "right_foot", *OPTIONAL_JOINTS}
@@ -51,6 +50,8 @@ class Flavour:
     """Canonical joint -> source."""
     lost_bones: Mapping[str, tuple[str, str, float]] = field(default_factory=dict)
     """Joint whose zero offset betrays a lost bone -> (joint to move, joint whose offset is the model, factor)."""
+    cmu_units: bool = False
+    """Whether such files may be in the units of the CMU database, 0.05644 m."""
 
     def __post_init__(self) -> None:
         unknown = sorted(set(self.joints) - set(PARENT_OF))
@@ -78,14 +79,20 @@ def flavours() -> Mapping[str, Flavour]:
 
 
 def register_flavour(
-    name: str, joints: Mapping[str, Source], *, lost_bones: Mapping[str, tuple[str, str, float]] | None = None
+    name: str,
+    joints: Mapping[str, Source],
+    *,
+    lost_bones: Mapping[str, tuple[str, str, float]] | None = None,
+    cmu_units: bool = False,
 ) -> Flavour:
     """Add (or replace) a naming flavour; `load_motion` detects it from then on."""
     text("name", name)
     instance("joints", joints, Mapping, "a mapping of canonical joints to the file's names")
     if lost_bones is not None:
         instance("lost_bones", lost_bones, Mapping, "a mapping of joints to (parent, child, fraction)")
-    flavour = Flavour(name=name, joints=dict(joints), lost_bones=dict(lost_bones or {}))
+    flavour = Flavour(
+        name=name, joints=dict(joints), lost_bones=dict(lost_bones or {}), cmu_units=flag("cmu_units", cmu_units)
+    )
     _flavours.pop(name, None)
     _flavours[name] = flavour
     return flavour
@@ -101,27 +108,41 @@ def plain_names(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name.removeprefix(prefix) for name in names)
 
 
-def detect_flavour(names: tuple[str, ...], parents: tuple[int, ...], wanted: str | None = None) -> Flavour:
-    """The flavour whose joints are all there, hang in the canonical order, and cover most of the file's names."""
-    if wanted is not None and (not isinstance(wanted, str) or wanted not in _flavours):
+def detect_flavour(names: tuple[str, ...], parents: tuple[int, ...]) -> Flavour | None:
+    """The flavour whose joints are all there, hang in the canonical order, and cover most of the file's names, if any."""
+    fitting = [flavour for flavour in reversed(_flavours.values()) if not misfit(flavour, names, parents)]
+    return max(fitting, key=lambda flavour: len(set(names) & _all_sources(flavour)), default=None)
+
+
+def chosen_flavour(
+    wanted: str, spellings: Sequence[tuple[str, ...]], parents: tuple[int, ...]
+) -> tuple[Flavour, tuple[str, ...]]:
+    """The flavour that the user wants, a registered name or a YAML file, and that of several spellings of the file's names which it
+    fits; an InputError where it fits none."""
+    from t2d_rt.motion.flavour_files import is_flavour_file, read_flavour
+
+    if wanted not in _flavours and not is_flavour_file(wanted):
         raise InputError(
-            f"flavour {shown(wanted)} is unknown; choose one of {', '.join(_flavours)} or register_flavour() it"
+            f"flavour {shown(wanted)} is unknown; choose one of {', '.join(_flavours)}, give a flavour file (.yaml) or "
+            "register_flavour() it"
         )
-    candidates = list(_flavours.values())[::-1] if wanted is None else [_flavours[wanted]]
-    present = set(names)
-    gaps = {c.name: _missing(c, present) for c in candidates}
-    fitting = [c for c in candidates if not gaps[c.name] and _hangs_together(c, names, parents)]
-    if fitting:
-        return max(fitting, key=lambda c: len(present & _all_sources(c)))
-    nearest = min(candidates, key=lambda c: (len(gaps[c.name]) / len(c.joints), -len(present & _all_sources(c))))
-    absent = gaps[nearest.name]
-    problem = (
-        f"lacks {', '.join(absent[:8])}{' ...' if len(absent) > 8 else ''}" if absent else "hangs together differently"
-    )
+    flavour = _flavours[wanted] if wanted in _flavours else read_flavour(wanted)
+    problems = {names: misfit(flavour, names, parents) for names in spellings}
+    for names, problem in problems.items():
+        if not problem:
+            return flavour, names
     raise InputError(
-        f"the skeleton's joint names fit no known flavour: nearest is {nearest.name!r}, of which the file {problem}; "
-        "describe its names with register_flavour()"
+        f"the skeleton is not of flavour {flavour.name!r:.60}: the file {problems[spellings[0]]}; leave the flavour out to have "
+        "its joints matched by names and form"
     )
+
+
+def misfit(flavour: Flavour, names: tuple[str, ...], parents: tuple[int, ...]) -> str:
+    """What keeps a file from being of a flavour, in words; empty if it is."""
+    if absent := _missing(flavour, set(names)):
+        told = [f"{name:.60}" for name in absent[:8]]
+        return f"lacks {', '.join(told)}{' ...' if len(absent) > 8 else ''}"
+    return "" if _hangs_together(flavour, names, parents) else "hangs together differently"
 
 
 def canonical(
@@ -198,102 +219,5 @@ def _hangs_together(flavour: Flavour, names: tuple[str, ...], parents: tuple[int
     return True
 
 
-def _sided(table: Mapping[str, str | tuple[str, str, float]]) -> dict[str, Source]:
-    """Expand rows `*_hip: "{Side}Hip"` to left and right; {S} is the initial, {s} the small one."""
-    both: dict[str, Source] = {}
-    for name, source in table.items():
-        for side in ("Left", "Right") if name.startswith("*") else ("",):
-            words = {"Side": side, "S": side[:1], "s": side[:1].lower()}
-            key = name.replace("*", side.lower())
-            if isinstance(source, str):
-                both[key] = source.format(**words)
-            else:
-                both[key] = (source[0].format(**words), source[1].format(**words), source[2])
-    return both
-
-
-register_flavour(
-    "bvh-toolbox",
-    _sided(
-        {
-            "pelvis": "Hips", "spine1": "Spine", "spine2": ("Spine", "Spine1", 0.5), "spine3": "Spine1", "neck": "Neck",
-            "head": "Head", "head_top": "Head:end", "*_hip": "{Side}UpLeg", "*_knee": "{Side}Leg",
-            "*_ankle": "{Side}Foot", "*_foot": "{Side}Foot:end",
-            "*_collar": "{Side}Shoulder", "*_shoulder": "{Side}Arm",
-            "*_elbow": "{Side}ForeArm", "*_wrist": "{Side}Hand", "*_hand": "{Side}Hand:end",
-        }
-    ),
-)  # fmt: skip
-
-_HUMANOID = {
-    "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head",
-    "*_hip": "{Side}UpLeg", "*_knee": "{Side}Leg", "*_ankle": "{Side}Foot", "*_collar": "{Side}Shoulder",
-    "*_shoulder": "{Side}Arm", "*_elbow": "{Side}ForeArm", "*_wrist": "{Side}Hand",
-}  # fmt: skip
-
-register_flavour(
-    "momask", _sided(_HUMANOID | {"*_foot": "{Side}Toe", "*_toe": "{Side}Toe:end", "*_hand": "{Side}Hand:end"})
-)
-
-register_flavour(
-    "mixamo",
-    _sided(
-        _HUMANOID
-        | {
-            "head_top": "HeadTop_End", "*_foot": "{Side}ToeBase", "*_toe": "{Side}Toe_End",
-            "*_hand": "{Side}HandMiddle4",
-        }
-    ),
-)  # fmt: skip
-
-register_flavour(
-    "iclone",
-    _sided(
-        {
-            "pelvis": "CC_Base_Pelvis", "spine1": "CC_Base_Waist", "spine2": "CC_Base_Spine01",
-            "spine3": "CC_Base_Spine02", "neck": "CC_Base_NeckTwist01", "head": "CC_Base_Head",
-            "*_hip": "CC_Base_{S}_Thigh", "*_knee": "CC_Base_{S}_Calf", "*_ankle": "CC_Base_{S}_Foot",
-            "*_foot": "CC_Base_{S}_ToeBase", "*_collar": "CC_Base_{S}_Clavicle", "*_shoulder": "CC_Base_{S}_Upperarm",
-            "*_elbow": "CC_Base_{S}_Forearm", "*_wrist": "CC_Base_{S}_Hand", "*_hand": "CC_Base_{S}_Mid3",
-        }
-    ),
-)  # fmt: skip
-
-# The CMU files come from a conversion that lost the bone of every joint with several children: collars and neck start
-# at the foot of the thorax, and the forearm ends at its twist joint (lwrist), two thirds down. In the ASF skeletons the
-# thorax is as long as upperback and lwrist half as long as lradius (dm_control's humanoid_CMU: 0.114; 0.08 and 0.17 m).
-register_flavour(
-    "cmu-a",
-    _sided(
-        {
-            "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": ("Spine1", "Neck", 1.0), "neck": "Neck1",
-            "head": "Head", "head_top": "Head:end", "*_hip": "{Side}UpLeg", "*_knee": "{Side}Leg",
-            "*_ankle": "{Side}Foot", "*_foot": "{Side}ToeBase", "*_toe": "{Side}ToeBase:end",
-            "*_collar": ("{Side}Shoulder", "{Side}Arm", 0.2), "*_shoulder": "{Side}Arm", "*_elbow": "{Side}ForeArm",
-            "*_wrist": "{Side}FingerBase", "*_hand": "{Side}HandIndex1:end",
-        }
-    ),
-    lost_bones={
-        "Neck": ("Neck", "Spine1", 1.0),
-        "LeftShoulder": ("LeftShoulder", "Spine1", 1.0), "RightShoulder": ("RightShoulder", "Spine1", 1.0),
-        "LeftFingerBase": ("LeftHand", "LeftHand", 1.5), "RightFingerBase": ("RightHand", "RightHand", 1.5),
-    },
-)  # fmt: skip
-
-register_flavour(
-    "cmu-b",
-    _sided(
-        {
-            "pelvis": "Hips", "spine1": "Chest", "spine2": "Chest2", "spine3": ("Chest2", "lowerneck", 1.0),
-            "neck": "Neck", "head": "Head", "head_top": "Head:end", "*_hip": "{Side}Hip", "*_knee": "{Side}Knee",
-            "*_ankle": "{Side}Ankle", "*_foot": "{Side}Toe", "*_toe": "{Side}Toe:end",
-            "*_collar": ("{Side}Collar", "{Side}Shoulder", 0.2), "*_shoulder": "{Side}Shoulder",
-            "*_elbow": "{Side}Elbow", "*_wrist": "{s}hand", "*_hand": "{S}Fingers:end",
-        }
-    ),
-    lost_bones={
-        "lowerneck": ("lowerneck", "Chest2", 1.0),
-        "LeftCollar": ("LeftCollar", "Chest2", 1.0), "RightCollar": ("RightCollar", "Chest2", 1.0),
-        "lhand": ("LeftWrist", "LeftWrist", 1.5), "rhand": ("RightWrist", "RightWrist", 1.5),
-    },
-)  # fmt: skip
+for _convention in CONVENTIONS:
+    register_flavour(**_convention)

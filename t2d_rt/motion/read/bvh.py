@@ -128,9 +128,10 @@ def _translation(channels: tuple[str, ...], values: np.ndarray, offset: np.ndarr
     placed = ["xyz".index(channel[0]) for channel in channels if channel.endswith("position")]
     if placed:
         given = values[:, [i for i, channel in enumerate(channels) if channel.endswith("position")]]
-        typical = np.median(given, axis=0)
-        # By the format positions add to the offset, but many writers give the whole offset again.
-        repeats_offset = np.linalg.norm(typical - offset[placed]) <= np.linalg.norm(typical)
+        # By the format positions add to the offset, but many writers give the whole offset again. Somebody who walks far comes
+        # nearest to the truth in some frame: shifts start from nothing, whole offsets never fall to nothing.
+        from_offset, from_zero = (np.linalg.norm(given - start, axis=-1).min() for start in (offset[placed], 0.0))
+        repeats_offset = from_offset <= from_zero
         moved[:, placed] = given if repeats_offset else given + offset[placed]
     return moved
 

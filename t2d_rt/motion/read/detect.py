@@ -3,22 +3,45 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Literal
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.posture import facing, stature_m
+from t2d_rt.motion.posture import STATURE_PER_CHAIN, facing, stature_m
 
-UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048, "cmu": 0.0254 / 0.45}
+UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048, "dm": 0.1, "cmu": 0.0254 / 0.45}
 """Metres per unit; one unit of the CMU database is 1/0.45 inch."""
 
-AUTO_STATURE_M = (1.1, 2.5)
-"""Statures at which the unit is found without doubt: neighbouring units (cm, inch, CMU) differ by 2.2 or more."""
+USUAL = ("m", "cm", "mm", "inch", "ft")
+"""Units that are tried; decimetres only where none of them makes a person."""
+
+CMU_STATURE_M = (1.1, 2.5)
+"""Statures of CMU's adults at which the unit is found without doubt: neighbouring units (cm, inch, CMU) differ by 2.2 or more."""
+
+AUTO_STATURE_M = (0.6, 2.5)
+"""Statures of persons, from a baby that walks on."""
 
 STATURE_M = (0.4, 3.0)
 """Statures accepted when the unit is given (a toddler ... a giant)."""
+
+TALL_M = 2.1
+"""Statures above which a wrong unit is likelier than a person."""
+
+AGES = ((0.455, 0.75), (0.485, 0.87), (0.51, 0.95), (0.535, 1.10), (0.558, 1.38), (0.57, 1.6))
+"""Thigh and shank over thigh, shank, trunk and neck, and stature [m]: of adults as in six recorded skeletons (0.54 to 0.61), of
+children by the ratio of sitting height to stature at 1, 2, 3, 5 and 10 years (0.63, 0.60, 0.58, 0.55, 0.53, where adults have 0.52)."""
+
+PROPORTION_SPREAD = 0.03
+"""Standard deviation of that share: persons, and where skeletons have hips and shoulders."""
+
+DOUBT = 0.02
+"""Probability of another unit above which it is said."""
+
+STANDS = 0.8
+"""Cosine of the angle between body and vertical of somebody who stands."""
 
 FLOOR_PERCENTILE = 2.0
 """The floor is where the lowest foot joint is in the lowest 2 % of frames: robust to a bad frame, right for jumps."""
@@ -26,8 +49,11 @@ FLOOR_PERCENTILE = 2.0
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
-def unit(points: dict[str, np.ndarray], units: float | str | None) -> tuple[float, float]:
-    """Metres per unit and the stature [m] that follows."""
+def unit(points: dict[str, np.ndarray], units: float | str | None, *, cmu_units: bool = False) -> tuple[float, float]:
+    """Metres per unit and the stature [m] that follows; a warning where it is not certain.
+
+    cmu_units: whether CMU's unit is possible, which would turn a child in inches into a giant.
+    """
     tall = stature_m(points)
     if isinstance(units, str) and units not in UNITS_M:
         raise InputError(f"units {units!r} are unknown; give metres per unit or one of {', '.join(UNITS_M)}")
@@ -38,21 +64,149 @@ def unit(points: dict[str, np.ndarray], units: float | str | None) -> tuple[floa
                 f"with units={units!r} the body would be {tall * unit_m:.3g} m tall; leave units out to detect them"
             )
         return unit_m, tall * unit_m
-    if tall > 0:
-        best = min(UNITS_M.values(), key=lambda unit: abs(math.log(tall * unit / 1.7)))
-        if AUTO_STATURE_M[0] <= tall * best <= AUTO_STATURE_M[1]:
-            return best, tall * best
-    raise InputError(
-        f"the body is {tall:.3g} units tall, which no usual unit makes a person; give units=metres per unit"
+    name = _cmu_unit(tall) if cmu_units else _likely_unit(points, tall)
+    if name is None:
+        raise InputError(
+            f"the body is {tall:.3g} units tall, which no usual unit makes a person; give units=metres per unit"
+        )
+    if tall * UNITS_M[name] > TALL_M:
+        _doubt(
+            f"the body is {tall * UNITS_M[name]:.2f} m tall if the file's unit is {name}; "
+            "give units (--motion.units) if it is another"
+        )
+    return UNITS_M[name], tall * UNITS_M[name]
+
+
+def _cmu_unit(tall: float) -> str | None:
+    """Of all units the one that makes a body of `tall` units an adult of the most usual size."""
+    if not tall > 0:
+        return None
+    best = min((name for name in UNITS_M if name != "dm"), key=lambda name: abs(math.log(tall * UNITS_M[name] / 1.7)))
+    return best if CMU_STATURE_M[0] <= tall * UNITS_M[best] <= CMU_STATURE_M[1] else None
+
+
+def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
+    """The likeliest usual unit by stature and proportions (Bayes' rule)."""
+
+    def possible(names: tuple[str, ...]) -> list[str]:
+        return [name for name in names if AUTO_STATURE_M[0] <= tall * UNITS_M[name] <= AUTO_STATURE_M[1]]
+
+    names = possible(USUAL)
+    if not names:
+        names = possible(("dm",))
+        if names:
+            _doubt(
+                f"the body is {tall * UNITS_M['dm']:.2f} m tall only if the file's unit is an unusual 0.1 m; "
+                "give units (--motion.units) if it is another"
+            )
+        return names[0] if names else None
+    share = _legs_share(points, tall)
+    chances = {name: _chance(tall * UNITS_M[name], share) for name in names}
+    best = max(chances, key=lambda name: chances[name])
+    stature = tall * UNITS_M[best]
+    others = [name for name in names if name != best and chances[name] > DOUBT * sum(chances.values())]
+    if others:
+        other = others[0]
+        _doubt(
+            f"the file's unit may be {best} (stature {stature:.2f} m) or {other} ({tall * UNITS_M[other]:.2f} m), {best} is taken "
+            f"by the body's proportions; give units={other!r} (--motion.units {other}) if it is the other"
+        )
+    elif stature < 1.2 and share - _expected_share(stature) > 3.0 * PROPORTION_SPREAD:
+        _doubt(
+            f"the body is {stature:.2f} m tall if the file's unit is {best}, but has an adult's proportions; give units "
+            "(--motion.units) if it is another"
+        )
+    return best
+
+
+def _legs_share(points: dict[str, np.ndarray], tall: float) -> float:
+    """Thigh and shank over thigh, shank, trunk and neck."""
+    bones = [
+        np.median(np.linalg.norm(points[f"{side}_{upper}"] - points[f"{side}_{lower}"], axis=-1))
+        for side in ("left", "right")
+        for upper, lower in (("hip", "knee"), ("knee", "ankle"))
+    ]
+    return 0.5 * float(sum(bones)) * STATURE_PER_CHAIN / tall
+
+
+def _expected_share(stature: float) -> float:
+    shares, statures = zip(*AGES, strict=True)
+    return float(np.interp(stature, statures, shares))
+
+
+def _chance(stature: float, share: float) -> float:
+    """Density of statures, nine adults of 1.68 m +- 8.5 % to one child of 0.7 to 1.5 m, times that of the proportions."""
+    adult = 0.9 * math.exp(-0.5 * (math.log(stature / 1.68) / 0.085) ** 2) / (0.085 * math.sqrt(2.0 * math.pi))
+    child = 0.1 / math.log(1.5 / 0.7) * (stature < 1.5)
+    return (adult + child) * math.exp(-0.5 * ((share - _expected_share(stature)) / PROPORTION_SPREAD) ** 2)
+
+
+def _doubt(sentence: str) -> None:
+    warnings.warn(sentence, T2DWarning, stacklevel=4)
+
+
+def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = None) -> Up:
+    """The axis along which the head is above the ankles; y, BVH's usual one, unless another is clearly longer.
+
+    rest: the pose without rotations, points of shape (1, 3). Where it stands along another axis than the motion, somebody may lie
+    for most of the time; then that axis is taken along which the lowest joint keeps its level, for bodies rest on a floor.
+    """
+    moving = _standing(points)
+    axis = _longest(np.median(moving, axis=0))
+    if rest is None or not _is_a_stance(rest):
+        return axis
+    still = _standing(rest)
+    other = _longest(still[0])
+    if other == axis or not _share(still, other) > 0.0:
+        return axis
+    tall = stature_m(points)
+    spread = {each: _floor_spread(points, each) for each in (axis, other)}
+    steady, loose = sorted(spread, key=lambda each: spread[each])
+    if spread[loose] > 0.1 * tall and spread[steady] < 0.5 * spread[loose]:
+        return steady
+    if axis[-1] == "x" or _share(moving, other) > 0.1:
+        return other
+    _doubt(
+        f"the body is upright along {axis} throughout, but along {other} in its rest pose: up is taken as {axis}; "
+        f"give up={other!r} (--motion.up {other}) if the person lies"
     )
+    return axis
 
 
-def up_axis(points: dict[str, np.ndarray]) -> Up:
-    """The axis along which the head is above the ankles; y, BVH's usual one, unless another is clearly longer."""
-    posture = points["head"] - 0.5 * (points["left_ankle"] + points["right_ankle"])
-    mean = np.median(posture, axis=0)
-    axis = int(np.argmax(np.abs(mean) * np.array([1.0, 1.5, 1.0])))
-    return ("-" if mean[axis] < 0 else "") + "xyz"[axis]  # type: ignore[return-value]
+def _standing(points: dict[str, np.ndarray]) -> np.ndarray:
+    """From the ankles to the head, (T, 3)."""
+    return points["head"] - 0.5 * (points["left_ankle"] + points["right_ankle"])
+
+
+def _is_a_stance(rest: dict[str, np.ndarray]) -> bool:
+    """Are legs and trunk on one line? (Many files have all bones along one axis without rotations.)"""
+    hips, shoulders, ankles = (
+        0.5 * (rest[f"left_{joint}"] + rest[f"right_{joint}"])[0] for joint in ("hip", "shoulder", "ankle")
+    )
+    legs, trunk = ankles - hips, shoulders - hips
+    return float(legs @ trunk) < -0.9 * float(np.linalg.norm(legs) * np.linalg.norm(trunk))
+
+
+def _longest(posture: np.ndarray) -> Up:
+    axis = int(np.argmax(np.abs(posture) * np.array([1.0, 1.5, 1.0])))
+    return ("-" if posture[axis] < 0 else "") + "xyz"[axis]  # type: ignore[return-value]
+
+
+def _along(up: Up) -> np.ndarray:
+    return (-1.0 if up[0] == "-" else 1.0) * np.eye(3)["xyz".index(up[-1])]
+
+
+def _share(postures: np.ndarray, up: Up) -> float:
+    """Share of frames in which the body stands along an axis."""
+    lengths = np.maximum(np.linalg.norm(postures, axis=-1), 1e-300)
+    return float(np.mean(postures @ _along(up) / lengths > STANDS))
+
+
+def _floor_spread(points: dict[str, np.ndarray], up: Up) -> float:
+    """How far the level of the lowest joint spreads (10th to 90th percentile)."""
+    lowest = np.min([track @ _along(up) for track in points.values()], axis=0)
+    low, high = np.percentile(lowest, [10, 90])
+    return float(high - low)
 
 
 def to_z_up(

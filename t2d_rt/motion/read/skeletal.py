@@ -2,26 +2,45 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
-from t2d_rt.motion.read.bvh import forward_kinematics, read_bvh
+import numpy as np
+
+from t2d_rt.errors import T2DWarning
+from t2d_rt.motion.match import MOST_FRAMES, Match, match, signs
+from t2d_rt.motion.read.bvh import RawSkeleton, forward_kinematics, read_bvh
 from t2d_rt.motion.read.detect import add_feet, floor_level, to_z_up, tpose_frames, unit, up_axis
+from t2d_rt.motion.read.flips import flips, told
 from t2d_rt.motion.read.positions import assemble
 from t2d_rt.motion.read.reading import Reading, smoothed
-from t2d_rt.motion.skeletons import canonical, detect_flavour, plain_names, restored_offsets, source_joints
+from t2d_rt.motion.skeletons import (
+    Flavour,
+    canonical,
+    chosen_flavour,
+    detect_flavour,
+    plain_names,
+    restored_offsets,
+    source_joints,
+)
 from t2d_rt.types.motion import Motion
+
+MIRRORED = -1.6
+"""Signs of feet, knees, elbows and walk below which the joints that a flavour calls left lie on the right."""
 
 
 def read_skeletal(path: Path, reading: Reading) -> Motion:
     """A .bvh or .bvh.gz file as a motion with its report."""
     raw = read_bvh(path)
-    names = plain_names(raw.names)
-    kind = detect_flavour(names, raw.parents, reading.flavour)
+    raw, kind, matched = _mapped(raw, reading.flavour)
+    names = raw.names
     offsets, restored = restored_offsets(raw, names, kind)
     points, orientations = canonical(raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind)))
-    unit_m, stature_m = unit(points, reading.units)
-    axis = reading.up or up_axis(points)
+    if matched is None:
+        _check_sides(points, kind)
+    unit_m, stature_m = unit(points, reading.units, cmu_units=kind.cmu_units)
+    axis = reading.up or up_axis(points, _rest_pose(raw, kind))
     points, orientations = to_z_up(points, orientations, axis, unit_m)
     add_feet(points, orientations, stature_m)
     drop = reading.drop_tpose
@@ -32,12 +51,68 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     level = floor_level(points) if reading.floor is None else float(reading.floor)
     motion = assemble(points, orientations, raw.rate_hz, level)
     del points, orientations  # half of the memory that a long motion takes
+    flipped = flips(motion)
     motion, smoothing = smoothed(motion, reading.smooth_hz)
-    told = [
-        f"BVH, {len(motion.joints)} frames at {motion.rate_hz:g} Hz", f"flavour {kind.name}",
+    report = [
+        f"BVH, {len(motion.joints)} frames at {motion.rate_hz:g} Hz",
+        f"flavour {kind.name}" if matched is None else matched.told,
         f"1 unit = {unit_m:.4g} m (stature {stature_m:.2f} m)", f"up {axis}",
         f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
     ]  # fmt: skip
     if restored:
-        told.insert(2, f"lost bones restored at {', '.join(restored)}")
-    return replace(motion, report="; ".join(told))
+        report.insert(2, f"lost bones restored at {', '.join(restored)}")
+    if flipped:
+        report.append(told(flipped))
+        _warn(f"{told(flipped)}; mend them in the file, for a radar sees them as fast movement")
+    return replace(motion, report="; ".join(report))
+
+
+def _mapped(raw: RawSkeleton, wanted: str | None) -> tuple[RawSkeleton, Flavour, Match | None]:
+    """The skeleton with the names that its flavour knows, the flavour, and how it was matched if it is none that is known."""
+    plain = plain_names(raw.names)
+    if wanted is not None:
+        flavour, names = chosen_flavour(wanted, (plain, raw.names), raw.parents)
+        return replace(raw, names=names), flavour, None
+    raw = replace(raw, names=plain)
+    known = detect_flavour(plain, raw.parents)
+    if known is not None:
+        return raw, known, None
+    frames = np.unique(np.linspace(0, len(raw.values) - 1, min(len(raw.values), MOST_FRAMES)).round().astype(int))
+    some = forward_kinematics(replace(raw, values=raw.values[frames]))[0]
+    matched = match(plain, raw.parents, some, forward_kinematics(_at_rest(raw))[0][0])
+    for doubt in matched.doubts:
+        _warn(doubt)
+    return raw, Flavour(name="matched", joints=matched.joints), matched
+
+
+def _at_rest(raw: RawSkeleton) -> RawSkeleton:
+    """The first frame without rotations, except for those of a stage: a root with one child that never turns."""
+    values, column = raw.values[:1].copy(), 0
+    on_stage = True
+    for joint, channels in enumerate(raw.channels):
+        turns = [column + i for i, channel in enumerate(channels) if channel.endswith("rotation")]
+        column += len(channels)
+        still = bool((raw.values[:, turns] == raw.values[:1, turns]).all())
+        on_stage = on_stage and still and raw.parents.count(joint) == 1
+        if not on_stage:
+            values[:, turns] = 0.0
+    return replace(raw, values=values)
+
+
+def _rest_pose(raw: RawSkeleton, kind: Flavour) -> dict[str, np.ndarray]:
+    still = _at_rest(raw)
+    return canonical(still, raw.names, kind, *forward_kinematics(still, None, source_joints(raw.names, kind)))[0]
+
+
+def _check_sides(points: dict[str, np.ndarray], kind: Flavour) -> None:
+    """Names decide where a flavour is known; a person whose left is on the right is said."""
+    frames = np.unique(np.linspace(0, len(points["pelvis"]) - 1, MOST_FRAMES).round().astype(int))
+    if signs({name: track[frames] for name, track in points.items()}).body < MIRRORED:
+        _warn(
+            f"the joints that flavour {kind.name!r:.60} calls left lie on the person's right by feet and knees, so the "
+            "file seems to be mirrored; mirror it back"
+        )
+
+
+def _warn(sentence: str) -> None:
+    warnings.warn(sentence, T2DWarning, stacklevel=4)

@@ -1,0 +1,141 @@
+"""A skeleton whose names are no known flavour: its joints are found by names, by how they hang together and by where they lie.
+
+Two pairs of limbs with equal bones on both sides are legs and arms; the chain between them is the spine, what goes on above the
+shoulders is neck and head; feet, knees and the walk tell left from right. Names help where they say something.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from t2d_rt.motion.match.limbs import Limb
+from t2d_rt.motion.match.mapping import Source, canonical_sources
+from t2d_rt.motion.match.person import Person, find_person, joints_of
+from t2d_rt.motion.match.sides import CLEAR, NAMES, Signs, signs
+from t2d_rt.motion.match.tree import Tree
+from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
+
+__all__ = ["Match", "match", "signs"]
+
+Sureness = Literal["sure", "fairly sure", "unsure"]
+
+MOST_FRAMES = 64
+"""Frames that are looked at."""
+
+MARGINS = 0.7, 2.0
+"""Differences of scores to the next reading of the skeleton, below which one is unsure and above which one is sure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """What was matched to what, and how sure."""
+
+    joints: dict[str, str | tuple[str, str, float]]
+    """Canonical joint -> joint of the file, or a point between two, as a `Flavour` has them."""
+    sure: Sureness
+    told: str
+    """For the report."""
+    doubts: tuple[str, ...]
+    """Sentences that are to be warnings."""
+
+
+def match(
+    names: tuple[str, ...], parents: tuple[int, ...], positions: np.ndarray, rest: np.ndarray | None = None
+) -> Match:
+    """The canonical joints of a skeleton; an InputError where no person can be found in it.
+
+    names, parents: joints and end sites (`<parent>:end`), parents before children, -1 for the root.
+    positions: (T, N, 3), in any unit, with any axis upward, right-handed.
+    rest: (N, 3), the pose in which all rotations are zero, where there is one.
+    """
+    frames = np.unique(np.linspace(0, len(positions) - 1, min(len(positions), MOST_FRAMES)).round().astype(int))
+    tree = Tree(names, parents, np.asarray(positions[frames], float))
+    person, margin = find_person(tree, rest)
+    legs, arms = person.legs.limbs, _alike(tree, person)
+    body, named = _votes(tree, person, legs, arms)
+    total = body.body if abs(body.body) >= CLEAR else body.body + NAMES * named
+    if total < 0:
+        legs, arms, body, named = (
+            legs[::-1],
+            arms[::-1],
+            Signs(*(-each for each in (body.feet, body.knees, body.elbows, body.walk))),
+            -named,
+        )
+    sources = canonical_sources(tree, person, (legs, arms))
+    made_up = [name for name in CANONICAL_JOINTS if name not in sources] + ["head"] * isinstance(sources["head"], tuple)
+    agree = _agreement(tree, sources)
+    sure = _sureness(margin, abs(total), agree, body, headless=isinstance(sources["head"], tuple))
+    joints = {name: _by_name(names, sources[name]) for name in (*CANONICAL_JOINTS, *OPTIONAL_JOINTS) if name in sources}
+    by = "names and form" if agree >= 0.5 else "form" if agree < 0.1 else "form, few by names"
+    signs_told = body.told() + (" and names" if named > 0.5 else "")
+    told = [
+        f"joints matched by {by} ({sure}; {round(agree * 100)} % are named as expected; sides from {signs_told}): "
+        + ", ".join(f"{name} {_shown(source)}" for name, source in joints.items())
+    ]
+    if made_up:
+        told.append(f"made up: {', '.join(made_up)}")
+    return Match(joints, sure, "; ".join(told), tuple(_doubts(sure, named)))
+
+
+def _alike(tree: Tree, person: Person) -> tuple[Limb, Limb]:
+    """The arms in the order of the legs: both first ones on one side."""
+    (leg, other), (arm, last) = joints_of(person.legs, 0), joints_of(person.arms, 0)
+    across = (tree.positions[:, leg] - tree.positions[:, other]) * (tree.positions[:, arm] - tree.positions[:, last])
+    first, second = person.arms.limbs
+    return (first, second) if float(np.median(across.sum(axis=-1))) >= 0 else (second, first)
+
+
+def _votes(tree: Tree, person: Person, legs: tuple[Limb, Limb], arms: tuple[Limb, Limb]) -> tuple[Signs, float]:
+    """Votes of body and names (-1 to 1) for the first limbs being the left ones."""
+    sources = canonical_sources(tree, person, (legs, arms))
+    points = {name: tree.positions[:, source] for name, source in sources.items() if isinstance(source, int)}
+    named = [
+        (1.0 if tree.labels[joint].side == own else 0.0 if tree.labels[joint].side is None else -1.0)
+        for pair in (legs, arms)
+        for own, limb in zip(("left", "right"), pair, strict=True)
+        for joint in limb.joints
+    ]
+    return signs(points), float(np.mean(named))
+
+
+def _agreement(tree: Tree, sources: dict[str, Source]) -> float:
+    """Share of pelvis, head and the joints of the limbs that are named as what they were taken for."""
+    wanted = {"pelvis", "head", "hip", "knee", "ankle", "shoulder", "elbow", "wrist"}
+    checked = [(name.rpartition("_")[2], joint) for name, joint in sources.items() if name.rpartition("_")[2] in wanted]
+    fits = [isinstance(joint, int) and part in tree.labels[joint].parts for part, joint in checked]
+    return float(np.mean(fits))
+
+
+def _sureness(margin: float, sided: float, agree: float, body: Signs, *, headless: bool) -> Sureness:
+    if margin < MARGINS[0] or sided < 0.5 or headless:
+        return "unsure"
+    named = agree >= 0.8 and sided >= NAMES
+    return "sure" if named or (margin >= MARGINS[1] and body.body >= CLEAR) else "fairly sure"
+
+
+def _doubts(sure: Sureness, named: float) -> list[str]:
+    found = []
+    if named < -0.5:
+        found.append(
+            "joints named left lie on the person's right, so the file seems to be mirrored: left and right are taken as "
+            "feet and knees have them"
+        )
+    if sure == "unsure":
+        found.append(
+            "the skeleton's joints were matched with little certainty: check the report, or name the joints in a flavour file "
+            "(flavour=FILE.yaml, --motion.flavour FILE.yaml)"
+        )
+    return found
+
+
+def _by_name(names: tuple[str, ...], source: Source) -> str | tuple[str, str, float]:
+    return names[source] if isinstance(source, int) else (names[source[0]], names[source[1]], source[2])
+
+
+def _shown(source: str | tuple[str, str, float]) -> str:
+    if isinstance(source, str):
+        return f"{source:.60}"
+    return f"{source[0]:.60}-{source[1]:.60} {source[2]:.2f}"

@@ -1,0 +1,83 @@
+"""Joints that turn far in one frame and back again: faults of tracking or of export that a radar would see as clutter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.motion.quaternions import conjugate, multiply
+from t2d_rt.types.motion import Motion
+
+LEAST_DEG = 90.0
+"""Turns in one frame above which a joint flips: at 30 Hz 2700 degrees per second, faster than the elbow of a pitcher (2400; Fleisig
+et al. 1999), and here the joint is back in the next frame."""
+
+RETURN_DEG = 45.0
+"""How near a joint comes back to where it was."""
+
+LONGEST = 3
+"""Frames that a flip lasts at most."""
+
+SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Flip:
+    """One joint's turn and return."""
+
+    joint: str
+    time_s: float
+    frames: int
+    angle_deg: float
+
+    def __str__(self) -> str:
+        lasts = "one frame" if self.frames == 1 else f"{self.frames} frames"
+        return f"{self.joint} turns by {self.angle_deg:.0f} degrees for {lasts} at {self.time_s:.3f} s"
+
+
+def flips(motion: Motion) -> list[Flip]:
+    """Flips of joints against their parents, the largest first."""
+    found: list[Flip] = []
+    for joint, (name, parent) in enumerate(zip(motion.names, motion.parents, strict=True)):
+        own = motion.rotations[:, joint]
+        above = motion.rotations[:, parent] if parent >= 0 else None
+        step = _turn(own, above)
+        starts = np.flatnonzero(step > LEAST_DEG)
+        if not len(starts):
+            continue
+        after = -1
+        for start in starts:
+            for frames in range(1, LONGEST + 1):
+                stop = start + frames
+                if (
+                    start > after
+                    and stop < len(step)
+                    and step[stop] > LEAST_DEG
+                    and _apart(own, above, start, stop + 1) < RETURN_DEG
+                ):
+                    found.append(Flip(name, float((start + 1) / motion.rate_hz), frames, float(step[start])))
+                    after = stop
+                    break
+    return sorted(found, key=lambda flip: -flip.angle_deg)
+
+
+def told(found: list[Flip]) -> str:
+    """A clause for the report; the largest flips by name."""
+    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    return f"single-frame flips: {', '.join(map(str, found[:SHOWN]))}{more}"
+
+
+def _turn(own: np.ndarray, above: np.ndarray | None) -> np.ndarray:
+    """Angles [deg] that a joint turns by against its parent from frame to frame, (T - 1,)."""
+    return _angle(own[:-1], own[1:], None if above is None else (above[:-1], above[1:]))
+
+
+def _apart(own: np.ndarray, above: np.ndarray | None, first: int, last: int) -> float:
+    return float(_angle(own[first], own[last], None if above is None else (above[first], above[last])))
+
+
+def _angle(one: np.ndarray, two: np.ndarray, above: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    if above is not None:
+        one, two = multiply(conjugate(above[0]), one), multiply(conjugate(above[1]), two)
+    return np.asarray(np.degrees(2.0 * np.arccos(np.minimum(np.abs(np.sum(one * two, axis=-1)), 1.0))))
