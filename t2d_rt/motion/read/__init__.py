@@ -9,9 +9,11 @@ from typing import Literal
 from t2d_rt.checks import file_path
 from t2d_rt.errors import InputError
 from t2d_rt.motion.read.detect import Up
+from t2d_rt.motion.read.formats import is_bvh, read_tracks
 from t2d_rt.motion.read.positions import motion_from_joints
 from t2d_rt.motion.read.reading import LOWEST_CUTOFF_HZ, Reading, file_origin
 from t2d_rt.motion.read.skeletal import read_skeletal
+from t2d_rt.motion.read.tracks import motion_of
 from t2d_rt.types.motion import Motion
 
 __all__ = ["LOWEST_CUTOFF_HZ", "load_motion", "motion_from_joints"]
@@ -26,22 +28,30 @@ def load_motion(
     drop_tpose: bool | None = None,
     smooth_hz: float | Literal["auto"] | None = "auto",
     flavour: str | None = None,
+    rate_hz: float | None = None,
 ) -> Motion:
-    """Read a .bvh or .bvh.gz file: canonical joints, metres, right-handed, z up, floor at z = 0.
+    """Read a motion file: canonical joints, metres, right-handed, z up, floor at z = 0.
 
+    The format is told from suffix and content: BVH (.bvh, .bvh.gz), HumanML3D joints and vectors (.npy, .npz), AMASS, Kimodo and
+    plain named joints (.npz), DeepMimic (.json, .txt), ASF/AMC (.amc), C3D (.c3d, extra [c3d]) and TRC (.trc). Positions
+    alone get rotations, and joints that lack are filled.
     Everything left None is detected and told in `Motion.report`.
 
     units: length of the file's unit in metres, or its name: m, cm, mm, inch, ft or cmu.
     up: the file's upward axis, such as "y" or "-z".
     floor: height of the floor in the file [m].
     drop_tpose: whether the calibration pose at the start is dropped.
-    smooth_hz: cut-off of a low-pass filter [Hz]; null does not filter, "auto" filters at 12 Hz where the file jitters.
-    flavour: how the file names its joints, one of `t2d_rt.motion.flavours()`.
+    smooth_hz: cut-off of a low-pass filter [Hz]; null does not filter, "auto" filters at 12 Hz where the file jitters, and
+        positions alone as their measured noise asks for.
+    flavour: how a BVH file names its joints, one of `t2d_rt.motion.flavours()`.
+    rate_hz: frames per second, instead of the file's own.
     """
     path = file_path("path", path)
-    reading = Reading(units=units, up=up, floor=floor, drop_tpose=drop_tpose, smooth_hz=smooth_hz, flavour=flavour)
+    reading = Reading(
+        units=units, up=up, floor=floor, drop_tpose=drop_tpose, smooth_hz=smooth_hz, flavour=flavour, rate_hz=rate_hz
+    )
     try:
-        motion = read_skeletal(path, reading)
+        motion = read_skeletal(path, reading) if is_bvh(path) else motion_of(read_tracks(path), reading)
     except InputError as error:
         told = str(error)
         raise InputError(told if path.name in told else f"{path}: {told}") from None

@@ -147,13 +147,13 @@ def guessed_order(joints: np.ndarray) -> str | None:
     fitting = [order for order, names in ORDERS.items() if len(names) == count]
     # SMPL-H and SMPL-X go on with fingers and faces after the body's 22.
     fitting += ["HumanML3D"] if count >= 45 else []
-    scores = {order: _unlikeness(joints, ORDERS[order]) for order in fitting}
+    scores = {order: unlikeness(joints, ORDERS[order]) for order in fitting}
     best = min(scores, key=lambda order: scores[order], default=None)
     return best if best is not None and scores[best] <= LEAST_LIKELY else None
 
 
-def _unlikeness(joints: np.ndarray, names: tuple[str, ...]) -> float:
-    """How much limbs vary in length, differ between left and right, and miss the proportion of legs to arms; 0 in a rigid body."""
+def unlikeness(joints: np.ndarray, names: tuple[str, ...]) -> float:
+    """How much limbs of joints (T, K, 3) vary in length, differ left and right, and miss the ratio of legs to arms; 0 is best."""
     at = {joint: joints[:, names.index(source[0])] for joint, source in canonical_sources(names).items()}
     lengths = np.array(
         [

@@ -11,7 +11,7 @@ from t2d_rt.checks import LARGEST_M, flag, number, positive, text
 from t2d_rt.errors import printable
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, smooth
 from t2d_rt.motion.read.detect import UNITS_M, Up
-from t2d_rt.types.motion import Motion
+from t2d_rt.types.motion import Motion, checked_rate
 
 LOWEST_CUTOFF_HZ = 0.1
 """Below, a low-pass leaves nothing of human movement and the filter's coefficients lose their digits."""
@@ -27,6 +27,7 @@ class Reading:
     drop_tpose: bool | None = None
     smooth_hz: float | Literal["auto"] | None = "auto"
     flavour: str | None = None
+    rate_hz: float | None = None
 
     def __post_init__(self) -> None:
         if self.units is not None and not isinstance(self.units, str):
@@ -37,6 +38,8 @@ class Reading:
             flag("drop_tpose", self.drop_tpose)
         if self.smooth_hz is not None and not (isinstance(self.smooth_hz, str) and self.smooth_hz == "auto"):
             number("smooth_hz", self.smooth_hz, LOWEST_CUTOFF_HZ, unit="Hz", hint="a cut-off in Hz, None or 'auto'")
+        if self.rate_hz is not None:
+            checked_rate(self.rate_hz)
         for name, value in (("up", self.up), ("flavour", self.flavour)):
             if value is not None:
                 text(name, value)

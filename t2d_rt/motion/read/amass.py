@@ -1,0 +1,127 @@
+"""AMASS .npz -> tracks: axis-angle poses of SMPL's skeleton (SMPL-H, SMPL-X and kin), root translation, z up.
+
+The file holds no joints: they come of a body model that may not be shipped. Here forward kinematics runs over a neutral skeleton
+in SMPL's rest pose (arms level to the sides, y up, facing z), with bone lengths of an average person by anthropometry. All
+rotations are the file's; lengths are scaled together to the stature at which planted feet slide least, where the person walks.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.motion.quaternions import multiply, rotate
+from t2d_rt.motion.read.arrays import Arrays
+from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.motion.skeletons import PARENT_OF
+from t2d_rt.types.motion import CANONICAL_JOINTS
+
+STATURE_M = 1.70
+
+BODY_ANGLES = 66
+"""Axis-angle vectors of the 22 canonical joints; hands, jaw and eyes follow in SMPL-H (156) and SMPL-X (165)."""
+
+RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate")
+
+_CENTRAL = {
+    "spine1": (0.0, 0.06, 0.0), "spine2": (0.0, 0.07, 0.0), "spine3": (0.0, 0.05, 0.0), "neck": (0.0, 0.096, 0.0),
+    "head": (0.0, 0.059, 0.021),
+}  # fmt: skip
+_LEFT = {
+    "hip": (0.053, -0.048, 0.0), "knee": (0.0, -0.245, 0.0), "ankle": (0.0, -0.246, 0.0), "foot": (0.0, -0.025, 0.075),
+    "collar": (0.02, 0.054, 0.0), "shoulder": (0.082, 0.0, 0.0), "elbow": (0.186, 0.0, 0.0), "wrist": (0.146, 0.0, 0.0),
+    "hand": (0.06, 0.0, 0.0),
+}  # fmt: skip
+OFFSETS: dict[str, tuple[float, float, float]] = {
+    **_CENTRAL,
+    **{f"left_{joint}": offset for joint, offset in _LEFT.items()},
+    **{f"right_{joint}": (-x, y, z) for joint, (x, y, z) in _LEFT.items()},
+}
+"""Offsets from the parents in statures: limbs by Drillis and Contini (1966), hips 0.106 apart (Bell et al. 1990) and below the
+pelvis as in CMU's skeletons, trunk as in the shipped adult body."""
+
+LOW_M = 0.04
+"""Height above its own lowest in which a foot counts as planted."""
+SLOW_MPS = 0.5
+"""Its speed there, at most."""
+LEAST_WAY_M = 0.8
+"""Way over the floor from which the stature is found from planted feet."""
+SCALES = (0.8, 1.25)
+
+
+def read_amass(arrays: Arrays) -> Tracks:
+    """The body's 22 joints and the hands' ends."""
+    poses = arrays.numbers("poses", (2,)) if "poses" in arrays else _joined(arrays)
+    moved = arrays.numbers("trans", (2,))
+    if poses.shape[1] < BODY_ANGLES or poses.shape[1] % 3 or moved.shape != (len(poses), 3):
+        raise InputError(
+            f"{arrays.path}: poses must have shape (time, 66 or more) and trans (time, 3), got {poses.shape} and {moved.shape}"
+        )
+    rate_hz = arrays.scalar(*RATE_KEYS)
+    if rate_hz is None:
+        raise InputError(f"{arrays.path} has no mocap_framerate; store it")
+    turned = _orientations(poses[:, :BODY_ANGLES].reshape(len(poses), -1, 3))
+    about = _forward(turned)
+    stature, told = _stature(about, moved, rate_hz)
+    points = {name: moved + stature * point for name, point in about.items()}
+    clause = f"bone lengths of an average person, {stature:.2f} m tall ({told}), betas not used"
+    form = {156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)", 72: "AMASS (SMPL)"}.get(poses.shape[1], "AMASS")
+    return Tracks(
+        form=form, points=points, orientations={name: turned[name] for name in points}, rate_hz=rate_hz, told=(clause,),
+        unit_m=1.0, up="z",
+    )  # fmt: skip
+
+
+def _joined(arrays: Arrays) -> np.ndarray:
+    """Poses of files that keep the root apart."""
+    return np.concatenate([arrays.numbers("root_orient", (2,)), arrays.numbers("pose_body", (2,))], axis=1)
+
+
+def _orientations(vectors: np.ndarray) -> dict[str, np.ndarray]:
+    """Global orientations (T, 4) from axis-angle vectors (T, 22, 3) in the parents' frames; hands' ends follow the wrists."""
+    angle = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    # sin(a/2) / a, by np.sinc so that it holds at 0 too
+    local = np.concatenate([0.5 * np.sinc(angle / (2 * math.pi)) * vectors, np.cos(0.5 * angle)], axis=-1)
+    turned: dict[str, np.ndarray] = {}
+    for joint, name in enumerate(CANONICAL_JOINTS):
+        parent = PARENT_OF[name]
+        turned[name] = local[:, joint] if parent is None else multiply(turned[parent], local[:, joint])
+    return turned | {f"{side}_hand": turned[f"{side}_wrist"] for side in ("left", "right")}
+
+
+def _forward(turned: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Joints about the pelvis (T, 3), in statures."""
+    about = {"pelvis": np.zeros((len(turned["pelvis"]), 3))}
+    for name, parent in PARENT_OF.items():
+        if parent is not None and name in OFFSETS:
+            about[name] = about[parent] + rotate(turned[parent], np.array(OFFSETS[name]))
+    return about
+
+
+def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float) -> tuple[float, str]:
+    """Stature [m] at which planted feet slide least, and how it was found.
+
+    The speed of a foot is v_root + stature v_about: least squares over the feet that are low and slow.
+    """
+    if np.linalg.norm(np.ptp(moved[:, :2], axis=0)) < LEAST_WAY_M or len(moved) < 3:
+        return STATURE_M, "assumed"
+    root = np.diff(moved, axis=0)[:, :2] * rate_hz
+    rows, wanted = [], []
+    for name in ("left_foot", "right_foot"):
+        foot = moved + STATURE_M * about[name]
+        velocity = np.diff(foot, axis=0) * rate_hz
+        low = foot[1:, 2] < np.percentile(foot[:, 2], 5) + LOW_M
+        planted = low & (np.linalg.norm(velocity, axis=-1) < SLOW_MPS)
+        rows.append((np.diff(about[name], axis=0)[:, :2] * rate_hz)[planted])
+        wanted.append(-root[planted])
+    slope, target = np.concatenate(rows).ravel(), np.concatenate(wanted).ravel()
+    # The middle half of the ratios, for a foot that rolls or a pair that slips is no evidence.
+    strong = np.abs(slope) > 0.25
+    if np.count_nonzero(strong) < 20:
+        return STATURE_M, "assumed"
+    found = float(np.median(target[strong] / slope[strong]))
+    if not SCALES[0] <= found / STATURE_M <= SCALES[1]:
+        return STATURE_M, "assumed"
+    return found, "at which planted feet slide least"

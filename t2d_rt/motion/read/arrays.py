@@ -1,0 +1,123 @@
+"""NumPy's .npy and .npz files, read with care: no pickles, no more bytes than the limit, whatever a header promises."""
+
+from __future__ import annotations
+
+import io
+import math
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.checks import shown
+from t2d_rt.errors import InputError
+from t2d_rt.files import read_bytes, size
+
+MAX_BYTES = 500_000_000
+"""Largest file, and largest array in it: 100 000 frames of SMPL-X in double precision are 130 MB."""
+
+MAX_ARRAYS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Arrays:
+    """Arrays of a file by name, decoded when asked for; that of a .npy has no name."""
+
+    path: Path
+    texts: dict[str, bytes]
+    """Each array's .npy bytes."""
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.texts
+
+    def first(self, *names: str) -> str | None:
+        """The first of some names that the file has."""
+        return next((name for name in names if name in self.texts), None)
+
+    def get(self, name: str) -> np.ndarray:
+        """An array; an InputError where it holds Python objects or is damaged."""
+        return _decoded(self.texts[name], f"{self.path}{f': {name}' if name else ''}")
+
+    def numbers(self, name: str, dims: tuple[int, ...]) -> np.ndarray:
+        """Real, finite numbers as float64 of one of some numbers of dimensions; leading dimensions of 1 too many are dropped."""
+        return real_numbers(self.get(name), f"{self.path}: {name or 'the array'}", dims)
+
+    def scalar(self, *names: str) -> float | None:
+        """A number by the first of its names that is there."""
+        name = self.first(*names)
+        if name is None:
+            return None
+        found = self.get(name)
+        if found.size != 1 or not np.issubdtype(found.dtype, np.number) or not np.isfinite(found).all():
+            raise InputError(f"{self.path}: {name} must be one number, got {shown(found)}")
+        return float(np.real(found).reshape(()))
+
+
+def read_arrays(path: Path) -> Arrays:
+    """All arrays of a .npy or .npz file, not yet decoded."""
+    data = read_bytes(path, limit=MAX_BYTES, noun="array file")
+    if not data:
+        raise InputError(f"{path} is empty; expected arrays saved by numpy")
+    if data[:2] == b"PK":
+        return Arrays(path, _members(data, path))
+    if data[:6] != b"\x93NUMPY":
+        raise InputError(f"{path} is neither a .npy nor a .npz file: save the joints with numpy.save or numpy.savez")
+    return Arrays(path, {"": data})
+
+
+def _members(data: bytes, path: Path) -> dict[str, bytes]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
+            if sum(entry.file_size for entry in entries) > MAX_BYTES or len(entries) > MAX_ARRAYS:
+                raise InputError(
+                    f"{path} holds more than {size(MAX_BYTES)} or {MAX_ARRAYS} arrays; keep the joints only"
+                )
+            found = {}
+            for entry in entries:
+                with archive.open(entry) as member:
+                    found[entry.filename.removesuffix(".npy")] = member.read(entry.file_size)
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError):
+        raise InputError(f"{path} is not a valid .npz file: it is cut short or damaged") from None
+    if not found:
+        raise InputError(f"{path} holds no arrays; save the joints with numpy.savez")
+    return found
+
+
+def _decoded(text: bytes, what: str) -> np.ndarray:
+    stream = io.BytesIO(text)
+    try:
+        version = np.lib.format.read_magic(stream)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(stream)
+    except Exception:  # numpy raises whatever a malformed header makes its parser raise
+        raise InputError(f"{what} is damaged: its header cannot be read") from None
+    if dtype.hasobject:
+        raise InputError(f"{what} holds Python objects (a pickle, which could run code); save it as plain numbers")
+    if math.prod(shape) * dtype.itemsize > len(text) - stream.tell():
+        raise InputError(f"{what} is cut short: its header promises an array of shape {shown(shape)}")
+    stream.seek(0)
+    try:
+        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))
+    except (ValueError, TypeError, EOFError):
+        raise InputError(f"{what} is damaged: its data cannot be read") from None
+
+
+def real_numbers(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
+    """Real, finite numbers as float64 of one of some numbers of dimensions; leading dimensions of 1 too many are dropped."""
+    if not (np.issubdtype(found.dtype, np.floating) or np.issubdtype(found.dtype, np.integer)):
+        raise InputError(f"{what} must hold real numbers, got {shown(found)}")
+    while found.ndim > max(dims) and found.shape[0] == 1:
+        found = found[0]
+    if found.ndim not in dims or not found.size:
+        raise InputError(
+            f"{what} must have {' or '.join(map(str, dims))} dimensions and some frames, got {shown(found)}"
+        )
+    values = found.astype(np.float64)
+    wrong = int(np.count_nonzero(~(np.abs(values) < 1e9)))
+    if wrong:
+        raise InputError(f"{what} holds {wrong} NaN, infinite or absurd values; repair or cut the tracks first")
+    return values

@@ -1,0 +1,305 @@
+"""Acclaim's pair of .asf (skeleton) and .amc (motion), as the CMU database gives them -> tracks.
+
+The .asf names each bone with a direction in the world, a length, an axis (Euler angles of the frame in which its angles turn) and
+the order of its angles; the .amc gives the root's place and all angles per frame. A bone's global rotation is its parent's times
+C M C^-1, C of the axis and M of the angles, the first named applied first, and its end lies at R direction length.
+Lengths are inches times the file's `length` scale: CMU's unit is 1/0.45 inch. An .amc has no frame rate; CMU's are 120 Hz,
+a few 60.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from t2d_rt.checks import shown
+from t2d_rt.errors import InputError
+from t2d_rt.files import read_bytes
+from t2d_rt.motion.quaternions import about_axis, conjugate, multiply, rotate
+from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
+from t2d_rt.motion.read.tracks import Tracks
+
+INCH_M = 0.0254
+RATE_HZ = 120.0
+
+MAX_BYTES = 150_000_000
+MAX_ASF_BYTES = 1_000_000
+MAX_BONES = 300
+
+ROOT = "root"
+
+ENDS: dict[str, tuple[str, str]] = {
+    "spine1": ("lowerback", "upperback"), "spine2": ("upperback", "thorax"), "spine3": ("thorax", "thorax"),
+    "neck": ("lowerneck", "upperneck"), "head": ("upperneck", "head"), "head_top": ("head", "head"),
+    **{
+        f"{side}_{joint}": (f"{s}{bone}", f"{s}{carrier}")
+        for side, s in (("left", "l"), ("right", "r"))
+        for joint, bone, carrier in (
+            ("hip", "hipjoint", "femur"), ("knee", "femur", "tibia"), ("ankle", "tibia", "foot"), ("foot", "foot", "toes"),
+            ("toe", "toes", "toes"), ("shoulder", "clavicle", "humerus"), ("elbow", "humerus", "radius"),
+            ("wrist", "wrist", "hand"), ("hand", "fingers", "fingers"),
+        )
+    },
+}  # fmt: skip
+"""Canonical joint -> the bone that ends there, and the bone that turns with it."""
+
+COLLAR = 0.2
+"""Where along the clavicle the canonical collar lies: all clavicles start in the middle."""
+
+OPTIONAL_BONES = ("head", "toes", "fingers")
+
+HINT = "an .asf holds :units, :root, :bonedata and :hierarchy"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bone:
+    """A bone of a skeleton, or its root."""
+
+    direction: np.ndarray
+    length: float
+    axis: np.ndarray
+    """Rotation C of the bone's frame, x, y, z, w."""
+    angles: tuple[str, ...]
+    """What the .amc gives for it, such as rx, ry."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Skeleton:
+    """An .asf file."""
+
+    bones: dict[str, Bone]
+    parents: dict[str, str]
+    """Bones but the root, parents before children."""
+    unit_m: float
+    degrees: bool
+
+
+def read_asf_amc(path: Path) -> Tracks:
+    """An .amc with the .asf beside it: of the same name, of the name up to `_` (01_02.amc, 01.asf), or the only one."""
+    skeleton_path = _skeleton_beside(path)
+    skeleton = read_asf(skeleton_path)
+    values = _frames(path, skeleton)
+    turned, ends, place = _forward(skeleton, values)
+    missing = sorted(
+        {bone for each in ENDS.values() for bone in each if bone not in turned and not bone.endswith(OPTIONAL_BONES)}
+    )
+    if missing:
+        raise InputError(
+            f"{skeleton_path} lacks the bones {', '.join(missing)}; only skeletons with CMU's names are read"
+        )
+    points, orientations = {"pelvis": place}, {"pelvis": turned[ROOT]}
+    for name, (bone, carrier) in ENDS.items():
+        if bone in ends:
+            points[name], orientations[name] = ends[bone], turned.get(carrier, turned[bone])
+    for side in ("left", "right"):
+        start = ends[skeleton.parents[f"{side[0]}clavicle"]]
+        points[f"{side}_collar"] = (1 - COLLAR) * start + COLLAR * points[f"{side}_shoulder"]
+        orientations[f"{side}_collar"] = turned[f"{side[0]}clavicle"]
+    told = (f"skeleton {skeleton_path.name}",)
+    return Tracks(
+        form="ASF/AMC", points=points, orientations=orientations, rate_hz=RATE_HZ, rate_assumed=True, told=told,
+        unit_m=skeleton.unit_m, up="y",
+    )  # fmt: skip
+
+
+def _skeleton_beside(path: Path) -> Path:
+    folder = path.parent
+    for stem in (path.stem, path.stem.split("_")[0]):
+        for suffix in (".asf", ".ASF"):
+            if (folder / f"{stem}{suffix}").is_file():
+                return folder / f"{stem}{suffix}"
+    others = sorted(each for each in folder.glob("*.[aA][sS][fF]"))
+    if len(others) == 1:
+        return others[0]
+    raise InputError(
+        f"{path} needs its skeleton beside it: {path.stem}.asf or {path.stem.split('_')[0]}.asf, "
+        f"{'none is there' if not others else f'there are {len(others)} others'}"
+    )
+
+
+# --- .asf ---
+
+
+def read_asf(path: Path) -> Skeleton:
+    """The skeleton of an .asf file."""
+    sections = _sections(_text(path, MAX_ASF_BYTES, "ASF file"))
+    try:
+        units = {line[0].lower(): line[1] for line in sections["units"]}
+        scale, degrees = float(units.get("length", "1.0")), _degrees(units.get("angle", "deg"))
+        bones = {ROOT: _root(sections["root"], degrees)}
+        for block in _blocks(sections["bonedata"]):
+            name, bone = _bone(block, degrees)
+            bones[name] = bone
+        parents = _parents(sections["hierarchy"])
+    except (KeyError, IndexError, ValueError):
+        raise InputError(f"{path} is not a whole ASF skeleton: {HINT}") from None
+    unknown = sorted({*parents, *parents.values()} - set(bones))
+    if unknown or len(bones) > MAX_BONES or not 1e-6 < scale < 1e6 or len(parents) != len(bones) - 1:
+        raise InputError(f"{path} is not a whole ASF skeleton: its hierarchy and its bones differ ({shown(unknown)})")
+    return Skeleton(bones=bones, parents=parents, unit_m=INCH_M / scale, degrees=degrees)
+
+
+def _text(path: Path, limit: int, noun: str) -> str:
+    data = read_bytes(path, limit=limit, noun=noun)
+    if b"\0" in data:
+        raise InputError(f"{path} is not text; it is damaged or no {noun}")
+    return data.decode("latin-1")
+
+
+def _sections(text: str) -> dict[str, list[list[str]]]:
+    """Words of the lines under each `:keyword`; those behind it on its own line come first."""
+    sections: dict[str, list[list[str]]] = {}
+    lines: list[list[str]] = []
+    for line in text.splitlines():
+        words = re.sub(r"[(),]", " ", line.split("#")[0]).split()
+        if words and words[0].startswith(":"):
+            lines = sections.setdefault(words[0][1:].lower(), [])
+            words = words[1:]
+        if words:
+            lines.append(words)
+    return sections
+
+
+def _blocks(lines: list[list[str]]) -> list[list[list[str]]]:
+    blocks: list[list[list[str]]] = []
+    for words in lines:
+        if words[0].lower() == "begin":
+            blocks.append([])
+        elif words[0].lower() != "end":
+            blocks[-1].append(words)
+    return blocks
+
+
+def _degrees(word: str) -> bool:
+    if word.lower()[:3] not in ("deg", "rad"):
+        raise ValueError(word)
+    return word.lower().startswith("deg")
+
+
+def _bone(block: list[list[str]], degrees: bool) -> tuple[str, Bone]:
+    entries = {words[0].lower(): words[1:] for words in block}
+    direction = _numbers(entries["direction"][:3])
+    angles = tuple(each.lower() for each in entries.get("dof", ()))
+    if not all(re.fullmatch(r"[rt][xyz]|l", each) for each in angles):
+        raise ValueError(angles)
+    axis = _euler(entries["axis"][3], _numbers(entries["axis"][:3]), degrees)
+    norm = float(np.linalg.norm(direction))
+    return entries["name"][0], Bone(
+        direction=direction / norm if norm > 0 else direction,
+        length=float(_numbers(entries["length"][:1])[0]),
+        axis=axis,
+        angles=angles,
+    )
+
+
+def _root(lines: list[list[str]], degrees: bool) -> Bone:
+    entries = {words[0].lower(): words[1:] for words in lines}
+    order = tuple(each.lower() for each in entries["order"])
+    if not order or not all(re.fullmatch(r"[rt][xyz]", each) for each in order):
+        raise ValueError(order)
+    turn = _numbers(entries.get("orientation", ["0", "0", "0"])[:3])
+    return Bone(direction=np.zeros(3), length=0.0, axis=_euler(entries["axis"][0], turn, degrees), angles=order)
+
+
+def _numbers(words: list[str]) -> np.ndarray:
+    found = np.array([float(word) for word in words])
+    if not (np.abs(found) < LARGEST_NUMBER).all():
+        raise ValueError(words)
+    return found
+
+
+def _euler(order: str, angles: np.ndarray, degrees: bool) -> np.ndarray:
+    """Rotation of three angles about the fixed axes x, y, z in an order such as XYZ, the first named first."""
+    if sorted(order.lower()) != ["x", "y", "z"] or len(angles) != 3:
+        raise ValueError(order)
+    total = np.array([0.0, 0.0, 0.0, 1.0])
+    for letter, angle in zip(order.lower(), angles, strict=True):
+        total = multiply(about_axis(np.eye(3)["xyz".index(letter)], np.radians(angle) if degrees else angle), total)
+    return total
+
+
+def _parents(lines: list[list[str]]) -> dict[str, str]:
+    parents: dict[str, str] = {}
+    for words in lines:
+        if words[0].lower() in ("begin", "end"):
+            continue
+        for child in words[1:]:
+            # A child of what is not yet there, or one twice, would make a loop.
+            if child in parents or child == ROOT or (words[0] != ROOT and words[0] not in parents):
+                raise ValueError(child)
+            parents[child] = words[0]
+    return parents
+
+
+# --- .amc ---
+
+
+def _frames(path: Path, skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """Values (T, angles) of every bone that has any."""
+    wanted = {name: len(bone.angles) for name, bone in skeleton.bones.items() if bone.angles}
+    rows: dict[str, list[list[str]]] = {name: [] for name in wanted}
+    count = 0
+    degrees = skeleton.degrees
+    for line in _text(path, MAX_BYTES, "AMC file").splitlines():
+        words = line.split("#")[0].split()
+        if not words or words[0].startswith(":"):
+            degrees = {":degrees": True, ":radians": False}.get(words[0].lower() if words else "", degrees)
+        elif len(words) == 1 and words[0].isdigit():
+            count += 1
+        elif (
+            count == 0
+            or words[0] not in wanted
+            or len(words) != 1 + wanted[words[0]]
+            or len(rows[words[0]]) != count - 1
+        ):
+            raise InputError(
+                f"{path}: cannot read {shown(line)} in frame {count}; it does not fit the skeleton, or is damaged"
+            )
+        else:
+            rows[words[0]].append(words[1:])
+        if count > MAX_FRAMES:
+            raise InputError(f"{path} has more than {MAX_FRAMES} frames; cut the motion into shorter files")
+    short = [name for name, each in rows.items() if len(each) != count]
+    if count < 2 or short:
+        raise InputError(f"{path} is cut short or no AMC file: {count} frames, {shown(short)} not in all of them")
+    try:
+        values = {name: np.array(each, dtype=float) for name, each in rows.items()}
+    except ValueError:
+        raise InputError(f"{path} must hold numbers only behind the names of bones; it is damaged") from None
+    if not all((np.abs(each) < LARGEST_NUMBER).all() for each in values.values()):
+        raise InputError(f"{path} holds NaN, infinite or absurd values; repair or re-export the file")
+    for name, each in values.items():
+        turns = [place for place, angle in enumerate(skeleton.bones[name].angles) if angle.startswith("r")]
+        each[:, turns] = np.radians(each[:, turns]) if degrees else each[:, turns]
+    return values
+
+
+def _forward(
+    skeleton: Skeleton, values: dict[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
+    """Global rotations (T, 4) and ends (T, 3) of all bones, and the root's place."""
+    root = skeleton.bones[ROOT]
+    frames = len(values[ROOT])
+    place = np.zeros((frames, 3))
+    for column, angle in enumerate(root.angles):
+        if angle.startswith("t"):
+            place[:, "xyz".index(angle[1])] = values[ROOT][:, column]
+    turned = {ROOT: _turned(root, values.get(ROOT), frames)}
+    ends = {ROOT: place}
+    for name, parent in skeleton.parents.items():
+        bone = skeleton.bones[name]
+        turned[name] = multiply(turned[parent], _turned(bone, values.get(name), frames))
+        ends[name] = ends[parent] + rotate(turned[name], bone.length * bone.direction)
+    return turned, ends, place
+
+
+def _turned(bone: Bone, values: np.ndarray | None, frames: int) -> np.ndarray:
+    """C M C^-1 of a bone (T, 4)."""
+    moved = np.tile([0.0, 0.0, 0.0, 1.0], (frames, 1))
+    for column, angle in enumerate(bone.angles):
+        if angle.startswith("r") and values is not None:
+            moved = multiply(about_axis(np.eye(3)["xyz".index(angle[1])], values[:, column]), moved)
+    return multiply(multiply(bone.axis, moved), conjugate(bone.axis))

@@ -1,0 +1,53 @@
+"""Which reader a file needs, by its suffix and content."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from t2d_rt.checks import shown
+from t2d_rt.errors import InputError
+from t2d_rt.motion.read.amass import read_amass
+from t2d_rt.motion.read.arrays import Arrays, read_arrays
+from t2d_rt.motion.read.asf_amc import read_asf_amc
+from t2d_rt.motion.read.c3d import read_c3d
+from t2d_rt.motion.read.deepmimic import read_deepmimic
+from t2d_rt.motion.read.joints_npz import read_plain
+from t2d_rt.motion.read.kimodo import read_kimodo
+from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.motion.read.trc import read_trc
+
+BVH_SUFFIXES = (".bvh", ".bvh.gz")
+
+
+def is_bvh(path: Path) -> bool:
+    """Whether a file is BVH by its suffix."""
+    return path.name.lower().endswith(BVH_SUFFIXES)
+
+
+def read_tracks(path: Path) -> Tracks:
+    """Tracks of any file but BVH."""
+    suffix = path.suffix.lower()
+    if suffix in (".npy", ".npz"):
+        return _from_arrays(read_arrays(path))
+    readers = {
+        ".json": read_deepmimic,
+        ".txt": read_deepmimic,
+        ".amc": read_asf_amc,
+        ".c3d": read_c3d,
+        ".trc": read_trc,
+    }
+    if suffix not in readers:
+        hint = "; give the .amc, whose skeleton it is" if suffix == ".asf" else ""
+        others = ", ".join(sorted({".npy", ".npz", *readers}))
+        raise InputError(
+            f"cannot read {shown(str(path))}: motions come as {' or '.join(BVH_SUFFIXES)}, or as {others}{hint}"
+        )
+    return readers[suffix](path)
+
+
+def _from_arrays(arrays: Arrays) -> Tracks:
+    if "posed_joints" in arrays:
+        return read_kimodo(arrays)
+    if "trans" in arrays and arrays.first("poses", "root_orient"):
+        return read_amass(arrays)
+    return read_plain(arrays)

@@ -1,0 +1,101 @@
+"""Plain arrays of joints -> tracks: a .npz with joints, names and a rate, or a bare .npy whose order is found from its limbs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+
+from t2d_rt.checks import shown
+from t2d_rt.errors import InputError
+from t2d_rt.motion.read.arrays import Arrays
+from t2d_rt.motion.read.detect import Up
+from t2d_rt.motion.read.humanml3d import WIDTH, read_joints, read_vectors
+from t2d_rt.motion.read.joint_sets import ORDERS, guessed_order, named_points
+from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.types.motion import CANONICAL_JOINTS
+
+JOINT_KEYS = ("joints", "positions", "joints3d", "keypoints", "keypoints3d", "motion", "poses3d", "arr_0", "")
+NAME_KEYS = ("names", "joint_names", "joints_names")
+RATE_KEYS = ("fps", "rate_hz", "rate", "frame_rate", "framerate", "mocap_framerate")
+
+NAMED_RATE_HZ = 30.0
+"""Of cameras, where a file does not say."""
+
+MOST_JOINTS = 200
+
+FORMS = "(T, 22, 3) HumanML3D joints, (T, 263) HumanML3D vectors, or (T, K, 3) joints with `names` in a .npz"
+
+
+def read_plain(arrays: Arrays) -> Tracks:
+    """Joints (T, K, 3), named or in a known order, or HumanML3D vectors (T, 263)."""
+    key = arrays.first(*JOINT_KEYS) or (next(iter(arrays.texts)) if len(arrays.texts) == 1 else None)
+    if key is None:
+        raise InputError(f"{arrays.path} holds {shown(list(arrays.texts))} but no joints; expected {FORMS}")
+    values = arrays.numbers(key, (2, 3))
+    rate_hz = arrays.scalar(*RATE_KEYS)
+    names = _names(arrays)
+    if names is None and values.ndim == 2 and values.shape[1] == WIDTH:
+        return _at_rate(read_vectors(values), rate_hz)
+    joints = _joints(values, arrays, names)
+    if names is None:
+        return _at_rate(_in_order(joints, arrays), rate_hz)
+    points, sources = named_points(joints, names)
+    told = (f"{len({each for source in sources.values() for each in source})} of its {len(names)} named joints",)
+    return _at_rate(
+        Tracks(form="named joints", points=points, rate_hz=NAMED_RATE_HZ, told=told, up=_up(arrays)), rate_hz
+    )
+
+
+def _at_rate(tracks: Tracks, rate_hz: float | None) -> Tracks:
+    return replace(tracks, rate_hz=rate_hz or tracks.rate_hz, rate_assumed=rate_hz is None)
+
+
+def _joints(values: np.ndarray, arrays: Arrays, names: Sequence[str] | None) -> np.ndarray:
+    """(T, K, 3) from (T, K, 3), from (T, 3 K), or from (K, 3, T) as motion diffusion models write it."""
+    if values.ndim == 3 and values.shape[2] != 3 and values.shape[1] == 3:
+        values = np.moveaxis(values, 2, 0)
+    if values.ndim == 2 and values.shape[1] % 3 == 0:
+        values = values.reshape(len(values), -1, 3)
+    if values.ndim != 3 or values.shape[2] != 3 or values.shape[1] > MOST_JOINTS:
+        raise InputError(f"{arrays.path} holds an array of shape {shown(values.shape)}; expected {FORMS}")
+    if names is not None and len(names) != values.shape[1]:
+        raise InputError(f"{arrays.path} names {len(names)} joints but holds {values.shape[1]}")
+    return values
+
+
+def _in_order(joints: np.ndarray, arrays: Arrays) -> Tracks:
+    order = guessed_order(joints)
+    if order is None:
+        raise InputError(
+            f"{arrays.path}: {joints.shape[1]} joints without names make no person in any known order "
+            f"({', '.join(f'{name}: {len(each)}' for name, each in ORDERS.items())}); store their `names`"
+        )
+    if order == "HumanML3D":
+        tracks = read_joints(joints[:, : len(CANONICAL_JOINTS)])
+        more = joints.shape[1] - len(CANONICAL_JOINTS)
+        return tracks if not more else replace(tracks, told=(f"the first 22 of its {joints.shape[1]} joints",))
+    points, _ = named_points(joints, ORDERS[order])
+    return Tracks(form=f"joints in the order of {order}", points=points, rate_hz=NAMED_RATE_HZ)
+
+
+def _names(arrays: Arrays) -> tuple[str, ...] | None:
+    key = arrays.first(*NAME_KEYS)
+    if key is None:
+        return None
+    found = arrays.get(key)
+    if found.ndim != 1 or found.dtype.kind not in "US":
+        raise InputError(f"{arrays.path}: {key} must be a list of joint names, got {shown(found)}")
+    return tuple(each.decode("utf-8", "replace") if isinstance(each, bytes) else str(each) for each in found.tolist())
+
+
+def _up(arrays: Arrays) -> Up | None:
+    if "up" not in arrays:
+        return None
+    found: Any = arrays.get("up")
+    word = str(found.reshape(-1)[0]).lower() if found.size == 1 and found.dtype.kind in "US" else ""
+    if word.lstrip("+") not in ("x", "y", "z", "-x", "-y", "-z"):
+        raise InputError(f"{arrays.path}: up must be an axis such as 'z' or '-y', got {shown(found)}")
+    return cast(Up, word.lstrip("+"))

@@ -1,0 +1,162 @@
+"""Labelled points of C3D and TRC files -> canonical joints: joint centres by name, or the markers of usual sets.
+
+Markers lie on the skin. Hip centres follow from the four of the pelvis (Harrington et al. 2007), those of knees, ankles and elbows
+lie half a joint's width inward of the outer marker, shoulders below the acromion (as Vicon's Plug-in Gait has them), wrists between
+two markers. Widths follow stature. Other labels are refused: which point of the body they are is not known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from t2d_rt.checks import shown
+from t2d_rt.errors import InputError
+from t2d_rt.motion.read.joint_sets import NEEDED, canonical_sources, named_points
+
+LONGEST_GAP_S = 0.25
+"""Gaps up to here are bridged by straight lines."""
+
+MODELLED = {
+    "PELO": "pelvis", "TRXO": "neck", "HEDO": "head",
+    **{
+        f"{s}{label}": f"{side}_{joint}"
+        for side, s in (("left", "L"), ("right", "R"))
+        for label, joint in (
+            ("FEP", "hip"), ("FEO", "knee"), ("TIO", "ankle"), ("HUP", "shoulder"), ("HUO", "elbow"), ("RAO", "wrist"),
+        )
+    },
+}  # fmt: skip
+"""Joint centres that Plug-in Gait writes: origins (O) and proximal ends (P) of its bones."""
+
+PELVIS_SETS = (("LASI", "RASI", "LPSI", "RPSI"), ("LASI", "RASI", "SACR", "SACR"), ("LFWT", "RFWT", "LBWT", "RBWT"))
+"""Front left, front right, back left, back right: Plug-in Gait, Helen Hayes, CMU."""
+
+SIDED = {"knee": ("KNE",), "ankle": ("ANK",), "shoulder": ("SHO",), "elbow": ("ELB",), "wrist": ("WRA", "WRB")}
+"""Markers that a joint needs, without the side's letter."""
+
+HEAD = ("LFHD", "RFHD", "LBHD", "RBHD")
+
+SHANK = 0.246
+"""Of the stature (Drillis and Contini 1966)."""
+KNEE_HALF, ANKLE_HALF, ELBOW_HALF, SHOULDER_DOWN, FOOT_DOWN = 0.033, 0.024, 0.023, 0.03, 0.01
+"""From marker to joint, in statures: half widths of 10, 7 and 6.5 cm and half a marker of 14 mm, shoulders 5 cm below, at
+1.75 m."""
+
+STRAIGHT = 0.03
+"""(sine of the bend)^2 at which a hinge counts as much as the trunk's left."""
+
+
+def joints_from(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Points (T, 3) by canonical name, without gaps, and clauses for the report on what was used.
+
+    markers: positions (T, 3) by label in any unit and axes, NaN where a marker was not seen.
+    """
+    plain: dict[str, np.ndarray] = {}
+    for label, track in markers.items():
+        plain.setdefault(label.split(":")[-1].strip(), track)
+    upper = {label.upper(): track for label, track in plain.items()}
+    if all(joint in canonical_sources(tuple(plain)) for joint in NEEDED):
+        used = {name for names in canonical_sources(tuple(plain)).values() for name in names}
+        tracks, told = _without_gaps({label: track for label, track in plain.items() if label in used}, rate_hz)
+        points, _ = named_points(np.stack(list(tracks.values()), axis=1), tuple(tracks))
+        return points, (f"joint centres {', '.join(tracks)}", *told)
+    if all(label in upper for label, joint in MODELLED.items() if joint in NEEDED):
+        tracks, told = _without_gaps({label: upper[label] for label in MODELLED if label in upper}, rate_hz)
+        return {MODELLED[label]: track for label, track in tracks.items()}, (
+            f"joint centres {', '.join(tracks)}",
+            *told,
+        )
+    return _from_skin(upper, rate_hz)
+
+
+def _from_skin(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    pelvis = next((labels for labels in PELVIS_SETS if all(label in markers for label in labels)), None)
+    needed = [f"{s}{label}" for labels in SIDED.values() for label in labels for s in "LR"]
+    absent = [label for label in needed if label not in markers]
+    if pelvis is None or absent:
+        lacking = absent if pelvis else [*PELVIS_SETS[0], *absent]
+        raise InputError(
+            f"markers {shown(list(markers))} give no joints: they lack {', '.join(lacking[:8])}; expected joint centres by name, "
+            "or the markers of Plug-in Gait or CMU's set"
+        )
+    optional = [label for label in (*HEAD, "LTOE", "RTOE", "LFIN", "RFIN") if label in markers]
+    wanted = dict.fromkeys([*pelvis, *needed, *optional])
+    at, told = _without_gaps({label: markers[label] for label in wanted}, rate_hz)
+    front, back = 0.5 * (at[pelvis[0]] + at[pelvis[1]]), 0.5 * (at[pelvis[2]] + at[pelvis[3]])
+    tall = float(np.median([np.linalg.norm(at[f"{s}KNE"] - at[f"{s}ANK"], axis=-1) for s in "LR"])) / SHANK
+    left = _unit(at[pelvis[0]] - at[pelvis[1]])
+    ahead = _unit(_square(front - back, left))
+    up = np.cross(ahead, left)
+    width, depth = (np.median(np.linalg.norm(v, axis=-1)) for v in (at[pelvis[0]] - at[pelvis[1]], front - back))
+    points: dict[str, np.ndarray] = {}
+    down = -_unit(0.5 * (at["LSHO"] + at["RSHO"]) - 0.5 * (front + back))
+    for side, s, sign in (("left", "L", 1.0), ("right", "R", -1.0)):
+        # Harrington et al. 2007, table 4; its millimetres as fractions of 1.7 m.
+        hip = front - (0.24 * depth + 0.0058 * tall) * ahead - (0.30 * width + 0.0064 * tall) * up
+        hip = hip + sign * (0.33 * width + 0.0043 * tall) * left
+        knee, ankle, elbow = at[f"{s}KNE"], at[f"{s}ANK"], at[f"{s}ELB"]
+        wrist = 0.5 * (at[f"{s}WRA"] + at[f"{s}WRB"])
+        shoulder = at[f"{s}SHO"] + SHOULDER_DOWN * tall * down
+        axis = _hinge(_unit(knee - hip), _unit(ankle - knee), left)
+        points |= {
+            f"{side}_hip": hip,
+            f"{side}_knee": knee - sign * KNEE_HALF * tall * _unit(_square(axis, knee - hip)),
+            f"{side}_ankle": ankle - sign * ANKLE_HALF * tall * _unit(_square(axis, ankle - knee)),
+            f"{side}_shoulder": shoulder,
+            f"{side}_elbow": elbow
+            - sign * ELBOW_HALF * tall * _hinge(_unit(wrist - elbow), _unit(elbow - shoulder), left),
+            f"{side}_wrist": wrist,
+        }
+        if f"{s}TOE" in at:
+            points[f"{side}_foot"] = at[f"{s}TOE"] - FOOT_DOWN * tall * _unit(knee - ankle)
+        if f"{s}FIN" in at:
+            points[f"{side}_hand"] = at[f"{s}FIN"]
+    if all(label in at for label in HEAD):
+        points["head"] = 0.25 * sum(at[label] for label in HEAD)
+    return points, (f"joints from the markers {', '.join(at)}", *told)
+
+
+def _hinge(first: np.ndarray, second: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """Unit axis (T, 3) of a bend to the body's left, `left` where the limb is straight."""
+    bend = np.cross(first, second)
+    return _unit(bend * np.linalg.norm(bend, axis=-1, keepdims=True) + STRAIGHT * left)
+
+
+def _without_gaps(tracks: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Tracks over the frames from the first to the last in which all are seen, short gaps bridged."""
+    seen = {label: np.isfinite(track).all(axis=-1) for label, track in tracks.items()}
+    never = [label for label, each in seen.items() if not each.any()]
+    if never:
+        raise InputError(f"markers {shown(never)} are never seen")
+    start = max(int(each.argmax()) for each in seen.values())
+    stop = min(len(each) - int(each[::-1].argmax()) for each in seen.values())
+    total = len(next(iter(seen.values())))
+    if stop - start < 2:
+        raise InputError(
+            f"markers are seen together in {max(stop - start, 0)} frames only, a motion needs 2; repair the tracks first"
+        )
+    found, bridged = {}, 0
+    for label, track in tracks.items():
+        there = np.flatnonzero(seen[label][start:stop])
+        longest = int(np.diff(there).max(initial=1)) - 1
+        if longest > LONGEST_GAP_S * rate_hz:
+            raise InputError(
+                f"marker {shown(label)} is not seen for {longest / rate_hz:.2f} s, gaps of {LONGEST_GAP_S} s are bridged at most; "
+                "fill the gap or cut the motion"
+            )
+        bridged += stop - start - len(there)
+        frames = np.arange(stop - start)
+        found[label] = np.stack([np.interp(frames, there, column) for column in track[start:stop][there].T], axis=-1)
+    told = (f"{bridged} unseen marker positions bridged",) if bridged else ()
+    cut = (f"first {start} and last {total - stop} frame(s) without all markers cut",) if stop - start < total else ()
+    return found, (*told, *cut)
+
+
+def _square(vectors: np.ndarray, to: np.ndarray) -> np.ndarray:
+    """The part of vectors square to others, (T, 3)."""
+    axis = _unit(to)
+    return vectors - (vectors * axis).sum(axis=-1, keepdims=True) * axis
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
