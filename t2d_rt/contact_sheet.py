@@ -135,7 +135,7 @@ def _samples(corners: np.ndarray, spacing_m: float) -> tuple[np.ndarray, np.ndar
     """Points (N, 3) on triangles (F, 3, 3), at most `spacing_m` apart, and the triangle of each (N,)."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
     counts = np.clip(np.ceil(longest / spacing_m), 1, 64).astype(int)
-    points, owners = [], []
+    points, owners = [np.zeros((0, 3))], [np.zeros(0, int)]
     for count in np.unique(counts):
         own = np.flatnonzero(counts == count)
         i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")

@@ -21,7 +21,7 @@ from t2d_rt.motion.descriptions.slots import Activity
 
 UP = np.array([0.0, 0.0, 1.0])
 
-SIGN_MARGIN = 0.15
+SIGN_MARGIN = 0.35
 """A figure of a gait is a sign of an abnormal one where it lies outside the range of normal walks by that fraction of the
 range."""
 

@@ -51,6 +51,9 @@ LEAST_SPEED = 0.50
 falls have 0.54 + 0.51 (Choi, Wakeling and Robinovitch 2015: head 2.91 +- 0.86, pelvis 2.14 +- 0.63 m/s); lying down on purpose
 in 2 s has at most 0.25 + 0.15."""
 
+STILL_FALLING = 0.15
+"""The same at the record's last frame of a body that has not come to rest."""
+
 LEAST_CUT_SPEED = 0.35
 """The same for a fall that the record ends in, before the floor."""
 
@@ -263,7 +266,7 @@ def _finding(body: Tracks, heights: _Heights, descent: _Descent) -> FallFinding:
     head, hips = _downward_mps(heights, descent)
     held = np.flatnonzero(_beyond_feet(body)[: descent.impact + 1] < BASE * body.stature_m)
     balance = min(int(held[-1]) if len(held) else 0, descent.start)
-    cut = descent.floor == len(heights.head) - 1 and heights.head[-1] > LOW_HEAD
+    cut = descent.stop == len(heights.head) and -(heights.head_speed[-1] + heights.hips_speed[-1]) > STILL_FALLING
     state: EndState = "falling" if cut else _end_state(body, heights, descent)
     upright = np.flatnonzero(heights.head[descent.stop :] > 0.85)
     direction = _direction(body, descent)
