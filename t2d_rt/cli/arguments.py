@@ -16,6 +16,8 @@ from t2d_rt.files import load_yaml, read_yaml
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
+SHORT = {"-o": "--output", "-n": "--count"}
+
 FLAGS = ("--overwrite", "--help", "--print_config", "--strict")
 """Options that need no value."""
 
@@ -51,17 +53,17 @@ def resolved(arguments: Sequence[str], *, configurable: bool = True, several: bo
         if word == "--":  # nothing after it is an option
             files.extend(waiting)
             break
-        option = re.fullmatch(r"(-o|--[A-Za-z][\w.-]*)(?:=(.*))?", word, flags=re.DOTALL)
+        option = re.fullmatch(r"(-[on]|--[A-Za-z][\w.-]*)(?:=(.*))?", word, flags=re.DOTALL)
         if option is None:
             if re.match("-.", word) and word != "-h":
                 raise InputError(f"unknown option {word[:60]}; t2d-rt COMMAND --help lists all")
             (rest if word == "-h" else files).append(word)
             continue
-        name = "--output" if option[1] == "-o" else "--" + option[1][2:].replace("-", "_")
+        name = SHORT.get(option[1]) or "--" + option[1][2:].replace("-", "_")
         value = option[2]
         if name in ("--config", "--radar") and not configurable:
             raise InputError(f"unknown option {name}; t2d-rt COMMAND --help lists all")
-        if value is None and name not in FLAGS and waiting and not re.match(r"--[A-Za-z]|--$|-[oh]$", waiting[0]):
+        if value is None and name not in FLAGS and waiting and not re.match(r"--[A-Za-z]|--$|-[onh]$", waiting[0]):
             value = waiting.popleft()
         if value is None:
             if name not in FLAGS:

@@ -34,6 +34,8 @@ Object = Literal["stair", "chair", "floor", "ball", "handrail"]
 FallType = Literal["slip", "trip", "collapse"]
 GaitType = Literal["parkinsonian", "festinating", "freezing", "waddling", "ataxic", "scissor", "steppage", "limping"]
 
+Side = Literal["left", "right"]
+
 Subject = Literal["person", "man", "woman", "child", "old_person", "heavy_person"]
 """Who moves; it chooses body and stature."""
 
@@ -54,6 +56,33 @@ ACTIONS_OF: dict[Activity, tuple[Action, ...]] = {
 """Main actions of each class."""
 
 
+_LEVEL: tuple[Direction, ...] = ("forward", "back", "left", "right", "straight")
+_CIRCLES: tuple[Direction, ...] = ("clockwise", "counterclockwise")
+
+DIRECTIONS_OF: dict[Action, tuple[Direction, ...]] = {
+    "walk": (*_LEVEL, *_CIRCLES, "up", "down"),
+    "run": (*_LEVEL, *_CIRCLES, "up", "down"),
+    "dance": (*_LEVEL, *_CIRCLES, "up", "down"),
+    "jump": (*_LEVEL, *_CIRCLES, "up", "down"),
+    "turn": ("left", "right", "back", *_CIRCLES),
+    "climb": ("up", "down"),
+    "fall": ("forward", "back", "left", "right", "straight", "down"),
+    "sit": ("forward", "back", "left", "right", "down"),
+    "lie_down": ("forward", "back", "left", "right", "down"),
+    "stand_up": ("forward", "back", "left", "right", "up"),
+    "bend": ("forward", "back", "left", "right", "down"),
+    "squat": ("down",),
+    "stretch": ("forward", "back", "left", "right", "up", "down"),
+    "stand": (*_LEVEL, "up"),
+}
+"""Directions that each action can have: nobody falls up, or squats clockwise. Of lying, on which side of the body."""
+
+MOST_TIMES, LONGEST_S = 100, 600.0
+"""Of `count` and of `duration_s` [s]."""
+LONGEST_SENTENCE, MOST_STEPS = 500, 8
+"""Characters of a sentence; steps of an activity."""
+
+
 class Step(Fields):
     """One action and how it is done."""
 
@@ -68,6 +97,12 @@ class Step(Fields):
     object: Object | None = None
     type: FallType | GaitType | None = None
     """Of a fall, how it comes about; of a walk, what is wrong with the gait."""
+    side: Side | None = None
+    """Which of the two body parts, as the leg that limps."""
+    count: Annotated[int, Field(ge=1, le=MOST_TIMES)] | None = None
+    """How many times the action is done."""
+    duration_s: Annotated[float, Field(gt=0, le=LONGEST_S)] | None = None
+    """How long the action lasts [s]."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Step:
@@ -75,6 +110,13 @@ class Step(Fields):
             wanted = "fall" if self.type in FALL_TYPES else "walk"
             if self.action != wanted:
                 raise InputError(f"type {self.type} belongs to action {wanted}, not to {self.action}")
+        if self.side is not None and self.body_part in (None, "waist"):
+            raise InputError(f"side {self.side} belongs to an arm, foot, hand, leg or knee; give body_part, too")
+        if self.direction is not None and self.direction not in DIRECTIONS_OF[self.action]:
+            raise InputError(
+                f"action {self.action} has no direction {self.direction}; choose one of "
+                f"{', '.join(DIRECTIONS_OF[self.action])}, or leave it out"
+            )
         return self
 
 
@@ -85,11 +127,11 @@ class Description(Step):
 
     activity: Annotated[Activity, Field(alias="class")]
     subject: Subject = "person"
-    before: Annotated[tuple[Step, ...], Field(max_length=8)] = ()
+    before: Annotated[tuple[Step, ...], Field(max_length=MOST_STEPS)] = ()
     """Steps that lead to the main one, as the walk before a fall."""
-    after: Annotated[tuple[Step, ...], Field(max_length=8)] = ()
+    after: Annotated[tuple[Step, ...], Field(max_length=MOST_STEPS)] = ()
     """Steps that follow it."""
-    sentence: Annotated[str, StringConstraints(min_length=1, max_length=500)]
+    sentence: Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_SENTENCE)]
 
     @model_validator(mode="after")
     def _of_its_class(self) -> Description:

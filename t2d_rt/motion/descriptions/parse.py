@@ -1,0 +1,243 @@
+"""A free sentence read into the slots of a description.
+
+>>> parsed = parse_description("A person walks slowly forward, slips and falls backward.")
+>>> parsed.description.activity, parsed.description.type, parsed.description.direction
+('falling', 'slip', 'back')
+>>> parsed.description.before[0].speed, parsed.ignored
+('slow', ())
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from t2d_rt.checks import shown, text
+from t2d_rt.errors import InputError
+from t2d_rt.motion.descriptions.drafts import Draft, Opposite, Reader, merged
+from t2d_rt.motion.descriptions.items import items_of
+from t2d_rt.motion.descriptions.slots import (
+    ACTIONS_OF,
+    DIRECTIONS_OF,
+    FALL_TYPES,
+    GAIT_TYPES,
+    LONGEST_S,
+    LONGEST_SENTENCE,
+    MOST_STEPS,
+    MOST_TIMES,
+    Activity,
+    Description,
+    Step,
+)
+
+RANK = {
+    "fall": 10, "dance": 8, "jump": 7, "sit": 6, "lie_down": 6, "bend": 5, "squat": 5, "stretch": 5, "stand_up": 4,
+    "run": 3, "climb": 2, "walk": 1, "turn": 0,
+}  # fmt: skip
+"""The action of highest rank is the main one, the first where there are several; a disturbed walk comes after a fall."""
+GAIT_RANK = 9
+MOVING = "walk", "run", "climb"
+
+UNDERSTOOD = (
+    "walking, abnormal gaits, running, falling, sitting, lying down, standing up, bending, squatting, "
+    "stretching, jumping, dancing, turning and climbing stairs"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Parsed:
+    """A sentence in slots."""
+
+    description: Description
+    ignored: tuple[str, ...] = ()
+    """Words that were not understood, and fill no slot."""
+    read_as: tuple[tuple[str, str], ...] = ()
+    """Words that were read as others: misspelt ones, and a circle without its sense."""
+
+    def __str__(self) -> str:
+        """What should be said to whoever wrote the sentence; nothing where all was understood."""
+        said = [f"read {given!r} as {meant!r}" for given, meant in self.read_as]
+        if self.ignored:
+            said.append(f"not understood and left out: {', '.join(self.ignored)}")
+        return "; ".join(said)
+
+
+def parse_description(sentence: str) -> Parsed:
+    """The slots of a free sentence in English; an InputError of one sentence where no activity is understood.
+
+    sentence: what one person does, in one or several steps: "a man walks to a chair, sits down and stands up again".
+    """
+    sentence = _checked(sentence)
+    items = items_of(sentence)
+    reader = Reader()
+    try:
+        for item in items:
+            reader.read(item)
+        drafts = _settled(reader.ordered(), reader.ignored)
+    except Opposite as error:
+        directions, verb = error.args
+        raise InputError(
+            f"the sentence is contradictory: it says {directions} of one action ({verb}); leave one of them out, or "
+            "write two steps"
+        ) from None
+    description, read_as = _description(drafts, reader, sentence)
+    slips = tuple((each.note, each.words) for each in items if each.note)
+    return Parsed(description, tuple(reader.ignored), (*slips, *read_as))
+
+
+def _checked(sentence: str) -> str:
+    sentence = " ".join(text("a description", sentence, hint=" such as 'a person walks slowly forward'").split())
+    if not any(char.isalpha() for char in sentence):
+        raise InputError(
+            f"a description needs words, got {shown(sentence)}; write what a person does, as 'a man sits down'"
+        )
+    if len(sentence) > LONGEST_SENTENCE:
+        raise InputError(
+            f"a description has at most {LONGEST_SENTENCE} characters, got {len(sentence)}; describe one person's "
+            "activity in a sentence"
+        )
+    letters = [char for char in sentence if char.isalpha()]
+    if sum(char.isascii() for char in letters) < len(letters) / 2:
+        raise InputError(f"a description is an English sentence, got {shown(sentence)}; translate it")
+    return sentence
+
+
+def _settled(drafts: list[Draft], ignored: list[str]) -> list[Draft]:
+    """Steps that mean something together are one; what is implied by another step is left out."""
+    _resolve_stumbles(drafts)
+    drafts = _without_weak(drafts, ignored)
+    for number, draft in enumerate(drafts):
+        if draft.get("type") in FALL_TYPES and draft.action != "fall":
+            fall = next((each for each in drafts[number:] if each.action == "fall"), None)
+            if fall is not None and fall.get("type") is None:
+                fall.said["type"] = draft.get("type")
+            elif fall is None and draft.action != "jump":  # over an obstacle
+                ignored.append(draft.cause)
+            draft.said.pop("type", None)
+    found: list[Draft] = []
+    for draft in drafts:
+        last = found[-1] if found else None
+        together = _together(last, draft) if last is not None else None
+        if together is not None:
+            found[-1] = together
+        else:
+            found.append(draft)
+    return found
+
+
+def _resolve_stumbles(drafts: list[Draft]) -> None:
+    """Stumbling is a fall where something falls; about a place or to both sides, it is an unsteady walk; else a fall."""
+    falls = any(each.action == "fall" for each in drafts)
+    sides = {each.get("direction") for each in drafts if each.action == "stumble"}
+    moving = any(each.action == "walk" and each.joined == "while" for each in drafts)
+    for draft in drafts:
+        if draft.action == "stumble":
+            walks = not falls and (moving or sides >= {"left", "right"})
+            draft.action = "walk" if walks else "fall"
+            draft.implied["type"] = "ataxic" if walks else "trip"
+            if walks and draft.get("direction") in ("left", "right"):
+                draft.said.pop("direction")
+
+
+def _without_weak(drafts: list[Draft], ignored: list[str]) -> list[Draft]:
+    telling = any(not each.weak for each in drafts)
+    kept = []
+    for draft in drafts:
+        of_limb = draft.get("body_part") is not None  # moves an arm forward
+        directed = draft.get("direction") is not None and draft.action == "walk" and not of_limb
+        if draft.weak and telling and not directed:
+            ignored.append(draft.words)
+        else:
+            kept.append(draft)
+    return kept
+
+
+def _together(first: Draft, second: Draft) -> Draft | None:
+    """One step for two neighbours that are one action; None where they are two."""
+    loose = second.joined in ("", ",", "while")
+    actions = first.action, second.action
+    if actions == ("fall", "fall"):
+        return merged(first, second)
+    if actions in (("fall", "lie_down"), ("fall", "sit")):
+        return merged(first, Draft("fall", {}, {**second.slots(), "type": first.get("type")})) or first
+    if actions in (("lie_down", "stand_up"), ("sit", "stand_up")) and first.words in ("lying", "sitting", "seated"):
+        return merged(second, Draft("stand_up", {}, {k: v for k, v in first.slots().items() if k == "object"}))
+    if second.action == "bend" and first.action in ("bend", "squat"):
+        return merged(first, second)
+    if second.action == "turn" and second.gerund and loose and first.action in ("dance", "jump", "walk", "run"):
+        return merged(first, Draft(first.action, {}, second.slots()))
+    if first.action != second.action:
+        return None
+    typed = first.get("type") is not None or second.get("type") is not None
+    if (
+        loose
+        or (typed and second.get("direction") in (None, first.get("direction")))
+        or first.action in ("sit", "stand")
+    ):
+        return merged(first, second)
+    return None
+
+
+def _description(drafts: list[Draft], reader: Reader, sentence: str) -> tuple[Description, list[tuple[str, str]]]:
+    read_as: list[tuple[str, str]] = []
+    _check_any(drafts, reader)
+    if len(drafts) > MOST_STEPS:
+        raise InputError(f"a description has at most {MOST_STEPS} steps, got {len(drafts)}; leave some out")
+    turned = False
+    for draft in drafts:
+        if turned and draft.action in MOVING and draft.returns and draft.get("direction") == "back":
+            draft.said["direction"] = "forward"  # turns around and walks back
+        turned = turned or (draft.action == "turn" and draft.get("direction") == "back")
+        if draft.get("direction") == "circle":
+            draft.said["direction"] = "counterclockwise"
+            read_as.append(("in a circle", "in a counterclockwise circle"))
+    ranks = [
+        GAIT_RANK if each.get("type") in GAIT_TYPES and each.action == "walk" else RANK.get(each.action, -1)
+        for each in drafts
+    ]
+    place = ranks.index(max(ranks))
+    steps = [_step_fields(draft, reader.ignored) for draft in drafts]
+    main = steps[place]
+    description = Description(
+        activity=_activity(main),
+        subject=reader.subject,
+        before=tuple(Step(**each) for each in steps[:place]),
+        after=tuple(Step(**each) for each in steps[place + 1 :]),
+        sentence=sentence,
+        **main,
+    )
+    return description, read_as
+
+
+def _check_any(drafts: list[Draft], reader: Reader) -> None:
+    if not drafts and reader.ignored:
+        words = ", ".join(reader.ignored[:6])
+        raise InputError(f"no activity was understood in the sentence (not understood: {words}); describe {UNDERSTOOD}")
+    if not drafts:
+        raise InputError(f"the sentence tells no activity; describe {UNDERSTOOD}")
+    if all(each.action == "stand" for each in drafts):
+        raise InputError(f"the sentence tells of standing only, which is none of the classes; describe {UNDERSTOOD}")
+
+
+def _step_fields(draft: Draft, ignored: list[str]) -> dict[str, object]:
+    """Fields of a step; what the action cannot have is reported, and a fall that goes up is refused."""
+    fields: dict[str, object] = {"action": draft.action, **draft.slots()}
+    allowed = DIRECTIONS_OF[draft.action]  # type: ignore[index]
+    direction = fields.get("direction")
+    if direction is not None and direction not in allowed:
+        if draft.action == "fall":
+            raise InputError(f"the sentence is contradictory: nobody falls {direction}; falls go {', '.join(allowed)}")
+        ignored.append(str(fields.pop("direction")))
+    if fields.get("type") in GAIT_TYPES and draft.action != "walk":
+        ignored.append(str(fields.pop("type")))
+    count, duration = fields.get("count"), fields.get("duration_s")
+    if count is not None and not (isinstance(count, int) and 1 <= count <= MOST_TIMES):
+        raise InputError(f"an action is done 1 to {MOST_TIMES} times, got {count}; write a whole number of times")
+    if isinstance(duration, float) and not 0 < duration <= LONGEST_S:
+        raise InputError(f"an action lasts up to {LONGEST_S:g} s, got {duration:g} s; write a shorter time")
+    return fields
+
+
+def _activity(main: dict[str, object]) -> Activity:
+    if main.get("type") in GAIT_TYPES:
+        return "abnormal_walking"
+    return next(activity for activity, actions in ACTIONS_OF.items() if main["action"] in actions)
