@@ -1,0 +1,266 @@
+"""Motions from the user's MoMask, and from folders of results of text-to-motion models."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import t2d_rt as t2d
+from t2d_rt.errors import InputError
+from t2d_rt.motion.descriptions.slots import Description
+from t2d_rt.motion.generate.files import Files, results
+from t2d_rt.motion.generate.momask import MoMask
+from t2d_rt.types.motion import CANONICAL_JOINTS
+
+
+@pytest.fixture(scope="module")
+def joints() -> np.ndarray:
+    """HumanML3D joints (T, 22, 3) of a walk at 20 Hz, y up."""
+    motion = t2d.resample(t2d.example("walk"), 20.0)
+    return motion.joints[:, : len(CANONICAL_JOINTS)][..., [1, 2, 0]].astype(np.float32)
+
+
+def walking(sentence: str = "A person walks forward.") -> Description:
+    return Description(activity="walking", action="walk", sentence=sentence)
+
+
+def fall() -> Description:
+    return Description(activity="falling", action="fall", type="trip", sentence="A person trips and falls.")
+
+
+def is_the_walk(motion: t2d.Motion, joints: np.ndarray) -> None:
+    """The motion's joints are the file's but for the floor's height and smoothing."""
+    found = motion.joints[:, : len(CANONICAL_JOINTS)]
+    wanted = joints[..., [2, 0, 1]].astype(float)
+    apart = (found - found[:1, :1]) - (wanted - wanted[:1, :1])
+    assert found.shape == wanted.shape
+    assert np.abs(apart).max() < 0.03
+    assert motion.rate_hz == 20.0
+
+
+# --- MoMask ---
+
+GENERATOR = """
+import argparse, os, sys, time, numpy as np
+parser = argparse.ArgumentParser()
+for name in ("gpu_id", "ext", "text_path", "repeat_times", "seed"):
+    parser.add_argument("--" + name, required=True)
+given = parser.parse_args()
+(line,) = open(given.text_path).readlines()
+prompt, frames = line.split("#")
+frames = int(frames)
+assert not any("KEY" in name for name in os.environ), "a key was passed on"
+folder = os.path.join("generation", given.ext, "joints", "0")
+os.makedirs(folder)
+MODE
+joints = np.load("walk.npy")
+stem = os.path.join(folder, "sample0_repeat0_len%d" % frames)
+np.save(stem + "_ik.npy", joints)
+np.save(stem + ".npy", joints + 5 * np.arange(len(joints))[:, None, None])
+open("asked.txt", "w").write("%s|%s|%d|%s" % (given.seed, prompt, frames, given.gpu_id))
+"""
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, joints: np.ndarray) -> Path:
+    """A folder that behaves like a checkout of MoMask."""
+    np.save(tmp_path / "walk.npy", joints)
+    behave(tmp_path, "")
+    return tmp_path
+
+
+def behave(checkout: Path, how: str) -> None:
+    (checkout / "gen_t2m.py").write_text(GENERATOR.replace("MODE", textwrap.dedent(how)))
+
+
+def momask(checkout: Path, **options: Any) -> MoMask:
+    return MoMask(checkout=checkout, python=sys.executable, **options)
+
+
+def test_momask_is_run_and_its_joints_with_planted_feet_are_read(
+    checkout: Path, joints: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOME_API_KEY", "secret")
+    motion = momask(checkout)(walking("a person; rm -rf / #9\nwalks"), seed=7)
+    is_the_walk(motion, joints)
+    assert (checkout / "asked.txt").read_text() == "7|a person; rm -rf / 9 walks|80|-1"
+    assert "MoMask for" in motion.origin[-1]
+    assert "seed 7" in motion.origin[-1]
+
+
+def test_momasks_results_do_not_pile_up(checkout: Path) -> None:
+    momask(checkout)(walking(), seed=0)
+    assert list((checkout / "generation").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("how", "sentence"),
+    [
+        ("print('x'); sys.exit(3)", "exit code 3: x"),
+        ("raise RuntimeError('no weights at checkpoints')", "no weights at checkpoints"),
+        ("sys.exit(0)", "ended without joints"),
+        ("np.save(folder + '/sample0_repeat0_len80.npy', np.zeros((80, 21, 3))); sys.exit(0)", "cannot be used"),
+        ("np.save(folder + '/sample0_repeat0_len80.npy', np.full((80, 22, 3), np.nan)); sys.exit(0)", "cannot be used"),
+        ("open(folder + '/sample0_repeat0_len80.npy', 'w').write('half'); sys.exit(0)", "cannot be used"),
+        ("time.sleep(30)", "took longer than 2 s"),
+    ],
+)
+def test_what_momask_does_wrong_is_told_in_one_sentence(checkout: Path, how: str, sentence: str) -> None:
+    behave(checkout, how)
+    with pytest.raises(InputError, match=sentence) as caught:
+        momask(checkout, limit_s=2.0)(walking(), seed=0)
+    assert "\n" not in str(caught.value)
+    assert list((checkout / "generation").iterdir()) == []
+
+
+def test_without_a_checkout_or_a_python_momask_says_what_to_set(
+    tmp_path: Path, checkout: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("T2D_MOMASK", raising=False)
+    with pytest.raises(InputError, match="set T2D_MOMASK"):
+        MoMask.from_environment()
+    monkeypatch.setenv("T2D_MOMASK", str(tmp_path / "nowhere"))
+    with pytest.raises(InputError, match="no checkout of MoMask"):
+        MoMask.from_environment()(walking(), seed=0)
+    with pytest.raises(InputError, match="T2D_MOMASK_PYTHON"):
+        MoMask(checkout=checkout, python="no-such-python")(walking(), seed=0)
+
+
+# --- folders of results ---
+
+
+def write_mdm(folder: Path, joints: np.ndarray, prompts: list[str]) -> None:
+    padded = np.concatenate([joints, joints[-1:].repeat(9, axis=0)]).transpose(1, 2, 0)
+    held = {
+        "motion": np.stack([padded] * len(prompts)), "text": prompts, "lengths": np.full(len(prompts), len(joints)),
+        "num_samples": len(prompts), "num_repetitions": 1,
+    }  # fmt: skip
+    np.save(folder / "results.npy", held, allow_pickle=True)  # type: ignore[arg-type]
+    (folder / "results.txt").write_text("\n".join(prompts))
+
+
+def write_momask(folder: Path, joints: np.ndarray, prompts: list[str]) -> None:
+    (folder / "prompts.txt").write_text("".join(f"{prompt}#{len(joints)}\n" for prompt in prompts))
+    for number in range(len(prompts)):
+        place = folder / "joints" / str(number)
+        place.mkdir(parents=True)
+        np.save(place / f"sample{number}_repeat0_len{len(joints)}_ik.npy", joints)
+        np.save(place / f"sample{number}_repeat0_len{len(joints)}.npy", joints * 2)
+
+
+def write_motiongpt(folder: Path, joints: np.ndarray, prompts: list[str]) -> None:
+    for number, prompt in enumerate(prompts):
+        np.save(folder / f"{number}_out.npy", joints[None])
+        (folder / f"{number}_in.txt").write_text(prompt)
+
+
+def write_plain(folder: Path, joints: np.ndarray, prompts: list[str]) -> None:
+    for number, prompt in enumerate(prompts):
+        np.save(folder / f"clip{number}.npy", joints)
+        (folder / f"clip{number}.txt").write_text(prompt)
+
+
+PROMPTS = ["a person walks forward.", "a person trips and falls to the floor."]
+WRITERS = [write_mdm, write_momask, write_motiongpt, write_plain]
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_results_are_found_by_their_prompts(write: Any, tmp_path: Path, joints: np.ndarray) -> None:
+    write(tmp_path, joints, PROMPTS)
+    assert [each.prompt for each in results(tmp_path)] == PROMPTS
+    motion = Files(folder=tmp_path)(walking(), seed=0)
+    is_the_walk(motion, joints)
+    assert "a person walks forward." in motion.origin[-1]
+    other = Files(folder=tmp_path)(fall(), seed=0)  # not its sentence, but its class and type
+    assert "a person trips and falls to the floor." in other.origin[-2]
+    assert "of the same kind" in other.origin[-1]
+
+
+def test_kimodos_prompts_stand_in_json(tmp_path: Path, joints: np.ndarray) -> None:
+    np.savez(tmp_path / "one.npz", joints=joints.astype(float), fps=20.0, names=np.array(CANONICAL_JOINTS))
+    (tmp_path / "one.json").write_text(json.dumps({"texts": ["A person walks", "and runs."]}))
+    assert [each.prompt for each in results(tmp_path)] == ["A person walks and runs."]
+
+
+def test_one_of_several_is_chosen_by_the_seed(tmp_path: Path, joints: np.ndarray) -> None:
+    write_plain(tmp_path, joints, ["A person walks forward."] * 6)
+    chosen = {Files(folder=tmp_path)(walking(), seed=seed).origin[0] for seed in range(8)}
+    assert len(chosen) > 2
+    first = Files(folder=tmp_path)(walking(), seed=3)
+    assert first.origin == Files(folder=tmp_path)(walking(), seed=3).origin
+
+
+def test_what_was_not_made_is_not_returned(tmp_path: Path, joints: np.ndarray) -> None:
+    write_plain(tmp_path, joints, PROMPTS[:1])
+    with pytest.raises(InputError, match="none of the 1 motions"):
+        Files(folder=tmp_path)(fall(), seed=0)
+
+
+class Evil:
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (Path("ran"),)
+
+
+def damaged(folder: Path, joints: np.ndarray, how: str) -> None:
+    write_mdm(folder, joints, PROMPTS)
+    path = folder / "results.npy"
+    held: dict[str, Any] = np.load(path, allow_pickle=True).item()
+    if how == "code":
+        held["text"] = Evil()
+    elif how == "shape":
+        held["motion"] = held["motion"][:, :21]
+    elif how == "lengths":
+        held["lengths"] = held["lengths"] + 100
+    elif how == "nan":
+        held["motion"][0, 0, 0, 0] = np.nan
+    if how == "cut":
+        path.write_bytes(path.read_bytes()[:5000])
+    elif how == "prompts":
+        (folder / "results.txt").write_text("one only")
+    elif how == "pickle":
+        path.write_bytes(pickle.dumps(held))
+    elif how == "gone":
+        (folder / "results.txt").unlink()
+    else:
+        np.save(path, held, allow_pickle=True)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("how", "sentence"),
+    [
+        ("code", "other things than arrays"),
+        ("shape", "must have shape"),
+        ("lengths", "lengths must lie"),
+        ("nan", "NaN"),
+        ("cut", "damaged"),
+        ("pickle", "damaged"),
+        ("prompts", "2 motions and results.txt 1 prompts"),
+        ("gone", "is missing"),
+    ],
+)
+def test_damaged_results_are_refused_in_one_sentence(
+    tmp_path: Path, joints: np.ndarray, how: str, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    damaged(tmp_path, joints, how)
+    with pytest.raises(InputError, match=sentence):
+        results(tmp_path)
+    assert not Path("ran").exists()
+
+
+def test_folders_without_results_are_refused(tmp_path: Path, joints: np.ndarray) -> None:
+    with pytest.raises(InputError, match="holds no results"):
+        results(tmp_path)
+    with pytest.raises(InputError, match="is no folder"):
+        results(tmp_path / "nowhere")
+    write_momask(tmp_path, joints, PROMPTS)
+    (tmp_path / "prompts.txt").unlink()
+    with pytest.raises(InputError, match="copy the file that --text_path named"):
+        results(tmp_path)
