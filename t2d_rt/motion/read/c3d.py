@@ -28,7 +28,9 @@ def read_c3d(path: Path) -> Tracks:
         raise InputError(f"{path} is not a C3D file, or cut short")
     markers, rate_hz, unit = _markers(path)
     points, told = joints_from(markers, rate_hz)
-    return Tracks(form="C3D", points=points, rate_hz=rate_hz, told=told, unit_m=UNITS_M.get(unit), up="z")
+    return Tracks(
+        form="C3D", points=points, rate_hz=rate_hz, told=told, unit_m=UNITS_M.get(unit), up="z", up_certain=False
+    )
 
 
 def _markers(path: Path) -> tuple[dict[str, np.ndarray], float, str]:

@@ -16,13 +16,17 @@ import numpy as np
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
-from t2d_rt.motion.quaternions import about_axis, multiply, normalise, rotate
+from t2d_rt.motion.quaternions import about_axis, continuous, multiply, normalise, rotate
 from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.complete import HEAD
 from t2d_rt.motion.read.tracks import Tracks
 
 MAX_BYTES = 100_000_000
+SHORTEST_S, LONGEST_S = 1e-4, 1.0
 WIDTH = 44
+
+LEAST_UNIT = 0.5
+"""Deviation of a quaternion's length from 1 from which it is none; the published kick has 0.42, by linear interpolation."""
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -41,6 +45,8 @@ JOINTS: dict[str, tuple[str, tuple[float, float, float], slice]] = {
     "left_elbow": ("left_shoulder", (0.0, -0.274788, 0.0), slice(43, 44)),
 }
 """Joint -> its parent, its offset from there [m], and the columns of its rotation."""
+
+QUATERNIONS = (slice(4, 8), *(columns for _, _, columns in JOINTS.values() if columns.stop - columns.start == 4))
 
 TRUNK_M = 0.236151 + 0.24350
 WRIST = (0.0, -0.258947, 0.0)
@@ -68,13 +74,7 @@ The ball of its foot lies within the box of the ankle, which reaches 0.1335 m ah
 
 def read_deepmimic(path: Path) -> Tracks:
     """Joints with the file's rotations."""
-    frames = _frames(path)
-    steps = frames[:-1, 0] if len(frames) > 1 else frames[:, 0]
-    step_s = float(np.median(steps))
-    if not (1e-4 <= step_s <= 1.0) or np.abs(steps - step_s).max() > 0.01 * step_s:
-        raise InputError(
-            f"{path}: frames must last equally long, 0.0001 to 1 s; they last {steps.min():g} to {steps.max():g} s"
-        )
+    frames, step_s, told = _even(_frames(path), path)
     quaternion = normalise(frames[:, [5, 6, 7, 4]])
     turned, at = {"root": quaternion}, {"root": frames[:, 1:4]}
     for name, (parent, offset, columns) in JOINTS.items():
@@ -89,10 +89,32 @@ def read_deepmimic(path: Path) -> Tracks:
         orientations[name] = turned[carrier]
     rate_hz = 1.0 / step_s
     rate_hz = float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 2e-4 * rate_hz else rate_hz
-    told = ("humanoid3d's bone lengths", "feet, hands and head rigid on ankles, forearms and neck")
+    told = ("humanoid3d's bone lengths", "feet, hands and head rigid on ankles, forearms and neck", *told)
     return Tracks(
         form="DeepMimic", points=points, orientations=orientations, rate_hz=rate_hz, told=told, unit_m=1.0, up="y"
     )
+
+
+def _even(frames: np.ndarray, path: Path) -> tuple[np.ndarray, float, tuple[str, ...]]:
+    """Frames that follow each other evenly, their step [s], and a clause where they had to be interpolated."""
+    steps = frames[:-1, 0] if len(frames) > 1 else frames[:, 0]
+    step_s = float(np.median(steps))
+    if not (steps.min() >= SHORTEST_S and steps.max() <= LONGEST_S):
+        raise InputError(
+            f"{path}: frames must last {SHORTEST_S} to {LONGEST_S:g} s each, these last {steps.min():g} to {steps.max():g} s"
+        )
+    if np.abs(steps - step_s).max() <= 0.01 * step_s or len(frames) < 4:
+        return frames, step_s, ()
+    from scipy.interpolate import make_interp_spline
+
+    for columns in QUATERNIONS:
+        frames[:, columns] = continuous(normalise(frames[:, columns]))
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    even = np.arange(int(times[-1] / step_s + 1e-9) + 1) * step_s
+    if len(even) > MAX_FRAMES:
+        raise InputError(f"{path}: {len(even)} frames are too many, {MAX_FRAMES} are read at most; cut the motion")
+    told = f"frames of {steps.min():.4f} to {steps.max():.4f} s interpolated"
+    return np.asarray(make_interp_spline(times, frames, k=3)(even)), step_s, (told,)
 
 
 def _frames(path: Path) -> np.ndarray:
@@ -119,8 +141,7 @@ def _frames(path: Path) -> np.ndarray:
             f"{path}: every frame must hold {WIDTH} finite numbers; these hold {shown(lengths)}, or other than numbers"
         )
     frames = np.array(rows, dtype=float)
-    quaternions = [frames[:, 4:8], *(frames[:, each] for _, _, each in JOINTS.values() if each.stop - each.start == 4)]
-    if not all((np.abs(np.linalg.norm(each, axis=-1) - 1) < 0.1).all() for each in quaternions):
+    if not all((np.abs(np.linalg.norm(frames[:, each], axis=-1) - 1) < LEAST_UNIT).all() for each in QUATERNIONS):
         raise InputError(
             f"{path}: rotations must be unit quaternions w, x, y, z; the file is of another character or damaged"
         )

@@ -94,7 +94,7 @@ def read_joints(joints: np.ndarray) -> Tracks:
 
 def _tracks(form: str, joints: np.ndarray, told: tuple[str, ...]) -> Tracks:
     points = {name: joints[:, place] for place, name in enumerate(CANONICAL_JOINTS)}
-    return Tracks(form=form, points=points, rate_hz=RATE_HZ, told=told, unit_m=1.0, up="y")
+    return Tracks(form=form, points=points, rate_hz=RATE_HZ, told=told, unit_m=1.0, up="y", up_certain=False)
 
 
 def _about_y(angle_rad: np.ndarray, vectors: np.ndarray) -> np.ndarray:

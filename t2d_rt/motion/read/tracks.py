@@ -31,6 +31,8 @@ NOMINAL_STATURE_M = (0.6, 2.5)
 UPRIGHT = 0.8
 """Of the distance from ankles to head, along an axis that is not the format's own, for that axis to be the upward one."""
 
+MOST_REPEATS = 8
+
 BACKWARD = -0.3
 """Mean forward component of feet and knees (-1 to 1) from which left and right must be swapped."""
 
@@ -54,17 +56,23 @@ class Tracks:
     """The format's own unit [m]; None is found from the body."""
     up: Up | None = None
     """The format's own upward axis."""
+    up_certain: bool = True
+    """Whether files of this format keep to it; else a body that stands along another axis decides."""
 
 
 def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     """The motion in metres, z up, floor at z = 0, with its report."""
     rate_hz = tracks.rate_hz if reading.rate_hz is None else float(reading.rate_hz)
+    tracks, held = _without_repeats(tracks)
     points, filled = _whole(tracks)
     told = [*tracks.told, *filled]
+    if held > 1:
+        told.insert(0, f"each frame stood {held} times at {rate_hz:g} Hz")
+        rate_hz /= held
     if tracks.rate_assumed and reading.rate_hz is None:
         told.insert(0, f"{rate_hz:g} Hz assumed, the file does not say")
     unit_m, tall_m = _unit(points, tracks.unit_m, reading.units)
-    axis = reading.up or _up(points, tracks.up)
+    axis = reading.up or _up(points, tracks)
     points, turned = to_z_up(points, tracks.orientations or {}, axis, unit_m)
     _check_sides(points)
     told += _feet(points, turned, tall_m)
@@ -86,6 +94,22 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
         f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
     ]  # fmt: skip
     return replace(motion, report="; ".join(told))
+
+
+def _without_repeats(tracks: Tracks) -> tuple[Tracks, int]:
+    """Tracks without frames that only repeat the one before, and how often each stood: sources held at a higher rate."""
+    joints = np.stack(list(tracks.points.values()), axis=1)
+    same = (joints[1:] == joints[:-1]).all(axis=(1, 2))
+    for times in range(2, MOST_REPEATS + 1):
+        for first in range(times):
+            # Frame f + 1 repeats frame f unless a group of `times` frames, the first one shorter, ends with f.
+            repeats = (np.arange(1, len(joints)) - first) % times != 0
+            if len(same) >= 4 * times and (same == repeats).all():
+                kept = np.flatnonzero(np.concatenate([[True], ~repeats]))
+                turned = tracks.orientations and {name: track[kept] for name, track in tracks.orientations.items()}
+                points = {name: track[kept] for name, track in tracks.points.items()}
+                return replace(tracks, points=points, orientations=turned), times
+    return tracks, 1
 
 
 def _whole(tracks: Tracks) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -110,14 +134,24 @@ def _unit(points: dict[str, np.ndarray], nominal_m: float | None, units: float |
     return unit(points, units)
 
 
-def _up(points: dict[str, np.ndarray], nominal: Up | None) -> Up:
-    """The format's own upward axis, unless the body stands along another."""
+def _up(points: dict[str, np.ndarray], tracks: Tracks) -> Up:
+    """The format's own upward axis, unless the body stands along another one, whose floor it keeps better."""
+    if tracks.up is not None and tracks.up_certain:
+        return tracks.up
     found = up_axis(points)
-    if nominal is None or found == nominal:
+    if tracks.up is None or found == tracks.up:
         return found
     posture = points["head"] - 0.5 * (points["left_ankle"] + points["right_ankle"])
-    along = np.abs(np.median(posture, axis=0))["xyz".index(found[-1])]
-    return found if along > UPRIGHT * float(np.percentile(np.linalg.norm(posture, axis=-1), 90)) else nominal
+    along = abs(np.median(posture, axis=0)["xyz".index(found[-1])])
+    stands = along > UPRIGHT * float(np.percentile(np.linalg.norm(posture, axis=-1), 90))
+    return found if stands and _floor_spread(points, found) < _floor_spread(points, tracks.up) else tracks.up
+
+
+def _floor_spread(points: dict[str, np.ndarray], up: Up) -> float:
+    """How far the level of the lowest joint varies along an axis; little, for bodies rest on a floor."""
+    heights = np.stack([track[:, "xyz".index(up[-1])] for track in points.values()])
+    lowest = (-heights).min(axis=0) if up.startswith("-") else heights.min(axis=0)
+    return float(np.percentile(lowest, 90) - np.percentile(lowest, 10))
 
 
 def _check_sides(points: dict[str, np.ndarray]) -> None:

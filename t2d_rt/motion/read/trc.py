@@ -42,7 +42,7 @@ def read_trc(path: Path) -> Tracks:
     table = _table(lines[5:], len(labels), path)
     markers = {label: table[:, place : place + 3] for label, place in columns.items() if place + 3 <= table.shape[1]}
     points, told = joints_from(markers, rate_hz)
-    return Tracks(form="TRC", points=points, rate_hz=rate_hz, told=told, unit_m=unit_m, up="y")
+    return Tracks(form="TRC", points=points, rate_hz=rate_hz, told=told, unit_m=unit_m, up="y", up_certain=False)
 
 
 def _table(lines: list[str], width: int, path: Path) -> np.ndarray:
