@@ -77,12 +77,12 @@ def label(name: str) -> Label:
     """Side and parts of a joint's name; end sites (`<parent>:end`) say nothing."""
     if name.endswith(":end"):
         return Label()
-    own = unicodedata.normalize("NFKC", name[-LONGEST_NAME:].rpartition(":")[2])
+    own = _plain(name[-LONGEST_NAME:].rpartition(":")[2])
     if VERTEBRA.fullmatch(own):
         return Label(parts=frozenset({"spine"}))
     if CERVICAL.fullmatch(own):
         return Label(parts=frozenset({"neck"}))
-    kinds = [kind for run in RUN.findall(own) for kind in _kinds(_folded(run))]
+    kinds = [kind for run in RUN.findall(own) for kind in _kinds(run.casefold())]
     sides = {kind for kind in kinds if kind in ("left", "right")}
     side = sides.pop() if len(sides) == 1 else None
     return Label(side=side, parts=_parts(set(kinds), side), middle="middle" in kinds)
@@ -124,15 +124,15 @@ def _parts(kinds: set[str], side: str | None) -> frozenset[str]:
     return frozenset(found)
 
 
-def _folded(run: str) -> str:
-    """Small letters without accents; of Japanese signs the voicing marks go too, in names and table alike."""
-    spread = unicodedata.normalize("NFKD", run.casefold())
+def _plain(text: str) -> str:
+    """Letters without accents; of Japanese signs the voicing marks go too, in names and table alike."""
+    spread = unicodedata.normalize("NFKD", text.replace("ß", "ss"))
     return "".join(sign for sign in spread if not unicodedata.combining(sign))
 
 
 @cache
 def _vocabulary() -> dict[str, str]:
-    return {_folded(word): kind for kind, words in _TABLE.items() for word in words.split()}
+    return {_plain(word).casefold(): kind for kind, words in _TABLE.items() for word in words.split()}
 
 
 def _kinds(run: str) -> list[str]:

@@ -32,7 +32,7 @@ TALL_M = 2.1
 
 AGES = ((0.455, 0.75), (0.485, 0.87), (0.51, 0.95), (0.535, 1.10), (0.558, 1.38), (0.57, 1.6))
 """Thigh and shank over thigh, shank, trunk and neck, and stature [m]: of adults as in six recorded skeletons (0.54 to 0.61), of
-children by the ratio of sitting height to stature at 1, 2, 3, 5 and 10 years (0.63, 0.60, 0.58, 0.55, 0.53, where adults have 0.52)."""
+children by the ratio of sitting height to stature at 1, 2, 3, 5 and 10 years (0.63, 0.60, 0.58, 0.55, 0.53; adults 0.52)."""
 
 PROPORTION_SPREAD = 0.03
 """Standard deviation of that share: persons, and where skeletons have hips and shoulders."""

@@ -43,22 +43,13 @@ def flips(motion: Motion) -> list[Flip]:
         own = motion.rotations[:, joint]
         above = motion.rotations[:, parent] if parent >= 0 else None
         step = _turn(own, above)
-        starts = np.flatnonzero(step > LEAST_DEG)
-        if not len(starts):
-            continue
-        after = -1
-        for start in starts:
-            for frames in range(1, LONGEST + 1):
-                stop = start + frames
-                if (
-                    start > after
-                    and stop < len(step)
-                    and step[stop] > LEAST_DEG
-                    and _apart(own, above, start, stop + 1) < RETURN_DEG
-                ):
-                    found.append(Flip(name, float((start + 1) / motion.rate_hz), frames, float(step[start])))
-                    after = stop
-                    break
+        turned, after = np.flatnonzero(step > LEAST_DEG).tolist(), -1
+        for start in turned:
+            stops = [stop for stop in turned if start < stop <= start + LONGEST]
+            back = next((stop for stop in stops if _apart(own, above, start, stop + 1) < RETURN_DEG), None)
+            if start > after and back is not None:
+                found.append(Flip(name, (start + 1) / motion.rate_hz, back - start, float(step[start])))
+                after = back
     return sorted(found, key=lambda flip: -flip.angle_deg)
 
 

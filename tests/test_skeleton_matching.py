@@ -1,0 +1,438 @@
+"""Skeletons of other origin: any names, any root, sides from the body, flavours as files, units by proportions, flips."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from builders import MOTIONS, WALK
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.motion import load_motion
+from t2d_rt.motion.match import match
+from t2d_rt.motion.match.words import label
+from t2d_rt.motion.read.bvh import forward_kinematics, read_bvh
+from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
+
+BASES = {
+    "momask": MOTIONS / "momask_22j_120frames.bvh",
+    "walk": MOTIONS / "bvhtoolbox_walk01.bvh",
+    "run": MOTIONS / "iclone_002_03_run_jog.bvh.gz",
+}
+
+
+Y_UP = Rotation.from_matrix([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
+Z_UP = Y_UP.inv()
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Joints in time, from which a BVH with six channels for every joint is written."""
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    positions: np.ndarray
+    rotations: Rotation | np.ndarray
+    """Quaternions (T, N, 4)."""
+    rate_hz: float
+
+    def renamed(self, table: dict[str, str]) -> Skeleton:
+        return replace(self, names=tuple(table.get(name, name) for name in self.names))
+
+    def without(self, lost: set[str]) -> Skeleton:
+        """Joints taken out; their children hang from the joint above, and move against it."""
+        kept = [i for i, name in enumerate(self.names) if name not in lost]
+
+        def parent(joint: int) -> int:
+            above = self.parents[joint]
+            while above >= 0 and above not in kept:
+                above = self.parents[above]
+            return kept.index(above) if above >= 0 else -1
+
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in kept),
+            parents=tuple(parent(i) for i in kept),
+            positions=self.positions[:, kept],
+            rotations=self.rotations[:, kept],
+        )
+
+    def below(self, names: tuple[str, ...]) -> Skeleton:
+        """On roots that the whole motion hangs from; the first walks along, the others stand still in it."""
+        count = len(names)
+        track = self.positions[:, :1] * [1.0, 0.0, 1.0]
+        turned = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(track), count, 4))
+        return replace(
+            self,
+            names=(*names, *self.names),
+            parents=(-1, *range(count - 1), *(count - 1 if p < 0 else p + count for p in self.parents)),
+            positions=np.concatenate([np.repeat(track, count, axis=1), self.positions], axis=1),
+            rotations=np.concatenate([turned, self.rotations], axis=1),
+        )
+
+    def turned(self, rotation: Rotation) -> Skeleton:
+        """The whole of it, as by a file with other axes."""
+        shape = self.rotations.shape
+        return replace(
+            self,
+            positions=self.positions @ rotation.as_matrix().T,
+            rotations=(rotation * Rotation.from_quat(self.rotations.reshape(-1, 4))).as_quat().reshape(shape),
+        )
+
+    def mirrored(self) -> Skeleton:
+        """x to -x; names stay where they are."""
+        return replace(
+            self, positions=self.positions * [-1.0, 1.0, 1.0], rotations=self.rotations * [1.0, -1.0, -1.0, 1.0]
+        )
+
+    def scaled(self, factor: float) -> Skeleton:
+        return replace(self, positions=factor * self.positions)
+
+    def shuffled(self, seed: int) -> Skeleton:
+        """Children in another order."""
+        rng = np.random.default_rng(seed)
+        order: list[int] = []
+
+        def visit(joint: int) -> None:
+            order.append(joint)
+            for child in rng.permutation([i for i, p in enumerate(self.parents) if p == joint]):
+                visit(int(child))
+
+        visit(0)
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in order),
+            parents=tuple(order.index(self.parents[i]) if self.parents[i] >= 0 else -1 for i in order),
+            positions=self.positions[:, order],
+            rotations=self.rotations[:, order],
+        )
+
+    def write(self, path: Path) -> Path:
+        head, columns = ["HIERARCHY"], []
+        local = []
+        for joint, parent in enumerate(self.parents):
+            own = Rotation.from_quat(self.rotations[:, joint])
+            if parent < 0:
+                local.append((self.positions[:, joint], own))
+            else:
+                above = Rotation.from_quat(self.rotations[:, parent]).inv()
+                local.append((above.apply(self.positions[:, joint] - self.positions[:, parent]), above * own))
+
+        def visit(joint: int, depth: int) -> None:
+            shift, turn = local[joint]
+            offset = np.median(shift, axis=0)
+            still = np.abs(shift - offset).max() < 1e-4 * np.abs(offset).max() and joint
+            pad = "  " * depth
+            kind = "ROOT" if joint == 0 else "JOINT"
+            channels = "" if still else "Xposition Yposition Zposition "
+            head.extend(
+                [
+                    f"{pad}{kind} {self.names[joint]}", f"{pad}{{", f"{pad}  OFFSET {' '.join(f'{x:.7f}' for x in offset)}",
+                    f"{pad}  CHANNELS {3 if still else 6} {channels}Zrotation Yrotation Xrotation",
+                ]
+            )  # fmt: skip
+            if not still:
+                columns.append(shift)
+            columns.append(turn.as_euler("ZYX", degrees=True))
+            children = [i for i, p in enumerate(self.parents) if p == joint]
+            for child in children:
+                visit(child, depth + 1)
+            if not children:
+                head.extend([f"{pad}  End Site", f"{pad}  {{", f"{pad}    OFFSET 0 0 0", f"{pad}  }}"])
+            head.append(f"{pad}}}")
+
+        visit(0, 0)
+        values = np.concatenate(columns, axis=1)
+        rows = [" ".join(f"{x:.7f}" for x in row) for row in values]
+        head += ["MOTION", f"Frames: {len(values)}", f"Frame Time: {1.0 / self.rate_hz:.8f}", *rows]
+        path.write_text("\n".join(head) + "\n", encoding="utf-8")
+        return path
+
+
+@cache
+def original(base: str) -> Motion:
+    return load_motion(BASES[base], smooth_hz=None)
+
+
+@cache
+def person(base: str) -> Skeleton:
+    """The canonical joints of a shipped motion, named by themselves, y up, in metres; every other frame of the first second or two."""
+    motion = original(base)
+    rows = slice(0, 100, 2)
+    return Skeleton(
+        motion.names[:22], CANONICAL_PARENTS, motion.joints[rows, :22], motion.rotations[rows, :22], motion.rate_hz / 2
+    ).turned(Y_UP)
+
+
+def gaps(motion: Motion, base: str, leave_out: set[str] = frozenset()) -> dict[str, float]:  # type: ignore[assignment]
+    """Largest distance of each joint from the original, apart from the horizontal place and the level of the floor."""
+    wanted = original(base).joints[0:100:2, :22]
+    shift = (motion.joints[:, 0] - wanted[:, 0]).mean(axis=0)
+    apart = np.linalg.norm(motion.joints[:, :22] - wanted - shift, axis=-1).max(axis=0)
+    return {name: float(gap) for name, gap in zip(CANONICAL_JOINTS, apart, strict=True) if name not in leave_out}
+
+
+# --- names ----------------------------------------------------------------------------------------------------------
+
+ORDER = (
+    "pelvis", "spine1", "spine2", "spine3", "neck", "head", "hip", "knee", "ankle", "foot", "collar", "shoulder",
+    "elbow", "wrist",
+)  # fmt: skip
+FAMILIES = {
+    "SMPL": "Pelvis Spine1 Spine2 Spine3 Neck Head {S}_Hip {S}_Knee {S}_Ankle {S}_Foot {S}_Collar {S}_Shoulder {S}_Elbow {S}_Wrist",
+    "SMPL small": "pelvis spine1 spine2 spine3 neck head {side}_hip {side}_knee {side}_ankle {side}_foot {side}_collar "
+    "{side}_shoulder {side}_elbow {side}_wrist",
+    "Bandai Namco": "Hips Spine Spine1 Chest Neck Head UpperLeg_{S} LowerLeg_{S} Foot_{S} Toes_{S} Shoulder_{S} UpperArm_{S} "
+    "LowerArm_{S} Hand_{S}",
+    "100STYLE": "Hips Chest Chest2 Chest3 Neck Head {Side}Hip {Side}Knee {Side}Ankle {Side}Toe {Side}Collar {Side}Shoulder "
+    "{Side}Elbow {Side}Wrist",
+    "Xsens": "Pelvis L5 L3 T8 Neck Head {Side}UpperLeg {Side}LowerLeg {Side}Foot {Side}Toe {Side}Shoulder {Side}UpperArm "
+    "{Side}ForeArm {Side}Hand",
+    "Rigify": "spine spine.001 spine.002 spine.003 spine.004 spine.006 thigh.{S} shin.{S} foot.{S} toe.{S} shoulder.{S} "
+    "upper_arm.{S} forearm.{S} hand.{S}",
+    "Unreal": "pelvis spine_01 spine_02 spine_03 neck_01 head thigh_{s} calf_{s} foot_{s} ball_{s} clavicle_{s} upperarm_{s} "
+    "lowerarm_{s} hand_{s}",
+    "Biped": "Bip01_Pelvis Bip01_Spine Bip01_Spine1 Bip01_Spine2 Bip01_Neck Bip01_Head Bip01_{S}_Thigh Bip01_{S}_Calf Bip01_{S}_Foot "
+    "Bip01_{S}_Toe0 Bip01_{S}_Clavicle Bip01_{S}_UpperArm Bip01_{S}_Forearm Bip01_{S}_Hand",
+    "Unity": "Hips Spine Chest UpperChest Neck Head {Side}UpperLeg {Side}LowerLeg {Side}Foot {Side}Toes {Side}Shoulder "
+    "{Side}UpperArm {Side}LowerArm {Side}Hand",
+    "Daz": "hip abdomen abdomen2 chest neck head {s}Thigh {s}Shin {s}Foot {s}Toe {s}Collar {s}Shldr {s}ForeArm {s}Hand",
+    "small Daz": "hip abdomen abdomen2 chest neck head {s}thigh {s}shin {s}foot {s}toe {s}collar {s}shldr {s}forearm {s}hand",
+    "Kimodo": "Hips Spine1 Spine2 Chest Neck1 Head {Side}Leg {Side}Shin {Side}Foot {Side}ToeBase {Side}Shoulder {Side}Arm "
+    "{Side}ForeArm {Side}Hand",
+    "ASF": "root lowerback upperback thorax lowerneck head {s}femur {s}tibia {s}foot {s}toes {s}clavicle {s}humerus {s}radius "
+    "{s}hand",
+    "German": "Becken Wirbel1 Wirbel2 Brust Hals Kopf Oberschenkel_{S} Unterschenkel_{S} Fuß_{S} Zehen_{S} Schlüsselbein_{S} "
+    "Oberarm_{S} Unterarm_{S} Hand_{S}",
+    "Japanese": "腰 上半身 上半身2 上半身3 首 頭 {J}足 {J}ひざ {J}足首 {J}つま先 {J}肩 {J}腕 {J}ひじ {J}手首",
+    "motion bank": "Hips ToSpine Spine Spine1 Neck Head {Side}UpLeg {Side}LowLeg {Side}Foot {Side}ToeBase {Side}Collar "
+    "{Side}UpArm {Side}LowArm {Side}Hand",
+}
+
+
+def table(words: str) -> dict[str, str]:
+    """Canonical names to those of a family."""
+    found = {}
+    for joint, pattern in zip(ORDER, words.split(), strict=True):
+        for side, sign in (("left", "左"), ("right", "右")):
+            if "{" in pattern:
+                marks = {"Side": side.capitalize(), "side": side, "S": side[0].upper(), "s": side[0], "J": sign}
+                found[f"{side}_{joint}"] = pattern.format(**marks).replace("_", " " if "Bip01" in pattern else "_")
+            else:
+                found[joint] = pattern
+    return found
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_names_of_every_family_are_understood(family: str) -> None:
+    for joint, name in table(FAMILIES[family]).items():
+        found = label(name)
+        side, _, part = joint.rpartition("_")
+        assert (found.side or "") == side, name
+        if not part.startswith("spine") and name not in ("root", "hip") and family != "Rigify":
+            assert part in found.parts, (name, found)
+
+
+@pytest.mark.parametrize(
+    ("name", "side", "part"),
+    [
+        ("mixamorig:LeftHandMiddle4", "left", "hand"), ("CC_Base_L_Thigh", "left", "hip"), ("lHipJoint", "left", "hip"),
+        ("RThumb", "right", "hand"), ("relbow", "right", "elbow"), ("rbuttock", "right", "hip"), ("HeadTop_End", None, "head_top"),
+        ("左足首", "left", "ankle"), ("LeftEye", "left", "face"), ("jL5S1", None, "spine"), ("C7", None, "neck"),
+        ("thigh_twist_01_l", "left", "twist"), ("ik_foot_l", "left", "helper"), ("Armature", None, "root"), ("joint17", None, None),
+        ("SpineShoulder", None, "spine"), ("clipper", None, None), ("Pushing", None, None), ("lr", None, None),
+    ],
+)  # fmt: skip
+def test_words(name: str, side: str | None, part: str | None) -> None:
+    found = label(name)
+    assert found.side == side
+    assert part in found.parts if part else not found.parts
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_families_are_read(tmp_path: Path, family: str) -> None:
+    base = sorted(BASES)[len(family) % 3]
+    motion = load_motion(person(base).renamed(table(FAMILIES[family])).write(tmp_path / "a.bvh"), smooth_hz=None)
+    worst = max(gaps(motion, base).items(), key=lambda item: item[1])
+    assert worst[1] < 1e-3, worst
+    assert "(sure;" in motion.report or "flavour" in motion.report
+
+
+@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize("roots", [(), ("reference", "Armature")])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_unknown_names_are_read_by_form(tmp_path: Path, base: str, roots: tuple[str, ...], mirrored: bool) -> None:
+    """Numbers for names, children in any order, an axis more than y upward, roots above the hips: joints are where they were."""
+    skeleton = person(base).below(roots) if roots else person(base)
+    if mirrored:
+        skeleton = skeleton.mirrored()
+    skeleton = skeleton.shuffled(len(roots)).turned(Z_UP)
+    numbers = {name: f"joint{i}" for i, name in enumerate(skeleton.names)}
+    motion = load_motion(skeleton.renamed(numbers).write(tmp_path / "a.bvh"), smooth_hz=None, up="z")
+    assert "matched by form (sure; 0 % are named as expected; sides from feet, knees" in motion.report
+    if not mirrored:
+        assert f"left_knee {numbers['left_knee']}" in motion.report
+        assert max(gaps(motion, base).values()) < 1e-3
+        found = load_motion(tmp_path / "a.bvh", smooth_hz=None)
+        np.testing.assert_allclose(found.joints, motion.joints)
+    else:
+        assert f"left_knee {numbers['right_knee']}" in motion.report
+
+
+# --- what lacks, and what there is too much of ------------------------------------------------------------------------
+
+LACKING = {
+    "toes": {"left_foot", "right_foot"},
+    "collars": {"left_collar", "right_collar"},
+    "neck": {"neck"},
+    "spine": {"spine1", "spine2"},
+    "all but one of the spine": {"spine1", "spine3"},
+    "whole trunk": {"spine1", "spine2", "spine3", "neck", "left_collar", "right_collar"},
+    "all that may lack": {"spine1", "spine2", "left_collar", "right_collar", "neck", "left_foot", "right_foot"},
+}
+
+
+@pytest.mark.parametrize("base", BASES)
+@pytest.mark.parametrize("lacks", LACKING)
+@pytest.mark.parametrize("named", [False, True])
+def test_optional_joints_may_lack(tmp_path: Path, base: str, lacks: str, named: bool) -> None:
+    """Joints above them move against their new parents, so every joint's position channels count, too."""
+    skeleton = person(base).without(LACKING[lacks])
+    if not named:
+        skeleton = skeleton.renamed({name: f"j{i}" for i, name in enumerate(skeleton.names)})
+    motion = load_motion(skeleton.write(tmp_path / "a.bvh"), smooth_hz=None, floor=0.0)
+    assert motion.names[:22] == CANONICAL_JOINTS
+    kept = gaps(motion, base, LACKING[lacks] | {"spine1", "spine2", "spine3"})
+    worst = max(kept.items(), key=lambda item: item[1])
+    assert worst[1] < 1e-3, worst
+    assert "made up: " in motion.report or lacks == "toes"
+
+
+def test_only_hips_spine_and_head(tmp_path: Path) -> None:
+    """A plain skeleton of few joints: limbs of three joints, one spine, a head."""
+    plain = {"pelvis": "Hips", "spine3": "Spine", "head": "Head"}
+    lost = set(CANONICAL_JOINTS[:22]) - {*plain, *(f"{s}_{j}" for s in ("left", "right") for j in ORDER[6:9] + ORDER[11:])}
+    motion = load_motion(person("walk").without(lost).renamed(plain).write(tmp_path / "a.bvh"), smooth_hz=None, floor=0.0)
+    assert max(gaps(motion, "walk", lost).values()) < 1e-3
+
+
+def grown(skeleton: Skeleton, extra: list[tuple[str, str, tuple[float, float, float]]]) -> Skeleton:
+    """With more joints: (name, parent, offset in the parent's frame)."""
+    for name, parent, offset in extra:
+        above = skeleton.names.index(parent)
+        place = Rotation.from_quat(skeleton.rotations[:, above]).apply(offset) + skeleton.positions[:, above]
+        skeleton = replace(
+            skeleton,
+            names=(*skeleton.names, name), parents=(*skeleton.parents, above),
+            positions=np.concatenate([skeleton.positions, place[:, None]], axis=1),
+            rotations=np.concatenate([skeleton.rotations, skeleton.rotations[:, above : above + 1]], axis=1),
+        )  # fmt: skip
+    return skeleton
+
+
+def test_props_and_face_do_not_confuse(tmp_path: Path) -> None:
+    """A sword in one hand, a tail, a face, twist bones beside the limbs, a hand of five fingers: the joints stay the same."""
+    fingers = [(f"f{i}{k}", "left_wrist" if k == 0 else f"f{i}{k - 1}", (0.03 * i, -0.04, 0.0)) for i in range(5) for k in range(3)]
+    skeleton = grown(
+        person("momask"),
+        [
+            ("sword", "right_wrist", (0.0, 0.3, 0.3)), ("sword tip", "sword", (0.0, 0.6, 0.3)), ("tail", "pelvis", (0.0, 0.0, -0.2)),
+            ("tail2", "tail", (0.0, 0.0, -0.4)), ("tail3", "tail2", (0.0, 0.0, -0.4)), ("eye1", "head", (0.04, 0.1, 0.1)),
+            ("eye2", "head", (-0.04, 0.1, 0.1)), ("tw1", "left_hip", (0.0, -0.2, 0.0)), ("tw2", "right_hip", (0.0, -0.2, 0.0)),
+            *fingers,
+        ],
+    )  # fmt: skip
+    skeleton = skeleton.renamed({name: f"n{i}" for i, name in enumerate(skeleton.names)}).shuffled(7)
+    motion = load_motion(skeleton.write(tmp_path / "a.bvh"), smooth_hz=None, floor=0.0)
+    assert max(gaps(motion, "momask").values()) < 1e-3
+
+
+def halves(skeleton: Skeleton, lower: str, name: str) -> Skeleton:
+    """A twist bone half-way to a joint, which then hangs from it."""
+    joint = skeleton.names.index(lower)
+    above = skeleton.parents[joint]
+    order = skeleton.names.index(lower)
+    half = 0.5 * (skeleton.positions[:, joint] + skeleton.positions[:, above])
+
+    def put(values: np.ndarray, new: np.ndarray) -> np.ndarray:
+        return np.concatenate([values[:, :order], new[:, None], values[:, order:]], axis=1)
+
+    parents = [p + (p >= order) for p in skeleton.parents]
+    parents[joint] = order
+    return replace(
+        skeleton,
+        names=(*skeleton.names[:order], name, *skeleton.names[order:]),
+        parents=(*parents[:order], above + (above >= order), *parents[order:]),
+        positions=put(skeleton.positions, half), rotations=put(skeleton.rotations, skeleton.rotations[:, above]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_twist_bones_inside_limbs(tmp_path: Path, named: bool) -> None:
+    """As of MakeHuman and Daz: the thigh bends at its end, not where it twists."""
+    skeleton = person("walk")
+    for side in ("left", "right"):
+        for part in ("knee", "ankle", "elbow", "wrist"):
+            skeleton = halves(skeleton, f"{side}_{part}", f"{side}_{part}_twist")
+    if not named:
+        skeleton = skeleton.renamed({name: f"n{i}" for i, name in enumerate(skeleton.names)})
+    motion = load_motion(skeleton.write(tmp_path / "a.bvh"), smooth_hz=None, floor=0.0)
+    assert max(gaps(motion, "walk").values()) < 1e-3
+
+
+def test_a_missing_head_is_made_up_and_said(tmp_path: Path) -> None:
+    skeleton = person("walk").without({"head", "neck"})
+    with pytest.warns(T2DWarning, match="matched with little certainty"):
+        motion = load_motion(skeleton.write(tmp_path / "a.bvh"), smooth_hz=None, floor=0.0)
+    assert "made up: neck, head" in motion.report
+    assert gaps(motion, "walk")["head"] < 0.12
+
+
+# --- sides ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_left_is_left_whatever_the_names_say(tmp_path: Path, base: str) -> None:
+    """A file whose names are on the wrong sides is read as the body has it, with a warning."""
+    names = person(base).names
+    wrong = {name: "x" + name.replace("left", "L").replace("right", "R") for name in names}
+    wrong = {n: wrong[n.replace("left", "*").replace("right", "left").replace("*", "right")] for n in names}
+    with pytest.warns(T2DWarning, match="joints named left lie on the person's right"):
+        motion = load_motion(person(base).renamed(wrong).write(tmp_path / "a.bvh"), smooth_hz=None)
+    assert max(gaps(motion, base).values()) < 1e-3
+
+
+def test_a_mirrored_file_of_a_known_flavour_is_said(tmp_path: Path) -> None:
+    names = {
+        "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head",
+        **{
+            f"{side}_{joint}": side.capitalize() + own
+            for side in ("left", "right")
+            for joint, own in zip(ORDER[6:], "UpLeg Leg Foot Toe Shoulder Arm ForeArm Hand".split(), strict=True)
+        },
+    }  # fmt: skip
+    with pytest.warns(T2DWarning, match="'momask' calls left lie on the person's right"):
+        load_motion(person("walk").mirrored().renamed(names).write(tmp_path / "a.bvh"), smooth_hz=None)
+
+
+WORDS = st.sampled_from(["l", "r", "left", "right", "hip", "knee", "arm", "head", "foot", "neck", "x", "7", "足", "Spine"])
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), base=st.sampled_from(sorted(BASES)))
+def test_no_names_swap_the_sides(data: st.DataObject, base: str) -> None:
+    """Whatever the joints are called, each joint of the left is found on the left."""
+    skeleton = person(base).shuffled(data.draw(st.integers(0, 100)))
+    names = [f"{'_'.join(data.draw(st.lists(WORDS, max_size=3)))}.{i}" for i in range(22)]
+    found = match(tuple(names), skeleton.parents, skeleton.positions)
+    side = dict(zip(names, (name.partition("_")[0] for name in skeleton.names), strict=True))
+    for joint, source in found.joints.items():
+        if joint.startswith(("left", "right")) and isinstance(source, str):
+            assert side[source] == joint.partition("_")[0], (joint, source, found.told)
