@@ -317,8 +317,8 @@ def test_rotation_helpers_agree_with_scipy(seed):
 
 
 def test_an_unknown_body_lists_the_known_ones():
-    assert bodies() == ["adult"]
-    with pytest.raises(InputError, match="unknown body 'giant'; choose one of adult"):
+    assert "adult" in bodies()
+    with pytest.raises(InputError, match="unknown body 'giant'; choose one of adult, child, heavy, man, old, woman"):
         skin(rest_pose(), "giant")
     with pytest.raises(InputError, match=r"unknown body '\.\./adult'; did you mean adult\?"):
         template("../adult")

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from t2d_rt.body.segments import segments
 from t2d_rt.body.skin import skin
-from t2d_rt.body.template import Template, bodies, regressed_joints, template
+from t2d_rt.body.template import ABOUT, Template, bodies, regressed_joints, rest_joints, template
 
-__all__ = ["Template", "bodies", "regressed_joints", "segments", "skin", "template"]
+__all__ = ["ABOUT", "Template", "bodies", "regressed_joints", "rest_joints", "segments", "skin", "template"]

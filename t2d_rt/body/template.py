@@ -19,6 +19,19 @@ Ring = tuple[np.ndarray, np.ndarray]
 """Vertex indices (R,) and weights (R,) whose weighted mean is a joint."""
 
 
+ABOUT: Mapping[str, str] = MappingProxyType(
+    {
+        "adult": "a slim adult between man and woman",
+        "child": "a child of 7 to 8 years",
+        "heavy": "an adult of body mass index 35",
+        "man": "an average man",
+        "old": "an adult of about 70 years",
+        "woman": "an average woman",
+    }
+)
+"""Who the shipped bodies are; meshes/README.md has their measures and where these come from."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Template:
     """A closed control cage in its rest pose: facing +x, left is +y, z up, feet on z = 0, metres."""
@@ -35,6 +48,11 @@ class Template:
     rings: Mapping[str, Ring]
     """Rings of surface vertices around hips, knees, ankles, shoulders, elbows, wrists and head."""
 
+    @property
+    def stature_m(self) -> float:
+        """Height over the soles at rest [m]."""
+        return float(np.ptp(self.vertices[:, 2]))
+
     def __reduce__(self) -> tuple[Any, ...]:
         return template, (self.name,)  # pickled by its name
 
@@ -49,6 +67,15 @@ def template(name: str = "adult") -> Template:
     if not isinstance(name, str) or name not in bodies():
         raise unknown_name("body", name, bodies())
     return _read(name)
+
+
+def rest_joints(body: str = "adult") -> dict[str, np.ndarray]:
+    """Places [m] (3,) of the 22 canonical joints and the five ends of a body that stands in its rest pose: facing +x, left is +y,
+    soles on z = 0, legs a little apart, arms hanging away from the trunk.
+
+    Their differences are the bones of a skeleton in that body's proportions, which a motion may be fitted to.
+    """
+    return {name: place.copy() for name, place in template(body).joints.items()}
 
 
 @lru_cache(maxsize=8)

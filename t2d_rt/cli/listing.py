@@ -48,12 +48,12 @@ def _scenes() -> Iterator[tuple[str, str]]:
 
 
 def _bodies() -> Iterator[tuple[str, str]]:
-    from t2d_rt.body import bodies, template
+    from t2d_rt.body import ABOUT, bodies, template
 
     for name in bodies():
         body = template(name)
-        tall_m = float(body.vertices[:, 2].max() - body.vertices[:, 2].min())
-        yield name, f"{tall_m:.2f} m tall before it is fitted to a motion, {len(body.faces)} faces"
+        who = ABOUT.get(name, "a body")
+        yield name, f"{who}, {body.stature_m:.2f} m tall before it is fitted to a motion, {len(body.faces)} faces"
 
 
 def _movers() -> Iterator[tuple[str, str]]:
