@@ -31,7 +31,7 @@ BODIES: dict[str, dict[str, float]] = {
     "woman": {"gender": 1.0, "muscle": 0.3, "height": 0.371, "weight": 0.909},
     "man": {"gender": 0.0, "muscle": 0.3, "height": 0.360, "weight": 0.779},
 }
-"""anny's phenotypes where they differ from age 2/3 and 0.5 for all others. Age 0.315 is 7.5 years by anny's own scale, gender 0 male;
+"""anny's phenotypes where they differ from age 2/3 and 0.5 for all others. Age 0.315 is 7.5 years by its own scale, gender 0 male;
 height and weight were solved for, so that stature and volume are those in README.md."""
 
 JOINTS = (
