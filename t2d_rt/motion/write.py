@@ -35,6 +35,18 @@ def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) ->
     1 mm). Read back, positions are the same within 0.1 mm beside that, and in height by where the reader finds the floor.
     """
     checked_motion(motion)
+    target = check_target(path, overwrite=overwrite)
+    text = bvh_text(motion)
+    part = target.with_name(f".{target.name}.part")
+    try:
+        part.write_text(text, encoding="ascii")
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def check_target(path: str | Path, *, overwrite: bool) -> Path:
+    """A path that a motion can be written to."""
     flag("overwrite", overwrite)
     target = file_path("path", path)
     if target.suffix.lower() != ".bvh":
@@ -43,13 +55,9 @@ def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) ->
         raise InputError(f"{target} exists; choose another name or say overwrite")
     if not target.parent.is_dir():
         raise InputError(f"there is no folder '{target.parent}' to write {target.name} to; make it first")
-    text = bvh_text(motion)
-    part = target.with_name(f".{target.name}.part")
-    try:
-        part.write_text(text, encoding="ascii")
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
+    if target.is_dir():
+        raise InputError(f"{target} is a folder; choose another name")
+    return target
 
 
 def bvh_text(motion: Motion) -> str:

@@ -1,1 +1,108 @@
-"""Descriptions -> motions, by several providers behind one interface."""
+"""Descriptions -> motions, by several providers behind one interface.
+
+>>> motion = motion_from_text("a person walks forward", seed=3)
+>>> motion.rate_hz
+60.0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Protocol
+
+from t2d_rt.checks import instance, integer, number, unknown_name
+from t2d_rt.errors import InputError
+from t2d_rt.motion.descriptions.slots import Description
+from t2d_rt.types.motion import Motion
+
+__all__ = ["PROVIDERS", "Provider", "motion_from_text", "provider_named", "understood"]
+
+
+class Provider(Protocol):
+    """What turns a description into a motion; the same seed gives the same motion."""
+
+    def __call__(self, description: Description, *, seed: int) -> Motion:
+        """The motion of a description."""
+        ...
+
+
+PROVIDERS: Mapping[str, str] = {
+    "auto": "each step of the description by what suits it: clips, key poses, changed gaits, physics",
+    "library": "recorded clips: walking, running, jumping, dancing, turning, standing",
+    "physics": "falls in a physics engine (extra [falls])",
+    "momask": "your own checkout of MoMask (environment variables T2D_MOMASK and T2D_MOMASK_PYTHON)",
+    "files": "a folder of results of text-to-motion models, given as files:FOLDER",
+}
+"""Providers by name."""
+
+LONGEST_S = 120.0
+"""Longest motion that is made."""
+
+
+def motion_from_text(
+    description: str | Description,
+    *,
+    provider: str | Provider = "auto",
+    seed: int = 0,
+    body: str | None = None,
+    stature_m: float | None = None,
+    duration_s: float | None = None,
+    library: str | Path | None = None,
+) -> Motion:
+    """A motion that a sentence or a description asks for; its origin tells the sentence, the provider, the clips and every edit.
+
+    provider: how it is made, one of auto, library, physics, momask and files:FOLDER, or a function of your own.
+    seed: seed of all that is drawn: person, clips, speed, pauses; the same seed gives the same motion.
+    body: body whose proportions are taken; by default one that suits the subject of the sentence.
+    stature_m: stature of the person [m]; by default drawn for the subject.
+    duration_s: duration of the main action [s], where the sentence says nothing of it.
+    library: index file of clips of your own that join those that ship (`t2d-rt library add` writes one).
+    """
+    seed = integer("seed", seed, 0, 2**63 - 1)
+    if duration_s is not None:
+        duration_s = number("duration_s", duration_s, 0.5, LONGEST_S, unit="s")
+    found = understood(description)[0] if isinstance(description, str) else description
+    instance("description", found, Description, "a sentence or a Description")
+    if duration_s is not None and found.duration_s is None:
+        found = found.model_copy(update={"duration_s": duration_s})
+    make: Provider | Callable[..., Motion]
+    if isinstance(provider, str):
+        make = provider_named(provider, body=body, stature_m=stature_m, library=library)
+    elif callable(provider):
+        make = provider
+    else:
+        raise InputError(
+            f"provider must be a name or a function, got {provider!r}; choose one of {', '.join(PROVIDERS)}"
+        )
+    return make(found, seed=seed)
+
+
+def understood(sentence: str) -> tuple[Description, str]:
+    """A sentence's slots, and what was not understood, or read as something else: nothing where all was understood."""
+    from t2d_rt.motion.descriptions.parse import parse_description
+
+    parsed = parse_description(sentence)
+    return parsed.description, str(parsed)
+
+
+def provider_named(
+    name: str, *, body: str | None = None, stature_m: float | None = None, library: str | Path | None = None
+) -> Provider:
+    """A provider by its name."""
+    kind, _, folder = name.partition(":")
+    if kind in ("auto", "library", "physics"):
+        from t2d_rt.motion.generate.compose import Composer
+
+        return Composer(only=None if kind == "auto" else kind, body=body, stature_m=stature_m, library=library)
+    if kind == "momask":
+        from t2d_rt.motion.generate.momask import MoMask
+
+        return MoMask.from_environment()
+    if kind == "files":
+        from t2d_rt.motion.generate.files import Files
+
+        if not folder:
+            raise InputError("provider files needs the folder of results; give files:FOLDER")
+        return Files(folder=Path(folder))
+    raise unknown_name("provider", name, PROVIDERS)

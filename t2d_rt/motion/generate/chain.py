@@ -1,0 +1,154 @@
+"""Pieces of motion one after another: each begins where the last one ends, and what differs there dies out smoothly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.kinematics import INDEX, Poses
+
+BLEND_S = 0.4
+"""Time in which a difference at a seam dies out: about one step of a walk."""
+
+Z = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Piece:
+    """Poses, where their feet stand, and where they come from."""
+
+    poses: Poses
+    planted: np.ndarray
+    """Whether heel and ball of each foot stand, bool (T, 2 sides, 2 heel and ball)."""
+    notes: tuple[str, ...] = ()
+    """Clips by name and what was done to them."""
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def part(self, start: int, stop: int) -> Piece:
+        """Frames from `start` to before `stop`."""
+        return replace(self, poses=self.poses.part(start, stop), planted=self.planted[start:stop])
+
+    def noted(self, note: str) -> Piece:
+        """With one more note."""
+        return replace(self, notes=(*self.notes, note))
+
+
+def heading_rad(poses: Poses) -> np.ndarray:
+    """Direction (T,) that the pelvis faces, about the vertical, without jumps of a full turn."""
+    ahead = quaternions.rotate(poses.local[:, 0], np.array([1.0, 0.0, 0.0]))
+    # Of a body that lies, the pelvis's upward axis tells more than the forward one.
+    up = quaternions.rotate(poses.local[:, 0], Z)
+    level = ahead + np.where(ahead[:, 2:] < 0, 1.0, -1.0) * np.clip(2 * (np.abs(ahead[:, 2:]) - 0.5), 0, 1) * up
+    return np.unwrap(np.arctan2(level[:, 1], level[:, 0]))
+
+
+def moved(piece: Piece, angle_rad: float, about: np.ndarray, to: np.ndarray) -> Piece:
+    """Turned about the vertical through `about` (2,), which comes to lie at `to` (2,)."""
+    spin = quaternions.about_axis(Z, np.array(angle_rad))
+    root = quaternions.rotate(spin, piece.poses.root - [*about, 0.0]) + [*to, 0.0]
+    local = piece.poses.local.copy()
+    local[:, 0] = quaternions.multiply(np.broadcast_to(spin, local[:, 0].shape), local[:, 0])
+    return replace(piece, poses=replace(piece.poses, root=root, local=local))
+
+
+def joined(pieces: Sequence[Piece], *, blend_s: float = BLEND_S, turn: bool = True) -> Piece:
+    """One piece of all: each is placed where the one before it ends, at its last velocity, and facing as it does (`turn`).
+
+    At a seam the difference of all joints' rotations and of the root, and that of their velocities, is added to what follows and
+    dies out within `blend_s`, or the piece's own length where that is shorter: position and velocity go on without a jump.
+    """
+    whole = pieces[0]
+    for piece in pieces[1:]:
+        whole = _appended(whole, piece, blend_s, turn)
+    return whole
+
+
+def _appended(first: Piece, second: Piece, blend_s: float, turn: bool) -> Piece:
+    a, b = first.poses, second.poses
+    if a.rate_hz != b.rate_hz:
+        raise ValueError("pieces have one rate")
+    spin = heading_rad(a)[-1] - heading_rad(b)[0] if turn else 0.0
+    step = (a.root[-1] - a.root[-2]) if len(a) > 1 else np.zeros(3)
+    placed = moved(second, float(spin), b.root[0, :2], a.root[-1, :2] + step[:2]).poses
+    within = max(2, min(round(blend_s * a.rate_hz), len(b) - 1))
+    # What the first piece would show one frame on, against what the second begins with.
+    root = placed.root + _offset(a.root[-1] + step - placed.root[0], step - _step(placed.root), within, len(b))
+    local = placed.local.copy()
+    ahead = quaternions.multiply(quaternions.multiply(a.local[-1], quaternions.conjugate(a.local[-2])), a.local[-1])
+    gap = rotation_vector(quaternions.multiply(ahead, quaternions.conjugate(local[0])))
+    speed = rotation_vector(quaternions.multiply(a.local[-1], quaternions.conjugate(a.local[-2])))
+    own = rotation_vector(quaternions.multiply(local[1], quaternions.conjugate(local[0])))
+    carried = np.stack([_offset(g, s, within, len(b)) for g, s in zip(gap, speed - own, strict=True)], axis=1)
+    local = quaternions.multiply(from_rotation_vector(carried), local)
+    poses = replace(
+        a, root=np.concatenate([a.root, root]),
+        local=quaternions.continuous(np.concatenate([a.local, quaternions.normalise(local)])),
+    )  # fmt: skip
+    planted = np.concatenate([first.planted, second.planted])
+    return Piece(poses=poses, planted=planted, notes=(*first.notes, *second.notes))
+
+
+def _step(root: np.ndarray) -> np.ndarray:
+    return root[1] - root[0]
+
+
+def _offset(gap: np.ndarray, slope: np.ndarray, within: int, count: int) -> np.ndarray:
+    """A difference (3,) and its change per frame (3,) that die out, with their slope and curvature, at frame `within`: (count, 3)."""
+    x = np.minimum(np.arange(count) / within, 1.0)[:, None]
+    # Quintic Hermite: value and slope at 0, none of either nor of curvature at 1, curvature 0 at both.
+    value = 1 - 10 * x**3 + 15 * x**4 - 6 * x**5
+    slant = x - 6 * x**3 + 8 * x**4 - 3 * x**5
+    most = 0.6 * np.linalg.norm(gap) + 0.02
+    bounded = slope * within
+    size = float(np.linalg.norm(bounded))
+    # A velocity that would carry farther than the gap itself is let go: the seam then has a kink rather than a lurch.
+    bounded = bounded * min(1.0, max(most, 0.35) / max(size, 1e-12))
+    return value * gap + slant * bounded
+
+
+def rotation_vector(quaternion: np.ndarray) -> np.ndarray:
+    """Axis times angle [rad] (..., 3) of unit quaternions, the shorter way round."""
+    short = np.where(quaternion[..., 3:] < 0, -quaternion, quaternion)
+    sine = np.linalg.norm(short[..., :3], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, short[..., 3:])
+    return np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 2.0) * short[..., :3]
+
+
+def from_rotation_vector(vector: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4) of axis times angle [rad]."""
+    angle = np.linalg.norm(vector, axis=-1, keepdims=True)
+    half = 0.5 * angle
+    scale = np.where(angle > 1e-9, np.sin(half) / np.maximum(angle, 1e-9), 0.5)
+    return np.concatenate([scale * vector, np.cos(half)], axis=-1)
+
+
+def features(poses: Poses, *, within_s: float = 0.1) -> np.ndarray:
+    """What tells poses apart (T, F) [m]: joints about the pelvis in its own heading, and their velocities times `within_s`."""
+    joints, _ = poses.world()
+    kept = [INDEX[name] for name in FEATURE_JOINTS]
+    back = quaternions.about_axis(Z, -heading_rad(poses))[:, None]
+    points = quaternions.rotate(back, joints[:, kept] - poses.root[:, None] * [1.0, 1.0, 0.0])
+    velocity = quaternions.rotate(back, np.gradient(joints[:, kept], 1 / poses.rate_hz, axis=0))
+    return np.concatenate([points, within_s * velocity], axis=-1).reshape(len(poses), -1) / np.sqrt(len(kept))
+
+
+FEATURE_JOINTS = (
+    "pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot", "right_foot",
+    "spine3", "head", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+)  # fmt: skip
+
+
+def best_seam(first: Poses, second: Poses, after: range, before: range) -> tuple[int, int, float]:
+    """Frames, one in `after` of the first and one in `before` of the second, at which pose and velocity differ least; and how much [m]."""
+    a, b = (
+        features(first)[after.start : after.stop : after.step],
+        features(second)[before.start : before.stop : before.step],
+    )
+    squares = (a**2).sum(1)[:, None] + (b**2).sum(1) - 2 * a @ b.T
+    i, j = np.unravel_index(int(squares.argmin()), squares.shape)
+    return after[int(i)], before[int(j)], float(np.sqrt(max(squares[i, j], 0.0)))

@@ -1,0 +1,156 @@
+"""Who moves: stature, proportions, handedness, tempo and habits of one person, drawn from a seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2d_rt.checks import number
+from t2d_rt.errors import InputError
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.descriptions.slots import Subject
+from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, rotation_vector
+from t2d_rt.motion.kinematics import INDEX, NAMES, Skeleton, skeleton_of
+from t2d_rt.resources import listing, resource
+from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
+
+STATURE_M: dict[Subject, tuple[tuple[str, float, float], ...]] = {
+    "person": (("adult", 1.757, 0.072), ("woman", 1.618, 0.069)),
+    "man": (("man", 1.757, 0.072),),
+    "woman": (("woman", 1.618, 0.069),),
+    "child": (("child", 1.26, 0.09),),
+    "old_person": (("old", 1.66, 0.085),),
+    "heavy_person": (("heavy", 1.72, 0.085),),
+}
+"""Bodies of a subject with mean and standard deviation of their stature [m]: adults of the United States (Fryar, Gu, Ogden, Flegal 2016:
+men 175.7 cm, women 161.8 cm, old ones 2 to 4 cm less), children of 6 to 9 years."""
+
+LEGS, ARMS, WIDTHS = 0.018, 0.03, 0.03
+"""Standard deviations of the logarithms of lengths of legs against the trunk, of arms, and of breadths of hips and shoulders at one
+stature (Gordon et al. 2014, ANSUR II: crotch height given stature 1.8 %, arm length 2.8 %, biacromial breadth 3.5 %)."""
+
+POSTURE_RAD = {
+    "spine1": 0.02, "spine2": 0.02, "spine3": 0.025, "neck": 0.05, "head": 0.05, "left_shoulder": 0.07, "right_shoulder": 0.07,
+    "left_elbow": 0.1, "right_elbow": 0.1, "left_wrist": 0.08, "right_wrist": 0.08,
+}  # fmt: skip
+"""Standard deviations of a person's habitual posture per axis [rad]; between recorded walkers they are 1.5 to 2.5 times as large."""
+
+SWAY = 0.35
+"""Slow variation of the same angles in time, over their spread between persons."""
+
+SLOW_HZ = 0.15, 0.6
+"""Frequencies of that variation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Individual:
+    """One person."""
+
+    body: str
+    """Shipped body that suits."""
+    stature_m: float
+    skeleton: Skeleton
+    left_handed: bool
+    tempo: float
+    """Factor of the pace of movements, beside what leg length does."""
+    vigour: float
+    """Factor of the swing of the arms."""
+    habit: np.ndarray
+    """Rotation vectors of habitual posture [rad], (28, 3)."""
+
+
+def individual(
+    subject: Subject, rng: np.random.Generator, *, body: str | None = None, stature_m: float | None = None
+) -> Individual:
+    """A person drawn from those whom the subject names; a body and a stature [m] that are given are kept."""
+    kinds = STATURE_M[subject]
+    name, mean, spread = kinds[int(rng.integers(len(kinds)))]
+    drawn = mean + spread * float(np.clip(rng.standard_normal(), -2.5, 2.5))
+    if stature_m is not None:
+        drawn = number("stature_m", stature_m, 0.6, 2.4, unit="m")
+    known = [each.removesuffix(".npz") for each in listing("meshes", ".npz")]
+    if body is not None and body not in known:
+        raise InputError(f"no body {body!r}; choose one of {', '.join(known)}")
+    name = body or (name if name in known else "adult")
+    normal = rng.standard_normal(6)
+    habit = np.zeros((len(NAMES), 3))
+    for joint, size in POSTURE_RAD.items():
+        habit[INDEX[joint]] = size * np.clip(rng.standard_normal(3), -2, 2)
+    return Individual(
+        body=name, stature_m=drawn, skeleton=_proportioned(_rest(name), drawn, normal[:3]), left_handed=bool(rng.random() < 0.1),
+        tempo=float(np.exp(0.05 * normal[3])), vigour=float(np.exp(0.2 * np.clip(normal[4], -2, 2))), habit=habit,
+    )  # fmt: skip
+
+
+def sole_m(person: Individual) -> float:
+    """Height of the ball's joint over the floor of a foot that stands flat [m]."""
+    return 0.0146 * person.stature_m  # of the adult template: 27 mm of 1.84 m
+
+
+def lively(piece: Piece, person: Individual, rng: np.random.Generator, *, quiet: float = 1.0) -> Piece:
+    """The piece with the person's posture, swing of the arms and slow variation; `quiet` scales what is added."""
+    poses = piece.poses
+    times = np.arange(len(poses)) / poses.rate_hz
+    local = poses.local.copy()
+    for name, spread in POSTURE_RAD.items():
+        joint = INDEX[name]
+        rotation = local[:, joint]
+        if name.endswith(("shoulder", "elbow")):
+            middle = quaternions.normalise(_mean(rotation))
+            swing = rotation_vector(quaternions.multiply(rotation, quaternions.conjugate(middle)))
+            rotation = quaternions.multiply(from_rotation_vector(swing * (1 + quiet * (person.vigour - 1))), middle)
+        wave = np.zeros((len(times), 3))
+        for _ in range(3):
+            frequency, phase = rng.uniform(*SLOW_HZ), rng.uniform(0, 2 * np.pi, 3)
+            wave += np.sin(2 * np.pi * frequency * times[:, None] + phase) * np.sqrt(2 / 3)
+        added = quiet * (person.habit[joint] + SWAY * spread * wave)
+        local[:, joint] = quaternions.multiply(rotation, from_rotation_vector(added))
+    return replace(piece, poses=replace(poses, local=quaternions.normalise(local)))
+
+
+def _mean(rotation: np.ndarray) -> np.ndarray:
+    vectors = np.linalg.eigh(rotation.T @ rotation)[1]
+    return vectors[:, -1] * np.sign(vectors[3, -1] or 1.0)
+
+
+def _rest(body: str) -> Skeleton:
+    with np.load(resource("meshes", f"{body}.npz"), allow_pickle=False) as data:
+        names, joints = [str(each) for each in data["joint_names"]], data["joints"].astype(float)
+    if names != [*CANONICAL_JOINTS, *OPTIONAL_JOINTS]:
+        raise InputError(f"body {body!r} has other joints than were expected; install t2d-rt again")
+    return skeleton_of(dict(zip(names, joints, strict=True)))
+
+
+def _proportioned(rest: Skeleton, stature_m: float, normal: np.ndarray) -> Skeleton:
+    """A rest skeleton of some stature with lengths that vary: normal (3,) for legs, arms and breadths."""
+    factors = np.ones((len(NAMES), 3))
+    legs, arms, widths = np.exp(np.array([LEGS, ARMS, WIDTHS]) * np.clip(normal, -2.5, 2.5))
+    for side in ("left", "right"):
+        for joint in ("knee", "ankle"):
+            factors[INDEX[f"{side}_{joint}"]] = legs
+        for joint in ("elbow", "wrist", "hand"):
+            factors[INDEX[f"{side}_{joint}"]] = arms
+        for joint in ("hip", "collar", "shoulder"):
+            factors[INDEX[f"{side}_{joint}"], 1] = widths
+    offsets = rest.offsets * factors
+    tall = _height(offsets)
+    offsets = offsets * (stature_m / tall)
+    offsets[0] = 0.0
+    offsets[0, 2] = -float(
+        np.mean(
+            [sum(offsets[INDEX[f"{s}_{j}"], 2] for j in ("hip", "knee", "ankle", "foot")) for s in ("left", "right")]
+        )
+    )
+    return Skeleton(offsets=offsets)
+
+
+def _height(offsets: np.ndarray) -> float:
+    """Stature of a skeleton whose spine is upright in the rest pose; of the adult template within 1 mm."""
+    legs = -np.mean(
+        [sum(offsets[INDEX[f"{s}_{j}"], 2] for j in ("hip", "knee", "ankle", "foot")) for s in ("left", "right")]
+    )
+    trunk = sum(
+        offsets[INDEX[name], 2] for name in ("lower_back", "spine1", "spine2", "spine3", "neck", "head", "head_top")
+    )
+    return float((legs + trunk) * 1.004)

@@ -1,0 +1,288 @@
+"""Walking, running, jumping, dancing, turning and standing from clips: one piece for a step of a description."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.motion.descriptions.slots import Action, Step
+from t2d_rt.motion.generate.chain import Piece, best_seam, joined, moved
+from t2d_rt.motion.generate.library import edits
+from t2d_rt.motion.generate.library.individual import Individual
+from t2d_rt.motion.generate.library.manners import with_manner
+from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Store
+from t2d_rt.motion.kinematics import retargeted
+
+SPEEDS_MPS: Mapping[tuple[str, str], tuple[float, float]] = {
+    ("walk", "slow"): (0.80, 0.10), ("walk", "normal"): (1.27, 0.11), ("walk", "fast"): (1.75, 0.13),
+    ("run", "slow"): (2.45, 0.2), ("run", "normal"): (3.0, 0.25), ("run", "fast"): (3.7, 0.3),
+}  # fmt: skip
+"""Mean and standard deviation of speeds over the floor of an adult with legs of 0.86 m; comfortable walking of men and women 1.27 to
+1.46 m/s, fast 1.7 to 2.5 (Bohannon 1997). Other legs: times sqrt(leg / 0.86 m), equal Froude numbers (Alexander 1989)."""
+
+LEG_M = 0.86
+
+DURATION_S: Mapping[Action, tuple[float, float]] = {
+    "walk": (4.0, 7.0), "run": (3.0, 5.0), "dance": (6.0, 9.0), "stand": (1.5, 3.0), "turn": (2.0, 3.0), "jump": (3.0, 5.0),
+}  # fmt: skip
+"""Range of durations [s] where none is given; of a step beside others, half."""
+
+WARP = 0.72, 1.38
+"""Limits of the factor by which a clip's speed is changed, half of it (as a logarithm) by tempo and half by stride, as people do: step
+length over cadence keeps constant (Sekiya, Nagasaki 1998)."""
+
+HALT_S = 1.2
+"""Time in which a walk comes to a halt: two steps (Bishop et al. 2002)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Maker:
+    """What makes pieces: the clips, the person and the random numbers."""
+
+    store: Store
+    person: Individual
+    rng: np.random.Generator
+
+    def segments(self, action: str, *kinds: str) -> list[Segment]:
+        """Those of an action."""
+        found = [each for each in self.store.segments if each.action == action and (not kinds or each.kind in kinds)]
+        if not found:
+            raise InputError(
+                f"the library has no clip of {action}{' ' + '/'.join(kinds) if kinds else ''}; add some with t2d-rt library add"
+            )
+        return found
+
+    def piece(self, segment: Segment, *, mirror: bool | None = None) -> Piece:
+        """A segment on the person's own skeleton, at the tempo of their legs, along +x; mirrored or not as drawn."""
+        piece = self.store.piece(segment)
+        leg_m = piece.poses.skeleton.leg_m
+        if mirror if mirror is not None else bool(self.rng.random() < 0.5):
+            piece = edits.mirrored(piece)
+        piece = replace(piece, poses=retargeted(piece.poses, self.person.skeleton))
+        piece = edits.tempo(piece, float(np.sqrt(leg_m / self.person.skeleton.leg_m)))
+        return edits.aligned(piece)
+
+    def draw(self, segments: Sequence[Segment], weights: Sequence[float] | None = None) -> Segment:
+        """One of them."""
+        share_of = None if weights is None else np.asarray(weights) / np.sum(weights)
+        return segments[int(self.rng.choice(len(segments), p=share_of))]
+
+
+def made_of_clips(maker: Maker, step: Step, *, alone: bool = True, before: Piece | None = None) -> Piece:
+    """The piece that a step asks for. alone: it is all of its description, and so may last longer. before: what it goes on from."""
+    if step.action not in ACTIONS:
+        raise InputError(f"the library has no clips of {step.action}; it makes {', '.join(ACTIONS)}")
+    low, high = DURATION_S[step.action]
+    duration_s = step.duration_s or float(maker.rng.uniform(low, high)) * (1.0 if alone else 0.6)
+    piece = ACTIONS[step.action](maker, step, duration_s)
+    return with_manner(piece, step, maker.rng)
+
+
+def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
+    """Walking or running: a clip of about the speed, warped to it, going on in others of the same speed at the same phase."""
+    mean, spread = SPEEDS_MPS[step.action, step.speed]
+    legs = float(np.sqrt(maker.person.skeleton.leg_m / LEG_M))
+    wanted = (
+        legs * float(np.clip(maker.rng.normal(mean, spread), mean - 2 * spread, mean + 2 * spread)) * maker.person.tempo
+    )
+    if step.direction == "back":
+        wanted *= 0.75  # people walk backward at about 0.7 to 0.8 of their pace (Thorstensson 1986)
+    first = _first(maker, step, wanted)
+    mirror = bool(maker.rng.random() < 0.5)
+    whole = maker.piece(first, mirror=mirror)
+    factor = float(np.clip(wanted / max(edits.rate_of(whole.poses), 0.1), *WARP))
+    count = round(duration_s * RATE_HZ * np.sqrt(factor)) + 1
+    others = _alike(maker, first)
+    begin = int(maker.rng.integers(0, max(1, len(whole) - count + 1))) if len(whole) > count else 0
+    whole = whole.part(begin, len(whole))
+    while len(whole) < count:
+        nearest = None
+        for other in dict.fromkeys([maker.draw(others), maker.draw(others), first]):
+            found = maker.piece(other, mirror=mirror)
+            length = min(len(whole), len(found))
+            after = range(max(len(whole) - round(0.5 * length), 3), len(whole) - 2, 2)
+            seam = best_seam(whole.poses, found.poses, after, range(2, max(4, round(0.45 * len(found))), 2))
+            if nearest is None or seam[2] < nearest[1][2]:
+                nearest = found, seam
+        assert nearest is not None
+        found, (cut, start, _) = nearest
+        whole = joined([whole.part(0, cut + 1), found.part(start + 1, len(found))], turn=False)
+    whole = whole.part(0, count)
+    whole = edits.strided(edits.tempo(whole, float(np.sqrt(factor))), float(np.sqrt(factor)))
+    whole = whole.noted(f"speed {factor:.2f} times the clips', {edits.rate_of(whole.poses):.2f} m/s")
+    if step.direction == "back":
+        whole = edits.backwards(whole)
+        whole = moved(whole, 0.0, whole.poses.root[0, :2], np.zeros(2))
+    return _directed(maker, whole, step)
+
+
+def _first(maker: Maker, step: Step, wanted: float) -> Segment:
+    """A clip whose speed on the person's legs is near the wanted one."""
+    segments = maker.segments(step.action, "steady")
+    if step.action == "walk":
+        careful = [each for each in segments if each.manner == step.manner]
+        segments = (
+            careful
+            if step.manner and careful and maker.rng.random() < 0.4
+            else [each for each in segments if not each.manner]
+        )
+    scaled = np.array([each.speed_mps for each in segments]) * np.sqrt(maker.person.skeleton.leg_m / LEG_M)
+    misfit = np.log(np.maximum(scaled, 0.05) / wanted)
+    # Half as likely at 12 % beside the speed; the one that is nearest is always possible.
+    weights = np.exp(-((np.abs(misfit) - np.abs(misfit).min()) ** 2) / (2 * 0.1**2))
+    return maker.draw(segments, list(weights))
+
+
+def _alike(maker: Maker, first: Segment) -> list[Segment]:
+    """Clips of the same subject at a like speed, the clip itself among them."""
+    subject = maker.store.sources[first.clip].subject
+    return [
+        each for each in maker.segments(first.action, "steady")
+        if each.name == first.name
+        or (maker.store.sources[each.clip].subject == subject and abs(each.speed_mps / first.speed_mps - 1) < 0.1 and each.manner == first.manner)
+    ]  # fmt: skip
+
+
+def _directed(maker: Maker, piece: Piece, step: Step) -> Piece:
+    """The piece's path bent as the direction says: left and right by a quarter turn, clockwise and counterclockwise in a circle."""
+    if step.direction not in ("left", "right", "clockwise", "counterclockwise"):
+        return piece
+    sign = 1.0 if step.direction in ("left", "counterclockwise") else -1.0
+    duration_s = len(piece) / RATE_HZ
+    fraction = np.linspace(0, 1, len(piece))
+    if step.direction in ("left", "right"):
+        angle = np.radians(maker.rng.uniform(70, 100))
+        within = min(0.6, (1.6 if step.action == "walk" else 1.1) / duration_s)
+        start = float(maker.rng.uniform(0.15, max(0.16, 0.85 - within)))
+        profile = angle * edits.eased((fraction - start) / within)
+        note = f"bent {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees"
+    else:
+        # At walking pace people round circles of 0.7 to 1.5 m; faster than 60 degrees a second they would have to lean.
+        radius = maker.rng.uniform(0.9, 1.6) * max(1.0, edits.rate_of(piece.poses) / 1.2) ** 2
+        profile = edits.rate_of(piece.poses) / radius * fraction * duration_s
+        note = f"bent to a circle of {radius:.1f} m"
+    return edits.bent(piece, sign * profile).noted(note)
+
+
+def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
+    """Turning on the spot in small steps: a slow walk with short steps, its heading carried round, from standing to standing."""
+    angle = {"back": np.pi, "clockwise": 2 * np.pi, "counterclockwise": 2 * np.pi}.get(
+        step.direction or "left", np.pi / 2
+    )
+    sign = (
+        -1.0
+        if step.direction in ("right", "clockwise")
+        else 1.0
+        if step.direction
+        else float(maker.rng.choice([-1, 1]))
+    )
+    rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed]
+    lasting = max(step.duration_s or 0.0, float(np.degrees(angle)) / (rate * maker.person.tempo) + 0.9)
+    walk = gait(maker, Step(action="walk", speed="slow"), lasting)
+    fraction = np.linspace(0, 1, len(walk))
+    short = edits.strided(walk, 0.12 + 0.1 * float(maker.rng.random()))
+    turned = edits.bent(short, sign * angle * edits.eased((fraction - 0.1) / 0.8))
+    turned = turned.noted(f"turned {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees")
+    quiet = stand(maker, Step(action="stand"), 0.8)
+    return joined([quiet, turned, stand(maker, Step(action="stand"), 0.8)], blend_s=0.5)
+
+
+def stand(maker: Maker, step: Step, duration_s: float) -> Piece:
+    """Quiet standing: a clip of it to and fro."""
+    piece = maker.piece(maker.draw(maker.segments("stand")))
+    count = round(duration_s * RATE_HZ) + 1
+    phase = np.arange(count) * 0.9 + maker.rng.uniform(0, len(piece))
+    period = 2 * (len(piece) - 1)
+    # To and fro without a corner: a sine of the same swing and mean pace.
+    frames = (len(piece) - 1) * (0.5 - 0.5 * np.cos(2 * np.pi * phase / (1.6 * period)))
+    whole = edits.retimed(piece, frames)
+    return replace(whole, planted=np.ones_like(whole.planted))
+
+
+def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
+    """Jumps one after another: forward, up, on one leg, or jumping jacks."""
+    ahead = step.direction in ("forward", "straight", None) and (step.direction is not None or maker.rng.random() < 0.4)
+    kinds = ("forward",) if ahead else ("up",)
+    if step.direction is None and step.body_part in ("foot", "leg"):
+        kinds = ("hop",) if any(each.kind == "hop" for each in maker.store.segments) else kinds
+    if step.direction is None and step.body_part in ("arm", "hand"):
+        kinds = ("jacks",)
+    segments = maker.segments("jump", *kinds)
+    pace = {"slow": 0.85, "normal": 1.0, "fast": 1.12}[step.speed] * maker.person.tempo
+    count, pieces, total = step.count or 0, [], 0.0
+    while len(pieces) < max(1, count) or (not count and total < 0.75 * duration_s):
+        piece = edits.tempo(maker.piece(maker.draw(segments)), pace * float(np.exp(0.03 * maker.rng.standard_normal())))
+        pieces.append(_thrown(maker, piece, step))
+        total += len(piece) / RATE_HZ
+    return joined(pieces)
+
+
+def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
+    """A jump carried back or aside, or round, while it is in the air."""
+    if step.direction not in ("back", "left", "right", "clockwise", "counterclockwise"):
+        return piece
+    air = ~piece.planted.any(axis=(1, 2))
+    top = int(piece.poses.root[:, 2].argmax())
+    low, high = top, top
+    while low > 1 and air[low - 1]:
+        low -= 1
+    while high < len(piece) - 2 and air[high + 1]:
+        high += 1
+    profile = edits.eased((np.arange(len(piece)) - low) / max(high - low, 1))
+    if step.direction in ("clockwise", "counterclockwise"):
+        sign = 1.0 if step.direction == "counterclockwise" else -1.0
+        return edits.bent(piece, sign * np.pi / 2 * profile).noted("turned in the air")
+    angle = {"back": np.pi, "left": np.pi / 2, "right": -np.pi / 2}[step.direction]
+    distance = maker.rng.uniform(0.3, 0.6) * maker.person.skeleton.leg_m
+    way = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
+    return edits.shifted(piece, profile[:, None] * way).noted(f"carried {distance:.2f} m {step.direction}")
+
+
+def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
+    """A dance, going on in another where poses are alike."""
+    segments = maker.segments("dance")
+    pace = {"slow": 0.8, "normal": 1.0, "fast": 1.18}[step.speed] * maker.person.tempo
+    count = round(duration_s * RATE_HZ * pace)
+    whole = maker.piece(maker.draw(segments))
+    if len(whole) > count:
+        begin = int(maker.rng.integers(0, len(whole) - count + 1))
+        whole = whole.part(begin, begin + count)
+    while len(whole) < count:
+        tries = []
+        for _ in range(3):
+            found = maker.piece(maker.draw(segments))
+            after = range(max(len(whole) - 40, 3), len(whole) - 1, 2)
+            tries.append((found, best_seam(whole.poses, found.poses, after, range(2, max(4, len(found) // 2), 2))))
+        found, (cut, start, _) = min(tries, key=lambda each: each[1][2])
+        whole = joined([whole.part(0, cut + 1), found.part(start + 1, len(found))], blend_s=0.6)
+    whole = edits.tempo(whole.part(0, max(count, 60)), pace)
+    if step.direction in ("clockwise", "counterclockwise"):
+        sign = 1.0 if step.direction == "counterclockwise" else -1.0
+        return edits.bent(whole, sign * 2 * np.pi * edits.eased(np.linspace(0, 1, len(whole)))).noted(
+            f"turned {step.direction}"
+        )
+    return whole
+
+
+ACTIONS: Mapping[Action, Callable[[Maker, Step, float], Piece]] = {
+    "walk": gait, "run": gait, "turn": turn, "stand": stand, "jump": jump, "dance": dance,
+}  # fmt: skip
+"""What makes each action."""
+
+
+def halted(maker: Maker, piece: Piece, following: Piece) -> Piece:
+    """A walk brought to a halt before a piece that begins at rest: its last steps shorten; anything else as it is."""
+    poses = piece.poses
+    pace = np.linalg.norm(poses.root[-1, :2] - poses.root[-20:][0, :2]) * RATE_HZ / min(19, len(poses) - 1)
+    begin = following.poses
+    ahead = (
+        np.linalg.norm(begin.root[min(19, len(begin) - 1), :2] - begin.root[0, :2]) * RATE_HZ / min(19, len(begin) - 1)
+    )
+    if pace < 0.3 or ahead > 0.5 * pace:
+        return piece
+    last = min(len(piece) - 1, round(HALT_S * RATE_HZ))
+    fraction = np.clip((np.arange(len(piece)) - (len(piece) - last)) / last, 0, 1)
+    return edits.strided(piece, 1 - 0.9 * edits.eased(fraction))

@@ -1,0 +1,196 @@
+"""The clips that ship: rotations and root of a skeleton as small integers, and an index of the segments in them.
+
+Each clip is an array of bytes in one .npz file and is decoded when it is first used. Per frame it holds 23 local quaternions and the
+root, as differences in time of integers (`QUATERNION_STEPS` a unit, `ROOT_STEPS` a metre), low and high bytes apart, which packs well.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.files import read_bytes
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.generate.chain import Piece
+from t2d_rt.motion.kinematics import NAMES, Poses, Skeleton
+from t2d_rt.types.motion import OPTIONAL_JOINTS
+
+FOLDER = Path(__file__).resolve().parent / "data"
+
+RATE_HZ = 60.0
+"""Frame rate of all clips."""
+
+QUATERNION_STEPS, ROOT_STEPS = 30_000, 20_000
+
+KEPT = [number for number, name in enumerate(NAMES) if name not in OPTIONAL_JOINTS]
+"""Joints whose rotations are stored; ends go with their parents."""
+
+MOST_BYTES = 50_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Segment:
+    """Frames of a clip that show one action."""
+
+    name: str
+    clip: str
+    start: int
+    """First frame in the clip."""
+    stop: int
+    """One past the last."""
+    activity: str
+    """Class of the paper."""
+    action: str
+    kind: str = ""
+    """Of the action: steady, start, stop or turn of a walk; up, forward, hop or jacks of a jump."""
+    manner: str = ""
+    speed_mps: float = 0.0
+    """Mean horizontal speed of the pelvis."""
+    turn_deg: float = 0.0
+    """Change of heading, left positive."""
+    travel_deg: float = 0.0
+    """Direction of travel from the heading, left positive; 180 is backward."""
+    cadence_hz: float = 0.0
+    """Steps per second of a walk or run."""
+    stride_m: float = 0.0
+    """Distance of two steps."""
+    distance_m: float = 0.0
+    """From the pelvis's first place to its last."""
+    rise_m: float = 0.0
+    """Of a jump: how high the pelvis rises above standing."""
+
+    @property
+    def duration_s(self) -> float:
+        """From first to last frame [s]."""
+        return (self.stop - 1 - self.start) / RATE_HZ
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """Where a clip comes from."""
+
+    file: str
+    licence: str
+    sha256: str
+    """Of the recorded file's content, unpacked."""
+    subject: str
+    """Whose recording it is, as far as that is known: clips of one subject join best."""
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """All that ships, or an index of the same make elsewhere."""
+
+    segments: tuple[Segment, ...]
+    sources: Mapping[str, Source]
+    path: Path
+    """The .npz file of clips."""
+
+    def piece(self, segment: Segment) -> Piece:
+        """A segment's poses and contacts."""
+        poses, planted = clip(self.path, segment.clip)
+        source = self.sources[segment.clip]
+        note = f"clip {segment.name} of {source.file}, {segment.start / RATE_HZ:.2f} to {(segment.stop - 1) / RATE_HZ:.2f} s"
+        if not 0 <= segment.start < segment.stop - 1 < len(poses):
+            raise InputError(f"{self.path}: {segment.name} lies outside its clip; install t2d-rt again")
+        return Piece(poses=poses, planted=planted, notes=(note,)).part(segment.start, segment.stop)
+
+
+@lru_cache(maxsize=1)
+def shipped() -> Store:
+    """The clips in the package."""
+    return read_store(FOLDER / "index.json", FOLDER / "clips.npz")
+
+
+def read_store(index: Path, clips: Path) -> Store:
+    """An index and the clips that it names; the clips are read when they are used."""
+    try:
+        values = json.loads(read_bytes(index, limit=MOST_BYTES, noun="clip index"))
+        segments = tuple(Segment(**_typed(Segment, each)) for each in values["segments"])
+        sources = {str(name): Source(**_typed(Source, each)) for name, each in values["sources"].items()}
+        lost = sorted({each.clip for each in segments} - sources.keys())
+        if lost:
+            raise ValueError(f"no source for clip {lost[0]}")
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"the clip index {index} is damaged ({_words(error)}); install t2d-rt again") from None
+    return Store(segments=segments, sources=sources, path=clips)
+
+
+@lru_cache(maxsize=64)
+def clip(path: Path, name: str) -> tuple[Poses, np.ndarray]:
+    """Poses of a clip and its contacts (T, 2, 2)."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            packed, skeleton = data[name], data[f"{name}.skeleton"]
+        return unpacked(packed, skeleton)
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
+        raise InputError(f"clip {name} of {path} cannot be read ({_words(error)}); install t2d-rt again") from None
+
+
+def packed(poses: Poses, planted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A clip as bytes and its skeleton as float32; inverse of `unpacked` but for rounding."""
+    count = len(poses)
+    values = np.concatenate(
+        [
+            np.round(quaternions.continuous(poses.local[:, KEPT]) * QUATERNION_STEPS).reshape(count, -1),
+            np.round(poses.root * ROOT_STEPS),
+            (planted.reshape(count, 4) @ np.array([1, 2, 4, 8]))[:, None],
+        ],
+        axis=1,
+    ).astype(np.int64)
+    steps = np.diff(values, axis=0, prepend=0)
+    second = np.diff(steps, axis=0, prepend=0)
+    if np.abs(second).max() > 32_767:
+        raise ValueError("a clip begins farther than 3.2 m from its origin, or jumps")
+    data = np.ascontiguousarray(second.T).astype("<i2").view(np.uint8).reshape(second.shape[1], count, 2)
+    return np.ascontiguousarray(data.transpose(2, 0, 1)), poses.skeleton.offsets.astype(np.float32)
+
+
+def unpacked(data: np.ndarray, skeleton: np.ndarray) -> tuple[Poses, np.ndarray]:
+    """Poses and contacts of bytes that `packed` made."""
+    columns = 4 * len(KEPT) + 4
+    if data.dtype != np.uint8 or data.ndim != 3 or data.shape[:2] != (2, columns) or data.shape[2] < 2:
+        raise ValueError(f"bytes of shape (2, {columns}, time) were expected, got {data.dtype} {data.shape}")
+    if skeleton.shape != (len(NAMES), 3) or not np.isfinite(skeleton).all() or np.abs(skeleton).max() > 3:
+        raise ValueError("its skeleton is none")
+    second = np.ascontiguousarray(data.transpose(1, 2, 0)).view("<i2")[..., 0].T
+    values = np.cumsum(np.cumsum(second, axis=0, dtype=np.int64), axis=0).astype(float)
+    count = len(values)
+    local = np.zeros((count, len(NAMES), 4))
+    local[..., 3] = 1.0
+    local[:, KEPT] = values[:, : 4 * len(KEPT)].reshape(count, -1, 4)
+    sizes = np.linalg.norm(local[:, KEPT], axis=-1) / QUATERNION_STEPS
+    if not (np.abs(sizes - 1) < 0.01).all():
+        raise ValueError("its rotations are none")
+    flags = values[:, -1].astype(int)
+    planted = np.stack([(flags >> bit) & 1 for bit in range(4)], axis=1).astype(bool).reshape(count, 2, 2)
+    poses = Poses(
+        skeleton=Skeleton(offsets=skeleton.astype(float)), root=values[:, -4:-1] / ROOT_STEPS,
+        local=quaternions.normalise(local), rate_hz=RATE_HZ,
+    )  # fmt: skip
+    return poses, planted
+
+
+def _typed(kind: type, values: Any) -> dict[str, Any]:
+    """Fields of a segment or a source, each of its type."""
+    kinds = {"str": str, "int": int, "float": (int, float)}
+    known = {each.name: kinds[str(each.type)] for each in fields(kind)}
+    for name, value in values.items():
+        if name not in known or not isinstance(value, known[name]) or isinstance(value, bool):  # type: ignore[arg-type]
+            raise ValueError(f"{name} has a wrong value")
+    return dict(values)
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__

@@ -1,0 +1,372 @@
+"""Builds the clips that ship: `python -m validation.motions.build_library FOLDER`.
+
+FOLDER holds the recorded motions. Clips are read, cut where they have defects, resampled at 60 Hz, labelled by what is measured of
+them and written to t2d_rt/motion/generate/library/data; the same folder gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import hashlib
+import io
+import json
+import re
+import warnings
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.motion import load_motion, quaternions, resample
+from t2d_rt.motion.contacts import contacts, runs, soles
+from t2d_rt.motion.generate.chain import Piece, heading_rad, moved
+from t2d_rt.motion.generate.library.store import FOLDER, RATE_HZ, Segment, Source, packed, unpacked
+from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, poses_of
+
+CMU, MIT, APACHE = "CMU", "MIT (DeepMimic)", "Apache-2.0 (Kimodo)"
+
+RECIPES: tuple[tuple[str, str, str, str], ...] = (
+    # File, licence, subject, and what it shows: the rule that cuts it.
+    (r"library/cmu/walking_extra_test_.*", CMU, "cmu-a", "walk"),
+    (r"library/cmu/walking_.*", CMU, "cmu-b", "walk"),
+    (r"library/cmu/running_.*", CMU, "cmu-r", "run"),
+    (r"library/cmu/jumping_.*", CMU, "cmu-j", "jump"),
+    (r"library/iclone/007_.*", CMU, "cmu-07", "walk"),
+    (r"library/iclone/003_01.*", CMU, "cmu-03", "none"),
+    (r"library/iclone/005_.*", CMU, "cmu-05", "dance"),
+    (r"12_01_walk.*", CMU, "cmu-12", "walk"),
+    (r"iclone_002_01_walk.*", CMU, "cmu-02", "walk"),
+    (r"iclone_002_03_run.*", CMU, "cmu-02", "run"),
+    (r"iclone_002_04_jump.*", CMU, "cmu-02", "jump"),
+    (r"iclone_005_03_.*", CMU, "cmu-05", "dance"),
+    (r"jumping_jacks_.*", CMU, "cmu-14", "jacks"),
+    (r"amp15_09_11_run.*", CMU, "cmu-09", "run"),
+    (r"amp15_49_08_hop.*", CMU, "cmu-49", "hop"),
+    (r"amp15_55_01_dance.*", CMU, "cmu-55", "dance"),
+    (r"library/deepmimic/.*_(walk)\.txt", MIT, "dm", "walk"),
+    (r"library/deepmimic/.*stealthy_walk\.txt", MIT, "dm", "stealthy"),
+    (r"library/deepmimic/.*_(run|jog)\.txt", MIT, "dm", "run"),
+    (r"library/deepmimic/.*_jump\.txt", MIT, "dm", "jump"),
+    (r"library/deepmimic/.*_dance_.*\.txt", MIT, "dm", "dance"),
+    (r"library/deepmimic/.*getup_faceup\.txt", MIT, "dm", "getup_faceup"),
+    (r"more/.*getup_facedown\.txt", MIT, "dm", "getup_facedown"),
+    (r"library/kimodo/(01|05|06|08).*\.npz", APACHE, "kimodo", "kimodo"),
+)  # fmt: skip
+
+FLIP_DEG_PER_S = 1500.0
+"""Rate at which a joint turns in a flip; recorded runs and dances stay below 1 400 except at ends of limbs."""
+FLIP_RATIO = 4.0
+"""A flip is that much faster than its neighbourhood's median."""
+FASTEST_MPS = 12.0
+"""Of joints; a running foot reaches 8.4 m/s, a dancer's hand 8."""
+ENDS = {INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("wrist", "foot")}
+"""Joints that may be mended by interpolation: hardly anything hangs on them."""
+
+STILL_MPS = 0.12
+"""Mean speed of joints of one who stands still."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--output", type=Path, default=FOLDER)
+    options = parser.parse_args()
+    warnings.simplefilter("ignore", T2DWarning)
+    arrays: dict[str, np.ndarray] = {}
+    sources: dict[str, Source] = {}
+    segments: list[Segment] = []
+    for path in sorted(options.folder.rglob("*")):
+        place = path.relative_to(options.folder).as_posix()
+        recipe = next((each for each in RECIPES if re.fullmatch(each[0], place)), None)
+        if recipe is None or not path.is_file():
+            continue
+        try:
+            pieces = clean(path)
+        except InputError as error:
+            print(f"{place}: {error}")
+            continue
+        for number, piece in enumerate(pieces):
+            name = re.sub(r"(\.bvh|\.gz|\.npz|\.txt|humanoid3d_|_joints)", "", path.name) + (
+                "abcdefgh"[number] if number else ""
+            )
+            found = labelled(name, piece, recipe[3])
+            if not found:
+                print(f"{place}: nothing in part {number} ({len(piece) / RATE_HZ:.1f} s)")
+                continue
+            first, last = min(each.start for each in found), max(each.stop for each in found)
+            found = [replace(each, start=each.start - first, stop=each.stop - first) for each in found]
+            piece = piece.part(first, last)
+            piece = moved(piece, -heading_rad(piece.poses)[0], piece.poses.root[0, :2], np.zeros(2))
+            arrays[name], arrays[f"{name}.skeleton"] = packed(piece.poses, piece.planted)
+            check_storage(name, piece, arrays)
+            sources[name] = Source(file=path.name, licence=recipe[1], sha256=digest(path), subject=recipe[2])
+            segments += found
+    write(options.output, arrays, sources, segments)
+
+
+def clean(path: Path) -> list[Piece]:
+    """A recording's parts without defects, at 60 Hz, the level of the balls of the feet at 0."""
+    motion = load_motion(path)
+    if motion.rate_hz != RATE_HZ:
+        motion = resample(motion, RATE_HZ)
+    poses = poses_of(motion)
+    poses, bad = mended(poses)
+    parts = [(start, stop) for start, stop in runs(~bad) if stop - start >= 60]
+    found = []
+    for start, stop in parts:
+        part = poses.part(start, stop)
+        points = soles(part)
+        planted = contacts(part)
+        lowest = points[..., 2].min(axis=(1, 2))[planted.any(axis=(1, 2))]
+        level = float(np.median(lowest)) if len(lowest) > 10 else float(np.percentile(points[..., 2], 2))
+        root = part.root - [0.0, 0.0, level]
+        found.append(Piece(poses=replace(part, root=root), planted=planted))
+    return found
+
+
+def mended(poses: Poses) -> tuple[Poses, np.ndarray]:
+    """Poses whose wrists and toes do not flip, and where other joints do or tear away (T,)."""
+    from scipy.ndimage import binary_dilation, median_filter
+
+    step = quaternions.multiply(poses.local[1:], quaternions.conjugate(poses.local[:-1]))
+    rate = np.degrees(2 * np.arccos(np.clip(np.abs(step[..., 3]), 0, 1))) * poses.rate_hz
+    usual = median_filter(rate, size=(13, 1), mode="nearest")
+    flips = (rate > FLIP_DEG_PER_S) & (rate > FLIP_RATIO * usual)
+    local = poses.local.copy()
+    for joint in ENDS:
+        wrong = binary_dilation(np.append(flips[:, joint], False), iterations=4)
+        for start, stop in runs(wrong):
+            before, after = max(start - 1, 0), min(stop, len(local) - 1)
+            weight = (np.arange(start, stop) - before)[:, None] / max(after - before, 1)
+            smooth = weight * weight * (3 - 2 * weight)
+            local[start:stop, joint] = quaternions.blend(local[[before], joint], local[[after], joint], smooth)
+    poses = replace(poses, local=quaternions.continuous(local))
+    joints, _ = poses.world()
+    fast = np.linalg.norm(np.diff(joints, axis=0), axis=-1).max(axis=1) * poses.rate_hz > FASTEST_MPS
+    others = [joint for joint in range(len(NAMES)) if joint not in ENDS]
+    bad = np.append(fast | flips[:, others].any(axis=1), False)
+    return poses, binary_dilation(bad, iterations=4) if bad.any() else bad
+
+
+def labelled(clip: str, piece: Piece, rule: str) -> list[Segment]:
+    """Segments of a part by a rule, measured."""
+    whole = [(0, len(piece))]
+    found: list[Segment] = []
+    if rule == "walk":
+        found = walks(clip, piece)
+    elif rule in ("run", "stealthy"):
+        action, activity = ("run", "running") if rule == "run" else ("walk", "walking")
+        found = [measured(clip, piece, *each, activity=activity, action=action, kind="steady") for each in whole]
+        found = [replace(each, manner="careful" if rule == "stealthy" else "") for each in found]
+    elif rule == "jump":
+        found = jumps(clip, piece)
+    elif rule in ("jacks", "hop"):
+        found = [measured(clip, piece, *each, activity="jumping", action="jump", kind=rule) for each in whole]
+    elif rule == "dance" and len(piece) >= 2 * RATE_HZ:
+        found = [measured(clip, piece, *each, activity="dancing", action="dance") for each in whole]
+    elif rule.startswith("getup"):
+        found = [measured(clip, piece, *each, activity="sitting", action="stand_up", kind=rule[6:]) for each in whole]
+    found = [each for each in found if each.action not in ("walk", "turn") or believable(each, piece)]
+    found += stands(clip, piece)
+    return [replace(each, name=f"{clip}.{number}") for number, each in enumerate(found)]
+
+
+def believable(segment: Segment, piece: Piece) -> bool:
+    """Whether a walk's feet stand while they should, and it goes where it faces."""
+    ahead = segment.kind != "steady" or abs(segment.travel_deg) < 12 or segment.distance_m < 0.5
+    return ahead and carried(piece.part(segment.start, segment.stop))
+
+
+def travel(piece: Piece, window_s: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    """Speed [m/s] and direction [rad] of the pelvis over the floor (T,), means over a step."""
+    from scipy.ndimage import uniform_filter1d
+
+    track = uniform_filter1d(piece.poses.root[:, :2], round(window_s * RATE_HZ), axis=0, mode="nearest")
+    velocity = np.gradient(track, 1 / RATE_HZ, axis=0)
+    return np.linalg.norm(velocity, axis=-1), np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
+
+
+def walks(clip: str, piece: Piece) -> list[Segment]:
+    """Steady straight stretches, starts and stops, turns."""
+    speed, _ = travel(piece)
+    heading = heading_rad(piece.poses)
+    usual = float(np.median(speed[speed > 0.3])) if (speed > 0.3).any() else 0.0
+    if usual == 0.0:
+        return []
+    from scipy.ndimage import uniform_filter1d
+
+    even = uniform_filter1d(heading, round(1.0 * RATE_HZ), mode="nearest")
+    turning = np.abs(np.gradient(even, 1 / RATE_HZ)) > np.radians(12)
+    edge = round(0.25 * RATE_HZ)
+    steady = (np.abs(speed / usual - 1) < 0.25) & ~turning
+    steady[:edge] |= steady[edge : edge + 1]
+    steady[-edge:] |= steady[-edge - 1 : -edge]
+    found = []
+    for start, stop in runs(steady):
+        if stop - start >= 1.5 * RATE_HZ:
+            found.append(measured(clip, piece, start, stop, activity="walking", action="walk", kind="steady"))
+    slow = speed < 0.2
+    if slow[:edge].any() and (speed > 0.8 * usual).any():
+        going = int(np.argmax(speed > 0.8 * usual))
+        stop = min(len(piece), going + round(1.5 * RATE_HZ))
+        found.append(measured(clip, piece, 0, stop, activity="walking", action="walk", kind="start"))
+    if slow[-edge:].any() and (speed > 0.8 * usual).any():
+        going = len(piece) - 1 - int(np.argmax(speed[::-1] > 0.8 * usual))
+        found.append(
+            measured(
+                clip,
+                piece,
+                max(0, going - round(1.5 * RATE_HZ)),
+                len(piece),
+                activity="walking",
+                action="walk",
+                kind="stop",
+            )
+        )
+    for start, stop in runs(turning & (speed > 0.1)):
+        turn = np.degrees(even[stop - 1] - even[start])
+        if abs(turn) > 30 and stop - start >= 0.5 * RATE_HZ:
+            first, last = max(0, start - edge), min(len(piece), stop + edge)
+            found.append(measured(clip, piece, first, last, activity="walking", action="turn", kind="turn"))
+    return found
+
+
+def jumps(clip: str, piece: Piece) -> list[Segment]:
+    """Single jumps with the crouch before and the recovery after."""
+    points, root = soles(piece.poses)[..., 2].min(axis=(1, 2)), piece.poses.root[:, 2]
+    standing = float(np.percentile(root, 60))
+    flights = [(a, b) for a, b in runs(points > 0.05) if b - a >= 0.12 * RATE_HZ and root[a:b].max() > standing + 0.08]
+    joints, _ = piece.poses.world()
+    activity = np.linalg.norm(np.gradient(joints, 1 / RATE_HZ, axis=0), axis=-1).mean(axis=1)
+    found = []
+    for number, (take_off, landing) in enumerate(flights):
+        low = flights[number - 1][1] if number else 0
+        high = flights[number + 1][0] if number + 1 < len(flights) else len(piece)
+        start = quietest(activity, max(low, take_off - round(1.6 * RATE_HZ)), take_off - round(0.3 * RATE_HZ))
+        stop = quietest(activity, landing + round(0.35 * RATE_HZ), min(high, landing + round(1.8 * RATE_HZ)))
+        if start is None or stop is None:
+            continue
+        step = root_step(piece, take_off, landing)
+        kind = "up" if np.linalg.norm(step) < 0.25 else "forward" if step[0] > 0 else "back"
+        each = measured(clip, piece, start, stop, activity="jumping", action="jump", kind=kind)
+        found.append(replace(each, rise_m=round(float(root[take_off:landing].max() - standing), 3)))
+    return found
+
+
+def quietest(activity: np.ndarray, start: int, stop: int) -> int | None:
+    """Frame at which the body moves least."""
+    return None if stop - start < 3 or start < 0 or stop > len(activity) else start + int(activity[start:stop].argmin())
+
+
+def root_step(piece: Piece, start: int, stop: int) -> np.ndarray:
+    """Step of the pelvis (2,) in the heading at `start`: ahead, to the left."""
+    angle = -heading_rad(piece.poses)[start]
+    way = piece.poses.root[min(stop, len(piece) - 1), :2] - piece.poses.root[start, :2]
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ way
+
+
+def stands(clip: str, piece: Piece) -> list[Segment]:
+    """Stretches of quiet standing of 0.7 s and more."""
+    joints, _ = piece.poses.world()
+    speed = np.linalg.norm(np.gradient(joints, 1 / RATE_HZ, axis=0), axis=-1).mean(axis=1)
+    upright = piece.poses.root[:, 2] > 0.95 * np.percentile(piece.poses.root[:, 2], 70)
+    return [
+        measured(clip, piece, start, stop, activity="standing", action="stand")
+        for start, stop in runs((speed < STILL_MPS) & upright & piece.planted.any(axis=(1, 2)))
+        if stop - start >= 0.7 * RATE_HZ
+    ]
+
+
+def measured(clip: str, piece: Piece, start: int, stop: int, *, activity: str, action: str, kind: str = "") -> Segment:
+    """A segment with its speed, turn, cadence and distances."""
+    part = piece.part(start, stop)
+    root = part.poses.root
+    way = root[-1, :2] - root[0, :2]
+    distance = float(np.linalg.norm(way))
+    heading = heading_rad(part.poses)
+    edge = max(1, min(30, len(part) // 4))
+    turn = heading[-edge:].mean() - heading[:edge].mean()
+    length = float(np.linalg.norm(np.diff(root[:: round(RATE_HZ / 6), :2], axis=0), axis=-1).sum())
+    speed = length / ((len(root[:: round(RATE_HZ / 6)]) - 1) * round(RATE_HZ / 6) / RATE_HZ)
+    cadence = cadence_hz(part)
+    ahead = 0.0
+    if distance > 0.5:
+        ahead = float(np.degrees(np.angle(np.exp(1j * (np.arctan2(way[1], way[0]) - heading.mean())))))
+    return Segment(
+        name=clip, clip=clip, start=start, stop=stop, activity=activity, action=action, kind=kind, speed_mps=round(speed, 3),
+        turn_deg=round(float(np.degrees(turn)), 1), travel_deg=round(ahead, 1), cadence_hz=round(cadence, 3),
+        stride_m=round(2 * speed / cadence, 3) if cadence and action in ("walk", "run") else 0.0, distance_m=round(distance, 3),
+    )  # fmt: skip
+
+
+def cadence_hz(piece: Piece) -> float:
+    """Steps per second: how often one ankle passes the other along the heading."""
+    joints, _ = piece.poses.world()
+    angle = heading_rad(piece.poses)
+    apart = joints[:, INDEX["left_ankle"], :2] - joints[:, INDEX["right_ankle"], :2]
+    ahead = (apart * np.stack([np.cos(angle), np.sin(angle)], axis=-1)).sum(-1)
+    passed = np.flatnonzero(np.diff(np.sign(ahead)) != 0)
+    return float((len(passed) - 1) * RATE_HZ / (passed[-1] - passed[0])) if len(passed) > 1 else 0.0
+
+
+def carried(piece: Piece) -> bool:
+    """Whether a walk's feet belong to its track: a foot stands nearly all the time."""
+    stands = piece.planted.any(axis=(1, 2))
+    inner = [stop - start for start, stop in runs(~stands) if start > 0 and stop < len(stands)]
+    return bool(stands.mean() > 0.45) and max(inner, default=0) < 0.4 * RATE_HZ
+
+
+def check_storage(name: str, piece: Piece, arrays: dict[str, np.ndarray]) -> None:
+    """Refuses a clip that storage changes by more than 1 mm or 0.01 m/s at any joint."""
+    found, planted = unpacked(arrays[name], arrays[f"{name}.skeleton"])
+    error = found.world()[0] - piece.poses.world()[0]
+    speed = np.linalg.norm(np.diff(error, axis=0), axis=-1).max() * RATE_HZ
+    assert np.linalg.norm(error, axis=-1).max() < 1e-3, f"{name}: {np.linalg.norm(error, axis=-1).max() * 1e3:.2f} mm"
+    WORST.append(
+        (
+            float(np.linalg.norm(error, axis=-1).max()),
+            float(np.sqrt(np.mean(np.diff(error, axis=0) ** 2) * 3) * RATE_HZ),
+            speed,
+        )
+    )
+    assert (planted == piece.planted).all()
+
+
+WORST: list[tuple[float, float, float]] = []
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file's content, unpacked."""
+    data = path.read_bytes()
+    return hashlib.sha256(gzip.decompress(data) if path.suffix == ".gz" else data).hexdigest()
+
+
+def write(folder: Path, arrays: dict[str, np.ndarray], sources: dict[str, Source], segments: list[Segment]) -> None:
+    """Both files, one line per segment and source."""
+    folder.mkdir(parents=True, exist_ok=True)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    (folder / "clips.npz").write_bytes(buffer.getvalue())
+
+    def lines(values: list[str]) -> str:
+        return ",\n".join(values)
+
+    plain = [
+        json.dumps({key: value for key, value in asdict(each).items() if value not in ("", 0.0) or key == "start"})
+        for each in segments
+    ]
+    origin = [f"{json.dumps(name)}: {json.dumps(asdict(each))}" for name, each in sorted(sources.items())]
+    (folder / "index.json").write_text(
+        f'{{"segments": [\n{lines(plain)}\n],\n"sources": {{\n{lines(origin)}\n}}}}\n', encoding="ascii"
+    )
+    worst = np.array(WORST).max(axis=0)
+    print(
+        f"{len(sources)} clips, {len(segments)} segments, {len(buffer.getvalue()) / 1e6:.2f} MB; storage changes joints by {worst[0] * 1e3:.2f} mm "
+        f"at most, speeds by {worst[1]:.4f} m/s RMS, {worst[2]:.4f} at most"
+    )
+
+
+if __name__ == "__main__":
+    main()
