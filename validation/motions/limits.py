@@ -47,11 +47,11 @@ CLASSES = (
 )  # fmt: skip
 """Class of a recording by its name, the first that fits; stylised walks and what is none of them have none."""
 
-NOT_NORMAL = re.compile(r"zombie|stealthy|crawl|131_0|003_01|kimodo|005_")
+NOT_NORMAL = re.compile(r"zombie|stealthy|003_01|005_")
 """Walks in disguise, over uneven ground, or of a model."""
 
-NOT_RECORDED = re.compile(r"kimodo")
-"""What models made sets no limits; it is judged."""
+MADE_BY_MODELS = re.compile(r"kimodo|momask")
+"""What models made sets no limits; it is judged. So are acrobatics, crawling and getting up, which are of no class."""
 
 
 def read(folder: Path) -> dict[str, Motion]:
@@ -68,7 +68,7 @@ def read(folder: Path) -> dict[str, Motion]:
 
 def class_of(name: str) -> str | None:
     """Class of a recording."""
-    if re.search(r"131_0|zombie|stealthy|crawl|kick|cartwheel|backflip|roll|getup|balance\.", name):
+    if re.search(r"zombie|crawl|kick|cartwheel|backflip|roll|getup|kimodo|momask", name):
         return None
     return next((each for each, pattern in CLASSES if re.search(pattern, "/" + name)), None)
 
@@ -89,7 +89,7 @@ def broken(measured: dict[str, Measures], motions: dict[str, Motion]) -> dict[st
 
 def made(motions: dict[str, Motion], measured: dict[str, Measures]) -> dict[str, Any]:
     """Content of limits.json."""
-    recorded = {name: each for name, each in measured.items() if not NOT_RECORDED.search(name)}
+    recorded = {name: each for name, each in measured.items() if class_of(name) and not MADE_BY_MODELS.search(name)}
     left_out = broken(recorded, motions)
     sound = [name for name in recorded if name not in left_out]
     walks = [name for name in sound if class_of(name) == "walking" and not NOT_NORMAL.search(name)]
@@ -100,9 +100,9 @@ def made(motions: dict[str, Motion], measured: dict[str, Measures]) -> dict[str,
             motions[name] for name in sound if motions[name].rate_hz >= rate and motions[name].duration_s > 10 / rate
         ]
         jumps[rate] = MARGIN * float(np.percentile([jump_m(resample(each, rate).joints) for each in own], 99))
-    of_class = defaultdict(list)
+    of_class: dict[str, list[Measures]] = defaultdict(list)
     for name in sound:
-        of_class[class_of(name)].append(measured[name])
+        of_class[str(class_of(name))].append(measured[name])
     return {
         "recordings": len(sound), "left_out": left_out, "walks": len(walks),
         "at_most": {each: round(MARGIN * percentile([measured[name] for name in sound], each, 99), 5) for each in AT_MOST},
@@ -113,7 +113,7 @@ def made(motions: dict[str, Motion], measured: dict[str, Measures]) -> dict[str,
         },
         "by_class": {
             kind: {"n": len(own), **{each: percentile(own, each, 95) for each in AT_MOST}}
-            for kind, own in sorted(of_class.items(), key=str) if kind is not None
+            for kind, own in sorted(of_class.items())
         },
     }  # fmt: skip
 

@@ -51,9 +51,10 @@ def joint_angles(body: Tracks) -> dict[str, np.ndarray]:
             body[f"{side}_{b}"] - body[f"{side}_{a}"] for a, b in (("shoulder", "elbow"), ("elbow", "wrist"))
         )
         bend = angle_deg(thigh, shank)
-        # Knee and ankle turn about axes of about one direction; a knee that bends forward has its own the other way round.
-        foot = body[f"{side}_foot"] - body[f"{side}_ankle"]
-        wrong = np.sum(unit(np.cross(thigh, shank)) * unit(np.cross(shank, foot)), axis=-1) > 0.5
+        # Knee and ankle turn about axes of about one direction, the line of the hips; a knee that bends forward has its own the other
+        # way round. Both must say so: a hip turns its leg, and some files have feet that follow no ankle.
+        foot, hinge = body[f"{side}_foot"] - body[f"{side}_ankle"], unit(np.cross(thigh, shank))
+        wrong = (np.sum(hinge * unit(np.cross(shank, foot)), axis=-1) > 0.5) & (np.sum(hinge * across, axis=-1) < -0.5)
         found.setdefault("knee_flexion_deg", []).append(bend)
         found.setdefault("knee_hyperextension_deg", []).append(np.where(wrong, bend, 0.0))
         found.setdefault("elbow_flexion_deg", []).append(angle_deg(upper, fore))
