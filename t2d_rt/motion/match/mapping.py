@@ -163,7 +163,13 @@ def _head(tree: Tree, chain: tuple[int, ...], base: int, height: Height) -> tupl
     named = [i for i, joint in enumerate(chain) if "head" in tree.labels[joint].parts]
     heights = [height(joint) for joint in chain]
     order = range(len(chain))
-    likely = min(order, key=lambda i: abs(heights[i] - HEAD_HEIGHT) + 0.03 * tree.names[chain[i]].endswith(":end"))
+
+    def unlike(i: int) -> float:
+        """Eyes, jaw and hair branch off at a head; an end of a bone is one only if nothing else can be."""
+        face = len(tree.children[chain[i]]) > 1
+        return abs(heights[i] - HEAD_HEIGHT) - 0.06 * face + 0.03 * tree.names[chain[i]].endswith(":end")
+
+    likely = min(order, key=unlike)
     at = named[0] if named else likely
     head = _carrier(tree, chain[at], chain[-1])
     before = [

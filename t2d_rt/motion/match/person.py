@@ -95,6 +95,7 @@ def _person(tree: Tree, legs: Pair, arms: Pair) -> Person | None:
         return None
     up = unit(shoulders - hips)
     level = [_tilt(tree, pair, up) / 0.3 for pair in (legs, arms)]
+    level.append((1.0 - _parallel(tree, legs, arms)) / 0.2)  # a leg and a tail are not abreast as shoulders are
     named = _named(tree, legs, PARTS_OF_LEG, PARTS_OF_ARM) + _named(tree, arms, PARTS_OF_ARM, PARTS_OF_LEG)
     head = _head(tree, legs, arms, shoulders, up)
     score = (
@@ -109,6 +110,13 @@ def _tilt(tree: Tree, pair: Pair, up: np.ndarray) -> float:
     first, second = joints_of(pair, 0)
     across = unit(tree.positions[:, first] - tree.positions[:, second])
     return float(np.median(np.abs(np.sum(across * up, axis=-1))))
+
+
+def _parallel(tree: Tree, legs: Pair, arms: Pair) -> float:
+    """Cosine of the angle between the line of the hips and that of the shoulders."""
+    (a, b), (c, d) = joints_of(legs, 0), joints_of(arms, 0)
+    hips, shoulders = (unit(tree.positions[:, first] - tree.positions[:, second]) for first, second in ((a, b), (c, d)))
+    return abs(float(np.median(np.sum(hips * shoulders, axis=-1))))
 
 
 def _named(tree: Tree, pair: Pair, own: frozenset[str], other: frozenset[str]) -> float:
@@ -155,6 +163,6 @@ def _check_upright(tree: Tree, person: Person, rest: np.ndarray | None) -> None:
     long_trunk = float(np.median(trunk_m)) / person.legs.length
     if ratio < 1.2 or long_trunk > 0.9:
         raise InputError(
-            f"the skeleton stands on four legs (hind to front legs {ratio:.2f} : 1, trunk {long_trunk:.2f} hind legs long, never "
-            f"upright), so it looks like an animal, not a person; {HELP}"
+            f"the skeleton's four limbs are alike ({ratio:.2f} : 1, trunk {long_trunk:.2f} of a limb long) and no pose is upright, so "
+            f"it looks like an animal or a hand, not a person; {HELP}"
         )
