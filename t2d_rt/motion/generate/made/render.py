@@ -1,0 +1,289 @@
+"""From a score to poses: trunk, legs by inverse kinematics, balance over the feet, arms to their goals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.generate.made.anatomy import Anatomy
+from t2d_rt.motion.generate.made.hands import Figure, Hang, Place
+from t2d_rt.motion.generate.made.noise import activity, hand_noise, shaken
+from t2d_rt.motion.generate.made.score import CHANNELS, DEG, SIDES, SIGN, Grasp, Score, progress
+from t2d_rt.motion.interpolate import decompose
+from t2d_rt.motion.kinematics import LOWER_BACK, NAMES, PARENTS, Poses
+
+X, Y, Z = np.eye(3)
+
+SPINE = (LOWER_BACK, "spine1", "spine2", "spine3")
+FLEX_PARTS = 0.30, 0.28, 0.24, 0.18
+TWIST_PARTS = 0.10, 0.20, 0.35, 0.35
+"""How the spine's joints share a bend and a twist: the lumbar spine bends, the thoracic one turns (White and Panjabi 1990)."""
+
+NECK_LIMIT = 58 * DEG
+REACH = 0.9985
+"""Greatest length of a leg over that of its bones."""
+RELAXED_RAD = 35 * DEG
+"""Plantar flexion of a foot that lies about."""
+SOFT_M = 0.004
+BALANCE_STEPS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """The body without its arms."""
+
+    points: dict[str, np.ndarray]
+    turns: dict[str, np.ndarray]
+
+
+def render(score: Score, anatomy: Anatomy, *, rng: np.random.Generator, rate_hz: float, noise: float = 1.0) -> tuple[Poses, np.ndarray]:
+    """Poses at `rate_hz` from time 0 to the score's end, and the channels (T, C) that they were made of."""
+    times = np.arange(int(np.ceil(score.end_s * rate_hz)) + 1) / rate_hz
+    plain = score.sampled(times)
+    moving = activity(plain, rate_hz)
+    table = shaken(plain, times, moving, rng, noise)
+    values = {name: table[:, number] for number, name in enumerate(CHANNELS)}
+    shakes = {side: hand_noise(times, moving, rng, noise) for side in SIDES}
+
+    def posed(hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        shape = _body(anatomy, values, hips)
+        for side in SIDES:
+            places = [goal.place(Figure(anatomy, shape.points, shape.turns), side) for goal in _goals(score, side)]
+            _arm(anatomy, shape, side, _ways(score, side, times), places, _Free(_held(score, side, times), shakes[side]))
+        return _stacked(shape)
+
+    hips = np.stack([values["x"], values["y"], values["z"]], axis=1)
+    weight = np.clip(values["balanced"], 0.0, 1.0)[:, None]
+    wanted = np.stack([values["com_x"], values["com_y"]], axis=1)
+    joints, turns = posed(_balanced(anatomy, posed, hips, wanted, weight))
+    _, local = decompose(joints, turns, PARENTS)
+    poses = Poses(
+        skeleton=anatomy.skeleton, root=joints[:, 0], local=quaternions.continuous(quaternions.normalise(local)), rate_hz=rate_hz
+    )
+    return poses, table
+
+
+def still(anatomy: Anatomy, table: np.ndarray) -> Figure:
+    """The body without its arms in each of the poses of a table of channels (N, C), balanced with the arms hanging."""
+    values = {name: table[:, number] for number, name in enumerate(CHANNELS)}
+    free = _Free(np.zeros(len(table)), np.zeros((len(table), 3)))
+
+    def posed(hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        shape = _body(anatomy, values, hips)
+        for side in SIDES:
+            _arm(anatomy, shape, side, [], [Hang().place(Figure(anatomy, shape.points, shape.turns), side)], free)
+        return _stacked(shape)
+
+    hips = np.stack([values["x"], values["y"], values["z"]], axis=1)
+    wanted = np.stack([values["com_x"], values["com_y"]], axis=1)
+    shape = _body(anatomy, values, _balanced(anatomy, posed, hips, wanted, values["balanced"][:, None]))
+    return Figure(anatomy, shape.points, shape.turns)
+
+
+def _balanced(anatomy: Anatomy, posed, hips: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Hips (T, 3) whose level place holds the centre of mass over `wanted` (T, 2) as far as `weight` (T, 1) says."""
+    if not weight.any():
+        return hips
+    active = weight[:, 0] > 0
+    found = hips.copy()
+    found[:, :2] = np.where(active[:, None], wanted, hips[:, :2])
+    for _ in range(BALANCE_STEPS):
+        joints, _turns = posed(found)
+        error = wanted - np.einsum("tjk,j->tk", joints, anatomy.mass_weights)[:, :2]
+        found[:, :2] += np.where(active[:, None], 1.35 * error, 0.0)
+    blended = found.copy()
+    blended[:, :2] = weight * found[:, :2] + (1 - weight) * hips[:, :2]
+    return blended
+
+
+def _body(anatomy: Anatomy, values: Mapping[str, np.ndarray], hips: np.ndarray) -> _Shape:
+    """Trunk, head and legs."""
+    turns: dict[str, np.ndarray] = {}
+    heading = quaternions.about_axis(Z, values["yaw"])
+    turns["heading"] = heading
+    upright = _chain(heading, (Y, values["pitch"]), (X, -values["roll"]), (Z, values["spin"]))
+    turns["hips"] = upright
+    turns["pelvis"] = _chain(upright, (Y, np.full(len(hips), anatomy.tilt_rad)))
+    above = upright
+    for name, bend, turn in zip(SPINE, FLEX_PARTS, TWIST_PARTS, strict=True):
+        above = _chain(above, (Z, turn * values["twist"]), (Y, bend * values["flex"]), (X, -bend * values["side"]))
+        turns[name] = above
+    nod = NECK_LIMIT * np.tanh((values["gaze"] - values["pitch"] - values["flex"]) / NECK_LIMIT)
+    turns["neck"] = _chain(turns["spine3"], (Z, 0.4 * values["look"]), (Y, 0.45 * nod), (X, -0.4 * values["tilt"]))
+    turns["head"] = _chain(turns["neck"], (Z, 0.6 * values["look"]), (Y, 0.55 * nod), (X, -0.6 * values["tilt"]))
+    feet = {side: _foot(anatomy, values, side, turns) for side in SIDES}
+    hips = _within_reach(anatomy, turns["pelvis"], hips, feet)
+    points: dict[str, np.ndarray] = {"pelvis": hips - quaternions.rotate(turns["pelvis"], anatomy.middle)}
+    for name, parent in ((LOWER_BACK, "pelvis"), ("spine1", LOWER_BACK), ("spine2", "spine1"), ("spine3", "spine2"), ("neck", "spine3"), ("head", "neck"), ("head_top", "head")):
+        points[name] = points[parent] + quaternions.rotate(turns[parent], anatomy.offset(name))
+    turns["head_top"] = turns["head"]
+    shape = _Shape(points, turns)
+    for side in SIDES:
+        _leg(anatomy, shape, values, side, feet[side])
+        # Arms hang from the collars, which the shoulders' shrug turns.
+        lift = quaternions.about_axis(X, SIGN[side] * values[f"{side}_shrug"])
+        turns[f"{side}_collar"] = quaternions.multiply(turns["spine3"], lift)
+        points[f"{side}_collar"] = points["spine3"] + quaternions.rotate(turns["spine3"], anatomy.offset(f"{side}_collar"))
+        points[f"{side}_shoulder"] = points[f"{side}_collar"] + quaternions.rotate(turns[f"{side}_collar"], anatomy.offset(f"{side}_shoulder"))
+    return shape
+
+
+def _foot(anatomy: Anatomy, values: Mapping[str, np.ndarray], side: str, turns: dict[str, np.ndarray]) -> np.ndarray:
+    """Ankle (T, 3) of a foot that turns about its ball or its heel; sets the turns of foot and toes."""
+    tip, pivot = values[f"{side}_tip"], values[f"{side}_pivot"][:, None]
+    level = quaternions.about_axis(Z, values[f"{side}_yaw"])
+    turns[f"{side}_ankle"] = _chain(level, (Y, tip))
+    # Toes stay flat when the heel rises, and rise with the foot.
+    turns[f"{side}_foot"] = turns[f"{side}_toe"] = _chain(level, (Y, tip - 0.5 * (tip + np.sqrt(tip**2 + (4 * DEG) ** 2)) + 2 * DEG))
+    ball = anatomy.offset(f"{side}_foot")
+    heel = ball * [-1 / 3, 1.0, 1.0]
+    at = np.stack([values[f"{side}_x"], values[f"{side}_y"], values[f"{side}_z"] + anatomy.sole_m], axis=1)
+    stiff = 1 - values[f"{side}_loose"][:, None]
+    return at - stiff * quaternions.rotate(turns[f"{side}_ankle"], pivot * ball + (1 - pivot) * heel)
+
+
+def _within_reach(anatomy: Anatomy, pelvis: np.ndarray, hips: np.ndarray, ankles: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Hips lowered, without a corner in time, where a leg would not reach its foot."""
+    found = hips.copy()
+    for side in SIDES:
+        offset = quaternions.rotate(pelvis, anatomy.offset(f"{side}_hip") - anatomy.middle)
+        longest = REACH * sum(anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("knee", "ankle"))
+        level = found[:, :2] + offset[:, :2] - ankles[side][:, :2]
+        height = np.sqrt(np.maximum(longest**2 - (level**2).sum(-1), (0.12 * longest) ** 2))
+        highest = ankles[side][:, 2] + height - offset[:, 2]
+        found[:, 2] -= SOFT_M * np.logaddexp(0.0, (found[:, 2] - highest) / SOFT_M)
+    return found
+
+
+def _leg(anatomy: Anatomy, shape: _Shape, values: Mapping[str, np.ndarray], side: str, ankle: np.ndarray) -> None:
+    """Hip and knee for a given ankle; the knee points where the foot and the pelvis do."""
+    points, turns = shape.points, shape.turns
+    hip = points["pelvis"] + quaternions.rotate(turns["pelvis"], anatomy.offset(f"{side}_hip"))
+    out = 0.7 * (values[f"{side}_yaw"] - values["yaw"]) + SIGN[side] * values[f"{side}_splay"]
+    backward = values["pitch"] - np.logaddexp(0.0, values["pitch"] / 0.15) * 0.15
+    frame = _chain(turns["heading"], (Y, backward), (X, -values["roll"]), (Z, values["spin"]))
+    upright = np.maximum(quaternions.rotate(frame, Z)[:, 2:], 0.0)
+    pole = quaternions.rotate(_chain(frame, (Z, out)), X) + 0.6 * upright**2 * Z
+    first, second = (anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("knee", "ankle"))
+    knee, end, side_on = _two_bones(hip, ankle, pole, first, second)
+    hinge = np.cross(side_on, ankle - hip)
+    turns[f"{side}_hip"], turns[f"{side}_knee"] = _frame("z", hip - knee, "y", hinge), _frame("z", knee - end, "y", hinge)
+    points[f"{side}_hip"], points[f"{side}_knee"], points[f"{side}_ankle"] = hip, knee, end
+    loose = values[f"{side}_loose"][:, None]
+    if loose.any():
+        relaxed = _chain(turns[f"{side}_knee"], (Y, np.full(len(hip), RELAXED_RAD)))
+        for part in ("ankle", "foot", "toe"):
+            turns[f"{side}_{part}"] = quaternions.blend(turns[f"{side}_{part}"], relaxed, loose)
+    points[f"{side}_foot"] = end + quaternions.rotate(turns[f"{side}_ankle"], anatomy.offset(f"{side}_foot"))
+    points[f"{side}_toe"] = points[f"{side}_foot"] + quaternions.rotate(turns[f"{side}_foot"], anatomy.offset(f"{side}_toe"))
+
+
+@dataclass(frozen=True, slots=True)
+class _Free:
+    """How far a hand rests (T,), and how it shakes where it does not (T, 3) [m]."""
+
+    held: np.ndarray
+    shake: np.ndarray
+
+
+def _goals(score: Score, side: str) -> list:  # type: ignore[type-arg]
+    return [score.starts[side], *(grasp.goal for grasp in score.grasps[side])]
+
+
+def _ways(score: Score, side: str, times: np.ndarray) -> list[tuple[Grasp, np.ndarray]]:
+    return [(grasp, progress(times, grasp.start_s, grasp.duration_s)) for grasp in score.grasps[side]]
+
+
+def _held(score: Score, side: str, times: np.ndarray) -> np.ndarray:
+    found = np.full(len(times), float(score.starts[side].held))
+    for grasp, done in _ways(score, side, times):
+        found += done * (float(grasp.goal.held) - found)
+    return found
+
+
+def _arm(
+    anatomy: Anatomy, shape: _Shape, side: str, ways: Sequence[tuple[Grasp, np.ndarray]], places: Sequence[Place], free: _Free
+) -> None:
+    """The arm on its way from goal to goal: round the shoulder, not straight through the body."""
+    points, turns = shape.points, shape.turns
+    shoulder = points[f"{side}_shoulder"]
+    wrist, elbow = places[0].wrist, _unit(places[0].elbow)
+    outward = quaternions.rotate(turns["spine3"], SIGN[side] * Y)
+    for (grasp, done), place in zip(ways, places[1:], strict=True):
+        part = done[:, None]
+        wrist = shoulder + _swept(wrist - shoulder, place.wrist - shoulder, part) + 4 * grasp.aside_m * part * (1 - part) * outward
+        elbow = elbow + part * (_unit(place.elbow) - elbow)
+    wrist = wrist + (1 - free.held)[:, None] * free.shake
+    first, second = (anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("elbow", "wrist"))
+    middle, end, side_on = _two_bones(shoulder, wrist, elbow, first, second)
+    sign = SIGN[side]
+    hinge = -sign * np.cross(side_on, wrist - shoulder)
+    turns[f"{side}_shoulder"] = _frame("y", sign * (middle - shoulder), "z", hinge)
+    turns[f"{side}_elbow"] = _frame("y", sign * (end - middle), "z", hinge)
+    points[f"{side}_elbow"], points[f"{side}_wrist"] = middle, end
+    loose = turns[f"{side}_elbow"]
+    hand = _hand(places[0], loose, sign)
+    for (_, done), place in zip(ways, places[1:], strict=True):
+        hand = quaternions.blend(hand, _hand(place, loose, sign), done[:, None])
+    turns[f"{side}_wrist"] = turns[f"{side}_hand"] = hand
+    points[f"{side}_hand"] = end + quaternions.rotate(hand, anatomy.offset(f"{side}_hand"))
+
+
+def _hand(place: Place, loose: np.ndarray, sign: float) -> np.ndarray:
+    """Orientation of the hand: along the forearm where the goal does not care."""
+    if place.fingers is None or place.back is None:
+        return loose
+    return _frame("y", sign * place.fingers, "z", place.back)
+
+
+def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Between two vectors (T, 3): the direction turns at an even rate, the length changes evenly."""
+    a, b = _unit(start), _unit(end)
+    angle = np.arccos(np.clip((a * b).sum(-1, keepdims=True), -0.9999, 0.99999))
+    way = (np.sin((1 - part) * angle) * a + np.sin(part * angle) * b) / np.sin(angle)
+    size = (1 - part) * np.linalg.norm(start, axis=-1, keepdims=True) + part * np.linalg.norm(end, axis=-1, keepdims=True)
+    return size * _unit(way)
+
+
+def _two_bones(start: np.ndarray, target: np.ndarray, pole: np.ndarray, first: float, second: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middle and end (T, 3) of a limb that reaches for a target, and the direction square to it in which it bends: law of cosines."""
+    way = target - start
+    distance = np.linalg.norm(way, axis=-1, keepdims=True)
+    longest = 0.9995 * (first + second)
+    # Neither limit has a corner, else joints would jerk where a limb comes to its end.
+    length = distance - 0.002 * np.logaddexp(0.0, (distance - longest) / 0.002)
+    length = np.maximum(length, 0.25 * (first + second))
+    axis = way / np.maximum(distance, 1e-9)
+    aside = _unit(pole - (pole * axis).sum(-1, keepdims=True) * axis)
+    along = (length**2 + first**2 - second**2) / (2 * length)
+    height = np.sqrt(np.maximum(first**2 - along**2, 0.0))
+    return start + along * axis + height * aside, start + length * axis, aside
+
+
+def _stacked(shape: _Shape) -> tuple[np.ndarray, np.ndarray]:
+    return np.stack([shape.points[name] for name in NAMES], axis=1), np.stack([shape.turns[name] for name in NAMES], axis=1)
+
+
+def _chain(first: np.ndarray, *steps: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Orientations (T, 4) turned about their own axes, one after the other."""
+    for axis, angle in steps:
+        first = quaternions.multiply(first, quaternions.about_axis(axis, angle))
+    return first
+
+
+def _frame(first: str, along: np.ndarray, second: str, towards: np.ndarray) -> np.ndarray:
+    """Orientations (T, 4) whose axis `first` lies along a direction (T, 3) and whose axis `second` lies towards another."""
+    a = _unit(along)
+    b = _unit(towards - (towards * a).sum(-1, keepdims=True) * a)
+    columns = {first: a, second: b}
+    (third,) = set("xyz") - set(columns)
+    x, y = (("y", "z"), ("z", "x"), ("x", "y"))["xyz".index(third)]
+    columns[third] = np.cross(columns[x], columns[y])
+    return quaternions.from_matrix(np.stack([columns[axis] for axis in "xyz"], axis=-1))
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-12)

@@ -1,0 +1,177 @@
+"""Sitting down on a chair and standing up from it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from t2d_rt.motion.descriptions.slots import Step
+from t2d_rt.motion.generate.made.hands import Goal, InSpace, OnBone
+from t2d_rt.motion.generate.made.performer import Performer, middle, stance, stand_tall, turn_on_the_spot
+from t2d_rt.motion.generate.made.score import DEG, OTHER, SIDES, SIGN, Score
+
+SEAT_M = 0.40, 0.50
+"""Heights of seats for a stature of 1.72 m; they grow with the person."""
+
+
+def sit(score: Score, who: Performer, step: Step, *, backrest: bool = True) -> None:
+    """Sit down on what stands behind: the trunk leans forward while the hips go back and down, and comes up when the seat carries
+    (Kralj 1990: 5 phases; Kerr 1997: 1.5 to 2.5 s).
+    """
+    if step.direction in ("left", "right"):
+        turn_on_the_spot(score, who, SIGN[step.direction] * who.u(78, 100) * DEG)
+    seat_m = who.u(*SEAT_M) * who.tall / 1.72
+    hips = seated_hips(score, who, seat_m, shank_rad=who.u(3, 15) * DEG)
+    down_s = who.u(1.15, 1.55)
+    plop = step.manner in ("angry", "sad") or who.chance(0.2)
+    support = _support(score, who, step, seat_m)
+    lean = who.about(24, 4), who.about(17, 4)
+    score.move(0.0, 0.85 * down_s, pitch=lean[0] * DEG, flex=who.traits["flex"] + (lean[1] - 4) * DEG)
+    score.move(0.12, 0.7 * down_s, gaze=who.about(30, 8) * DEG)
+    if who.chance(0.4):
+        _glance(score, who, down_s)
+    score.move(0.12, down_s, 1.12 if plop else 0.98, z=score.place.floor_m + hips[2])
+    score.move(0.12 + 0.25 * down_s, 0.75 * down_s, balanced=0.0)
+    score.put(0.12, down_s, hips=hips[:2])
+    score.put(0.12, 0.8 * down_s, com=(middle(score, who)[0] - 0.35 * who.anatomy.foot_m, 0.0))
+    rest = _resting_hands(who)
+    for side in SIDES:
+        goal = support.get(side)
+        if goal is not None:
+            score.reach(side, goal, 0.15 * down_s, 0.75 * down_s, 0.06)
+            score.reach(side, rest[side], 1.15 * down_s + who.u(0.1, 0.5), who.u(0.6, 0.9), 0.06)
+        else:
+            score.reach(side, rest[side], 0.3 * down_s + who.u(0, 0.15), down_s * who.u(0.8, 1.0), 0.05)
+    score.wait(0.12 + down_s * 0.88)
+    settle(score, who, step, backrest=backrest)
+    score.posture = "sitting"
+    score.notes.append(f"sits on a seat {seat_m:.2f} m high, whose middle is {-hips[0]:.2f} m behind the ankles")
+
+
+def settle(score: Score, who: Performer, step: Step, *, backrest: bool) -> None:
+    """The trunk comes up once the seat carries, and rests."""
+    up_s = who.u(0.75, 1.1)
+    leans = backrest and who.chance(0.55)
+    flex = who.traits["flex"] + who.about(16, 4) * DEG
+    pitch = who.about(-24 if leans else -11, 3) * DEG
+    score.move(0.0, up_s, pitch=pitch, side=who.about(0, 2) * DEG)
+    score.move(0.05, up_s * who.u(0.95, 1.2), flex=flex, twist=who.about(0, 3) * DEG)
+    score.move(0.1, up_s, gaze=who.traits["gaze"] + who.about(0, 4) * DEG, look=who.about(0, 10) * DEG)
+    if who.chance(0.35):  # one foot finds a better place
+        side = who.side(0.5)
+        x, y = score.at(side)
+        score.put(up_s * 0.6, 0.45, **{side: (x + who.u(0.03, 0.10), y + SIGN[side] * who.u(-0.01, 0.03))})
+        score.hump(up_s * 0.6, 0.45, **{f"{side}_z": 0.02})
+    score.wait(up_s + who.u(0.5, 1.1))
+    if step.manner == "sad":
+        score.move(-0.6, 0.9, gaze=score.values["gaze"] + 14 * DEG)
+
+
+def seated_hips(score: Score, who: Performer, seat_m: float, *, shank_rad: float) -> tuple[float, float, float]:
+    """Middle of the hips on a seat [m], so far behind the feet that the shanks lean forward by an angle."""
+    body = who.anatomy
+    ankle_x = 0.5 * sum(score.at(side)[0] - body.foot_m * np.cos(score.values[f"{side}_yaw"] - score.place.yaw_rad) for side in SIDES)
+    thigh, shank = (0.5 * sum(body.skeleton.bone_m(f"{side}_{joint}") for side in SIDES) for joint in ("knee", "ankle"))
+    knee_x, knee_z = ankle_x + shank * np.sin(shank_rad), body.ankle_m + shank * np.cos(shank_rad)
+    z = seat_m + body.seat_m
+    aside = who.traits["half_width"] - body.hips_m
+    return float(knee_x - np.sqrt(thigh**2 - (z - knee_z) ** 2 - min(aside**2, 0.01))), 0.0, z
+
+
+def seated(who: Performer, step: Step) -> Score:
+    """A score that begins in a chair."""
+    score = stance(who)
+    sit(score, who, Step(action="sit", manner=step.manner), backrest=True)
+    return begun(score, who)
+
+
+def begun(score: Score, who: Performer) -> Score:
+    """A score that begins where another one ends, at rest."""
+    found = Score(values=dict(score.values), place=score.place, home=score.home, notes=list(score.notes), posture=score.posture)
+    found.starts = {side: score.goal(side) for side in SIDES}
+    found.wait(who.u(0.4, 0.9))
+    return found
+
+
+def stand_up(score: Score, who: Performer, step: Step) -> None:
+    """Stand up from a chair: feet back, trunk forward, seat-off at a third of the time, then everything extends (Schenkman 1990;
+    1.3 to 2.3 s from the first lean to standing, Kerr 1997).
+    """
+    _feet_back(score, who)
+    first_s, rise_s = who.u(0.50, 0.68), who.u(1.0, 1.3)
+    lean = who.about(31, 4), who.about(18, 4)
+    score.move(0.0, first_s * 1.3, pitch=lean[0] * DEG)
+    score.move(0.04, first_s * 1.25, flex=who.traits["flex"] + (lean[1] - 4) * DEG, side=0.0, twist=0.0, look=0.0)
+    score.move(0.1, first_s, gaze=who.about(22, 7) * DEG)
+    _push(score, who, step, first_s)
+    score.wait(0.85 * first_s)
+    x, y = middle(score, who)
+    score.put(0.0, 0.1, com=(x - 0.25 * who.anatomy.foot_m, y))
+    score.put(0.2, rise_s, com=(x, y))
+    score.move(0.0, rise_s, 0.97, z=score.place.floor_m + who.anatomy.standing_m)
+    score.move(-0.08, 0.62 * rise_s, balanced=1.0)
+    score.move(0.18 * rise_s, 0.9 * rise_s, pitch=0.0, roll=0.0)
+    score.move(0.25 * rise_s, 0.9 * rise_s, flex=who.traits["flex"])
+    score.move(0.3 * rise_s, 0.8 * rise_s, gaze=who.traits["gaze"], tilt=0.0)
+    for side in SIDES:
+        score.reach(side, who.hang(), (0.22 + who.u(0, 0.12)) * rise_s, rise_s * who.u(0.7, 0.9), 0.05)
+    score.wait(rise_s + who.u(0.1, 0.2))
+    stand_tall(score, who, 0.0, 0.4, arms=False)
+    score.wait(who.u(0.4, 0.7))
+    score.posture = "standing"
+
+
+def _feet_back(score: Score, who: Performer) -> None:
+    """Feet go under the seat as far as one needs them to rise: shanks 15 to 20 degrees forward."""
+    reach = who.u(0.0, 0.06)
+    for number, side in enumerate((who.handed, OTHER[who.handed])):
+        x, y = score.at(side)
+        home = who.anatomy.foot_m * np.cos(who.traits["toe_out"])
+        back = max(0.0, x - home) + reach
+        if back < 0.02:
+            continue
+        score.put(0.14 * number, 0.5, **{side: (x - back, y)})
+        score.hump(0.14 * number, 0.45, **{f"{side}_z": 0.018})
+        score.hump(0.14 * number - 0.04, 0.4, **{f"{side}_tip": 9 * DEG})
+    score.wait(who.u(0.35, 0.55))
+
+
+def _push(score: Score, who: Performer, step: Step, first_s: float) -> None:
+    """Hands on the knees, or on the seat beside the hips, or swinging forward."""
+    how = who.rng.choice(["knees", "seat", "thighs"], p=[0.7, 0.2, 0.1] if step.manner == "careful" else [0.35, 0.25, 0.40])
+    for side in SIDES:
+        if how == "knees":
+            score.reach(side, OnBone(along=who.u(0.78, 0.9)), 0.05, 0.8 * first_s)
+        elif how == "seat":
+            x, _ = score.at("hips")
+            point = score.place.world(x + who.u(0.02, 0.08), SIGN[side] * (who.anatomy.hips_m + 0.085 * who.tall), score.values["z"] - score.place.floor_m - 0.03)
+            score.reach(side, InSpace(point=point, elbow=(-0.9, 0.35, 0.3), fingers=(0.9, 0.1, -0.3), yaw_rad=score.place.yaw_rad), 0.0, 0.7 * first_s, 0.06)
+
+
+def _support(score: Score, who: Performer, step: Step, seat_m: float) -> dict[str, Goal]:
+    """What the hands hold while sitting down: armrests, the own knees, or nothing."""
+    how = who.rng.choice(["none", "arms", "knees", "one"], p=[0.1, 0.5, 0.25, 0.15] if step.manner == "careful" else [0.5, 0.2, 0.15, 0.15])
+    sides = SIDES if how in ("arms", "knees") else (who.side(),) if how == "one" else ()
+    if how == "knees":
+        return {side: OnBone(along=who.u(0.7, 0.85)) for side in sides}
+    hips_x = seated_hips(score, who, seat_m, shank_rad=8 * DEG)[0]
+    height = seat_m + 0.22 * who.tall / 1.72
+    found: dict[str, Goal] = {}
+    for side in sides:
+        point = score.place.world(hips_x + who.u(0.14, 0.22), SIGN[side] * (who.anatomy.hips_m + 0.10 * who.tall), height)
+        found[side] = InSpace(point=point, elbow=(-0.9, 0.5, 0.2), fingers=(0.9, 0.0, -0.2), yaw_rad=score.place.yaw_rad)
+    return found
+
+
+def _resting_hands(who: Performer) -> dict[str, Goal]:
+    """Hands on the thighs, on the knees, or in the lap."""
+    how = who.rng.choice(["thighs", "knees", "lap"], p=[0.5, 0.25, 0.25])
+    along = who.wobble({"thighs": 0.62, "knees": 0.86, "lap": 0.52}[how])
+    out = {"thighs": 0.0, "knees": 0.003, "lap": -0.022}[how]
+    return {side: OnBone(along=min(each, 0.92), out=out) for side, each in zip(SIDES, along, strict=True)}
+
+
+def _glance(score: Score, who: Performer, down_s: float) -> None:
+    """A look over the shoulder at the seat."""
+    sign = SIGN[who.side(0.5)]
+    score.move(-0.2, 0.5, look=sign * who.u(25, 42) * DEG, twist=sign * who.u(5, 12) * DEG)
+    score.move(0.45 * down_s, 0.6, look=0.0, twist=0.0)
