@@ -34,7 +34,7 @@ RANGES: dict[GaitType, dict[str, Range]] = {
     # stride 0.9 to 1.1 m against 1.4 m; Hausdorff 2005: stride times vary twice as much as in healthy persons).
     "parkinsonian": _PARKINSON,
     # Steps grow shorter and faster while the trunk runs ahead of the feet (Nutt et al. 2011, Lancet Neurol. 10: 734).
-    "festinating": _PARKINSON | {"stride": (0.85, 0.60), "lean_rad": (10 * DEGREE, 25 * DEGREE), "hurry": (0.25, 0.5)},
+    "festinating": _PARKINSON | {"stride": (0.85, 0.60), "lean_rad": (10 * DEGREE, 25 * DEGREE), "hurry": (0.2, 0.4)},
     # Halts of seconds with the feet stuck and the knees trembling at 3 to 8 Hz (Moore et al. 2008, J. Neurosci. Methods 167: 340).
     "freezing": _PARKINSON | {"freeze_s": (1.2, 4.0), "hurry": (0.2, 0.4)},
     # The trunk leans over the standing foot and the pelvis drops on the other side, left and right alike: weak hip abductors
@@ -54,14 +54,14 @@ RANGES: dict[GaitType, dict[str, Range]] = {
     # Knees bent and pressed together, feet that land before one another on their toes and swing around (spastic diplegia; Rodda
     # et al. 2004, J. Bone Joint Surg. 86-B: 251).
     "scissor": {
-        "stride": (0.78, 0.55), "cadence": (0.92, 0.80), "step_width_m": (0.06, 0.02), "crouch_m": (0.03, 0.07),
-        "knees_inward_rad": (12 * DEGREE, 28 * DEGREE), "equinus_rad": (6 * DEGREE, 14 * DEGREE), "circumduction_m": (0.04, 0.06),
+        "stride": (0.78, 0.55), "cadence": (0.92, 0.80), "step_width_m": (0.11, 0.07), "crouch_m": (0.03, 0.07),
+        "knees_inward_rad": (6 * DEGREE, 12 * DEGREE), "equinus_rad": (6 * DEGREE, 14 * DEGREE), "circumduction_m": (0.05, 0.08),
         "rolls": (4 * DEGREE, 9 * DEGREE), "lean_rad": (4 * DEGREE, 10 * DEGREE), "arms_apart_rad": (8 * DEGREE, 15 * DEGREE),
         "elbow_bend_rad": (20 * DEGREE, 50 * DEGREE), "arms": (0.8, 0.5),
     },
     # A foot that hangs is lifted high so that the toes clear the floor, and lands on its ball (Perry and Burnfield 2010, ch. 11).
     "steppage": {
-        "stride": (0.92, 0.78), "cadence": (0.95, 0.85), "lift_side": (1.5, 2.4), "drop_side": (15 * DEGREE, 28 * DEGREE),
+        "stride": (0.92, 0.78), "cadence": (0.95, 0.85), "lift_side": (1.8, 2.6), "drop_side": (15 * DEGREE, 28 * DEGREE),
     },
     # Weight is borne on the sore leg for a short time, with the trunk over it and a short step of the other (Perry and
     # Burnfield 2010, ch. 14).

@@ -18,6 +18,7 @@ from t2d_rt.motion.contacts import contacts, follow, plant, runs
 from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.motion.kinematics import INDEX, Poses
 from t2d_rt.motion.limbs import Limb, reach
+from t2d_rt.motion.read.detect import FLOOR_PERCENTILE
 
 SPINE = "lower_back", "spine1", "spine2", "spine3"
 SIDES = "left", "right"
@@ -27,6 +28,12 @@ STRAIGHT_RAD = math.radians(25.0)
 
 LEAST_WALK_M = 1.5
 """Shortest path of a walk that is changed: two steps and a bit."""
+
+LEAST_STEP_M = 0.2
+"""Distance between two contacts of a foot from which they are two steps [m]."""
+
+TOE_CLEARANCE_M = 0.015
+"""Least height of the toes over the floor in swing; healthy ones clear it by 1 to 2 cm (Winter 1992)."""
 
 PHASE_CUTOFF_HZ = 3.0
 """Smoothing of the side that bears the weight and of swing: they change within a double support, 0.1 to 0.2 s."""
@@ -97,16 +104,16 @@ def changed_walk(walk: Poses, change: GaitChange, rng: np.random.Generator) -> P
     """
     poses = along_x(walk)
     planted = contacts(poses)
-    stands = np.asarray(planted.any(axis=2))
+    stands = _stances(poses, planted)
     weight, swing = _phase(stands, poses.rate_hz)
     ankles = _placed(poses, change, stands, swing, rng)
     times = _times(poses, change, stands, weight, rng)  # of the recorded walk, before its path is shortened
     poses = replace(poses, root=_pelvis_track(poses, change, weight), local=_held(poses, change, weight, rng))
     poses = follow(poses, ankles)
-    poses = _knees(_feet(poses, change, swing), change)
+    poses = _knees(_clear(_feet(poses, change, swing), change, swing), change)
     poses = plant(poses, _pivots(planted, change))
     poses = at_times(poses, times)
-    return _trembling(poses, change, times, rng)
+    return on_floor(_trembling(poses, change, times, rng))
 
 
 def along_x(poses: Poses) -> Poses:
@@ -128,6 +135,14 @@ def along_x(poses: Poses) -> Poses:
     return replace(poses, root=root, local=local)
 
 
+def on_floor(poses: Poses) -> Poses:
+    """The poses with the lowest joint of the feet at z = 0 where it is lowest: the reader's own rule for the floor."""
+    joints, _ = poses.world()
+    feet = [INDEX[f"{side}_{joint}"] for side in SIDES for joint in ("ankle", "foot", "toe")]
+    level = float(np.percentile(joints[:, feet, 2].min(axis=1), FLOOR_PERCENTILE))
+    return replace(poses, root=poses.root - [0.0, 0.0, level])
+
+
 def at_times(poses: Poses, frames: np.ndarray) -> Poses:
     """Poses at fractional frame numbers (K,), by cubic splines of quaternion components."""
     from scipy.interpolate import make_interp_spline
@@ -136,6 +151,19 @@ def at_times(poses: Poses, frames: np.ndarray) -> Poses:
     found = make_interp_spline(np.arange(len(poses)), values, k=3)(np.clip(frames, 0, len(poses) - 1))
     local = quaternions.normalise(found[:, 3:].reshape(len(frames), -1, 4))
     return replace(poses, root=found[:, :3], local=local)
+
+
+def _stances(poses: Poses, planted: np.ndarray) -> np.ndarray:
+    """Whether each foot stands, bool (T, 2): contacts without the gaps in which the foot went nowhere."""
+    joints, _ = poses.world()
+    stands = np.asarray(planted.any(axis=2))
+    for number, side in enumerate(SIDES):
+        ankle = joints[:, INDEX[f"{side}_ankle"], :2]
+        for start, stop in runs(~stands[:, number]):
+            inner = start > 0 and stop < len(stands)
+            if inner and np.linalg.norm(ankle[stop] - ankle[start - 1]) < LEAST_STEP_M:
+                stands[start:stop, number] = True
+    return stands
 
 
 def _phase(stands: np.ndarray, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
@@ -181,10 +209,10 @@ def _placed(
 
 
 def _mid_swing(stands: np.ndarray) -> np.ndarray:
-    """Bumps (T,), 1 in the middle of each swing and 0, with slope 0, at its ends."""
+    """Bumps (T,), 1 in the middle of each whole swing and flat at its ends, where the toes still touch the floor."""
     found = np.zeros(len(stands))
-    for start, stop in runs(~stands):
-        found[start:stop] = np.sin(np.pi * np.arange(1, stop - start + 1) / (stop - start + 1)) ** 2
+    for start, stop in [run for run in runs(~stands) if run[0] > 0 and run[1] < len(stands)]:
+        found[start:stop] = np.sin(np.pi * np.arange(1, stop - start + 1) / (stop - start + 1)) ** 4
     return found
 
 
@@ -258,6 +286,22 @@ def _feet(poses: Poses, change: GaitChange, swing: np.ndarray) -> Poses:
     return replace(poses, local=quaternions.continuous(local))
 
 
+def _clear(poses: Poses, change: GaitChange, swing: np.ndarray) -> Poses:
+    """Hanging feet are lifted in swing until their toes clear the height at which they stand."""
+    if not any(change.foot_drop_rad):
+        return poses
+    joints, _ = poses.world()
+    ankles = {}
+    for number, side in enumerate(SIDES):
+        ends = joints[:, [INDEX[f"{side}_{name}"] for name in ("foot", "toe")], 2]
+        stands = swing[:, number] < 0.1
+        level = np.median(ends[stands], axis=0) if stands.any() else ends.min(axis=0)
+        lack = swing[:, number] * np.maximum((level + TOE_CLEARANCE_M - ends).max(axis=1), 0.0)
+        raised = low_pass(lack[:, None], min(6.0, 0.3 * poses.rate_hz), poses.rate_hz)
+        ankles[side] = joints[:, INDEX[f"{side}_ankle"]] + np.maximum(raised, 0.0) * [0.0, 0.0, 1.0]
+    return follow(poses, ankles)
+
+
 def _pivots(planted: np.ndarray, change: GaitChange) -> np.ndarray:
     """Contacts (T, 2, 2) of the changed walk: a hanging foot and one on its toes stand on the ball alone."""
     found = planted.copy()
@@ -301,13 +345,22 @@ def _times(
     tempo = change.cadence * tempo / _mean_tempo(tempo)
     slowness = 1.0 / (tempo * np.exp(change.hurry * x))
     slowness = low_pass(slowness[:, None], min(4.0, 0.4 * rate), rate)[:, 0]
-    shared = np.flatnonzero((np.abs(weight) < 0.3) & (x > 0.15) & (x < 0.9))  # both feet bear the weight
-    for duration_s in change.freezes_s if len(shared) else ():
-        centre = int(rng.choice(shared))
+    for centre, duration_s in zip(_halts(poses, weight, rng, len(change.freezes_s)), change.freezes_s, strict=True):
         bell = np.exp(-0.5 * ((np.arange(len(poses)) - centre) / (0.06 * rate)) ** 2)
         slowness += duration_s * rate * bell / bell.sum()
     shown = np.concatenate([[0.0], np.cumsum(0.5 * (slowness[1:] + slowness[:-1]))])
     return np.interp(np.arange(int(shown[-1]) + 1), shown, np.arange(len(poses)))
+
+
+def _halts(poses: Poses, weight: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Frames (count,) at which both feet bear the weight and rest as nearly as they ever do, not at the ends of the walk."""
+    joints, _ = poses.world()
+    feet = joints[:, [INDEX[f"{side}_{joint}"] for side in SIDES for joint in ("ankle", "toe")]]
+    fastest = np.linalg.norm(np.gradient(feet, axis=0), axis=-1).max(axis=1) * poses.rate_hz + np.abs(weight)
+    inner = np.arange(len(poses))[len(poses) // 7 : -(len(poses) // 10)]
+    slowest = [at for at in inner[1:-1] if fastest[at] <= fastest[max(0, at - 10) : at + 11].min()]
+    calm = sorted(slowest, key=lambda at: fastest[at])[: max(count, len(slowest) // 2)]
+    return rng.choice(np.array(calm), size=count, replace=len(calm) < count) if count else np.zeros(0, dtype=int)
 
 
 def _mean_tempo(tempo: np.ndarray) -> float:
