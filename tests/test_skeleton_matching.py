@@ -18,7 +18,6 @@ from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.match import match
 from t2d_rt.motion.match.words import label
-from t2d_rt.motion.read.bvh import forward_kinematics, read_bvh
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
 
 BASES = {
@@ -286,6 +285,13 @@ def test_unknown_names_are_read_by_form(tmp_path: Path, base: str, roots: tuple[
         assert f"left_knee {numbers['right_knee']}" in motion.report
 
 
+@pytest.mark.parametrize("odd", ["\x1b[31mSpine", "x" * 20_000, "%s{0}", "Name, with; signs"])
+def test_odd_names_are_printed_in_one_short_line(tmp_path: Path, odd: str) -> None:
+    report = load_motion(person("walk").renamed({"spine2": odd}).write(tmp_path / "a.bvh"), smooth_hz=None).report
+    assert report.isprintable()
+    assert len(report) < 2000
+
+
 # --- what lacks, and what there is too much of ------------------------------------------------------------------------
 
 LACKING = {
@@ -424,7 +430,7 @@ def test_a_mirrored_file_of_a_known_flavour_is_said(tmp_path: Path) -> None:
         **{
             f"{side}_{joint}": side.capitalize() + own
             for side in ("left", "right")
-            for joint, own in zip(ORDER[6:], "UpLeg Leg Foot Toe Shoulder Arm ForeArm Hand".split(), strict=True)
+            for joint, own in zip(ORDER[6:], ["UpLeg", "Leg", "Foot", "Toe", "Shoulder", "Arm", "ForeArm", "Hand"], strict=True)
         },
     }  # fmt: skip
     with pytest.warns(T2DWarning, match="'momask' calls left lie on the person's right"):
@@ -475,7 +481,7 @@ DOG = [
     *(
         bone
         for sign in (-1, 1)
-        for end, base in (("hind", "root"), ("front", "back2"))
+        for end, base in (("rear", "root"), ("front", "back2"))
         for bone in limb(f"{end}{sign}", base, (0.1 * sign, 0, 0), (0, -0.25, 0.05), (0, -0.25, -0.05), (0, -0.1, 0.05))
     ),
 ]  # fmt: skip

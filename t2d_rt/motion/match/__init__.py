@@ -11,6 +11,8 @@ from typing import Literal
 
 import numpy as np
 
+from t2d_rt.checks import LONGEST_SHOWN
+from t2d_rt.errors import printable
 from t2d_rt.motion.match.limbs import Limb
 from t2d_rt.motion.match.mapping import Source, canonical_sources
 from t2d_rt.motion.match.person import Person, find_person, joints_of
@@ -137,5 +139,9 @@ def _by_name(names: tuple[str, ...], source: Source) -> str | tuple[str, str, fl
 
 def _shown(source: str | tuple[str, str, float]) -> str:
     if isinstance(source, str):
-        return f"{source:.60}"
-    return f"{source[0]:.60}-{source[1]:.60} {source[2]:.2f}"
+        return _cut(source)
+    return f"{_cut(source[0])}-{_cut(source[1])} {source[2]:.2f}"
+
+
+def _cut(name: str) -> str:
+    return printable(name if len(name) <= LONGEST_SHOWN else name[: LONGEST_SHOWN - 3] + "...")

@@ -26,6 +26,9 @@ FARTHEST = 3.5
 UPRIGHT = 0.5
 """Cosine of the angle between trunk and legs above which somebody stands: no animal on four legs comes near."""
 
+OFTEN = 0.2
+"""Share of poses that are to be upright: animals sit, too."""
+
 MOST_PAIRS = 14
 HELP = "if it is one, name its joints in a flavour file (flavour=FILE.yaml, --motion.flavour FILE.yaml)"
 
@@ -151,18 +154,25 @@ def _head(tree: Tree, legs: Pair, arms: Pair, shoulders: np.ndarray, up: np.ndar
 
 
 def _check_upright(tree: Tree, person: Person, rest: np.ndarray | None) -> None:
-    """Refuses what holds all four limbs square to its trunk and has limbs of one length: an animal."""
-    poses = tree.positions if rest is None else np.concatenate([tree.positions, rest[None]])
-    middle = [poses[:, joints_of(person.legs, place)].mean(axis=1) for place in (0, 2)]
-    trunk = unit(poses[:, joints_of(person.arms, 0)].mean(axis=1) - middle[0])
-    along = -np.sum(unit(middle[1] - middle[0]) * trunk, axis=-1)
-    if (along > UPRIGHT).any():
+    """Refuses what holds all four limbs square to its trunk and has limbs of one length: an animal, or a hand."""
+    still = rest is not None and _upright(person, rest[None]) > 0.0
+    if still or _upright(person, tree.positions) > OFTEN:
         return
     ratio = person.legs.length / person.arms.length
     trunk_m = np.linalg.norm(tree.middle(joints_of(person.arms, 0)) - tree.middle(joints_of(person.legs, 0)), axis=-1)
     long_trunk = float(np.median(trunk_m)) / person.legs.length
     if ratio < 1.2 or long_trunk > 0.9:
         raise InputError(
-            f"the skeleton's four limbs are alike ({ratio:.2f} : 1, trunk {long_trunk:.2f} of a limb long) and no pose is upright, so "
+            f"the skeleton's four limbs are alike ({ratio:.2f} : 1, trunk {long_trunk:.2f} of a limb long) and hardly a pose is upright, so "
             f"it looks like an animal or a hand, not a person; {HELP}"
         )
+
+
+def _upright(person: Person, poses: np.ndarray) -> float:
+    """Share of poses (T, N, 3) in which the legs go on where the trunk ends."""
+    hips, ankles, shoulders = (
+        poses[:, joints_of(pair, place)].mean(axis=1)
+        for pair, place in ((person.legs, 0), (person.legs, 2), (person.arms, 0))
+    )
+    along = -np.sum(unit(ankles - hips) * unit(shoulders - hips), axis=-1)
+    return float(np.mean(along > UPRIGHT))

@@ -49,7 +49,7 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
         {name: track[dropped:] for name, track in group.items()} for group in (points, orientations)
     )
     level = floor_level(points) if reading.floor is None else float(reading.floor)
-    motion = assemble(points, orientations, raw.rate_hz, level)
+    motion = assemble(points, orientations, reading.rate_hz or raw.rate_hz, level)
     del points, orientations  # half of the memory that a long motion takes
     flipped = flips(motion)
     motion, smoothing = smoothed(motion, reading.smooth_hz)
