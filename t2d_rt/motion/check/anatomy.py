@@ -22,7 +22,7 @@ RANGES_DEG: dict[str, tuple[float, str]] = {
         "a hip extends by 30, the lumbar spine adds 35, and a dancer's leg is raised behind to level",
     ),
     "hip_abduction_deg": (100.0, "a leg is raised sideways by 50, a dancer's by 90"),
-    "shoulder_extension_deg": (125.0, "an arm reaches backward by 60, and sideward and turned outward to level"),
+    "shoulder_extension_deg": (100.0, "an arm reaches backward by 60 beside the trunk"),
     "neck_deg": (95.0, "head and neck bend by 65 to 80 against the trunk"),
     "trunk_twist_deg": (95.0, "the spine turns by 45, in throws by 80 with the shoulder blades"),
     "trunk_bend_deg": (120.0, "the spine bends forward by 110"),
@@ -51,8 +51,8 @@ def joint_angles(body: Tracks) -> dict[str, np.ndarray]:
             body[f"{side}_{b}"] - body[f"{side}_{a}"] for a, b in (("shoulder", "elbow"), ("elbow", "wrist"))
         )
         bend = angle_deg(thigh, shank)
-        # Knee and ankle turn about axes of about one direction, the line of the hips; a knee that bends forward has its own the other
-        # way round. Both must say so: a hip turns its leg, and some files have feet that follow no ankle.
+        # Knee and ankle turn about axes of about one direction, that of the hips' line; a knee that bends forward has its own the
+        # other way round. Both must say so: a hip turns its leg, and some files have feet that follow no ankle.
         foot, hinge = body[f"{side}_foot"] - body[f"{side}_ankle"], unit(np.cross(thigh, shank))
         wrong = (np.sum(hinge * unit(np.cross(shank, foot)), axis=-1) > 0.5) & (np.sum(hinge * across, axis=-1) < -0.5)
         found.setdefault("knee_flexion_deg", []).append(bend)
@@ -67,10 +67,11 @@ def joint_angles(body: Tracks) -> dict[str, np.ndarray]:
         found.setdefault("hip_flexion_deg", []).append(sagittal)
         found.setdefault("hip_extension_deg", []).append(-sagittal)
         found.setdefault("hip_abduction_deg", []).append(np.degrees(np.arcsin(np.clip(sideward, -1, 1))))
-        back, down = np.sum(unit(upper) * -chest, axis=-1), np.sum(unit(upper) * -trunk, axis=-1)
-        found.setdefault("shoulder_extension_deg", []).append(
-            np.where((down > -0.5) & (back > 0.3), np.degrees(np.arctan2(back, down)), 0.0)
-        )
+        back, aside, down = (np.sum(unit(upper) * axis, axis=-1) for axis in (-chest, shoulders, -trunk))
+        behind = (
+            (down > -0.5) & (back > 0.3) & (np.abs(aside) < 0.5)
+        )  # an arm that is raised sideward goes farther back
+        found.setdefault("shoulder_extension_deg", []).append(np.where(behind, np.degrees(np.arctan2(back, down)), 0.0))
     angles = {name: np.max(both, axis=0) for name, both in found.items()}
     angles["neck_deg"] = angle_deg(body["head"] - body["neck"], trunk)
     flat = [each - np.sum(each * trunk, axis=-1, keepdims=True) * trunk for each in (across, shoulders)]

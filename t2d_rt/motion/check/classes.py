@@ -22,11 +22,15 @@ from t2d_rt.motion.descriptions.slots import Activity
 UP = np.array([0.0, 0.0, 1.0])
 
 SIGN_MARGIN = 0.35
-"""A figure of a gait is a sign of an abnormal one where it lies outside the range of normal walks by that fraction of the
-range."""
+"""A figure of a gait is a sign of an abnormal one where it lies outside the range of normal walks by that fraction of the range: one
+of 68 recorded normal walks has a sign."""
 
 MOST_SIGNS = 3
-"""A normal walk has fewer: a slow one has short steps and a low cadence."""
+"""A normal walk has fewer: a slow one has short steps and a low cadence. As many figures outside the range itself are signs, too: 4
+of the 68 have them."""
+
+STAIRS_M = 0.12
+"""Range of the levels of planted feet from which a walk goes over stairs."""
 
 SEATED, STANDING, LYING = 0.80, 0.85, 0.40
 """Heights of the hips over the length of the leg: at most of one who sits (a chair's seat of 0.45 m has them at 0.6 to 0.7),
@@ -61,6 +65,9 @@ def class_faults(expected: Activity, body: Tracks, fall: FallFinding, limits: Li
 
 
 def _walking(seen: Evidence) -> list[str]:
+    levels = [float(each.place[2]) for each in contacts(seen.body)]
+    if levels and np.ptp(levels) > STAIRS_M:
+        return _steps(seen, (20, 160), (0.05, 2.5)) + _no_flight(seen)
     signs = gait_signs(seen.gait, seen.limits)
     faults = _steps(seen, (60, 160), (0.15, 2.5)) + _no_flight(seen)
     if len(signs) >= MOST_SIGNS:
@@ -70,19 +77,20 @@ def _walking(seen: Evidence) -> list[str]:
 
 def _abnormal_walking(seen: Evidence) -> list[str]:
     faults = _steps(seen, (20, 260), (0.03, 2.5)) + _no_flight(seen)
-    if not gait_signs(seen.gait, seen.limits):
+    if not gait_signs(seen.gait, seen.limits) and len(gait_signs(seen.gait, seen.limits, margin=0.0)) < MOST_SIGNS:
         faults.append(
-            "the gait is a normal one: step length, timing, width, lift, posture and arm swing are those of recorded walks"
+            "the gait is a normal one: step length, timing, width, lift, posture and arm swing are those of recorded "
+            "walks"
         )
     return faults
 
 
-def gait_signs(gait: Gait, limits: Limits) -> list[str]:
-    """What of a gait lies outside the range of recorded normal walks, as phrases with figure and range."""
+def gait_signs(gait: Gait, limits: Limits, *, margin: float = SIGN_MARGIN) -> list[str]:
+    """What of a gait lies outside the range of recorded normal walks, as phrases with figure and range; `margin` over the range."""
     found = []
     for name, (low, high) in limits.gait.items():
-        value, margin = float(getattr(gait, name)), SIGN_MARGIN * (high - low)
-        if not math.isnan(value) and not low - margin <= value <= high + margin:
+        value, more = float(getattr(gait, name)), margin * (high - low)
+        if not math.isnan(value) and not low - more <= value <= high + more:
             found.append(f"{name.replace('_', ' ')} {value:.3g} (normal {low:.3g} to {high:.3g})")
     return found
 
@@ -140,7 +148,8 @@ def _sitting(seen: Evidence) -> list[str]:
         return [f"the hips never rest at a seat's height: lowest at {seen.hips.min():.2f} of the leg's length"]
     if seen.hips.max() < STANDING and not (seen.hips < SEATED).all():
         return [
-            f"nobody sits down or stands up: hips between {seen.hips.min():.2f} and {seen.hips.max():.2f} of the leg's length"
+            f"nobody sits down or stands up: hips between {seen.hips.min():.2f} and {seen.hips.max():.2f} of the "
+            "leg's length"
         ]
     return []
 

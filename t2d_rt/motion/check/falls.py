@@ -51,6 +51,10 @@ LEAST_SPEED = 0.50
 falls have 0.54 + 0.51 (Choi, Wakeling and Robinovitch 2015: head 2.91 +- 0.86, pelvis 2.14 +- 0.63 m/s); lying down on purpose
 in 2 s has at most 0.25 + 0.15."""
 
+LEAST_LAST_SPEED, LAST = 0.40, 0.15
+"""The same of the greatest speeds within the last 15 % of each one's drop: a fall is fast until the floor stops it, and who sits or
+lies down on the floor, however fast, is slow by then (a minimum-jerk movement has two thirds of its greatest speed left)."""
+
 STILL_FALLING = 0.15
 """The same at the record's last frame of a body that has not come to rest."""
 
@@ -130,6 +134,8 @@ class _Descent:
     """One past the last frame on the floor."""
     speed: float
     """Sum of the greatest downward speeds of head and hips, over free fall."""
+    last_speed: float
+    """The same within the last part of their drops."""
 
 
 def detect_fall(motion: Motion) -> FallFinding:
@@ -180,7 +186,19 @@ def _descent(heights: _Heights, floor: int, stop: int) -> _Descent:
     fastest = first + int(np.argmin((heights.head_speed + heights.hips_speed)[first:after]))
     rising = np.flatnonzero(heights.head_speed[first : fastest + 1] > -0.02)
     start = first + int(rising[-1]) if len(rising) else first
-    return _Descent(start, _impact(heights, fastest, after), floor, stop, _speed(heights, start, after))
+    last = sum(
+        _last_speed(*each, start, after)
+        for each in ((heights.head, heights.head_speed), (heights.hips, heights.hips_speed))
+    )
+    return _Descent(start, _impact(heights, fastest, after), floor, stop, _speed(heights, start, after), last)
+
+
+def _last_speed(height: np.ndarray, speed: np.ndarray, start: int, after: int) -> float:
+    """Greatest downward speed of a joint within the last part of its drop."""
+    lowest = start + int(np.argmin(height[start:after]))
+    level = height[lowest] + LAST * (height[start : lowest + 1].max() - height[lowest])
+    above = np.flatnonzero(height[start : lowest + 1] >= level)
+    return -float(speed[start + int(above[-1]) : lowest + 1].min())
 
 
 def _speed(heights: _Heights, start: int, after: int) -> float:
@@ -205,7 +223,7 @@ def _refusal(body: Tracks, heights: _Heights, descent: _Descent) -> str | None:
     drops = (each[before].max() - each[on_floor].min() for each in (heights.head, heights.hips))
     if min(drops) < LEAST_DROP:
         return "the body is low from the beginning on and does not come down"
-    if descent.speed < LEAST_SPEED:
+    if descent.speed < LEAST_SPEED or descent.last_speed < LEAST_LAST_SPEED:
         head, hips = _downward_mps(heights, descent)
         return f"the descent is controlled: head {head:.2f} m/s, hips {hips:.2f} m/s downward"
     stay_s = (descent.stop - descent.floor) / RATE_HZ
@@ -241,7 +259,8 @@ def _cut_short(body: Tracks, heights: _Heights) -> _Descent | None:
         return None
     rising = np.flatnonzero(heights.head_speed[first:] > -0.02)
     start = first + int(rising[-1]) if len(rising) else first
-    return _Descent(start, last, last, last + 1, _speed(heights, start, last + 1))
+    speed = _speed(heights, start, last + 1)
+    return _Descent(start, last, last, last + 1, speed, speed)
 
 
 def _beyond_feet(body: Tracks) -> np.ndarray:

@@ -11,11 +11,11 @@ from t2d_rt.motion.check.tracks import GRAVITY_MPS2, RATE_HZ, Tracks, rate_of, s
 FOOT_POINTS = "ankle", "foot", "toe"
 
 RADII = {
-    "hip": 0.045, "spine1": 0.045, "spine2": 0.045, "spine3": 0.045, "shoulder": 0.025, "neck": 0.03, "head": 0.045, "knee": 0.02,
-    "elbow": 0.015, "wrist": 0.01, "hand": 0.0, "head_top": 0.0, "ankle": 0.0, "foot": 0.0, "toe": 0.0,
+    "pelvis": 0.03, "hip": 0.03, "spine1": 0.015, "spine2": 0.015, "spine3": 0.015, "collar": 0.015, "shoulder": 0.015, "neck": 0.015,
+    "head": 0.025, "knee": 0.012, "elbow": 0.005, "wrist": 0.003, "hand": 0.0, "head_top": 0.0, "ankle": 0.0, "foot": 0.0, "toe": 0.0,
 }  # fmt: skip
-"""Least distance of a joint from the skin over stature, that of a slim adult: a joint nearer to the floor has the body in the
-floor. Ankles, balls and toes stand where the file has them: readers put the floor under the lowest."""
+"""Distance of a joint from the skin over stature, less 2 to 3 cm by which files place joints differently: a joint nearer to the
+floor has the body in the floor. Ankles, balls and toes stand where the file has them: readers put the floor under the lowest."""
 
 PLANTED_MPS = 0.45
 """A foot whose slowest point is slower is planted; in swing none of its points is."""
@@ -32,6 +32,9 @@ AIRBORNE = 0.035
 
 FALLING_MPS2 = -5.0
 """Upward acceleration of the centre of mass below which nothing much carries the body."""
+
+ON_FLOOR = 0.15
+"""Height of the hips over stature of one who sits or lies on the floor; in the deepest squat they are at 0.17."""
 
 SEATED_THIGH, SEATED_SPEED_MPS = 0.6, 0.25
 """Greatest drop of the knee below the hip, over the thigh's length, of one who sits, and how slowly the hips move."""
@@ -107,7 +110,7 @@ def seated(body: Tracks) -> np.ndarray:
 
 def _clearance(body: Tracks) -> np.ndarray:
     """Height of the skin at each joint over the floor [m], (T, J)."""
-    radii = [RADII.get(name.removeprefix("left_").removeprefix("right_"), 0.03) for name in body.names]
+    radii = [RADII[name.removeprefix("left_").removeprefix("right_")] for name in body.names]
     return body.joints[..., 2] - np.array(radii) * body.stature_m
 
 
@@ -143,12 +146,14 @@ def contacts(body: Tracks) -> list[Contact]:
     """Times at which a foot is planted, in order of their begin."""
     feet = feet_of(body)
     lowest = feet.heights.min(axis=1)
+    # The feet of one who sits or lies carry little and may be drawn over the floor.
+    free = ~airborne(body) & ~seated(body) & (body["hips"][:, 2] > ON_FLOOR * body.stature_m)
     found = []
     for side in ("left", "right"):
         own = [point for point, each in enumerate(feet.sides) if each == side]
         speed = np.linalg.norm(feet.velocity[:, own], axis=-1)
         carrying = feet.heights[:, own].min(axis=1) - lowest < NEAR * body.stature_m
-        active = (speed.min(axis=1) < PLANTED_MPS) & carrying & ~airborne(body)
+        active = (speed.min(axis=1) < PLANTED_MPS) & carrying & free
         for start, stop in spans(active, gap=3, least=round(LEAST_CONTACT_S * RATE_HZ)):
             found.append(_contact(body, side, start, stop))
     return sorted(found, key=lambda each: each.start)

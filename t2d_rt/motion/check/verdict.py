@@ -32,8 +32,10 @@ SENTENCES: dict[str, str] = {
     "jerk_mps3": "the joints' jerk is {value:.0f} m/s^3, of recorded motion at most {limit:.0f} m/s^3",
     "bone_change": "a bone's length changes by {value:.1%}, of recorded bodies by at most {limit:.1%}",
     "foot_skate_m": "a planted foot slides by {value:.3f} m, recorded ones by at most {limit:.3f} m",
-    "sliding_s": "no foot rests for {value:.2f} s beyond a flight's time, in recordings for at most {limit:.2f} s: the feet slide",
-    "floating_s": "the body is off the floor for {value:.2f} s longer than it could fly, in recordings for at most {limit:.2f} s",
+    "sliding_s": "no foot rests for {value:.2f} s beyond a flight's time, in recordings for at most {limit:.2f} s: "
+    "the feet slide",
+    "floating_s": "the body is off the floor for {value:.2f} s longer than it could fly, in recordings for at most "
+    "{limit:.2f} s",
     "floor_penetration_m": "the body is {value:.3f} m deep in the floor, recorded ones at most {limit:.3f} m",
     "floor_offset_m": "the planted feet stay {value:.3f} m above the floor, recorded ones at most {limit:.3f} m",
     "self_penetration_m": "limbs go {value:.3f} m into one another, recorded ones at most {limit:.3f} m",
@@ -95,12 +97,14 @@ def _of_record(motion: Motion, measures: Measures, limits: Limits) -> list[str]:
         reasons.append(f"it lasts {measures.duration_s:.2f} s, at least {LEAST_DURATION_S:g} s are needed")
     if measures.activity_mps < LEAST_ACTIVITY_MPS:
         reasons.append(
-            f"nothing moves: the joints' mean speed is {measures.activity_mps:.3f} m/s, at least {LEAST_ACTIVITY_MPS:g} are needed"
+            f"nothing moves: the joints' mean speed is {measures.activity_mps:.3f} m/s, at least "
+            "{LEAST_ACTIVITY_MPS:g} are needed"
         )
     jump = limits.jump_m(motion.rate_hz)
     if measures.jump_m > jump:
         reasons.append(
-            f"a joint jumps by {measures.jump_m:.3f} m from one frame to the next, recorded ones at {motion.rate_hz:g} Hz by at "
+            f"a joint jumps by {measures.jump_m:.3f} m from one frame to the next, recorded ones at "
+            "{motion.rate_hz:g} Hz by at "
             f"most {jump:.3f} m"
         )
     return reasons
@@ -117,7 +121,8 @@ def _of_limits(measures: Measures, limits: Limits) -> list[str]:
 
 def _of_anatomy(measures: Measures) -> list[str]:
     reasons = [
-        f"{name.removesuffix('_deg').replace('_', ' ')} reaches {measures.angles_deg[name]:.0f} degrees, at most {limit:.0f} are "
+        f"{name.removesuffix('_deg').replace('_', ' ')} reaches {measures.angles_deg[name]:.0f} degrees, at most "
+        "{limit:.0f} are "
         f"possible: {source}"
         for name, (limit, source) in RANGES_DEG.items()
         if measures.angles_deg[name] > limit
