@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
     from t2d_rt.experiment import Experiment
     from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
+    from t2d_rt.motion.check import check_motion
+    from t2d_rt.motion.generate import motion_from_text
+    from t2d_rt.motion.vary import mirror, vary_gait, vary_view
+    from t2d_rt.motion.write import save_motion
     from t2d_rt.named import bodies, example, examples, movers, presets, scenes
     from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.radar.synthesize import synthesize
@@ -43,6 +47,10 @@ if TYPE_CHECKING:
 _HOMES = {
     "t2d_rt.errors": ("BackendError", "InputError", "T2DError", "T2DWarning"),
     "t2d_rt.motion": ("describe", "load_motion", "motion_from_joints", "place", "repeat", "resample", "smooth", "trim"),
+    "t2d_rt.motion.check": ("check_motion",),
+    "t2d_rt.motion.generate": ("motion_from_text",),
+    "t2d_rt.motion.vary": ("mirror", "vary_gait", "vary_view"),
+    "t2d_rt.motion.write": ("save_motion",),
     "t2d_rt.radar.synthesize": ("synthesize",),
     "t2d_rt.result": ("Recording", "load_recording"),
     "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
@@ -95,13 +103,16 @@ __all__ = [
     "T2DWarning",
     "TableFan",
     "bodies",
+    "check_motion",
     "describe",
     "example",
     "examples",
     "load_motion",
     "load_recording",
     "load_scene",
+    "mirror",
     "motion_from_joints",
+    "motion_from_text",
     "mover",
     "movers",
     "place",
@@ -110,6 +121,7 @@ __all__ = [
     "repeat",
     "resample",
     "run",
+    "save_motion",
     "save_scene",
     "scenes",
     "segments",
@@ -118,6 +130,8 @@ __all__ = [
     "smooth",
     "synthesize",
     "trim",
+    "vary_gait",
+    "vary_view",
 ]
 
 

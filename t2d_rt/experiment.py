@@ -15,6 +15,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.files import read_yaml
 from t2d_rt.inputs import Hash, Inputs, Store, named_arrays
 from t2d_rt.motion import load_motion, place, trim
+from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.named import found_from, motion_path
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.room import Clutter
@@ -32,14 +33,12 @@ class _Plain(Fields):
     model_config = ConfigDict(ser_json_inf_nan="constants")
 
 
-class MotionFile(_Plain):
-    """A motion of a file, cut and placed before the radar."""
+class _Placed(_Plain):
+    """A motion that is cut and placed before the radar."""
 
     noun: ClassVar[str] = "motion"
 
-    kind: Literal["file"] = "file"
-    file: str
-    """Path, in a YAML file relative to its folder; or the name of a bundled motion."""
+    kind: str
     start_s: Fraction = 0.0
     """First instant of the motion that is used [s]."""
     stop_s: Fraction | None = None
@@ -48,6 +47,35 @@ class MotionFile(_Plain):
     """Range of the start [m]; by default the closest approach is 1.5 m."""
     angle_deg: Fraction = 0.0
     """Angle of the walk against the line to the radar [deg]."""
+
+    def placed(self, motion: Motion, radar: Radar) -> Motion:
+        """The piece of a motion that is used, where it starts."""
+        if self.start_s or self.stop_s is not None:
+            motion = trim(motion, self.start_s, motion.duration_s if self.stop_s is None else self.stop_s)
+        return place(
+            motion, distance_m=self.distance_m, angle_deg=self.angle_deg, radar_position_m=radar.position_m,
+            boresight=radar.boresight,
+        )  # fmt: skip
+
+
+class MotionFile(_Placed):
+    """A motion of a file."""
+
+    kind: Literal["file"] = "file"
+    file: str
+    """Path, in a YAML file relative to its folder; or the name of a bundled motion."""
+
+
+class MotionText(_Placed):
+    """A motion that is made from a sentence."""
+
+    kind: Literal["text"] = "text"
+    text: str
+    """What a person does, as "a person walks slowly forward, slips and falls backward"."""
+    seed: Annotated[Count, Field(ge=0)] = 0
+    """Seed of all that is drawn: person, clips, speed."""
+    provider: str = "auto"
+    """How it is made: auto, library, physics, momask or files:FOLDER."""
 
 
 class MotionArrays(_Plain):
@@ -151,7 +179,7 @@ class StoredScene(_Plain):
 
 
 Source = Annotated[
-    MotionFile | MotionArrays | BodyMesh | MoverMesh | MeshArrays | EllipsoidArrays | Unknown
+    MotionFile | MotionText | MotionArrays | BodyMesh | MoverMesh | MeshArrays | EllipsoidArrays | Unknown
     | TableFan | CeilingFan | Curtain | Door | Pet,
     Discriminator("kind"),
 ]  # fmt: skip
@@ -329,13 +357,10 @@ def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> T
     if isinstance(source, Mover):
         return source
     if isinstance(source, MotionFile):
-        motion = load_motion(motion_path(found_from(folder or Path(), source.file)))
-        if source.start_s or source.stop_s is not None:
-            motion = trim(motion, source.start_s, motion.duration_s if source.stop_s is None else source.stop_s)
-        return place(
-            motion, distance_m=source.distance_m, angle_deg=source.angle_deg, radar_position_m=radar.position_m,
-            boresight=radar.boresight,
-        )  # fmt: skip
+        return source.placed(load_motion(motion_path(found_from(folder or Path(), source.file))), radar)
+    if isinstance(source, MotionText):
+        made = motion_from_text(source.text, provider=source.provider, seed=source.seed)
+        return source.placed(made, radar)
     if isinstance(source, MotionArrays):
         arrays = named_arrays(inputs, source.input, ("joints", "rotations"))
         fields = source.model_dump(include={"rate_hz", "names", "parents", "placed", "report", "origin"})

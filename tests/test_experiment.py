@@ -181,6 +181,23 @@ def test_a_bundled_motion_is_a_file_by_its_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")
+def test_a_motion_is_made_from_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "said.yaml"
+    said = "a person walks forward"
+    path.write_text(
+        f"targets:\n- {{kind: text, text: {said}, seed: 2, stop_s: 0.3, angle_deg: 20}}\nradar: ci4r\nmethod: ellipsoid\n"
+    )
+    recording = t2d.run(t2d.Experiment.from_yaml(path))
+    radar = t2d.Radar.preset("ci4r")
+    motion = t2d.place(t2d.trim(t2d.motion_from_text(said, seed=2), 0, 0.3), angle_deg=20)
+    same = t2d.simulate(motion, radar=radar, method="ellipsoid")
+    assert np.array_equal(recording.adc.values, same.adc.values)
+    other = t2d.Experiment(targets=[{"kind": "text", "text": said, "seed": 3}], radar="ci4r")
+    assert not np.array_equal(other.targets_from({})[0].joints[:9], motion.joints[:9])
+    with pytest.raises(InputError, match="provider"):
+        t2d.run(t2d.Experiment(targets=[{"kind": "text", "text": said, "provider": "magic"}], radar="ci4r"))
+
+
 def test_what_a_function_computes_cannot_be_made_again(tmp_path: Path) -> None:
     mesh = t2d.MovingMesh.from_track(lambda t: np.repeat(TETRAHEDRON[None], len(t), axis=0), FACES, [0, 0.2])
     t2d.simulate(mesh, **FAST).save(tmp_path / "a.zarr")
