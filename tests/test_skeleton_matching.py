@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from builders import MOTIONS, WALK
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
+from t2d_rt.motion.interpolate import decompose
 from t2d_rt.motion.match import match
 from t2d_rt.motion.match.words import label
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
@@ -133,10 +134,12 @@ class Skeleton:
             channels = "" if still else "Xposition Yposition Zposition "
             head.extend(
                 [
-                    f"{pad}{kind} {self.names[joint]}", f"{pad}{{", f"{pad}  OFFSET {' '.join(f'{x:.7f}' for x in offset)}",
+                    f"{pad}{kind} {self.names[joint]}",
+                    f"{pad}{{",
+                    f"{pad}  OFFSET {' '.join(f'{x:.7f}' for x in offset)}",
                     f"{pad}  CHANNELS {3 if still else 6} {channels}Zrotation Yrotation Xrotation",
                 ]
-            )  # fmt: skip
+            )
             if not still:
                 columns.append(shift)
             columns.append(turn.as_euler("ZYX", degrees=True))
@@ -162,7 +165,7 @@ def original(base: str) -> Motion:
 
 @cache
 def person(base: str) -> Skeleton:
-    """The canonical joints of a shipped motion, named by themselves, y up, in metres; every other frame of the first second or two."""
+    """The canonical joints of a shipped motion, named by themselves, y up, in metres; every other frame."""
     motion = original(base)
     rows = slice(0, 100, 2)
     return Skeleton(
@@ -198,8 +201,8 @@ FAMILIES = {
     "upper_arm.{S} forearm.{S} hand.{S}",
     "Unreal": "pelvis spine_01 spine_02 spine_03 neck_01 head thigh_{s} calf_{s} foot_{s} ball_{s} clavicle_{s} upperarm_{s} "
     "lowerarm_{s} hand_{s}",
-    "Biped": "Bip01_Pelvis Bip01_Spine Bip01_Spine1 Bip01_Spine2 Bip01_Neck Bip01_Head Bip01_{S}_Thigh Bip01_{S}_Calf Bip01_{S}_Foot "
-    "Bip01_{S}_Toe0 Bip01_{S}_Clavicle Bip01_{S}_UpperArm Bip01_{S}_Forearm Bip01_{S}_Hand",
+    "Biped": "Bip01_Pelvis Bip01_Spine Bip01_Spine1 Bip01_Spine2 Bip01_Neck Bip01_Head Bip01_{S}_Thigh Bip01_{S}_Calf "
+    "Bip01_{S}_Foot Bip01_{S}_Toe0 Bip01_{S}_Clavicle Bip01_{S}_UpperArm Bip01_{S}_Forearm Bip01_{S}_Hand",
     "Unity": "Hips Spine Chest UpperChest Neck Head {Side}UpperLeg {Side}LowerLeg {Side}Foot {Side}Toes {Side}Shoulder "
     "{Side}UpperArm {Side}LowerArm {Side}Hand",
     "Daz": "hip abdomen abdomen2 chest neck head {s}Thigh {s}Shin {s}Foot {s}Toe {s}Collar {s}Shldr {s}ForeArm {s}Hand",
@@ -242,13 +245,27 @@ def test_names_of_every_family_are_understood(family: str) -> None:
 @pytest.mark.parametrize(
     ("name", "side", "part"),
     [
-        ("mixamorig:LeftHandMiddle4", "left", "hand"), ("CC_Base_L_Thigh", "left", "hip"), ("lHipJoint", "left", "hip"),
-        ("RThumb", "right", "hand"), ("relbow", "right", "elbow"), ("rbuttock", "right", "hip"), ("HeadTop_End", None, "head_top"),
-        ("左足首", "left", "ankle"), ("LeftEye", "left", "face"), ("jL5S1", None, "spine"), ("C7", None, "neck"),
-        ("thigh_twist_01_l", "left", "twist"), ("ik_foot_l", "left", "helper"), ("Armature", None, "root"), ("joint17", None, None),
-        ("SpineShoulder", None, "spine"), ("clipper", None, None), ("Pushing", None, None), ("lr", None, None),
+        ("mixamorig:LeftHandMiddle4", "left", "hand"),
+        ("CC_Base_L_Thigh", "left", "hip"),
+        ("lHipJoint", "left", "hip"),
+        ("RThumb", "right", "hand"),
+        ("relbow", "right", "elbow"),
+        ("rbuttock", "right", "hip"),
+        ("HeadTop_End", None, "head_top"),
+        ("左足首", "left", "ankle"),
+        ("LeftEye", "left", "face"),
+        ("jL5S1", None, "spine"),
+        ("C7", None, "neck"),
+        ("thigh_twist_01_l", "left", "twist"),
+        ("ik_foot_l", "left", "helper"),
+        ("Armature", None, "root"),
+        ("joint17", None, None),
+        ("SpineShoulder", None, "spine"),
+        ("clipper", None, None),
+        ("Pushing", None, None),
+        ("lr", None, None),
     ],
-)  # fmt: skip
+)
 def test_words(name: str, side: str | None, part: str | None) -> None:
     found = label(name)
     assert found.side == side
@@ -285,7 +302,7 @@ def test_unknown_names_are_read_by_form(tmp_path: Path, base: str, roots: tuple[
         assert f"left_knee {numbers['right_knee']}" in motion.report
 
 
-@pytest.mark.parametrize("odd", ["\x1b[31mSpine", "x" * 20_000, "%s{0}", "Name, with; signs"])
+@pytest.mark.parametrize("odd", ["\x1b[31mSpine", "x" * 20_000, "%s", "Name, with; signs"])
 def test_odd_names_are_printed_in_one_short_line(tmp_path: Path, odd: str) -> None:
     report = load_motion(person("walk").renamed({"spine2": odd}).write(tmp_path / "a.bvh"), smooth_hz=None).report
     assert report.isprintable()
@@ -358,23 +375,29 @@ def test_props_and_face_do_not_confuse(tmp_path: Path) -> None:
     skeleton = grown(
         person("momask"),
         [
-            ("sword", "right_wrist", (0.0, 0.3, 0.3)), ("sword tip", "sword", (0.0, 0.6, 0.3)), ("tail", "pelvis", (0.0, 0.0, -0.2)),
-            ("tail2", "tail", (0.0, 0.0, -0.4)), ("tail3", "tail2", (0.0, 0.0, -0.4)), ("eye1", "head", (0.04, 0.1, 0.1)),
-            ("eye2", "head", (-0.04, 0.1, 0.1)), ("tw1", "left_hip", (0.0, -0.2, 0.0)), ("tw2", "right_hip", (0.0, -0.2, 0.0)),
+            ("sword", "right_wrist", (0.0, 0.3, 0.3)),
+            ("sword tip", "sword", (0.0, 0.6, 0.3)),
+            ("tail", "pelvis", (0.0, 0.0, -0.2)),
+            ("tail2", "tail", (0.0, 0.0, -0.4)),
+            ("tail3", "tail2", (0.0, 0.0, -0.4)),
+            ("eye1", "head", (0.04, 0.1, 0.1)),
+            ("eye2", "head", (-0.04, 0.1, 0.1)),
+            ("tw1", "left_hip", (0.0, -0.2, 0.0)),
+            ("tw2", "right_hip", (0.0, -0.2, 0.0)),
             *fingers,
         ],
-    )  # fmt: skip
+    )
     skeleton = skeleton.renamed({name: f"n{i}" for i, name in enumerate(skeleton.names)}).shuffled(7)
     motion = load_motion(skeleton.write(tmp_path / "a.bvh"), smooth_hz=None, floor=0.0)
     assert max(gaps(motion, "momask").values()) < 1e-3
 
 
-def halves(skeleton: Skeleton, lower: str, name: str) -> Skeleton:
-    """A twist bone half-way to a joint, which then hangs from it."""
+def halves(skeleton: Skeleton, lower: str, name: str, fraction: float = 0.5) -> Skeleton:
+    """A joint on the way to another one, which then hangs from it."""
     joint = skeleton.names.index(lower)
     above = skeleton.parents[joint]
     order = skeleton.names.index(lower)
-    half = 0.5 * (skeleton.positions[:, joint] + skeleton.positions[:, above])
+    half = fraction * skeleton.positions[:, joint] + (1.0 - fraction) * skeleton.positions[:, above]
 
     def put(values: np.ndarray, new: np.ndarray) -> np.ndarray:
         return np.concatenate([values[:, :order], new[:, None], values[:, order:]], axis=1)
@@ -402,6 +425,25 @@ def test_twist_bones_inside_limbs(tmp_path: Path, named: bool) -> None:
     assert max(gaps(motion, "walk").values()) < 1e-3
 
 
+@pytest.mark.parametrize("named", [False, True])
+def test_of_joints_in_one_place_the_last_turns_the_bone(tmp_path: Path, named: bool) -> None:
+    """Doubles of zero length carry the bones, the joints above them do not turn on their own."""
+    skeleton = person("walk")
+    for upper, lower in (("hip", "knee"), ("knee", "ankle"), ("ankle", "foot"), ("shoulder", "elbow"), ("elbow", "wrist")):
+        for side in ("left", "right"):
+            skeleton = halves(skeleton, f"{side}_{lower}", f"{side}_{upper}_double", 0.0)
+            still, turns = skeleton.names.index(f"{side}_{upper}"), np.array(skeleton.rotations)
+            turns[:, still] = turns[:, skeleton.parents[still]]
+            skeleton = replace(skeleton, rotations=turns)
+    if not named:
+        skeleton = skeleton.renamed({name: f"n{i}" for i, name in enumerate(skeleton.names)})
+    motion = load_motion(skeleton.write(tmp_path / "a.bvh"), smooth_hz=None, floor=0.0)
+    assert max(gaps(motion, "walk").values()) < 1e-3
+    offsets, _ = decompose(motion.joints, motion.rotations, motion.parents)
+    limbs = [motion.index(f"{s}_{j}") for s in ("left", "right") for j in ("knee", "ankle", "foot", "elbow", "wrist")]
+    assert offsets[:, limbs].std(axis=0).max() < 1e-4
+
+
 def test_a_missing_head_is_made_up_and_said(tmp_path: Path) -> None:
     skeleton = person("walk").without({"head", "neck"})
     with pytest.warns(T2DWarning, match="matched with little certainty"):
@@ -426,13 +468,20 @@ def test_left_is_left_whatever_the_names_say(tmp_path: Path, base: str) -> None:
 
 def test_a_mirrored_file_of_a_known_flavour_is_said(tmp_path: Path) -> None:
     names = {
-        "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head",
+        "pelvis": "Hips",
+        "spine1": "Spine",
+        "spine2": "Spine1",
+        "spine3": "Spine2",
+        "neck": "Neck",
+        "head": "Head",
         **{
             f"{side}_{joint}": side.capitalize() + own
             for side in ("left", "right")
-            for joint, own in zip(ORDER[6:], ["UpLeg", "Leg", "Foot", "Toe", "Shoulder", "Arm", "ForeArm", "Hand"], strict=True)
+            for joint, own in zip(
+                ORDER[6:], ["UpLeg", "Leg", "Foot", "Toe", "Shoulder", "Arm", "ForeArm", "Hand"], strict=True
+            )
         },
-    }  # fmt: skip
+    }
     with pytest.warns(T2DWarning, match="'momask' calls left lie on the person's right"):
         load_motion(person("walk").mirrored().renamed(names).write(tmp_path / "a.bvh"), smooth_hz=None)
 
@@ -476,19 +525,25 @@ def limb(
 
 
 DOG = [
-    ("root", None, (0.0, 0.6, 0.0)), *limb("back", "root", (0, 0, 0.2), (0, 0, 0.2), (0, 0, 0.2)),
-    *limb("neck", "back2", (0, 0.1, 0.1), (0, 0.1, 0.1), (0, 0, 0.15)), *limb("tail", "root", (0, 0, -0.2), (0, 0, -0.2)),
+    ("root", None, (0.0, 0.6, 0.0)),
+    *limb("back", "root", (0, 0, 0.2), (0, 0, 0.2), (0, 0, 0.2)),
+    *limb("neck", "back2", (0, 0.1, 0.1), (0, 0.1, 0.1), (0, 0, 0.15)),
+    *limb("tail", "root", (0, 0, -0.2), (0, 0, -0.2)),
     *(
         bone
         for sign in (-1, 1)
         for end, base in (("rear", "root"), ("front", "back2"))
         for bone in limb(f"{end}{sign}", base, (0.1 * sign, 0, 0), (0, -0.25, 0.05), (0, -0.25, -0.05), (0, -0.1, 0.05))
     ),
-]  # fmt: skip
+]
 HAND = [
     ("wrist", None, (0.0, 1.0, 0.0)),
-    *(bone for i in range(5) for bone in limb(f"finger{i}", "wrist", (0.02 * i, -0.08, 0), (0, -0.04, 0), (0, -0.03, 0), (0, -0.02, 0))),
-]  # fmt: skip
+    *(
+        bone
+        for i in range(5)
+        for bone in limb(f"finger{i}", "wrist", (0.02 * i, -0.08, 0), (0, -0.04, 0), (0, -0.03, 0), (0, -0.02, 0))
+    ),
+]
 SNAKE = [("head", None, (0.0, 0.0, 0.0)), *limb("s", "head", *[(0.0, 0.0, 0.1)] * 12)]
 LEGS = [
     ("hips", None, (0.0, 1.0, 0.0)),
@@ -499,10 +554,12 @@ LEGS = [
 @pytest.mark.parametrize(
     ("bones", "sentence"),
     [
-        (DOG, "four limbs are alike .*looks like an animal or a hand|no person's proportions"), (HAND, "looks like an animal or a hand"),
-        (SNAKE, "no two limbs of like bones"), (LEGS, "one pair of limbs only"),
+        (DOG, "four limbs are alike .*looks like an animal or a hand|no person's proportions"),
+        (HAND, "looks like an animal or a hand"),
+        (SNAKE, "no two limbs of like bones"),
+        (LEGS, "one pair of limbs only"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_person_is_refused(
     tmp_path: Path, bones: list[tuple[str, str | None, tuple[float, float, float]]], sentence: str
 ) -> None:
@@ -516,17 +573,23 @@ def test_a_standing_figure_without_motion_is_read_by_names(tmp_path: Path) -> No
     """Straight legs, no feet: only names can tell the sides; without names it is unsure."""
     side = {-1: "Right", 1: "Left"}
     bones = [
-        ("Hips", None, (0.0, 0.9, 0.0)), ("Spine", "Hips", (0, 0.25, 0)), ("Neck", "Spine", (0, 0.27, 0)), ("Head", "Neck", (0, 0.1, 0)),
+        ("Hips", None, (0.0, 0.9, 0.0)),
+        ("Spine", "Hips", (0, 0.25, 0)),
+        ("Neck", "Spine", (0, 0.27, 0)),
+        ("Head", "Neck", (0, 0.1, 0)),
         *(
             bone
             for s, word in side.items()
             for bone in (
-                (f"{word}UpLeg", "Hips", (0.1 * s, 0, 0)), (f"{word}Leg", f"{word}UpLeg", (0, -0.42, 0)),
-                (f"{word}Foot", f"{word}Leg", (0, -0.42, 0)), (f"{word}Arm", "Spine", (0.18 * s, 0.25, 0)),
-                (f"{word}ForeArm", f"{word}Arm", (0.28 * s, 0, 0)), (f"{word}Hand", f"{word}ForeArm", (0.25 * s, 0, 0)),
+                (f"{word}UpLeg", "Hips", (0.1 * s, 0, 0)),
+                (f"{word}Leg", f"{word}UpLeg", (0, -0.42, 0)),
+                (f"{word}Foot", f"{word}Leg", (0, -0.42, 0)),
+                (f"{word}Arm", "Spine", (0.18 * s, 0.25, 0)),
+                (f"{word}ForeArm", f"{word}Arm", (0.28 * s, 0, 0)),
+                (f"{word}Hand", f"{word}ForeArm", (0.25 * s, 0, 0)),
             )
         ),
-    ]  # fmt: skip
+    ]
     figure = drawn(bones)  # type: ignore[arg-type]
     assert "left_elbow LeftForeArm" in load_motion(figure.write(tmp_path / "a.bvh")).report
     with pytest.warns(T2DWarning, match="little certainty"):
@@ -594,14 +657,22 @@ def test_a_flavour_file(tmp_path: Path, studio: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("pelvis: hub", "tail: hub", r"maps unknown canonical joints \['tail'\]"), ("  head: Head\n", "", r"must also map \['head'\]"),
-        ("joints:", "joint:", "unknown key 'joint'; did you mean joints"), ("pelvis: hub", "pelvis: 7", "must be a name, got 7"),
-        ("0.25]", "0.25, 1]", r"must be a joint or \[joint, joint, fraction\]"), ("0.25]", "far]", "fraction .* must be a number"),
-        ("0.25]", "99]", r"fraction .* must lie in"), (STUDIO, "joints: []", "joints must be a mapping"), (STUDIO, "- 3", "must hold a mapping"),
-        (STUDIO, "a: [", "not valid YAML"), ("name: studio", "name: 3", "name must be"), ("name: studio", "cmu_units: 3", "cmu_units must be"),
-        ("name: studio", "lost_bones: {a: b}", "the lost bone of 'a' must be"), ("name: studio", "lost_bones: 3", "lost_bones must be a mapping"),
+        ("pelvis: hub", "tail: hub", r"maps unknown canonical joints \['tail'\]"),
+        ("  head: Head\n", "", r"must also map \['head'\]"),
+        ("joints:", "joint:", "unknown key 'joint'; did you mean joints"),
+        ("pelvis: hub", "pelvis: 7", "must be a name, got 7"),
+        ("0.25]", "0.25, 1]", r"must be a joint or \[joint, joint, fraction\]"),
+        ("0.25]", "far]", "fraction .* must be a number"),
+        ("0.25]", "99]", r"fraction .* must lie in"),
+        (STUDIO, "joints: []", "joints must be a mapping"),
+        (STUDIO, "- 3", "must hold a mapping"),
+        (STUDIO, "a: [", "not valid YAML"),
+        ("name: studio", "name: 3", "name must be"),
+        ("name: studio", "cmu_units: 3", "cmu_units must be"),
+        ("name: studio", "lost_bones: {a: b}", "the lost bone of 'a' must be"),
+        ("name: studio", "lost_bones: 3", "lost_bones must be a mapping"),
     ],
-)  # fmt: skip
+)
 def test_wrong_flavour_files_are_one_sentence(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     (tmp_path / "my.yaml").write_text(STUDIO.replace(old, new))
     with pytest.raises(InputError, match=sentence) as caught:

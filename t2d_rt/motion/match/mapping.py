@@ -167,7 +167,9 @@ def _head(tree: Tree, chain: tuple[int, ...], base: int, height: Height) -> tupl
     def unlike(i: int) -> float:
         """Eyes, jaw and hair branch off at a head; an end of a bone is one only if nothing else can be."""
         face = len(tree.children[chain[i]]) > 1
-        return abs(heights[i] - HEAD_HEIGHT) - 0.06 * face + 0.03 * tree.names[chain[i]].endswith(":end")
+        last = 0 < i == len(chain) - 2 and tree.names[chain[-1]].endswith(":end")
+        end = tree.names[chain[i]].endswith(":end")
+        return abs(heights[i] - HEAD_HEIGHT) - 0.06 * face - 0.04 * last + 0.03 * end
 
     likely = min(order, key=unlike)
     at = named[0] if named else likely

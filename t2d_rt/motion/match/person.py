@@ -163,7 +163,7 @@ def _check_upright(tree: Tree, person: Person, rest: np.ndarray | None) -> None:
     long_trunk = float(np.median(trunk_m)) / person.legs.length
     if ratio < 1.2 or long_trunk > 0.9:
         raise InputError(
-            f"the skeleton's four limbs are alike ({ratio:.2f} : 1, trunk {long_trunk:.2f} of a limb long) and hardly a pose is upright, so "
+            f"the skeleton's four limbs are alike ({ratio:.2f} : 1, trunk {long_trunk:.2f} of a limb long), hardly upright, so "
             f"it looks like an animal or a hand, not a person; {HELP}"
         )
 
