@@ -12,13 +12,15 @@ import numpy as np
 
 from t2d_rt.motion.posture import facing
 
+PELVIS_UP = 0.12
+"""Pelvis above the middle of the hips, in trunks: 6 cm, between iClone's 2 and CMU's 10."""
 NECK = np.array([-0.03, 0.0, 0.21])
 """From the middle of the shoulders to the neck (ahead, left, up), in trunks."""
 HEAD = np.array([0.08, 0.0, 0.22])
 """From the neck to the head's joint at the base of the skull."""
 COLLAR_UP, COLLAR_OUT = 0.05, 0.13
 """Collar above the middle of the shoulders in trunks, and how far out towards the shoulder."""
-SPINE = {"pelvis": 0.0, "spine1": 0.15, "spine2": 0.42, "spine3": 0.67, "neck": 1.0}
+SPINE = {"pelvis": 0.0, "spine1": 0.25, "spine2": 0.5, "spine3": 0.75, "neck": 1.0}
 """Heights of the spine's joints between pelvis and neck."""
 
 LOW_HEAD = 0.1
@@ -42,7 +44,7 @@ def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list
         at["neck"] = at.pop("head")
         told.append("the head's joint taken as the neck")
     filled = [name for name in ("pelvis", "neck", "head", "spine1", "spine2", "spine3") if name not in at]
-    at.setdefault("pelvis", hips)
+    at.setdefault("pelvis", hips + PELVIS_UP * axes[..., 2])
     at.setdefault("neck", shoulders + axes @ NECK)
     if "head" in at:
         # Sources mean the base, the middle or the top of the skull by it: its direction holds, its distance is the canonical one.

@@ -110,11 +110,11 @@ def _even(frames: np.ndarray, path: Path) -> tuple[np.ndarray, float, tuple[str,
     for columns in QUATERNIONS:
         frames[:, columns] = continuous(normalise(frames[:, columns]))
     times = np.concatenate([[0.0], np.cumsum(steps)])
-    even = np.arange(int(times[-1] / step_s + 1e-9) + 1) * step_s
+    even = np.arange(int(times[-1] / step_s + 1e-3) + 1) * step_s
     if len(even) > MAX_FRAMES:
         raise InputError(f"{path}: {len(even)} frames are too many, {MAX_FRAMES} are read at most; cut the motion")
     told = f"frames of {steps.min():.4f} to {steps.max():.4f} s interpolated"
-    return np.asarray(make_interp_spline(times, frames, k=3)(even)), step_s, (told,)
+    return np.asarray(make_interp_spline(times, frames, k=3)(np.minimum(even, times[-1]))), step_s, (told,)
 
 
 def _frames(path: Path) -> np.ndarray:

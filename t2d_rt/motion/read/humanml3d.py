@@ -79,7 +79,12 @@ def read_vectors(vectors: np.ndarray) -> Tracks:
     moved = np.linalg.norm(np.diff(decoded.joints, axis=0) - decoded.steps[:-1], axis=-1).mean()
     parents = {joint: chain[i] for chain in CHAINS for i, joint in enumerate(chain[1:])}
     bones = np.stack([decoded.joints[:, j] - decoded.joints[:, parents[j]] for j in range(1, 22)], axis=1)
-    cosine = (bones * decoded.directions).sum(axis=-1) / np.maximum(np.linalg.norm(bones, axis=-1), 1e-9)
+    # Rotations count from the direction faced, smoothed in time, positions from the first frame's: one angle about y lies between.
+    seen = decoded.directions
+    sine = (bones[..., 0] * seen[..., 2] - bones[..., 2] * seen[..., 0]).sum()
+    between = np.arctan2(sine, (bones[..., [0, 2]] * seen[..., [0, 2]]).sum())
+    cosine = (bones * _about_y(np.full(bones.shape[:2], between), seen)).sum(axis=-1)
+    cosine /= np.maximum(np.linalg.norm(bones, axis=-1), 1e-9)
     told = (
         f"its joint steps agree with the positions within {1e3 * moved:.1f} mm",
         f"its 6D rotations within {np.degrees(np.arccos(np.clip(cosine, -1, 1)).mean()):.1f} degrees",

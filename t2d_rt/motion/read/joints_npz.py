@@ -35,6 +35,8 @@ def read_plain(arrays: Arrays) -> Tracks:
     if key is None:
         raise InputError(f"{arrays.path} holds {shown(list(arrays.texts))} but no joints; expected {FORMS}")
     values = arrays.numbers(key, (2, 3))
+    if values.ndim == 3 and values.shape[0] == 1 and values.shape[2] != 3:
+        values = values[0]
     rate_hz = arrays.scalar(*RATE_KEYS)
     names = _names(arrays)
     if names is None and values.ndim == 2 and values.shape[1] == WIDTH:

@@ -11,6 +11,7 @@ import numpy as np
 
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
+from t2d_rt.motion.quaternions import between, rotate
 from t2d_rt.motion.read.joint_sets import NEEDED, canonical_sources, named_points
 
 LONGEST_GAP_S = 0.25
@@ -98,13 +99,14 @@ def _from_skin(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str
         wrist = 0.5 * (at[f"{s}WRA"] + at[f"{s}WRB"])
         shoulder = at[f"{s}SHO"] + SHOULDER_DOWN * tall * down
         axis = _hinge(_unit(knee - hip), _unit(ankle - knee), left)
+        arm = _unit(elbow - shoulder)
+        outward = _hinge(_unit(wrist - elbow), arm, rotate(between(down, arm), left))
         points |= {
             f"{side}_hip": hip,
             f"{side}_knee": knee - sign * KNEE_HALF * tall * _unit(_square(axis, knee - hip)),
             f"{side}_ankle": ankle - sign * ANKLE_HALF * tall * _unit(_square(axis, ankle - knee)),
             f"{side}_shoulder": shoulder,
-            f"{side}_elbow": elbow
-            - sign * ELBOW_HALF * tall * _hinge(_unit(wrist - elbow), _unit(elbow - shoulder), left),
+            f"{side}_elbow": elbow - sign * ELBOW_HALF * tall * outward,
             f"{side}_wrist": wrist,
         }
         if f"{s}TOE" in at:
@@ -117,9 +119,11 @@ def _from_skin(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str
 
 
 def _hinge(first: np.ndarray, second: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """Unit axis (T, 3) of a bend to the body's left, `left` where the limb is straight."""
+    """Unit axis (T, 3) of a bend to the body's left, `left` where the limb is straight or seems to bend the other way."""
     bend = np.cross(first, second)
-    return _unit(bend * np.linalg.norm(bend, axis=-1, keepdims=True) + STRAIGHT * left)
+    sine = np.linalg.norm(bend, axis=-1, keepdims=True)
+    cosine = (bend * left).sum(axis=-1, keepdims=True) / np.maximum(sine, 1e-12)
+    return _unit(bend * sine * 0.5 * (1 + cosine) + STRAIGHT * left)
 
 
 def _without_gaps(tracks: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:

@@ -32,7 +32,7 @@ FOOT_WEIGHT = 0.05
 TRUNK_WEIGHT = 0.02
 """Weight of `not twisted against the trunk` in a clip's neutral twist, per frame."""
 
-TWIST_TIME_S = 0.1
+TWIST_TIME_S = 0.15
 """Time over which the twist of a straight limb is smoothed; a right angle's is, over a sixth of it."""
 
 
