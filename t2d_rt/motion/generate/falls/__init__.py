@@ -1,0 +1,8 @@
+"""Falls by physics: a recorded walk or stance, then a slip, a trip or a collapse of the CMU humanoid in MuJoCo (extra `[falls]`)."""
+
+from __future__ import annotations
+
+from t2d_rt.motion.generate.falls.fall import Fall, fall, simulate_fall
+from t2d_rt.motion.generate.falls.plan import FallEvents, FallPlan
+
+__all__ = ["Fall", "FallEvents", "FallPlan", "fall", "simulate_fall"]

@@ -1,0 +1,169 @@
+"""What is drawn from the seed: how one fall differs from another of its type."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.motion.generate.falls.anatomy import SIDES
+from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, Humanoid
+from t2d_rt.motion.generate.falls.muscles import (
+    JOINTS,
+    REGIONS,
+    Fading,
+    Reaction,
+    eased,
+    hinge_tones,
+    reaction_pose,
+)
+from t2d_rt.motion.generate.falls.plan import FallPlan, Heading
+from t2d_rt.motion.generate.falls.simulation import Course, Disturbance
+
+LIMP = {"leg": 0.01, "trunk": 0.06, "arm": 0.01, "neck": 0.06}
+"""Tone of a body that lies."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Draw:
+    """One candidate of a fall."""
+
+    heading: Heading
+    strength: float
+    reaction: Reaction
+    tones: dict[str, Fading]
+    disturbance: Disturbance
+    limp: float
+    """Tone after the impact over the usual."""
+    brace_s: float
+
+
+def heading_of(plan: FallPlan, rng: np.random.Generator) -> Heading:
+    """The direction asked for, or one of those that the type mostly has."""
+    if plan.direction is not None:
+        return plan.direction
+    chances: dict[str, dict[Heading, float]] = {
+        "slip": {"back": 1.0},
+        "trip": {"forward": 1.0},
+        "collapse": {"forward": 0.35, "back": 0.25, "left": 0.2, "right": 0.2},
+    }
+    found = chances[plan.type]
+    return list(found)[int(rng.choice(len(found), p=list(found.values())))]
+
+
+def draw(
+    plan: FallPlan,
+    heading: Heading,
+    foot: str,
+    facing: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    insistence: float = 0.0,
+) -> Draw:
+    """A candidate; `foot` is the side that slips or is caught, `facing` (2,) where the person faces.
+
+    `insistence` 0 to 1 makes the sway in the wanted direction larger.
+    """
+    strength = float(rng.uniform(0.3, 0.8)) if plan.strength is None else plan.strength
+    return Draw(
+        heading=heading, strength=strength, reaction=_reaction(plan, heading, foot, rng),
+        tones=_tones(plan, heading, foot, strength, rng), disturbance=_disturbance(plan, heading, foot, facing, rng, strength=strength, more=1 + insistence),
+        limp=float(rng.uniform(0.7, 1.3)), brace_s=float(rng.uniform(0.25, 0.45)),
+    )  # fmt: skip
+
+
+def _reaction(plan: FallPlan, heading: Heading, foot: str, rng: np.random.Generator) -> Reaction:
+    other = SIDES[1 - SIDES.index(foot)]
+
+    def legs(hips: tuple[float, float], knees: tuple[float, float]) -> dict[str, float]:
+        """Flexion of the leg that slips or is caught, and of the other one."""
+        sides = zip((foot, other), hips, knees, strict=True)
+        return {key: value for side, hip, knee in sides for key, value in (
+            (f"{side}_hip x", float(rng.normal(-hip, 0.12))), (f"{side}_knee x", float(abs(rng.normal(knee, 0.15)))))}  # fmt: skip
+
+    def trunk(axis: str, neck: float, spine: float) -> dict[str, float]:
+        found = {f"{joint} {axis}": neck * float(rng.normal(1, 0.2)) for joint in ("neck", "head")}
+        return found | {f"spine{i} {axis}": float(rng.normal(spine, 0.04)) for i in (1, 2, 3)}
+
+    away = 1.0 if heading == "left" else -1.0
+    if plan.type == "slip":
+        # The knees bend and the body sits down behind the feet.
+        pose = trunk("x", 0.35, -0.1) | legs((0.4, 0.9), (1.1, 1.8))
+    elif heading == "forward":
+        pose = trunk("x", -0.25, -0.04) | legs((0.0, 0.5), (1.2, 1.2))
+    else:
+        pose = trunk("z", 0.2 * away, 0.06 * away) | legs((0.4, 0.3), (0.5, 0.8))
+    pose |= {f"{side}_{joint} {axis}": 0.0 for side in SIDES for joint, axis in (("ankle", "x"), ("ankle", "z"), ("foot", "x"))}
+    return Reaction(
+        heading=heading, delay_s=float(rng.uniform(0.1, 0.2)), within_s=float(rng.uniform(0.25, 0.4)),
+        # Who faints does not reach for the floor.
+        arms=plan.protective_arms and plan.type != "collapse", pose=pose, reach=(float(rng.normal(0, 0.12)), float(rng.normal(0, 0.12))),
+        elbow_rad=float(rng.uniform(0.35, 0.9)),
+    )  # fmt: skip
+
+
+def _tones(plan: FallPlan, heading: Heading, foot: str, strength: float, rng: np.random.Generator) -> dict[str, Fading]:
+    region = {joint: name for name, joints in REGIONS.items() for joint in joints}
+    found = {}
+    for joint in JOINTS:
+        part = region[joint]
+        if plan.type == "collapse":
+            # Knees and hips give way first, and not together.
+            floor = {"leg": 0.10, "trunk": 0.15, "arm": 0.06, "neck": 0.15}[part] * (1.6 - strength)
+            late = 0.12 if heading in SIDES and joint.startswith("right" if heading == "left" else "left") else 0.0
+            delay = {"leg": 0.0, "trunk": 0.15, "arm": 0.1, "neck": 0.2}[part] + late + float(rng.uniform(0, 0.15))
+            within = float(rng.uniform(0.25, 0.5)) * (1.4 - 0.7 * strength)
+        elif plan.type == "slip" and part == "leg":
+            # Legs that are pulled up and brake the fall, so far as they reach the floor.
+            floor = 1.5 - 0.7 * strength
+            delay = float(rng.uniform(0.1, 0.25))
+            within = float(rng.uniform(0.25, 0.4))
+        else:
+            floor = {"leg": 1.2, "trunk": 0.9, "arm": 0.35, "neck": 1.0}[part] * (1.5 - strength)
+            delay = float(rng.uniform(0.1, 0.25))
+            within = float(rng.uniform(0.3, 0.6))
+        found[joint] = Fading(delay_s=delay, within_s=within, floor=floor)
+    return found
+
+
+def _disturbance(
+    plan: FallPlan,
+    heading: Heading,
+    foot: str,
+    facing: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    strength: float,
+    more: float,
+) -> Disturbance:
+    left = np.array([-facing[1], facing[0]])
+    ahead = {"forward": facing, "back": -facing, "left": left, "right": -left}[heading]
+    if plan.type == "slip":
+        push = float(rng.uniform(100, 130)) + 30.0 * strength
+        return Disturbance(
+            feet=tuple(f"{side}{part}" for side in "lr" for part in ("foot", "toes")),
+            friction=float(rng.uniform(0.04, 0.1)), slippery_s=float(rng.uniform(0.3, 0.5)), push_n=(*(push * more * ahead), 0.0), push_s=float(rng.uniform(0.25, 0.4)),
+        )  # fmt: skip
+    if plan.type == "trip":
+        push = 80.0 if heading in SIDES else 0.0
+        return Disturbance(caught=f"{foot[0]}foot", caught_s=0.12 + 0.16 * strength, push_n=(*(push * more * ahead), 0.0))
+    return Disturbance(push_n=(*(float(rng.uniform(25, 50)) * more * ahead), 0.0), push_s=float(rng.uniform(0.3, 0.5)))
+
+
+def course(body: Humanoid, drawn: Draw, reference: np.ndarray, frames: int) -> Course:
+    """Targets and tones for so many frames, where the lead's coordinates from the event on are `reference` (T, nq)."""
+    times = np.arange(frames) / RATE_HZ
+    lead = reference[np.minimum(np.arange(frames), len(reference) - 1)]
+    pose = reaction_pose(body, drawn.reaction, lead)
+    weight = eased((times - drawn.reaction.delay_s) / drawn.reaction.within_s)[:, None]
+    hinges = body.model.jnt_qposadr[body.model.actuator_trnid[:, 0]]
+    targets = ((1 - weight) * lead + weight * pose)[:, hinges]
+    tones = hinge_tones(body, {joint: fading.at(times) for joint, fading in drawn.tones.items()})
+    limp = {joint: np.array([drawn.limp * LIMP[part]]) for part, joints in REGIONS.items() for joint in joints}
+    relaxed = lead[:1].copy()
+    relaxed[:, 7:] = 0.0
+    for side in SIDES:
+        relaxed[:, body.hinges[f"{side}_shoulder"]] = pose[-1, body.hinges[f"{side}_shoulder"]]
+        relaxed[:, body.hinges[f"{side}_wrist"]] = lead[0, body.hinges[f"{side}_wrist"]]
+        relaxed[:, body.hinges[f"{side}_elbow"]] = relaxed[:, body.hinges[f"{side}_knee"]] = 0.3
+    return Course(targets=targets, tones=tones, lying=relaxed[0, hinges], limp=hinge_tones(body, limp)[0], brace_s=drawn.brace_s)

@@ -1,0 +1,234 @@
+"""`fall`: a recorded walk, run or stance goes over into a simulated fall."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.checks import instance
+from t2d_rt.errors import InputError
+from t2d_rt.motion.generate.falls.anatomy import Anatomy, anatomy
+from t2d_rt.motion.generate.falls.draw import Draw, course, draw, heading_of
+from t2d_rt.motion.generate.falls.getup import got_up
+from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, Humanoid, humanoid, mujoco
+from t2d_rt.motion.generate.falls.joining import Skeleton, joined, placed_joints, rotations_of, skeleton_at
+from t2d_rt.motion.generate.falls.measures import Figures, figures, missing
+from t2d_rt.motion.generate.falls.plan import FallEvents, FallPlan, Heading
+from t2d_rt.motion.generate.falls.pose import coordinates, reached, skeleton, velocities
+from t2d_rt.motion.generate.falls.rest import breathing, eased_out
+from t2d_rt.motion.generate.falls.simulation import Run, simulate
+from t2d_rt.motion.generate.falls.steps import instants
+from t2d_rt.motion.interpolate import resample
+from t2d_rt.motion.posture import facing, stature_m
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
+
+LONGEST_S = 3.2
+"""Simulated time from the event to rest."""
+
+ATTEMPTS = 5
+
+AROUND = 5
+"""Frames on either side of the event that give the speeds there."""
+
+SETTLING_S = 0.3
+"""Lead before the event, at least."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fall:
+    """A fall and what is known about it."""
+
+    motion: Motion
+    events: FallEvents
+    heading: Heading
+    strength: float
+    figures: Figures
+    """Times in them are from the event."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """A person at the event."""
+
+    lead: Motion
+    """At 120 Hz."""
+    segments: np.ndarray
+    """Of the lead, (T, 22, 3, 3)."""
+    frame: int
+    foot: str
+    """Side that slips or is caught."""
+    facing: np.ndarray
+    """(2,)."""
+    skeleton: Skeleton
+    body: Humanoid
+    start: tuple[np.ndarray, np.ndarray]
+    """qpos and qvel."""
+    reference: np.ndarray
+    """Coordinates of the lead from the event on (T, nq)."""
+
+
+def fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -> Motion:
+    """The lead up to the event, then a fall as planned, a rest and, where the plan asks for it, one of the recorded `getups`.
+
+    120 frames a second; the same lead, plan and version of MuJoCo give the same bits.
+    """
+    return simulate_fall(lead, plan, getups).motion
+
+
+def simulate_fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -> Fall:
+    """`fall`, with its events and figures."""
+    checked_motion(lead)
+    instance("plan", plan, FallPlan, "a FallPlan")
+    if plan.get_up and not getups:
+        raise InputError("the plan asks to get up, but no recorded getup was given; pass getups or set get_up to False")
+    mujoco()
+    scenario = prepared(lead, plan)
+    run, drawn, found = _found(scenario, plan)
+    return _assembled(scenario, plan, getups, run, drawn, found)
+
+
+def prepared(lead: Motion, plan: FallPlan) -> Scenario:
+    """The person at the event that the plan chooses."""
+    rng = np.random.default_rng([plan.seed, 0])
+    if abs(lead.rate_hz - RATE_HZ) > 1e-9:
+        lead = resample(lead, RATE_HZ)
+    frame, foot = _event(lead, plan, rng)
+    points = {name: lead.joints[:, i] for i, name in enumerate(lead.names)}
+    found = anatomy(lead)
+    segments = found.segments(lead.rotations)
+    bones = skeleton_at(lead, found, segments, frame)
+    stature = stature_m(points)
+    mass = rng.uniform(20, 27) * stature**2 if plan.mass_kg is None else plan.mass_kg
+    body = _fitted(bones, found, stature, float(mass), lead, segments, frame)
+    reference = coordinates(body, lead.joints[:, 0], segments)
+    qvel = velocities(reference[frame - AROUND : frame + AROUND + 1], RATE_HZ)
+    qpos = reference[frame].copy()
+    qpos[2] += _penetration(body, qpos)
+    return Scenario(
+        lead=lead, segments=segments, frame=frame, foot=foot, facing=facing(points)[frame, :2], skeleton=bones, body=body,
+        start=(qpos, qvel), reference=reference[frame:],
+    )  # fmt: skip
+
+
+def _event(lead: Motion, plan: FallPlan, rng: np.random.Generator) -> tuple[int, str]:
+    """Frame and foot of the event."""
+    first, last = max(AROUND, round(SETTLING_S * RATE_HZ)), len(lead.joints) - 1 - AROUND
+    if last <= first:
+        raise InputError(
+            f"the lead of a fall must be longer than {SETTLING_S + 2 * AROUND / RATE_HZ:.2g} s, got {lead.duration_s:.3g} s"
+        )
+    if plan.time_s is not None and not plan.time_s <= lead.duration_s:
+        raise InputError(f"time_s of {plan.time_s:g} s lies after the lead's end at {lead.duration_s:.3g} s")
+    if plan.type == "collapse":
+        found = [(frame, "left" if rng.random() < 0.5 else "right") for frame in range(first, last + 1)]
+        found = found[len(found) // 3 :] if plan.time_s is None else found
+    else:
+        found = [each for each in instants(lead, plan.type) if first <= each[0] <= last]
+    if not found:
+        raise InputError(
+            f"the lead has no step in which a foot could {'slip' if plan.type == 'slip' else 'be caught'}; "
+            f"give a walk or run of two steps or more, or a collapse"
+        )
+    if plan.time_s is not None:
+        wanted = plan.time_s * RATE_HZ
+        return min(found, key=lambda each: abs(each[0] - wanted))
+    return found[int(rng.integers(len(found)))]
+
+
+def _fitted(
+    bones: Skeleton, found: Anatomy, stature: float, mass: float, lead: Motion, segments: np.ndarray, frame: int
+) -> Humanoid:
+    """The humanoid; parts of the body that the lead's own pose has within each other do not collide."""
+    offsets = bones.offsets[: len(CANONICAL_JOINTS)]
+    body = humanoid(offsets, found.ankle_height_m, stature_m=stature, mass_kg=mass)
+    qpos = coordinates(body, lead.joints[frame : frame + 1, 0], segments[frame : frame + 1])[0]
+    pairs = _overlapping(body, qpos)
+    if not pairs:
+        return body
+    return humanoid(offsets, found.ankle_height_m, stature_m=stature, mass_kg=mass, apart=pairs)
+
+
+def _contacts_at(body: Humanoid, qpos: np.ndarray) -> list[tuple[int, int, float]]:
+    data = mujoco().MjData(body.model)
+    data.qpos[:] = qpos
+    mujoco().mj_forward(body.model, data)
+    return [(int(c.geom1), int(c.geom2), float(c.dist)) for c in data.contact]
+
+
+def _overlapping(body: Humanoid, qpos: np.ndarray) -> tuple[tuple[str, str], ...]:
+    return tuple(
+        (body.body_of(first), body.body_of(second))
+        for first, second, distance in _contacts_at(body, qpos)
+        if body.floor not in (first, second) and distance < 0
+    )
+
+
+def _penetration(body: Humanoid, qpos: np.ndarray) -> float:
+    """How deep the feet stand in the floor [m]: the lead's soles are not quite where the humanoid's are."""
+    return max([0.0, *(-gap for a, b, gap in _contacts_at(body, qpos) if body.floor in (a, b))])
+
+
+def _found(scenario: Scenario, plan: FallPlan) -> tuple[Run, Draw, Figures]:
+    """The first candidate in which nothing is amiss, or the one with the least amiss."""
+    best: tuple[float, Run, Draw, Figures] | None = None
+    heading = heading_of(plan, np.random.default_rng([plan.seed, 1]))
+    for attempt in range(ATTEMPTS):
+        rng = np.random.default_rng([plan.seed, 2, attempt])
+        drawn = draw(plan, heading, scenario.foot, scenario.facing, rng, insistence=attempt / ATTEMPTS)
+        frames = round(LONGEST_S * RATE_HZ)
+        run = simulate(scenario.body, scenario.start, course(scenario.body, drawn, scenario.reference, frames), drawn.disturbance, frames)  # fmt: skip
+        segments = reached(scenario.body, run.qpos)
+        joints = skeleton(run.qpos[:, :3], segments, scenario.skeleton.offsets[: len(CANONICAL_JOINTS)])
+        found = figures(run, joints, segments[:, CANONICAL_JOINTS.index("spine3")], scenario.facing, drawn.disturbance.until_s)
+        amiss = missing(found, plan)
+        if best is None or amiss < best[0]:
+            best = amiss, run, drawn, found
+        if amiss == 0:
+            break
+    assert best is not None, "there is at least one attempt"
+    if math.isinf(best[0]):
+        wanted = f" {plan.direction}" if plan.direction else ""
+        raise InputError(
+            f"in {ATTEMPTS} attempts the person did not fall{wanted} by a {plan.type} as real falls go; "
+            "give another seed, time or direction"
+        )
+    return best[1:]
+
+
+def _assembled(
+    scenario: Scenario, plan: FallPlan, getups: Sequence[Motion], run: Run, drawn: Draw, found: Figures
+) -> Fall:
+    lead, frame, bones = scenario.lead, scenario.frame, scenario.skeleton
+    rng = np.random.default_rng([plan.seed, 3])
+    qpos = eased_out(run.qpos)
+    joints, segments = joined(bones, lead, scenario.segments, frame, qpos[:, :3], reached(scenario.body, qpos))
+    root = joints[:, 0]
+    rested = len(qpos) - 1
+    held = round(plan.rest_s * RATE_HZ)
+    segments = breathing(segments, held, rng, from_frame=rested)
+    root = np.concatenate([root, np.repeat(root[-1:], held, axis=0)])
+    get_up_s = None
+    if plan.get_up:
+        get_up_s = (frame + len(root) - 1) / RATE_HZ
+        rise_m, rise = got_up(scenario.body, bones, root[-1], segments[-1], getups)
+        root, segments = np.concatenate([root, rise_m[1:]]), np.concatenate([segments, rise[1:]])
+    after = placed_joints(root, segments, bones.offsets, bones.parents)
+    after[: len(joints)] = np.where(
+        (np.arange(len(joints)) < round(0.5 * RATE_HZ))[:, None, None], joints, after[: len(joints)]
+    )
+    events = FallEvents(
+        event_s=frame / RATE_HZ, impact_s=frame / RATE_HZ + found.impact_s, rest_s=(frame + rested) / RATE_HZ,
+        get_up_s=get_up_s,
+    )  # fmt: skip
+    note = (
+        f"fall by {plan.type}, {found.heading}, strength {drawn.strength:.2f}, seed {plan.seed}: event {events.event_s:.2f} s, "
+        f"impact {events.impact_s:.2f} s, rest {events.rest_s:.2f} s"
+    ) + (f", gets up {get_up_s:.2f} s" if get_up_s is not None else "")
+    motion = lead.edited(
+        note, joints=np.concatenate([lead.joints[:frame], after]),
+        rotations=np.concatenate([lead.rotations[:frame], rotations_of(bones, segments)]),
+    )  # fmt: skip
+    return Fall(motion=motion, events=events, heading=found.heading, strength=drawn.strength, figures=found)

@@ -1,0 +1,115 @@
+"""Figures of a simulated fall, and which of them a real fall would not have."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.motion.generate.falls.humanoid import RATE_HZ
+from t2d_rt.motion.generate.falls.plan import HEADINGS, FallPlan, Heading
+from t2d_rt.motion.generate.falls.simulation import CHEST, PELVIS, RESTING, Run
+
+IMPACT_S = 0.1
+"""Span before a contact in which the greatest speed is that of the impact: knees and hands may touch a little earlier."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """Of one run; times from the event."""
+
+    impact_s: float
+    """First contact of the pelvis or a hip with the floor; infinite if there is none."""
+    descent_s: float
+    """From where the pelvis leaves its height at the event to the impact."""
+    pelvis_mps: float
+    """Its downward speed at the impact."""
+    head_mps: float
+    """Downward speed of the head at its impact, or its greatest where it does not strike."""
+    lies_on: tuple[float, float, float]
+    """Direction of gravity in the chest's axes (left, up, forward) as the chest strikes the floor; (0, 0, -1) is on the back."""
+    travel: tuple[float, float]
+    """Travel of the pelvis (left, forward) from the event to the impact [m]."""
+    slide_m: float
+    """Travel of the pelvis after the impact."""
+    rest_s: float
+    """When the body comes to rest; infinite if it does not."""
+    gain_j: float
+    """Greatest rise of mechanical energy less the work of muscles over any earlier value."""
+    deepest_m: tuple[float, float]
+    """Deepest interpenetration with the floor and within the body."""
+
+    @property
+    def heading(self) -> Heading:
+        """Where the person fell: by the side of the trunk that is undermost."""
+        aside, _, ahead = self.lies_on
+        if abs(ahead) >= abs(aside):
+            return "forward" if ahead > 0 else "back"
+        return "left" if aside > 0 else "right"
+
+
+def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray, external_s: float) -> Figures:
+    """Of a run with its joints (T, 22, 3) and the chest's orientations (T, 3, 3).
+
+    `facing` (2,) is that at the event; forces from outside end at `external_s`.
+    """
+    pelvis = joints[:, 0]
+    down = [frame for frame, touching in enumerate(run.touches) if _is_down(touching, pelvis[frame, 2])]
+    ledger = run.energy_j - run.work_j
+    after = ledger[round(external_s * RATE_HZ) :]
+    gain = float((after - np.minimum.accumulate(after)).max(initial=0.0))
+    aside = np.array([-facing[1], facing[0]])
+    struck = next((k for k, touching in enumerate(run.touches) if touching & CHEST), len(run.touches) - 1)
+    down_in_chest = -chest[struck, 2]
+    lies_on = (float(down_in_chest[0]), float(down_in_chest[1]), float(down_in_chest[2]))
+    base = {"gain_j": gain, "deepest_m": (float(run.deepest_m[:, 0].max()), float(run.deepest_m[:, 1].max()))}
+    if not down:
+        return Figures(
+            impact_s=math.inf, descent_s=math.inf, pelvis_mps=0.0, head_mps=0.0, lies_on=lies_on, travel=(0.0, 0.0), slide_m=0.0, rest_s=math.inf, **base,
+        )  # fmt: skip
+    impact = down[0]
+    high = np.flatnonzero(pelvis[: impact + 1, 2] > pelvis[0, 2] - 0.05)
+    travel = (pelvis[impact] - pelvis[0])[:2]
+    speed = -np.gradient(joints[..., 2], 1 / RATE_HZ, axis=0)
+    window = math.ceil(IMPACT_S * RATE_HZ)
+    strikes = [frame for frame, touching in enumerate(run.touches) if "head" in touching]
+    head_speed = speed[:, 15].max() if not strikes else speed[max(strikes[0] - window, 0) : strikes[0] + 1, 15].max()
+    lively = np.flatnonzero(run.speeds > RESTING)
+    rest = math.inf if lively[-1] == len(run.speeds) - 1 else float(lively[-1] + 1) / RATE_HZ
+    return Figures(
+        impact_s=impact / RATE_HZ, descent_s=float(impact - (high[-1] if len(high) else 0)) / RATE_HZ,
+        pelvis_mps=float(speed[max(impact - window, 0) : impact + 1, 0].max()), head_mps=float(head_speed), lies_on=lies_on,
+        travel=(float(travel @ aside), float(travel @ facing)),
+        slide_m=float(np.linalg.norm((pelvis[-1] - pelvis[impact])[:2])), rest_s=rest, **base,
+    )  # fmt: skip
+
+
+def _is_down(touching: frozenset[str], pelvis_m: float) -> bool:
+    return bool(touching & PELVIS) or (bool(touching & {"lfemur", "rfemur"}) and pelvis_m < 0.25)
+
+
+IMPACT_RANGE_S, DESCENT_RANGE_S = (0.4, 2.5), (0.3, 1.2)
+PELVIS_RANGE_MPS, HEAD_RANGE_MPS = (1.2, 3.0), (1.5, 4.5)
+"""Speeds at the impact, from falls of persons on video: 2.14 +- 0.63 and 2.91 +- 0.86 m/s (Choi, Wakeling, Robinovitch 2015)."""
+SLIDE_LIMIT_M, DEPTH_LIMIT_M, GAIN_LIMIT_J = 0.5, 0.02, 8.0
+"""8 J are about 1 % of the energy of a walking person."""
+
+
+def missing(found: Figures, plan: FallPlan) -> float:
+    """How far a fall is from real ones: 0 in all ranges, else a sum of excesses; infinite if it is none, or not the one planned."""
+    wanted = {"slip": ("back", "left", "right"), "trip": ("forward", "left", "right"), "collapse": HEADINGS}[plan.type]
+    if plan.direction is not None:
+        wanted = (plan.direction,)
+    fatal = (
+        not IMPACT_RANGE_S[0] <= found.impact_s <= IMPACT_RANGE_S[1]
+        or found.heading not in wanted
+        or found.slide_m > SLIDE_LIMIT_M
+        or max(found.deepest_m) > DEPTH_LIMIT_M
+        or found.gain_j > GAIN_LIMIT_J
+    )
+    if fatal:
+        return math.inf
+    pairs = (
+        (found.descent_s, DESCENT_RANGE_S), (found.pelvis_mps, PELVIS_RANGE_MPS), (found.head_mps, HEAD_RANGE_MPS),
+    )  # fmt: skip
+    return sum(max(low - value, 0.0) + max(value - high, 0.0) for value, (low, high) in pairs)
