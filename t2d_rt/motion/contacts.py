@@ -30,6 +30,9 @@ the ankle does."""
 RAISED_RAD = 0.35
 """Greatest angle by which a heel is raised for a leg that is too short for its step."""
 
+GIVE = 0.004
+"""Depth over twice the leg to which heel, ball and toe may sink below where they stand: shoe and flesh."""
+
 SHORTEST_CONTACT_S = 0.06
 LONGEST_GAP_S = 0.04
 """Contacts shorter than this are none, and gaps shorter than this are filled: noise of the detection."""
@@ -69,14 +72,16 @@ def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None) ->
 
     While a foot stands, its pivot (the heel, then the ball) stays over one point, that of the middle of the contact; between
     contacts the correction passes from one to the next. Heights change by one number per contact, so that feet roll as they did.
-    floor_m: height [m] at which the lower of heel and ball stands; by default that at which each does in the median. Where a leg
-    is too short its heel is raised, and then the pelvis lowered.
+    floor_m: height [m] at which the lower of heel and ball stands, and below which no foot goes; by default that at which each
+    stands in the median. Where a leg is too short its heel is raised, and then the pelvis lowered.
     """
     points = soles(poses)
     joints, _ = poses.world()
     targets = {}
     for number, side in enumerate(SIDES):
         shift = _corrections(points[:, number], planted[:, number], poses.rate_hz, floor_m)
+        if floor_m is not None:
+            shift[:, 2] += _lift(poses, side, points[:, number], shift[:, 2], floor_m)
         track = joints[:, INDEX[f"{side}_ankle"]] + shift
         heel_only = planted[:, number, 0] & ~planted[:, number, 1]
         poses, targets[side] = _tiptoe(poses, side, track, ~heel_only)
@@ -100,6 +105,14 @@ def follow(poses: Poses, ankles: dict[str, np.ndarray]) -> Poses:
     for side, track in ankles.items():
         poses, _ = reach(poses, "left_leg" if side == "left" else "right_leg", track)
     return poses
+
+
+def _lift(poses: Poses, side: str, points: np.ndarray, shift: np.ndarray, floor_m: float) -> np.ndarray:
+    """Further rise (T,) [m] of an ankle that keeps heel, ball and toe out of the floor, by `GIVE` at most: soles are soft."""
+    toe = poses.joint(f"{side}_toe")[:, 2]
+    level = floor_m - GIVE * 2 * poses.skeleton.leg_m
+    lowest = np.minimum(points[..., 2].min(axis=1), toe) + shift
+    return _smooth_bound(level - lowest, poses.rate_hz, 0.03)
 
 
 def _tiptoe(poses: Poses, side: str, track: np.ndarray, free: np.ndarray) -> tuple[Poses, np.ndarray]:

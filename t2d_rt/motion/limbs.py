@@ -51,8 +51,11 @@ def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | N
     # bent the wrong way is noise of a straight one.
     spare = quaternions.rotate(rotations[:, upper], np.array([1.0 if limb.endswith("leg") else -1.0, 0.0, 0.0]))
     spare = _unit(spare - (spare * now).sum(-1, keepdims=True) * now)
-    agrees = 1.0 if pole is not None else np.clip(2 * (_unit(square) * spare).sum(-1, keepdims=True), 0.0, 1.0)
-    weight = agrees * np.clip(size / (0.05 * (first + second)), 0.0, 1.0)
+    aside_of = size / (first + second)
+    weight = np.clip(20 * aside_of, 0.0, 1.0)
+    if pole is None:
+        agrees = np.clip(2 * (_unit(square) * spare).sum(-1, keepdims=True), 0.0, 1.0)
+        weight = np.maximum(agrees * weight, np.clip(10 * aside_of - 1, 0.0, 1.0))
     side = quaternions.rotate(quaternions.between(now, axis), _unit(weight * _unit(square) + (1 - weight) * spare))
     along = (length**2 + first**2 - second**2) / (2 * length)
     height = np.sqrt(np.maximum(first**2 - along**2, 0.0))

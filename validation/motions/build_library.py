@@ -21,7 +21,7 @@ import numpy as np
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, quaternions, resample
 from t2d_rt.motion.contacts import contacts, runs, soles
-from t2d_rt.motion.generate.chain import Piece, heading_rad, moved
+from t2d_rt.motion.generate.chain import Piece, heading_rad, moved, rotation_vector
 from t2d_rt.motion.generate.library.store import FOLDER, RATE_HZ, Segment, Source, packed, unpacked
 from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, poses_of
 
@@ -52,7 +52,8 @@ RECIPES: tuple[tuple[str, str, str, str], ...] = (
     (r"library/deepmimic/.*_dance_.*\.txt", MIT, "dm", "dance"),
     (r"library/deepmimic/.*getup_faceup\.txt", MIT, "dm", "getup_faceup"),
     (r"more/.*getup_facedown\.txt", MIT, "dm", "getup_facedown"),
-    (r"library/kimodo/(01|05|06|08).*\.npz", APACHE, "kimodo", "kimodo"),
+    (r"library/kimodo/05.*\.npz", APACHE, "kimodo", "walk"),
+    (r"library/kimodo/06.*\.npz", APACHE, "kimodo", "dance"),
 )  # fmt: skip
 
 FLIP_DEG_PER_S = 1500.0
@@ -61,9 +62,15 @@ FLIP_RATIO = 4.0
 """A flip is that much faster than its neighbourhood's median."""
 FASTEST_MPS = 12.0
 """Of joints; a running foot reaches 8.4 m/s, a dancer's hand 8."""
+MOST_JUMP_M = 0.04
+"""A joint's greatest distance from the middle of its neighbours in time; of recorded motion without glitches 0.05 at most."""
+MOST_BEND_DEG = 12.0
+"""Change of an end's turn from one frame to the next two."""
 ENDS = {INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("wrist", "foot")}
 """Joints that may be mended by interpolation: hardly anything hangs on them."""
 
+QUIET_MPS = 1.0
+"""Mean speed of joints of one who has come to rest between jumps, standing on both feet."""
 STILL_MPS = 0.12
 """Mean speed of joints of one who stands still."""
 
@@ -134,12 +141,16 @@ def mended(poses: Poses) -> tuple[Poses, np.ndarray]:
     rate = np.degrees(2 * np.arccos(np.clip(np.abs(step[..., 3]), 0, 1))) * poses.rate_hz
     usual = median_filter(rate, size=(13, 1), mode="nearest")
     flips = (rate > FLIP_DEG_PER_S) & (rate > FLIP_RATIO * usual)
+    # Change of the rate from frame to frame, as an angle: what a joint is away from the middle of its neighbours in time, twice.
+    bends = np.degrees(np.linalg.norm(np.diff(rotation_vector(step), axis=0), axis=-1))
     local = poses.local.copy()
     for joint in ENDS:
-        wrong = binary_dilation(np.append(flips[:, joint], False), iterations=4)
+        wrong = np.append(flips[:, joint], False) | np.append(False, flips[:, joint])
+        wrong[1:-1] |= bends[:, joint] > MOST_BEND_DEG
+        wrong = binary_dilation(wrong, iterations=4)
         for start, stop in runs(wrong):
-            before, after = max(start - 1, 0), min(stop, len(local) - 1)
-            weight = (np.arange(start, stop) - before)[:, None] / max(after - before, 1)
+            before, after = (start - 1 if start else stop), (stop if stop < len(local) else start - 1)
+            weight = ((np.arange(start, stop) - (start - 1)) / (stop - start + 1))[:, None]
             smooth = weight * weight * (3 - 2 * weight)
             local[start:stop, joint] = quaternions.blend(local[[before], joint], local[[after], joint], smooth)
     poses = replace(poses, local=quaternions.continuous(local))
@@ -147,6 +158,8 @@ def mended(poses: Poses) -> tuple[Poses, np.ndarray]:
     fast = np.linalg.norm(np.diff(joints, axis=0), axis=-1).max(axis=1) * poses.rate_hz > FASTEST_MPS
     others = [joint for joint in range(len(NAMES)) if joint not in ENDS]
     bad = np.append(fast | flips[:, others].any(axis=1), False)
+    jumps = np.linalg.norm(joints[1:-1] - 0.5 * (joints[2:] + joints[:-2]), axis=-1).max(axis=1) > MOST_JUMP_M
+    bad[1:-1] |= jumps
     return poses, binary_dilation(bad, iterations=4) if bad.any() else bad
 
 
@@ -165,7 +178,7 @@ def labelled(clip: str, piece: Piece, rule: str) -> list[Segment]:
     elif rule in ("jacks", "hop"):
         found = [measured(clip, piece, *each, activity="jumping", action="jump", kind=rule) for each in whole]
     elif rule == "dance" and len(piece) >= 2 * RATE_HZ:
-        found = [measured(clip, piece, *each, activity="dancing", action="dance") for each in whole]
+        found = [measured(clip, piece, *danced(piece), activity="dancing", action="dance")]
     elif rule.startswith("getup"):
         found = [measured(clip, piece, *each, activity="sitting", action="stand_up", kind=rule[6:]) for each in whole]
     found = [each for each in found if each.action not in ("walk", "turn") or believable(each, piece)]
@@ -234,25 +247,55 @@ def walks(clip: str, piece: Piece) -> list[Segment]:
 
 
 def jumps(clip: str, piece: Piece) -> list[Segment]:
-    """Single jumps with the crouch before and the recovery after."""
-    points, root = soles(piece.poses)[..., 2].min(axis=(1, 2)), piece.poses.root[:, 2]
+    """Single jumps with the crouch before and the recovery after, from standing to standing."""
+    points, root = soles(piece.poses)[..., 2].min(axis=2), piece.poses.root[:, 2]
     standing = float(np.percentile(root, 60))
-    flights = [(a, b) for a, b in runs(points > 0.05) if b - a >= 0.12 * RATE_HZ and root[a:b].max() > standing + 0.08]
+    flights = [
+        (a, b)
+        for a, b in runs(points.min(axis=1) > 0.05)
+        if b - a >= 0.12 * RATE_HZ and root[a:b].max() > standing + 0.06
+    ]
     joints, _ = piece.poses.world()
     activity = np.linalg.norm(np.gradient(joints, 1 / RATE_HZ, axis=0), axis=-1).mean(axis=1)
+    activity += 10.0 * (root < standing - 0.08) + 10.0 * (points > 0.08).any(axis=1)
     found = []
-    for number, (take_off, landing) in enumerate(flights):
-        low = flights[number - 1][1] if number else 0
-        high = flights[number + 1][0] if number + 1 < len(flights) else len(piece)
-        start = quietest(activity, max(low, take_off - round(1.6 * RATE_HZ)), take_off - round(0.3 * RATE_HZ))
-        stop = quietest(activity, landing + round(0.35 * RATE_HZ), min(high, landing + round(1.8 * RATE_HZ)))
-        if start is None or stop is None:
+    for first, last in grouped(flights, activity):
+        take_off, landing = flights[first][0], flights[last][1]
+        low = flights[first - 1][1] if first else 0
+        high = flights[last + 1][0] if last + 1 < len(flights) else len(piece)
+        start = quietest(activity, max(low, take_off - round(1.6 * RATE_HZ)), take_off - round(0.1 * RATE_HZ))
+        stop = quietest(activity, landing + round(0.1 * RATE_HZ), min(high, landing + round(1.8 * RATE_HZ)))
+        if start is None or stop is None or max(activity[start], activity[stop - 1]) > QUIET_MPS:
             continue
-        step = root_step(piece, take_off, landing)
+        step = root_step(piece, *flights[first])
         kind = "up" if np.linalg.norm(step) < 0.25 else "forward" if step[0] > 0 else "back"
         each = measured(clip, piece, start, stop, activity="jumping", action="jump", kind=kind)
-        found.append(replace(each, rise_m=round(float(root[take_off:landing].max() - standing), 3)))
+        rise = float(root[take_off:landing].max() - standing)
+        found.append(replace(each, rise_m=round(rise, 3), count=last - first + 1))
     return found
+
+
+def grouped(flights: list[tuple[int, int]], activity: np.ndarray) -> list[tuple[int, int]]:
+    """First and last flights of series between which the body does not come to rest."""
+    found: list[tuple[int, int]] = []
+    for number in range(len(flights)):
+        rests = number == 0 or activity[flights[number - 1][1] : flights[number][0]].min() < QUIET_MPS
+        if rests or not found:
+            found.append((number, number))
+        else:
+            found[-1] = (found[-1][0], number)
+    return found
+
+
+def danced(piece: Piece) -> tuple[int, int]:
+    """The frames of a dance without the steps before and after it, in which the arms hang."""
+    joints, _ = piece.poses.world()
+    hands = joints[:, [INDEX["left_wrist"], INDEX["right_wrist"]], 2].max(axis=1)
+    raised = np.flatnonzero(hands > piece.poses.root[:, 2] + 0.2)
+    if len(raised) < RATE_HZ:
+        return 0, len(piece)
+    edge = round(0.3 * RATE_HZ)
+    return max(0, int(raised[0]) - edge), min(len(piece), int(raised[-1]) + edge)
 
 
 def quietest(activity: np.ndarray, start: int, stop: int) -> int | None:

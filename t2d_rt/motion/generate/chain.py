@@ -127,6 +127,17 @@ def from_rotation_vector(vector: np.ndarray) -> np.ndarray:
     return np.concatenate([scale * vector, np.cos(half)], axis=-1)
 
 
+def swung(rotation: np.ndarray, factor: float) -> np.ndarray:
+    """Rotations (T, 4) farther from their mean over time by a factor; those that are more than about a radian away keep their place."""
+    vectors = np.linalg.eigh(rotation.T @ rotation)[1]
+    middle = np.broadcast_to(vectors[:, -1], rotation.shape)
+    swing = rotation_vector(quaternions.multiply(rotation, quaternions.conjugate(middle)))
+    angle = np.linalg.norm(swing, axis=-1, keepdims=True)
+    # At half a turn the axis jumps: what is changed must have died out there.
+    added = (factor - 1) * np.exp(-((angle / 1.2) ** 2)) * swing
+    return quaternions.multiply(from_rotation_vector(added), rotation)
+
+
 def features(poses: Poses, *, within_s: float = 0.1) -> np.ndarray:
     """What tells poses apart (T, F) [m]: joints about the pelvis in its own heading, and their velocities times `within_s`."""
     joints, _ = poses.world()

@@ -10,7 +10,7 @@ from t2d_rt.checks import number
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.descriptions.slots import Subject
-from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, rotation_vector
+from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, swung
 from t2d_rt.motion.kinematics import INDEX, NAMES, Skeleton, skeleton_of
 from t2d_rt.resources import listing, resource
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
@@ -97,9 +97,7 @@ def lively(piece: Piece, person: Individual, rng: np.random.Generator, *, quiet:
         joint = INDEX[name]
         rotation = local[:, joint]
         if name.endswith(("shoulder", "elbow")):
-            middle = quaternions.normalise(_mean(rotation))
-            swing = rotation_vector(quaternions.multiply(rotation, quaternions.conjugate(middle)))
-            rotation = quaternions.multiply(from_rotation_vector(swing * (1 + quiet * (person.vigour - 1))), middle)
+            rotation = swung(rotation, 1 + quiet * (person.vigour - 1))
         wave = np.zeros((len(times), 3))
         for _ in range(3):
             frequency, phase = rng.uniform(*SLOW_HZ), rng.uniform(0, 2 * np.pi, 3)
@@ -107,11 +105,6 @@ def lively(piece: Piece, person: Individual, rng: np.random.Generator, *, quiet:
         added = quiet * (person.habit[joint] + SWAY * spread * wave)
         local[:, joint] = quaternions.multiply(rotation, from_rotation_vector(added))
     return replace(piece, poses=replace(poses, local=quaternions.normalise(local)))
-
-
-def _mean(rotation: np.ndarray) -> np.ndarray:
-    vectors = np.linalg.eigh(rotation.T @ rotation)[1]
-    return vectors[:, -1] * np.sign(vectors[3, -1] or 1.0)
 
 
 def _rest(body: str) -> Skeleton:

@@ -9,7 +9,7 @@ import numpy as np
 
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.descriptions.slots import Manner, Step
-from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, rotation_vector
+from t2d_rt.motion.generate.chain import Piece, from_rotation_vector, swung
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.kinematics import INDEX
 
@@ -68,7 +68,8 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
         _turned(local, joint, [0.0, 0.5 * strength * np.radians(change.head_deg), 0.0])
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for joint in ("shoulder", "elbow"):
-            _swung(local, f"{side}_{joint}", change.arms**strength)
+            index = INDEX[f"{side}_{joint}"]
+            local[:, index] = swung(local[:, index], change.arms**strength)
         _turned(local, f"{side}_elbow", [0.0, 0.0, -sign * strength * np.radians(change.elbows_deg)])
         _turned(local, f"{side}_shoulder", [sign * strength * np.radians(change.apart_deg), 0.0, 0.0])
     root = piece.poses.root.copy()
@@ -82,14 +83,3 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
 def _turned(local: np.ndarray, joint: str, vector: list[float]) -> None:
     index = INDEX[joint]
     local[:, index] = quaternions.multiply(local[:, index], from_rotation_vector(np.array(vector)))
-
-
-def _swung(local: np.ndarray, joint: str, factor: float) -> None:
-    """Rotations farther from their mean by a factor."""
-    index = INDEX[joint]
-    vectors = np.linalg.eigh(local[:, index].T @ local[:, index])[1]
-    middle = vectors[:, -1]
-    swing = rotation_vector(quaternions.multiply(local[:, index], quaternions.conjugate(middle)))
-    local[:, index] = quaternions.multiply(
-        from_rotation_vector(swing * factor), np.broadcast_to(middle, swing.shape[:1] + (4,))
-    )

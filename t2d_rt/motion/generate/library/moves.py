@@ -26,7 +26,7 @@ SPEEDS_MPS: Mapping[tuple[str, str], tuple[float, float]] = {
 LEG_M = 0.86
 
 DURATION_S: Mapping[Action, tuple[float, float]] = {
-    "walk": (4.0, 7.0), "run": (3.0, 5.0), "dance": (6.0, 9.0), "stand": (1.5, 3.0), "turn": (2.0, 3.0), "jump": (3.0, 5.0),
+    "walk": (4.0, 7.0), "run": (3.0, 5.0), "dance": (6.0, 9.0), "stand": (1.5, 3.0), "turn": (3.6, 5.5), "jump": (3.0, 5.0),
 }  # fmt: skip
 """Range of durations [s] where none is given; of a step beside others, half."""
 
@@ -36,6 +36,10 @@ length over cadence keeps constant (Sekiya, Nagasaki 1998)."""
 
 HALT_S = 1.2
 """Time in which a walk comes to a halt: two steps (Bishop et al. 2002)."""
+
+
+LONGEST_ON_THE_SPOT_S = 3.5
+"""Turns that last longer have steps before and after."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +172,12 @@ def _directed(maker: Maker, piece: Piece, step: Step) -> Piece:
 
 
 def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """Turning on the spot in small steps: a slow walk with short steps, its heading carried round, from standing to standing."""
+    """Turning on the spot in small steps: a slow walk with short steps, its heading carried round, from standing to standing.
+
+    Where it is all that is done, the person comes and goes: a walk with a turn in it.
+    """
+    if duration_s > LONGEST_ON_THE_SPOT_S:
+        return _turned_walk(maker, step, duration_s)
     angle = {"back": np.pi, "clockwise": 2 * np.pi, "counterclockwise": 2 * np.pi}.get(
         step.direction or "left", np.pi / 2
     )
@@ -188,6 +197,27 @@ def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
     turned = turned.noted(f"turned {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees")
     quiet = stand(maker, Step(action="stand"), 0.8)
     return joined([quiet, turned, stand(maker, Step(action="stand"), 0.8)], blend_s=0.5)
+
+
+def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
+    angle = {"back": 180.0, "clockwise": 360.0, "counterclockwise": 360.0}.get(step.direction or "left", 90.0)
+    angle = np.radians(angle + maker.rng.uniform(-12, 12))
+    sign = (
+        -1.0
+        if step.direction in ("right", "clockwise")
+        else 1.0
+        if step.direction
+        else float(maker.rng.choice([-1, 1]))
+    )
+    walk = gait(maker, Step(action="walk", speed=step.speed), duration_s)
+    rate = np.radians({"slow": 50.0, "normal": 75.0, "fast": 105.0}[step.speed])
+    within = min(0.75, angle / rate / duration_s)
+    begin = float(maker.rng.uniform(0.1, max(0.11, 0.9 - within)))
+    x = (np.linspace(0, 1, len(walk)) - begin) / within
+    # Steps shorten in a tight turn (Orendurff et al. 2006).
+    short = 1 - (0.35 if angle < 2 else 0.5) * np.exp(-(((x - 0.5) / 0.45) ** 4))
+    turned = edits.bent(edits.strided(walk, short), sign * angle * edits.eased(x))
+    return turned.noted(f"turned {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees")
 
 
 def stand(maker: Maker, step: Step, duration_s: float) -> Piece:
@@ -212,9 +242,14 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
         kinds = ("jacks",)
     segments = maker.segments("jump", *kinds)
     pace = {"slow": 0.85, "normal": 1.0, "fast": 1.12}[step.speed] * maker.person.tempo
-    count, pieces, total = step.count or 0, [], 0.0
-    while len(pieces) < max(1, count) or (not count and total < 0.75 * duration_s):
-        piece = edits.tempo(maker.piece(maker.draw(segments)), pace * float(np.exp(0.03 * maker.rng.standard_normal())))
+    count, total = step.count or 0, 0.0
+    pieces: list[Piece] = []
+    done = 0
+    while done < max(1, count) or (not count and total < 0.75 * duration_s):
+        fitting = [each for each in segments if each.count <= max(count - done, 1)] if count else segments
+        segment = maker.draw(fitting or segments)
+        done += max(segment.count, 1)
+        piece = edits.tempo(maker.piece(segment), pace * float(np.exp(0.03 * maker.rng.standard_normal())))
         pieces.append(_thrown(maker, piece, step))
         total += len(piece) / RATE_HZ
     return joined(pieces)

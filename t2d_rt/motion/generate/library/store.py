@@ -67,6 +67,8 @@ class Segment:
     """From the pelvis's first place to its last."""
     rise_m: float = 0.0
     """Of a jump: how high the pelvis rises above standing."""
+    count: int = 0
+    """Of jumps: how many there are."""
 
     @property
     def duration_s(self) -> float:
