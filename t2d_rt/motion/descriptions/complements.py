@@ -43,7 +43,7 @@ DIRECTION = {
     "dance": {**_LEVEL, **_ROUND, "straight": "in a straight line", "up": "up and down"},
 }  # fmt: skip
 
-_TO_CHAIR = "to a chair | towards a chair | past a chair | around a chair | to an armchair | towards a bench"
+_TO_CHAIR = "to a chair | towards a chair | past a chair | to an armchair | towards a bench"
 _HOLDING = "holding the handrail | holding on to a handrail"
 
 OBJECT = {
@@ -94,8 +94,8 @@ OBJECT = {
     ("jump", "floor"): "on the floor | across the floor",
     ("jump", "stair"): "beside the stairs",
     ("dance", "floor"): "across the floor | on the floor",
-    ("dance", "chair"): "around a chair | beside a chair",
-    ("dance", "ball"): "with a ball | around a ball",
+    ("dance", "chair"): "beside a chair | behind a chair",
+    ("dance", "ball"): "with a ball | holding a ball",
 }
 
 OBJECT_OF_TYPE = {
@@ -114,7 +114,7 @@ _AROUND = {
 }
 
 OBJECT_ON_THE_WAY = {
-    **{(action, *key): phrase for action in ("walk", "run", "jump") for key, phrase in _AROUND.items()},
+    **{(action, *key): phrase for action in ("walk", "run", "jump", "dance") for key, phrase in _AROUND.items()},
     ("jump", "stair", "up"): "onto a stair",
     ("jump", "stair", "down"): "from a stair",
     ("jump", "chair", "down"): "from a chair",

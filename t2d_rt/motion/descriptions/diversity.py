@@ -67,11 +67,10 @@ class Diversity:
     least_distance: float
 
     def __str__(self) -> str:
-        return (
-            f"{self.count} sentences, distinct-1 {self.distinct_1:.3f}, distinct-2 {self.distinct_2:.3f}, token "
-            "distance of pairs "
-            f"{self.mean_distance:.3f} on average and {self.least_distance:.3f} at least"
-        )
+        said = f"{self.count} sentence{'s' * (self.count > 1)}, distinct-1 {self.distinct_1:.3f}, distinct-2 {self.distinct_2:.3f}"
+        if self.count < 2:
+            return said
+        return f"{said}, token distance of pairs {self.mean_distance:.3f} on average and {self.least_distance:.3f} at least"
 
 
 def diversity(descriptions: Sequence[Description | str]) -> Diversity:

@@ -37,7 +37,7 @@ class Draft:
     returns: bool = False
     """Whether it goes "back", which behind a turn is forward again."""
     cause: str = ""
-    """Words that tell what brings a fall about."""
+    """Words that tell the type of a fall or of a gait."""
 
     def get(self, slot: str) -> object:
         """What the sentence says of a slot, or else what the verb implies."""
@@ -63,6 +63,10 @@ class Reader:
 
     clauses: list[Clause] = field(default_factory=lambda: [Clause("")])
     ignored: list[str] = field(default_factory=list)
+    denied_actions: list[str] = field(default_factory=list)
+    """Verbs of actions that do not happen."""
+    recovers: bool = False
+    """Whether a fall does not happen, or balance is regained."""
     subject: str = "person"
     subject_known: bool = False
     dead: bool = False
@@ -93,7 +97,8 @@ class Reader:
         elif item.kind == "other":
             self.dead, self.denied, self.attending = True, False, False
             self.ignored.append(item.words)
-        elif item.kind in ("unknown", "reported"):
+        elif item.kind in ("unknown", "reported", "recover"):
+            self.recovers = self.recovers or item.kind == "recover"
             self.ignored.append(item.words)
         elif item.kind == "attend":
             if item.slots or self.denied:
@@ -109,6 +114,8 @@ class Reader:
         self.denied = False
         if self.dead:
             self.ignored.append(item.words)
+            self.denied_actions.append(item.words)
+            self.recovers = self.recovers or item.slots["action"] == "fall"
             return
         implied = dict(item.slots)
         draft = Draft(
@@ -142,9 +149,8 @@ class Reader:
         else:
             self.dead = self.dead and join == "and"
             self.denied = self.denied and join == "and"
-        if clause.steps or clause.pending:
-            if not clause.steps and self._last():
-                self.settle()
+        if clause.steps or (clause.pending and self._last()):
+            self.settle()
             self.clauses.append(Clause(join))
             return
         if join != ",":
@@ -216,8 +222,16 @@ class Reader:
 
 def attach(draft: Draft, item: Item, ignored: list[str]) -> None:
     """Says of a step what an item says; raises where it says the contrary of what was said before."""
-    if item.kind == "cause":
+    if item.kind in ("cause", "gait"):
         draft.cause = item.words
+    part = draft.get("body_part")
+    if (
+        item.kind == "part"
+        and part is not None
+        and (part, draft.get("side")) != (item.slots["body_part"], item.slots.get("side"))
+    ):
+        ignored.append(item.words)
+        return
     stairs = item.slots.get("object") == "stair" and draft.get("direction") in ("up", "down")
     if stairs and draft.action == "walk" and draft.get("type") is None:
         draft.action, draft.weak = "climb", False

@@ -5,6 +5,8 @@ What is written and how is dealt like cards, so that a few dozen sentences of a 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from t2d_rt.checks import choice, integer
@@ -54,12 +56,11 @@ def grammar_descriptions(activity: Activity, count: int, *, seed: int = 0) -> li
     """
     choice("activity", activity, ACTIVITIES)
     count = integer("count", count, 1, MOST_DESCRIPTIONS)
-    rng = np.random.default_rng([integer("seed", seed), ACTIVITIES.index(activity)])
-    dealer = Dealer(rng)
+    dealer = dealer_of(activity, seed)
     gathered = Gathered()
     refused = 0
     while len(gathered) < count:
-        if gathered.add(_drawn(activity, dealer)):
+        if gathered.add(_described(activity, dealer)):
             refused = 0
             continue
         refused += 1
@@ -71,17 +72,35 @@ def grammar_descriptions(activity: Activity, count: int, *, seed: int = 0) -> li
     return gathered.descriptions
 
 
-def _drawn(activity: Activity, dealer: Dealer) -> Description:
-    plans = PLANS[activity]
-    plan: Plan = dealer.pick(tuple(each for each in plans for _ in range(each.weight)), "plan")
+def dealer_of(activity: Activity, seed: int) -> Dealer:
+    """A dealer of a class: other classes do not depend on what it deals."""
+    return Dealer(np.random.default_rng([integer("seed", seed), ACTIVITIES.index(activity)]))
+
+
+class Drawn(NamedTuple):
+    """What a description is to say, before it is put into words."""
+
+    main: Step
+    before: tuple[Step, ...]
+    after: tuple[Step, ...]
+    subject: str
+
+
+def drawn(activity: Activity, dealer: Dealer) -> Drawn:
+    """Properties of one description of a class."""
+    plan: Plan = dealer.pick(tuple(each for each in PLANS[activity] for _ in range(each.weight)), "plan")
     name = f"{plan.action} {plan.type}"
     main = _main(plan, dealer, name)
     before = _steps(plan.before, dealer, f"before {name}")
     after = _steps(plan.after, dealer, f"after {name}")
     if any(each.object == main.object for each in (*before, *after)):
         main = main.model_copy(update={"object": None})
-    subject = dealer.word(SUBJECT_DECK, "subject")
-    sentence = _sentence((*before, main, *after), len(before), str(subject), dealer)
+    return Drawn(main, before, after, str(dealer.word(SUBJECT_DECK, "subject")))
+
+
+def _described(activity: Activity, dealer: Dealer) -> Description:
+    main, before, after, subject = drawn(activity, dealer)
+    sentence = _sentence((*before, main, *after), len(before), subject, dealer)
     return Description(
         activity=activity, subject=subject, before=before, after=after, sentence=sentence, **main.model_dump()
     )

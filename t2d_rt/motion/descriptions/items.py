@@ -100,6 +100,8 @@ def _entries() -> Iterator[Entry]:
     for kind, phrases in (("attend", lexicon.ATTENDING), ("other", lexicon.OTHER_ACTIONS)):
         for phrase in phrases.split("|"):
             yield from _verb_entries(phrase.strip(), kind, {})
+    for phrase in lexicon.RECOVERING.split("|"):
+        yield from _verb_entries(phrase.strip(), "recover", {})
     for _, slots, phrase in meanings(lexicon.ATTENDING_PARTS):
         yield from _verb_entries(phrase, "attend", slots)
     modifiers = (lexicon.ADVERBS, lexicon.PHRASES, lexicon.ADJECTIVES, lexicon.MORE_MODIFIERS)
@@ -134,7 +136,7 @@ def _index() -> dict[str, list[Entry]]:
         if entry.tokens:
             found.setdefault(entry.tokens[0], []).append(entry)
     return {
-        word: sorted(entries, key=lambda entry: (-len(entry.tokens), entry.kind == "other"))
+        word: sorted(entries, key=lambda entry: (-len(entry.tokens), GAP in entry.tokens, entry.kind == "other"))
         for word, entries in found.items()
     }
 
@@ -249,9 +251,12 @@ def _meant(word: str) -> str | None:
     letters = "abcdefghijklmnopqrstuvwxyz"
     places = range(len(word) + 1)
     near = {word[:n] + word[n + 1 :] for n in places[1:-1]}
-    near |= {word[:n] + word[n + 1] + word[n] + word[n + 2 :] for n in places[:-2]}
+    exchanged = {word[:n] + word[n + 1] + word[n] + word[n + 2 :] for n in places[:-2]}
     near |= {word[:n] + letter + word[n:] for n in places for letter in letters}
     if len(word) >= SHORTEST_SWAP:
         near |= {word[:n] + letter + word[n + 1 :] for n in places[1:-1] for letter in letters}
-    found = {each for each in near & known if len(each) >= SHORTEST_SLIP}
-    return found.pop() if len(found) == 1 else None
+    for guesses in (exchanged, exchanged | near):  # two exchanged letters are the likeliest
+        found = {each for each in guesses & known if len(each) >= SHORTEST_SLIP}
+        if len(found) == 1:
+            return found.pop()
+    return None

@@ -51,7 +51,8 @@ MORE_VERBS = {
     "run speed=slow": "go for a jog",
     "run speed=fast": "bolt",
     "turn": "spin | swivel | revolve | do a turn | make a turn | veer | circle",
-    "turn direction=back": "turn ~ around | rotate ~ around | pivot ~ around | turn around | spin around | "
+    "turn direction=back": "turn ~ around | rotate ~ around | pivot ~ around | turn 180 degrees | "
+    "turn by 180 degrees | turn around | spin around | "
     "pivot around | rotate around | swivel around | turn round | turn back | about face | do a u turn | "
     "turn about",
     "climb": "ascend | clamber | mount",
@@ -61,7 +62,8 @@ MORE_VERBS = {
     "stay standing | keep standing | stand there",
     "sit": "sit | be seated | sit ~ down | sit on | take ~ seat | perch | settle down | have a seat | plop down | "
     "seat | flop down",
-    "stand_up": "stand ~ up | get ~ up | rise ~ up | arise | get back up | stand back up | rise to {his} feet | "
+    "stand_up": "stand ~ up | get ~ up | rise ~ up | arise | get back up | stand back up | get out of | "
+    "rise to {his} feet | "
     "come to {his} feet | "
     "struggle to {his} feet | get back to {his} feet | get on {his} feet | get back on {his} feet | "
     "jump to {his} feet | "
@@ -125,6 +127,13 @@ ATTENDING_PARTS = {
 }
 """Verbs of certain limbs."""
 
+RECOVERING = (
+    "regain {his} balance | regain balance | recover | recover {his} balance | keep {his} balance | catch himself | "
+    "catch herself | catch themself | catch themselves | steady himself | steady herself | stay upright | "
+    "stay on {his} feet"
+)
+"""What says that somebody does not fall."""
+
 OTHER_ACTIONS = (
     "kick | punch | throw | point | wave | crawl | swim | catch | slap | push | pull | drink | eat | write | wash | "
     "brush {his} teeth | "
@@ -179,7 +188,8 @@ MORE_MODIFIERS = {
     "as fast as possible | rushed | swift | "
     "rapid | brisk | with quick steps | at high speed | at a brisk pace | abruptly | energetically | in a rush | "
     "hurried | faster | quicker",
-    "speed=normal": "at normal speed | normally | at a regular pace | with a normal gait",
+    "speed=normal": "at normal speed | normally | at a regular pace | at a moderate pace | at a steady pace | "
+    "with a normal gait",
     "manner=careful": "warily | with care | as if afraid of falling | timidly | tentatively | wary | gingerly | "
     "quietly | sneakily | "
     "stealthily | hesitantly | watchfully | safely",

@@ -14,7 +14,7 @@ SUBJECTS = {
 
 MORE_SUBJECTS = {
     "person": "somebody | individual | subject | patient | human | people | figure | walker | pedestrian | dancer | "
-    "runner | they | "
+    "runner | they | i | you | we | "
     "adult person | teenager | athlete | worker | nurse | player | young person | everyone | actor | user | zombie | "
     "character | persons",
     "man": "he | guy | gentleman | male | men | lad | fellow | father | husband | boyfriend",
@@ -137,7 +137,8 @@ MORE_GAITS = {
     "staggering gait | wide-based gait | wide based gait | cerebellar gait | off balance | as if on a ship | "
     "like a drunk | "
     "in a drunken manner | wobbly | staggering",
-    "scissor": "scissor gait | scissoring | scissoring gait | scissors gait | spastic gait | diplegic gait | "
+    "scissor": "like scissors | scissors | scissor gait | scissoring | scissoring gait | scissors gait | "
+    "spastic gait | diplegic gait | "
     "spastic diplegia | knees crossing | "
     "crossing {his} legs at every step | crossing {his} legs at each step | crossing {his} knees at every step | "
     "cerebral palsy | scissor",
@@ -175,7 +176,7 @@ if like gets starts start starting begins begin beginning continues continue con
 ends ending performs performing within would could will shall may another direction long end middle front against let
 lets lightly simply casually land lands landing landed wall hurts hurt lap bare painful because stick pockets tips
 raised folded crossed clenched open heavy light tired stiff soft shaky trembling hanging dangling far pressed close
-held help head exercise hardly balance away too something somewhere object objects thing things feeling feels feel
+held help head exercise legged hardly balance away too something somewhere object objects thing things feeling feels feel
 seems seem appears appear we us our
 """
 NEUTRAL = frozenset(_NEUTRAL.split())
@@ -202,8 +203,9 @@ FIXED = (
 """Phrases that fill no slot and are not reported, although they hold words that elsewhere do."""
 
 REPORTED = (
+    "two people | two persons | three people | two men | two women | two children | both people | "
     "back and forth | to and fro | forth and back | forward and backward | forwards and backwards | "
-    "from side to side | side to side | sideways | "
+    "from side to side | side to side | from left to right | from right to left | sideways | "
     "backward and forward | backwards and forwards | back to | back into | in all directions"
 )
 """Phrases that are reported as not understood as a whole."""

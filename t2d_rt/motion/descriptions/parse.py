@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from t2d_rt.checks import shown, text
 from t2d_rt.errors import InputError
 from t2d_rt.motion.descriptions.drafts import Draft, Opposite, Reader, merged
+from t2d_rt.motion.descriptions.inflect import forms
 from t2d_rt.motion.descriptions.items import items_of
 from t2d_rt.motion.descriptions.slots import (
     ACTIONS_OF,
@@ -35,6 +36,10 @@ RANK = {
 }  # fmt: skip
 """The action of highest rank is the main one, the first where there are several; a disturbed walk comes after a fall."""
 GAIT_RANK = 9
+NEAR_FALLS = frozenset(
+    form for verb in ("slip", "trip", "stumble", "skid", "slide", "lose", "catch", "buckle") for form in forms(verb)
+)
+"""First words of what need not end in a fall."""
 MOVING = "walk", "run", "climb"
 
 UNDERSTOOD = (
@@ -72,7 +77,7 @@ def parse_description(sentence: str) -> Parsed:
     try:
         for item in items:
             reader.read(item)
-        drafts = _settled(reader.ordered(), reader.ignored)
+        drafts = _settled(_happening(reader), reader.ignored)
     except Opposite as error:
         directions, verb = error.args
         raise InputError(
@@ -85,7 +90,7 @@ def parse_description(sentence: str) -> Parsed:
 
 
 def _checked(sentence: str) -> str:
-    sentence = " ".join(text("a description", sentence, hint=" such as 'a person walks slowly forward'").split())
+    sentence = " ".join(text("a description", sentence, hint="write it as 'a person walks slowly forward'").split())
     if not any(char.isalpha() for char in sentence):
         raise InputError(
             f"a description needs words, got {shown(sentence)}; write what a person does, as 'a man sits down'"
@@ -99,6 +104,16 @@ def _checked(sentence: str) -> str:
     if sum(char.isascii() for char in letters) < len(letters) / 2:
         raise InputError(f"a description is an English sentence, got {shown(sentence)}; translate it")
     return sentence
+
+
+def _happening(reader: Reader) -> list[Draft]:
+    """The steps, without slips and stumbles from which the sentence says that nobody falls."""
+    drafts = reader.ordered()
+    kept = [each for each in drafts if not (reader.recovers and each.words.split()[0] in NEAR_FALLS)]
+    lost = [each.words for each in drafts if each not in kept]
+    reader.ignored += lost
+    reader.denied_actions += lost
+    return kept
 
 
 def _settled(drafts: list[Draft], ignored: list[str]) -> list[Draft]:
@@ -121,6 +136,11 @@ def _settled(drafts: list[Draft], ignored: list[str]) -> list[Draft]:
             found[-1] = together
         else:
             found.append(draft)
+    for draft in found:
+        level = draft.action in ("walk", "run") and draft.get("object") != "stair"
+        if level and draft.get("direction") in ("up", "down"):  # up to the door, down the street
+            ignored.append(str(draft.get("direction")))
+            draft.said.pop("direction")
     return found
 
 
@@ -209,6 +229,11 @@ def _description(drafts: list[Draft], reader: Reader, sentence: str) -> tuple[De
 
 
 def _check_any(drafts: list[Draft], reader: Reader) -> None:
+    if not drafts and reader.denied_actions:
+        words = ", ".join(reader.denied_actions[:6])
+        raise InputError(
+            f"the sentence tells only what does not happen, or nearly ({words}); describe what does: {UNDERSTOOD}"
+        )
     if not drafts and reader.ignored:
         words = ", ".join(reader.ignored[:6])
         raise InputError(f"no activity was understood in the sentence (not understood: {words}); describe {UNDERSTOOD}")
@@ -228,7 +253,8 @@ def _step_fields(draft: Draft, ignored: list[str]) -> dict[str, object]:
             raise InputError(f"the sentence is contradictory: nobody falls {direction}; falls go {', '.join(allowed)}")
         ignored.append(str(fields.pop("direction")))
     if fields.get("type") in GAIT_TYPES and draft.action != "walk":
-        ignored.append(str(fields.pop("type")))
+        fields.pop("type")
+        ignored.append(draft.cause or draft.words)
     count, duration = fields.get("count"), fields.get("duration_s")
     if count is not None and not (isinstance(count, int) and 1 <= count <= MOST_TIMES):
         raise InputError(f"an action is done 1 to {MOST_TIMES} times, got {count}; write a whole number of times")
