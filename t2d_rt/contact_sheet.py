@@ -29,8 +29,8 @@ PIXELS_PER_M = 84
 OVERSAMPLING = 2
 """The z-buffer has that many pixels along each side of a pixel of the sheet."""
 
-BELOW_M, LEAST_HEIGHT_M, LEAST_WIDTH_M, MARGIN_M = 0.15, 2.0, 1.3, 0.12
-"""What a cell shows under the floor, its least height over the floor and width, and what it leaves free at its sides."""
+BELOW_M, LEAST_HEIGHT_M, LEAST_WIDTH_M, MARGIN_M, HEADROOM_M = 0.15, 2.0, 1.3, 0.12, 0.2
+"""What a cell shows under the floor, its least height over the floor and width, and what it leaves free at its sides and above."""
 
 TRAVEL_M = 0.5
 """Motions that get no farther are seen from the side of where the person faces at the beginning."""
@@ -39,6 +39,9 @@ COLOURS = {"": (0.80, 0.78, 0.74), "left": (0.42, 0.60, 0.85), "right": (0.88, 0
 """Of trunk and head, and of the limbs of either side."""
 PAPER, FLOOR, LINE = 1.0, 0.93, 0.55
 """Grey levels of what is above the floor and below it, and of the floor's line."""
+
+DPI, LABELS_IN, TITLE_IN = 160, 1.6, 0.35
+"""Pixels an inch of a sheet, and room for labels and for the title [inch]."""
 
 LIGHT = np.array([0.35, 0.80, 0.50])
 """Direction to the light in the picture's frame: right, toward the camera, up."""
@@ -69,7 +72,7 @@ def contact_sheet(
         raise InputError(f"labels must be as many as the {len(rows)} motions, got {len(names)}")
     projected = [_projected(motion, body, columns, view_deg) for motion in rows]
     faces = template(body).faces
-    high = max(LEAST_HEIGHT_M, max(float(each[..., 2].max()) for each in projected) + MARGIN_M)
+    high = max(LEAST_HEIGHT_M, max(float(each[..., 2].max()) for each in projected) + HEADROOM_M)
     spans = [float(np.ptp(cell[:, 0])) for each in projected for cell in each]
     size = max(LEAST_WIDTH_M, max(spans) + MARGIN_M), high
     colour = face_colours(body)
@@ -152,8 +155,10 @@ def _figure(
 ) -> Figure:
     rows, columns = len(labels), len(times[0])
     height, width = image.shape[0] / rows, image.shape[1] / columns
-    figure = blank_figure(image.shape[1] / 160 + 1.4, image.shape[0] / 160 + 0.4)
-    axes: Axes = figure.add_subplot()
+    wide, tall = image.shape[1] / DPI + LABELS_IN, image.shape[0] / DPI + TITLE_IN
+    figure = blank_figure(wide, tall)
+    figure.set_layout_engine("none")  # labels stand outside of the axes, which a layout engine takes no notice of
+    axes: Axes = figure.add_axes((1 - image.shape[1] / DPI / wide, 0, image.shape[1] / DPI / wide, 1 - TITLE_IN / tall))
     axes.imshow(image, interpolation="none", aspect="equal")
     for row, (label, instants) in enumerate(zip(labels, times, strict=True)):
         axes.axhline(row * height - 0.5, color="0.75", linewidth=0.5)

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from t2d_rt.motion.check.falls import FallFinding
-from t2d_rt.motion.check.gait import Gait, gait_of
+from t2d_rt.motion.check.gait import UPRIGHT, Gait, gait_of, travels
 from t2d_rt.motion.check.limits import Limits
 from t2d_rt.motion.check.support import airborne, contacts, flights_s
 from t2d_rt.motion.check.tracks import RATE_HZ, Tracks, angle_deg, rate_of, spans
@@ -22,12 +22,15 @@ from t2d_rt.motion.descriptions.slots import Activity
 UP = np.array([0.0, 0.0, 1.0])
 
 SIGN_MARGIN = 0.35
-"""A figure of a gait is a sign of an abnormal one where it lies outside the range of normal walks by that fraction of the range: one
-of 68 recorded normal walks has a sign."""
+"""A figure of a gait is a sign of an abnormal one where it lies outside the range of normal walks by that fraction of the range:
+one of 68 recorded normal walks has a sign."""
 
 MOST_SIGNS = 3
 """A normal walk has fewer: a slow one has short steps and a low cadence. As many figures outside the range itself are signs, too: 4
 of the 68 have them."""
+
+TURN_DEG = 45.0
+"""Change of heading from which a walk is no straight one: its inner steps are shorter, and the trunk leans."""
 
 STAIRS_M = 0.12
 """Range of the levels of planted feet from which a walk goes over stairs."""
@@ -45,10 +48,16 @@ class Evidence:
     gait: Gait
     limits: Limits
 
+    def pieces(self, least_mps: float, *, gap_s: float) -> list[Evidence]:
+        """Those in which the body goes at that speed, the one that gets farthest first."""
+        return [Evidence(each, gait_of(each), self.limits) for each in travels(self.body, least_mps, gap_s=gap_s)]
+
     @property
-    def duration_s(self) -> float:
-        """Of the motion."""
-        return len(self.body.joints) / RATE_HZ
+    def turn_deg(self) -> float:
+        """By how much the direction changes that the body faces; its swing with each step does not count."""
+        angle = np.unwrap(np.arctan2(self.body.facing[:, 1], self.body.facing[:, 0]))
+        width = min(round(RATE_HZ), len(angle))
+        return float(np.degrees(np.ptp(np.convolve(angle, np.full(width, 1 / width), mode="valid"))))
 
     @property
     def hips(self) -> np.ndarray:
@@ -65,24 +74,36 @@ def class_faults(expected: Activity, body: Tracks, fall: FallFinding, limits: Li
 
 
 def _walking(seen: Evidence) -> list[str]:
-    levels = [float(each.place[2]) for each in contacts(seen.body)]
-    if levels and np.ptp(levels) > STAIRS_M:
-        return _steps(seen, (20, 160), (0.05, 2.5)) + _no_flight(seen)
-    signs = gait_signs(seen.gait, seen.limits)
-    faults = _steps(seen, (60, 160), (0.15, 2.5)) + _no_flight(seen)
-    if len(signs) >= MOST_SIGNS:
-        faults.append(f"the gait is not a normal one: {', '.join(signs)}")
-    return faults
+    """Of walking, climbing stairs and turning; what comes before and after it is another matter."""
+    faults = []
+    for piece in seen.pieces(0.2, gap_s=0.5):
+        faults = _steps(piece, (20, 160) if _on_stairs(piece) else (60, 160), (0.15, 2.5)) + _no_flight(piece)
+        signs = gait_signs(piece.gait, seen.limits)
+        if len(signs) >= MOST_SIGNS and piece.turn_deg < TURN_DEG and not _on_stairs(piece):
+            faults.append(f"the gait is not a normal one: {', '.join(signs)}")
+        if not faults:
+            return []
+    if seen.turn_deg > TURN_DEG and seen.hips.min() > UPRIGHT:
+        return _no_flight(seen)
+    return faults or ["nobody walks: the hips go nowhere at 0.2 m/s or more, and the body does not turn"]
 
 
 def _abnormal_walking(seen: Evidence) -> list[str]:
-    faults = _steps(seen, (20, 260), (0.03, 2.5)) + _no_flight(seen)
-    if not gait_signs(seen.gait, seen.limits) and len(gait_signs(seen.gait, seen.limits, margin=0.0)) < MOST_SIGNS:
+    pieces = seen.pieces(0.05, gap_s=6.0)  # a gait that freezes goes on
+    if not pieces:
+        return ["nobody walks: the hips go nowhere at 0.05 m/s or more"]
+    piece = pieces[0]
+    faults = _steps(piece, (20, 260), (0.03, 2.5)) + _no_flight(piece)
+    if not gait_signs(piece.gait, seen.limits) and len(gait_signs(piece.gait, seen.limits, margin=0.0)) < MOST_SIGNS:
         faults.append(
-            "the gait is a normal one: step length, timing, width, lift, posture and arm swing are those of recorded "
-            "walks"
+            "the gait is a normal one: step length, timing, width, lift, posture and arm swing are those of recorded walks"
         )
     return faults
+
+
+def _on_stairs(seen: Evidence) -> bool:
+    levels = [float(each.place[2]) for each in contacts(seen.body)]
+    return bool(levels and np.ptp(levels) > STAIRS_M)
 
 
 def gait_signs(gait: Gait, limits: Limits, *, margin: float = SIGN_MARGIN) -> list[str]:
@@ -118,14 +139,17 @@ def _no_flight(seen: Evidence) -> list[str]:
 
 
 def _running(seen: Evidence) -> list[str]:
-    faults = _steps(seen, (120, 260), (1.4, 9.0))
-    flying = float(airborne(seen.body).mean())
-    planted = np.zeros(len(seen.body.joints), bool)
-    for each in contacts(seen.body):
-        planted[each.start : each.stop] = True
-    if flying < 0.03 and planted.mean() > 0.8:
-        faults.append(f"a foot is on the floor for {planted.mean():.0%} of the time: no flight between steps")
-    return faults
+    faults = []
+    for piece in seen.pieces(0.9, gap_s=0.2):
+        faults = _steps(piece, (120, 260), (0.9, 9.0))
+        planted = np.zeros(len(piece.body.joints), bool)
+        for each in contacts(piece.body):
+            planted[each.start : each.stop] = True
+        if airborne(piece.body).mean() < 0.03 and planted.mean() > 0.8:
+            faults.append(f"a foot is on the floor for {planted.mean():.0%} of the time: no flight between steps")
+        if not faults:
+            return []
+    return faults or ["nobody runs: the hips go nowhere at 0.9 m/s or more"]
 
 
 def _jumping(seen: Evidence) -> list[str]:

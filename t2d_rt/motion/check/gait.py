@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.motion.check.tracks import RATE_HZ, Tracks, rate_of, unit
+from t2d_rt.motion.check.tracks import RATE_HZ, Tracks, rate_of, spans, unit
 
 HEADING_S = 1.0
 """Time over which the direction that the body faces is averaged: the pelvis turns with each step."""
 
 LEAST_STEP = 0.02
 """Distance of the ankles along the heading, over stature, that the foot in front must gain on the other to be a step."""
+
+UPRIGHT = 0.75
+"""Least height of the hips of one who walks or runs, over the length of the leg."""
 
 HALTED_MPS = 0.10
 """A walker whose hips are slower, on average over half a second, stands."""
@@ -95,6 +98,20 @@ def gait_of(body: Tracks) -> Gait:
         arm_swing=float(np.mean([np.percentile(each, 95) - np.percentile(each, 5) for each in wrists])),
         halted_s=float(slow[peaks[0] : peaks[-1]].sum()) / RATE_HZ if len(peaks) > 1 else 0.0,
     )  # fmt: skip
+
+
+def travels(body: Tracks, least_mps: float, *, gap_s: float = 0.5, least_s: float = 0.8) -> list[Tracks]:
+    """Pieces in which an upright body goes at a speed or faster, averaged over a second, the one that gets farthest first."""
+    speed = np.linalg.norm(rate_of(body["hips"])[:, :2], axis=-1)
+    width = min(round(RATE_HZ), len(speed))
+    # At the ends the mean is over what there is.
+    mean = np.convolve(speed, np.ones(width), mode="same") / np.convolve(
+        np.ones(len(speed)), np.ones(width), mode="same"
+    )
+    upright = body["hips"][:, 2] > UPRIGHT * body.leg_m
+    found = spans((mean > least_mps) & upright, gap=round(gap_s * RATE_HZ), least=round(least_s * RATE_HZ))
+    found.sort(key=lambda each: -float(speed[each[0] : each[1]].sum()))
+    return [replace(body, joints=body.joints[start:stop]) for start, stop in found]
 
 
 def _heading(body: Tracks) -> np.ndarray:

@@ -34,6 +34,8 @@ class Limits:
 
     recordings: int
     """Number of recordings that the limits come from."""
+    left_out: dict[str, str]
+    """Recordings with glitches, and which."""
     at_most: dict[str, float]
     """1.25 times the 99th percentile of each measure over all recordings."""
     jumps: tuple[tuple[float, float], ...]
@@ -59,7 +61,7 @@ def limits() -> Limits:
 def limits_from(values: dict[str, Any]) -> Limits:
     """Limits as `validation.motions.limits` writes them."""
     return Limits(
-        recordings=values["recordings"], at_most=values["at_most"],
+        recordings=values["recordings"], left_out=values["left_out"], at_most=values["at_most"],
         jumps=tuple((float(rate), float(jump)) for rate, jump in values["jumps"]), walks=values["walks"],
         gait={name: (low, high) for name, (low, high) in values["gait"].items()}, by_class=values["by_class"],
     )  # fmt: skip

@@ -11,8 +11,9 @@ from t2d_rt.motion.check.tracks import GRAVITY_MPS2, RATE_HZ, Tracks, rate_of, s
 FOOT_POINTS = "ankle", "foot", "toe"
 
 RADII = {
-    "pelvis": 0.03, "hip": 0.03, "spine1": 0.015, "spine2": 0.015, "spine3": 0.015, "collar": 0.015, "shoulder": 0.015, "neck": 0.015,
-    "head": 0.025, "knee": 0.012, "elbow": 0.005, "wrist": 0.003, "hand": 0.0, "head_top": 0.0, "ankle": 0.0, "foot": 0.0, "toe": 0.0,
+    "pelvis": 0.03, "hip": 0.03, "spine1": 0.015, "spine2": 0.015, "spine3": 0.015, "collar": 0.015, "shoulder": 0.015,
+    "neck": 0.015, "head": 0.025, "knee": 0.012, "elbow": 0.005, "wrist": 0.003, "hand": 0.0, "head_top": 0.0, "ankle": 0.0,
+    "foot": 0.0, "toe": 0.0,
 }  # fmt: skip
 """Distance of a joint from the skin over stature, less 2 to 3 cm by which files place joints differently: a joint nearer to the
 floor has the body in the floor. Ankles, balls and toes stand where the file has them: readers put the floor under the lowest."""

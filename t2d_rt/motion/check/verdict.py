@@ -103,9 +103,8 @@ def _of_record(motion: Motion, measures: Measures, limits: Limits) -> list[str]:
     jump = limits.jump_m(motion.rate_hz)
     if measures.jump_m > jump:
         reasons.append(
-            f"a joint jumps by {measures.jump_m:.3f} m from one frame to the next, recorded ones at "
-            "{motion.rate_hz:g} Hz by at "
-            f"most {jump:.3f} m"
+            f"a joint jumps by {measures.jump_m:.3f} m from one frame to the next, recorded ones at {motion.rate_hz:g} Hz "
+            f"by at most {jump:.3f} m"
         )
     return reasons
 
@@ -121,9 +120,8 @@ def _of_limits(measures: Measures, limits: Limits) -> list[str]:
 
 def _of_anatomy(measures: Measures) -> list[str]:
     reasons = [
-        f"{name.removesuffix('_deg').replace('_', ' ')} reaches {measures.angles_deg[name]:.0f} degrees, at most "
-        "{limit:.0f} are "
-        f"possible: {source}"
+        f"{name.removesuffix('_deg').replace('_', ' ')} reaches {measures.angles_deg[name]:.0f} degrees, at most {limit:.0f} "
+        f"are possible: {source}"
         for name, (limit, source) in RANGES_DEG.items()
         if measures.angles_deg[name] > limit
     ]

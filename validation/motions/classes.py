@@ -1,0 +1,116 @@
+"""Each class by the default providers, judged: `python -m validation.motions.classes RECORDINGS [-n 50] [--sheets FOLDER]`.
+
+For each class: how many of n pass the filter at the first try, how many are what was asked for, why the others are not, the spectra
+and the figures against recordings of the class below the folder RECORDINGS, and how far apart the motions are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+import time
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.motion.check import Verdict, check_motion
+from t2d_rt.motion.check.limits import limits
+from t2d_rt.motion.check.population import BANDS_HZ, diversity, spectrum_difference_db
+from t2d_rt.motion.descriptions.grammar import grammar_descriptions
+from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
+from t2d_rt.motion.generate import motion_from_text
+from t2d_rt.types import Motion
+from validation.motions.limits import class_of, read
+
+LEAST_S = 0.7
+"""Shorter recordings are not compared."""
+
+
+def made(activity: Activity, count: int, seed: int) -> tuple[list[Motion], list[str]]:
+    """Motions of a class from descriptions of the grammar, and their sentences; those that fail are told."""
+    motions, sentences = [], []
+    for number, description in enumerate(grammar_descriptions(activity, count, seed=seed)):
+        try:
+            motions.append(motion_from_text(description, seed=seed + number))
+            sentences.append(description.sentence)
+        except InputError as error:
+            print(f"    not made: {description.sentence!r}: {error}")
+    return motions, sentences
+
+
+def judge(activity: Activity, motions: list[Motion], sentences: list[str]) -> list[Verdict]:
+    """Verdicts, and what is wrong."""
+    sound = [check_motion(each) for each in motions]
+    asked = [check_motion(each, expected=activity) for each in motions]
+    other = [
+        tuple(reason for reason in each.reasons if reason not in plain.reasons)
+        for each, plain in zip(asked, sound, strict=True)
+    ]
+    print(f"  pass {sum(each.passed for each in sound)} of {len(motions)}, as asked {sum(not each for each in other)}")
+    for number, (plain, wrong) in enumerate(zip(sound, other, strict=True)):
+        for reason in (*plain.reasons, *(f"NOT AS ASKED: {each}" for each in wrong)):
+            print(f"    {number}: {sentences[number][:70]}: {reason}")
+    words = Counter(" ".join(reason.split()[:4]) for each in sound for reason in each.reasons)
+    print(f"  reasons: {dict(words.most_common())}")
+    return sound
+
+
+def compare(activity: Activity, motions: list[Motion], verdicts: list[Verdict], recorded: list[Motion]) -> None:
+    """Spectra, figures and diversity against recordings."""
+    own = diversity(motions)
+    print(f"  distances of pairs: median {own.median_m:.3f} m, least {own.least_m:.3f} m")
+    if len(recorded) > 1:
+        theirs = diversity(recorded)
+        print(f"  of {len(recorded)} recordings: median {theirs.median_m:.3f} m, least {theirs.least_m:.3f} m")
+    if recorded:
+        difference = spectrum_difference_db(motions, recorded)
+        told = ", ".join(
+            f"{low:g}-{high:g} Hz {each:+.1f}"
+            for low, high, each in zip(BANDS_HZ, BANDS_HZ[1:], difference, strict=False)
+        )
+        print(f"  spectrum over that of recordings [dB]: {told}")
+    bounds = limits().by_class.get(activity, {})
+    for name in ("foot_skate_m", "jerk_mps3", "floor_penetration_m") if bounds else ():
+        values = np.array([getattr(each.measures, name) for each in verdicts])
+        print(
+            f"  {name}: 95th percentile {np.percentile(values, 95):.4g}, of recordings {bounds[name]:.4g} (n = {bounds['n']:.0f})"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("recordings", type=Path)
+    parser.add_argument("-n", type=int, default=50)
+    parser.add_argument("--class", dest="only", choices=ACTIVITIES)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--sheets", type=Path)
+    options = parser.parse_args()
+    warnings.simplefilter("ignore", T2DWarning)
+    left_out = limits().left_out
+    recordings = {
+        name: each
+        for name, each in read(options.recordings).items()
+        if name not in left_out and each.duration_s > LEAST_S
+    }
+    for activity in [options.only] if options.only else ACTIVITIES:
+        start = time.perf_counter()
+        motions, sentences = made(activity, options.n, options.seed)
+        if not motions:
+            print(f"{activity}: none made")
+            continue
+        print(f"{activity}: {len(motions)} made, {(time.perf_counter() - start) / len(motions):.2f} s each")
+        verdicts = judge(activity, motions, sentences)
+        compare(activity, motions, verdicts, [each for name, each in recordings.items() if class_of(name) == activity])
+        if options.sheets is not None:
+            from t2d_rt.contact_sheet import contact_sheet
+
+            labels = ["\n".join(textwrap.wrap(each, 24)[:5]) for each in sentences[:8]]
+            options.sheets.mkdir(parents=True, exist_ok=True)
+            contact_sheet(motions[:8], labels=labels, title=activity).savefig(options.sheets / f"{activity}.png")
+
+
+if __name__ == "__main__":
+    main()
