@@ -15,6 +15,9 @@ DEPTH, MOST = 14, 90
 MOST_STEMS = 12
 """Children of one joint that are paired with one another, those with the largest limbs."""
 
+MOST_OF_BRANCH, MOST_PAIRS = 6, 24
+"""Pairs that are kept, of one branching and in all."""
+
 BEST = 40
 """Triples of each side that are compared with those of the other."""
 
@@ -72,7 +75,7 @@ class Pair:
 
 
 def limb_pairs(tree: Tree) -> list[Pair]:
-    """The likeliest pair of limbs for each two siblings that have one, the longest first."""
+    """The likeliest pair of limbs for each two siblings that have one, the best first: long, with bones alike, and named so."""
     pairs: list[Pair] = []
     for branch, children in enumerate(tree.children):
         stems = [child for child in children if "helper" not in tree.labels[child].parts]
@@ -82,7 +85,11 @@ def limb_pairs(tree: Tree) -> list[Pair]:
         largest = sorted(limbs, key=lambda stem: -max(limb.length for limb in limbs[stem]))[:MOST_STEMS]
         for first, second in combinations(largest, 2):
             pairs += _best(tree, branch, (first, second), (limbs[first], limbs[second]))
-    return sorted(pairs, key=lambda pair: -pair.length)
+    best: list[Pair] = []
+    for pair in sorted(pairs, key=lambda pair: -pair.score):
+        if sum(other.branch == pair.branch for other in best) < MOST_OF_BRANCH:
+            best.append(pair)
+    return best[:MOST_PAIRS]
 
 
 def _limbs(tree: Tree, stem: int, branch: int) -> list[Limb]:
@@ -104,12 +111,14 @@ def _limbs(tree: Tree, stem: int, branch: int) -> list[Limb]:
 
 def _bones(tree: Tree, joints: list[int], branch: int) -> list[tuple[int, int, float, int]]:
     """(upper, lower, length, joints left out) of all straight rigid stretches between joints of a limb."""
-    rows, root = [], set(tree.above(branch))
+    away = np.median(np.linalg.norm(tree.positions[:, joints] - tree.positions[:, [branch]], axis=-1), axis=0)
+    inside = {joint for joint, far in zip(joints, away, strict=True) if far <= COINCIDENT * tree.size}
+    rows, root = [], inside | set(tree.above(branch))
     for lower in joints:
         way, left_out = tree.bones[lower], 0
         apart = way > COINCIDENT * tree.size
         for upper in tree.above(tree.parents[lower]):
-            if upper in root or tree.together(upper, branch):
+            if upper in root:
                 break
             if apart:  # of several joints in one place the last carries the bone
                 rows.append((upper, lower, way, left_out))

@@ -147,13 +147,17 @@ def _trunk(tree: Tree, person: Person) -> dict[str, Source]:
 
 
 def _pelvis(tree: Tree, person: Person, hips: np.ndarray) -> int:
-    """The joint that the legs hang from, or its parent if that is named so."""
+    """The joint that the legs hang from, or one above it that is named so or much nearer to the hips (3ds Max hangs them from the
+    spine)."""
     branch = person.legs.branch
-    for joint in tree.above(branch):
-        away = float(np.median(np.linalg.norm(tree.positions[:, joint] - hips, axis=-1)))
-        if "pelvis" in tree.labels[joint].parts and away < 0.3 * person.legs.length:
-            return joint
-    return branch
+    away = {
+        joint: float(np.median(np.linalg.norm(tree.positions[:, joint] - hips, axis=-1)))
+        for joint in tree.above(branch)
+    }
+    near = [joint for joint in away if away[joint] < 0.3 * person.legs.length]
+    named = [joint for joint in near if "pelvis" in tree.labels[joint].parts]
+    nearer = [joint for joint in near if away[joint] < 0.7 * away[branch]]
+    return (named or nearer or [branch])[0]
 
 
 def _head(tree: Tree, chain: tuple[int, ...], base: int, height: Height) -> tuple[int | None, int | None, list[int]]:

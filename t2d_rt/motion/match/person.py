@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
@@ -29,7 +29,13 @@ UPRIGHT = 0.5
 OFTEN = 0.2
 """Share of poses that are to be upright: animals sit, too."""
 
-MOST_PAIRS = 14
+MOST_READINGS, MOST_TIPS = 8, 300
+"""Readings of the limbs for which a head is sought, and joints that may be its tip."""
+
+HEADS = frozenset({"neck", "head", "head_top"})
+STRANGE = frozenset({"face", "helper", "hip", "knee", "hand", "elbow"})
+"""Parts that are found on the way to the top of a head, and that are not."""
+
 HELP = "if it is one, name its joints in a flavour file (flavour=FILE.yaml, --motion.flavour FILE.yaml)"
 
 
@@ -49,13 +55,14 @@ def find_person(tree: Tree, rest: np.ndarray | None) -> tuple[Person, float]:
 
     rest: positions (N, 3) with all rotations zero, where the file has them.
     """
-    found = limb_pairs(tree)[:MOST_PAIRS]
+    found = limb_pairs(tree)
     if len(found) < 2:
         what = "no two limbs of like bones" if not found else "one pair of limbs only"
         raise InputError(
             f"the skeleton of {len(tree.names)} joints has {what} where a person has two arms and two legs; {HELP}"
         )
-    readings = [reading for legs, arms in permutations(found, 2) if (reading := _person(tree, legs, arms)) is not None]
+    built = [reading for legs, arms in permutations(found, 2) if (reading := _person(tree, legs, arms)) is not None]
+    readings = [_with_head(tree, each) for each in sorted(built, key=lambda each: -each.score)[:MOST_READINGS]]
     if not readings:
         raise InputError(
             f"the skeleton's limbs and trunk have no person's proportions (its largest pairs of limbs hang from "
@@ -100,12 +107,13 @@ def _person(tree: Tree, legs: Pair, arms: Pair) -> Person | None:
     level = [_tilt(tree, pair, up) / 0.3 for pair in (legs, arms)]
     level.append((1.0 - _parallel(tree, legs, arms)) / 0.2)  # a leg and a tail are not abreast as shoulders are
     named = _named(tree, legs, PARTS_OF_LEG, PARTS_OF_ARM) + _named(tree, arms, PARTS_OF_ARM, PARTS_OF_LEG)
-    head = _head(tree, legs, arms, shoulders, up)
-    score = (
-        legs.score + arms.score - 2.0 * np.log(tree.size) + 3.0 * named + (2.0 if head else -2.0)
-        - 0.5 * sum(each * each for each in (*build, *level))
-    )  # fmt: skip
-    return Person(legs, arms, head, float(score))
+    unlikely = 0.5 * sum(each * each for each in (*build, *level))
+    return Person(legs, arms, (), float(legs.score + arms.score - 2.0 * np.log(tree.size) + 3.0 * named - unlikely))
+
+
+def _with_head(tree: Tree, person: Person) -> Person:
+    head = _head(tree, person.legs, person.arms)
+    return replace(person, head=head, score=person.score + (2.0 if head else -2.0))
 
 
 def _tilt(tree: Tree, pair: Pair, up: np.ndarray) -> float:
@@ -128,28 +136,33 @@ def _named(tree: Tree, pair: Pair, own: frozenset[str], other: frozenset[str]) -
     return sum(bool(each & own) - bool(each & other) for each in parts) / len(parts)
 
 
-def _head(tree: Tree, legs: Pair, arms: Pair, shoulders: np.ndarray, up: np.ndarray) -> tuple[int, ...]:
+def _head(tree: Tree, legs: Pair, arms: Pair) -> tuple[int, ...]:
     """The chain above the shoulders, from the trunk's joint (not included) to its tip."""
+    shoulders = tree.middle(joints_of(arms, 0))
+    up = unit(shoulders - tree.middle(joints_of(legs, 0)))
     trunk = tree.path(legs.branch, arms.branch)
     taken = {*legs.stems, *arms.stems, *trunk}
+    stems = [
+        (stem, child)
+        for base in trunk
+        for stem in tree.children[base]
+        if stem not in taken
+        for child in tree.below(stem, 12, 60)
+    ]
+    stems = stems[:MOST_TIPS]
+    offsets = tree.positions[:, [tip for _, tip in stems]] - shoulders[:, None]
+    heights = np.median(np.sum(offsets * up[:, None], axis=-1), axis=0) / legs.length
+    asides = np.median(np.linalg.norm(np.cross(offsets, up[:, None]), axis=-1), axis=0) / legs.length
     best: tuple[float, tuple[int, ...]] = (0.0, ())
-    for base in trunk:
-        for stem in tree.children[base]:
-            if stem in taken:
-                continue
-            for tip in tree.below(stem, 12, 60):
-                offset = tree.positions[:, tip] - shoulders
-                height = float(np.median(np.sum(offset * up, axis=-1))) / legs.length
-                aside = float(np.median(np.linalg.norm(np.cross(offset, up), axis=-1))) / legs.length
-                way = tree.path(stem, tip)
-                named = sum(bool(tree.labels[joint].parts & {"neck", "head", "head_top"}) for joint in way)
-                strange = sum(
-                    bool(tree.labels[joint].parts & {"face", "helper", "hip", "knee", "hand", "elbow"}) for joint in way
-                )
-                value = min(height, 0.45) - 0.5 * max(aside - 0.1, 0.0) + 0.3 * named - 0.5 * strange - 0.005 * len(way)
-                # Neck or head: 0.00 to 0.22 of the leg above the shoulders in recorded skeletons, the vertex 0.3.
-                if -0.05 < height < 0.8 and aside < 0.35 and value > best[0]:
-                    best = value, tuple(way)
+    for (stem, tip), height, aside in zip(stems, heights, asides, strict=True):
+        if not (-0.05 < height < 0.8 and aside < 0.35):
+            continue
+        way = tree.path(stem, tip)
+        named = sum(bool(tree.labels[joint].parts & HEADS) for joint in way)
+        strange = sum(bool(tree.labels[joint].parts & STRANGE) for joint in way)
+        value = min(height, 0.45) - 0.5 * max(aside - 0.1, 0.0) + 0.3 * named - 0.5 * strange - 0.005 * len(way)
+        if value > best[0]:
+            best = float(value), tuple(way)
     return best[1]
 
 
