@@ -37,13 +37,14 @@ def load_motion(
     alone get rotations, and joints that lack are filled.
     Everything left None is detected and told in `Motion.report`.
 
-    units: length of the file's unit in metres, or its name: m, cm, mm, inch, ft or cmu.
+    units: length of the file's unit in metres, or its name: m, cm, mm, inch, ft, dm or cmu.
     up: the file's upward axis, such as "y" or "-z".
     floor: height of the floor in the file [m].
     drop_tpose: whether the calibration pose at the start is dropped.
     smooth_hz: cut-off of a low-pass filter [Hz]; null does not filter, "auto" filters at 12 Hz where the file jitters, and
         positions alone as their measured noise asks for.
-    flavour: how a BVH file names its joints, one of `t2d_rt.motion.flavours()`.
+    flavour: how a BVH file names its joints, one of `t2d_rt.motion.flavours()` or a flavour file (.yaml, see
+        `t2d_rt.motion.flavour_files`); left out, joints of any names are matched by names and form.
     rate_hz: frames per second, instead of the file's own.
     """
     path = file_path("path", path)
