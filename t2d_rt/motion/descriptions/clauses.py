@@ -39,7 +39,7 @@ class Clause:
         first, *others = self.verb.split(" and ")
         verb = " and ".join(_inflected(each, name) for each in (first, *others))
         text = " ".join(each for each in (self.before, verb, self.after) if each)
-        if self.limb.split(" ")[0].endswith("ing"):
+        if any(word.endswith("ing") for word in self.limb.split(" ")[:2]):
             return f"{text}, {self.limb}{'' if following in ',.;' else ','}"
         return f"{text} {self.limb}".strip()
 
@@ -92,19 +92,19 @@ def _modifiers(step: Step, left: Mapping[str, str], dealer: Dealer, *, adjective
     """Manner and speed in words, by where they stand; no two adverbs follow one another."""
     said = dict.fromkeys(("before", "middle", "end", "phrase", "adjective"), "")
     for slot, value in left.items():
-        ways = "before middle*2 end phrase" if not (said["middle"] or said["end"]) else "before phrase"
+        positions = "before middle*2 end phrase" if not (said["middle"] or said["end"]) else "before phrase"
         if adjectives and not said["adjective"]:
-            ways += " adjective*2"
-        way = str(dealer.word(ways, f"way of {slot}"))
+            positions += " adjective*2"
+        position = str(dealer.word(positions, f"way of {slot}"))
         if step.action == "fall":  # nobody falls happily, or in no hurry
-            way = "adjective" if slot == "manner" else str(dealer.word("middle end", "way of fall"))
-        if said[way]:
-            way = "phrase" if not said["phrase"] else "before"
-        section = {"phrase": "PHRASES", "adjective": "ADJECTIVES"}.get(way, "ADVERBS")
+            position = "adjective" if slot == "manner" else str(dealer.word("middle end", "way of fall"))
+        if said[position]:
+            position = "phrase" if not said["phrase"] else "before"
+        section = {"phrase": "PHRASES", "adjective": "ADJECTIVES"}.get(position, "ADVERBS")
         words = _words(section, slot, value)
-        if way == "before" or (step.action == "fall" and slot == "speed"):
+        if position == "before" or (step.action == "fall" and slot == "speed"):
             words = {"fast": "quickly | rapidly", "slow": "slowly"}.get(value, words)
-        said[way] = dealer.pick(words)
+        said[position] = dealer.pick(words)
     return said
 
 

@@ -22,7 +22,7 @@ VERBS = {
     "sit": "sit down | take a seat",
     "stand_up": "stand up | get up | rise | get to {his} feet",
     "lie_down": "lie down | recline",
-    "bend": "bend | stoop | lean over | bow",
+    "bend": "bend | stoop | bow",
     "squat": "squat | crouch | squat down | crouch down",
     "stretch": "stretch | do a stretch",
     "jump": "jump | leap | hop | spring",
@@ -71,7 +71,7 @@ MORE_VERBS = {
     "stand again",
     "lie_down": "lie | lie ~ down | lay down | recline | lay on | lay {his} self down",
     "bend direction=down": "lean down | stoop down | reach down | reach ~ down | bow down",
-    "bend": "stoop over | bend ~ over | lean ~ over | double over | "
+    "bend": "lean over | stoop over | bend ~ over | lean ~ over | double over | "
     "hunch | crouch over | take a bow | touch {his} toes | scoop ~ up | pick ~ up | pick up | pick | gather | scoop | "
     "reach for the floor | reach for the ground | tie {his} shoe | tie {his} shoes | tie {his} shoelaces",
     "squat": "do a squat | do squats | perform a squat | perform squats | do ~ squats | kneel | kneel down | "
