@@ -28,9 +28,9 @@ def sit_down(score: Score, who: Performer, step: Step) -> None:
 def sit_on_floor(score: Score, who: Performer, step: Step) -> None:
     """Down into a squat, hips back and down, hands to the floor behind them; then legs ahead, crossed, or knees up."""
     body = who.anatomy
-    down_s, drop_s = who.u(1.1, 1.4), who.u(0.75, 0.95)
+    down_s, drop_s = who.u(1.4, 1.75), who.u(1.0, 1.25)
     x, y = middle(score, who)
-    score.move(0.0, 0.9 * down_s, pitch=who.u(22, 30) * DEG, flex=who.u(26, 36) * DEG)
+    score.move(0.0, 0.9 * down_s, pitch=who.u(17, 24) * DEG, flex=who.u(20, 29) * DEG)
     score.move(0.05, down_s, z=score.place.floor_m + squat_m(who, who.u(132, 140) * DEG), gaze=who.u(22, 38) * DEG)
     score.put(0.05, down_s, com=(x - 0.1 * body.foot_m, y))
     for side in SIDES:
@@ -50,18 +50,20 @@ def floor_seat(score: Score, who: Performer, step: Step) -> None:
     """Sit down on the floor and get comfortable there."""
     sit_on_floor(score, who, step)
     how = str(who.rng.choice(["ahead", "crossed", "knees up"], p=[0.35, 0.4, 0.25]))
-    legs_s = who.u(0.8, 1.1)
+    legs_s = who.u(0.6, 0.75)
     hips = score.at("hips")
     for number, side in enumerate((who.handed, OTHER[who.handed])):
-        after = number * who.u(0.15, 0.35)
+        after = number * who.u(0.7, 0.9) * legs_s
+        if how == "knees up":
+            continue
         if how == "ahead":
             _extend_leg(score, who, side, after, legs_s, bent=who.u(0.955, 0.975))
         elif how == "crossed":
             ankle = hips[0] + who.u(0.34, 0.40) * who.anatomy.leg_m, -SIGN[side] * who.u(0.04, 0.08), HEEL * who.tall - who.anatomy.sole_m + 0.045 * number
             score.put(after, legs_s, **{side: ankle})
             score.move(after, legs_s, **{f"{side}_loose": 1.0, f"{side}_splay": who.u(62, 74) * DEG, f"{side}_tip": 0.0})
-        score.hump(after, 0.8 * legs_s, **{f"{side}_z": 0.04})
-    score.wait(0.5 * legs_s)
+        score.hump(after, 0.9 * legs_s, **{f"{side}_z": who.u(0.06, 0.10)})
+    score.wait(legs_s)
     leaning = how == "ahead" and who.chance(0.45)
     up_s = who.u(0.8, 1.1)
     slump = who.traits["flex"]
@@ -73,7 +75,7 @@ def floor_seat(score: Score, who: Performer, step: Step) -> None:
         for side in SIDES:
             score.reach(side, OnBone(along=along + who.u(-0.03, 0.03)), who.u(0.0, 0.2), up_s, 0.05)
     score.move(0.1, up_s, gaze=who.traits["gaze"] + who.u(0, 8) * DEG, look=who.about(0, 8) * DEG)
-    score.wait(up_s + legs_s * 0.5 + who.u(0.4, 0.9))
+    score.wait(up_s + legs_s * 0.7 + who.u(0.4, 0.9))
     score.notes.append({"ahead": "legs ahead", "crossed": "cross-legged", "knees up": "knees up"}[how])
 
 
@@ -124,13 +126,14 @@ def _recline(score: Score, who: Performer) -> None:
     _hands_behind(score, who, x, -0.2, 0.5)
     bends = who.chance(0.3)
     for number, side in enumerate((who.handed, OTHER[who.handed])):
-        after = who.u(0.0, 0.2) + 0.25 * number
-        if not bends:
-            _extend_leg(score, who, side, after, 0.8 * down_s, bent=who.u(0.965, 0.982))
+        if not bends:  # one after the other, so that a heel is down meanwhile
+            after = (who.u(0.0, 0.1) + 0.4 * number) * down_s
+            _extend_leg(score, who, side, after, 0.42 * down_s, bent=who.u(0.965, 0.982))
+            score.hump(after, 0.4 * down_s, **{f"{side}_z": who.u(0.06, 0.10)})
     score.put(0.1 * down_s, 0.8 * down_s, hips=(x - 0.02, y, body.back_m))
     score.move(0.0, down_s, pitch=-90 * DEG, look=0.0)
     score.move(0.0, 0.5 * down_s, flex=who.u(34, 44) * DEG)
-    score.move(0.42 * down_s, 0.62 * down_s, flex=who.u(3, 7) * DEG)
+    score.move(0.42 * down_s, 0.62 * down_s, flex=who.u(-4, 2) * DEG)
     score.move(0.0, 0.5 * down_s, gaze=-10 * DEG)
     score.move(0.5 * down_s, 0.65 * down_s, gaze=-who.u(72, 84) * DEG)
     _arms_of_rest(score, who, 0.45 * down_s, 0.75 * down_s)
@@ -159,13 +162,14 @@ def _onto_bed(score: Score, who: Performer) -> None:
     home = score.place
     hips = home.world(x - who.u(0.14, 0.20) * body.leg_m, y - sign * 0.06)
     hand = home.world(x - 0.05, y + sign * 0.30 * who.tall / 1.72, bed_m + 0.03 * who.tall)
-    score.reach(head, InSpace(point=hand, elbow=(-0.6, 0.7, 0.2), fingers=(0.2, 1.0, 0.0), yaw_rad=home.yaw_rad), 0.0, 0.7, 0.05)
+    score.reach(head, InSpace(point=hand, elbow=(0.6, 0.3, 0.5), fingers=(0.2, 1.0, 0.0), yaw_rad=home.yaw_rad), 0.0, 0.7, 0.05)
     score.reach(OTHER[head], OnBone(along=who.u(0.45, 0.6)), 0.1, 0.6)
     score.move(0.1, 0.7, side=sign * who.u(10, 16) * DEG, roll=sign * who.u(10, 16) * DEG, pitch=-18 * DEG)
     score.wait(0.5)
     score.home = home
     score.place = Place(x_m=hips[0], y_m=hips[1], floor_m=home.floor_m + bed_m, yaw_rad=home.yaw_rad - sign * np.pi / 2)
     score.put(0.0, swing_s * 0.85, hips=(0.0, 0.0, body.back_m + 0.005))
+    score.move(0.45 * swing_s, 0.5 * swing_s, ground=score.place.floor_m)
     score.move(0.05, 0.85 * swing_s, yaw=score.place.yaw_rad)
     score.move(0.0, 0.55 * swing_s, roll=sign * who.u(24, 32) * DEG)
     score.move(0.42 * swing_s, 0.55 * swing_s, roll=0.0, side=0.0)
@@ -190,7 +194,7 @@ def _roll(score: Score, who: Performer, towards: str) -> None:
     sign = SIGN[side]
     roll_s = who.u(1.3, 1.8)
     prone = towards == "forward"
-    score.reach(side, OnChest(ahead=0.45 if not prone else 0.15, out=0.15, up=0.35 if not prone else 0.9, elbow=(0.2, 0.9, 0.0)), -0.2, 0.7)
+    score.reach(side, OnChest(ahead=0.45 if not prone else 0.15, out=0.15, up=0.35 if not prone else 0.9, elbow=(0.8, 0.3, 0.3)), -0.2, 0.7)
     score.reach(OTHER[side], OnChest(ahead=0.55, out=-0.45, up=-0.2, elbow=(0.0, 0.9, -0.4)), 0.1, 0.8 * roll_s)
     aside = body.hips_m + 0.036 * who.tall
     score.move(0.1, roll_s, z=score.place.floor_m + aside)
@@ -208,12 +212,12 @@ def _roll(score: Score, who: Performer, towards: str) -> None:
     score.notes.append(f"on the {side} side" if not prone else "on the belly")
     if prone:
         over_s = who.u(1.0, 1.4)
-        score.move(0.0, over_s, spin=sign * 180 * DEG, z=score.place.floor_m + body.back_m + 0.01, side=0.0, tilt=0.0)
+        score.move(0.0, over_s, spin=sign * 180 * DEG, z=score.place.floor_m + body.back_m + 0.02, side=0.0, tilt=0.0)
         score.move(0.2, over_s, look=SIGN[who.side(0.5)] * who.u(45, 60) * DEG)
-        score.put(0.0, over_s, hips=(x, y + sign * 0.16, body.back_m + 0.01))
+        score.put(0.0, over_s, hips=(x, y + sign * 0.16, body.back_m + 0.02))
         for each in SIDES:
-            ankle = x + 0.97 * body.leg_m, y + sign * 0.16 - SIGN[each] * body.hips_m, 0.055 * who.tall
-            score.put(0.0, over_s, **{each: ankle})
+            ankle = x + 0.992 * body.leg_m, y + sign * 0.16 - SIGN[each] * body.hips_m, 0.062 * who.tall
+            score.put(0.0, 0.8 * over_s, **{each: ankle})
             goal = OnChest(ahead=0.13, out=who.u(0.25, 0.4), up=who.u(0.45, 0.6), elbow=(0.0, 1.0, -0.3), fingers=(0.1, -0.4, 0.9), back=(-1.0, 0.0, 0.0))
             score.reach(each, goal, 0.1, over_s)
         score.wait(over_s + 0.2)
@@ -269,7 +273,7 @@ def _feet_flat(score: Score, who: Performer, after_s: float, duration_s: float) 
     x, y = score.at("hips")
     for number, side in enumerate(SIDES):
         bx, by = stance_foot_wide(who, side)
-        score.put(after_s + 0.15 * number, duration_s, **{side: (x + 0.43 * who.anatomy.leg_m + bx, y + by, 0.0)})
+        score.put(after_s + 0.15 * number, duration_s, **{side: (x + 0.53 * who.anatomy.leg_m + bx, y + by, 0.0)})
         score.hump(after_s + 0.15 * number, duration_s, **{f"{side}_z": 0.05})
         toe_out = score.place.yaw_rad + SIGN[side] * who.traits["toe_out"]
         score.move(after_s + 0.15 * number, duration_s, **{f"{side}_loose": 0.0, f"{side}_tip": 0.0, f"{side}_splay": 8 * DEG, f"{side}_yaw": toe_out, f"{side}_pivot": 1.0})
@@ -295,19 +299,23 @@ def _up_from_floor(score: Score, who: Performer) -> None:
         score.wait(0.5)
     over_s, up_s = who.u(0.8, 1.0), who.u(1.1, 1.4)
     cx, cy = middle(score, who)
-    score.move(0.0, over_s, pitch=who.u(28, 36) * DEG, flex=who.u(34, 42) * DEG, gaze=who.u(15, 30) * DEG)
-    score.wait(0.35 * over_s)
-    score.put(-0.2, 0.15, com=(cx + 0.25 * body.foot_m, cy))
-    score.move(0.0, 0.85 * over_s, balanced=1.0)
-    score.move(0.0, over_s, z=score.place.floor_m + squat_m(who, who.u(124, 134) * DEG))
+    score.move(0.25 * over_s, over_s, pitch=who.u(8, 15) * DEG, flex=who.u(18, 25) * DEG, gaze=who.u(15, 30) * DEG)
+    score.wait(0.25 * over_s)
+    score.put(-0.2, 0.15, com=(cx + 0.6 * body.foot_m, cy))
+    tip = who.u(12, 22) * DEG
+    score.move(0.12 * over_s, 0.8 * over_s, balanced=1.0)
+    height = squat_m(who, who.u(118, 130) * DEG) + 0.5 * float(np.sin(tip)) * body.foot_m
+    score.move(0.0, over_s, z=score.place.floor_m + height)
     for side in SIDES:
         forward = OnChest(ahead=who.u(0.6, 0.8), out=who.u(0.0, 0.1), up=-who.u(0.1, 0.3), elbow=(-0.3, 0.6, -0.7))
         goal = OnBone(along=who.u(0.75, 0.9)) if who.chance(0.3) else forward
-        score.reach(side, goal, 0.35 * over_s, 0.75 * over_s, 0.06)
+        score.reach(side, goal, 0.05 * over_s, 0.85 * over_s, 0.06)
+        score.move(0.3 * over_s, 0.7 * over_s, **{f"{side}_tip": tip * who.u(0.9, 1.1)})
     score.wait(0.85 * over_s)
     stand_tall(score, who, 0.0, up_s)
     for side in SIDES:
         score.move(0.1, up_s, **{f"{side}_splay": 0.0})
+        score.move(0.05, 0.55 * up_s, **{f"{side}_tip": 0.0})
     score.wait(up_s + who.u(0.3, 0.5))
     score.posture = "standing"
 
@@ -323,7 +331,7 @@ def _off_bed(score: Score, who: Performer) -> None:
     sign = SIGN[head]
     bed_m = score.place.floor_m - home.floor_m
     hand = home.world(home.local(score.values["x"], score.values["y"])[0], home.local(score.values["x"], score.values["y"])[1] + sign * 0.32, bed_m + 0.03 * who.tall)
-    score.reach(head, InSpace(point=hand, elbow=(-0.5, 0.8, 0.2), fingers=(0.3, 1.0, 0.0), yaw_rad=home.yaw_rad), 0.1, 0.5 * up_s, 0.03)
+    score.reach(head, InSpace(point=hand, elbow=(0.6, 0.3, 0.5), fingers=(0.3, 1.0, 0.0), yaw_rad=home.yaw_rad), 0.1, 0.5 * up_s, 0.03)
     x, y = home.local(score.values["x"], score.values["y"])
     score.place = home
     shank = who.u(2, 10) * DEG
@@ -339,6 +347,7 @@ def _off_bed(score: Score, who: Performer) -> None:
         score.move(after, 0.4 * up_s, **{f"{side}_z": height + 0.06})
         score.move(after + 0.3 * up_s, 0.65 * up_s, **{f"{side}_z": home.floor_m})
         score.move(after + 0.1 * up_s, 0.7 * up_s, **{f"{side}_loose": 0.0, f"{side}_splay": 0.0, f"{side}_yaw": home.yaw_rad + SIGN[side] * who.traits["toe_out"]})
+    score.move(0.0, 0.3 * up_s, ground=home.floor_m)
     score.put(0.2, 0.8 * up_s, hips=(x + 0.16 * body.leg_m, 0.0, bed_m + body.seat_m))
     score.move(0.15, 0.8 * up_s, yaw=home.yaw_rad)
     score.move(0.05, 0.5 * up_s, roll=sign * who.u(24, 32) * DEG, flex=who.u(20, 28) * DEG, gaze=-15 * DEG)

@@ -25,7 +25,7 @@ MADE: Mapping[str, Callable[[Score, Performer, Step], None]] = {
 SLOWEST, FASTEST = 0.4, 2.0
 """Factors on the pace by which a wanted duration may be met; longer ones rest at the end."""
 
-STILL_MPS = 0.01
+STILL_MPS = 0.004
 """Speed of a foot that stands."""
 
 

@@ -129,17 +129,22 @@ def stand_tall(score: Score, who: Performer, after_s: float, duration_s: float, 
             score.reach(side, who.hang(), after_s + who.u(0.05, 0.2), duration_s * who.u(0.75, 1.0), 0.04)
 
 
+LATERAL = 0.30
+"""Part of the way to the foot that stands which the centre of mass goes in one step: the faster, the less, as the force under the
+foot does the rest (an inverted pendulum swayed at the cadence moves by a third to a quarter of what its foot does)."""
+
+
 def step_to(score: Score, who: Performer, side: str, point: tuple[float, float], *, yaw: float, duration_s: float, lift_m: float = 0.05) -> None:
-    """One foot goes to a point of the action's place while the other carries; the weight goes over first."""
-    score.put(0.0, 0.75 * duration_s, com=tuple(0.85 * a + 0.15 * b for a, b in zip(middle(score, who, OTHER[side]), middle(score, who, side), strict=True)))
-    begin, swing = 0.42 * duration_s, 0.62 * duration_s
+    """One foot goes to a point of the action's place while the other carries."""
+    there, home = middle(score, who, OTHER[side]), middle(score, who)
+    score.put(-0.25 * duration_s, 0.95 * duration_s, com=(home[0] + LATERAL * (there[0] - home[0]), home[1] + LATERAL * (there[1] - home[1])))
+    begin, swing = 0.30 * duration_s, 0.66 * duration_s
     score.put(begin, swing, **{side: point})
     score.move(begin, swing, **{f"{side}_yaw": yaw})
     score.hump(begin, swing, **{f"{side}_z": lift_m})
     score.hump(begin - 0.08, 0.7 * swing, **{f"{side}_tip": who.u(14, 24) * DEG})
-    score.wait(0.42 * duration_s + 0.5 * swing)
-    score.put(0.0, 0.75 * duration_s, com=middle(score, who))
-    score.wait(0.5 * swing)
+    score.wait(duration_s)
+    score.put(-0.35 * duration_s, 0.95 * duration_s, com=middle(score, who))
 
 
 def turn_on_the_spot(score: Score, who: Performer, angle_rad: float) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,12 +23,22 @@ TWIST_PARTS = 0.10, 0.20, 0.35, 0.35
 """How the spine's joints share a bend and a twist: the lumbar spine bends, the thoracic one turns (White and Panjabi 1990)."""
 
 NECK_LIMIT = 58 * DEG
+FOLD = 0.2
+"""Least length of a limb over that of its bones."""
 REACH = 0.9985
 """Greatest length of a leg over that of its bones."""
+ARM_RADIUS = 0.021
+"""Half the thickness of wrist and elbow, over stature."""
 RELAXED_RAD = 35 * DEG
 """Plantar flexion of a foot that lies about."""
+ARM_SOFT, LEG_SOFT = 0.02, 0.002
+STEADY_S = 0.09
 SOFT_M = 0.004
 BALANCE_STEPS = 5
+
+
+Posed = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Positions and orientations of all joints for places of the hips (T, 3)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +62,14 @@ def render(score: Score, anatomy: Anatomy, *, rng: np.random.Generator, rate_hz:
         shape = _body(anatomy, values, hips)
         for side in SIDES:
             places = [goal.place(Figure(anatomy, shape.points, shape.turns), side) for goal in _goals(score, side)]
-            _arm(anatomy, shape, side, _ways(score, side, times), places, _Free(_held(score, side, times), shakes[side]))
+            free = _Free(_held(score, side, times), shakes[side], values["ground"], rate_hz)
+            _arm(anatomy, shape, side, _ways(score, side, times), places, free)
         return _stacked(shape)
 
     hips = np.stack([values["x"], values["y"], values["z"]], axis=1)
     weight = np.clip(values["balanced"], 0.0, 1.0)[:, None]
     wanted = np.stack([values["com_x"], values["com_y"]], axis=1)
-    joints, turns = posed(_balanced(anatomy, posed, hips, wanted, weight))
+    joints, turns = posed(_balanced(anatomy, posed, hips, wanted, weight, rate_hz))
     _, local = decompose(joints, turns, PARENTS)
     poses = Poses(
         skeleton=anatomy.skeleton, root=joints[:, 0], local=quaternions.continuous(quaternions.normalise(local)), rate_hz=rate_hz
@@ -66,10 +77,12 @@ def render(score: Score, anatomy: Anatomy, *, rng: np.random.Generator, rate_hz:
     return poses, table
 
 
-def still(anatomy: Anatomy, table: np.ndarray) -> Figure:
-    """The body without its arms in each of the poses of a table of channels (N, C), balanced with the arms hanging."""
+def still(anatomy: Anatomy, table: np.ndarray) -> tuple[Figure, np.ndarray]:
+    """The body without its arms in each of the poses of a table of channels (N, C), balanced as far as they say with the arms
+    hanging, and its centre of mass (N, 3) [m].
+    """
     values = {name: table[:, number] for number, name in enumerate(CHANNELS)}
-    free = _Free(np.zeros(len(table)), np.zeros((len(table), 3)))
+    free = _Free(np.zeros(len(table)), np.zeros((len(table), 3)), values["ground"], 0.0)
 
     def posed(hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         shape = _body(anatomy, values, hips)
@@ -79,24 +92,29 @@ def still(anatomy: Anatomy, table: np.ndarray) -> Figure:
 
     hips = np.stack([values["x"], values["y"], values["z"]], axis=1)
     wanted = np.stack([values["com_x"], values["com_y"]], axis=1)
-    shape = _body(anatomy, values, _balanced(anatomy, posed, hips, wanted, values["balanced"][:, None]))
-    return Figure(anatomy, shape.points, shape.turns)
+    hips = _balanced(anatomy, posed, hips, wanted, values["balanced"][:, None], 0.0)
+    shape = _body(anatomy, values, hips)
+    return Figure(anatomy, shape.points, shape.turns), np.einsum("tjk,j->tk", posed(hips)[0], anatomy.mass_weights)
 
 
-def _balanced(anatomy: Anatomy, posed, hips: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _balanced(
+    anatomy: Anatomy, posed: Posed, hips: np.ndarray, wanted: np.ndarray, weight: np.ndarray, rate_hz: float
+) -> np.ndarray:  # fmt: skip
     """Hips (T, 3) whose level place holds the centre of mass over `wanted` (T, 2) as far as `weight` (T, 1) says."""
     if not weight.any():
         return hips
-    active = weight[:, 0] > 0
     found = hips.copy()
-    found[:, :2] = np.where(active[:, None], wanted, hips[:, :2])
+    found[:, :2] = wanted
     for _ in range(BALANCE_STEPS):
         joints, _turns = posed(found)
         error = wanted - np.einsum("tjk,j->tk", joints, anatomy.mass_weights)[:, :2]
-        found[:, :2] += np.where(active[:, None], 1.35 * error, 0.0)
-    blended = found.copy()
-    blended[:, :2] = weight * found[:, :2] + (1 - weight) * hips[:, :2]
-    return blended
+        found[:, :2] += np.clip(1.3 * error, -0.2, 0.2)
+    if rate_hz > 0:  # where nobody could balance, as on a folded leg, the search ends here and there
+        from scipy.ndimage import gaussian_filter1d
+
+        found[:, :2] = gaussian_filter1d(found[:, :2], 0.04 * rate_hz, axis=0, mode="nearest")
+    found[:, :2] = weight * found[:, :2] + (1 - weight) * hips[:, :2]
+    return found
 
 
 def _body(anatomy: Anatomy, values: Mapping[str, np.ndarray], hips: np.ndarray) -> _Shape:
@@ -168,7 +186,7 @@ def _leg(anatomy: Anatomy, shape: _Shape, values: Mapping[str, np.ndarray], side
     upright = np.maximum(quaternions.rotate(frame, Z)[:, 2:], 0.0)
     pole = quaternions.rotate(_chain(frame, (Z, out)), X) + 0.6 * upright**2 * Z
     first, second = (anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("knee", "ankle"))
-    knee, end, side_on = _two_bones(hip, ankle, pole, first, second)
+    knee, end, side_on = _two_bones(hip, ankle, pole, first, second, LEG_SOFT)
     hinge = np.cross(side_on, ankle - hip)
     turns[f"{side}_hip"], turns[f"{side}_knee"] = _frame("z", hip - knee, "y", hinge), _frame("z", knee - end, "y", hinge)
     points[f"{side}_hip"], points[f"{side}_knee"], points[f"{side}_ankle"] = hip, knee, end
@@ -183,10 +201,14 @@ def _leg(anatomy: Anatomy, shape: _Shape, values: Mapping[str, np.ndarray], side
 
 @dataclass(frozen=True, slots=True)
 class _Free:
-    """How far a hand rests (T,), and how it shakes where it does not (T, 3) [m]."""
+    """How far a hand rests (T,), how it shakes where it does not (T, 3) [m], and the height of the ground (T,) [m]; the rate of the
+    poses if they follow one another in time, else 0.
+    """
 
     held: np.ndarray
     shake: np.ndarray
+    ground: np.ndarray
+    rate_hz: float
 
 
 def _goals(score: Score, side: str) -> list:  # type: ignore[type-arg]
@@ -215,10 +237,16 @@ def _arm(
     for (grasp, done), place in zip(ways, places[1:], strict=True):
         part = done[:, None]
         wrist = shoulder + _swept(wrist - shoulder, place.wrist - shoulder, part) + 4 * grasp.aside_m * part * (1 - part) * outward
-        elbow = elbow + part * (_unit(place.elbow) - elbow)
+        elbow = _swept(elbow, _unit(place.elbow), part)
     wrist = wrist + (1 - free.held)[:, None] * free.shake
+    lowest = free.ground + ARM_RADIUS * anatomy.stature_m
+    wrist[:, 2] += SOFT_M * np.logaddexp(0.0, (lowest - wrist[:, 2]) / SOFT_M)
     first, second = (anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("elbow", "wrist"))
-    middle, end, side_on = _two_bones(shoulder, wrist, elbow, first, second)
+    middle, end, side_on = _two_bones(shoulder, wrist, _steady(elbow, wrist - shoulder, free.rate_hz), first, second, ARM_SOFT)
+    for _ in range(2):  # an elbow that would sink into the ground turns up about the line from shoulder to wrist
+        sunk = 5 * SOFT_M * np.logaddexp(0.0, (lowest - middle[:, 2]) / (5 * SOFT_M))
+        side_on = side_on + (sunk / (0.08 * anatomy.stature_m))[:, None] * Z
+        middle, end, side_on = _two_bones(shoulder, wrist, side_on, first, second, ARM_SOFT)
     sign = SIGN[side]
     hinge = -sign * np.cross(side_on, wrist - shoulder)
     turns[f"{side}_shoulder"] = _frame("y", sign * (middle - shoulder), "z", hinge)
@@ -227,9 +255,36 @@ def _arm(
     loose = turns[f"{side}_elbow"]
     hand = _hand(places[0], loose, sign)
     for (_, done), place in zip(ways, places[1:], strict=True):
-        hand = quaternions.blend(hand, _hand(place, loose, sign), done[:, None])
+        hand = _turned(hand, _hand(place, loose, sign), done)
+    hand = _above(hand, sign, end, free.ground, anatomy)
     turns[f"{side}_wrist"] = turns[f"{side}_hand"] = hand
     points[f"{side}_hand"] = end + quaternions.rotate(hand, anatomy.offset(f"{side}_hand"))
+
+
+def _steady(pole: np.ndarray, way: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Direction (T, 3) in which the elbow bends, steadied in time: where the arm points along its pole, neighbours say which way."""
+    if rate_hz == 0:
+        return pole
+    from scipy.ndimage import gaussian_filter1d
+
+    axis = _unit(way)
+    aside = pole - (pole * axis).sum(-1, keepdims=True) * axis
+    return gaussian_filter1d(aside, STEADY_S * rate_hz, axis=0, mode="nearest")
+
+
+def _turned(first: np.ndarray, second: np.ndarray, done: np.ndarray) -> np.ndarray:
+    """From one orientation (T, 4) to another by the way round that is the shorter one in the middle of the movement, and stays it."""
+    first, second = quaternions.continuous(first), quaternions.continuous(second)
+    agree = float(((first * second).sum(-1) * (done * (1 - done) + 1e-9)).sum())
+    return quaternions.normalise((1 - done)[:, None] * first + done[:, None] * (second if agree >= 0 else -second))
+
+
+def _above(hand: np.ndarray, sign: float, wrist: np.ndarray, ground: np.ndarray, anatomy: Anatomy) -> np.ndarray:
+    """The hand turned up at the wrist where its end would sink into the ground."""
+    fingers = quaternions.rotate(hand, sign * Y)
+    least = (ground + 0.006 * anatomy.stature_m - wrist[:, 2]) / anatomy.hand_m
+    raised = fingers + (0.05 * np.logaddexp(0.0, (least - fingers[:, 2]) / 0.05))[:, None] * Z
+    return quaternions.multiply(quaternions.between(fingers, raised), hand)
 
 
 def _hand(place: Place, loose: np.ndarray, sign: float) -> np.ndarray:
@@ -248,14 +303,20 @@ def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
     return size * _unit(way)
 
 
-def _two_bones(start: np.ndarray, target: np.ndarray, pole: np.ndarray, first: float, second: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle and end (T, 3) of a limb that reaches for a target, and the direction square to it in which it bends: law of cosines."""
+def _two_bones(
+    start: np.ndarray, target: np.ndarray, pole: np.ndarray, first: float, second: float, soft: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Middle and end (T, 3) of a limb that reaches for a target, and the direction square to it in which it bends: law of cosines.
+
+    soft: part of the limb's length within which it comes to its end, as an elbow swings out of a straight arm in no time.
+    """
     way = target - start
     distance = np.linalg.norm(way, axis=-1, keepdims=True)
-    longest = 0.9995 * (first + second)
-    # Neither limit has a corner, else joints would jerk where a limb comes to its end.
-    length = distance - 0.002 * np.logaddexp(0.0, (distance - longest) / 0.002)
-    length = np.maximum(length, 0.25 * (first + second))
+    scale = soft * (first + second)
+    longest = first + second - 0.5 * scale
+    length = distance - scale * np.logaddexp(0.0, (distance - longest) / scale)
+    shortest = FOLD * (first + second)
+    length = shortest + 0.1 * shortest * np.logaddexp(0.0, (length - shortest) / (0.1 * shortest))
     axis = way / np.maximum(distance, 1e-9)
     aside = _unit(pole - (pole * axis).sum(-1, keepdims=True) * axis)
     along = (length**2 + first**2 - second**2) / (2 * length)

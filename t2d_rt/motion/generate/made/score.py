@@ -25,13 +25,14 @@ DEG = np.pi / 180
 CHANNELS: tuple[str, ...] = (
     "x", "y", "z", "balanced", "com_x", "com_y", "yaw", "pitch", "roll", "spin", "flex", "side", "twist", "gaze", "look", "tilt",
     "left_x", "left_y", "left_z", "left_yaw", "left_tip", "left_pivot", "left_splay", "left_loose",
-    "right_x", "right_y", "right_z", "right_yaw", "right_tip", "right_pivot", "right_splay", "right_loose", "left_shrug", "right_shrug",
+    "right_x", "right_y", "right_z", "right_yaw", "right_tip", "right_pivot", "right_splay", "right_loose", "left_shrug", "right_shrug", "ground",
 )  # fmt: skip
 """What a score moves. Middle of the hips x, y, z [m], used as far as `balanced` is below 1; centre of mass com_x, com_y [m], used as
 far as it is above 0; pelvis: yaw, pitch (forward), roll, then spin about the body's long axis [rad]; spine: flex (forward), side (to
 the left), twist (to the left), against the pelvis; head: gaze (down, in space), look (to the left, against the chest), tilt; each
 foot: x, y, z [m] of its pivot over where it stands flat, yaw, tip (heel up), pivot (1 the ball, 0 the heel), splay of its knee, and
-loose: 1 where it lies about, so that it goes with the shank and x, y, z are the ankle's; each shoulder's shrug."""
+loose: 1 where it lies about, so that it goes with the shank and x, y, z are the ankle's; each shoulder's shrug; ground: height
+[m] of what arms may not sink into."""
 
 INDEX = {name: number for number, name in enumerate(CHANNELS)}
 

@@ -7,7 +7,8 @@ import numpy as np
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate.made.hands import Goal, InSpace, OnBone
 from t2d_rt.motion.generate.made.performer import Performer, middle, stance, stand_tall, turn_on_the_spot
-from t2d_rt.motion.generate.made.score import DEG, OTHER, SIDES, SIGN, Score
+from t2d_rt.motion.generate.made.render import still
+from t2d_rt.motion.generate.made.score import DEG, INDEX, OTHER, SIDES, SIGN, Score
 
 SEAT_M = 0.40, 0.50
 """Heights of seats for a stature of 1.72 m; they grow with the person."""
@@ -24,15 +25,17 @@ def sit(score: Score, who: Performer, step: Step, *, backrest: bool = True) -> N
     down_s = who.u(1.15, 1.55)
     plop = step.manner in ("angry", "sad") or who.chance(0.2)
     support = _support(score, who, step, seat_m)
-    lean = who.about(24, 4), who.about(17, 4)
-    score.move(0.0, 0.85 * down_s, pitch=lean[0] * DEG, flex=who.traits["flex"] + (lean[1] - 4) * DEG)
+    flex = who.traits["flex"] + who.about(13, 4) * DEG
+    pitch = counterbalance(score, who, hips, flex, behind_m=who.u(0.075, 0.105) * who.tall / 1.72)
+    score.move(0.0, 0.85 * down_s, pitch=pitch, flex=flex)
     score.move(0.12, 0.7 * down_s, gaze=who.about(30, 8) * DEG)
     if who.chance(0.4):
         _glance(score, who, down_s)
     score.move(0.12, down_s, 1.12 if plop else 0.98, z=score.place.floor_m + hips[2])
-    score.move(0.12 + 0.25 * down_s, 0.75 * down_s, balanced=0.0)
+    score.move(0.12 + 0.3 * down_s, 0.7 * down_s, balanced=0.0)
     score.put(0.12, down_s, hips=hips[:2])
-    score.put(0.12, 0.8 * down_s, com=(middle(score, who)[0] - 0.35 * who.anatomy.foot_m, 0.0))
+    x, y = middle(score, who)
+    score.put(0.12, 0.8 * down_s, com=(x - 0.3 * who.anatomy.foot_m, y))
     rest = _resting_hands(who)
     for side in SIDES:
         goal = support.get(side)
@@ -52,7 +55,7 @@ def settle(score: Score, who: Performer, step: Step, *, backrest: bool) -> None:
     up_s = who.u(0.75, 1.1)
     leans = backrest and who.chance(0.55)
     flex = who.traits["flex"] + who.about(16, 4) * DEG
-    pitch = who.about(-24 if leans else -11, 3) * DEG
+    pitch = who.about(-20 if leans else -11, 3) * DEG
     score.move(0.0, up_s, pitch=pitch, side=who.about(0, 2) * DEG)
     score.move(0.05, up_s * who.u(0.95, 1.2), flex=flex, twist=who.about(0, 3) * DEG)
     score.move(0.1, up_s, gaze=who.traits["gaze"] + who.about(0, 4) * DEG, look=who.about(0, 10) * DEG)
@@ -77,6 +80,24 @@ def seated_hips(score: Score, who: Performer, seat_m: float, *, shank_rad: float
     return float(knee_x - np.sqrt(thigh**2 - (z - knee_z) ** 2 - min(aside**2, 0.01))), 0.0, z
 
 
+LEANS = np.linspace(10, 44, 18) * DEG
+
+
+def counterbalance(score: Score, who: Performer, hips: tuple[float, float, float], flex: float, *, behind_m: float) -> float:
+    """Least pitch of the pelvis at which a body just over its seat has its centre of mass no farther than `behind_m` behind the ankles:
+    what its speed carries over the feet (Pai and Patton 1997).
+    """
+    x, y, z = score.place.world(*hips)
+    values = {**score.values, "x": x, "y": y, "z": z, "balanced": 0.0, "flex": flex}
+    table = np.tile([values[name] for name in INDEX], (len(LEANS), 1))
+    table[:, INDEX["pitch"]] = LEANS
+    _, com = still(who.anatomy, table)
+    ahead = np.array([score.place.local(*each[:2])[0] for each in com])
+    ankle_x = float(np.mean([score.at(side)[0] for side in SIDES])) - who.anatomy.foot_m
+    enough = ahead > ankle_x - behind_m
+    return float(LEANS[int(np.argmax(enough))] if enough.any() else LEANS[-1])
+
+
 def seated(who: Performer, step: Step) -> Score:
     """A score that begins in a chair."""
     score = stance(who)
@@ -98,9 +119,11 @@ def stand_up(score: Score, who: Performer, step: Step) -> None:
     """
     _feet_back(score, who)
     first_s, rise_s = who.u(0.50, 0.68), who.u(1.0, 1.3)
-    lean = who.about(31, 4), who.about(18, 4)
-    score.move(0.0, first_s * 1.3, pitch=lean[0] * DEG)
-    score.move(0.04, first_s * 1.25, flex=who.traits["flex"] + (lean[1] - 4) * DEG, side=0.0, twist=0.0, look=0.0)
+    flex = who.traits["flex"] + who.about(14, 4) * DEG
+    hips = (*score.at("hips"), score.values["z"] - score.place.floor_m)
+    pitch = counterbalance(score, who, hips, flex, behind_m=who.u(0.05, 0.08) * who.tall / 1.72)
+    score.move(0.0, first_s * 1.3, pitch=pitch)
+    score.move(0.04, first_s * 1.25, flex=flex, side=0.0, twist=0.0, look=0.0)
     score.move(0.1, first_s, gaze=who.about(22, 7) * DEG)
     _push(score, who, step, first_s)
     score.wait(0.85 * first_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate.made.hands import InSpace
-from t2d_rt.motion.generate.made.performer import Performer, middle, stance_foot, stand_tall
+from t2d_rt.motion.generate.made.performer import LATERAL, Performer, middle, stance_foot, stand_tall
 from t2d_rt.motion.generate.made.score import DEG, OTHER, SIDES, SIGN, Place, Score
 
 RISER_M, TREAD_M = (0.155, 0.185), (0.27, 0.31)
@@ -65,13 +65,16 @@ def _tread(score: Score, who: Performer, side: str, point: tuple[float, float, f
     stand = OTHER[side]
     other = score.at(stand)
     height = score.values[f"{stand}_z"] - floor
-    over = (other[0] - (1 - who.traits["lean"]) * body.foot_m, 0.62 * middle(score, who, stand)[1])
+    # The body goes on evenly, sideways by a part only of the way to the foot that carries.
+    ahead = 0.5 * (other[0] + point[0]) if not last else point[0]
+    over = ahead - (1 - who.traits["lean"]) * body.foot_m - (0.08 * body.leg_m if not last else 0.0), LATERAL * middle(score, who, stand)[1]
+    score.put(-0.35 * period, 1.7 * period, com=(over[0], score.at("com")[1]))
+    score.put(-0.25 * period, 0.95 * period, com=(score.at("com")[0], over[1]))
     target = point[2]
-    # Hips go over the stance foot, lifted by its leg; on the last step both feet are level.
-    swing = 0.66 * period
-    begin = 0.30 * period
-    score.put(0.0, 0.8 * period, com=over)
-    score.move(0.0, 0.95 * period, z=floor + height + body.standing_m - (0.012 if rise > 0 else 0.02) * who.tall)
+    swing, begin = 0.66 * period, 0.30 * period
+    carried = height if rise > 0 else target
+    give = (0.012 if rise > 0 else 0.022) * who.tall * (0.0 if last else 1.0)
+    score.move(-0.1 * period if rise > 0 else 0.08 * period, (1.2 if rise > 0 else 0.98) * period, z=floor + carried + body.standing_m - give)
     score.put(begin, swing, **{side: point[:2]})
     change = target - (score.values[f"{side}_z"] - floor)
     clear = who.u(0.045, 0.075)
@@ -80,14 +83,12 @@ def _tread(score: Score, who: Performer, side: str, point: tuple[float, float, f
         score.move(begin + 0.45 * swing, 0.6 * swing, **{f"{side}_z": floor + target})
         score.move(begin - 0.2 * period, 0.5 * period, **{f"{side}_tip": who.u(16, 26) * DEG})
         score.move(begin + 0.25 * swing, 0.7 * swing, **{f"{side}_tip": 0.0})
-    else:
+    else:  # the ball first; the knee that carries bends and lets the body down meanwhile
         score.hump(begin - 0.02, 0.5 * swing, **{f"{side}_z": 0.03})
-        score.move(begin + 0.3 * swing, 0.78 * swing, **{f"{side}_z": floor + target})
+        score.move(begin + 0.3 * swing, 0.75 * swing, **{f"{side}_z": floor + target})
         score.move(begin - 0.1 * period, 0.55 * period, **{f"{side}_tip": who.u(24, 34) * DEG})
-        score.move(begin + 0.75 * swing, 0.55 * swing, **{f"{side}_tip": 0.0})
-        # The stance knee bends and lets the body down while the foot reaches for the tread.
-        score.move(begin + 0.25 * swing, 0.85 * swing, z=floor + height + body.standing_m + 0.62 * rise)
-        score.put(begin + 0.2 * swing, swing, com=(over[0] + 0.35 * body.foot_m, 0.4 * over[1]))
+        score.move(begin + 0.8 * swing, 0.55 * swing, **{f"{side}_tip": 0.0})
+        score.move(0.2 * period, 0.8 * period, **{f"{stand}_tip": who.u(14, 22) * DEG if not last else 0.0})
     sway = SIGN[stand] * who.u(1.0, 2.5) * DEG
     score.move(0.1, 0.8 * period, roll=sway, side=-0.8 * sway, yaw=score.place.yaw_rad - SIGN[side] * who.u(1, 4) * DEG * (0.0 if last else 1.0))
     score.wait(period)

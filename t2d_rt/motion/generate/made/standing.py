@@ -112,7 +112,7 @@ def _leaned(score: Score, who: Performer, goals: dict[str, Goal], knees_rad: flo
     table = np.tile([values[name] for name in INDEX], (len(LEANS), 1))
     spine = np.minimum(share * LEANS, 55 * DEG)
     table[:, INDEX["flex"]], table[:, INDEX["pitch"]] = spine, LEANS - spine
-    figure = still(body, table)
+    figure, _ = still(body, table)
     short = np.zeros(len(LEANS))
     for side, goal in goals.items():
         place = goal.place(figure, side)
@@ -135,8 +135,8 @@ def _bend_aside(score: Score, who: Performer, step: Step) -> None:
     sign = SIGN[lean]
     down_s, up_s = who.u(0.8, 1.15), who.u(0.8, 1.15)
     x, y = middle(score, who)
-    score.move(0.0, down_s, side=sign * who.u(27, 40) * DEG, twist=sign * who.about(0, 4) * DEG)
-    score.move(0.05, down_s, roll=sign * who.u(4, 10) * DEG, tilt=sign * who.u(4, 14) * DEG)
+    score.move(0.0, down_s, side=sign * who.u(38, 50) * DEG, twist=sign * who.about(0, 4) * DEG)
+    score.move(0.05, down_s, roll=sign * who.u(8, 14) * DEG, tilt=sign * who.u(4, 14) * DEG)
     score.move(0.05, down_s, flex=who.traits["flex"] + who.about(2, 3) * DEG)
     score.put(0.05, down_s, com=(x, y + sign * 0.02))
     score.reach(lean, OnBone(along=who.u(0.72, 0.9), lift=0.0, out=0.062 + 0.012), 0.05, down_s * 0.95, 0.03)
@@ -154,9 +154,9 @@ def _bend_aside(score: Score, who: Performer, step: Step) -> None:
 
 
 def _bend_back(score: Score, who: Performer, step: Step) -> None:
-    """Backward: hips forward, hands on the hips, knees give a little; the lumbar spine extends by 15 to 25 degrees."""
+    """Backward: hips forward, hands on the hips, knees give a little; the spine extends by 30 to 40 degrees (White and Panjabi 1990)."""
     down_s, up_s = who.u(0.9, 1.3), who.u(0.9, 1.2)
-    score.move(0.0, down_s, flex=-who.u(20, 30) * DEG, pitch=-who.u(7, 14) * DEG)
+    score.move(0.0, down_s, flex=-who.u(30, 40) * DEG, pitch=-who.u(14, 20) * DEG)
     score.move(0.15, down_s, gaze=-who.u(25, 45) * DEG)
     score.move(0.0, down_s, z=score.values["z"] - who.u(0.008, 0.02) * who.tall)
     hands = who.chance(0.75)
@@ -173,13 +173,13 @@ def _bend_knees(score: Score, who: Performer, step: Step) -> None:
     if step.side is not None:
         _raise_knee(score, who, step.side)
     else:
-        _down_and_up(score, who, knees=who.u(50, 85) * DEG, lean=who.u(12, 26), hold_s=who.u(0.1, 0.4))
+        _down_and_up(score, who, knees=who.u(74, 96) * DEG, lean=who.u(20, 32), hold_s=who.u(0.1, 0.4))
 
 
 def _raise_knee(score: Score, who: Performer, side: str) -> None:
     """The weight goes over the other foot, then the thigh rises and the shank hangs."""
-    shift_s, up_s, down_s = who.u(0.55, 0.75), who.u(0.7, 0.95), who.u(0.7, 0.95)
-    score.put(0.0, shift_s, com=middle(score, who, OTHER[side]))
+    shift_s, up_s, down_s = who.u(0.9, 1.1), who.u(0.7, 0.95), who.u(0.7, 0.95)
+    score.put(0.0, shift_s, 0.85, com=middle(score, who, OTHER[side]))
     score.move(0.0, shift_s, roll=-SIGN[side] * who.u(1, 3) * DEG)
     score.wait(0.8 * shift_s)
     x, y = score.at(side)
@@ -212,6 +212,10 @@ def _bend_arm(score: Score, who: Performer, step: Step) -> None:
     score.wait(down_s + who.u(0.1, 0.3))
 
 
+def _part(start: tuple[float, float], end: tuple[float, float], part: float) -> tuple[float, float]:
+    return start[0] + part * (end[0] - start[0]), start[1] + part * (end[1] - start[1])
+
+
 def squat(score: Score, who: Performer, step: Step) -> None:
     """Down and up in 2 to 3 s, shanks and trunk leaning about alike so that the weight stays over the feet (Schoenfeld 2010)."""
     for number in range(step.count or 1):
@@ -234,7 +238,7 @@ def _down_and_up(
     score.move(0.06, down_s, z=float(z))
     score.move(0.0, down_s, gaze=who.about(14, 6) * DEG)
     x, y = middle(score, who)
-    score.put(0.1, down_s, com=(x + (0.45 if heels else 0.0) * who.anatomy.foot_m, y))
+    score.put(0.1, down_s, com=(x + (0.72 if heels else 0.0) * who.anatomy.foot_m, y))
     splay = who.u(2, 14) * DEG
     for side in SIDES:
         score.move(0.0, down_s, **{f"{side}_splay": splay * who.u(0.8, 1.2)})
@@ -306,11 +310,12 @@ def _stretch_up(score: Score, who: Performer, step: Step) -> None:
     for number, side in enumerate(sides):
         _overhead(score, who, side, lag * number, up_s)
     score.move(0.1, up_s, flex=-who.u(6, 16) * DEG, pitch=-who.u(0, 4) * DEG, gaze=-who.u(5, 35) * DEG)
-    tiptoe = who.chance(0.4) and step.direction not in ("left", "right")
+    tiptoe = who.chance(0.4) and step.direction not in ("left", "right") and step.body_part != "waist"
     x, y = middle(score, who)
     if tiptoe:
         tip = who.u(10, 22) * DEG
-        score.put(0.15 * up_s, 0.6 * up_s, com=(x + 0.52 * who.anatomy.foot_m, y))
+        x += 0.72 * who.anatomy.foot_m
+        score.put(0.0, 0.6 * up_s, com=(x, y))
         score.move(0.45 * up_s, 0.65 * up_s, left_tip=tip, right_tip=tip, z=score.values["z"] + float(np.sin(tip)) * who.anatomy.foot_m)
     score.wait(up_s)
     leaning = [step.direction] if step.direction in ("left", "right") else ["left", "right"] if step.body_part == "waist" or (not tiptoe and who.chance(0.25)) else []
@@ -320,8 +325,8 @@ def _stretch_up(score: Score, who: Performer, step: Step) -> None:
         score.put(0.0, lean_s, com=(x, y + sign * 0.02))
         score.wait(lean_s + who.u(0.2, 0.5))
     score.wait(hold_s)
-    stand_tall(score, who, 0.0, down_s, arms=False)
     score.move(0.0, 0.6 * down_s, left_tip=0.0, right_tip=0.0)
+    stand_tall(score, who, 0.0, down_s, arms=False)
     for side in sides:
         _lower(score, who, side, who.u(0, 0.1), down_s)
     score.wait(down_s + who.u(0.1, 0.3))
@@ -330,9 +335,9 @@ def _stretch_up(score: Score, who: Performer, step: Step) -> None:
 def _stretch_forward(score: Score, who: Performer) -> None:
     """Hands clasped and pushed forward, the upper back rounded."""
     out_s, hold_s, back_s = who.u(0.8, 1.2), who.u(0.4, 0.9), who.u(0.8, 1.1)
-    score.move(0.0, out_s, flex=who.traits["flex"] + who.u(16, 26) * DEG, pitch=who.u(0, 8) * DEG, gaze=who.u(20, 40) * DEG)
+    score.move(0.0, out_s, flex=who.traits["flex"] + who.u(28, 38) * DEG, pitch=who.u(10, 20) * DEG, gaze=who.u(30, 50) * DEG)
     for side in SIDES:
-        far = OnChest(ahead=0.93, out=-0.26, up=who.u(0.05, 0.2), elbow=(-0.2, 0.9, -0.2), fingers=(0.5, -0.8, 0.0), back=(-0.8, -0.5, 0.0))
+        far = OnChest(ahead=0.93, out=-0.26, up=who.u(0.05, 0.2), elbow=(-0.2, 0.9, -0.2), fingers=(0.7, -0.7, 0.0), back=(0.3, 0.3, 0.9))
         score.reach(side, far, who.u(0, 0.05), out_s)
     score.wait(out_s + hold_s)
     stand_tall(score, who, 0.0, back_s)
@@ -341,9 +346,9 @@ def _stretch_forward(score: Score, who: Performer) -> None:
 
 def _stretch_leg(score: Score, who: Performer, side: str) -> None:
     """One heel goes ahead, toes up, knee straight; the hips go back, the trunk leans over the leg, hands on the thigh."""
-    shift_s, step_s, lean_s, hold_s = who.u(0.5, 0.65), who.u(0.55, 0.75), who.u(0.8, 1.1), who.u(0.5, 1.2)
+    shift_s, step_s, lean_s, hold_s = who.u(0.85, 1.0), who.u(0.55, 0.75), who.u(0.8, 1.1), who.u(0.5, 1.2)
     stand = OTHER[side]
-    score.put(0.0, shift_s, com=middle(score, who, stand))
+    score.put(0.0, shift_s, 0.85, com=_part(middle(score, who), middle(score, who, stand), 0.85))
     score.wait(0.8 * shift_s)
     x, y = score.at(side)
     body = who.anatomy
@@ -363,7 +368,7 @@ def _stretch_leg(score: Score, who: Performer, side: str) -> None:
     score.wait(lean_s + hold_s)
     back_s = who.u(0.8, 1.0)
     stand_tall(score, who, 0.0, back_s)
-    score.put(0.0, back_s, com=middle(score, who, stand))
+    score.put(0.0, back_s, com=_part(middle(score, who), middle(score, who, stand), 0.85))
     score.wait(0.75 * back_s)
     score.put(0.0, step_s, **{side: (x, y)})
     score.move(0.0, step_s, **{f"{side}_pivot": 1.0, f"{side}_tip": 0.0})
