@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from collections.abc import Callable
 from functools import cache
@@ -640,6 +641,49 @@ def test_low_rates_are_warned_of(tmp_path: Path) -> None:
 def test_a_missing_package_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.c3d"
     path.write_bytes(b"\x02\x50" + b"\0" * 2000)
-    monkeypatch.setitem(__import__("sys").modules, "ezc3d", None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"needs the package ezc3d; install t2d-rt with the extra \[c3d\]"):
         load_motion(path)
+
+
+def good_files(folder: Path) -> list[Path]:
+    """A small good file of each format that is decoded here."""
+    asf, amc, _ = cmu_pair()
+    (folder / "a.asf").write_text(asf)
+    (folder / "a.amc").write_text(amc.split("\n13\n")[0] + "\n")
+    deepmimic_file(folder / "a.json", frames=8)
+    tracks = {name: track[:15] for name, track in named_tracks(walk_20hz()).items()}
+    (folder / "a.trc").write_text(independent.trc(tracks, 20.0, "m"))
+    np.save(folder / "a.npy", y_up(walk_20hz().joints[:15, :22]))
+    poses, moved = amass_poses(frames=15)
+    save(folder / "a.npz", poses=poses, trans=moved, mocap_framerate=60.0)
+    return [folder / f"a.{suffix}" for suffix in ("amc", "json", "trc", "npy", "npz")]
+
+
+@pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")
+def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
+    """Bytes cut, changed, removed and put in, in the head and anywhere: no other error than an InputError of one line."""
+    rng = np.random.default_rng(RNG_SEED)
+    for path in good_files(tmp_path):
+        load_motion(path)
+        good = path.read_bytes()
+        refused = 0
+        for kind in 10 * ["cut", "change", "remove", "insert"]:
+            data = bytearray(good)
+            at = int(rng.integers(min(len(good), 400) if rng.random() < 0.5 else len(good)))
+            if kind == "cut":
+                del data[at:]
+            elif kind == "change":
+                data[at] = int(rng.integers(256))
+            elif kind == "remove":
+                del data[at : at + int(rng.integers(1, 9))]
+            else:
+                data[at:at] = rng.choice(np.frombuffer(b'0123456789.-einf \n\t{}[]":,', np.uint8), 4).tobytes()
+            path.write_bytes(bytes(data))
+            try:
+                load_motion(path)
+            except InputError as error:
+                refused += 1
+                assert "\n" not in str(error)
+                assert len(str(error)) < 900
+        assert refused > 5, path

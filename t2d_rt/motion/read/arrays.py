@@ -16,7 +16,7 @@ from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes, size
 
-MAX_BYTES = 500_000_000
+MAX_BYTES = 250_000_000
 """Largest file, and largest array in it: 100 000 frames of SMPL-X in double precision are 130 MB."""
 
 MAX_ARRAYS = 200

@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
+import importlib.util
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
-from t2d_rt.motion.read.bvh import MAX_FRAMES
+from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
 from t2d_rt.motion.read.markers import joints_from
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import RATES_HZ
 
-MAX_BYTES = 500_000_000
+MAX_BYTES = 250_000_000
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 C3D_MARK = 0x50
 """Second byte of every C3D file."""
+
+LONGEST_S = 120
+
+DECODE = """
+import sys
+import ezc3d
+import numpy as np
+file = ezc3d.c3d(sys.argv[1])
+point = file["parameters"]["POINT"]
+keys = sorted((key for key in point if key.startswith("LABELS")), key=lambda key: int(key[6:] or 1))
+labels = [str(label).strip() for key in keys for label in point[key]["value"]]
+unit = "".join(point["UNITS"]["value"][:1]) if "UNITS" in point else ""
+np.savez(sys.argv[2], labels=np.array(labels, dtype=str), rate=point["RATE"]["value"][0], unit=unit, points=file["data"]["points"])
+"""
+"""Program of the process that decodes a file, given as its first argument, into the .npz file that is its second."""
 
 
 def read_c3d(path: Path) -> Tracks:
@@ -35,29 +54,40 @@ def read_c3d(path: Path) -> Tracks:
 
 def _markers(path: Path) -> tuple[dict[str, np.ndarray], float, str]:
     """Positions (T, 3) by label, NaN where not seen, the frame rate and the name of the unit."""
-    try:
-        import ezc3d
-    except ImportError:
-        raise InputError(f"reading {path} needs the package ezc3d; install t2d-rt with the extra [c3d]") from None
-    try:
-        file: Any = ezc3d.c3d(str(path))
-        parameters = file["parameters"]["POINT"]
-        labels = [
-            str(label).strip()
-            for key in sorted(parameters)
-            if key.startswith("LABELS")
-            for label in parameters[key]["value"]
-        ]
-        rate_hz, unit = float(parameters["RATE"]["value"][0]), str((parameters["UNITS"]["value"] or [""])[0])
-        table = np.asarray(file["data"]["points"], dtype=np.float64)
-    except Exception as error:  # ezc3d raises whatever its C++ code does
+    if importlib.util.find_spec("ezc3d") is None:
+        raise InputError(f"reading {path} needs the package ezc3d; install t2d-rt with the extra [c3d]")
+    labels, rate_hz, unit, table = _decoded(path)
+    if table.ndim != 3 or not 2 <= table.shape[2] <= MAX_FRAMES or not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
         raise InputError(
-            f"{path} cannot be read as C3D ({' '.join(str(error).split())[:100]}); it is damaged or unusual"
-        ) from None
-    frames = table.shape[2]
-    if not 2 <= frames <= MAX_FRAMES or not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
-        raise InputError(f"{path} holds {frames} frames at {rate_hz:g} Hz; expected 2 to {MAX_FRAMES} at a usual rate")
+            f"{path} holds points of shape {table.shape} at {rate_hz:g} Hz; expected 2 to {MAX_FRAMES} frames"
+        )
     positions = np.moveaxis(table[:3], 0, -1)  # (markers, frames, 3)
     # Markers not seen are NaN, or exactly at the origin in files of older programs.
-    positions = np.where((positions == 0.0).all(axis=-1, keepdims=True), np.nan, positions)
+    unseen = (positions == 0.0).all(axis=-1, keepdims=True) | ~(np.abs(positions) < LARGEST_NUMBER)
+    positions = np.where(unseen, np.nan, positions)
     return {label: positions[place] for place, label in enumerate(labels[: len(positions)])}, rate_hz, unit.lower()
+
+
+def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:
+    """Labels, rate, unit and points (4, markers, frames), decoded in a process of its own: damaged files crash ezc3d."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "points.npz"
+        try:
+            done = subprocess.run(
+                [sys.executable, "-c", DECODE, str(path.resolve()), str(out)], cwd=folder, capture_output=True, timeout=LONGEST_S,
+                check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise InputError(f"{path} was not decoded within {LONGEST_S} s; it is damaged or too large") from None
+        if done.returncode or not out.is_file():
+            last = done.stderr.decode("utf-8", "replace").strip().splitlines()[-1:]
+            raise InputError(
+                f"{path} cannot be read as C3D ({shown(''.join(last) or 'its decoder crashed')}); it is damaged or unusual"
+            )
+        with np.load(out, allow_pickle=False) as found:
+            return (
+                [str(each) for each in found["labels"]],
+                float(found["rate"]),
+                str(found["unit"]),
+                found["points"].astype(np.float64),
+            )

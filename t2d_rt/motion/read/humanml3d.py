@@ -8,7 +8,7 @@ next frame in the root's axes, and four flags of foot contact. The root's own ax
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,7 +72,8 @@ def read_vectors(vectors: np.ndarray) -> Tracks:
     Orientations are found from positions: the 6D rotations are the least ones from one fixed direction per bone and hold no twist.
     """
     decoded = decode(vectors)
-    if not unlikeness(decoded.joints, CANONICAL_JOINTS) < LEAST_LIKELY:
+    tracks = read_joints(decoded.joints)
+    if not unlikeness(tracks.points) < LEAST_LIKELY:
         raise InputError(
             "the HumanML3D vectors (T, 263) make no person: they are probably normalised; multiply them by Std.npy and add Mean.npy"
         )
@@ -89,17 +90,13 @@ def read_vectors(vectors: np.ndarray) -> Tracks:
         f"its joint steps agree with the positions within {1e3 * moved:.1f} mm",
         f"its 6D rotations within {np.degrees(np.arccos(np.clip(cosine, -1, 1)).mean()):.1f} degrees",
     )
-    return _tracks("HumanML3D vectors", decoded.joints, told)
+    return replace(tracks, form="HumanML3D vectors", told=told)
 
 
 def read_joints(joints: np.ndarray) -> Tracks:
     """Joints (T, 22, 3) as tracks."""
-    return _tracks("HumanML3D joints", joints, ())
-
-
-def _tracks(form: str, joints: np.ndarray, told: tuple[str, ...]) -> Tracks:
     points = {name: joints[:, place] for place, name in enumerate(CANONICAL_JOINTS)}
-    return Tracks(form=form, points=points, rate_hz=RATE_HZ, told=told, unit_m=1.0, up="y", up_certain=False)
+    return Tracks(form="HumanML3D joints", points=points, rate_hz=RATE_HZ, unit_m=1.0, up="y", up_certain=False)
 
 
 def _about_y(angle_rad: np.ndarray, vectors: np.ndarray) -> np.ndarray:

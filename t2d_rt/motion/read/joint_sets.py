@@ -147,17 +147,20 @@ def guessed_order(joints: np.ndarray) -> str | None:
     fitting = [order for order, names in ORDERS.items() if len(names) == count]
     # SMPL-H and SMPL-X go on with fingers and faces after the body's 22.
     fitting += ["HumanML3D"] if count >= 45 else []
-    scores = {order: unlikeness(joints, ORDERS[order]) for order in fitting}
+    scores = {}
+    for order in fitting:
+        place = {name: column for column, name in enumerate(ORDERS[order])}
+        sources = canonical_sources(ORDERS[order])
+        scores[order] = unlikeness({joint: joints[:, place[sources[joint][0]]] for joint in NEEDED})
     best = min(scores, key=lambda order: scores[order], default=None)
     return best if best is not None and scores[best] <= LEAST_LIKELY else None
 
 
-def unlikeness(joints: np.ndarray, names: tuple[str, ...]) -> float:
-    """How much limbs of joints (T, K, 3) vary in length, differ left and right, and miss the ratio of legs to arms; 0 is best."""
-    at = {joint: joints[:, names.index(source[0])] for joint, source in canonical_sources(names).items()}
+def unlikeness(points: Mapping[str, np.ndarray]) -> float:
+    """How much limbs of points (T, 3) vary in length, differ left and right, and miss the ratio of legs to arms; 0 is best."""
     lengths = np.array(
         [
-            [np.linalg.norm(at[f"{side}_{upper}"] - at[f"{side}_{lower}"], axis=-1) for upper, lower in LIMBS]
+            [np.linalg.norm(points[f"{side}_{upper}"] - points[f"{side}_{lower}"], axis=-1) for upper, lower in LIMBS]
             for side in ("left", "right")
         ]
     )  # (2, 4, T)

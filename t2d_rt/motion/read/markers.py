@@ -114,7 +114,7 @@ def _from_skin(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str
         if f"{s}FIN" in at:
             points[f"{side}_hand"] = at[f"{s}FIN"]
     if all(label in at for label in HEAD):
-        points["head"] = 0.25 * sum(at[label] for label in HEAD)
+        points["head"] = np.mean([at[label] for label in HEAD], axis=0)
     return points, (f"joints from the markers {', '.join(at)}", *told)
 
 

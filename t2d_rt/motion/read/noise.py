@@ -98,7 +98,7 @@ def _best_cutoff(track: np.ndarray, sigma_m: float, rate_hz: float, choices: lis
     mean = _averaged(power)
     signal = np.where(mean > ABOVE_NOISE * noise, mean - noise, 0.0)
     omega2 = (2 * math.pi * frequency) ** 2
-    errors = {None: float((omega2 * noise).mean())}
+    errors: dict[float | None, float] = {None: float((omega2 * noise).mean())}
     tangent = np.tan(0.5 * math.pi * np.minimum(2 * frequency / rate_hz, 0.999999))
     for cutoff in choices:
         passed = 1 / (1 + (math.sqrt(2) - 1) * (tangent / math.tan(math.pi * cutoff / rate_hz)) ** 4)

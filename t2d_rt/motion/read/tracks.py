@@ -13,6 +13,7 @@ from t2d_rt.motion.posture import facing, stature_m
 from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.complete import add_level_feet, complete
 from t2d_rt.motion.read.detect import Up, add_feet, floor_level, to_z_up, tpose_frames, unit, up_axis
+from t2d_rt.motion.read.joint_sets import LEAST_LIKELY, unlikeness
 from t2d_rt.motion.read.noise import denoised
 from t2d_rt.motion.read.orientations import orientations_from_positions
 from t2d_rt.motion.read.positions import assemble
@@ -32,6 +33,9 @@ UPRIGHT = 0.8
 """Of the distance from ankles to head, along an axis that is not the format's own, for that axis to be the upward one."""
 
 MOST_REPEATS = 8
+
+MISLABELLED = 2 * LEAST_LIKELY
+"""Score of limbs above which joints are not what they are called; noise of 3 cm adds 0.2."""
 
 BACKWARD = -0.3
 """Mean forward component of feet and knees (-1 to 1) from which left and right must be swapped."""
@@ -64,6 +68,11 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     """The motion in metres, z up, floor at z = 0, with its report."""
     rate_hz = tracks.rate_hz if reading.rate_hz is None else float(reading.rate_hz)
     tracks, held = _without_repeats(tracks)
+    if tracks.orientations is None and not unlikeness(tracks.points) <= MISLABELLED:
+        raise InputError(
+            f"{tracks.form}: limbs change their length by half, or differ as much left and right; the joints' names or their order "
+            "are wrong, or the tracks are damaged"
+        )
     points, filled = _whole(tracks)
     told = [*tracks.told, *filled]
     if held > 1:

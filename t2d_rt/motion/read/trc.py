@@ -47,7 +47,7 @@ def read_trc(path: Path) -> Tracks:
 
 def _table(lines: list[str], width: int, path: Path) -> np.ndarray:
     """Coordinates (T, columns), NaN where a cell is empty."""
-    rows = []
+    rows: list[list[float]] = []
     for line in lines:
         if not line.strip():
             continue
