@@ -17,6 +17,7 @@ from t2d_rt.motion import resample, trim
 from t2d_rt.motion.check import check_motion, detect_fall, measure
 from t2d_rt.motion.check.anatomy import RANGES_DEG
 from t2d_rt.motion.check.limits import AT_MOST, GAIT_SIGNS, limits
+from t2d_rt.motion.check.population import distance_m, diversity, spectrum_difference_db, speed_spectrum
 from t2d_rt.motion.check.tracks import spans
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.types import Motion
@@ -479,6 +480,37 @@ def test_classes_have_names() -> None:
         check_motion("walk.bvh")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="motion must be a Motion"):
         detect_fall(None)  # type: ignore[arg-type]
+
+
+# --- populations ---
+
+
+def swinging(frequency_hz: float, amplitude_m: float, rate: float = 60.0) -> Motion:
+    """Every joint moves along x as a sine."""
+    at = times(8.0, rate)
+    still = figure(0 * at, 0 * at, 0 * at, rate=rate)
+    return shifted(still, (amplitude_m * np.sin(2 * np.pi * frequency_hz * at))[:, None, None] * np.array([1, 0, 0]))
+
+
+@pytest.mark.parametrize(
+    ("frequency", "band", "rate"), [(3.2, 3, 30.0), (3.2, 3, 120.0), (5.0, 4, 60.0), (10.5, 6, 60.0), (10.5, 6, 120.0)]
+)
+def test_a_sines_power_is_in_its_band(frequency: float, band: int, rate: float) -> None:
+    power = speed_spectrum(swinging(frequency, 0.1, rate))
+    assert power.sum() == pytest.approx((2 * np.pi * frequency * 0.1) ** 2 / 2, rel=0.12)
+    assert power[band] > 0.9 * power.sum()
+    twice = spectrum_difference_db([swinging(frequency, 0.2, rate)], [swinging(frequency, 0.1, rate)])
+    assert twice[band] == pytest.approx(20 * np.log10(2), abs=0.01)
+
+
+def test_distances_do_not_hang_on_place_heading_or_rate() -> None:
+    other = shifted(turned(resample(walk(), 30.0), 60.0), np.array([3.0, -2.0, 0.0]))
+    assert distance_m(walk(), other) < 0.02
+    slow = figure(*[0 * times(2.0)] * 3)
+    raised = figure(*[0 * times(2.0)] * 3, lift=0.3)
+    assert distance_m(slow, raised) == pytest.approx(0.3)
+    found = diversity([slow, raised, figure(*[0 * times(2.0)] * 3, lift=0.4)])
+    assert (found.median_m, found.least_m) == (pytest.approx(0.3), pytest.approx(0.1))
 
 
 # --- the command ---

@@ -156,7 +156,7 @@ def _jumping(seen: Evidence) -> list[str]:
     flights = flights_s(seen.body)
     longest = max((duration for _, duration, _ in flights), default=0.0)
     rise = max((rise for *_, rise in flights), default=0.0) / seen.body.stature_m
-    if longest < 0.15 or rise < 0.01:
+    if longest < 0.10 or rise < 0.008:
         return [f"the longest flight lasts {longest:.2f} s and rises by {rise * seen.body.stature_m:.3f} m: no jump"]
     return []
 
