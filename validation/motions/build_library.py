@@ -20,10 +20,11 @@ import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, quaternions, resample
-from t2d_rt.motion.contacts import contacts, runs, soles
+from t2d_rt.motion.check import check_motion
+from t2d_rt.motion.contacts import CONTACT_SPEED_MPS, contacts, plant, runs, soles
 from t2d_rt.motion.generate.chain import Piece, heading_rad, moved, rotation_vector
 from t2d_rt.motion.generate.library.store import FOLDER, RATE_HZ, Segment, Source, packed, unpacked
-from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, poses_of
+from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, motion_of, poses_of
 
 CMU, MIT, APACHE = "CMU", "MIT (DeepMimic)", "Apache-2.0 (Kimodo)"
 
@@ -66,12 +67,16 @@ MOST_JUMP_M = 0.04
 """A joint's greatest distance from the middle of its neighbours in time; of recorded motion without glitches 0.05 at most."""
 MOST_BEND_DEG = 12.0
 """Change of an end's turn from one frame to the next two."""
-ENDS = {INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("wrist", "foot")}
+ENDS = {INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("wrist", "ankle", "foot")}
 """Joints that may be mended by interpolation: hardly anything hangs on them."""
 
+BALL_M = 0.025
+"""Height of the ball's joint over the floor."""
+SLIDING_MPS = 0.4
+"""Speed up to which a dancer's foot stands: files of 15 markers let it slide."""
 QUIET_MPS = 1.0
 """Mean speed of joints of one who has come to rest between jumps, standing on both feet."""
-STILL_MPS = 0.12
+STILL_MPS = 0.15
 """Mean speed of joints of one who stands still."""
 
 
@@ -90,7 +95,7 @@ def main() -> None:
         if recipe is None or not path.is_file():
             continue
         try:
-            pieces = clean(path)
+            pieces = clean(path, SLIDING_MPS if recipe[3] == "dance" else CONTACT_SPEED_MPS)
         except InputError as error:
             print(f"{place}: {error}")
             continue
@@ -113,19 +118,19 @@ def main() -> None:
     write(options.output, arrays, sources, segments)
 
 
-def clean(path: Path) -> list[Piece]:
+def clean(path: Path, contact_mps: float) -> list[Piece]:
     """A recording's parts without defects, at 60 Hz, the level of the balls of the feet at 0."""
     motion = load_motion(path)
     if motion.rate_hz != RATE_HZ:
         motion = resample(motion, RATE_HZ)
     poses = poses_of(motion)
     poses, bad = mended(poses)
-    parts = [(start, stop) for start, stop in runs(~bad) if stop - start >= 60]
+    parts = [(start, stop) for start, stop in runs(~bad) if stop - start >= 45]
     found = []
     for start, stop in parts:
         part = poses.part(start, stop)
         points = soles(part)
-        planted = contacts(part)
+        planted = contacts(part, speed_mps=contact_mps)
         lowest = points[..., 2].min(axis=(1, 2))[planted.any(axis=(1, 2))]
         level = float(np.median(lowest)) if len(lowest) > 10 else float(np.percentile(points[..., 2], 2))
         root = part.root - [0.0, 0.0, level]
@@ -182,6 +187,7 @@ def labelled(clip: str, piece: Piece, rule: str) -> list[Segment]:
     elif rule.startswith("getup"):
         found = [measured(clip, piece, *each, activity="sitting", action="stand_up", kind=rule[6:]) for each in whole]
     found = [each for each in found if each.action not in ("walk", "turn") or believable(each, piece)]
+    found = [each for each in found if each.action == "stand_up" or sound(each, piece)]
     found += stands(clip, piece)
     return [replace(each, name=f"{clip}.{number}") for number, each in enumerate(found)]
 
@@ -190,6 +196,18 @@ def believable(segment: Segment, piece: Piece) -> bool:
     """Whether a walk's feet stand while they should, and it goes where it faces."""
     ahead = segment.kind != "steady" or abs(segment.travel_deg) < 12 or segment.distance_m < 0.5
     return ahead and carried(piece.part(segment.start, segment.stop))
+
+
+def sound(segment: Segment, piece: Piece) -> bool:
+    """Whether the filter of generated motions lets the recorded one pass, once its feet are on the floor."""
+    part = piece.part(segment.start, segment.stop)
+    root = part.poses.root + [0.0, 0.0, BALL_M]
+    motion = motion_of(plant(replace(part.poses, root=root), part.planted, floor_m=BALL_M))
+    expected = segment.activity if segment.kind in ("", "steady") else None
+    verdict = check_motion(motion, expected=expected)  # type: ignore[arg-type]
+    if not verdict.passed:
+        print(f"{segment.clip} {segment.action} {segment.kind}: {verdict}")
+    return verdict.passed
 
 
 def travel(piece: Piece, window_s: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
@@ -311,14 +329,14 @@ def root_step(piece: Piece, start: int, stop: int) -> np.ndarray:
 
 
 def stands(clip: str, piece: Piece) -> list[Segment]:
-    """Stretches of quiet standing of 0.7 s and more."""
+    """Stretches of quiet standing of 0.6 s and more."""
     joints, _ = piece.poses.world()
     speed = np.linalg.norm(np.gradient(joints, 1 / RATE_HZ, axis=0), axis=-1).mean(axis=1)
     upright = piece.poses.root[:, 2] > 0.95 * np.percentile(piece.poses.root[:, 2], 70)
     return [
         measured(clip, piece, start, stop, activity="standing", action="stand")
         for start, stop in runs((speed < STILL_MPS) & upright & piece.planted.any(axis=(1, 2)))
-        if stop - start >= 0.7 * RATE_HZ
+        if stop - start >= 0.6 * RATE_HZ
     ]
 
 

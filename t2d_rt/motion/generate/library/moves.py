@@ -250,13 +250,26 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
         segment = maker.draw(fitting or segments)
         done += max(segment.count, 1)
         piece = edits.tempo(maker.piece(segment), pace * float(np.exp(0.03 * maker.rng.standard_normal())))
-        pieces.append(_thrown(maker, piece, step))
+        pieces.append(_thrown(maker, _begun_late(maker, piece) if not pieces else piece, step))
         total += len(piece) / RATE_HZ
     return joined(pieces)
 
 
+def _begun_late(maker: Maker, piece: Piece) -> Piece:
+    """A jump with a part of the standing before it, or with more."""
+    lifted = np.flatnonzero(~piece.planted.any(axis=(1, 2)))
+    most = int(lifted[0]) // 2 if len(lifted) else 0
+    change = int(maker.rng.integers(-round(0.8 * RATE_HZ), most + 1))
+    if change >= 0:
+        return piece.part(change, len(piece))
+    quiet = stand(maker, Step(action="stand"), -change / RATE_HZ)
+    return joined([quiet, piece], blend_s=0.6)
+
+
 def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
-    """A jump carried back or aside, or round, while it is in the air."""
+    """A jump carried back or aside, or round, while it is in the air; forward jumps are shorter and longer than recorded ones."""
+    if step.direction in ("forward", "straight", None):
+        return edits.strided(piece, float(maker.rng.uniform(0.7, 1.3)))
     if step.direction not in ("back", "left", "right", "clockwise", "counterclockwise"):
         return piece
     air = ~piece.planted.any(axis=(1, 2))
@@ -279,16 +292,16 @@ def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
 def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
     """A dance, going on in another where poses are alike."""
     segments = maker.segments("dance")
-    pace = {"slow": 0.8, "normal": 1.0, "fast": 1.18}[step.speed] * maker.person.tempo
+    pace = {"slow": 0.82, "normal": 1.0, "fast": 1.12}[step.speed] * maker.person.tempo
     count = round(duration_s * RATE_HZ * pace)
-    whole = maker.piece(maker.draw(segments))
-    if len(whole) > count:
-        begin = int(maker.rng.integers(0, len(whole) - count + 1))
-        whole = whole.part(begin, begin + count)
+    weights = [each.duration_s for each in segments]
+    whole = maker.piece(maker.draw(segments, weights))
+    begin = int(maker.rng.integers(0, max(len(whole) - count, round(0.4 * len(whole))) + 1))
+    whole = whole.part(begin, min(len(whole), begin + count))
     while len(whole) < count:
         tries = []
         for _ in range(3):
-            found = maker.piece(maker.draw(segments))
+            found = maker.piece(maker.draw(segments, weights))
             after = range(max(len(whole) - 40, 3), len(whole) - 1, 2)
             tries.append((found, best_seam(whole.poses, found.poses, after, range(2, max(4, len(found) // 2), 2))))
         found, (cut, start, _) = min(tries, key=lambda each: each[1][2])
