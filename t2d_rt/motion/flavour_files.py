@@ -32,7 +32,7 @@ from t2d_rt.files import read_yaml
 from t2d_rt.motion.conventions import Source, sided
 from t2d_rt.motion.skeletons import Flavour
 
-KEYS = ("name", "joints", "lost_bones", "cmu_units")
+FIELDS = ("name", "joints", "lost_bones", "cmu_units")
 
 FRACTIONS = -2.0, 3.0
 """Points between and a little beyond two joints."""
@@ -51,8 +51,8 @@ def read_flavour(path: str | Path) -> Flavour:
     values = read_yaml(path, noun="flavour file", example=example)
     try:
         for key in values:
-            if key not in KEYS:
-                raise unknown_name("key", key, KEYS)
+            if key not in FIELDS:
+                raise unknown_name("key", key, FIELDS)
         rows = values.get("joints")
         if not isinstance(rows, Mapping) or not 0 < len(rows) <= MOST_ROWS:
             raise InputError(f"joints must be a mapping of canonical joints to the file's, got {shown(rows)}")

@@ -16,11 +16,11 @@ from t2d_rt.errors import printable
 from t2d_rt.motion.match.limbs import Limb
 from t2d_rt.motion.match.mapping import Source, canonical_sources
 from t2d_rt.motion.match.person import Person, find_person, joints_of
-from t2d_rt.motion.match.sides import CLEAR, NAMES, Signs, signs
+from t2d_rt.motion.match.sides import DECISIVE, NAMES, Signs, signs
 from t2d_rt.motion.match.tree import Tree
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS
 
-__all__ = ["Match", "match", "signs"]
+__all__ = ["DECISIVE", "MOST_FRAMES", "Match", "match", "signs"]
 
 Sureness = Literal["sure", "fairly sure", "unsure"]
 
@@ -58,7 +58,7 @@ def match(
     person, margin = find_person(tree, rest)
     legs, arms = person.legs.limbs, _alike(tree, person)
     body, named = _votes(tree, person, legs, arms)
-    total = body.body if abs(body.body) >= CLEAR else body.body + NAMES * named
+    total = body.body if abs(body.body) >= DECISIVE else body.body + NAMES * named
     if total < 0:
         legs, arms, body, named = (
             legs[::-1],
@@ -115,7 +115,7 @@ def _sureness(margin: float, sided: float, agree: float, body: Signs, *, headles
     if margin < MARGINS[0] or sided < 0.5 or headless:
         return "unsure"
     named = agree >= 0.8 and sided >= NAMES
-    return "sure" if named or (margin >= MARGINS[1] and body.body >= CLEAR) else "fairly sure"
+    return "sure" if named or (margin >= MARGINS[1] and body.body >= DECISIVE) else "fairly sure"
 
 
 def _doubts(sure: Sureness, named: float) -> list[str]:

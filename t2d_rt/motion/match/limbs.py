@@ -115,17 +115,17 @@ def _bones(tree: Tree, joints: list[int], branch: int) -> list[tuple[int, int, f
     inside = {joint for joint, far in zip(joints, away, strict=True) if far <= COINCIDENT * tree.size}
     rows, root = [], inside | set(tree.above(branch))
     for lower in joints:
-        way, left_out = tree.bones[lower], 0
-        apart = way > COINCIDENT * tree.size
+        length_along, left_out = tree.bones[lower], 0
+        apart = length_along > COINCIDENT * tree.size
         for upper in tree.above(tree.parents[lower]):
             if upper in root:
                 break
             if apart:  # of several joints in one place the last carries the bone
-                rows.append((upper, lower, way, left_out))
+                rows.append((upper, lower, length_along, left_out))
             apart = bool(tree.bones[upper] > COINCIDENT * tree.size)
             if apart and "twist" not in tree.labels[upper].parts:
                 left_out += min(len(tree.children[upper]), 2)  # fingers branch off at a wrist, not inside a bone
-            way += tree.bones[upper]
+            length_along += tree.bones[upper]
     if not rows:
         return []
     apart = np.linalg.norm(
@@ -135,9 +135,9 @@ def _bones(tree: Tree, joints: list[int], branch: int) -> list[tuple[int, int, f
     spread = np.median(np.abs(apart - length), axis=0)
     return [
         (upper, lower, float(length[i]), left_out)
-        for i, (upper, lower, way, left_out) in enumerate(rows)
+        for i, (upper, lower, length_along, left_out) in enumerate(rows)
         if length[i] > 10 * COINCIDENT * tree.size
-        and (left_out == 0 or (length[i] > STRAIGHT * way and spread[i] < RIGID * length[i]))
+        and (left_out == 0 or (length[i] > STRAIGHT * length_along and spread[i] < RIGID * length[i]))
     ]
 
 

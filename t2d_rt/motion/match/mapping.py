@@ -19,7 +19,7 @@ HEAD_TOP = 0.06, 0.4
 """Vertex above the head joint, over thigh and shank."""
 
 COLLAR = 0.2
-"""Collar joint on the way from the thorax to the shoulder where the file puts it into the thorax."""
+"""Collar joint on the line from the thorax to the shoulder where the file puts it into the thorax."""
 
 Source = int | tuple[int, int, float]
 """A joint of the file, or a point on the line from one to another that turns with the first."""
@@ -49,7 +49,7 @@ def canonical_sources(tree: Tree, person: Person, sided: Sequence[tuple[Limb, Li
 
 
 def _carrier(tree: Tree, joint: int, tip: int) -> int:
-    """Of several joints in one place on the way to a tip, the last, which carries what follows."""
+    """Of several joints in one place on the chain to a tip, the last, which carries what follows."""
     for each in tree.path(joint, tip)[1:]:
         if not tree.together(joint, each) or each == tip:
             break
@@ -66,19 +66,19 @@ def _feet(tree: Tree, leg: Limb) -> dict[str, Source]:
         reach = tree.positions[:, tip] - ankle
         length = float(np.median(np.linalg.norm(reach, axis=-1))) / leg.length
         bent = float(np.median(np.linalg.norm(np.cross(unit(reach), shank), axis=-1)))
-        way = [joint for joint in tree.path(leg.lower, tip)[1:] if not tree.together(leg.lower, joint)]
-        named = any("foot" in tree.labels[joint].parts or "toe" in tree.labels[joint].parts for joint in way)
+        chain = [joint for joint in tree.path(leg.lower, tip)[1:] if not tree.together(leg.lower, joint)]
+        named = any("foot" in tree.labels[joint].parts or "toe" in tree.labels[joint].parts for joint in chain)
         # The foot stands square to the shank: what goes on along it is a heel, or the end of a bone.
         if 0.05 < length < 0.45 and (bent > 0.5 or (named and bent > 0.2)):
-            value = length + 0.2 * named - 0.001 * len(way)
-            best = max(best, (value, way), key=lambda each: each[0])
-    way = best[1]
-    if not way:
+            value = length + 0.2 * named - 0.001 * len(chain)
+            best = max(best, (value, chain), key=lambda each: each[0])
+    chain = best[1]
+    if not chain:
         return {}
-    ball = next((j for j in way if tree.labels[j].parts & {"foot", "toe"}), way[0])
-    found: dict[str, Source] = {"ankle": _carrier(tree, leg.lower, ball), "foot": _carrier(tree, ball, way[-1])}
-    if not tree.together(ball, way[-1]):
-        found["toe"] = way[-1]
+    ball = next((j for j in chain if tree.labels[j].parts & {"foot", "toe"}), chain[0])
+    found: dict[str, Source] = {"ankle": _carrier(tree, leg.lower, ball), "foot": _carrier(tree, ball, chain[-1])}
+    if not tree.together(ball, chain[-1]):
+        found["toe"] = chain[-1]
     return found
 
 
@@ -98,8 +98,8 @@ def _hand(tree: Tree, arm: Limb) -> dict[str, Source]:
 
 
 def _collar(tree: Tree, person: Person, arm: Limb) -> Source | None:
-    way = tree.path(person.arms.branch, arm.upper)[1:-1]
-    between = [joint for joint in way if not tree.together(joint, arm.upper)]
+    chain = tree.path(person.arms.branch, arm.upper)[1:-1]
+    between = [joint for joint in chain if not tree.together(joint, arm.upper)]
     if not between:
         return None
     collar = next((joint for joint in between if "collar" in tree.labels[joint].parts), between[-1])

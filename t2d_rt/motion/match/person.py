@@ -34,7 +34,7 @@ MOST_READINGS, MOST_TIPS = 8, 300
 
 HEADS = frozenset({"neck", "head", "head_top"})
 STRANGE = frozenset({"face", "helper", "hip", "knee", "hand", "elbow"})
-"""Parts that are found on the way to the top of a head, and that are not."""
+"""Parts that are found on the chain to the top of a head, and that are not."""
 
 HELP = "if it is one, name its joints in a flavour file (flavour=FILE.yaml, --motion.flavour FILE.yaml)"
 
@@ -157,12 +157,12 @@ def _head(tree: Tree, legs: Pair, arms: Pair) -> tuple[int, ...]:
     for (stem, tip), height, aside in zip(stems, heights, asides, strict=True):
         if not (-0.05 < height < 0.8 and aside < 0.35):
             continue
-        way = tree.path(stem, tip)
-        named = sum(bool(tree.labels[joint].parts & HEADS) for joint in way)
-        strange = sum(bool(tree.labels[joint].parts & STRANGE) for joint in way)
-        value = min(height, 0.45) - 0.5 * max(aside - 0.1, 0.0) + 0.3 * named - 0.5 * strange - 0.005 * len(way)
+        chain = tree.path(stem, tip)
+        named = sum(bool(tree.labels[joint].parts & HEADS) for joint in chain)
+        strange = sum(bool(tree.labels[joint].parts & STRANGE) for joint in chain)
+        value = min(height, 0.45) - 0.5 * max(aside - 0.1, 0.0) + 0.3 * named - 0.5 * strange - 0.005 * len(chain)
         if value > best[0]:
-            best = float(value), tuple(way)
+            best = float(value), tuple(chain)
     return best[1]
 
 

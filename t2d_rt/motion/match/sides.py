@@ -8,8 +8,8 @@ import numpy as np
 
 from t2d_rt.geometry.vectors import unit
 
-CLEAR = 0.8
-"""Sum of the signs of the body above which names do not count: feet and knees, or one of them with the walk."""
+DECISIVE = 1.6
+"""Sum of the signs of the body above which names do not count: more than feet or knees alone can give."""
 
 FOOT, KNEE, ELBOW, WALK, NAMES = 1.5, 1.5, 0.5, 0.6, 1.2
 """Weights. Feet point and knees bend forward in nearly every frame; elbows bend backward, but not of arms that are held out; people

@@ -35,7 +35,7 @@ AGES = ((0.455, 0.75), (0.485, 0.87), (0.51, 0.95), (0.535, 1.10), (0.558, 1.38)
 children by the ratio of sitting height to stature at 1, 2, 3, 5 and 10 years (0.63, 0.60, 0.58, 0.55, 0.53; adults 0.52)."""
 
 PROPORTION_SPREAD = 0.03
-"""Standard deviation of that share: persons, and where skeletons have hips and shoulders."""
+"""Standard deviation of that fraction: persons, and where skeletons have hips and shoulders."""
 
 DOUBT = 0.02
 """Probability of another unit above which it is said."""
@@ -100,8 +100,8 @@ def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
                 "give units (--motion.units) if it is another"
             )
         return names[0] if names else None
-    share = _legs_share(points, tall)
-    chances = {name: _chance(tall * UNITS_M[name], share) for name in names}
+    fraction = _leg_fraction(points, tall)
+    chances = {name: _chance(tall * UNITS_M[name], fraction) for name in names}
     best = max(chances, key=lambda name: chances[name])
     stature = tall * UNITS_M[best]
     others = [name for name in names if name != best and chances[name] > DOUBT * sum(chances.values())]
@@ -111,7 +111,7 @@ def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
             f"the file's unit may be {best} (stature {stature:.2f} m) or {other} ({tall * UNITS_M[other]:.2f} m), {best} is taken "
             f"by the body's proportions; give units={other!r} (--motion.units {other}) if it is the other"
         )
-    elif stature < 1.2 and share - _expected_share(stature) > 3.0 * PROPORTION_SPREAD:
+    elif stature < 1.2 and fraction - _expected_fraction(stature) > 3.0 * PROPORTION_SPREAD:
         _doubt(
             f"the body is {stature:.2f} m tall if the file's unit is {best}, but has an adult's proportions; give units "
             "(--motion.units) if it is another"
@@ -119,7 +119,7 @@ def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
     return best
 
 
-def _legs_share(points: dict[str, np.ndarray], tall: float) -> float:
+def _leg_fraction(points: dict[str, np.ndarray], tall: float) -> float:
     """Thigh and shank over thigh, shank, trunk and neck."""
     bones = [
         np.median(np.linalg.norm(points[f"{side}_{upper}"] - points[f"{side}_{lower}"], axis=-1))
@@ -129,16 +129,16 @@ def _legs_share(points: dict[str, np.ndarray], tall: float) -> float:
     return 0.5 * float(sum(bones)) * STATURE_PER_CHAIN / tall
 
 
-def _expected_share(stature: float) -> float:
-    shares, statures = zip(*AGES, strict=True)
-    return float(np.interp(stature, statures, shares))
+def _expected_fraction(stature: float) -> float:
+    fractions, statures = zip(*AGES, strict=True)
+    return float(np.interp(stature, statures, fractions))
 
 
-def _chance(stature: float, share: float) -> float:
+def _chance(stature: float, fraction: float) -> float:
     """Density of statures, nine adults of 1.68 m +- 8.5 % to one child of 0.7 to 1.5 m, times that of the proportions."""
     adult = 0.9 * math.exp(-0.5 * (math.log(stature / 1.68) / 0.085) ** 2) / (0.085 * math.sqrt(2.0 * math.pi))
     child = 0.1 / math.log(1.5 / 0.7) * (stature < 1.5)
-    return (adult + child) * math.exp(-0.5 * ((share - _expected_share(stature)) / PROPORTION_SPREAD) ** 2)
+    return (adult + child) * math.exp(-0.5 * ((fraction - _expected_fraction(stature)) / PROPORTION_SPREAD) ** 2)
 
 
 def _doubt(sentence: str) -> None:
@@ -157,14 +157,14 @@ def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = 
         return axis
     still = _standing(rest)
     other = _longest(still[0])
-    if other == axis or not _share(still, other) > 0.0:
+    if other == axis or not _standing_fraction(still, other) > 0.0:
         return axis
     tall = stature_m(points)
     spread = {each: _floor_spread(points, each) for each in (axis, other)}
     steady, loose = sorted(spread, key=lambda each: spread[each])
     if spread[loose] > 0.1 * tall and spread[steady] < 0.5 * spread[loose]:
         return steady
-    if axis[-1] == "x" or _share(moving, other) > 0.1:
+    if axis[-1] == "x" or _standing_fraction(moving, other) > 0.1:
         return other
     _doubt(
         f"the body is upright along {axis} throughout, but along {other} in its rest pose: up is taken as {axis}; "
@@ -196,7 +196,7 @@ def _along(up: Up) -> np.ndarray:
     return (-1.0 if up[0] == "-" else 1.0) * np.eye(3)["xyz".index(up[-1])]
 
 
-def _share(postures: np.ndarray, up: Up) -> float:
+def _standing_fraction(postures: np.ndarray, up: Up) -> float:
     """Share of frames in which the body stands along an axis."""
     lengths = np.maximum(np.linalg.norm(postures, axis=-1), 1e-300)
     return float(np.mean(postures @ _along(up) / lengths > STANDS))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from t2d_rt.errors import T2DWarning
-from t2d_rt.motion.match import MOST_FRAMES, Match, match, signs
+from t2d_rt.motion.match import DECISIVE, MOST_FRAMES, Match, match, signs
 from t2d_rt.motion.read.bvh import RawSkeleton, forward_kinematics, read_bvh
 from t2d_rt.motion.read.detect import add_feet, floor_level, to_z_up, tpose_frames, unit, up_axis
 from t2d_rt.motion.read.flips import flips, told
@@ -25,9 +25,6 @@ from t2d_rt.motion.skeletons import (
     source_joints,
 )
 from t2d_rt.types.motion import Motion
-
-MIRRORED = -1.6
-"""Signs of feet, knees, elbows and walk below which the joints that a flavour calls left lie on the right."""
 
 
 def read_skeletal(path: Path, reading: Reading) -> Motion:
@@ -107,7 +104,7 @@ def _rest_pose(raw: RawSkeleton, kind: Flavour) -> dict[str, np.ndarray]:
 def _check_sides(points: dict[str, np.ndarray], kind: Flavour) -> None:
     """Names decide where a flavour is known; a person whose left is on the right is said."""
     frames = np.unique(np.linspace(0, len(points["pelvis"]) - 1, MOST_FRAMES).round().astype(int))
-    if signs({name: track[frames] for name, track in points.items()}).body < MIRRORED:
+    if signs({name: track[frames] for name, track in points.items()}).body < -DECISIVE:
         _warn(
             f"the joints that flavour {kind.name!r:.60} calls left lie on the person's right by feet and knees, so the "
             "file seems to be mirrored; mirror it back"
