@@ -667,8 +667,8 @@ def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
     for path in good_files(tmp_path):
         load_motion(path)
         good = path.read_bytes()
-        refused = 0
-        for kind in 10 * ["cut", "change", "remove", "insert"]:
+        sentences = []
+        for kind in 8 * ["cut", "change", "remove", "insert"]:
             data = bytearray(good)
             at = int(rng.integers(min(len(good), 400) if rng.random() < 0.5 else len(good)))
             if kind == "cut":
@@ -683,7 +683,6 @@ def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
             try:
                 load_motion(path)
             except InputError as error:
-                refused += 1
-                assert "\n" not in str(error)
-                assert len(str(error)) < 900
-        assert refused > 5, path
+                sentences.append(str(error))
+        assert len(sentences) > 5, path
+        assert not any("\n" in sentence or len(sentence) > 900 for sentence in sentences)

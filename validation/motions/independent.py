@@ -54,7 +54,7 @@ def humanml3d_vectors(joints: np.ndarray) -> np.ndarray:
             six[:, joint] = np.concatenate([matrices[..., 0], matrices[..., 1]], axis=-1)
             above = turned
     step = into[1:].apply(np.diff(joints[:, 0], axis=0))
-    turn = np.arcsin((into[1:] * into[:-1].inv()).as_quat()[:, 1])
+    turn = np.arcsin((into[1:] * into[:-1].inv()).as_quat(canonical=True)[:, 1])
     local = joints.copy()
     local[..., [0, 2]] -= joints[:, :1, [0, 2]]
     local = np.stack([into.apply(local[:, j]) for j in range(22)], axis=1)
