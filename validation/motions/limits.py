@@ -26,8 +26,10 @@ from t2d_rt.motion.check.tracks import tracks
 from t2d_rt.motion.check.verdict import judged
 from t2d_rt.types.motion import Motion
 
-RATES_HZ = 10.0, 15.0, 20.0, 30.0, 60.0, 120.0
-"""At which steps from frame to frame are measured; a motion of 24 frames a second tells nothing of 60."""
+RATES_HZ = 10.0, 15.0, 20.0, 30.0, 60.0
+FASTER_HZ = 120.0, 240.0
+"""At which steps from frame to frame are measured, a motion of 24 frames a second tells nothing of 60; and rates at which few are
+recorded: there an impact, at which a velocity changes within a frame, deviates by half that change times the time of a frame."""
 
 GLITCH_IQR = 1.5
 """A recording has glitches where the logarithm of its greatest deviation of a step, times the squared frame rate, exceeds the
@@ -100,6 +102,7 @@ def made(motions: dict[str, Motion], measured: dict[str, Measures]) -> dict[str,
             motions[name] for name in sound if motions[name].rate_hz >= rate and motions[name].duration_s > 10 / rate
         ]
         jumps[rate] = MARGIN * float(np.percentile([jump_m(resample(each, rate).joints) for each in own], 99))
+    jumps |= {rate: jumps[RATES_HZ[-1]] * RATES_HZ[-1] / rate for rate in FASTER_HZ}
     of_class: dict[str, list[Measures]] = defaultdict(list)
     for name in sound:
         of_class[str(class_of(name))].append(measured[name])
