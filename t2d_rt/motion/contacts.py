@@ -67,20 +67,23 @@ def contacts(poses: Poses, *, speed_mps: float = CONTACT_SPEED_MPS) -> np.ndarra
     return found
 
 
-def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None) -> Poses:
+def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None, level: bool = True) -> Poses:
     """Poses whose feet do not slide while they stand: `planted` as `contacts` gives it, (T, 2, 2).
 
     While a foot stands, its pivot (the heel, then the ball) stays over one point, that of the middle of the contact; between
     contacts the correction passes from one to the next. Heights change by one number per contact, so that feet roll as they did.
     floor_m: height [m] at which the lower of heel and ball stands, and below which no foot goes; by default that at which each
-    stands in the median. Where a leg is too short its heel is raised, and then the pelvis lowered.
+    stands in the median. level: whether heights are changed at all. Where a leg is too short its heel is raised, and then the
+    pelvis lowered.
     """
     points = soles(poses)
     joints, _ = poses.world()
     targets = {}
     for number, side in enumerate(SIDES):
         shift = _corrections(points[:, number], planted[:, number], poses.rate_hz, floor_m)
-        if floor_m is not None:
+        if not level:
+            shift[:, 2] = 0.0
+        elif floor_m is not None:
             shift[:, 2] += _lift(poses, side, points[:, number], shift[:, 2], floor_m)
         track = joints[:, INDEX[f"{side}_ankle"]] + shift
         heel_only = planted[:, number, 0] & ~planted[:, number, 1]

@@ -6,28 +6,39 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
 from t2d_rt.errors import InputError
 from t2d_rt.motion.contacts import contacts, plant
-from t2d_rt.motion.descriptions.slots import Description, Step
+from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Description, GaitType, Step
 from t2d_rt.motion.generate.chain import Piece, joined
+from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual, individual, lively, sole_m
 from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, halted, made_of_clips
-from t2d_rt.motion.generate.library.store import Store, shipped
-from t2d_rt.motion.kinematics import motion_of
+from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
+from t2d_rt.motion.interpolate import resample
+from t2d_rt.motion.kinematics import motion_of, poses_of
 from t2d_rt.types.motion import Motion
 
 By = Literal["library", "gaits", "made", "physics"]
 
-TRAVELLING = "walk", "run"
+ALLOWED: dict[str | None, tuple[By, ...]] = {
+    None: ("library", "gaits", "made", "physics"), "library": ("library", "gaits"), "physics": ("library", "gaits", "made", "physics"),
+}  # fmt: skip
+"""What each provider makes; one that simulates falls needs what comes before them."""
+
+LEAD_S = 2.4, 3.6
+"""Duration of the walk or stance before a fall where the description says nothing of it."""
+
+SEAM_S = 0.5
+"""Time in which a difference between steps dies out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Composer:
-    """Makes motions of descriptions; `only` one of its ways, or each step by that which suits it."""
+    """Makes motions of descriptions: all of it by `only` one provider, or each step by what suits it."""
 
     only: str | None = None
     body: str | None = None
@@ -37,19 +48,19 @@ class Composer:
     def __call__(self, description: Description, *, seed: int) -> Motion:
         """The motion of a description."""
         rng = np.random.default_rng([seed, *description.sentence.encode()])
-        ways = [way_of(step) for step in description.steps]
-        allowed = {None: None, "library": {"library", "gaits"}, "physics": {"library", "gaits", "physics"}}[self.only]
-        for step, way in zip(description.steps, ways, strict=True):
-            if allowed is not None and way not in allowed:
-                raise InputError(
-                    f"provider {self.only} does not make {step.action}; leave the provider out, so that each step has its own"
-                )
+        refused = [step.action for step in description.steps if way_of(step) not in ALLOWED[self.only]]
+        if refused or (self.only == "physics" and description.action != "fall"):
+            raise InputError(
+                f"provider {self.only} does not make {(refused or [description.action])[0].replace('_', ' ')}; leave the provider out, "
+                "so that each step is made by what suits it"
+            )
         person = individual(description.subject, rng, body=self.body, stature_m=self.stature_m)
-        maker = Maker(self._store(), person, rng)
-        motion = _chained(maker, description, ways)
+        motion = _composed(Maker(self._store(), person, rng), description)
         made = f"made for {description.sentence!r}, class {description.activity}, by {self.only or 'auto'}, seed {seed}"
         who = f"{description.subject.replace('_', ' ')} of {person.stature_m:.2f} m, body {person.body}"
-        return replace(motion, origin=(made, who, *motion.origin), report=f"generated; {who}; floor at 0 m")
+        return replace(
+            motion, origin=(made, who, *motion.origin), report=f"generated; {who}; floor at 0 m", placed=False
+        )
 
     def _store(self) -> Store:
         if self.library is None:
@@ -63,62 +74,108 @@ def way_of(step: Step) -> By:
     """What makes a step."""
     if step.action == "fall":
         return "physics"
-    if step.type is not None:
+    if step.type in GAIT_TYPES:
         return "gaits"
-    if step.action in TRAVELLING and step.direction in ("up", "down"):
+    if step.action in ("walk", "run") and step.direction in ("up", "down"):
         return "made"
     return "library" if step.action in ACTIONS else "made"
 
 
-def _chained(maker: Maker, description: Description, ways: Sequence[By]) -> Motion:
+def _composed(maker: Maker, description: Description) -> Motion:
     steps = description.steps
-    whole: Piece | None = None
-    alone = len(steps) == 1
-    for way, group in groupby(zip(steps, ways, strict=True), key=lambda each: each[1]):
-        own = [step for step, _ in group]
-        if way == "physics":
-            raise InputError("falls are not made yet")
-        pieces = _made(maker, own) if way == "made" else [_clip_piece(maker, step, alone) for step in own]
+    falls = next((number for number, step in enumerate(steps) if step.action == "fall"), None)
+    if falls is None:
+        return finished(_chained(maker, None, steps, alone=len(steps) == 1), maker.person)
+    fallen = _fallen(maker, description, steps[:falls])
+    rest = [step for step in steps[falls + 1 :] if step.action not in ("lie_down", "stand_up", "fall")]
+    if not rest or not any(step.action == "stand_up" for step in steps[falls + 1 :]):
+        return fallen
+    poses = poses_of(resample(fallen, RATE_HZ))
+    poses = replace(poses, root=poses.root - [0.0, 0.0, sole_m(maker.person)])
+    maker = replace(maker, person=replace(maker.person, skeleton=poses.skeleton))
+    whole = Piece(poses=poses, planted=np.zeros((len(poses), 2, 2), bool), notes=fallen.origin)
+    return finished(_chained(maker, whole, rest, alone=False), maker.person)
+
+
+def _chained(maker: Maker, whole: Piece | None, steps: Sequence[Step], *, alone: bool) -> Piece:
+    """The steps after one another, after what there is."""
+    floor_m, posture = 0.0, None
+    for way, group in groupby(steps, key=lambda step: "made" if way_of(step) == "made" else "clips"):
+        own = list(group)
+        if way == "made":
+            from t2d_rt.motion.generate.made import make
+
+            found = make(
+                own, maker.person.skeleton, rng=maker.rng, handed="left" if maker.person.left_handed else "right",
+                tempo=maker.person.tempo, begins="standing" if whole is not None else None,
+            )  # fmt: skip
+            rise = floor_m - found.floors_m[0]
+            pieces = [
+                edits.shifted(
+                    Piece(poses=found.poses, planted=found.planted, notes=found.notes), np.array([0.0, 0.0, rise])
+                )
+            ]
+            floor_m, posture = rise + found.floors_m[1], found.ends
+        else:
+            if posture not in (None, "standing"):
+                whole = _risen(maker, cast(Piece, whole), cast(str, posture), floor_m)
+                posture = "standing"
+            pieces = [edits.shifted(_of_clips(maker, step, alone), np.array([0.0, 0.0, floor_m])) for step in own]
         for piece in pieces:
-            whole = piece if whole is None else _continued(maker, whole, piece)
-    assert whole is not None
-    return finished(whole, maker.person)
+            whole = piece if whole is None else joined([halted(maker, whole, piece), piece], blend_s=SEAM_S)
+    assert whole is not None, "a description has a step"
+    return whole
 
 
-def _clip_piece(maker: Maker, step: Step, alone: bool) -> Piece:
-    if step.type is None:
-        return lively(made_of_clips(maker, step, alone=alone), maker.person, maker.rng)
+def _risen(maker: Maker, whole: Piece, posture: str, floor_m: float) -> Piece:
+    """Standing up from where the last step ended, before one that needs standing."""
+    from t2d_rt.motion.generate.made import make
+
+    found = make(
+        [Step(action="stand_up")], maker.person.skeleton, rng=maker.rng, handed="left" if maker.person.left_handed else "right",
+        tempo=maker.person.tempo, begins=posture,  # type: ignore[arg-type]
+    )  # fmt: skip
+    piece = edits.shifted(
+        Piece(poses=found.poses, planted=found.planted, notes=found.notes), np.array([0.0, 0.0, floor_m])
+    )
+    return joined([whole, piece], blend_s=SEAM_S)
+
+
+def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
+    """A step by clips, planted, a gait of a type changed."""
+    if step.type not in GAIT_TYPES:
+        piece = lively(made_of_clips(maker, step, alone=alone), maker.person, maker.rng)
+        return replace(piece, poses=plant(piece.poses, piece.planted, floor_m=0.0))
     from t2d_rt.motion.vary.abnormal import abnormal_walk
 
-    walk = made_of_clips(maker, step.model_copy(update={"type": None}), alone=alone)
+    walk = made_of_clips(maker, step.model_copy(update={"type": None, "body_part": None, "side": None}), alone=alone)
     severity = float(maker.rng.uniform(0, 1))
-    poses = abnormal_walk(plant(walk.poses, walk.planted), step.type, severity=severity, rng=maker.rng)  # type: ignore[arg-type]
+    poses = abnormal_walk(
+        plant(walk.poses, walk.planted, floor_m=0.0), cast(GaitType, step.type), severity=severity, rng=maker.rng
+    )
     piece = Piece(
         poses=poses, planted=contacts(poses), notes=(*walk.notes, f"{step.type} gait, severity {severity:.2f}")
     )
     return lively(piece, maker.person, maker.rng, quiet=0.5)
 
 
-def _made(maker: Maker, steps: Sequence[Step]) -> list[Piece]:
-    from t2d_rt.motion.generate.made import make
+def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> Motion:
+    """What comes before a fall, the fall, and getting up where the description asks for it."""
+    from t2d_rt.motion.generate.falls import fall, plan_of
 
-    found = make(
-        steps,
-        maker.person.skeleton,
-        rng=maker.rng,
-        handed="left" if maker.person.left_handed else "right",
-        tempo=maker.person.tempo,
-    )
-    return [Piece(poses=found.poses, planted=contacts(found.poses), notes=tuple(found.notes))]
-
-
-def _continued(maker: Maker, whole: Piece, piece: Piece) -> Piece:
-    """The next piece after what there is: a walk comes to a halt before anything that begins on the spot."""
-    return joined([halted(maker, whole, piece), piece], blend_s=0.5)
+    seed = int(maker.rng.integers(2**31))
+    plan = plan_of(description, seed)
+    if not before:
+        stands = plan.type == "collapse" and maker.rng.random() < 0.5
+        speed = description.speed if description.speed != "slow" else "normal"
+        before = [Step(action="stand" if stands else "walk", speed=speed, duration_s=float(maker.rng.uniform(*LEAD_S)))]
+    lead = finished(_chained(maker, None, before, alone=len(before) == 1), maker.person)
+    getups = [motion_of(maker.store.piece(each).poses) for each in maker.store.segments if each.action == "stand_up"]
+    fallen = fall(lead, plan, getups)
+    return replace(fallen, origin=(*lead.origin, *(note for note in fallen.origin if note not in lead.origin)))
 
 
 def finished(piece: Piece, person: Individual) -> Motion:
-    """The piece as a motion whose feet stand on the floor and do not slide."""
-    root = piece.poses.root + [0.0, 0.0, sole_m(person)]
-    poses = plant(replace(piece.poses, root=root), piece.planted, floor_m=sole_m(person))
-    return motion_of(poses, origin=piece.notes)
+    """The piece as a motion on the floor whose feet do not slide at the seams either."""
+    poses = plant(piece.poses, piece.planted, level=False)
+    return motion_of(replace(poses, root=poses.root + [0.0, 0.0, sole_m(person)]), origin=piece.notes)
