@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from command_line import Command
 from t2d_rt.errors import InputError
+from t2d_rt.motion.descriptions import grammar
 from t2d_rt.motion.descriptions.deal import weighted
 from t2d_rt.motion.descriptions.diversity import NEAREST, diversity
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
@@ -136,6 +137,12 @@ def test_unknown_classes_and_counts_are_refused(activity: Any, count: Any, messa
         grammar_descriptions(activity, count)
 
 
+def test_a_grammar_at_its_end_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(grammar, "MOST_REFUSED", 1)
+    with pytest.raises(InputError, match=r"found \d+ descriptions of dancing .* less than 80% alike, not 3000; ask"):
+        grammar_descriptions("dancing", 3000)
+
+
 def test_verbs_are_inflected() -> None:
     assert forms("slip") == ("slip", "slips", "slipping", "slipped", "slipped")
     assert forms("lie")[1:] == ("lies", "lying", "lay", "lain")
@@ -229,6 +236,7 @@ def test_free_sentences_are_understood(sentence: str, activity: str, steps: list
     [
         ("he walks", "man"), ("the lady walks", "woman"), ("an elderly woman walks", "old_person"), ("walks", "person"),
         ("a little boy walks", "child"), ("an obese man walks", "heavy_person"), ("my grandfather walks", "old_person"),
+        ("he is an old man who walks", "old_person"), ("a woman walks, then he sits", "woman"),
     ],
 )  # fmt: skip
 def test_subjects_are_understood(sentence: str, subject: str) -> None:

@@ -35,7 +35,7 @@ class Clause:
         return " and " in self.verb
 
     def form(self, name: str, following: str) -> str:
-        """The clause with its verbs in a form (present, past, gerund, participle, base), and a comma before `following`."""
+        """The clause with its verbs in a form (present, preterite, gerund, participle, base), and a comma before `following`."""
         first, *others = self.verb.split(" and ")
         verb = " and ".join(_inflected(each, name) for each in (first, *others))
         text = " ".join(each for each in (self.before, verb, self.after) if each)
@@ -142,7 +142,7 @@ def _object(step: Step, dealer: Dealer) -> list[str]:
     if step.object is None or (step.action, step.object) == ("climb", "stair"):
         return []
     typed = complements.OBJECT_OF_TYPE.get((step.type or "", step.object))
-    directed = complements.OBJECT_ON_THE_WAY.get((step.action, step.object, step.direction or ""))
+    directed = complements.OBJECT_OF_DIRECTION.get((step.action, step.object, step.direction or ""))
     return [dealer.pick(typed or directed or complements.OBJECT[step.action, step.object])]
 
 

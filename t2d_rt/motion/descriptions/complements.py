@@ -106,15 +106,15 @@ OBJECT_OF_TYPE = {
 }
 """Of falls that come about in some way; OBJECT elsewhere."""
 
-_AROUND = {
+_CIRCLING = {
     ("chair", "clockwise"): "around a chair",
     ("chair", "counterclockwise"): "around a chair",
     ("ball", "clockwise"): "around a ball",
     ("ball", "counterclockwise"): "around a ball",
 }
 
-OBJECT_ON_THE_WAY = {
-    **{(action, *key): phrase for action in ("walk", "run", "jump", "dance") for key, phrase in _AROUND.items()},
+OBJECT_OF_DIRECTION = {
+    **{(action, *key): phrase for action in ("walk", "run", "jump", "dance") for key, phrase in _CIRCLING.items()},
     ("jump", "stair", "up"): "onto a stair",
     ("jump", "stair", "down"): "from a stair",
     ("jump", "chair", "down"): "from a chair",

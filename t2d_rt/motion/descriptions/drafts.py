@@ -6,16 +6,18 @@ from dataclasses import dataclass, field
 
 from t2d_rt.errors import InputError
 from t2d_rt.motion.descriptions.items import Item
-from t2d_rt.motion.descriptions.slots import FALL_TYPES
 
-YIELDING = {"forward": ("left", "right", "straight"), "straight": ("left", "right"), "up": (), "down": ()}
-"""Directions that a more exact one replaces: forward and to the left is to the left; up and down yield to any."""
+YIELDING = {"forward": ("left", "right", "straight"), "straight": ("left", "right")}
+"""Directions that a more exact one replaces: forward and to the left is to the left."""
 OPPOSITE = {
     frozenset(pair)
     for pair in (("forward", "back"), ("left", "right"), ("up", "down"), ("clockwise", "counterclockwise"),
                  ("straight", "clockwise"), ("straight", "counterclockwise"), ("straight", "back"))
 }  # fmt: skip
 OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
+
+
+PRONOUNS = "he", "she", "they", "i", "you", "we"
 
 
 class Opposite(Exception):
@@ -67,8 +69,9 @@ class Reader:
     """Verbs of actions that do not happen."""
     recovers: bool = False
     """Whether a fall does not happen, or balance is regained."""
-    subject: str = "person"
-    subject_known: bool = False
+    subject: str = ""
+    named: bool = False
+    """Whether a noun tells the subject, which no other replaces."""
     dead: bool = False
     """Within something that is not understood, or does not happen."""
     denied: bool = False
@@ -86,9 +89,7 @@ class Reader:
         if item.kind == "join":
             self._join(str(item.slots["join"]))
         elif item.kind == "subject":
-            if not self.subject_known:
-                self.subject, self.subject_known = str(item.slots["subject"]), item.words not in ("he", "she", "they")
-                self.subject_known = True
+            self._subject(str(item.slots["subject"]), named=item.words not in PRONOUNS)
         elif item.kind == "not":
             self.denied = True
             self.ignored.append(item.words)
@@ -106,6 +107,10 @@ class Reader:
             self.attending = True
         elif item.kind not in ("fixed", "neutral"):
             self._modifier(item)
+
+    def _subject(self, subject: str, *, named: bool) -> None:
+        if not self.subject or (named and not self.named):
+            self.subject, self.named = subject, named
 
     def _action(self, item: Item) -> None:
         clause = self.clauses[-1]
@@ -242,7 +247,7 @@ def attach(draft: Draft, item: Item, ignored: list[str]) -> None:
             _direct(draft, str(value), item.words, ignored)
         elif before is None or before == value:
             draft.said[slot] = value
-        elif slot == "speed" or slot == "manner":
+        elif slot in ("speed", "manner"):
             raise InputError(
                 f"the sentence is contradictory: it says {before} and {value} of one action ({draft.words}); leave "
                 "one of them out"
@@ -277,20 +282,9 @@ def _direct(draft: Draft, value: str, words: str, ignored: list[str]) -> None:
 def merged(first: Draft, second: Draft) -> Draft | None:
     """Two steps as one; None where they say different things."""
     one, two = first.slots(), second.slots()
-    soft = {"direction", "object"}
-    for slot in one.keys() & two.keys() - soft:
-        if one[slot] != two[slot] and {one[slot], two[slot]} & {
-            *FALL_TYPES,
-            "slow",
-            "fast",
-            "careful",
-            "happy",
-            "angry",
-            "sad",
-        }:
-            if slot == "type" and first.action == "fall":
-                continue
-            return None
+    firm = ("manner", "speed") if first.action == "fall" else ("manner", "speed", "type")
+    if any(slot in one and slot in two and one[slot] != two[slot] for slot in firm):
+        return None
     result = Draft(first.action, dict(first.implied), dict(first.said), weak=first.weak, gerund=first.gerund)
     result.joined, result.words = first.joined, f"{first.words} {second.words}"
     ignored: list[str] = []

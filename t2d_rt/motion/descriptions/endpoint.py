@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 from t2d_rt.checks import integer, positive, shown, text
 from t2d_rt.errors import InputError
 
-KEYS = "T2D_API_KEY", "OPENAI_API_KEY"
+KEY_VARIABLES = "T2D_API_KEY", "OPENAI_API_KEY"
 """Variables of the environment that may hold the key, the first one first."""
 URL_VARIABLE = "OPENAI_BASE_URL"
 DEFAULT_URL = "https://api.openai.com/v1"
@@ -212,7 +212,7 @@ class Session:
         message = body.get("message") if isinstance(body, dict) else None
         message = self._without_key(" ".join(str(message or getattr(error, "message", error)).split()))[:LONGEST_TOLD]
         if status in (401, 403):
-            return f"{self.model.host} refuses the key (status {status}); set {' or '.join(KEYS)}"
+            return f"{self.model.host} refuses the key (status {status}); set {' or '.join(KEY_VARIABLES)}"
         if status == 404:
             return f"{self.model.host} knows no model {shown(self.model.model)} at this address (status 404)"
         return f"{self.model.host} answers with an error (status {status}): {message}"
@@ -235,14 +235,14 @@ def check_installed() -> None:
 
 def api_key(model: LanguageModel) -> str | None:
     """The key of the environment; None where there is none, which only other endpoints than OpenAI's own allow."""
-    key = next((os.environ[name].strip() for name in KEYS if os.environ.get(name, "").strip()), None)
+    key = next((os.environ[name].strip() for name in KEY_VARIABLES if os.environ.get(name, "").strip()), None)
     if key is None and model.url == DEFAULT_URL:
         raise InputError(
-            f"{model.host} needs a key; set {' or '.join(KEYS)} in the environment, or give the address of another "
+            f"{model.host} needs a key; set {' or '.join(KEY_VARIABLES)} in the environment, or give the address of another "
             "endpoint (--base-url)"
         )
     if key is not None and not (key.isascii() and key.isprintable()):
-        raise InputError(f"the key in {' or '.join(KEYS)} holds characters that no key has; set it again")
+        raise InputError(f"the key in {' or '.join(KEY_VARIABLES)} holds characters that no key has; set it again")
     return key
 
 
@@ -255,7 +255,7 @@ def _check_url(url: str) -> None:
         raise InputError("base_url is no address; write it as http://localhost:8000/v1") from None
     if parts.username is not None or parts.password is not None or parts.query:
         raise InputError(
-            f"base_url must hold no user, key or query; set {' or '.join(KEYS)} in the environment instead"
+            f"base_url must hold no user, key or query; set {' or '.join(KEY_VARIABLES)} in the environment instead"
         )
     if not sound:
         raise InputError(f"base_url must be an address such as http://localhost:8000/v1, got {shown(url)}")

@@ -67,7 +67,7 @@ def grammar_descriptions(activity: Activity, count: int, *, seed: int = 0) -> li
         if refused == MOST_REFUSED:
             raise InputError(
                 f"the grammar found {len(gathered)} descriptions of {activity} that are less than {NEAREST:.0%} "
-                "alike, not {count}; ask for fewer"
+                f"alike, not {count}; ask for fewer"
             )
     return gathered.descriptions
 
@@ -162,14 +162,14 @@ def _first(frame: str, letters: str) -> str:
 def _written(frame: str, texts: dict[str, Clause], noun: str, his: str, dealer: Dealer) -> str:
     adjective = " ".join(each.adjective for each in texts.values() if each.adjective)
     subject = "someone" if noun == "someone" else with_article(f"{adjective} {noun}".strip())
-    finite = dealer.word("present*4 past", "tense")
+    finite = dealer.word("present*4 preterite", "tense")
     text = frame.replace(":finite}", f":{finite}}}").replace("{S}", subject).replace("{s}", subject)
     text = text.replace("{he}", {"his": "he", "her": "she"}.get(his, "the person"))
     for one, two in (("A", "B"), ("B", "C")):
         if two in texts and (texts[one].double or texts[two].double):  # trips and falls, then rises
             text = text.replace(f" and {{{two}:", f", then {{{two}:")
     for letter, each in texts.items():
-        for form in ("present", "past", "gerund", "participle", "base"):
+        for form in ("present", "preterite", "gerund", "participle", "base"):
             before, placeholder, after = text.partition(f"{{{letter}:{form}}}")
             if placeholder:
                 text = before + each.form(form, after[0]) + after

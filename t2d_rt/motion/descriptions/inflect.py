@@ -1,7 +1,7 @@
 """Forms of English verbs and what goes with them: walks, walking, walked; a or an.
 
 >>> forms("slip")
-Forms(base='slip', present='slips', gerund='slipping', past='slipped', participle='slipped')
+Forms(base='slip', present='slips', gerund='slipping', preterite='slipped', participle='slipped')
 >>> with_article("old man"), with_article("person")
 ('an old man', 'a person')
 """
@@ -50,7 +50,7 @@ class Forms(NamedTuple):
     base: str
     present: str
     gerund: str
-    past: str
+    preterite: str
     participle: str
 
 
@@ -65,8 +65,8 @@ def forms(base: str) -> Forms:
     stem = base + base[-1] if base in DOUBLED else base
     if base.endswith("e") and not base.endswith("ee"):
         return Forms(base, present, base[:-1] + "ing", base + "d", base + "d")
-    past = base + "d" if base.endswith("ee") else stem + "ed"
-    return Forms(base, present, stem + "ing", past, past)
+    preterite = base + "d" if base.endswith("ee") else stem + "ed"
+    return Forms(base, present, stem + "ing", preterite, preterite)
 
 
 def with_article(noun: str) -> str:

@@ -219,7 +219,7 @@ def _description(drafts: list[Draft], reader: Reader, sentence: str) -> tuple[De
     main = steps[place]
     description = Description(
         activity=_activity(main),
-        subject=reader.subject,
+        subject=reader.subject or "person",
         before=tuple(Step(**each) for each in steps[:place]),
         after=tuple(Step(**each) for each in steps[place + 1 :]),
         sentence=sentence,

@@ -241,7 +241,6 @@ PLANS: dict[Activity, tuple[Plan, ...]] = {
 }
 """For each class, ways to do it."""
 
-CIRCLES = "clockwise", "counterclockwise"
 NOT_TOGETHER = {
     ("manner", "angry"): (("speed", "slow"),),
     ("manner", "careful"): (("speed", "fast"),),
