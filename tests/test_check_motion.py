@@ -536,7 +536,8 @@ def test_the_command_judges_files(run: Command, tmp_path: Path) -> None:
     broken.write_text(head + "Frame Time" + "\n".join(rows) + "\n")
     both = run("check-motion", str(WALK), str(broken), "--strict")
     assert both.code == 1
-    assert "jumps by" in both.out
+    assert f"{broken}: refused\n" in both.out
+    assert "a joint accelerates by" in both.out
     assert both.out.endswith("1 of 2 pass\n")
     assert run("check-motion", str(broken)).code == 0
     asked = run("check-motion", str(WALK), "--class", "falling")
