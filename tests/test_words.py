@@ -71,6 +71,7 @@ EXCEPTIONS = {
     "shapes": "the elements of a scene file by that name",
     "Shapes": "the elements of a scene file by that name",
     "mode_shapes": "of a hanging chain",
+    "passed": "of a motion that passes the filter, a verdict on it",
 }
 """Identifiers that have one of the words in another sense, and which."""
 
