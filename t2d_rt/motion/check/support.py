@@ -61,16 +61,10 @@ class Feet:
 
     sides: tuple[str, ...]
     """Of each point."""
-    names: tuple[str, ...]
     heights: np.ndarray
     """Above each point's own lowest level [m], (T, P)."""
     velocity: np.ndarray
     """[m/s], (T, P, 3)."""
-
-    @property
-    def horizontal_mps(self) -> np.ndarray:
-        """Horizontal speeds (T, P)."""
-        return np.linalg.norm(self.velocity[..., :2], axis=-1)
 
 
 def feet_of(body: Tracks) -> Feet:
@@ -85,7 +79,7 @@ def feet_of(body: Tracks) -> Feet:
         lowest[name.split("_")[1]] = min(lowest[name.split("_")[1]], value)
     level = np.minimum(level, [lowest[name.split("_")[1]] + 0.02 * body.stature_m for _, name in points])
     return Feet(
-        tuple(side for side, _ in points), tuple(name for _, name in points), heights - level, body.velocity[:, index]
+        tuple(side for side, _ in points), heights - level, body.velocity[:, index]
     )  # fmt: skip
 
 
