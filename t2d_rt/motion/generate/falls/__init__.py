@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from t2d_rt.motion.generate.falls.fall import Fall, fall, simulate_fall
+from t2d_rt.motion.generate.falls.make import Fall, fall, simulate_fall
 from t2d_rt.motion.generate.falls.plan import FallEvents, FallPlan
+from t2d_rt.motion.generate.falls.provider import fall_of, plan_of
 
-__all__ = ["Fall", "FallEvents", "FallPlan", "fall", "simulate_fall"]
+__all__ = ["Fall", "FallEvents", "FallPlan", "fall", "fall_of", "plan_of", "simulate_fall"]

@@ -68,7 +68,7 @@ def draw(
     return Draw(
         heading=heading, strength=strength, reaction=_reaction(plan, heading, foot, rng),
         tones=_tones(plan, heading, foot, strength, rng), disturbance=_disturbance(plan, heading, foot, facing, rng, strength=strength, more=1 + insistence),
-        limp=float(rng.uniform(0.7, 1.3)), brace_s=float(rng.uniform(0.25, 0.45)),
+        limp=float(rng.uniform(0.7, 1.3)), brace_s=float(rng.uniform(0.15, 0.35)),
     )  # fmt: skip
 
 
@@ -89,6 +89,9 @@ def _reaction(plan: FallPlan, heading: Heading, foot: str, rng: np.random.Genera
     if plan.type == "slip":
         # The knees bend and the body sits down behind the feet.
         pose = trunk("x", 0.35, -0.1) | legs((0.4, 0.9), (1.1, 1.8))
+    elif plan.type == "collapse":
+        # The knees buckle and the body sinks upon them.
+        pose = trunk("x", 0.3, 0.12) | legs((0.8, 0.8), (1.8, 1.8))
     elif heading == "forward":
         pose = trunk("x", -0.25, -0.04) | legs((0.0, 0.5), (1.2, 1.2))
     else:
@@ -109,10 +112,10 @@ def _tones(plan: FallPlan, heading: Heading, foot: str, strength: float, rng: np
         part = region[joint]
         if plan.type == "collapse":
             # Knees and hips give way first, and not together.
-            floor = {"leg": 0.10, "trunk": 0.15, "arm": 0.06, "neck": 0.15}[part] * (1.6 - strength)
+            floor = {"leg": 0.4, "trunk": 0.5, "arm": 0.06, "neck": 0.7}[part] * (1.6 - strength)
             late = 0.12 if heading in SIDES and joint.startswith("right" if heading == "left" else "left") else 0.0
             delay = {"leg": 0.0, "trunk": 0.15, "arm": 0.1, "neck": 0.2}[part] + late + float(rng.uniform(0, 0.15))
-            within = float(rng.uniform(0.25, 0.5)) * (1.4 - 0.7 * strength)
+            within = float(rng.uniform(0.5, 0.9)) * (1.4 - 0.7 * strength)
         elif plan.type == "slip" and part == "leg":
             # Legs that are pulled up and brake the fall, so far as they reach the floor.
             floor = 1.5 - 0.7 * strength
@@ -139,7 +142,7 @@ def _disturbance(
     left = np.array([-facing[1], facing[0]])
     ahead = {"forward": facing, "back": -facing, "left": left, "right": -left}[heading]
     if plan.type == "slip":
-        push = float(rng.uniform(100, 130)) + 30.0 * strength
+        push = float(rng.uniform(80, 110)) + 25.0 * strength
         return Disturbance(
             feet=tuple(f"{side}{part}" for side in "lr" for part in ("foot", "toes")),
             friction=float(rng.uniform(0.04, 0.1)), slippery_s=float(rng.uniform(0.3, 0.5)), push_n=(*(push * more * ahead), 0.0), push_s=float(rng.uniform(0.25, 0.4)),
@@ -147,7 +150,10 @@ def _disturbance(
     if plan.type == "trip":
         push = 80.0 if heading in SIDES else 0.0
         return Disturbance(caught=f"{foot[0]}foot", caught_s=0.12 + 0.16 * strength, push_n=(*(push * more * ahead), 0.0))
-    return Disturbance(push_n=(*(float(rng.uniform(25, 50)) * more * ahead), 0.0), push_s=float(rng.uniform(0.3, 0.5)))
+    # The last step brakes the walk as it gives way.
+    sway = 0.0 if heading == "forward" else float(rng.uniform(30, 60)) * more
+    brake = 0.0 if plan.direction == "forward" else float(rng.uniform(40, 80))
+    return Disturbance(push_n=(*(sway * ahead - brake * facing), 0.0), push_s=float(rng.uniform(0.3, 0.5)))
 
 
 def course(body: Humanoid, drawn: Draw, reference: np.ndarray, frames: int) -> Course:

@@ -41,12 +41,27 @@ CONTACT_S = 0.008
 """Time constant of contacts: soft tissue on a hard floor stops within 5 to 10 ms."""
 FRICTION = 0.7
 """Clothes and shoes on a dry floor: 0.5 to 0.9 (Chang et al. 2001, Ergonomics 44)."""
-ROLLING = ("root", "lowerback", "upperback", "thorax")
 ROLLING_M = 0.02
 """Lever of the trunk's resistance to rolling: its flesh flattens where it lies."""
 
 STATURE_M = 1.72
 """Stature of the humanoid as it comes."""
+
+TRUNK: dict[str, tuple[tuple[float, float, float], float, float]] = {
+    "lowerback": ((0.0, 0.03, 0.04), 0.094, 0.05), "upperback": ((0.0, 0.03, 0.028), 0.113, 0.035),
+    "thorax": ((0.0, 0.04, -0.012), 0.092, 0.085), "root": ((0.0, 0.03, 0.032), 0.108, 0.04),
+}  # fmt: skip
+"""Capsules across the trunk, as deep and wide as an adult's: middle, radius, half length [m]; the pelvis's from between the hips."""
+
+HAND = ((0.01, -0.095, -0.02), (0.036, 0.1, 0.042))
+"""Ellipsoid of a relaxed hand: middle and half axes [m]."""
+
+MASSES = {
+    "root": 0.112, "lowerback": 0.082, "upperback": 0.082, "thorax": 0.119, "clavicle": 0.02, "lowerneck": 0.01,
+    "upperneck": 0.01, "head": 0.06, "humerus": 0.027, "radius": 0.016, "hand": 0.006, "femur": 0.1416, "tibia": 0.0433,
+    "foot": 0.011, "toes": 0.003,
+}  # fmt: skip
+"""Masses of segments over the body's (de Leva 1996, J. Biomech. 29, men), the trunk's divided by volume."""
 
 TORQUES_NM = {
     "femurrx": 180.0, "femurry": 80.0, "femurrz": 80.0, "tibiarx": 170.0, "footrx": 110.0, "footrz": 30.0, "toesrx": 15.0,
@@ -122,10 +137,7 @@ def humanoid(
     spec.option.enableflags |= mujoco().mjtEnableBit.mjENBL_ENERGY
     model = spec.compile()
     _passive(model)
-    ratio = mass_kg / float(model.body_mass.sum())
-    model.body_mass[:] *= ratio
-    model.body_inertia[:] *= ratio
-    mujoco().mj_setConst(model, mujoco().MjData(model))
+    _weigh(model, mass_kg)
     return _indexed(model)
 
 
@@ -189,14 +201,18 @@ def _stretch(spec: Any, at: dict[str, np.ndarray], scale: float) -> None:
         for geom in spec.body(body_name).geoms:
             geom.pos = np.asarray(geom.pos) * along
             geom.size = np.asarray(geom.size) * [scale, along, scale]
-            if body_name in ROLLING:
-                geom.condim, geom.friction = 6, [FRICTION, ROLLING_M, ROLLING_M]
+    hips = 0.5 * (at["left_hip"] + at["right_hip"])
+    for body_name, (middle, radius, half) in TRUNK.items():
+        (geom,) = spec.body(body_name).geoms
+        geom.pos = np.array(middle) * scale + (hips if body_name == "root" else 0.0)
+        geom.size = np.array([radius, half, 0.0]) * scale
+        geom.condim, geom.friction = 6, [FRICTION, ROLLING_M, ROLLING_M]
     for side in "lr":
         spec.delete(spec.geom(f"{side}hipjoint"))
         wrist = spec.geom(f"{side}wrist")
         wrist.pos, wrist.size = np.zeros(3), np.array([0.02, 0.02, 0.0]) * scale
         hand = spec.geom(f"{side}hand")
-        hand.pos, hand.size = np.array([0.0, -0.085, 0.0]) * scale, np.array([0.038, 0.018, 0.1]) * scale
+        hand.pos, hand.size, hand.quat = np.array(HAND[0]) * scale, np.array(HAND[1]) * scale, [1, 0, 0, 0]
     for geom in spec.body("upperneck").geoms:
         geom.pos, geom.size = np.asarray(geom.pos) * 0.6 * scale, np.asarray(geom.size) * scale
 
@@ -238,9 +254,27 @@ def _passive(model: Any) -> None:
         model.jnt_stiffness[number] = 0.0
         model.dof_armature[dof] = 0.01
         model.dof_damping[dof] = 0.2 + 0.012 * _torque_nm(name)
+        if name == "rhumerusrz":  # the file gives both arms the left one's range, which would hold the right arm up
+            model.jnt_range[number] = [-1.5708, 1.1]
         slack = 0.0 if "tibia" in name or "radius" in name else np.radians(8.0)
         model.jnt_range[number] += [-slack, slack]
         model.jnt_solref[number], model.jnt_solimp[number] = [0.02, 1.0], [0.9, 0.99, 0.05, 0.5, 2.0]
+
+
+def _weigh(model: Any, mass_kg: float) -> None:
+    """Masses of the segments by their fractions of the body's; inertia as the geoms' volumes have it."""
+    fractions = np.array([MASSES.get(_plain(str(model.body(number).name)), 0.0) for number in range(model.nbody)])
+    light = (fractions == 0.0) & (model.body_mass > 0)
+    fractions[light] = 1e-4
+    ratio = mass_kg * fractions / fractions.sum() / np.where(model.body_mass > 0, model.body_mass, 1.0)
+    model.body_mass[:] *= ratio
+    model.body_inertia[:] *= ratio[:, None]
+    mujoco().mj_setConst(model, mujoco().MjData(model))
+
+
+def _plain(body: str) -> str:
+    """Name of a body without its side."""
+    return body[1:] if body[0] in "lr" and body not in ("root", "lowerback", "lowerneck") else body
 
 
 def _indexed(model: Any) -> Humanoid:

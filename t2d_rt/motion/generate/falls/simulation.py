@@ -25,10 +25,10 @@ STILL_DAMPING_S = 0.25
 """Damping of a body that lies and holds still, over its joints' greatest torques [s]: muscles that are tense on both sides of a
 joint dissipate, and do not push."""
 
-GRIPPED_S = 0.05
+GRIPPED_S = 0.08
 """Within which a caught foot is held: shoes and obstacles give."""
 
-SETTLING_S, SETTLED_S = 0.5, 1.0
+SETTLING_S, SETTLED_S = 0.8, 0.8
 """From when the body lies to where that damping builds up, and how long that takes: limbs drop to the floor before."""
 
 
@@ -137,7 +137,7 @@ def simulate(body: Humanoid, start: tuple[np.ndarray, np.ndarray], course: Cours
                     velocity = data.cvel[foot, 3:] + np.cross(
                         data.cvel[foot, :3], data.xipos[foot] - data.subtree_com[model.body_rootid[foot]]
                     )
-                    data.xfrc_applied[foot, :3] = -disturbance.grip_ns_per_m * min(frame / RATE_HZ / GRIPPED_S, 1.0) * velocity
+                    data.xfrc_applied[foot, :3] = -disturbance.grip_ns_per_m * min(frame / RATE_HZ / GRIPPED_S, 1.0) ** 2 * velocity
             before = data.qvel[dofs].copy()
             module.mj_step(model, data)
             work += float(data.actuator_force @ (before + data.qvel[dofs])) * 0.5 * STEP_S

@@ -33,6 +33,8 @@ ATTEMPTS = 5
 AROUND = 5
 """Frames on either side of the event that give the speeds there."""
 
+RANGE_MARGIN_RAD = 0.03
+
 SETTLING_S = 0.3
 """Lead before the event, at least."""
 
@@ -107,6 +109,7 @@ def prepared(lead: Motion, plan: FallPlan) -> Scenario:
     qvel = velocities(reference[frame - AROUND : frame + AROUND + 1], RATE_HZ)
     qpos = reference[frame].copy()
     qpos[2] += _penetration(body, qpos)
+    _allow(body, qpos)
     return Scenario(
         lead=lead, segments=segments, frame=frame, foot=foot, facing=facing(points)[frame, :2], skeleton=bones, body=body,
         start=(qpos, qvel), reference=reference[frame:],
@@ -169,6 +172,14 @@ def _overlapping(body: Humanoid, qpos: np.ndarray) -> tuple[tuple[str, str], ...
 def _penetration(body: Humanoid, qpos: np.ndarray) -> float:
     """How deep the feet stand in the floor [m]: the lead's soles are not quite where the humanoid's are."""
     return max([0.0, *(-gap for a, b, gap in _contacts_at(body, qpos) if body.floor in (a, b))])
+
+
+def _allow(body: Humanoid, qpos: np.ndarray) -> None:
+    """Widen the ranges of hinges so that they hold the pose of the lead, in which the person demonstrably is."""
+    model = body.model
+    angles = qpos[model.jnt_qposadr[1:]]
+    model.jnt_range[1:, 0] = np.minimum(model.jnt_range[1:, 0], angles - RANGE_MARGIN_RAD)
+    model.jnt_range[1:, 1] = np.maximum(model.jnt_range[1:, 1], angles + RANGE_MARGIN_RAD)
 
 
 def _found(scenario: Scenario, plan: FallPlan) -> tuple[Run, Draw, Figures]:
