@@ -2,8 +2,8 @@
 
     python -m validation.motions.falls LEADS [--falls 100] [--out validation/report]
 
-LEADS is a folder of recorded walks (.bvh or .bvh.gz). What is measured is measured on the motions that come out, or on the run of the
-simulation where a motion does not say it (energy, depth of contacts).
+LEADS is a folder of recorded walks (.bvh or .bvh.gz). What is measured is measured on the motions that come out, or on the
+run of the simulation where a motion does not say it (energy, depth of contacts).
 """
 
 from __future__ import annotations
@@ -54,7 +54,10 @@ def leads(folder: str) -> tuple[Motion, ...]:
                 warnings.simplefilter("ignore", T2DWarning)
                 motion = load_motion(path)
             track = motion.joints[:, 0, :2]
-            if motion.duration_s > 1.5 and np.linalg.norm(np.diff(track, axis=0), axis=1).sum() > 0.6 * motion.duration_s:
+            if (
+                motion.duration_s > 1.5
+                and np.linalg.norm(np.diff(track, axis=0), axis=1).sum() > 0.6 * motion.duration_s
+            ):
                 found.append(motion)
     return tuple(found)
 
@@ -103,7 +106,9 @@ def table(rows: list[Row], refused: list[str]) -> str:
     for heading in ("forward", "back", "left", "right"):
         counts = [sum(row.type == kind and row.heading == heading for row in rows) for kind in TYPES]
         lines.append(f"| falls {heading} | | " + " | ".join(map(str, counts)) + " |")
-    lines.append("| refused | 0 | " + " | ".join(str(sum(text.startswith(kind) for text in refused)) for kind in TYPES) + " |")
+    lines.append(
+        "| refused | 0 | " + " | ".join(str(sum(text.startswith(kind) for text in refused)) for kind in TYPES) + " |"
+    )
     return "\n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""Falls by physics: a recorded walk or stance, then a slip, a trip or a collapse of the CMU humanoid in MuJoCo (extra `[falls]`)."""
+"""Falls by physics (extra `[falls]`): a recorded walk or stance, then a slip, a trip or a collapse of a humanoid in MuJoCo."""
 
 from __future__ import annotations
 

@@ -85,9 +85,7 @@ def anatomy(motion: Motion) -> Anatomy:
     for side in SIDES:
         _limbs(side, at, own, found)
         heights.append(_foot(side, motion, at, own, found))
-    return Anatomy(
-        frames=np.stack([found[name] for name in CANONICAL_JOINTS]), ankle_height_m=(heights[0], heights[1])
-    )
+    return Anatomy(frames=np.stack([found[name] for name in CANONICAL_JOINTS]), ankle_height_m=(heights[0], heights[1]))
 
 
 def _local(rotation: np.ndarray, vectors: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
@@ -119,9 +117,7 @@ def _trunk(at: dict[str, np.ndarray], own: dict[str, np.ndarray]) -> dict[str, n
     return found
 
 
-def _limbs(
-    side: str, at: dict[str, np.ndarray], own: dict[str, np.ndarray], found: dict[str, np.ndarray]
-) -> None:
+def _limbs(side: str, at: dict[str, np.ndarray], own: dict[str, np.ndarray], found: dict[str, np.ndarray]) -> None:
     # Where the hinge cannot be seen in a straight limb, x is that of the trunk turned along with the limb from its rest direction.
     rest = {"pelvis": np.array([0.0, -1.0, 0.0]), "spine3": np.array([1.0 if side == "left" else -1.0, 0.0, 0.0])}
     for trunk, names in (("pelvis", ("hip", "knee", "ankle")), ("spine3", ("shoulder", "elbow", "wrist"))):

@@ -67,7 +67,8 @@ def draw(
     strength = float(rng.uniform(0.3, 0.8)) if plan.strength is None else plan.strength
     return Draw(
         heading=heading, strength=strength, reaction=_reaction(plan, heading, foot, rng),
-        tones=_tones(plan, heading, foot, strength, rng), disturbance=_disturbance(plan, heading, foot, facing, rng, strength=strength, more=1 + insistence),
+        tones=_tones(plan, heading, strength, rng),
+        disturbance=_disturbance(plan, heading, foot, facing, rng, strength=strength, more=1 + insistence),
         limp=float(rng.uniform(0.7, 1.3)), brace_s=float(rng.uniform(0.15, 0.35)),
     )  # fmt: skip
 
@@ -96,16 +97,21 @@ def _reaction(plan: FallPlan, heading: Heading, foot: str, rng: np.random.Genera
         pose = trunk("x", -0.25, -0.04) | legs((0.0, 0.5), (1.2, 1.2))
     else:
         pose = trunk("z", 0.2 * away, 0.06 * away) | legs((0.4, 0.3), (0.5, 0.8))
-    pose |= {f"{side}_{joint} {axis}": 0.0 for side in SIDES for joint, axis in (("ankle", "x"), ("ankle", "z"), ("foot", "x"))}
+    pose |= {
+        f"{side}_{joint} {axis}": 0.0
+        for side in SIDES
+        for joint, axis in (("ankle", "x"), ("ankle", "z"), ("foot", "x"))
+    }
     return Reaction(
         heading=heading, delay_s=float(rng.uniform(0.1, 0.2)), within_s=float(rng.uniform(0.25, 0.4)),
         # Who faints does not reach for the floor.
-        arms=plan.protective_arms and plan.type != "collapse", pose=pose, reach=(float(rng.normal(0, 0.12)), float(rng.normal(0, 0.12))),
+        arms=plan.protective_arms and plan.type != "collapse", pose=pose,
+        reach=(float(rng.normal(0, 0.12)), float(rng.normal(0, 0.12))),
         elbow_rad=float(rng.uniform(0.35, 0.9)),
     )  # fmt: skip
 
 
-def _tones(plan: FallPlan, heading: Heading, foot: str, strength: float, rng: np.random.Generator) -> dict[str, Fading]:
+def _tones(plan: FallPlan, heading: Heading, strength: float, rng: np.random.Generator) -> dict[str, Fading]:
     region = {joint: name for name, joints in REGIONS.items() for joint in joints}
     found = {}
     for joint in JOINTS:
@@ -142,14 +148,18 @@ def _disturbance(
     left = np.array([-facing[1], facing[0]])
     ahead = {"forward": facing, "back": -facing, "left": left, "right": -left}[heading]
     if plan.type == "slip":
+        # The braking force of the foot's first contact, and the jerk with which the trunk is thrown back: 0.4 m/s or so.
         push = float(rng.uniform(80, 110)) + 25.0 * strength
         return Disturbance(
             feet=tuple(f"{side}{part}" for side in "lr" for part in ("foot", "toes")),
-            friction=float(rng.uniform(0.04, 0.1)), slippery_s=float(rng.uniform(0.3, 0.5)), push_n=(*(push * more * ahead), 0.0), push_s=float(rng.uniform(0.25, 0.4)),
+            friction=float(rng.uniform(0.04, 0.1)), slippery_s=float(rng.uniform(0.3, 0.5)),
+            push_n=(*(push * more * ahead), 0.0), push_s=float(rng.uniform(0.25, 0.4)),
         )  # fmt: skip
     if plan.type == "trip":
         push = 80.0 if heading in SIDES else 0.0
-        return Disturbance(caught=f"{foot[0]}foot", caught_s=0.12 + 0.16 * strength, push_n=(*(push * more * ahead), 0.0))
+        return Disturbance(
+            caught=f"{foot[0]}foot", caught_s=0.12 + 0.16 * strength, push_n=(*(push * more * ahead), 0.0)
+        )
     # The last step brakes the walk as it gives way.
     sway = 0.0 if heading == "forward" else float(rng.uniform(30, 60)) * more
     brake = 0.0 if plan.direction == "forward" else float(rng.uniform(40, 80))
@@ -172,4 +182,6 @@ def course(body: Humanoid, drawn: Draw, reference: np.ndarray, frames: int) -> C
         relaxed[:, body.hinges[f"{side}_shoulder"]] = pose[-1, body.hinges[f"{side}_shoulder"]]
         relaxed[:, body.hinges[f"{side}_wrist"]] = lead[0, body.hinges[f"{side}_wrist"]]
         relaxed[:, body.hinges[f"{side}_elbow"]] = relaxed[:, body.hinges[f"{side}_knee"]] = 0.3
-    return Course(targets=targets, tones=tones, lying=relaxed[0, hinges], limp=hinge_tones(body, limp)[0], brace_s=drawn.brace_s)
+    return Course(
+        targets=targets, tones=tones, lying=relaxed[0, hinges], limp=hinge_tones(body, limp)[0], brace_s=drawn.brace_s
+    )

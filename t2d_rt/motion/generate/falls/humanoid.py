@@ -51,7 +51,7 @@ TRUNK: dict[str, tuple[tuple[float, float, float], float, float]] = {
     "lowerback": ((0.0, 0.03, 0.04), 0.094, 0.05), "upperback": ((0.0, 0.03, 0.028), 0.113, 0.035),
     "thorax": ((0.0, 0.04, -0.012), 0.092, 0.085), "root": ((0.0, 0.03, 0.032), 0.108, 0.04),
 }  # fmt: skip
-"""Capsules across the trunk, as deep and wide as an adult's: middle, radius, half length [m]; the pelvis's from between the hips."""
+"""Capsules across the trunk, as deep and wide as an adult's: middle (of root's: from between the hips), radius, half length [m]."""
 
 HAND = ((0.01, -0.095, -0.02), (0.036, 0.1, 0.042))
 """Ellipsoid of a relaxed hand: middle and half axes [m]."""
@@ -68,7 +68,7 @@ TORQUES_NM = {
     "lowerback": 130.0, "upperback": 110.0, "thorax": 90.0, "neck": 25.0, "head": 20.0, "clavicle": 50.0, "humerus": 60.0,
     "radius": 50.0, "wrist": 10.0, "hand": 10.0,
 }  # fmt: skip
-"""Greatest torques of an adult's joints (Anderson et al. 2007, J. Biomech. 40; arms: Holzbaur et al. 2007), by the joints' names."""
+"""Greatest torques of an adult's joints by their names (Anderson et al. 2007, J. Biomech. 40; arms: Holzbaur et al. 2007)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -283,7 +283,8 @@ def _indexed(model: Any) -> Humanoid:
         if parent < 0:
             continue
         body, above = model.body(BODIES[name]).id, model.body(BODIES[CANONICAL_JOINTS[parent]]).id
-        turned, found = np.eye(3), []
+        turned = np.eye(3)
+        found: list[int] = []
         while body != above:
             # Bodies between two canonical joints (the wrist's) carry hinges of the same joint.
             first, count = model.body_jntadr[body], model.body_jntnum[body]

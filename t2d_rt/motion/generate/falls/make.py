@@ -190,10 +190,13 @@ def _found(scenario: Scenario, plan: FallPlan) -> tuple[Run, Draw, Figures]:
         rng = np.random.default_rng([plan.seed, 2, attempt])
         drawn = draw(plan, heading, scenario.foot, scenario.facing, rng, insistence=attempt / ATTEMPTS)
         frames = round(LONGEST_S * RATE_HZ)
-        run = simulate(scenario.body, scenario.start, course(scenario.body, drawn, scenario.reference, frames), drawn.disturbance, frames)  # fmt: skip
+        muscles = course(scenario.body, drawn, scenario.reference, frames)
+        run = simulate(scenario.body, scenario.start, muscles, drawn.disturbance, frames)
         segments = reached(scenario.body, run.qpos)
         joints = skeleton(run.qpos[:, :3], segments, scenario.skeleton.offsets[: len(CANONICAL_JOINTS)])
-        found = figures(run, joints, segments[:, CANONICAL_JOINTS.index("spine3")], scenario.facing, drawn.disturbance.until_s)
+        found = figures(
+            run, joints, segments[:, CANONICAL_JOINTS.index("spine3")], scenario.facing, drawn.disturbance.until_s
+        )
         amiss = missing(found, plan)
         if best is None or amiss < best[0]:
             best = amiss, run, drawn, found

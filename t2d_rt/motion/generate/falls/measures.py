@@ -14,6 +14,7 @@ from t2d_rt.motion.generate.falls.simulation import CHEST, PELVIS, RESTING, Run
 IMPACT_S = 0.1
 """Span before a contact in which the greatest speed is that of the impact: knees and hands may touch a little earlier."""
 
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
     """Of one run; times from the event."""
@@ -62,10 +63,11 @@ def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray,
     struck = next((k for k, touching in enumerate(run.touches) if touching & CHEST), len(run.touches) - 1)
     down_in_chest = -chest[struck, 2]
     lies_on = (float(down_in_chest[0]), float(down_in_chest[1]), float(down_in_chest[2]))
-    base = {"gain_j": gain, "deepest_m": (float(run.deepest_m[:, 0].max()), float(run.deepest_m[:, 1].max()))}
+    depths = float(run.deepest_m[:, 0].max()), float(run.deepest_m[:, 1].max())
     if not down:
         return Figures(
-            impact_s=math.inf, descent_s=math.inf, pelvis_mps=0.0, head_mps=0.0, lies_on=lies_on, travel=(0.0, 0.0), slide_m=0.0, rest_s=math.inf, **base,
+            impact_s=math.inf, descent_s=math.inf, pelvis_mps=0.0, head_mps=0.0, lies_on=lies_on, travel=(0.0, 0.0),
+            slide_m=0.0, rest_s=math.inf, gain_j=gain, deepest_m=depths,
         )  # fmt: skip
     impact = down[0]
     high = np.flatnonzero(pelvis[: impact + 1, 2] > pelvis[0, 2] - 0.05)
@@ -80,7 +82,7 @@ def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray,
         impact_s=impact / RATE_HZ, descent_s=float(impact - (high[-1] if len(high) else 0)) / RATE_HZ,
         pelvis_mps=float(speed[max(impact - window, 0) : impact + 1, 0].max()), head_mps=float(head_speed), lies_on=lies_on,
         travel=(float(travel @ aside), float(travel @ facing)),
-        slide_m=float(np.linalg.norm((pelvis[-1] - pelvis[impact])[:2])), rest_s=rest, **base,
+        slide_m=float(np.linalg.norm((pelvis[-1] - pelvis[impact])[:2])), rest_s=rest, gain_j=gain, deepest_m=depths,
     )  # fmt: skip
 
 

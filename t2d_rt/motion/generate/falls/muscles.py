@@ -20,8 +20,6 @@ STIFFNESS_PER_TORQUE = 2.2
 DAMPING_PER_STIFFNESS = 0.07
 """[s]"""
 
-FLEXION = {"x": np.array([1.0, 0.0, 0.0])}
-
 REGIONS: dict[str, tuple[str, ...]] = {
     "leg": tuple(f"{side}_{joint}" for side in SIDES for joint in ("hip", "knee", "ankle", "foot")),
     "trunk": ("spine1", "spine2", "spine3"),

@@ -90,8 +90,9 @@ class Run:
     """Deepest interpenetration with the floor and within the body (T, 2)."""
 
 
-def simulate(body: Humanoid, start: tuple[np.ndarray, np.ndarray], course: Course, disturbance: Disturbance,
-             frames: int) -> Run:
+def simulate(
+    body: Humanoid, start: tuple[np.ndarray, np.ndarray], course: Course, disturbance: Disturbance, frames: int
+) -> Run:
     """Run for so many frames from (qpos, qvel)."""
     module, model = mujoco(), body.model
     data = module.MjData(model)
@@ -100,7 +101,6 @@ def simulate(body: Humanoid, start: tuple[np.ndarray, np.ndarray], course: Cours
     module.mj_forward(model, data)
     torque = model.actuator_forcerange[:, 1]
     dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
-    angles = model.jnt_qposadr[model.actuator_trnid[:, 0]]
     foot = model.body(disturbance.caught).id if disturbance.caught else -1
     chest = model.body("thorax").id
     kept: list[Any] = []
@@ -137,7 +137,9 @@ def simulate(body: Humanoid, start: tuple[np.ndarray, np.ndarray], course: Cours
                     velocity = data.cvel[foot, 3:] + np.cross(
                         data.cvel[foot, :3], data.xipos[foot] - data.subtree_com[model.body_rootid[foot]]
                     )
-                    data.xfrc_applied[foot, :3] = -disturbance.grip_ns_per_m * min(frame / RATE_HZ / GRIPPED_S, 1.0) ** 2 * velocity
+                    data.xfrc_applied[foot, :3] = (
+                        -disturbance.grip_ns_per_m * min(frame / RATE_HZ / GRIPPED_S, 1.0) ** 2 * velocity
+                    )
             before = data.qvel[dofs].copy()
             module.mj_step(model, data)
             work += float(data.actuator_force @ (before + data.qvel[dofs])) * 0.5 * STEP_S

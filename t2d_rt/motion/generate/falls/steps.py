@@ -20,7 +20,7 @@ EARLY_S = 0.05
 
 
 def instants(motion: Motion, kind: str) -> list[tuple[int, str]]:
-    """Frames and sides at which a foot may slip ("slip": heel strikes) or be caught ("trip": the swinging foot passes the other)."""
+    """Frames and sides at which a foot may slip ("slip": after heel strikes) or be caught ("trip": as it passes the other one)."""
     found = []
     ahead = facing({name: motion.joints[:, i] for i, name in enumerate(motion.names)})
     for side in SIDES:
@@ -35,5 +35,7 @@ def instants(motion: Motion, kind: str) -> list[tuple[int, str]]:
         crossing = np.flatnonzero((forward[:-1] < 0) & (forward[1:] >= 0) & (rising[1:] > 0)) + 1
         # Only where a step follows: a foot that is lifted in standing has nothing to carry it over.
         early = round(EARLY_S * motion.rate_hz)
-        found += [(int(i) - early, side) for i in crossing if any(0 < peak - i < 0.5 * motion.rate_hz for peak in peaks)]
+        found += [
+            (int(i) - early, side) for i in crossing if any(0 < peak - i < 0.5 * motion.rate_hz for peak in peaks)
+        ]
     return sorted(found)

@@ -1,0 +1,211 @@
+"""Falls by physics: the lead goes over into them without a jump, and they go as measured falls do."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from t2d_rt.errors import InputError
+from t2d_rt.motion import load_motion, resample, trim
+from t2d_rt.motion.descriptions.slots import Description
+from t2d_rt.motion.generate.falls import Fall, FallPlan, plan_of, simulate_fall
+from t2d_rt.motion.generate.falls import make as making
+from t2d_rt.motion.generate.falls.anatomy import anatomy
+from t2d_rt.motion.generate.falls.getup import got_up, lowest_points
+from t2d_rt.motion.generate.falls.humanoid import RATE_HZ
+from t2d_rt.motion.generate.falls.measures import missing
+from t2d_rt.motion.generate.falls.pose import coordinates, euler, reached, skeleton
+from t2d_rt.motion.generate.falls.steps import instants
+from t2d_rt.types.motion import Motion
+
+MOTIONS = Path(__file__).resolve().parent.parent / "examples" / "motions"
+TYPES = ("slip", "trip", "collapse")
+
+
+@cache
+def walk() -> Motion:
+    # Frame 0 is a T-pose.
+    return trim(load_motion(MOTIONS / "12_01_walk.bvh"), 0.5, 3.5)
+
+
+@cache
+def fallen(kind: str) -> Fall:
+    return simulate_fall(walk(), FallPlan(type=kind, seed=1, rest_s=1.0))
+
+
+def speeds(motion: Motion) -> np.ndarray:
+    return np.diff(motion.joints, axis=0) * motion.rate_hz
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_the_lead_stays_as_it_is_and_goes_over_without_a_jump(kind: str) -> None:
+    made = fallen(kind)
+    event = round(made.events.event_s * RATE_HZ)
+    assert made.motion.rate_hz == 120
+    np.testing.assert_array_equal(made.motion.joints[:event], walk().joints[:event])
+    np.testing.assert_array_equal(made.motion.rotations[:event], walk().rotations[:event])
+    steps = np.linalg.norm(np.diff(speeds(made.motion), axis=0), axis=-1)
+    lead = np.linalg.norm(np.diff(speeds(walk()), axis=0), axis=-1).max()
+    assert steps[event - 2 : event + 1].max() < lead
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_falls_go_as_measured_falls_do(kind: str) -> None:
+    made = fallen(kind)
+    motion, events, found = made.motion, made.events, made.figures
+    impact = round(events.impact_s * RATE_HZ)
+    down = -np.gradient(motion.joints[..., 2], 1 / RATE_HZ, axis=0)
+    assert 1.2 < down[impact - 12 : impact + 1, 0].max() < 3.0
+    assert 1.5 < found.head_mps < 4.5
+    assert 0.4 < events.impact_s - events.event_s < 2.5
+    assert 0.3 < found.descent_s < 1.2
+    assert np.linalg.norm((motion.joints[-1, 0] - motion.joints[impact, 0])[:2]) < 0.5
+    assert motion.joints[-1, :, 2].max() < 0.6
+    assert missing(found, FallPlan(type=kind)) == 0
+    assert max(found.deepest_m) < 0.02
+
+
+def test_types_have_their_directions() -> None:
+    assert fallen("slip").heading != "forward"
+    assert fallen("trip").heading == "forward"
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_energy_never_grows_but_by_the_work_of_muscles(kind: str) -> None:
+    # 8 J are 1 % of the energy of a walking person; what is found is the integration's error.
+    assert 0 <= fallen(kind).figures.gain_j < 8
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_the_body_comes_to_rest_and_breathes(kind: str) -> None:
+    made = fallen(kind)
+    rest = round(made.events.rest_s * RATE_HZ)
+    speed = np.linalg.norm(speeds(made.motion), axis=-1)[rest:]
+    chest = made.motion.joints[rest:, made.motion.index("spine3")]
+    assert speed.max() < 0.05
+    assert 0.0003 < np.linalg.norm(np.ptp(chest, axis=0)) < 0.02
+
+
+@pytest.mark.parametrize("kind", TYPES)
+def test_bones_keep_their_lengths_and_rotations_carry_them(kind: str) -> None:
+    made = fallen(kind)
+    motion, event = made.motion, round(made.events.event_s * RATE_HZ)
+    for name, parent in (("left_knee", "left_hip"), ("right_wrist", "right_elbow"), ("left_ankle", "left_knee")):
+        bone = motion.joints[event:, motion.index(name)] - motion.joints[event:, motion.index(parent)]
+        length = np.linalg.norm(bone, axis=1)
+        assert np.ptp(length) < 0.002
+        lead = anatomy(walk()).segments(motion.rotations)[event:, motion.index(parent)]
+        own = np.einsum("tji,tj->ti", lead, bone) / length[:, None]
+        assert (own @ own[0]).min() > np.cos(np.radians(2))
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_one_another_fall() -> None:
+    again = simulate_fall(walk(), FallPlan(type="trip", seed=1, rest_s=1.0))
+    np.testing.assert_array_equal(again.motion.joints, fallen("trip").motion.joints)
+    other = simulate_fall(walk(), FallPlan(type="trip", seed=2, rest_s=1.0))
+    assert other.events != again.events
+
+
+def test_the_humanoid_reaches_the_poses_of_the_lead() -> None:
+    scenario = making.prepared(walk(), FallPlan(type="collapse", seed=0))
+    qpos = coordinates(scenario.body, walk().joints[:, 0], scenario.segments)
+    joints = skeleton(qpos[:, :3], reached(scenario.body, qpos), scenario.skeleton.offsets[:22])
+    assert np.abs(joints[scenario.frame] - walk().joints[scenario.frame, :22]).max() < 0.01
+    import mujoco
+
+    data = mujoco.MjData(scenario.body.model)
+    data.qpos[:] = qpos[scenario.frame]
+    mujoco.mj_kinematics(scenario.body.model, data)
+    np.testing.assert_allclose(data.xpos[scenario.body.bodies], joints[scenario.frame], atol=1e-9)
+    data.qpos[:] = scenario.start[0]
+    mujoco.mj_forward(scenario.body.model, data)
+    assert data.contact.dist.min(initial=0.0) > -1e-6
+
+
+@pytest.mark.parametrize("axes", ["XYZ", "ZYX", "YZX", "ZXY"])
+def test_euler_angles_against_scipy(axes: str) -> None:
+    from scipy.spatial.transform import Rotation
+
+    rotations = Rotation.random(20, random_state=3)
+    np.testing.assert_allclose(euler(rotations.as_matrix(), axes), rotations.as_euler(axes), atol=1e-9)
+
+
+def test_heel_strikes_and_swings_alternate() -> None:
+    strikes, swings = instants(walk(), "slip"), instants(walk(), "trip")
+    assert 3 <= len(strikes) <= 8
+    assert all(first[1] != second[1] for first, second in pairwise(strikes))
+    assert all(any(side == foot and 0 < strike - swing < 60 for strike, foot in strikes) for swing, side in swings)
+
+
+def test_getting_up_ends_as_the_recording_does() -> None:
+    # The fall played backwards stands for a recorded getup of the same person.
+    made = fallen("trip")
+    down = trim(made.motion, made.events.event_s, made.events.rest_s)
+    getup = dataclasses.replace(down, joints=down.joints[::-1].copy(), rotations=down.rotations[::-1].copy())
+    scenario = making.prepared(walk(), FallPlan(type="trip", seed=1))
+    lying = scenario.skeleton.anatomy.segments(made.motion.rotations[-1:])[0]
+    root, segments = got_up(scenario.body, scenario.skeleton, made.motion.joints[-1, 0], lying, [getup])
+    np.testing.assert_allclose(root[0], made.motion.joints[-1, 0], atol=1e-6)
+    np.testing.assert_allclose(segments[0], lying, atol=1e-6)
+    assert segments[-1, 0, 2, 1] > 0.9
+    assert root[-1, 2] > 0.75
+    lowest = lowest_points(scenario.body, coordinates(scenario.body, root, segments))
+    assert np.ptp(lowest) < 0.03
+
+
+def test_a_description_becomes_a_plan() -> None:
+    said = Description(**{
+        "class": "falling", "action": "fall", "type": "slip", "direction": "back", "speed": "fast", "sentence": "a person slips",
+        "after": [{"action": "stand_up"}],
+    })  # fmt: skip
+    plan = plan_of(said, seed=4)
+    assert (plan.type, plan.direction, plan.get_up, plan.seed) == ("slip", "back", True, 4)
+    assert plan.strength is not None
+    assert plan.strength >= 0.65
+    walked = Description(**{"class": "walking", "action": "walk", "sentence": "a person walks"})
+    with pytest.raises(InputError, match="makes falls, got a description of walk"):
+        plan_of(walked)
+
+
+def test_what_cannot_be_done_is_said() -> None:
+    standing = walk()
+    still = dataclasses.replace(
+        standing, joints=np.repeat(standing.joints[:1], 200, 0), rotations=np.repeat(standing.rotations[:1], 200, 0)
+    )
+    with pytest.raises(InputError, match="no step in which a foot could slip"):
+        simulate_fall(still, FallPlan(type="slip"))
+    with pytest.raises(InputError, match="no recorded getup"):
+        simulate_fall(walk(), FallPlan(type="slip", get_up=True))
+    with pytest.raises(InputError, match="lead of a fall must be longer"):
+        simulate_fall(trim(walk(), 0, 0.2), FallPlan(type="collapse"))
+    with pytest.raises(InputError, match="after the lead's end"):
+        simulate_fall(walk(), FallPlan(type="collapse", time_s=99.0))
+    with pytest.raises(InputError, match="type must be one of slip, trip, collapse"):
+        FallPlan(type="jump")  # type: ignore[arg-type]
+
+
+def test_a_fall_that_does_not_come_about_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(making, "ATTEMPTS", 1)
+    monkeypatch.setattr(making, "LONGEST_S", 0.2)
+    with pytest.raises(InputError, match="did not fall by a slip as real falls go"):
+        simulate_fall(walk(), FallPlan(type="slip", seed=1))
+
+
+def test_without_mujoco_one_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(InputError, match=r"t2d-rt\[falls\]"):
+        simulate_fall(walk(), FallPlan(type="slip"))
+
+
+def test_a_lead_of_a_low_rate_is_resampled() -> None:
+    made = simulate_fall(resample(walk(), 30), FallPlan(type="collapse", seed=3, rest_s=0.3))
+    assert made.motion.rate_hz == 120
+    assert "fall by collapse" in made.motion.origin[-1]
