@@ -19,7 +19,7 @@ LIMB_MASSES: tuple[tuple[str, str, float, float], ...] = (
 """Segments of one side, their fraction of the body's mass and where on them its centre lies (de Leva 1996, table 4, men)."""
 
 TRUNK_MASSES = ((0.1117, 0.106), (0.1633, 0.497), (0.1596, 0.904))
-"""Lower, middle and upper part of the trunk: mass, and place on the way from the middle of the hips along the spine (de Leva 1996)."""
+"""Lower, middle and upper part of the trunk: mass, and place from the middle of the hips along the spine (de Leva 1996)."""
 
 HEAD_MASS, HEAD_ALONG = 0.0694, 0.45
 """The head with the neck, between the head's joint and its top (de Leva 1996)."""
@@ -63,7 +63,9 @@ class Anatomy:
     @cached_property
     def arm_m(self) -> float:
         """Shoulder to wrist."""
-        return 0.5 * sum(self.skeleton.bone_m(f"{side}_{joint}") for side in ("left", "right") for joint in ("elbow", "wrist"))
+        return 0.5 * sum(
+            self.skeleton.bone_m(f"{side}_{joint}") for side in ("left", "right") for joint in ("elbow", "wrist")
+        )
 
     @cached_property
     def hand_m(self) -> float:
@@ -109,7 +111,7 @@ class Anatomy:
 
     @cached_property
     def tilt_rad(self) -> float:
-        """Forward pitch of the pelvis's frame in neutral standing: hips lie below the pelvis's joint, wherever the file's axis points."""
+        """Forward pitch of the pelvis's frame in neutral standing: hips lie below its joint, wherever the file's axis points."""
         drop = float(np.hypot(self.middle[0], self.middle[2]))
         known = float(np.clip(drop / 0.05 - 0.4, 0.0, 1.0))
         return known * float(np.arctan2(self.middle[0], -self.middle[2]))

@@ -15,7 +15,7 @@ from t2d_rt.motion.generate.made.anatomy import Anatomy
 class Figure:
     """The body as far as it is posed before the arms are: positions (T, 3) [m] and orientations (T, 4) by joint.
 
-    Two more orientations: "heading", the level one of the pelvis, and "hips", that of the pelvis with its file's own tilt taken out.
+    Two more orientations: "heading", the level one of the pelvis, and "hips", that of the pelvis without its file's own tilt.
     """
 
     anatomy: Anatomy
@@ -25,7 +25,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A wrist's position (T, 3) [m], the direction of the elbow (T, 3), where fingers and back of the hand point (T, 3) or nothing."""
+    """A wrist's position (T, 3) [m], directions (T, 3) of the elbow and, where they matter, of fingers and back of the hand."""
 
     wrist: np.ndarray
     elbow: np.ndarray
@@ -122,7 +122,9 @@ class OnChest(Goal):
         elbow = quaternions.rotate(chest, np.array(self.elbow) * out)
         if self.fingers is None:
             return Place(wrist, elbow)
-        return Place(wrist, elbow, *(quaternions.rotate(chest, np.array(each) * out) for each in (self.fingers, self.back)))
+        return Place(
+            wrist, elbow, *(quaternions.rotate(chest, np.array(each) * out) for each in (self.fingers, self.back))
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,7 +149,9 @@ class OnPelvis(Goal):
         elbow = quaternions.rotate(frame, np.array(self.elbow) * out)
         if self.fingers is None:
             return Place(wrist, elbow)
-        return Place(wrist, elbow, *(quaternions.rotate(frame, np.array(each) * out) for each in (self.fingers, self.back)))
+        return Place(
+            wrist, elbow, *(quaternions.rotate(frame, np.array(each) * out) for each in (self.fingers, self.back))
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

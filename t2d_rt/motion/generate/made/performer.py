@@ -13,10 +13,10 @@ from t2d_rt.motion.generate.made.score import DEG, OTHER, SIDES, SIGN, Score
 
 SPEED = {"slow": 0.68, "normal": 1.0, "fast": 1.38}
 MANNER = {None: 1.0, "careful": 0.78, "happy": 1.10, "angry": 1.28, "sad": 0.82}
-"""Factors on tempo. Slow sit-to-stand is taken 1.5 to 1.7 times as long as one at ease, fast 0.7 times (Hanke 1995, Pai 1990)."""
+"""Factors on the pace: slow ones take 1.5 times as long as at ease, fast ones 0.7 times."""
 
 SLUMP = {None: 0.0, "careful": 2.0, "happy": -3.0, "angry": 3.0, "sad": 13.0}
-"""Flexion [degrees] that a manner adds to the spine, and half of it to the gaze; sad people sit and walk with the thorax flexed and the
+"""Flexion [degrees] that a manner adds to the spine, and half of it to the gaze; sad people hold the thorax flexed and the
 head down (Michalak 2009)."""
 
 
@@ -52,12 +52,23 @@ class Performer:
 
     def upright(self) -> dict[str, float]:
         """Trunk and head of quiet standing."""
-        return {"pitch": 0.0, "roll": 0.0, "flex": self.traits["flex"], "side": 0.0, "twist": 0.0, "gaze": self.traits["gaze"], "look": 0.0, "tilt": 0.0}
+        return {
+            "pitch": 0.0,
+            "roll": 0.0,
+            "flex": self.traits["flex"],
+            "side": 0.0,
+            "twist": 0.0,
+            "gaze": self.traits["gaze"],
+            "look": 0.0,
+            "tilt": 0.0,
+        }
 
     def hang(self) -> Hang:
         """An arm that hangs in this person's way."""
         return Hang(
-            forward_rad=self.about(6, 4) * DEG, out_rad=self.about(self.traits["out"], 1.5 * DEG), bend_rad=self.about(20, 6) * DEG
+            forward_rad=self.about(6, 4) * DEG,
+            out_rad=self.about(self.traits["out"], 1.5 * DEG),
+            bend_rad=self.about(20, 6) * DEG,
         )
 
     def wobble(self, mean: float) -> tuple[float, float]:
@@ -70,30 +81,41 @@ def performer(anatomy: Anatomy, rng: np.random.Generator, *, handed: str, step: 
     """Habits of posture and stance, drawn once."""
     slump = SLUMP[step.manner]
     draw = rng.standard_normal(8).clip(-2, 2)
+    apart = 1.6 if step.body_part in ("leg", "foot") and step.action in ("sit", "squat", "stand_up") else 1.0
     traits = {
         "flex": (5 + 3 * draw[0] + slump) * DEG, "gaze": (5 + 5 * draw[1] + 0.6 * slump) * DEG, "out": (12 + 1.5 * draw[2]) * DEG,
-        "half_width": (0.056 + 0.011 * draw[3]) * anatomy.stature_m, "toe_out": (9 + 4.5 * draw[4]) * DEG,
-        "ahead": 0.012 * draw[5], "lean": 0.36 + 0.05 * draw[6],
+        "half_width": apart * (0.056 + 0.011 * draw[3]) * anatomy.stature_m, "toe_out": (9 + 4.5 * draw[4]) * DEG,
+        "ahead": 0.02 * draw[5], "lean": 0.36 + 0.05 * draw[6],
     }  # fmt: skip
     return Performer(anatomy, rng, handed, traits)
 
 
 def tempo_of(step: Step, rng: np.random.Generator, individual: float) -> float:
     """Factor on the speed of everything."""
-    return individual * SPEED[step.speed] * MANNER[step.manner] * float(np.exp(0.08 * np.clip(rng.standard_normal(), -2.0, 2.0)))
+    return (
+        individual
+        * SPEED[step.speed]
+        * MANNER[step.manner]
+        * float(np.exp(0.08 * np.clip(rng.standard_normal(), -2.0, 2.0)))
+    )
 
 
 def stance(who: Performer) -> Score:
     """A score that begins with quiet standing, ankles about the origin, facing +x."""
     body, traits = who.anatomy, who.traits
-    values: dict[str, float] = {"z": body.standing_m, "balanced": 1.0, "com_x": traits["lean"] * body.foot_m, **who.upright()}
+    values: dict[str, float] = {
+        "z": body.standing_m,
+        "balanced": 1.0,
+        "com_x": traits["lean"] * body.foot_m,
+        **who.upright(),
+    }
     for side in SIDES:
         x, y = stance_foot(who, side)
         values |= {f"{side}_x": x, f"{side}_y": y, f"{side}_yaw": SIGN[side] * traits["toe_out"], f"{side}_pivot": 1.0}
     values["tilt"] = who.about(0, 1.5) * DEG
     score = Score(values=values)
     score.starts = {side: who.hang() for side in SIDES}
-    score.wait(who.u(0.25, 0.6))
+    score.wait(who.u(0.2, 0.7))
     return score
 
 
@@ -134,10 +156,23 @@ LATERAL = 0.30
 foot does the rest (an inverted pendulum swayed at the cadence moves by a third to a quarter of what its foot does)."""
 
 
-def step_to(score: Score, who: Performer, side: str, point: tuple[float, float], *, yaw: float, duration_s: float, lift_m: float = 0.05) -> None:
+def step_to(
+    score: Score,
+    who: Performer,
+    side: str,
+    point: tuple[float, float],
+    *,
+    yaw: float,
+    duration_s: float,
+    lift_m: float = 0.05,
+) -> None:
     """One foot goes to a point of the action's place while the other carries."""
     there, home = middle(score, who, OTHER[side]), middle(score, who)
-    score.put(-0.25 * duration_s, 0.95 * duration_s, com=(home[0] + LATERAL * (there[0] - home[0]), home[1] + LATERAL * (there[1] - home[1])))
+    score.put(
+        -0.25 * duration_s,
+        0.95 * duration_s,
+        com=(home[0] + LATERAL * (there[0] - home[0]), home[1] + LATERAL * (there[1] - home[1])),
+    )
     begin, swing = 0.30 * duration_s, 0.66 * duration_s
     score.put(begin, swing, **{side: point})
     score.move(begin, swing, **{f"{side}_yaw": yaw})
@@ -164,8 +199,18 @@ def turn_on_the_spot(score: Score, who: Performer, angle_rad: float) -> None:
         c, s = np.cos(yaw), np.sin(yaw)
         x, y = stance_foot(who, side)
         there = score.place.local(centre[0] + c * x - s * y, centre[1] + s * x + c * y)
-        step_to(score, who, side, there, yaw=yaw + SIGN[side] * who.traits["toe_out"], duration_s=period, lift_m=who.u(0.03, 0.055))
+        step_to(
+            score,
+            who,
+            side,
+            there,
+            yaw=yaw + SIGN[side] * who.traits["toe_out"],
+            duration_s=period,
+            lift_m=who.u(0.03, 0.055),
+        )
         side = OTHER[side]
     score.move(-0.3, 0.6, look=0.0)
-    score.place = type(score.place)(x_m=centre[0], y_m=centre[1], floor_m=score.place.floor_m, yaw_rad=begin + angle_rad)
+    score.place = type(score.place)(
+        x_m=centre[0], y_m=centre[1], floor_m=score.place.floor_m, yaw_rad=begin + angle_rad
+    )
     score.put(0.0, 0.4, com=middle(score, who))

@@ -49,7 +49,9 @@ class _Shape:
     turns: dict[str, np.ndarray]
 
 
-def render(score: Score, anatomy: Anatomy, *, rng: np.random.Generator, rate_hz: float, noise: float = 1.0) -> tuple[Poses, np.ndarray]:
+def render(
+    score: Score, anatomy: Anatomy, *, rng: np.random.Generator, rate_hz: float, noise: float = 1.0
+) -> tuple[Poses, np.ndarray]:
     """Poses at `rate_hz` from time 0 to the score's end, and the channels (T, C) that they were made of."""
     times = np.arange(int(np.ceil(score.end_s * rate_hz)) + 1) / rate_hz
     plain = score.sampled(times)
@@ -72,7 +74,10 @@ def render(score: Score, anatomy: Anatomy, *, rng: np.random.Generator, rate_hz:
     joints, turns = posed(_balanced(anatomy, posed, hips, wanted, weight, rate_hz))
     _, local = decompose(joints, turns, PARENTS)
     poses = Poses(
-        skeleton=anatomy.skeleton, root=joints[:, 0], local=quaternions.continuous(quaternions.normalise(local)), rate_hz=rate_hz
+        skeleton=anatomy.skeleton,
+        root=joints[:, 0],
+        local=quaternions.continuous(quaternions.normalise(local)),
+        rate_hz=rate_hz,
     )
     return poses, table
 
@@ -135,7 +140,15 @@ def _body(anatomy: Anatomy, values: Mapping[str, np.ndarray], hips: np.ndarray) 
     feet = {side: _foot(anatomy, values, side, turns) for side in SIDES}
     hips = _within_reach(anatomy, turns["pelvis"], hips, feet)
     points: dict[str, np.ndarray] = {"pelvis": hips - quaternions.rotate(turns["pelvis"], anatomy.middle)}
-    for name, parent in ((LOWER_BACK, "pelvis"), ("spine1", LOWER_BACK), ("spine2", "spine1"), ("spine3", "spine2"), ("neck", "spine3"), ("head", "neck"), ("head_top", "head")):
+    for name, parent in (
+        (LOWER_BACK, "pelvis"),
+        ("spine1", LOWER_BACK),
+        ("spine2", "spine1"),
+        ("spine3", "spine2"),
+        ("neck", "spine3"),
+        ("head", "neck"),
+        ("head_top", "head"),
+    ):
         points[name] = points[parent] + quaternions.rotate(turns[parent], anatomy.offset(name))
     turns["head_top"] = turns["head"]
     shape = _Shape(points, turns)
@@ -144,8 +157,12 @@ def _body(anatomy: Anatomy, values: Mapping[str, np.ndarray], hips: np.ndarray) 
         # Arms hang from the collars, which the shoulders' shrug turns.
         lift = quaternions.about_axis(X, SIGN[side] * values[f"{side}_shrug"])
         turns[f"{side}_collar"] = quaternions.multiply(turns["spine3"], lift)
-        points[f"{side}_collar"] = points["spine3"] + quaternions.rotate(turns["spine3"], anatomy.offset(f"{side}_collar"))
-        points[f"{side}_shoulder"] = points[f"{side}_collar"] + quaternions.rotate(turns[f"{side}_collar"], anatomy.offset(f"{side}_shoulder"))
+        points[f"{side}_collar"] = points["spine3"] + quaternions.rotate(
+            turns["spine3"], anatomy.offset(f"{side}_collar")
+        )
+        points[f"{side}_shoulder"] = points[f"{side}_collar"] + quaternions.rotate(
+            turns[f"{side}_collar"], anatomy.offset(f"{side}_shoulder")
+        )
     return shape
 
 
@@ -155,7 +172,9 @@ def _foot(anatomy: Anatomy, values: Mapping[str, np.ndarray], side: str, turns: 
     level = quaternions.about_axis(Z, values[f"{side}_yaw"])
     turns[f"{side}_ankle"] = _chain(level, (Y, tip))
     # Toes stay flat when the heel rises, and rise with the foot.
-    turns[f"{side}_foot"] = turns[f"{side}_toe"] = _chain(level, (Y, tip - 0.5 * (tip + np.sqrt(tip**2 + (4 * DEG) ** 2)) + 2 * DEG))
+    turns[f"{side}_foot"] = turns[f"{side}_toe"] = _chain(
+        level, (Y, tip - 0.5 * (tip + np.sqrt(tip**2 + (4 * DEG) ** 2)) + 2 * DEG)
+    )
     ball = anatomy.offset(f"{side}_foot")
     heel = ball * [-1 / 3, 1.0, 1.0]
     at = np.stack([values[f"{side}_x"], values[f"{side}_y"], values[f"{side}_z"] + anatomy.sole_m], axis=1)
@@ -163,7 +182,9 @@ def _foot(anatomy: Anatomy, values: Mapping[str, np.ndarray], side: str, turns: 
     return at - stiff * quaternions.rotate(turns[f"{side}_ankle"], pivot * ball + (1 - pivot) * heel)
 
 
-def _within_reach(anatomy: Anatomy, pelvis: np.ndarray, hips: np.ndarray, ankles: Mapping[str, np.ndarray]) -> np.ndarray:
+def _within_reach(
+    anatomy: Anatomy, pelvis: np.ndarray, hips: np.ndarray, ankles: Mapping[str, np.ndarray]
+) -> np.ndarray:
     """Hips lowered, without a corner in time, where a leg would not reach its foot."""
     found = hips.copy()
     for side in SIDES:
@@ -188,7 +209,10 @@ def _leg(anatomy: Anatomy, shape: _Shape, values: Mapping[str, np.ndarray], side
     first, second = (anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("knee", "ankle"))
     knee, end, side_on = _two_bones(hip, ankle, pole, first, second, LEG_SOFT)
     hinge = np.cross(side_on, ankle - hip)
-    turns[f"{side}_hip"], turns[f"{side}_knee"] = _frame("z", hip - knee, "y", hinge), _frame("z", knee - end, "y", hinge)
+    turns[f"{side}_hip"], turns[f"{side}_knee"] = (
+        _frame("z", hip - knee, "y", hinge),
+        _frame("z", knee - end, "y", hinge),
+    )
     points[f"{side}_hip"], points[f"{side}_knee"], points[f"{side}_ankle"] = hip, knee, end
     loose = values[f"{side}_loose"][:, None]
     if loose.any():
@@ -196,7 +220,9 @@ def _leg(anatomy: Anatomy, shape: _Shape, values: Mapping[str, np.ndarray], side
         for part in ("ankle", "foot", "toe"):
             turns[f"{side}_{part}"] = quaternions.blend(turns[f"{side}_{part}"], relaxed, loose)
     points[f"{side}_foot"] = end + quaternions.rotate(turns[f"{side}_ankle"], anatomy.offset(f"{side}_foot"))
-    points[f"{side}_toe"] = points[f"{side}_foot"] + quaternions.rotate(turns[f"{side}_foot"], anatomy.offset(f"{side}_toe"))
+    points[f"{side}_toe"] = points[f"{side}_foot"] + quaternions.rotate(
+        turns[f"{side}_foot"], anatomy.offset(f"{side}_toe")
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +253,12 @@ def _held(score: Score, side: str, times: np.ndarray) -> np.ndarray:
 
 
 def _arm(
-    anatomy: Anatomy, shape: _Shape, side: str, ways: Sequence[tuple[Grasp, np.ndarray]], places: Sequence[Place], free: _Free
+    anatomy: Anatomy,
+    shape: _Shape,
+    side: str,
+    ways: Sequence[tuple[Grasp, np.ndarray]],
+    places: Sequence[Place],
+    free: _Free,
 ) -> None:
     """The arm on its way from goal to goal: round the shoulder, not straight through the body."""
     points, turns = shape.points, shape.turns
@@ -236,13 +267,19 @@ def _arm(
     outward = quaternions.rotate(turns["spine3"], SIGN[side] * Y)
     for (grasp, done), place in zip(ways, places[1:], strict=True):
         part = done[:, None]
-        wrist = shoulder + _swept(wrist - shoulder, place.wrist - shoulder, part) + 4 * grasp.aside_m * part * (1 - part) * outward
+        wrist = (
+            shoulder
+            + _swept(wrist - shoulder, place.wrist - shoulder, part)
+            + 4 * grasp.aside_m * part * (1 - part) * outward
+        )
         elbow = _swept(elbow, _unit(place.elbow), part)
     wrist = wrist + (1 - free.held)[:, None] * free.shake
     lowest = free.ground + ARM_RADIUS * anatomy.stature_m
     wrist[:, 2] += SOFT_M * np.logaddexp(0.0, (lowest - wrist[:, 2]) / SOFT_M)
     first, second = (anatomy.skeleton.bone_m(f"{side}_{joint}") for joint in ("elbow", "wrist"))
-    middle, end, side_on = _two_bones(shoulder, wrist, _steady(elbow, wrist - shoulder, free.rate_hz), first, second, ARM_SOFT)
+    middle, end, side_on = _two_bones(
+        shoulder, wrist, _steady(elbow, wrist - shoulder, free.rate_hz), first, second, ARM_SOFT
+    )
     for _ in range(2):  # an elbow that would sink into the ground turns up about the line from shoulder to wrist
         sunk = 5 * SOFT_M * np.logaddexp(0.0, (lowest - middle[:, 2]) / (5 * SOFT_M))
         side_on = side_on + (sunk / (0.08 * anatomy.stature_m))[:, None] * Z
@@ -262,7 +299,7 @@ def _arm(
 
 
 def _steady(pole: np.ndarray, way: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Direction (T, 3) in which the elbow bends, steadied in time: where the arm points along its pole, neighbours say which way."""
+    """Direction (T, 3) in which the elbow bends, steadied in time: where the arm lies along its pole, neighbours say which."""
     if rate_hz == 0:
         return pole
     from scipy.ndimage import gaussian_filter1d
@@ -273,7 +310,7 @@ def _steady(pole: np.ndarray, way: np.ndarray, rate_hz: float) -> np.ndarray:
 
 
 def _turned(first: np.ndarray, second: np.ndarray, done: np.ndarray) -> np.ndarray:
-    """From one orientation (T, 4) to another by the way round that is the shorter one in the middle of the movement, and stays it."""
+    """From one orientation (T, 4) to another by the way round that is the shorter one in the middle of the movement."""
     first, second = quaternions.continuous(first), quaternions.continuous(second)
     agree = float(((first * second).sum(-1) * (done * (1 - done) + 1e-9)).sum())
     return quaternions.normalise((1 - done)[:, None] * first + done[:, None] * (second if agree >= 0 else -second))
@@ -299,7 +336,9 @@ def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
     a, b = _unit(start), _unit(end)
     angle = np.arccos(np.clip((a * b).sum(-1, keepdims=True), -0.9999, 0.99999))
     way = (np.sin((1 - part) * angle) * a + np.sin(part * angle) * b) / np.sin(angle)
-    size = (1 - part) * np.linalg.norm(start, axis=-1, keepdims=True) + part * np.linalg.norm(end, axis=-1, keepdims=True)
+    size = (1 - part) * np.linalg.norm(start, axis=-1, keepdims=True) + part * np.linalg.norm(
+        end, axis=-1, keepdims=True
+    )
     return size * _unit(way)
 
 
@@ -325,7 +364,9 @@ def _two_bones(
 
 
 def _stacked(shape: _Shape) -> tuple[np.ndarray, np.ndarray]:
-    return np.stack([shape.points[name] for name in NAMES], axis=1), np.stack([shape.turns[name] for name in NAMES], axis=1)
+    return np.stack([shape.points[name] for name in NAMES], axis=1), np.stack(
+        [shape.turns[name] for name in NAMES], axis=1
+    )
 
 
 def _chain(first: np.ndarray, *steps: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

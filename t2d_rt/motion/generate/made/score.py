@@ -1,14 +1,14 @@
 """A movement written down before it is rendered: what every part of the body is asked to do, and when.
 
-A value goes from one target to the next along a minimum-jerk curve (Flash and Hogan 1985). Movements of the same part add up, so that
-they may overlap (Flash and Henis 1991): nothing stops where the next thing begins, and all is twice differentiable.
+A value goes from one target to the next along a minimum-jerk curve (Flash and Hogan 1985). Movements of the same part add up, so
+that they may overlap (Flash and Henis 1991): nothing stops where the next thing begins, and all is twice differentiable.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -24,15 +24,22 @@ DEG = np.pi / 180
 
 CHANNELS: tuple[str, ...] = (
     "x", "y", "z", "balanced", "com_x", "com_y", "yaw", "pitch", "roll", "spin", "flex", "side", "twist", "gaze", "look", "tilt",
-    "left_x", "left_y", "left_z", "left_yaw", "left_tip", "left_pivot", "left_splay", "left_loose",
-    "right_x", "right_y", "right_z", "right_yaw", "right_tip", "right_pivot", "right_splay", "right_loose", "left_shrug", "right_shrug", "ground",
+    *(
+        f"{side}_{part}"
+        for side in ("left", "right")
+        for part in ("x", "y", "z", "yaw", "tip", "pivot", "splay", "loose", "shrug")
+    ),
+    "ground",
 )  # fmt: skip
-"""What a score moves. Middle of the hips x, y, z [m], used as far as `balanced` is below 1; centre of mass com_x, com_y [m], used as
-far as it is above 0; pelvis: yaw, pitch (forward), roll, then spin about the body's long axis [rad]; spine: flex (forward), side (to
-the left), twist (to the left), against the pelvis; head: gaze (down, in space), look (to the left, against the chest), tilt; each
-foot: x, y, z [m] of its pivot over where it stands flat, yaw, tip (heel up), pivot (1 the ball, 0 the heel), splay of its knee, and
-loose: 1 where it lies about, so that it goes with the shank and x, y, z are the ankle's; each shoulder's shrug; ground: height
-[m] of what arms may not sink into."""
+"""What a score moves.
+
+Hips, their middle: x, y, z [m], level ones used as far as `balanced` is below 1; centre of mass com_x, com_y [m], used as far as it
+is above 0. Pelvis [rad]: yaw, pitch (forward), roll (to the left), then spin about the body's long axis. Spine, against the pelvis:
+flex (forward), side (to the left), twist (to the left). Head: gaze (down, in space), look (to the left, against the chest), tilt.
+Each foot: x, y, z [m] of its pivot over where it stands flat, yaw, tip (heel up), pivot (1 the ball, 0 the heel), splay of its knee,
+and loose: 1 where it lies about, so that it goes with the shank, and x, y, z are the ankle's. Each shoulder's shrug. Ground: height
+[m] of what arms may not sink into.
+"""
 
 INDEX = {name: number for number, name in enumerate(CHANNELS)}
 
@@ -102,7 +109,7 @@ class Score:
         self.values = {name: float(self.values.get(name, 0.0)) for name in CHANNELS}
         self.first = dict(self.values)
 
-    def move(self, after_s: float, duration_s: float, skew: float = 1.0, **targets: float) -> None:
+    def move(self, after_s: float, duration_s: float, skew: float = 1.0, /, **targets: float) -> None:
         """Bring channels to targets, from `after_s` after now on; both times are divided by the tempo."""
         for channel, target in targets.items():
             change = target - self.values[channel]
@@ -113,7 +120,7 @@ class Score:
                 ))  # fmt: skip
             self.values[channel] = target
 
-    def put(self, after_s: float, duration_s: float, skew: float = 1.0, **points: tuple[float, ...]) -> None:
+    def put(self, after_s: float, duration_s: float, skew: float = 1.0, /, **points: tuple[float, ...]) -> None:
         """Bring hips (x, y, z), com (x, y), left and right foot (x, y) or (x, y, z) to points of the place where the action is."""
         targets: dict[str, float] = {}
         for part, point in points.items():
@@ -156,10 +163,18 @@ class Score:
         yield
         self.tempo = before
 
+    def lift(self, height_m: float) -> None:
+        """Begin on a floor that is higher."""
+        for each in ("z", "left_z", "right_z", "ground"):
+            self.values[each] += height_m
+            self.first[each] += height_m
+        self.place = replace(self.place, floor_m=self.place.floor_m + height_m)
+
     @property
     def end_s(self) -> float:
         """When the last move ends."""
-        ends = [each.start_s + each.duration_s for each in (*self.moves, *self.grasps["left"], *self.grasps["right"])]
+        ends = [each.start_s + each.duration_s for each in self.moves]
+        ends += [each.start_s + each.duration_s for side in SIDES for each in self.grasps[side]]
         return max([self.now_s, *ends])
 
     def sampled(self, times_s: np.ndarray) -> np.ndarray:
@@ -179,4 +194,3 @@ def minimum_jerk(x: np.ndarray) -> np.ndarray:
 def progress(times_s: np.ndarray, start_s: float, duration_s: float, skew: float = 1.0) -> np.ndarray:
     """Part (T,) of a move that is done."""
     return minimum_jerk(np.clip((times_s - start_s) / duration_s, 0.0, 1.0) ** skew)
-

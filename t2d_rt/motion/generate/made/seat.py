@@ -14,13 +14,18 @@ SEAT_M = 0.40, 0.50
 """Heights of seats for a stature of 1.72 m; they grow with the person."""
 
 
+STAIR_M = 0.31, 0.37
+"""Two treads of a stair, on which one sits."""
+
+
 def sit(score: Score, who: Performer, step: Step, *, backrest: bool = True) -> None:
     """Sit down on what stands behind: the trunk leans forward while the hips go back and down, and comes up when the seat carries
     (Kralj 1990: 5 phases; Kerr 1997: 1.5 to 2.5 s).
     """
-    if step.direction in ("left", "right"):
+    if step.action == "sit" and step.direction in ("left", "right"):
         turn_on_the_spot(score, who, SIGN[step.direction] * who.u(78, 100) * DEG)
-    seat_m = who.u(*SEAT_M) * who.tall / 1.72
+    on_stair = step.object == "stair"
+    seat_m = who.u(*STAIR_M) if on_stair else who.u(*SEAT_M) * who.tall / 1.72
     hips = seated_hips(score, who, seat_m, shank_rad=who.u(3, 15) * DEG)
     down_s = who.u(1.15, 1.55)
     plop = step.manner in ("angry", "sad") or who.chance(0.2)
@@ -45,7 +50,7 @@ def sit(score: Score, who: Performer, step: Step, *, backrest: bool = True) -> N
         else:
             score.reach(side, rest[side], 0.3 * down_s + who.u(0, 0.15), down_s * who.u(0.8, 1.0), 0.05)
     score.wait(0.12 + down_s * 0.88)
-    settle(score, who, step, backrest=backrest)
+    settle(score, who, step, backrest=backrest and not on_stair)
     score.posture = "sitting"
     score.notes.append(f"sits on a seat {seat_m:.2f} m high, whose middle is {-hips[0]:.2f} m behind the ankles")
 
@@ -72,7 +77,9 @@ def settle(score: Score, who: Performer, step: Step, *, backrest: bool) -> None:
 def seated_hips(score: Score, who: Performer, seat_m: float, *, shank_rad: float) -> tuple[float, float, float]:
     """Middle of the hips on a seat [m], so far behind the feet that the shanks lean forward by an angle."""
     body = who.anatomy
-    ankle_x = 0.5 * sum(score.at(side)[0] - body.foot_m * np.cos(score.values[f"{side}_yaw"] - score.place.yaw_rad) for side in SIDES)
+    ankle_x = 0.5 * sum(
+        score.at(side)[0] - body.foot_m * np.cos(score.values[f"{side}_yaw"] - score.place.yaw_rad) for side in SIDES
+    )
     thigh, shank = (0.5 * sum(body.skeleton.bone_m(f"{side}_{joint}") for side in SIDES) for joint in ("knee", "ankle"))
     knee_x, knee_z = ankle_x + shank * np.sin(shank_rad), body.ankle_m + shank * np.cos(shank_rad)
     z = seat_m + body.seat_m
@@ -83,9 +90,11 @@ def seated_hips(score: Score, who: Performer, seat_m: float, *, shank_rad: float
 LEANS = np.linspace(10, 44, 18) * DEG
 
 
-def counterbalance(score: Score, who: Performer, hips: tuple[float, float, float], flex: float, *, behind_m: float) -> float:
-    """Least pitch of the pelvis at which a body just over its seat has its centre of mass no farther than `behind_m` behind the ankles:
-    what its speed carries over the feet (Pai and Patton 1997).
+def counterbalance(
+    score: Score, who: Performer, hips: tuple[float, float, float], flex: float, *, behind_m: float
+) -> float:
+    """Least pitch of the pelvis at which a body just over its seat has its centre of mass no farther than `behind_m` behind the
+    ankles: what its speed carries over the feet (Pai and Patton 1997).
     """
     x, y, z = score.place.world(*hips)
     values = {**score.values, "x": x, "y": y, "z": z, "balanced": 0.0, "flex": flex}
@@ -101,13 +110,15 @@ def counterbalance(score: Score, who: Performer, hips: tuple[float, float, float
 def seated(who: Performer, step: Step) -> Score:
     """A score that begins in a chair."""
     score = stance(who)
-    sit(score, who, Step(action="sit", manner=step.manner), backrest=True)
+    sit(score, who, Step(action="sit", object=step.object, manner=step.manner), backrest=True)
     return begun(score, who)
 
 
 def begun(score: Score, who: Performer) -> Score:
     """A score that begins where another one ends, at rest."""
-    found = Score(values=dict(score.values), place=score.place, home=score.home, notes=list(score.notes), posture=score.posture)
+    found = Score(
+        values=dict(score.values), place=score.place, home=score.home, notes=list(score.notes), posture=score.posture
+    )
     found.starts = {side: score.goal(side) for side in SIDES}
     found.wait(who.u(0.4, 0.9))
     return found
@@ -160,19 +171,34 @@ def _feet_back(score: Score, who: Performer) -> None:
 
 def _push(score: Score, who: Performer, step: Step, first_s: float) -> None:
     """Hands on the knees, or on the seat beside the hips, or swinging forward."""
-    how = who.rng.choice(["knees", "seat", "thighs"], p=[0.7, 0.2, 0.1] if step.manner == "careful" else [0.35, 0.25, 0.40])
+    how = who.rng.choice(
+        ["knees", "seat", "thighs"], p=[0.7, 0.2, 0.1] if step.manner == "careful" else [0.35, 0.25, 0.40]
+    )
     for side in SIDES:
         if how == "knees":
             score.reach(side, OnBone(along=who.u(0.78, 0.9)), 0.05, 0.8 * first_s)
         elif how == "seat":
             x, _ = score.at("hips")
-            point = score.place.world(x + who.u(0.02, 0.08), SIGN[side] * (who.anatomy.hips_m + 0.085 * who.tall), score.values["z"] - score.place.floor_m - 0.03)
-            score.reach(side, InSpace(point=point, elbow=(-0.9, 0.35, 0.3), fingers=(0.9, 0.1, -0.3), yaw_rad=score.place.yaw_rad), 0.0, 0.7 * first_s, 0.06)
+            point = score.place.world(
+                x + who.u(0.02, 0.08),
+                SIGN[side] * (who.anatomy.hips_m + 0.085 * who.tall),
+                score.values["z"] - score.place.floor_m - 0.03,
+            )
+            score.reach(
+                side,
+                InSpace(point=point, elbow=(-0.9, 0.35, 0.3), fingers=(0.9, 0.1, -0.3), yaw_rad=score.place.yaw_rad),
+                0.0,
+                0.7 * first_s,
+                0.06,
+            )
 
 
 def _support(score: Score, who: Performer, step: Step, seat_m: float) -> dict[str, Goal]:
     """What the hands hold while sitting down: armrests, the own knees, or nothing."""
-    how = who.rng.choice(["none", "arms", "knees", "one"], p=[0.1, 0.5, 0.25, 0.15] if step.manner == "careful" else [0.5, 0.2, 0.15, 0.15])
+    odds = [0.1, 0.5, 0.25, 0.15] if step.manner == "careful" else [0.5, 0.2, 0.15, 0.15]
+    if step.object == "stair":
+        return {}
+    how = who.rng.choice(["none", "arms", "knees", "one"], p=odds)
     sides = SIDES if how in ("arms", "knees") else (who.side(),) if how == "one" else ()
     if how == "knees":
         return {side: OnBone(along=who.u(0.7, 0.85)) for side in sides}
@@ -180,8 +206,12 @@ def _support(score: Score, who: Performer, step: Step, seat_m: float) -> dict[st
     height = seat_m + 0.22 * who.tall / 1.72
     found: dict[str, Goal] = {}
     for side in sides:
-        point = score.place.world(hips_x + who.u(0.14, 0.22), SIGN[side] * (who.anatomy.hips_m + 0.10 * who.tall), height)
-        found[side] = InSpace(point=point, elbow=(-0.9, 0.5, 0.2), fingers=(0.9, 0.0, -0.2), yaw_rad=score.place.yaw_rad)
+        point = score.place.world(
+            hips_x + who.u(0.14, 0.22), SIGN[side] * (who.anatomy.hips_m + 0.10 * who.tall), height
+        )
+        found[side] = InSpace(
+            point=point, elbow=(-0.9, 0.5, 0.2), fingers=(0.9, 0.0, -0.2), yaw_rad=score.place.yaw_rad
+        )
     return found
 
 

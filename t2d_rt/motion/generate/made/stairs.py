@@ -26,7 +26,12 @@ def climb(score: Score, who: Performer, step: Step) -> None:
     lead = who.side(0.65)
     rail = who.side(0.5) if step.object == "handrail" or step.manner == "careful" or who.chance(0.25) else None
     slope = -riser if down else riser
+    if (
+        down and score.place.floor_m == 0 and not score.moves
+    ):  # begins on the upper floor, so that the lower one is at 0
+        score.lift(count * riser)
     start = score.place
+    score.wait(who.u(0.4, 0.7) * score.tempo)
     _prepare(score, who, down=down)
     side = lead
     toes = who.anatomy.foot_m * who.u(0.85, 1.0) if not down else who.anatomy.foot_m * 1.25
@@ -54,33 +59,50 @@ def climb(score: Score, who: Performer, step: Step) -> None:
 
 
 def _prepare(score: Score, who: Performer, *, down: bool) -> None:
-    score.move(0.0, 0.6, gaze=(who.u(28, 40) if down else who.u(16, 28)) * DEG, flex=who.traits["flex"] + who.u(2, 6) * DEG)
+    score.move(
+        0.0, 0.6, gaze=(who.u(28, 40) if down else who.u(16, 28)) * DEG, flex=who.traits["flex"] + who.u(2, 6) * DEG
+    )
     score.move(0.0, 0.6, pitch=(who.u(1, 4) if down else who.u(6, 10)) * DEG)
 
 
-def _tread(score: Score, who: Performer, side: str, point: tuple[float, float, float], *, period: float, rise: float, last: bool) -> None:
+def _tread(
+    score: Score,
+    who: Performer,
+    side: str,
+    point: tuple[float, float, float],
+    *,
+    period: float,
+    rise: float,
+    last: bool,
+) -> None:
     """One step: weight over the other foot, swing, placement, then the body is lifted or let down over it."""
     body = who.anatomy
     floor = score.place.floor_m
     stand = OTHER[side]
-    other = score.at(stand)
     height = score.values[f"{stand}_z"] - floor
-    # The body goes on evenly, sideways by a part only of the way to the foot that carries.
-    ahead = 0.5 * (other[0] + point[0]) if not last else point[0]
-    over = ahead - (1 - who.traits["lean"]) * body.foot_m - (0.08 * body.leg_m if not last else 0.0), LATERAL * middle(score, who, stand)[1]
-    score.put(-0.35 * period, 1.7 * period, com=(over[0], score.at("com")[1]))
-    score.put(-0.25 * period, 0.95 * period, com=(score.at("com")[0], over[1]))
+    # The body goes over the foot that carries and on, sideways by a part only of the way to it.
+    # Moves that last two periods add up to an even speed; the body is over a foot's middle when that has carried it half the way.
+    score.put(
+        0.13 * period,
+        (2.0 if not last else 1.3) * period,
+        com=(point[0] - (0.5 if not last else 1 - who.traits["lean"]) * body.foot_m, score.at("com")[1]),
+    )
+    score.put(-0.25 * period, 0.95 * period, com=(score.at("com")[0], LATERAL * middle(score, who, stand)[1]))
     target = point[2]
-    swing, begin = 0.66 * period, 0.30 * period
+    swing, begin = 0.72 * period, 0.27 * period
     carried = height if rise > 0 else target
     give = (0.012 if rise > 0 else 0.022) * who.tall * (0.0 if last else 1.0)
-    score.move(-0.1 * period if rise > 0 else 0.08 * period, (1.2 if rise > 0 else 0.98) * period, z=floor + carried + body.standing_m - give)
+    score.move(
+        -0.1 * period if rise > 0 else 0.08 * period,
+        (1.2 if rise > 0 else 0.98) * period,
+        z=floor + carried + body.standing_m - give,
+    )
     score.put(begin, swing, **{side: point[:2]})
     change = target - (score.values[f"{side}_z"] - floor)
     clear = who.u(0.045, 0.075)
     if change >= 0:  # over the edge first, then down onto the tread
-        score.move(begin - 0.02, 0.72 * swing, **{f"{side}_z": floor + target + clear})
-        score.move(begin + 0.45 * swing, 0.6 * swing, **{f"{side}_z": floor + target})
+        score.move(begin - 0.02, 0.80 * swing, **{f"{side}_z": floor + target + clear})
+        score.move(begin + 0.45 * swing, 0.58 * swing, **{f"{side}_z": floor + target})
         score.move(begin - 0.2 * period, 0.5 * period, **{f"{side}_tip": who.u(16, 26) * DEG})
         score.move(begin + 0.25 * swing, 0.7 * swing, **{f"{side}_tip": 0.0})
     else:  # the ball first; the knee that carries bends and lets the body down meanwhile
@@ -88,9 +110,15 @@ def _tread(score: Score, who: Performer, side: str, point: tuple[float, float, f
         score.move(begin + 0.3 * swing, 0.75 * swing, **{f"{side}_z": floor + target})
         score.move(begin - 0.1 * period, 0.55 * period, **{f"{side}_tip": who.u(24, 34) * DEG})
         score.move(begin + 0.8 * swing, 0.55 * swing, **{f"{side}_tip": 0.0})
-        score.move(0.2 * period, 0.8 * period, **{f"{stand}_tip": who.u(14, 22) * DEG if not last else 0.0})
+        score.move(0.5 * period, 0.6 * period, **{f"{stand}_tip": who.u(14, 22) * DEG if not last else 0.0})
     sway = SIGN[stand] * who.u(1.0, 2.5) * DEG
-    score.move(0.1, 0.8 * period, roll=sway, side=-0.8 * sway, yaw=score.place.yaw_rad - SIGN[side] * who.u(1, 4) * DEG * (0.0 if last else 1.0))
+    score.move(
+        0.1,
+        0.8 * period,
+        roll=sway,
+        side=-0.8 * sway,
+        yaw=score.place.yaw_rad - SIGN[side] * who.u(1, 4) * DEG * (0.0 if last else 1.0),
+    )
     score.wait(period)
 
 
@@ -101,7 +129,9 @@ def _swing_arms(score: Score, who: Performer, side: str, period: float) -> None:
         goal = who.hang()
         angle = who.u(14, 24) * DEG if forward else -who.u(2, 9) * DEG
         bend = goal.bend_rad + (who.u(8, 18) * DEG if forward else 0.0)
-        score.reach(each, type(goal)(forward_rad=angle, out_rad=goal.out_rad, bend_rad=bend), -0.75 * period, 0.9 * period)
+        score.reach(
+            each, type(goal)(forward_rad=angle, out_rad=goal.out_rad, bend_rad=bend), -0.75 * period, 0.9 * period
+        )
 
 
 def _slide_rail(score: Score, who: Performer, side: str, *, x: float, height: float, period: float) -> None:
