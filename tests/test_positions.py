@@ -197,7 +197,7 @@ def test_a_head_counts_by_its_direction(height: float) -> None:
 def test_filled_feet_stand_level_and_swing_with_the_shank() -> None:
     motion = clip("walk", 60.0)
     points = {name: track for name, track in points_of(motion).items() if "foot" not in name}
-    assert add_level_feet(points, 1.6) == ["left_foot", "right_foot"]
+    assert add_level_feet(points, 1.6, 60.0) == ["left_foot", "right_foot"]
     for side in ("left", "right"):
         foot, ankle = points[f"{side}_foot"], points[f"{side}_ankle"]
         true = motion.joints[:, motion.index(f"{side}_foot")]

@@ -23,7 +23,7 @@ STATURE_M = 1.70
 BODY_ANGLES = 66
 """Axis-angle vectors of the 22 canonical joints; hands, jaw and eyes follow in SMPL-H (156) and SMPL-X (165)."""
 
-RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate")
+RATE_FIELDS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate")
 
 _CENTRAL = {
     "spine1": (0.0, 0.06, 0.0), "spine2": (0.0, 0.07, 0.0), "spine3": (0.0, 0.05, 0.0), "neck": (0.0, 0.096, 0.0),
@@ -46,8 +46,8 @@ LOW_M = 0.04
 """Height above its own lowest in which a foot counts as planted."""
 SLOW_MPS = 0.5
 """Its speed there, at most."""
-LEAST_WAY_M = 0.8
-"""Way over the floor from which the stature is found from planted feet."""
+LEAST_TRAVEL_M = 0.8
+"""Travel over the floor from which the stature is found from planted feet."""
 SCALES = (0.8, 1.25)
 
 
@@ -59,7 +59,7 @@ def read_amass(arrays: Arrays) -> Tracks:
         raise InputError(
             f"{arrays.path}: poses must have shape (time, 66 or more) and trans (time, 3), got {poses.shape} and {moved.shape}"
         )
-    rate_hz = arrays.scalar(*RATE_KEYS)
+    rate_hz = arrays.scalar(*RATE_FIELDS)
     if rate_hz is None:
         raise InputError(f"{arrays.path} has no mocap_framerate; store it")
     turned = _orientations(poses[:, :BODY_ANGLES].reshape(len(poses), -1, 3))
@@ -105,7 +105,7 @@ def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float) ->
 
     The speed of a foot is v_root + stature v_about: least squares over the feet that are low and slow.
     """
-    if np.linalg.norm(np.ptp(moved[:, :2], axis=0)) < LEAST_WAY_M or len(moved) < 3:
+    if np.linalg.norm(np.ptp(moved[:, :2], axis=0)) < LEAST_TRAVEL_M or len(moved) < 3:
         return STATURE_M, "assumed"
     root = np.diff(moved, axis=0)[:, :2] * rate_hz
     rows, wanted = [], []

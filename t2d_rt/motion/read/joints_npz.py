@@ -17,9 +17,9 @@ from t2d_rt.motion.read.joint_sets import ORDERS, guessed_order, named_points
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
-JOINT_KEYS = ("joints", "positions", "joints3d", "keypoints", "keypoints3d", "motion", "poses3d", "arr_0", "")
-NAME_KEYS = ("names", "joint_names", "joints_names")
-RATE_KEYS = ("fps", "rate_hz", "rate", "frame_rate", "framerate", "mocap_framerate")
+JOINT_FIELDS = ("joints", "positions", "joints3d", "keypoints", "keypoints3d", "motion", "poses3d", "arr_0", "")
+NAME_FIELDS = ("names", "joint_names", "joints_names")
+RATE_FIELDS = ("fps", "rate_hz", "rate", "frame_rate", "framerate", "mocap_framerate")
 
 NAMED_RATE_HZ = 30.0
 """Of cameras, where a file does not say."""
@@ -31,13 +31,13 @@ FORMS = "(T, 22, 3) HumanML3D joints, (T, 263) HumanML3D vectors, or (T, K, 3) j
 
 def read_plain(arrays: Arrays) -> Tracks:
     """Joints (T, K, 3), named or in a known order, or HumanML3D vectors (T, 263)."""
-    key = arrays.first(*JOINT_KEYS) or (next(iter(arrays.texts)) if len(arrays.texts) == 1 else None)
+    key = arrays.first(*JOINT_FIELDS) or (next(iter(arrays.texts)) if len(arrays.texts) == 1 else None)
     if key is None:
         raise InputError(f"{arrays.path} holds {shown(list(arrays.texts))} but no joints; expected {FORMS}")
     values = arrays.numbers(key, (2, 3))
     if values.ndim == 3 and values.shape[0] == 1 and values.shape[2] != 3:
         values = values[0]
-    rate_hz = arrays.scalar(*RATE_KEYS)
+    rate_hz = arrays.scalar(*RATE_FIELDS)
     names = _names(arrays)
     if names is None and values.ndim == 2 and values.shape[1] == WIDTH:
         return _at_rate(read_vectors(values), rate_hz)
@@ -84,7 +84,7 @@ def _in_order(joints: np.ndarray, arrays: Arrays) -> Tracks:
 
 
 def _names(arrays: Arrays) -> tuple[str, ...] | None:
-    key = arrays.first(*NAME_KEYS)
+    key = arrays.first(*NAME_FIELDS)
     if key is None:
         return None
     found = arrays.get(key)

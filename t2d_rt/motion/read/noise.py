@@ -101,8 +101,8 @@ def _best_cutoff(track: np.ndarray, sigma_m: float, rate_hz: float, choices: lis
     errors: dict[float | None, float] = {None: float((omega2 * noise).mean())}
     tangent = np.tan(0.5 * math.pi * np.minimum(2 * frequency / rate_hz, 0.999999))
     for cutoff in choices:
-        passed = 1 / (1 + (math.sqrt(2) - 1) * (tangent / math.tan(math.pi * cutoff / rate_hz)) ** 4)
-        errors[cutoff] = float((omega2 * ((1 - passed) ** 2 * signal + passed**2 * noise)).mean())
+        gain = 1 / (1 + (math.sqrt(2) - 1) * (tangent / math.tan(math.pi * cutoff / rate_hz)) ** 4)
+        errors[cutoff] = float((omega2 * ((1 - gain) ** 2 * signal + gain**2 * noise)).mean())
     best = min(errors, key=lambda cutoff: errors[cutoff])
     return best, errors[best]
 

@@ -35,6 +35,9 @@ TRUNK_WEIGHT = 0.02
 TWIST_TIME_S = 0.15
 """Time over which the twist of a straight limb is smoothed; a right angle's is, over a sixth of it."""
 
+SWING_STIFFNESS = 0.01
+"""Weight of steady twist beside `as little swing as can be` for bones without a hinge: it counts from 90 degrees of swing on."""
+
 
 def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -> dict[str, np.ndarray]:
     """Global orientations x, y, z, w (T, 4) by joint from positions (T, 3) [m], z up, of all canonical joints.
@@ -42,7 +45,7 @@ def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -
     In a bone's own frame the bone itself keeps its direction over the whole motion.
     """
     _check_lengths(points)
-    turned = _trunk(points)
+    turned = _trunk(points, rate_hz)
     for side in ("left", "right"):
         mirror = np.array([1.0, 1.0 if side == "left" else -1.0, 1.0])
         hip, knee, ankle, foot, toe = (f"{side}_{name}" for name in ("hip", "knee", "ankle", "foot", "toe"))
@@ -54,14 +57,16 @@ def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -
         turned[hip], turned[knee] = _limb(
             turned["pelvis"], LEG_REST * mirror, thigh, shank, np.cross(thigh, shank), rate_hz, _foot_hinge(thigh, shank, ahead)
         )  # fmt: skip
-        turned[ankle] = _carried(turned[knee], ahead)
-        turned[foot] = _carried(turned[ankle], points[toe] - points[foot]) if toe in points else turned[ankle]
-        turned[collar] = _carried(turned["spine3"], points[shoulder] - points[collar])
+        turned[ankle] = _carried(turned[knee], ahead, rate_hz)
+        turned[foot] = _carried(turned[ankle], points[toe] - points[foot], rate_hz) if toe in points else turned[ankle]
+        turned[collar] = _carried(turned["spine3"], points[shoulder] - points[collar], rate_hz)
         arm, forearm = _unit(points[elbow] - points[shoulder]), _unit(points[wrist] - points[elbow])
         turned[shoulder], turned[elbow] = _limb(
             turned["spine3"], ARM_REST * mirror, arm, forearm, np.cross(forearm, arm), rate_hz
         )
-        turned[wrist] = _carried(turned[elbow], points[hand] - points[wrist]) if hand in points else turned[elbow]
+        turned[wrist] = (
+            _carried(turned[elbow], points[hand] - points[wrist], rate_hz) if hand in points else turned[elbow]
+        )
     for name in points:
         if name not in turned:
             turned[name] = turned[str(PARENT_OF[name])]
@@ -76,7 +81,7 @@ def _check_lengths(points: dict[str, np.ndarray]) -> None:
             raise InputError(f"joints {upper!r} and {lower!r} coincide; a bone needs a length to have a direction")
 
 
-def _trunk(points: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _trunk(points: dict[str, np.ndarray], rate_hz: float) -> dict[str, np.ndarray]:
     hips, shoulders = (_unit(points[f"left_{joint}"] - points[f"right_{joint}"]) for joint in ("hip", "shoulder"))
     middle = 0.5 * (points["left_hip"] + points["right_hip"])
     first, upward = _orthonormal(hips, points["spine1"] - middle)
@@ -84,9 +89,9 @@ def _trunk(points: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     for step, (name, above) in enumerate((("spine1", "spine2"), ("spine2", "spine3"), ("spine3", "neck")), 1):
         upward, left = _orthonormal(points[above] - points[name], (3 - step) * hips + step * shoulders)
         turned[name] = from_matrix(np.stack([np.cross(left, upward), left, upward], axis=-1))
-    turned["neck"] = _carried(turned["spine3"], points["head"] - points["neck"])
+    turned["neck"] = _carried(turned["spine3"], points["head"] - points["neck"], rate_hz)
     top = points.get("head_top")
-    turned["head"] = turned["neck"] if top is None else _carried(turned["neck"], top - points["head"])
+    turned["head"] = turned["neck"] if top is None else _carried(turned["neck"], top - points["head"], rate_hz)
     return turned
 
 
@@ -108,8 +113,7 @@ def _limb(
         angle, weight = _joined(
             angle, weight, _angle_about(upper, neutral, second), FOOT_WEIGHT * (second**2).sum(axis=-1)
         )
-    half = 0.5 * _smooth_angle(angle, weight, rate_hz)[:, None]
-    above = multiply(np.concatenate([np.sin(half) * upper, np.cos(half)], axis=-1), swung)
+    above = multiply(_about(upper, _smooth_angle(angle, weight, rate_hz)), swung)
     return above, multiply(between(upper, lower), above)
 
 
@@ -152,12 +156,39 @@ def _angle_about(axis: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.nda
     return np.arctan2(sine, (start * end).sum(axis=-1) - along)
 
 
-def _carried(above: np.ndarray, bone: np.ndarray) -> np.ndarray:
-    """Orientations (T, 4) that follow those of the bone above but for the least swing that carries `bone` (T, 3)."""
-    local = rotate(conjugate(above), _unit(bone))
+def _carried(above: np.ndarray, bone: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Orientations (T, 4) that follow those of the bone above but for the least swing that carries `bone` (T, 3).
+
+    The swing counts from the bone's usual direction. Near half a turn from there, where the least swing turns over, as that of a
+    joint that a recording flips does, the bone goes on without twist instead.
+    """
+    local = _unit(rotate(conjugate(above), bone))
     mean = local.mean(axis=0)
-    usual = mean if np.linalg.norm(mean) > 1e-3 else local[0]
-    return multiply(between(rotate(above, usual), bone), above)
+    usual = mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 1e-3 else local[0]
+    swung = between(np.broadcast_to(usual, local.shape), local)
+    step = multiply(swung[1:], conjugate(swung[:-1]))
+    twist = np.angle(np.exp(2j * np.arctan2((step[:, :3] * local[:-1]).sum(axis=-1), step[:, 3])))
+    return multiply(above, multiply(_about(local, _counter(twist, local @ usual, rate_hz)), swung))
+
+
+def _counter(twist: np.ndarray, cosine: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Angles (T,) that undo steps of twist (T - 1,) where the swing, of known cosine (T,), is large.
+
+    They minimise sum w a^2 + SWING_STIFFNESS tau^2 (a' + twist')^2, w = cos(swing / 2)^8, tau = TWIST_TIME_S.
+    """
+    from scipy.linalg import solveh_banded
+
+    weight = (0.5 + 0.5 * cosine) ** 4
+    stiffness = SWING_STIFFNESS * (TWIST_TIME_S * rate_hz) ** 2
+    diagonal = weight + stiffness * np.r_[1.0, np.full(len(cosine) - 2, 2.0), 1.0]
+    right = stiffness * (np.r_[twist, 0.0] - np.r_[0.0, twist])
+    return np.asarray(solveh_banded(np.stack([np.full(len(cosine), -stiffness), diagonal]), right))
+
+
+def _about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rotations (T, 4) about unit axes (T, 3) by angles (T,)."""
+    half = 0.5 * angle[:, None]
+    return np.concatenate([np.sin(half) * axis, np.cos(half)], axis=-1)
 
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
