@@ -17,7 +17,8 @@ from builders import MOTIONS, WALK
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.interpolate import decompose
-from t2d_rt.motion.match import match
+from t2d_rt.motion.match import limbs, match
+from t2d_rt.motion.match.tree import Tree
 from t2d_rt.motion.match.words import label
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
 
@@ -468,6 +469,17 @@ def test_twist_bones_inside_limbs(tmp_path: Path, named: bool) -> None:
     assert max(gaps(motion, "walk").values()) < 1e-3
 
 
+def test_a_knee_that_bends_is_no_twist_bone() -> None:
+    """A bone goes through a joint in the middle of the thigh, but not through the knee."""
+    skeleton = halves(person("walk"), "left_knee", "between")
+    tree = Tree(skeleton.names, skeleton.parents, skeleton.positions)
+    hip, knee, ankle = (skeleton.names.index(f"left_{joint}") for joint in ("hip", "knee", "ankle"))
+    stretches = {(upper, lower) for upper, lower, _, _ in limbs._bones(tree, tree.below(hip, 9, 90), 0)}
+    assert (hip, knee) in stretches
+    assert (knee, ankle) in stretches
+    assert (hip, ankle) not in stretches
+
+
 @pytest.mark.parametrize("named", [False, True])
 def test_of_joints_in_one_place_the_last_turns_the_bone(tmp_path: Path, named: bool) -> None:
     """Doubles of zero length carry the bones, the joints above them do not turn on their own."""
@@ -489,8 +501,8 @@ def test_of_joints_in_one_place_the_last_turns_the_bone(tmp_path: Path, named: b
     motion = load_motion(skeleton.write(tmp_path / "a.bvh"), smooth_hz=None, floor=0.0)
     assert max(gaps(motion, "walk").values()) < 1e-3
     offsets, _ = decompose(motion.joints, motion.rotations, motion.parents)
-    limbs = [motion.index(f"{s}_{j}") for s in ("left", "right") for j in ("knee", "ankle", "foot", "elbow", "wrist")]
-    assert offsets[:, limbs].std(axis=0).max() < 1e-4
+    rows = [motion.index(f"{s}_{j}") for s in ("left", "right") for j in ("knee", "ankle", "foot", "elbow", "wrist")]
+    assert offsets[:, rows].std(axis=0).max() < 1e-4
 
 
 def test_a_missing_head_is_made_up_and_said(tmp_path: Path) -> None:
@@ -816,6 +828,30 @@ def test_turns_that_stay_are_no_flips(tmp_path: Path) -> None:
     assert (
         "flips" not in load_motion(replace(skeleton, rotations=turns).write(tmp_path / "a.bvh"), smooth_hz=None).report
     )
+
+
+def test_half_turns_one_after_another_are_no_flip(tmp_path: Path) -> None:
+    """Two turns of 100 degrees the same way: the joint does not come back."""
+    skeleton = person("walk")
+    turns = np.array(skeleton.rotations)
+    wrist = skeleton.names.index("right_wrist")
+    for frames, angle in ((slice(20, 21), 100.0), (slice(21, None), 200.0)):
+        own = Rotation.from_quat(turns[frames, wrist]) * Rotation.from_euler("X", angle, degrees=True)
+        turns[frames, wrist] = own.as_quat()
+    assert "flips" not in load_motion(replace(skeleton, rotations=turns).write(tmp_path / "a.bvh")).report
+
+
+@pytest.mark.parametrize("stage", [False, True])
+def test_who_stands_still_on_a_turned_stage_is_upright(tmp_path: Path, stage: bool) -> None:
+    """z is up by a root that never turns, which is believed, or by the hips' own rotation: then somebody may lie."""
+    still = person("walk")
+    still = replace(still, positions=still.positions[[0] * 9], rotations=still.rotations[[0] * 9])
+    if stage:
+        assert "up z;" in load_motion(still.below(("stage",)).turned(Z_UP).write(tmp_path / "a.bvh")).report
+    else:
+        path = still.turned(Z_UP).write(tmp_path / "a.bvh")
+        with pytest.warns(T2DWarning, match="upright along z throughout, but along y in its rest pose"):
+            load_motion(path)
 
 
 def lying(share: float) -> Skeleton:
