@@ -161,6 +161,21 @@ def test_skin_of_positions_is_like_that_of_rotations(name: str) -> None:
     assert np.percentile(gap[:, hands < 0.1], 99) < 0.03
 
 
+def test_a_foot_that_a_recording_flips_does_not_spin() -> None:
+    """Directions close to the opposite of the usual one, where the least swing turns over."""
+    joints = clip("walk", 60.0).joints[:, :22].copy()
+    ankle, foot = (CANONICAL_JOINTS.index(f"left_{joint}") for joint in ("ankle", "foot"))
+    usual = joints[:, foot] - joints[:, ankle]
+    shank = joints[:, ankle] - joints[:, CANONICAL_JOINTS.index("left_knee")]
+    shank /= np.linalg.norm(shank, axis=-1, keepdims=True)
+    angle = np.concatenate([np.zeros(60), np.linspace(0, np.pi, 20), np.linspace(-np.pi, 0, 20)])
+    turn = np.zeros(len(joints))
+    turn[: len(angle)] = np.where(np.abs(angle) > 3, 3 * np.sign(angle), angle)
+    joints[:, foot] = joints[:, ankle] + Rotation.from_rotvec(turn[:, None] * shank).apply(usual)
+    found = motion_from_joints(joints, rate_hz=60.0)
+    assert twist_steps_deg(found)["left_ankle"].max() < 20
+
+
 def test_bones_without_length_are_refused() -> None:
     points = points_of(clip("walk"))
     points["left_knee"] = points["left_hip"].copy()
@@ -197,7 +212,7 @@ def test_a_head_counts_by_its_direction(height: float) -> None:
 def test_filled_feet_stand_level_and_swing_with_the_shank() -> None:
     motion = clip("walk", 60.0)
     points = {name: track for name, track in points_of(motion).items() if "foot" not in name}
-    assert add_level_feet(points, 1.6, 60.0) == ["left_foot", "right_foot"]
+    assert add_level_feet(points, 1.6) == ["left_foot", "right_foot"]
     for side in ("left", "right"):
         foot, ankle = points[f"{side}_foot"], points[f"{side}_ankle"]
         true = motion.joints[:, motion.index(f"{side}_foot")]
@@ -207,6 +222,16 @@ def test_filled_feet_stand_level_and_swing_with_the_shank() -> None:
         assert np.ptp(drop) < 0.02  # level
         assert foot[:, 2].min() > ankle[:, 2].min() - 0.08  # not through the floor
         assert np.linalg.norm(foot - true, axis=-1).mean() < 0.07
+
+
+@pytest.mark.parametrize(("name", "limit_mps"), [("walk", 0.35), ("jog", 0.6)])
+def test_filled_feet_move_as_true_ones(name: str, limit_mps: float) -> None:
+    motion = clip(name, 60.0)
+    points = {joint: track for joint, track in points_of(motion).items() if "foot" not in joint}
+    add_level_feet(points, 1.7)
+    for foot in ("left_foot", "right_foot"):
+        error = np.diff(points[foot] - motion.joints[:, motion.index(foot)], axis=0) * 60
+        assert np.sqrt((error**2).sum(axis=-1).mean()) < limit_mps
 
 
 # --- noise ----------------------------------------------------------------------------------------------------------

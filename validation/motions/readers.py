@@ -138,9 +138,9 @@ def main(folder: Path) -> int:
         mean, joint, jump = positions(motion)
         missed += (mean > 20) + (jump > 30 and motion.rate_hz >= 20)
         if jump > 15 or mean > 9 or name.startswith(("amp", "0")):
-            print(
-                f"  {name:34s} {mean:5.1f} {joint:5.1f} mm {jump:5.1f} degrees {'MISSED' if mean > 20 or jump > 30 else ''} {f'at {motion.rate_hz:g} Hz' if motion.rate_hz < 20 else ''}"
-            )
+            verdict = "MISSED" if mean > 20 or jump > 30 else ""
+            slow = f"at {motion.rate_hz:g} Hz" if motion.rate_hz < 20 else ""
+            print(f"  {name:34s} {mean:5.1f} {joint:5.1f} mm {jump:5.1f} degrees {verdict} {slow}")
     print("speed errors [m/s]: clean frames, noisy, smoothed, estimated")
     for name in (
         "12_01_walk.bvh",

@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from t2d_rt.motion.interpolate import low_pass
 
 PELVIS_UP = 0.12
 """Pelvis above the middle of the hips, in trunks: 6 cm, between iClone's 2 and CMU's 10."""
@@ -30,9 +29,6 @@ FOOT_AHEAD, FOOT_DOWN = 0.07, 0.035
 """Ball of the foot from the ankle, in statures."""
 LIFTED = 0.1
 """Height of an ankle above its lowest, in statures, at which its foot follows the shank; on the ground it is level."""
-
-FOOT_CUTOFF_HZ = 4.0
-"""Of the change between level and square to the shank: a runner's ankle turns by 400 degrees a second at most."""
 
 
 def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -81,7 +77,7 @@ def _axes(at: dict[str, np.ndarray], up: np.ndarray) -> np.ndarray:
     return np.stack([np.cross(y, z), y, z], axis=-1)
 
 
-def add_level_feet(points: dict[str, np.ndarray], tall_m: float, rate_hz: float) -> list[str]:
+def add_level_feet(points: dict[str, np.ndarray], tall_m: float) -> list[str]:
     """Balls of feet that lack (z up, metres): level where the ankle is low and the shank upright, else square to the shank."""
     filled = [f"{side}_foot" for side in ("left", "right") if f"{side}_foot" not in points]
     left = points["left_hip"] - points["right_hip"]
@@ -91,8 +87,6 @@ def add_level_feet(points: dict[str, np.ndarray], tall_m: float, rate_hz: float)
         shank = shank / np.maximum(np.linalg.norm(shank, axis=-1, keepdims=True), 1e-12)
         lift = np.clip((ankle[:, 2:] - np.percentile(ankle[:, 2], 5)) / (LIFTED * tall_m), 0, 1)
         flat = (1 - lift**2 * (3 - 2 * lift)) * np.clip(shank[:, 2:], 0, 1) ** 2
-        if rate_hz > 2.5 * FOOT_CUTOFF_HZ:
-            flat = np.clip(low_pass(flat, FOOT_CUTOFF_HZ, rate_hz), 0, 1)
         up = flat * np.array([0.0, 0.0, 1.0]) + (1 - flat) * shank
         up /= np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-12)
         forward = np.cross(left, up)

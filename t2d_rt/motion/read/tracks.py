@@ -84,7 +84,7 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     axis = reading.up or _up(points, tracks)
     points, turned = to_z_up(points, tracks.orientations or {}, axis, unit_m)
     _check_sides(points)
-    told += _feet(points, turned, tall_m, rate_hz)
+    told += _feet(points, turned, tall_m)
     points, turned, dropped = _without_tpose(points, turned, reading.drop_tpose)
     level = floor_level(points) if reading.floor is None else float(reading.floor)
     if tracks.orientations is None:
@@ -184,11 +184,11 @@ def _check_sides(points: dict[str, np.ndarray]) -> None:
         )
 
 
-def _feet(points: dict[str, np.ndarray], turned: dict[str, np.ndarray], tall_m: float, rate_hz: float) -> list[str]:
+def _feet(points: dict[str, np.ndarray], turned: dict[str, np.ndarray], tall_m: float) -> list[str]:
     if turned:
         add_feet(points, turned, tall_m)
         return []
-    filled = add_level_feet(points, tall_m, rate_hz)
+    filled = add_level_feet(points, tall_m)
     return [f"filled {', '.join(filled)}"] if filled else []
 
 
