@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import numpy as np
 
-
 PELVIS_UP = 0.12
 """Pelvis above the middle of the hips, in trunks: 6 cm, between iClone's 2 and CMU's 10."""
 NECK = np.array([-0.03, 0.0, 0.21])
