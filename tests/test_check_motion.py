@@ -385,6 +385,16 @@ def test_swapped_sides_and_inverted_bodies_are_told() -> None:
     assert "upside down" in reason(replace(walk(), joints=walk().joints * [1, -1, -1] + [0, 0, 1.8]))
 
 
+def test_a_body_that_lies_with_its_feet_up_is_not_upside_down() -> None:
+    at = times(3.0)
+    lies = figure(path(at, (0, -70), (3, -75)), path(at, (0, -110), (3, -120)), path(at, (0, -91), (3, -93)))
+    hips, head, ankles = (lies.joints[:, lies.index(name), 2] for name in ("left_hip", "head", "left_ankle"))
+    raised = replace(lies, joints=lies.joints.copy())
+    raised.joints[:, [lies.index(f"{side}_ankle") for side in ("left", "right")], 2] += (hips - ankles + 0.1)[:, None]
+    assert (head < hips).all()
+    assert measure(raised).upside_down_fraction == 0
+
+
 def test_short_and_motionless_ones_are_told() -> None:
     assert "lasts 0.50 s" in reason(trim(walk(), 0, 0.5))
     assert "nothing moves" in reason(figure(*[0 * times(2.0)] * 3))

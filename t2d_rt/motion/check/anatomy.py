@@ -31,6 +31,9 @@ RANGES_DEG: dict[str, tuple[float, str]] = {
 Kapandji, The Physiology of the Joints, and the norms of the American Academy of Orthopaedic Surgeons (1965); dancers by Reid
 (1988)."""
 
+INVERTED = 0.15
+"""Height over stature by which the head is below and the ankles are above the hips of a body upside down."""
+
 TRUNK_RADIUS, HEAD_RADIUS, THIGH_RADIUS, SHANK_RADIUS, ARM_RADIUS, FOREARM_RADIUS, FOOT_RADIUS = (
     0.052, 0.042, 0.040, 0.024, 0.022, 0.018, 0.016,
 )  # fmt: skip
@@ -88,10 +91,11 @@ def mirrored(body: Tracks) -> bool:
 
 
 def upside_down_fraction(body: Tracks) -> float:
-    """Fraction of the time with the head below the hips and both ankles above them."""
+    """Fraction of the time with the head well below the hips and both ankles well above them; lying bodies are level."""
     head, hips = body["head"][:, 2], body["hips"][:, 2]
     ankles = np.minimum(body["left_ankle"][:, 2], body["right_ankle"][:, 2])
-    return float(((head < hips) & (ankles > hips)).mean())
+    apart = INVERTED * body.stature_m
+    return float(((head < hips - apart) & (ankles > hips + apart)).mean())
 
 
 def self_penetration_m(body: Tracks) -> np.ndarray:
