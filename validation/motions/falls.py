@@ -81,6 +81,7 @@ def values(made: Fall, lead: Motion) -> dict[str, float]:
     event, impact, rest = (round(t * rate) for t in (events.event_s, events.impact_s, events.rest_s))
     down = -np.gradient(motion.joints[..., 2], 1 / rate, axis=0)
     steps = np.linalg.norm(np.diff(motion.joints, n=2, axis=0), axis=-1).max(axis=1) * rate
+    recorded = np.linalg.norm(np.diff(resample(lead, rate).joints, n=2, axis=0), axis=-1).max() * rate
     speed = np.linalg.norm(np.gradient(motion.joints, 1 / rate, axis=0), axis=-1)
     return {
         "pelvis_mps": float(down[max(impact - 12, 0) : impact + 1, 0].max()), "head_mps": figures.head_mps,
@@ -88,7 +89,7 @@ def values(made: Fall, lead: Motion) -> dict[str, float]:
         "gain_j": figures.gain_j, "floor_depth_m": figures.deepest_m[0], "self_depth_m": figures.deepest_m[1],
         "lead_changed_m": float(np.abs(motion.joints[:event] - resample(lead, rate).joints[:event]).max()),
         # The frame at which the lead ends is one at which its speeds go on.
-        "step_over_lead": float(steps[event - 2 : event + 1].max() / steps[: event - 2].max()),
+        "step_over_lead": float(steps[event - 2 : event + 1].max() / recorded),
         "rest_speed_mps": float(speed[rest : rest + 30].max()),
     }  # fmt: skip
 

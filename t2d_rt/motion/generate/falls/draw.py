@@ -89,7 +89,7 @@ def _reaction(plan: FallPlan, heading: Heading, foot: str, rng: np.random.Genera
     away = 1.0 if heading == "left" else -1.0
     if plan.type == "slip":
         # The knees bend and the body sits down behind the feet.
-        pose = trunk("x", 0.35, -0.1) | legs((0.4, 0.9), (1.1, 1.8))
+        pose = trunk("x", 0.35, -0.1) | legs((0.1, 1.2), (1.0, 1.9))
     elif plan.type == "collapse":
         # The knees buckle and the body sinks upon them.
         pose = trunk("x", 0.3, 0.12) | legs((0.8, 0.8), (1.8, 1.8))
@@ -149,7 +149,7 @@ def _disturbance(
     ahead = {"forward": facing, "back": -facing, "left": left, "right": -left}[heading]
     if plan.type == "slip":
         # The braking force of the foot's first contact, and the jerk with which the trunk is thrown back: 0.4 m/s or so.
-        push = float(rng.uniform(80, 110)) + 25.0 * strength
+        push = float(rng.uniform(95, 130)) + 30.0 * strength
         return Disturbance(
             feet=tuple(f"{side}{part}" for side in "lr" for part in ("foot", "toes")),
             friction=float(rng.uniform(0.04, 0.1)), slippery_s=float(rng.uniform(0.3, 0.5)),

@@ -35,12 +35,12 @@ class Skeleton:
 
 def skeleton_at(lead: Motion, anatomy: Anatomy, segments: np.ndarray, frame: int) -> Skeleton:
     """The skeleton of a lead with `segments` (T, 22, 3, 3) at a frame."""
-    around = slice(max(frame - BEFORE, 0), frame + BEFORE + 1)
+    near = slice(max(frame - BEFORE, 0), frame + BEFORE + 1)
     parents = list(lead.parents[1:])
-    local = np.zeros((len(lead.joints[around]), len(lead.names), 3))
-    step = lead.joints[around, 1:] - lead.joints[around][:, parents]
-    local[:, 1:] = np.einsum("tjki,tjk->tji", segments[around][:, parents], step)
-    here = frame - around.start
+    local = np.zeros((len(lead.joints[near]), len(lead.names), 3))
+    step = lead.joints[near, 1:] - lead.joints[near][:, parents]
+    local[:, 1:] = np.einsum("tjki,tjk->tji", segments[near][:, parents], step)
+    here = frame - near.start
     above = [lead.parents[joint] for joint in range(len(CANONICAL_JOINTS), len(lead.names))]
     back = quaternions.conjugate(quaternions.from_matrix(segments[frame, above]))
     return Skeleton(

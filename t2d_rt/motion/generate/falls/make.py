@@ -28,10 +28,10 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 LONGEST_S = 3.2
 """Simulated time from the event to rest."""
 
-ATTEMPTS = 3
-"""At one event."""
+CHOICES, ATTEMPTS = 3, 3
+"""Of the event, and of what else is drawn at one event."""
 
-AROUND = 5
+NEIGHBOURS = 5
 """Frames on either side of the event that give the speeds there."""
 
 RANGE_MARGIN_RAD = 0.03
@@ -101,9 +101,11 @@ def simulate_fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -
         raise InputError("the plan asks to get up, but no recorded getup was given; pass getups or set get_up to False")
     mujoco()
     best = _candidate(prepared(lead, plan), plan, 0)
-    if best.amiss > 0 and plan.time_s is None:
+    for choice in range(1, CHOICES):
+        if best.amiss == 0:
+            break
         # Another step of the same walk may do where one does not.
-        best = min(best, _candidate(prepared(lead, plan, choice=1), plan, 1), key=lambda each: each.amiss)
+        best = min(best, _candidate(prepared(lead, plan, choice), plan, choice), key=lambda each: each.amiss)
     if math.isinf(best.amiss):
         wanted = f" {plan.direction}" if plan.direction else ""
         raise InputError(
@@ -127,7 +129,7 @@ def prepared(lead: Motion, plan: FallPlan, choice: int = 0) -> Scenario:
     mass = rng.uniform(20, 27) * stature**2 if plan.mass_kg is None else plan.mass_kg
     body = _fitted(bones, found, stature, float(mass), lead, segments, frame)
     reference = coordinates(body, lead.joints[:, 0], segments)
-    qvel = velocities(reference[frame - AROUND : frame + AROUND + 1], RATE_HZ)
+    qvel = velocities(reference[frame - NEIGHBOURS : frame + NEIGHBOURS + 1], RATE_HZ)
     qpos = reference[frame].copy()
     qpos[2] += _penetration(body, qpos)
     _allow(body, qpos)
@@ -139,10 +141,10 @@ def prepared(lead: Motion, plan: FallPlan, choice: int = 0) -> Scenario:
 
 def _event(lead: Motion, plan: FallPlan, rng: np.random.Generator) -> tuple[int, str]:
     """Frame and foot of the event."""
-    first, last = max(AROUND, round(SETTLING_S * RATE_HZ)), len(lead.joints) - 1 - AROUND
+    first, last = max(NEIGHBOURS, round(SETTLING_S * RATE_HZ)), len(lead.joints) - 1 - NEIGHBOURS
     if last <= first:
         raise InputError(
-            f"the lead of a fall must be longer than {SETTLING_S + 2 * AROUND / RATE_HZ:.2g} s, got {lead.duration_s:.3g} s"
+            f"the lead of a fall must be longer than {SETTLING_S + 2 * NEIGHBOURS / RATE_HZ:.2g} s, got {lead.duration_s:.3g} s"
         )
     if plan.time_s is not None and not plan.time_s <= lead.duration_s:
         raise InputError(f"time_s of {plan.time_s:g} s lies after the lead's end at {lead.duration_s:.3g} s")
@@ -209,7 +211,7 @@ def _candidate(scenario: Scenario, plan: FallPlan, choice: int) -> Candidate:
     heading = heading_of(plan, np.random.default_rng([plan.seed, 1]))
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([plan.seed, 2, choice, attempt])
-        insistence = (choice + attempt / ATTEMPTS) / 2
+        insistence = (choice + attempt / ATTEMPTS) / CHOICES
         drawn = draw(plan, heading, scenario.foot, scenario.facing, rng, insistence=insistence)
         frames = round(LONGEST_S * RATE_HZ)
         muscles = course(scenario.body, drawn, scenario.reference, frames)

@@ -93,6 +93,8 @@ def _is_down(touching: frozenset[str], pelvis_m: float) -> bool:
 IMPACT_RANGE_S, DESCENT_RANGE_S = (0.4, 2.5), (0.3, 1.2)
 PELVIS_RANGE_MPS, HEAD_RANGE_MPS = (1.2, 3.0), (1.5, 4.5)
 """Speeds at the impact, from falls of persons on video: 2.14 +- 0.63 and 2.91 +- 0.86 m/s (Choi, Wakeling, Robinovitch 2015)."""
+ASIDE = 0.3
+"""What a slip to the side counts beside excesses in m/s or s."""
 SLIDE_LIMIT_M, DEPTH_LIMIT_M, GAIN_LIMIT_J = 0.5, 0.02, 8.0
 """8 J are about 1 % of the energy of a walking person."""
 
@@ -114,4 +116,6 @@ def missing(found: Figures, plan: FallPlan) -> float:
     pairs = (
         (found.descent_s, DESCENT_RANGE_S), (found.pelvis_mps, PELVIS_RANGE_MPS), (found.head_mps, HEAD_RANGE_MPS),
     )  # fmt: skip
-    return sum(max(low - value, 0.0) + max(value - high, 0.0) for value, (low, high) in pairs)
+    # Who slips falls on the back or the side, mostly on the back.
+    aside = ASIDE if plan.type == "slip" and plan.direction is None and found.heading != "back" else 0.0
+    return aside + sum(max(low - value, 0.0) + max(value - high, 0.0) for value, (low, high) in pairs)
