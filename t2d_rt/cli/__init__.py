@@ -42,7 +42,7 @@ OWN_MODULES = "describe", "motion", "check-motion", "library"
 CONFIGURABLE = "simulate", "plan", "compare", "scene"
 """Those that take --config and --radar."""
 
-SEVERAL_FILES = ("check-motion",)
+SEVERAL_FILES = "check-motion", "library"
 """Those that take more than one file."""
 
 

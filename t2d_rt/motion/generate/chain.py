@@ -98,16 +98,16 @@ def _step(root: np.ndarray) -> np.ndarray:
 
 
 def _offset(gap: np.ndarray, slope: np.ndarray, within: int, count: int) -> np.ndarray:
-    """A difference (3,) and its change per frame (3,) that die out, with their slope and curvature, at frame `within`: (count, 3)."""
+    """A difference (3,) and its change per frame (3,) that die out smoothly at frame `within`: (count, 3)."""
     x = np.minimum(np.arange(count) / within, 1.0)[:, None]
     # Quintic Hermite: value and slope at 0, none of either nor of curvature at 1, curvature 0 at both.
     value = 1 - 10 * x**3 + 15 * x**4 - 6 * x**5
     slant = x - 6 * x**3 + 8 * x**4 - 3 * x**5
-    most = 0.6 * np.linalg.norm(gap) + 0.02
-    bounded = slope * within
-    size = float(np.linalg.norm(bounded))
-    # A velocity that would carry farther than the gap itself is let go: the seam then has a kink rather than a lurch.
-    bounded = bounded * min(1.0, max(most, 0.35) / max(size, 1e-12))
+    carried = slope * within
+    # A velocity that would carry farther than a step is let go: the seam then has a kink rather than a lurch.
+    bounded = carried * min(
+        1.0, max(0.6 * float(np.linalg.norm(gap)), 0.35) / max(float(np.linalg.norm(carried)), 1e-12)
+    )
     return value * gap + slant * bounded
 
 
@@ -128,7 +128,7 @@ def from_rotation_vector(vector: np.ndarray) -> np.ndarray:
 
 
 def swung(rotation: np.ndarray, factor: float) -> np.ndarray:
-    """Rotations (T, 4) farther from their mean over time by a factor; those that are more than about a radian away keep their place."""
+    """Rotations (T, 4) farther from their mean over time by a factor; those more than about a radian away stay."""
     vectors = np.linalg.eigh(rotation.T @ rotation)[1]
     middle = np.broadcast_to(vectors[:, -1], rotation.shape)
     swing = rotation_vector(quaternions.multiply(rotation, quaternions.conjugate(middle)))
@@ -155,7 +155,7 @@ FEATURE_JOINTS = (
 
 
 def best_seam(first: Poses, second: Poses, after: range, before: range) -> tuple[int, int, float]:
-    """Frames, one in `after` of the first and one in `before` of the second, at which pose and velocity differ least; and how much [m]."""
+    """Frames, one in `after` of the first, one in `before` of the second, where pose and velocity differ least; how much [m]."""
     a, b = (
         features(first)[after.start : after.stop : after.step],
         features(second)[before.start : before.stop : before.step],

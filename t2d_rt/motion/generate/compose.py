@@ -12,11 +12,11 @@ import numpy as np
 
 from t2d_rt.errors import InputError
 from t2d_rt.motion.contacts import contacts, plant
-from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Description, GaitType, Step
+from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Description, Step
 from t2d_rt.motion.generate.chain import Piece, joined
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual, individual, lively, sole_m
-from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, halted, made_of_clips
+from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, halted, made_of_clips, own_clips
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import motion_of, poses_of
@@ -25,12 +25,16 @@ from t2d_rt.types.motion import Motion
 By = Literal["library", "gaits", "made", "physics"]
 
 ALLOWED: dict[str | None, tuple[By, ...]] = {
-    None: ("library", "gaits", "made", "physics"), "library": ("library", "gaits"), "physics": ("library", "gaits", "made", "physics"),
+    None: ("library", "gaits", "made", "physics"), "library": ("library", "gaits"),
+    "physics": ("library", "gaits", "made", "physics"),
 }  # fmt: skip
 """What each provider makes; one that simulates falls needs what comes before them."""
 
 LEAD_S = 2.4, 3.6
 """Duration of the walk or stance before a fall where the description says nothing of it."""
+
+ATTEMPTS = 4
+"""Leads and plans that are tried until the person falls."""
 
 SEAM_S = 0.5
 """Time in which a difference between steps dies out."""
@@ -48,14 +52,15 @@ class Composer:
     def __call__(self, description: Description, *, seed: int) -> Motion:
         """The motion of a description."""
         rng = np.random.default_rng([seed, *description.sentence.encode()])
-        refused = [step.action for step in description.steps if way_of(step) not in ALLOWED[self.only]]
+        store = self._store()
+        refused = [step.action for step in description.steps if way_of(step, store) not in ALLOWED[self.only]]
         if refused or (self.only == "physics" and description.action != "fall"):
             raise InputError(
-                f"provider {self.only} does not make {(refused or [description.action])[0].replace('_', ' ')}; leave the provider out, "
-                "so that each step is made by what suits it"
+                f"provider {self.only} does not make {(refused or [description.action])[0].replace('_', ' ')}; "
+                "leave the provider out, so that each step is made by what suits it"
             )
         person = individual(description.subject, rng, body=self.body, stature_m=self.stature_m)
-        motion = _composed(Maker(self._store(), person, rng), description)
+        motion = _composed(Maker(store, person, rng), description)
         made = f"made for {description.sentence!r}, class {description.activity}, by {self.only or 'auto'}, seed {seed}"
         who = f"{description.subject.replace('_', ' ')} of {person.stature_m:.2f} m, body {person.body}"
         return replace(
@@ -63,22 +68,20 @@ class Composer:
         )
 
     def _store(self) -> Store:
-        if self.library is None:
-            return shipped()
         from t2d_rt.motion.generate.library.users import with_users
 
         return with_users(shipped(), self.library)
 
 
-def way_of(step: Step) -> By:
-    """What makes a step."""
+def way_of(step: Step, store: Store) -> By:
+    """What makes a step; a user's clips of an action go before key poses."""
     if step.action == "fall":
         return "physics"
     if step.type in GAIT_TYPES:
         return "gaits"
     if step.action in ("walk", "run") and step.direction in ("up", "down"):
         return "made"
-    return "library" if step.action in ACTIONS else "made"
+    return "library" if step.action in ACTIONS or own_clips(store, step) else "made"
 
 
 def _composed(maker: Maker, description: Description) -> Motion:
@@ -100,7 +103,7 @@ def _composed(maker: Maker, description: Description) -> Motion:
 def _chained(maker: Maker, whole: Piece | None, steps: Sequence[Step], *, alone: bool) -> Piece:
     """The steps after one another, after what there is."""
     floor_m, posture = 0.0, None
-    for way, group in groupby(steps, key=lambda step: "made" if way_of(step) == "made" else "clips"):
+    for way, group in groupby(steps, key=lambda step: "made" if way_of(step, maker.store) == "made" else "clips"):
         own = list(group)
         if way == "made":
             from t2d_rt.motion.generate.made import make
@@ -150,9 +153,7 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
 
     walk = made_of_clips(maker, step.model_copy(update={"type": None, "body_part": None, "side": None}), alone=alone)
     severity = float(maker.rng.uniform(0, 1))
-    poses = abnormal_walk(
-        plant(walk.poses, walk.planted, floor_m=0.0), cast(GaitType, step.type), severity=severity, rng=maker.rng
-    )
+    poses = abnormal_walk(plant(walk.poses, walk.planted, floor_m=0.0), step.type, severity=severity, rng=maker.rng)
     piece = Piece(
         poses=poses, planted=contacts(poses), notes=(*walk.notes, f"{step.type} gait, severity {severity:.2f}")
     )
@@ -163,16 +164,28 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> M
     """What comes before a fall, the fall, and getting up where the description asks for it."""
     from t2d_rt.motion.generate.falls import fall, plan_of
 
-    seed = int(maker.rng.integers(2**31))
-    plan = plan_of(description, seed)
+    getups = [
+        motion_of(maker.store.piece(each).poses) for each in maker.store.segments if each.kind in ("faceup", "facedown")
+    ]
+    for attempt in range(ATTEMPTS):
+        plan = plan_of(description, int(maker.rng.integers(2**31)))
+        lead = _lead(maker, description, before, plan.type)
+        try:
+            fallen = fall(lead, plan, getups)
+        except InputError:  # some leads and plans do not come to a fall like a person's
+            if attempt == ATTEMPTS - 1:
+                raise
+            continue
+        break
+    return replace(fallen, origin=(*lead.origin, *(note for note in fallen.origin if note not in lead.origin)))
+
+
+def _lead(maker: Maker, description: Description, before: Sequence[Step], falls_by: str) -> Motion:
     if not before:
-        stands = plan.type == "collapse" and maker.rng.random() < 0.5
+        stands = falls_by == "collapse" and maker.rng.random() < 0.5
         speed = description.speed if description.speed != "slow" else "normal"
         before = [Step(action="stand" if stands else "walk", speed=speed, duration_s=float(maker.rng.uniform(*LEAD_S)))]
-    lead = finished(_chained(maker, None, before, alone=len(before) == 1), maker.person)
-    getups = [motion_of(maker.store.piece(each).poses) for each in maker.store.segments if each.action == "stand_up"]
-    fallen = fall(lead, plan, getups)
-    return replace(fallen, origin=(*lead.origin, *(note for note in fallen.origin if note not in lead.origin)))
+    return finished(_chained(maker, None, before, alone=len(before) == 1), maker.person)
 
 
 def finished(piece: Piece, person: Individual) -> Motion:

@@ -1,4 +1,4 @@
-"""Changes of a piece: its time, its mirror image, its path, its stride. Feet are planted afterwards, by what the piece says of contacts."""
+"""Changes of a piece: its time, its mirror image, its path, its stride. Feet are planted afterwards, by the piece's contacts."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def backwards(piece: Piece) -> Piece:
 
 
 def strided(piece: Piece, factor: float | np.ndarray) -> Piece:
-    """Steps longer by a factor, or by one for each frame (T,): the pelvis's horizontal velocity changes by it, feet follow in planting."""
+    """Steps longer by a factor, or by one for each frame (T,): the pelvis's velocity changes by it, feet follow in planting."""
     poses = piece.poses
     factors = np.broadcast_to(np.asarray(factor, dtype=float), (len(poses),))
     steps = np.diff(poses.root[:, :2], axis=0) * (0.5 * (factors[1:] + factors[:-1]))[:, None]

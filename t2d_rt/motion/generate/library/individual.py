@@ -23,8 +23,8 @@ STATURE_M: dict[Subject, tuple[tuple[str, float, float], ...]] = {
     "old_person": (("old", 1.66, 0.085),),
     "heavy_person": (("heavy", 1.72, 0.085),),
 }
-"""Bodies of a subject with mean and standard deviation of their stature [m]: adults of the United States (Fryar, Gu, Ogden, Flegal 2016:
-men 175.7 cm, women 161.8 cm, old ones 2 to 4 cm less), children of 6 to 9 years."""
+"""Bodies of a subject with mean and standard deviation of their stature [m]: adults of the United States (Fryar, Gu, Ogden, Flegal
+2016: men 175.7 cm, women 161.8 cm, old ones 2 to 4 cm less), children of 6 to 9 years."""
 
 LEGS, ARMS, WIDTHS = 0.018, 0.03, 0.03
 """Standard deviations of the logarithms of lengths of legs against the trunk, of arms, and of breadths of hips and shoulders at one
@@ -34,7 +34,7 @@ POSTURE_RAD = {
     "spine1": 0.02, "spine2": 0.02, "spine3": 0.025, "neck": 0.05, "head": 0.05, "left_shoulder": 0.07, "right_shoulder": 0.07,
     "left_elbow": 0.1, "right_elbow": 0.1, "left_wrist": 0.08, "right_wrist": 0.08,
 }  # fmt: skip
-"""Standard deviations of a person's habitual posture per axis [rad]; between recorded walkers they are 1.5 to 2.5 times as large."""
+"""Standard deviations of a person's habitual posture per axis [rad]; between recorded walkers they are larger."""
 
 SWAY = 0.35
 """Slow variation of the same angles in time, over their spread between persons."""

@@ -44,9 +44,9 @@ CHANGES: Mapping[Manner, Change] = {
     "angry": Change(tempo=1.1, stride=1.08, trunk_deg=5, head_deg=3, arms=1.3, elbows_deg=15),
     "sad": Change(tempo=0.87, stride=0.88, trunk_deg=6, head_deg=16, arms=0.55, bounce=0.8),
 }
-"""Sadness: walking slower by a fifth, arms that swing little, a slumped trunk and a bowed head, little bounce (Michalak et al. 2009);
-anger and joy: faster, larger swing, an erect trunk in joy (Roether, Omlor, Christensen, Giese 2009; Gross, Crane, Fredrickson 2012).
-Care: shorter and slower steps, gaze to the floor, as on slippery ground (Cham, Redfern 2002)."""
+"""Sadness: walking slower by a fifth, arms that swing little, a slumped trunk and a bowed head, little bounce (Michalak et al.
+2009); anger and joy: faster, larger swing, an erect trunk in joy (Roether, Omlor, Christensen, Giese 2009; Gross, Crane,
+Fredrickson 2012). Care: shorter and slower steps, gaze to the floor, as on slippery ground (Cham, Redfern 2002)."""
 
 STRENGTH = 0.6, 1.3
 """Range of how much of a change a sample has."""

@@ -20,8 +20,8 @@ SPEEDS_MPS: Mapping[tuple[str, str], tuple[float, float]] = {
     ("walk", "slow"): (0.80, 0.10), ("walk", "normal"): (1.27, 0.11), ("walk", "fast"): (1.75, 0.13),
     ("run", "slow"): (2.45, 0.2), ("run", "normal"): (3.0, 0.25), ("run", "fast"): (3.7, 0.3),
 }  # fmt: skip
-"""Mean and standard deviation of speeds over the floor of an adult with legs of 0.86 m; comfortable walking of men and women 1.27 to
-1.46 m/s, fast 1.7 to 2.5 (Bohannon 1997). Other legs: times sqrt(leg / 0.86 m), equal Froude numbers (Alexander 1989)."""
+"""Mean and standard deviation of speeds over the floor of an adult with legs of 0.86 m; comfortable walking of men and women
+1.27 to 1.46 m/s, fast 1.7 to 2.5 (Bohannon 1997). Other legs: times sqrt(leg / 0.86 m), equal Froude numbers (Alexander 1989)."""
 
 LEG_M = 0.86
 
@@ -31,8 +31,8 @@ DURATION_S: Mapping[Action, tuple[float, float]] = {
 """Range of durations [s] where none is given; of a step beside others, half."""
 
 WARP = 0.72, 1.38
-"""Limits of the factor by which a clip's speed is changed, half of it (as a logarithm) by tempo and half by stride, as people do: step
-length over cadence keeps constant (Sekiya, Nagasaki 1998)."""
+"""Limits of the factor by which a clip's speed is changed, half of it (as a logarithm) by tempo and half by stride, as people do:
+step length over cadence keeps constant (Sekiya, Nagasaki 1998)."""
 
 HALT_S = 1.2
 """Time in which a walk comes to a halt: two steps (Bishop et al. 2002)."""
@@ -77,12 +77,33 @@ class Maker:
 
 def made_of_clips(maker: Maker, step: Step, *, alone: bool = True, before: Piece | None = None) -> Piece:
     """The piece that a step asks for. alone: it is all of its description, and so may last longer. before: what it goes on from."""
-    if step.action not in ACTIONS:
+    own = own_clips(maker.store, step)
+    if step.action not in ACTIONS and not own:
         raise InputError(f"the library has no clips of {step.action}; it makes {', '.join(ACTIONS)}")
-    low, high = DURATION_S[step.action]
+    low, high = DURATION_S.get(step.action, (2.0, 4.0))
     duration_s = step.duration_s or float(maker.rng.uniform(low, high)) * (1.0 if alone else 0.6)
-    piece = ACTIONS[step.action](maker, step, duration_s)
+    piece = _as_recorded(maker, step, own) if own else ACTIONS[step.action](maker, step, duration_s)
     return with_manner(piece, step, maker.rng)
+
+
+def own_clips(store: Store, step: Step) -> list[Segment]:
+    """A user's clips that show just what a step asks for: an action of which none ships, or one in the step's direction."""
+    own = [each for each in store.segments if each.clip in store.own and each.action == step.action]
+    if step.action in ACTIONS:
+        return [each for each in own if each.direction and each.direction == step.direction]
+    return [each for each in own if each.direction == step.direction] or own
+
+
+def _as_recorded(maker: Maker, step: Step, own: list[Segment]) -> Piece:
+    """A clip as it is, at a pace of the step's speed or so that it lasts as long as that says."""
+    piece = maker.piece(
+        maker.draw(own),
+        mirror=None if step.direction not in ("left", "right", "clockwise", "counterclockwise") else False,
+    )
+    pace = {"slow": 0.85, "normal": 1.0, "fast": 1.15}[step.speed] * maker.person.tempo
+    if step.duration_s is not None:
+        pace = float(np.clip(len(piece) / RATE_HZ / step.duration_s, *WARP))
+    return edits.tempo(piece, pace)
 
 
 def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
@@ -125,7 +146,7 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
 
 def _first(maker: Maker, step: Step, wanted: float) -> Segment:
     """A clip whose speed on the person's legs is near the wanted one."""
-    segments = maker.segments(step.action, "steady")
+    segments = [each for each in maker.segments(step.action, "steady") if each.direction in ("", "forward", "straight")]
     if step.action == "walk":
         careful = [each for each in segments if each.manner == step.manner]
         segments = (
@@ -143,11 +164,12 @@ def _first(maker: Maker, step: Step, wanted: float) -> Segment:
 def _alike(maker: Maker, first: Segment) -> list[Segment]:
     """Clips of the same subject at a like speed, the clip itself among them."""
     subject = maker.store.sources[first.clip].subject
-    return [
-        each for each in maker.segments(first.action, "steady")
-        if each.name == first.name
-        or (maker.store.sources[each.clip].subject == subject and abs(each.speed_mps / first.speed_mps - 1) < 0.1 and each.manner == first.manner)
-    ]  # fmt: skip
+
+    def fits(other: Segment) -> bool:
+        near = abs(other.speed_mps / first.speed_mps - 1) < 0.1 and other.manner == first.manner
+        return near and maker.store.sources[other.clip].subject == subject and other.direction == first.direction
+
+    return [each for each in maker.segments(first.action, "steady") if each.name == first.name or fits(each)]
 
 
 def _directed(maker: Maker, piece: Piece, step: Step) -> Piece:
@@ -272,7 +294,7 @@ def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
         return edits.strided(piece, float(maker.rng.uniform(0.7, 1.3)))
     if step.direction not in ("back", "left", "right", "clockwise", "counterclockwise"):
         return piece
-    air = ~piece.planted.any(axis=(1, 2))
+    air = np.asarray(~piece.planted.any(axis=(1, 2)))
     top = int(piece.poses.root[:, 2].argmax())
     low, high = top, top
     while low > 1 and air[low - 1]:

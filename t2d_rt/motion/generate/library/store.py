@@ -1,7 +1,7 @@
 """The clips that ship: rotations and root of a skeleton as small integers, and an index of the segments in them.
 
-Each clip is an array of bytes in one .npz file and is decoded when it is first used. Per frame it holds 23 local quaternions and the
-root, as differences in time of integers (`QUATERNION_STEPS` a unit, `ROOT_STEPS` a metre), low and high bytes apart, which packs well.
+Each clip is an array of bytes in one .npz file and is decoded when it is first used. Per frame it holds 23 local quaternions and
+the root, as second differences in time of integers (`QUATERNION_STEPS` a unit, `ROOT_STEPS` a metre), low and high bytes apart.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -53,6 +53,8 @@ class Segment:
     kind: str = ""
     """Of the action: steady, start, stop or turn of a walk; up, forward, hop or jacks of a jump."""
     manner: str = ""
+    direction: str = ""
+    """Direction of the description that it shows, where a user says one."""
     speed_mps: float = 0.0
     """Mean horizontal speed of the pelvis."""
     turn_deg: float = 0.0
@@ -96,14 +98,23 @@ class Store:
     sources: Mapping[str, Source]
     path: Path
     """The .npz file of clips."""
+    own: Mapping[str, Path] = field(default_factory=dict)
+    """Motion files of the user by the name of their clip."""
 
     def piece(self, segment: Segment) -> Piece:
         """A segment's poses and contacts."""
-        poses, planted = clip(self.path, segment.clip)
+        if segment.clip in self.own:
+            from t2d_rt.motion.generate.library.users import recorded
+
+            poses, planted = recorded(self.own[segment.clip])
+        else:
+            poses, planted = clip(self.path, segment.clip)
         source = self.sources[segment.clip]
         note = f"clip {segment.name} of {source.file}, {segment.start / RATE_HZ:.2f} to {(segment.stop - 1) / RATE_HZ:.2f} s"
         if not 0 <= segment.start < segment.stop - 1 < len(poses):
-            raise InputError(f"{self.path}: {segment.name} lies outside its clip; install t2d-rt again")
+            raise InputError(
+                f"{segment.name} lies outside its clip; add it to the library again, or install t2d-rt again"
+            )
         return Piece(poses=poses, planted=planted, notes=(note,)).part(segment.start, segment.stop)
 
 

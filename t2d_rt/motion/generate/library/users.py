@@ -1,0 +1,236 @@
+"""A user's own clips in the library: an index of motion files by path, measured once, read when they are used."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from t2d_rt.checks import file_path, shown
+from t2d_rt.errors import InputError
+from t2d_rt.files import read_bytes
+from t2d_rt.motion.contacts import contacts, soles
+from t2d_rt.motion.descriptions.slots import ACTIONS_OF, ACTIVITIES, Action, Direction, Speed
+from t2d_rt.motion.generate.chain import heading_rad
+from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Source, Store
+from t2d_rt.motion.interpolate import resample
+from t2d_rt.motion.kinematics import Poses, poses_of
+from t2d_rt.motion.read import load_motion
+
+NEEDED = "file", "class", "action"
+OPTIONAL = "start_s", "stop_s", "direction", "speed", "text"
+"""Columns of an index that a user writes."""
+MEASURED = "speed_mps", "turn_deg", "distance_m"
+"""Columns that are added."""
+
+MOST_BYTES = 20_000_000
+MOST_ROWS = 50_000
+
+LEAST_S = 0.5
+"""Shortest clip that is taken."""
+
+
+def registry() -> Path:
+    """The index of a user's clips where none is named: t2d-rt/library.csv in the folder for users' data (XDG_DATA_HOME)."""
+    base = os.environ.get("XDG_DATA_HOME", "")
+    return (Path(base) if base else Path.home() / ".local" / "share") / "t2d-rt" / "library.csv"
+
+
+def with_users(store: Store, index: str | Path | None) -> Store:
+    """The store with the clips of an index, or of the `registry` if there is one."""
+    path = registry() if index is None else file_path("library", index)
+    if index is None and not path.is_file():
+        return store
+    segments, sources, own = [], dict(store.sources), dict(store.own)
+    for line, row in rows(path, measured=True):
+        name = f"{Path(row['file']).name}#{line}"
+        rate = RATE_HZ
+        kind = "steady" if row["action"] in ("walk", "run") else _kind(row)
+        segments.append(
+            Segment(
+                name=name, clip=name, start=round(float(row["start_s"] or 0) * rate), stop=round(float(row["stop_s"]) * rate) + 1,
+                activity=row["class"], action=row["action"], kind=kind, direction=row["direction"],
+                speed_mps=float(row["speed_mps"]), turn_deg=float(row["turn_deg"]), distance_m=float(row["distance_m"]),
+            )
+        )  # fmt: skip
+        sources[name] = Source(
+            file=Path(row["file"]).name, licence="yours", sha256="", subject=str(Path(row["file"]).parent)
+        )
+        own[name] = Path(row["file"])
+    return replace(store, segments=(*store.segments, *segments), sources=sources, own=own)
+
+
+def _kind(row: Mapping[str, str]) -> str:
+    if row["action"] == "jump":
+        return "forward" if row["direction"] in ("forward", "straight") or float(row["distance_m"]) > 0.4 else "up"
+    return ""
+
+
+def add(folder: str | Path, index: str | Path, *, library: str | Path | None = None) -> list[dict[str, str]]:
+    """The rows of an index of a folder's clips, measured and added to the library's own index; nothing is added if one is wrong.
+
+    folder: where the files of the index are.
+    index: CSV file with the columns file, class and action, and any of start_s, stop_s, direction, speed and text.
+    library: index to add to; by default the `registry`.
+    """
+    base = file_path("folder", folder)
+    if not base.is_dir():
+        raise InputError(f"there is no folder '{base}' of clips; check the path")
+    found: list[dict[str, str]] = []
+    for line, row in rows(file_path("index", index)):
+        path = (base / row["file"]).resolve()
+        if not path.is_relative_to(base.resolve()):
+            raise InputError(
+                f"line {line} of {index} names {shown(row['file'])}, which is not in {base}; name files in the folder"
+            )
+        found.append(_measured(path, row, f"line {line} of {index}"))
+    target = registry() if library is None else file_path("library", library)
+    kept = [row for _, row in rows(target, measured=True)] if target.is_file() else []
+    same = {_key(row) for row in found}
+    write(target, [*(row for row in kept if _key(row) not in same), *found])
+    return found
+
+
+def remove(what: str | Path, *, library: str | Path | None = None) -> int:
+    """Takes the clips of a file, or of a folder's files, out of the library's index, and returns how many; the files stay."""
+    target = registry() if library is None else file_path("library", library)
+    gone = file_path("what", what).resolve()
+    kept = [row for _, row in rows(target, measured=True)]
+    left = [row for row in kept if Path(row["file"]) != gone and not Path(row["file"]).is_relative_to(gone)]
+    if len(left) == len(kept):
+        raise InputError(f"the library has no clip of '{gone}'; t2d-rt library list shows those that it has")
+    write(target, left)
+    return len(kept) - len(left)
+
+
+def rows(path: Path, *, measured: bool = False) -> Iterable[tuple[int, dict[str, str]]]:
+    """Lines of an index with their number, checked; an InputError names the first that is wrong."""
+    try:
+        text = read_bytes(path, limit=MOST_BYTES, noun="clip index").decode("utf-8-sig")
+        reader = csv.DictReader(io.StringIO(text), strict=True)
+        columns = list(reader.fieldnames or [])
+        needed = (*NEEDED, "stop_s", *MEASURED) if measured else NEEDED
+        lost = [name for name in needed if name not in columns]
+        extra = [name for name in columns if name not in (*NEEDED, *OPTIONAL, *MEASURED)]
+        if lost or extra or len(set(columns)) != len(columns):
+            raise InputError(
+                f"the clip index {path} must have the columns {', '.join(NEEDED)} and may have {', '.join(OPTIONAL)}, got "
+                f"{shown(', '.join(map(str, columns)))}; correct its first line"
+            )
+        found: list[tuple[int, dict[str, str]]] = []
+        for row in reader:
+            if len(found) == MOST_ROWS:
+                raise InputError(f"the clip index {path} has more than {MOST_ROWS} lines; split it")
+            found.append((reader.line_num, _checked(row, f"line {reader.line_num} of {path}", measured)))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise InputError(f"the clip index {path} is no table of comma-separated values ({error}); correct it") from None
+    if not found and not measured:
+        raise InputError(f"the clip index {path} has no line beside its first; list the clips in it")
+    return found
+
+
+def _checked(row: Mapping[str | None, object], where: str, measured: bool) -> dict[str, str]:
+    if None in row or any(not isinstance(value, str) for value in row.values()):
+        raise InputError(f"{where} has another number of values than the first line; correct it")
+    found = {name: str(row.get(name) or "").strip() for name in (*NEEDED, *OPTIONAL, *MEASURED)}
+    if not found["file"] or "\0" in found["file"]:
+        raise InputError(f"{where} names no file; fill the column file")
+    actions = [str(each) for each in get_args(Action)]
+    for name, known in (
+        ("class", ACTIVITIES),
+        ("action", actions),
+        ("direction", get_args(Direction)),
+        ("speed", get_args(Speed)),
+    ):
+        if found[name] not in known and (found[name] or name in NEEDED):
+            raise InputError(f"{where} has {name} {shown(found[name])}; it must be one of {', '.join(known)}")
+    if found["action"] not in (*ACTIONS_OF[found["class"]], "stand"):  # type: ignore[index]
+        raise InputError(f"{where}: class {found['class']} has no action {found['action']}; correct one of them")
+    for name in ("start_s", "stop_s", *(MEASURED if measured else ())):
+        try:
+            value = float(found[name] or 0)
+        except ValueError:
+            value = np.nan
+        if not (np.isfinite(value) and abs(value) < 1e6 and (value >= 0 or name == "turn_deg")):
+            raise InputError(
+                f"{where} has {name} {shown(found[name])}; it must be a number of seconds"
+                + (" or metres" if measured else "")
+            )
+    return found
+
+
+def _measured(path: Path, row: dict[str, str], where: str) -> dict[str, str]:
+    """A row with its file's absolute path and what is measured of the clip."""
+    try:
+        poses, _ = recorded(path)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    end_s = (len(poses) - 1) / RATE_HZ
+    start_s, stop_s = float(row["start_s"] or 0), float(row["stop_s"] or end_s)
+    if not (start_s + LEAST_S <= stop_s <= end_s + 0.02):
+        raise InputError(
+            f"{where} asks for {start_s:g} to {stop_s:g} s of a motion of {end_s:.2f} s; a clip lies in it and is "
+            f"{LEAST_S} s or longer"
+        )
+    part = poses.part(round(start_s * RATE_HZ), round(min(stop_s, end_s) * RATE_HZ) + 1)
+    joints, _ = part.world()
+    if np.linalg.norm(np.diff(joints, axis=0), axis=-1).mean() * RATE_HZ < 1e-3:
+        raise InputError(
+            f"{where}: nothing moves in {path.name} from {start_s:g} to {stop_s:g} s; leave it out or give other times"
+        )
+    way = float(np.linalg.norm(part.root[-1, :2] - part.root[0, :2]))
+    heading = heading_rad(part)
+    values = {
+        "file": str(path), "start_s": f"{start_s:.3f}", "stop_s": f"{min(stop_s, end_s):.3f}",
+        "speed_mps": f"{way * RATE_HZ / (len(part) - 1):.3f}",
+        "turn_deg": f"{np.degrees(heading[-1] - heading[0]):.1f}", "distance_m": f"{way:.3f}",
+    }  # fmt: skip
+    return {**row, **values}
+
+
+def _key(row: Mapping[str, str]) -> tuple[str, str, str, str]:
+    return row["file"], row["start_s"], row["stop_s"], row["action"]
+
+
+def write(path: Path, table: list[dict[str, str]]) -> None:
+    """Write an index in one go."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, (*NEEDED, *OPTIONAL, *MEASURED), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(table)
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(buffer.getvalue(), encoding="utf-8")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def recorded(path: Path) -> tuple[Poses, np.ndarray]:
+    """A motion file as poses at the library's rate, the balls of the feet at 0 where they stand, and its contacts (T, 2, 2)."""
+    try:
+        stamp = path.stat().st_mtime_ns
+    except OSError as error:
+        raise InputError(
+            f"cannot read the clip {path} of the library: {error.strerror}; put it back, or t2d-rt library remove it"
+        ) from None
+    return _recorded(path, stamp)
+
+
+@lru_cache(maxsize=16)
+def _recorded(path: Path, stamp: int) -> tuple[Poses, np.ndarray]:
+    motion = load_motion(path)
+    poses = poses_of(motion if motion.rate_hz == RATE_HZ else resample(motion, RATE_HZ))
+    planted = contacts(poses)
+    lowest = soles(poses)[..., 2].min(axis=(1, 2))
+    stands = planted.any(axis=(1, 2))
+    level = float(np.median(lowest[stands])) if stands.sum() > 10 else float(np.percentile(lowest, 2))
+    return replace(poses, root=poses.root - [0.0, 0.0, level]), planted
