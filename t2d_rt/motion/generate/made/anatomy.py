@@ -135,7 +135,7 @@ class Anatomy:
         for mass, along in TRUNK_MASSES:
             below = min(int(np.searchsorted(reached, along, side="right")) - 1, len(chain) - 2)
             part = (along - reached[below]) / max(reached[below + 1] - reached[below], 1e-9)
-            for name, share in ((chain[below], 1 - part), (chain[below + 1], part)):
+            for name, fraction in ((chain[below], 1 - part), (chain[below + 1], part)):
                 for joint in ("left_hip", "right_hip") if name == "hips" else (name,):
-                    weights[INDEX[joint]] += mass * share * (0.5 if name == "hips" else 1.0)
+                    weights[INDEX[joint]] += mass * fraction * (0.5 if name == "hips" else 1.0)
         return weights / weights.sum()

@@ -149,13 +149,18 @@ def _roll(score: Score, who: Performer, towards: str) -> None:
     prone = towards == "forward"
     score.reach(
         side,
-        OnChest(ahead=0.45 if not prone else 0.15, out=0.15, up=0.35 if not prone else 0.9, elbow=(0.8, 0.3, 0.3)),
+        OnChest(
+            ahead=0.45 if not prone else 0.15,
+            out=0.15,
+            up=0.35 if not prone else 0.9,
+            elbow=(-0.8, 0.2, 0.2) if prone else (-0.5, 0.1, 0.8),
+        ),
         -0.2,
         0.7,
     )
     score.reach(OTHER[side], OnChest(ahead=0.55, out=-0.45, up=-0.2, elbow=(0.0, 0.9, -0.4)), 0.1, 0.8 * roll_s)
     aside = body.hips_m + 0.036 * who.tall
-    score.move(0.1, roll_s, z=score.place.floor_m + aside)
+    score.move(0.0, 0.8 * roll_s, z=score.place.floor_m + aside + (0.03 * who.tall if prone else 0.0))
     score.move(0.1, roll_s, spin=sign * who.u(76, 86) * DEG)
     need = 0.035 * who.tall + body.shoulders_m - aside
     score.move(
@@ -167,19 +172,23 @@ def _roll(score: Score, who: Performer, towards: str) -> None:
     x, y = score.at("hips")
     for each in SIDES:
         top = each != side
-        bend = who.u(0.78, 0.88) if top else who.u(0.88, 0.95)
-        ahead, forward = bend * body.leg_m * 0.95, sign * bend * body.leg_m * who.u(0.25, 0.4)
+        # Over a bent knee one does not roll onto the belly.
+        bend = who.u(0.991, 0.996) if prone else who.u(0.78, 0.88) if top else who.u(0.88, 0.95)
+        angle = who.u(0.0, 0.04) if prone else who.u(0.25, 0.4)
+        ahead, forward = bend * body.leg_m * float(np.cos(angle)), sign * bend * body.leg_m * float(np.sin(angle))
         height = HEEL * who.tall + (0.05 * who.tall if top else 0.0)
         score.put(0.15, roll_s, **{each: (x + ahead, y + forward, height)})
+        score.move(0.15, 0.6 * roll_s, **{f"{each}_loose": 1.0, f"{each}_tip": 0.0, f"{each}_yaw": score.place.yaw_rad})
     score.wait(roll_s + 0.2)
     score.notes.append(f"on the {side} side" if not prone else "on the belly")
     if prone:
         over_s = who.u(1.0, 1.4)
-        score.move(0.0, over_s, spin=sign * 180 * DEG, z=score.place.floor_m + body.back_m + 0.02, side=0.0, tilt=0.0)
+        score.move(0.0, over_s, spin=sign * 180 * DEG, side=0.0, tilt=0.0)
+        score.move(0.4 * over_s, 0.8 * over_s, z=score.place.floor_m + body.back_m + 0.02)
         score.move(0.2, over_s, look=SIGN[who.side(0.5)] * who.u(45, 60) * DEG)
-        score.put(0.0, over_s, hips=(x, y + sign * 0.16, body.back_m + 0.02))
+        score.put(0.0, over_s, hips=(x, y + sign * 0.16))
         for each in SIDES:
-            ankle = x + 0.992 * body.leg_m, y + sign * 0.16 - SIGN[each] * body.hips_m, 0.062 * who.tall
+            ankle = x + 0.996 * body.leg_m, y + sign * 0.16 - SIGN[each] * body.hips_m, 0.062 * who.tall
             score.put(0.0, 0.8 * over_s, **{each: ankle})
             goal = OnChest(
                 ahead=0.13,

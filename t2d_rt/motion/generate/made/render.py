@@ -33,7 +33,7 @@ RELAXED_RAD = 35 * DEG
 """Plantar flexion of a foot that lies about."""
 ARM_SOFT, LEG_SOFT = 0.02, 0.002
 STEADY_S = 0.09
-SOFT_M = 0.004
+SOFT_M = 0.007
 BALANCE_STEPS = 5
 
 
@@ -65,7 +65,7 @@ def render(
         for side in SIDES:
             places = [goal.place(Figure(anatomy, shape.points, shape.turns), side) for goal in _goals(score, side)]
             free = _Free(_held(score, side, times), shakes[side], values["ground"], rate_hz)
-            _arm(anatomy, shape, side, _ways(score, side, times), places, free)
+            _arm(anatomy, shape, side, _grasps(score, side, times), places, free)
         return _stacked(shape)
 
     hips = np.stack([values["x"], values["y"], values["z"]], axis=1)
@@ -138,7 +138,8 @@ def _body(anatomy: Anatomy, values: Mapping[str, np.ndarray], hips: np.ndarray) 
     turns["neck"] = _chain(turns["spine3"], (Z, 0.4 * values["look"]), (Y, 0.45 * nod), (X, -0.4 * values["tilt"]))
     turns["head"] = _chain(turns["neck"], (Z, 0.6 * values["look"]), (Y, 0.55 * nod), (X, -0.6 * values["tilt"]))
     feet = {side: _foot(anatomy, values, side, turns) for side in SIDES}
-    hips = _within_reach(anatomy, turns["pelvis"], hips, feet)
+    tied = {side: 1 - values[f"{side}_loose"] for side in SIDES}
+    hips = _within_reach(anatomy, turns["pelvis"], hips, feet, tied)
     points: dict[str, np.ndarray] = {"pelvis": hips - quaternions.rotate(turns["pelvis"], anatomy.middle)}
     for name, parent in (
         (LOWER_BACK, "pelvis"),
@@ -183,9 +184,13 @@ def _foot(anatomy: Anatomy, values: Mapping[str, np.ndarray], side: str, turns: 
 
 
 def _within_reach(
-    anatomy: Anatomy, pelvis: np.ndarray, hips: np.ndarray, ankles: Mapping[str, np.ndarray]
+    anatomy: Anatomy,
+    pelvis: np.ndarray,
+    hips: np.ndarray,
+    ankles: Mapping[str, np.ndarray],
+    tied: Mapping[str, np.ndarray],
 ) -> np.ndarray:
-    """Hips lowered, without a corner in time, where a leg would not reach its foot."""
+    """Hips lowered, without a corner in time, where a leg would not reach its foot; a foot that lies about (tied 0) follows."""
     found = hips.copy()
     for side in SIDES:
         offset = quaternions.rotate(pelvis, anatomy.offset(f"{side}_hip") - anatomy.middle)
@@ -193,7 +198,7 @@ def _within_reach(
         level = found[:, :2] + offset[:, :2] - ankles[side][:, :2]
         height = np.sqrt(np.maximum(longest**2 - (level**2).sum(-1), (0.12 * longest) ** 2))
         highest = ankles[side][:, 2] + height - offset[:, 2]
-        found[:, 2] -= SOFT_M * np.logaddexp(0.0, (found[:, 2] - highest) / SOFT_M)
+        found[:, 2] -= tied[side] * SOFT_M * np.logaddexp(0.0, (found[:, 2] - highest) / SOFT_M)
     return found
 
 
@@ -241,13 +246,13 @@ def _goals(score: Score, side: str) -> list:  # type: ignore[type-arg]
     return [score.starts[side], *(grasp.goal for grasp in score.grasps[side])]
 
 
-def _ways(score: Score, side: str, times: np.ndarray) -> list[tuple[Grasp, np.ndarray]]:
+def _grasps(score: Score, side: str, times: np.ndarray) -> list[tuple[Grasp, np.ndarray]]:
     return [(grasp, progress(times, grasp.start_s, grasp.duration_s)) for grasp in score.grasps[side]]
 
 
 def _held(score: Score, side: str, times: np.ndarray) -> np.ndarray:
     found = np.full(len(times), float(score.starts[side].held))
-    for grasp, done in _ways(score, side, times):
+    for grasp, done in _grasps(score, side, times):
         found += done * (float(grasp.goal.held) - found)
     return found
 
@@ -256,7 +261,7 @@ def _arm(
     anatomy: Anatomy,
     shape: _Shape,
     side: str,
-    ways: Sequence[tuple[Grasp, np.ndarray]],
+    grasps: Sequence[tuple[Grasp, np.ndarray]],
     places: Sequence[Place],
     free: _Free,
 ) -> None:
@@ -265,7 +270,7 @@ def _arm(
     shoulder = points[f"{side}_shoulder"]
     wrist, elbow = places[0].wrist, _unit(places[0].elbow)
     outward = quaternions.rotate(turns["spine3"], SIGN[side] * Y)
-    for (grasp, done), place in zip(ways, places[1:], strict=True):
+    for (grasp, done), place in zip(grasps, places[1:], strict=True):
         part = done[:, None]
         wrist = (
             shoulder
@@ -291,20 +296,20 @@ def _arm(
     points[f"{side}_elbow"], points[f"{side}_wrist"] = middle, end
     loose = turns[f"{side}_elbow"]
     hand = _hand(places[0], loose, sign)
-    for (_, done), place in zip(ways, places[1:], strict=True):
+    for (_, done), place in zip(grasps, places[1:], strict=True):
         hand = _turned(hand, _hand(place, loose, sign), done)
     hand = _above(hand, sign, end, free.ground, anatomy)
     turns[f"{side}_wrist"] = turns[f"{side}_hand"] = hand
     points[f"{side}_hand"] = end + quaternions.rotate(hand, anatomy.offset(f"{side}_hand"))
 
 
-def _steady(pole: np.ndarray, way: np.ndarray, rate_hz: float) -> np.ndarray:
+def _steady(pole: np.ndarray, span: np.ndarray, rate_hz: float) -> np.ndarray:
     """Direction (T, 3) in which the elbow bends, steadied in time: where the arm lies along its pole, neighbours say which."""
     if rate_hz == 0:
         return pole
     from scipy.ndimage import gaussian_filter1d
 
-    axis = _unit(way)
+    axis = _unit(span)
     aside = pole - (pole * axis).sum(-1, keepdims=True) * axis
     return gaussian_filter1d(aside, STEADY_S * rate_hz, axis=0, mode="nearest")
 
@@ -335,11 +340,11 @@ def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
     """Between two vectors (T, 3): the direction turns at an even rate, the length changes evenly."""
     a, b = _unit(start), _unit(end)
     angle = np.arccos(np.clip((a * b).sum(-1, keepdims=True), -0.9999, 0.99999))
-    way = (np.sin((1 - part) * angle) * a + np.sin(part * angle) * b) / np.sin(angle)
+    span = (np.sin((1 - part) * angle) * a + np.sin(part * angle) * b) / np.sin(angle)
     size = (1 - part) * np.linalg.norm(start, axis=-1, keepdims=True) + part * np.linalg.norm(
         end, axis=-1, keepdims=True
     )
-    return size * _unit(way)
+    return size * _unit(span)
 
 
 def _two_bones(
@@ -349,14 +354,14 @@ def _two_bones(
 
     soft: part of the limb's length within which it comes to its end, as an elbow swings out of a straight arm in no time.
     """
-    way = target - start
-    distance = np.linalg.norm(way, axis=-1, keepdims=True)
+    span = target - start
+    distance = np.linalg.norm(span, axis=-1, keepdims=True)
     scale = soft * (first + second)
     longest = first + second - 0.5 * scale
     length = distance - scale * np.logaddexp(0.0, (distance - longest) / scale)
     shortest = FOLD * (first + second)
     length = shortest + 0.1 * shortest * np.logaddexp(0.0, (length - shortest) / (0.1 * shortest))
-    axis = way / np.maximum(distance, 1e-9)
+    axis = span / np.maximum(distance, 1e-9)
     aside = _unit(pole - (pole * axis).sum(-1, keepdims=True) * axis)
     along = (length**2 + first**2 - second**2) / (2 * length)
     height = np.sqrt(np.maximum(first**2 - along**2, 0.0))

@@ -36,9 +36,9 @@ CHANNELS: tuple[str, ...] = (
 Hips, their middle: x, y, z [m], level ones used as far as `balanced` is below 1; centre of mass com_x, com_y [m], used as far as it
 is above 0. Pelvis [rad]: yaw, pitch (forward), roll (to the left), then spin about the body's long axis. Spine, against the pelvis:
 flex (forward), side (to the left), twist (to the left). Head: gaze (down, in space), look (to the left, against the chest), tilt.
-Each foot: x, y, z [m] of its pivot over where it stands flat, yaw, tip (heel up), pivot (1 the ball, 0 the heel), splay of its knee,
-and loose: 1 where it lies about, so that it goes with the shank, and x, y, z are the ankle's. Each shoulder's shrug. Ground: height
-[m] of what arms may not sink into.
+Each foot: x, y, z [m] of its pivot over where it stands flat, yaw, tip (heel up), pivot (1 the ball, 0 the heel), splay of its
+knee, and loose: 1 where it lies about, so that it goes with the shank, and x, y, z are the ankle's. Each shoulder's shrug. Ground:
+height [m] of what arms may not sink into.
 """
 
 INDEX = {name: number for number, name in enumerate(CHANNELS)}

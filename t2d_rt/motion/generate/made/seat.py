@@ -41,7 +41,8 @@ def sit(score: Score, who: Performer, step: Step, *, backrest: bool = True) -> N
     score.put(0.12, down_s, hips=hips[:2])
     x, y = middle(score, who)
     score.put(0.12, 0.8 * down_s, com=(x - 0.3 * who.anatomy.foot_m, y))
-    rest = _resting_hands(who)
+    leans = backrest and not on_stair and who.chance(0.55)
+    rest = _resting_hands(who, leans=leans)
     for side in SIDES:
         goal = support.get(side)
         if goal is not None:
@@ -50,15 +51,14 @@ def sit(score: Score, who: Performer, step: Step, *, backrest: bool = True) -> N
         else:
             score.reach(side, rest[side], 0.3 * down_s + who.u(0, 0.15), down_s * who.u(0.8, 1.0), 0.05)
     score.wait(0.12 + down_s * 0.88)
-    settle(score, who, step, backrest=backrest and not on_stair)
+    settle(score, who, step, leans=leans)
     score.posture = "sitting"
     score.notes.append(f"sits on a seat {seat_m:.2f} m high, whose middle is {-hips[0]:.2f} m behind the ankles")
 
 
-def settle(score: Score, who: Performer, step: Step, *, backrest: bool) -> None:
-    """The trunk comes up once the seat carries, and rests."""
+def settle(score: Score, who: Performer, step: Step, *, leans: bool) -> None:
+    """The trunk comes up once the seat carries, and rests, against the backrest or not."""
     up_s = who.u(0.75, 1.1)
-    leans = backrest and who.chance(0.55)
     flex = who.traits["flex"] + who.about(16, 4) * DEG
     pitch = who.about(-20 if leans else -11, 3) * DEG
     score.move(0.0, up_s, pitch=pitch, side=who.about(0, 2) * DEG)
@@ -87,7 +87,7 @@ def seated_hips(score: Score, who: Performer, seat_m: float, *, shank_rad: float
     return float(knee_x - np.sqrt(thigh**2 - (z - knee_z) ** 2 - min(aside**2, 0.01))), 0.0, z
 
 
-LEANS = np.linspace(10, 44, 18) * DEG
+LEANS = np.linspace(10, 36, 14) * DEG
 
 
 def counterbalance(
@@ -215,10 +215,10 @@ def _support(score: Score, who: Performer, step: Step, seat_m: float) -> dict[st
     return found
 
 
-def _resting_hands(who: Performer) -> dict[str, Goal]:
+def _resting_hands(who: Performer, *, leans: bool) -> dict[str, Goal]:
     """Hands on the thighs, on the knees, or in the lap."""
     how = who.rng.choice(["thighs", "knees", "lap"], p=[0.5, 0.25, 0.25])
-    along = who.wobble({"thighs": 0.62, "knees": 0.86, "lap": 0.52}[how])
+    along = who.wobble({"thighs": 0.62, "knees": 0.84, "lap": 0.50}[how] * (0.68 if leans else 1.0))
     out = {"thighs": 0.0, "knees": 0.003, "lap": -0.022}[how]
     return {side: OnBone(along=min(each, 0.92), out=out) for side, each in zip(SIDES, along, strict=True)}
 

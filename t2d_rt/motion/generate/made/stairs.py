@@ -91,7 +91,7 @@ def _tread(
     target = point[2]
     swing, begin = 0.72 * period, 0.27 * period
     carried = height if rise > 0 else target
-    give = (0.012 if rise > 0 else 0.022) * who.tall * (0.0 if last else 1.0)
+    give = (0.02 if rise > 0 else 0.026) * who.tall * (0.0 if last else 1.0)
     score.move(
         -0.1 * period if rise > 0 else 0.08 * period,
         (1.2 if rise > 0 else 0.98) * period,
@@ -99,16 +99,16 @@ def _tread(
     )
     score.put(begin, swing, **{side: point[:2]})
     change = target - (score.values[f"{side}_z"] - floor)
-    clear = who.u(0.045, 0.075)
+    clearance = who.u(0.045, 0.075)
     if change >= 0:  # over the edge first, then down onto the tread
-        score.move(begin - 0.02, 0.80 * swing, **{f"{side}_z": floor + target + clear})
+        score.move(begin - 0.02, 0.80 * swing, **{f"{side}_z": floor + target + clearance})
         score.move(begin + 0.45 * swing, 0.58 * swing, **{f"{side}_z": floor + target})
-        score.move(begin - 0.2 * period, 0.5 * period, **{f"{side}_tip": who.u(16, 26) * DEG})
+        score.move(begin - 0.34 * period, 0.6 * period, **{f"{side}_tip": who.u(16, 26) * DEG})
         score.move(begin + 0.25 * swing, 0.7 * swing, **{f"{side}_tip": 0.0})
     else:  # the ball first; the knee that carries bends and lets the body down meanwhile
         score.hump(begin - 0.02, 0.5 * swing, **{f"{side}_z": 0.03})
         score.move(begin + 0.3 * swing, 0.75 * swing, **{f"{side}_z": floor + target})
-        score.move(begin - 0.1 * period, 0.55 * period, **{f"{side}_tip": who.u(24, 34) * DEG})
+        score.move(begin - 0.3 * period, 0.6 * period, **{f"{side}_tip": who.u(24, 34) * DEG})
         score.move(begin + 0.8 * swing, 0.55 * swing, **{f"{side}_tip": 0.0})
         score.move(0.5 * period, 0.6 * period, **{f"{stand}_tip": who.u(14, 22) * DEG if not last else 0.0})
     sway = SIGN[stand] * who.u(1.0, 2.5) * DEG

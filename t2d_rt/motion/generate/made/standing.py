@@ -12,8 +12,13 @@ from t2d_rt.motion.generate.made.performer import Performer, middle, stand_tall
 from t2d_rt.motion.generate.made.render import still
 from t2d_rt.motion.generate.made.score import DEG, INDEX, OTHER, SIDES, SIGN, Score
 
-LEANS = np.linspace(15, 105, 31) * DEG
-"""Pitch of the pelvis with the spine's flexion that a bend may need."""
+MORE_KNEES = np.array([0, 14, 28, 42, 56]) * DEG
+"""What the knees may bend by beside what they should, so that hands come down to the floor."""
+
+MOST_KNEES = 112 * DEG
+
+STOOP, SCOOP = 105 * DEG, 84 * DEG
+"""Greatest lean with the knees nearly straight, and with them bent."""
 
 
 def bend(score: Score, who: Performer, step: Step) -> None:
@@ -50,8 +55,9 @@ def bend_down(score: Score, who: Performer, step: Step) -> None:
     goals = _low_goals(score, who, step, side, both=both, picks=picks)
     free = OTHER[side]
     shape = _leaned(
-        score, who, goals, knees, share=who.u(0.40, 0.50), twist=0.0 if both else -SIGN[side] * who.u(2, 9) * DEG
-    )
+        score, who, goals, knees, fraction=who.u(0.40, 0.50),
+        twist=0.0 if both else -SIGN[side] * who.u(2, 9) * DEG, most_rad=STOOP if stoops else SCOOP,
+    )  # fmt: skip
     score.move(0.0, 0.8 * down_s, flex=0.55 * shape["flex"], gaze=who.about(45, 8) * DEG)
     score.move(0.18 * down_s, 0.85 * down_s, **{**shape, "z": score.values["z"]})
     score.move(0.08 * down_s, 0.92 * down_s, z=shape["z"])
@@ -128,27 +134,33 @@ def _low_goals(score: Score, who: Performer, step: Step, side: str, *, both: boo
 
 
 def _leaned(
-    score: Score, who: Performer, goals: dict[str, Goal], knees_rad: float, *, share: float, twist: float
-) -> dict[str, float]:
-    """The smallest lean with which the hands reach their goals with the elbows a little bent, knees bent by an angle.
+    score: Score, who: Performer, goals: dict[str, Goal], knees_rad: float, *, fraction: float, twist: float, most_rad: float
+) -> dict[str, float]:  # fmt: skip
+    """The smallest lean up to `most_rad` with which the hands reach their goals with the elbows a little bent, knees bent by an
+    angle, or by a greater one where that is not enough.
 
-    share: the spine's part of it, the hips do the rest.
+    fraction: the spine's part of it, the hips do the rest.
     """
     body = who.anatomy
-    height = score.place.floor_m + squat_m(who, knees_rad)
-    values = {**score.values, "z": height, "twist": twist}
-    table = np.tile([values[name] for name in INDEX], (len(LEANS), 1))
-    spine = np.minimum(share * LEANS, 55 * DEG)
-    table[:, INDEX["flex"]], table[:, INDEX["pitch"]] = spine, LEANS - spine
-    figure, _ = still(body, table)
-    short = np.zeros(len(LEANS))
-    for side, goal in goals.items():
-        place = goal.place(figure, side)
-        short = np.maximum(
-            short, np.linalg.norm(place.wrist - figure.points[f"{side}_shoulder"], axis=-1) - 0.955 * body.arm_m
+    leans, knees = (
+        each.ravel()
+        for each in np.meshgrid(
+            np.linspace(15 * DEG, most_rad, 16), np.minimum(knees_rad + MORE_KNEES, MOST_KNEES), copy=False
         )
+    )
+    heights = score.place.floor_m + np.array([squat_m(who, each) for each in knees])
+    values = {**score.values, "twist": twist}
+    table = np.tile([values[name] for name in INDEX], (len(leans), 1))
+    spine = np.minimum(fraction * leans, 55 * DEG)
+    table[:, INDEX["z"]], table[:, INDEX["flex"]], table[:, INDEX["pitch"]] = heights, spine, leans - spine
+    figure, _ = still(body, table)
+    short = np.zeros(len(leans))
+    for side, goal in goals.items():
+        span = goal.place(figure, side).wrist - figure.points[f"{side}_shoulder"]
+        short = np.maximum(short, np.linalg.norm(span, axis=-1) - 0.955 * body.arm_m)
     best = int(np.argmax(short <= 0)) if (short <= 0).any() else int(np.argmin(short))
-    return {"z": height, "flex": float(spine[best]), "pitch": float(LEANS[best] - spine[best]), "twist": twist}
+    pitch = float(leans[best] - spine[best])
+    return {"z": float(heights[best]), "flex": float(spine[best]), "pitch": pitch, "twist": twist}
 
 
 def squat_m(who: Performer, knees_rad: float) -> float:
@@ -243,12 +255,12 @@ def _down_and_up(
     score.move(0.06, down_s, z=float(z))
     score.move(0.0, down_s, gaze=who.about(14, 6) * DEG)
     x, y = middle(score, who)
-    score.put(0.1, down_s, com=(x + (0.72 if heels else 0.0) * who.anatomy.foot_m, y))
+    score.put(0.05, (0.6 if heels else 1.0) * down_s, com=(x + (0.78 if heels else 0.0) * who.anatomy.foot_m, y))
     splay = (who.u(14, 20) if arms == "low" else who.u(2, 14)) * DEG
     for side in SIDES:
         score.move(0.0, down_s, **{f"{side}_splay": splay * who.u(0.8, 1.2)})
         if heels:
-            score.move(0.35 * down_s, 0.7 * down_s, **{f"{side}_tip": heels * who.u(0.9, 1.1)})
+            score.move(0.42 * down_s, 0.6 * down_s, **{f"{side}_tip": heels * who.u(0.9, 1.1)})
         goal = _squat_hands(who, arms)
         if goal is not None:
             score.reach(side, goal, who.u(0, 0.06), down_s * who.u(0.82, 0.92), 0.03)

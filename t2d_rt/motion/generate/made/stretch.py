@@ -40,11 +40,11 @@ def _stretch_up(score: Score, who: Performer, step: Step) -> None:
     x, y = middle(score, who)
     if tiptoe:
         tip = who.u(10, 22) * DEG
-        x += 0.72 * who.anatomy.foot_m
+        x += 0.78 * who.anatomy.foot_m
         score.put(0.0, 0.6 * up_s, com=(x, y))
         score.move(
-            0.45 * up_s,
-            0.65 * up_s,
+            0.52 * up_s,
+            0.6 * up_s,
             left_tip=tip,
             right_tip=tip,
             z=score.values["z"] + float(np.sin(tip)) * who.anatomy.foot_m,
