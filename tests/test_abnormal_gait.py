@@ -15,7 +15,9 @@ from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.motion.kinematics import INDEX, Poses, motion_of, poses_of
 from t2d_rt.motion.vary import step_times_s
 from t2d_rt.motion.vary.abnormal import abnormal_walk
-from t2d_rt.motion.vary.gait_change import GaitChange, along_x, changed_walk
+from t2d_rt.motion.vary.changed_walk import changed_walk
+from t2d_rt.motion.vary.gait_change import GaitChange
+from t2d_rt.motion.vary.straight_walk import along_x
 
 
 @pytest.fixture(scope="module")

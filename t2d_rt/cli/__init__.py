@@ -1,4 +1,4 @@
-"""The command line: t2d-rt simulate | plan | compare | scene | info | export | list."""
+"""The command line: `t2d-rt COMMAND`, each of `COMMANDS`."""
 
 from __future__ import annotations
 
@@ -150,6 +150,10 @@ def _overview() -> str:
         "  t2d-rt plan FILE       Tells what an error tolerance would model and leave out, and the time and memory it would take.\n"
         "  t2d-rt compare FILE    Compares the ellipsoid model with the mesh model of a motion file.\n"
         "  t2d-rt scene NAME      Draws a room from above and in three dimensions, with the paths from the radar to a walker.\n"
+        "  t2d-rt motion SENTENCE Makes a motion file of what a sentence says that a person does.\n"
+        "  t2d-rt describe        Writes descriptions of activities, or reads a sentence's slots.\n"
+        "  t2d-rt check-motion F  Judges motion files by limits of recorded motion, and tells why.\n"
+        "  t2d-rt library DO WHAT Adds motion files of your own to those that motions are made of, lists and removes them.\n"
         "  t2d-rt info FILE       Tells what a motion, a result or a radar file holds.\n"
         "  t2d-rt export FILE     Writes a result as one file for MATLAB (.mat), HDF5 (.h5), NetCDF (.nc) or NumPy (.npz).\n"
         "  t2d-rt list [WHAT]     Lists names that the commands take: presets, scenes, bodies, movers and motions.\n\n"

@@ -269,4 +269,4 @@ def _check_processing(processing: dict[str, Any], radar: Radar, duration_s: floa
 
 
 def _stem(source: Path) -> str:
-    return re.sub(r"\.bvh(\.gz)?$", "", source.name, flags=re.IGNORECASE)
+    return re.sub(r"\.(bvh(\.gz)?|npz|npy|json|txt|amc|c3d|trc)$", "", source.name, flags=re.IGNORECASE)

@@ -130,7 +130,7 @@ def scene_parser() -> ArgumentParser:
 def info_parser() -> ArgumentParser:
     """Options of `t2d-rt info`."""
     return command_parser(
-        "info", "Tells what a motion file (.bvh), a result (.zarr) or a radar file (.yaml) holds.", config=False
+        "info", "Tells what a motion file, a result (.zarr) or a radar file (.yaml) holds.", config=False
     )
 
 

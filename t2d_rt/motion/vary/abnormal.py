@@ -10,7 +10,8 @@ import numpy as np
 from t2d_rt.checks import choice, number
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, GaitType
 from t2d_rt.motion.kinematics import Poses
-from t2d_rt.motion.vary.gait_change import GaitChange, changed_walk
+from t2d_rt.motion.vary.changed_walk import changed_walk
+from t2d_rt.motion.vary.gait_change import GaitChange
 
 Range = tuple[float, float]
 """Values at severity 0 (mild) and 1 (severe)."""
