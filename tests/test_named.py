@@ -24,7 +24,7 @@ def test_every_listed_name_is_taken() -> None:
     assert all(isinstance(t2d.Radar.preset(name), t2d.Radar) for name in t2d.presets())
     assert all(t2d.load_scene(name).name == name for name in t2d.scenes() if name != "free_space")
     assert "free_space" in t2d.scenes()
-    assert t2d.bodies() == ["adult"]
+    assert t2d.bodies() == ["adult", "child", "heavy", "man", "old", "woman"]
     assert t2d.movers() == ["fan", "ceiling_fan", "curtain", "door", "pet"]
     assert {"walk", "run"} <= set(t2d.examples())
 
