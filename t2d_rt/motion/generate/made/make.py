@@ -29,7 +29,7 @@ SLOWEST, FASTEST = 0.4, 2.0
 RAIL_M = 0.92
 """Height of a handrail for a stature of 1.72 m."""
 
-STILL_MPS = 0.004
+STILL_MPS = 0.003
 """Speed of a foot that stands."""
 
 
