@@ -46,6 +46,10 @@ class Stance:
     ankle_height_m: float
 
 
+UPRIGHT_SHANK = 0.6
+"""Height of the knee over the ankle, over the shank's length, from which a leg may stand; the feet of somebody who lies do not."""
+
+
 def shoulder_centre(motion: Motion) -> np.ndarray:
     """Middle of the shoulders as a point fixed to the chest: mean local position (3,) in spine3's frame."""
     chest = motion.index("spine3")
@@ -55,15 +59,16 @@ def shoulder_centre(motion: Motion) -> np.ndarray:
 
 
 def stance(motion: Motion, side: str) -> Stance | None:
-    """The frames in which a foot stands: the slowest seventh, with the sole roughly level and near the ground."""
-    ankle, foot = (motion.joints[:, motion.index(f"{side}_{joint}")] for joint in ("ankle", "foot"))
+    """The frames in which a foot stands: the slowest seventh, with the sole about level near the ground, the shank upright."""
+    knee, ankle, foot = (motion.joints[:, motion.index(f"{side}_{joint}")] for joint in ("knee", "ankle", "foot"))
     speed = sum(np.linalg.norm(np.gradient(p, 1 / motion.rate_hz, axis=0), axis=1) for p in (ankle, foot))
     direction = unit(foot - ankle)
-    shank = float(np.median(np.linalg.norm(ankle - motion.joints[:, motion.index(f"{side}_knee")], axis=1)))
+    shank = float(np.median(np.linalg.norm(ankle - knee, axis=1)))
     level = (
         (np.abs(direction[:, 2]) < 0.75)
         & (ankle[:, 2] < 0.5 * shank)
         & (ankle[:, 2] < np.quantile(ankle[:, 2], 0.5) + 0.03)
+        & (knee[:, 2] - ankle[:, 2] > UPRIGHT_SHANK * shank)
     )
     if np.count_nonzero(level) < FEWEST_STANCE_FRAMES:
         return None
