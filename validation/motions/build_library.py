@@ -65,13 +65,13 @@ FASTEST_MPS = 12.0
 """Of joints; a running foot reaches 8.4 m/s, a dancer's hand 8."""
 MOST_JUMP_M = 0.04
 """A joint's greatest distance from the middle of its neighbours in time; of recorded motion without glitches 0.05 at most."""
-MOST_BEND_DEG = 12.0
+MOST_BEND_DEG = 8.0
 """Change of an end's turn from one frame to the next two."""
 ENDS = {INDEX[f"{side}_{name}"] for side in ("left", "right") for name in ("wrist", "ankle", "foot")}
 """Joints that may be mended by interpolation: hardly anything hangs on them."""
 
 SLIDING_MPS = 0.4
-"""Speed up to which a dancer's foot stands: files of 15 markers let it slide."""
+"""Speed up to which a dancer's or a runner's foot stands: files of 15 markers let it slide."""
 
 
 def main() -> None:
@@ -89,7 +89,7 @@ def main() -> None:
         if recipe is None or not path.is_file():
             continue
         try:
-            pieces = clean(path, SLIDING_MPS if recipe[3] == "dance" else CONTACT_SPEED_MPS)
+            pieces = clean(path, SLIDING_MPS if recipe[3] in ("dance", "run") else CONTACT_SPEED_MPS)
         except InputError as error:
             print(f"{place}: {error}")
             continue

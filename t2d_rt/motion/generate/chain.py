@@ -13,6 +13,9 @@ from t2d_rt.motion.kinematics import INDEX, Poses
 BLEND_S = 0.4
 """Time in which a difference at a seam dies out: about one step of a walk."""
 
+FARTHEST, LEAST_FRAMES = 0.7, 6
+"""Of a velocity [m or rad] at a seam, times the time in which it dies out: a seventh of it is what a joint swings farther by."""
+
 Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -99,16 +102,16 @@ def _step(root: np.ndarray) -> np.ndarray:
 
 def _offset(gap: np.ndarray, slope: np.ndarray, within: int, count: int) -> np.ndarray:
     """A difference (3,) and its change per frame (3,) that die out smoothly at frame `within`: (count, 3)."""
-    x = np.minimum(np.arange(count) / within, 1.0)[:, None]
-    # Quintic Hermite: value and slope at 0, none of either nor of curvature at 1, curvature 0 at both.
+    at = np.arange(count)[:, None]
+    x = np.minimum(at / within, 1.0)
+    # Quintic Hermite: value and slope at 0, none of either nor of curvature at 1, curvature 0 at both. A velocity that would carry
+    # farther than the gap, or `FARTHEST`, dies out sooner.
+    size = float(np.linalg.norm(slope)) * within
+    sooner = max(LEAST_FRAMES, within * min(1.0, max(float(np.linalg.norm(gap)), FARTHEST) / max(size, 1e-12)))
+    y = np.minimum(at / min(sooner, within), 1.0)
     value = 1 - 10 * x**3 + 15 * x**4 - 6 * x**5
-    slant = x - 6 * x**3 + 8 * x**4 - 3 * x**5
-    carried = slope * within
-    # A velocity that would carry farther than a step is let go: the seam then has a kink rather than a lurch.
-    bounded = carried * min(
-        1.0, max(0.6 * float(np.linalg.norm(gap)), 0.35) / max(float(np.linalg.norm(carried)), 1e-12)
-    )
-    return value * gap + slant * bounded
+    slant = y - 6 * y**3 + 8 * y**4 - 3 * y**5
+    return value * gap + min(sooner, within) * slant * slope
 
 
 def rotation_vector(quaternion: np.ndarray) -> np.ndarray:
@@ -163,3 +166,9 @@ def best_seam(first: Poses, second: Poses, after: range, before: range) -> tuple
     squares = (a**2).sum(1)[:, None] + (b**2).sum(1) - 2 * a @ b.T
     i, j = np.unravel_index(int(squares.argmin()), squares.shape)
     return after[int(i)], before[int(j)], float(np.sqrt(max(squares[i, j], 0.0)))
+
+
+def _features_in(poses: Poses, frames: range) -> np.ndarray:
+    """Features (K, F) of some frames, from them and their neighbours alone."""
+    low, high = max(0, frames.start - 1), min(len(poses), frames.stop + 1)
+    return features(poses.part(low, max(high, low + 2)))[frames.start - low : frames.stop - low : frames.step]

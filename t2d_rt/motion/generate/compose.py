@@ -13,10 +13,10 @@ import numpy as np
 from t2d_rt.errors import InputError
 from t2d_rt.motion.contacts import contacts, plant
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Description, Step
-from t2d_rt.motion.generate.chain import Piece, joined
+from t2d_rt.motion.generate.chain import Piece, best_seam, joined
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual, individual, lively, sole_m
-from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, halted, made_of_clips, own_clips
+from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, begun, halted, made_of_clips, own_clips
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import motion_of, poses_of
@@ -35,6 +35,9 @@ LEAD_S = 2.4, 3.6
 
 ATTEMPTS = 4
 """Leads and plans that are tried until the person falls."""
+
+SEARCH_S = 0.5
+"""Last part of a step in which the next one may begin: a step of a walk."""
 
 SEAM_S = 0.5
 """Time in which a difference between steps dies out."""
@@ -125,9 +128,19 @@ def _chained(maker: Maker, whole: Piece | None, steps: Sequence[Step], *, alone:
                 posture = "standing"
             pieces = [edits.shifted(_of_clips(maker, step, alone), np.array([0.0, 0.0, floor_m])) for step in own]
         for piece in pieces:
-            whole = piece if whole is None else joined([halted(maker, whole, piece), piece], blend_s=SEAM_S)
+            whole = piece if whole is None else _continued(whole, piece)
     assert whole is not None, "a description has a step"
     return whole
+
+
+def _continued(whole: Piece, piece: Piece) -> Piece:
+    """The next piece, from where what there is comes nearest to its begin: a walk halts before one that begins at rest, and begins
+    with short slow steps after one that ends at rest."""
+    before, after = halted(whole, piece), begun(whole, piece)
+    last = range(max(2, len(before) - round(SEARCH_S * RATE_HZ)), len(before))
+    first = range(1 if after is piece else max(1, min(round(SEARCH_S * RATE_HZ), len(after) - 30)))
+    cut, start, _ = best_seam(before.poses, after.poses, last, first)
+    return joined([before.part(0, cut + 1), after.part(start, len(after))], blend_s=SEAM_S)
 
 
 def _risen(maker: Maker, whole: Piece, posture: str, floor_m: float) -> Piece:

@@ -38,6 +38,12 @@ HALT_S = 1.2
 """Time in which a walk comes to a halt: two steps (Bishop et al. 2002)."""
 
 
+START_S = 1.0
+"""Time in which a walk gets up its speed (Breniere, Do 1986: about a step)."""
+
+AT_REST_MPS = 0.3
+"""Speed of the pelvis of one who does not walk."""
+
 LONGEST_ON_THE_SPOT_S = 3.5
 """Turns that last longer have steps before and after."""
 
@@ -343,16 +349,30 @@ ACTIONS: Mapping[Action, Callable[[Maker, Step, float], Piece]] = {
 """What makes each action."""
 
 
-def halted(maker: Maker, piece: Piece, following: Piece) -> Piece:
+def halted(piece: Piece, following: Piece) -> Piece:
     """A walk brought to a halt before a piece that begins at rest: its last steps shorten; anything else as it is."""
-    poses = piece.poses
-    pace = np.linalg.norm(poses.root[-1, :2] - poses.root[-20:][0, :2]) * RATE_HZ / min(19, len(poses) - 1)
-    begin = following.poses
-    ahead = (
-        np.linalg.norm(begin.root[min(19, len(begin) - 1), :2] - begin.root[0, :2]) * RATE_HZ / min(19, len(begin) - 1)
-    )
-    if pace < 0.3 or ahead > 0.5 * pace:
+    pace = pace_mps(piece, -1)
+    if pace < AT_REST_MPS or pace_mps(following, 0) > 0.5 * pace:
         return piece
     last = min(len(piece) - 1, round(HALT_S * RATE_HZ))
     fraction = np.clip((np.arange(len(piece)) - (len(piece) - last)) / last, 0, 1)
     return edits.strided(piece, 1 - 0.9 * edits.eased(fraction))
+
+
+def begun(before: Piece, piece: Piece) -> Piece:
+    """A walk or run that begins with short and slow steps after a piece that ends at rest; anything else as it is."""
+    pace = pace_mps(piece, 0)
+    if pace < AT_REST_MPS or pace_mps(before, -1) > 0.5 * pace:
+        return piece
+    rising = edits.eased(np.arange(len(piece)) / (START_S * RATE_HZ))
+    slow = edits.strided(piece, 0.25 + 0.75 * rising)
+    # Time runs at 0.55 of its pace at first.
+    frames = np.concatenate([[0.0], np.cumsum(0.55 + 0.45 * rising)])
+    return edits.retimed(slow, frames[frames <= len(piece) - 1])
+
+
+def pace_mps(piece: Piece, end: int) -> float:
+    """Horizontal speed of the pelvis over a third of a second at the begin (0) or at the end (-1)."""
+    frames = min(20, len(piece))
+    part = piece.poses.root[:frames, :2] if end == 0 else piece.poses.root[-frames:, :2]
+    return float(np.linalg.norm(part[-1] - part[0]) * RATE_HZ / max(frames - 1, 1))

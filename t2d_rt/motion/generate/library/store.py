@@ -144,7 +144,7 @@ def read_store(index: Path, clips: Path) -> Store:
 def clip(path: Path, name: str) -> tuple[Poses, np.ndarray]:
     """Poses of a clip and its contacts (T, 2, 2)."""
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             packed, skeleton = data[name], data[f"{name}.skeleton"]
         return unpacked(packed, skeleton)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
