@@ -420,7 +420,7 @@ def test_a_clip_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
     still = replace(poses, root=np.repeat(poses.root[:1], 60, axis=0), local=np.repeat(poses.local[:1], 60, axis=0))
     save_motion(motion_of(still), tmp_path / "still.bvh")
     (tmp_path / "index.csv").write_text("file,class,action\nstill.bvh,walking,walk\n")
-    with pytest.raises(InputError, match="nothing moves in still.bvh"):
+    with pytest.raises(InputError, match="nothing moves in still"):
         users.add(tmp_path, tmp_path / "index.csv")
 
 

@@ -99,9 +99,9 @@ def follow(poses: Poses, ankles: dict[str, np.ndarray]) -> Poses:
         limb: Limb = "left_leg" if side == "left" else "right_leg"
         upper = INDEX[LIMBS[limb][0]]
         most = SUPPORT * _leg_m(poses, side)
-        way = joints[:, upper] - track
-        level2 = np.minimum((way[:, :2] ** 2).sum(-1), 0.98 * most**2)
-        drop = np.maximum(drop, way[:, 2] - np.sqrt(most**2 - level2))
+        span = joints[:, upper] - track
+        level2 = np.minimum((span[:, :2] ** 2).sum(-1), 0.98 * most**2)
+        drop = np.maximum(drop, span[:, 2] - np.sqrt(most**2 - level2))
     root = poses.root.copy()
     root[:, 2] -= _smooth_bound(drop, poses.rate_hz, 0.08)
     poses = replace(poses, root=root)
@@ -126,9 +126,9 @@ def _tiptoe(poses: Poses, side: str, track: np.ndarray, free: np.ndarray) -> tup
     foot = rotations[:, ankle]
     arm = -quaternions.rotate(foot, np.broadcast_to(poses.skeleton.offsets[INDEX[f"{side}_foot"]], track.shape))
     hinge = quaternions.rotate(foot, np.array([0.0, 1.0, 0.0]))
-    way = joints[:, hip] - track
-    distance = np.linalg.norm(way, axis=-1)
-    gain = np.maximum((np.cross(hinge, arm) * way).sum(-1) / distance, 0.25 * np.linalg.norm(arm, axis=-1))
+    span = joints[:, hip] - track
+    distance = np.linalg.norm(span, axis=-1)
+    gain = np.maximum((np.cross(hinge, arm) * span).sum(-1) / distance, 0.25 * np.linalg.norm(arm, axis=-1))
     excess = np.where(free, distance - SUPPORT * _leg_m(poses, side), 0.0)
     angle = np.minimum(_smooth_bound(np.maximum(excess, 0.0) / gain, poses.rate_hz, 0.04), RAISED_RAD)
     spin = np.concatenate([np.sin(angle / 2)[:, None] * hinge, np.cos(angle / 2)[:, None]], axis=-1)

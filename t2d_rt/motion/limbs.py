@@ -37,18 +37,18 @@ def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | N
     start = joints[:, upper]
     first = float(np.linalg.norm(poses.skeleton.offsets[middle]))
     second = float(np.linalg.norm(poses.skeleton.offsets[end]))
-    way = targets - start
-    distance = np.linalg.norm(way, axis=-1)
+    span = targets - start
+    distance = np.linalg.norm(span, axis=-1)
     length = np.clip(distance, FOLD * (first + second), STRETCH * (first + second))
-    axis = way / np.maximum(distance, 1e-9)[:, None]
+    axis = span / np.maximum(distance, 1e-9)[:, None]
     # The side to bend to is found about the limb as it is and carried with it: about its new axis a nearly straight limb that turns
     # far would change sides. A given pole is seen along the new axis.
     now = axis if pole is not None else _unit(joints[:, end] - start)
-    aside = joints[:, middle] - start if pole is None else np.broadcast_to(pole, way.shape)
+    aside = joints[:, middle] - start if pole is None else np.broadcast_to(pole, span.shape)
     square = aside - (aside * now).sum(-1, keepdims=True) * now
     size = np.linalg.norm(square, axis=-1, keepdims=True)
     # A straight limb shows no side to bend to: the knee's own forward axis does, the elbow's backward one. A recorded knee that is
-    # bent the wrong way is noise of a straight one.
+    # bent the wrong span is noise of a straight one.
     spare = quaternions.rotate(rotations[:, upper], np.array([1.0 if limb.endswith("leg") else -1.0, 0.0, 0.0]))
     spare = _unit(spare - (spare * now).sum(-1, keepdims=True) * now)
     aside_of = size / (first + second)

@@ -56,7 +56,7 @@ class Composer:
         """The motion of a description."""
         rng = np.random.default_rng([seed, *description.sentence.encode()])
         store = self._store()
-        refused = [step.action for step in description.steps if way_of(step, store) not in ALLOWED[self.only]]
+        refused = [step.action for step in description.steps if maker_of(step, store) not in ALLOWED[self.only]]
         if refused or (self.only == "physics" and description.action != "fall"):
             raise InputError(
                 f"provider {self.only} does not make {(refused or [description.action])[0].replace('_', ' ')}; "
@@ -76,7 +76,7 @@ class Composer:
         return with_users(shipped(), self.library)
 
 
-def way_of(step: Step, store: Store) -> By:
+def maker_of(step: Step, store: Store) -> By:
     """What makes a step; a user's clips of an action go before key poses."""
     if step.action == "fall":
         return "physics"
@@ -106,9 +106,9 @@ def _composed(maker: Maker, description: Description) -> Motion:
 def _chained(maker: Maker, whole: Piece | None, steps: Sequence[Step], *, alone: bool) -> Piece:
     """The steps after one another, after what there is."""
     floor_m, posture = 0.0, None
-    for way, group in groupby(steps, key=lambda step: "made" if way_of(step, maker.store) == "made" else "clips"):
+    for by, group in groupby(steps, key=lambda step: "made" if maker_of(step, maker.store) == "made" else "clips"):
         own = list(group)
-        if way == "made":
+        if by == "made":
             from t2d_rt.motion.generate.made import make
 
             found = make(

@@ -93,9 +93,9 @@ def shifted(piece: Piece, offset_m: np.ndarray) -> Piece:
 def aligned(piece: Piece) -> Piece:
     """Begins at the origin; the straight line from start to end, or the heading where it hardly travels, lies along +x."""
     poses = piece.poses
-    way = poses.root[-1, :2] - poses.root[0, :2]
+    net = poses.root[-1, :2] - poses.root[0, :2]
     heading = float(np.angle(np.exp(1j * heading_rad(poses)).mean()))
-    angle = float(np.arctan2(way[1], way[0])) if np.linalg.norm(way) > 0.8 else heading
+    angle = float(np.arctan2(net[1], net[0])) if np.linalg.norm(net) > 0.8 else heading
     return moved(piece, -angle, poses.root[0, :2], np.zeros(2))
 
 
@@ -107,5 +107,5 @@ def eased(fraction: np.ndarray) -> np.ndarray:
 
 def rate_of(poses: Poses) -> float:
     """Mean horizontal speed of the pelvis along the line from start to end [m/s]."""
-    way = np.linalg.norm(poses.root[-1, :2] - poses.root[0, :2])
-    return float(way * poses.rate_hz / max(len(poses) - 1, 1))
+    net = np.linalg.norm(poses.root[-1, :2] - poses.root[0, :2])
+    return float(net * poses.rate_hz / max(len(poses) - 1, 1))

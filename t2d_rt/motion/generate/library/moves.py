@@ -77,8 +77,8 @@ class Maker:
 
     def draw(self, segments: Sequence[Segment], weights: Sequence[float] | None = None) -> Segment:
         """One of them."""
-        share_of = None if weights is None else np.asarray(weights) / np.sum(weights)
-        return segments[int(self.rng.choice(len(segments), p=share_of))]
+        chances = None if weights is None else np.asarray(weights) / np.sum(weights)
+        return segments[int(self.rng.choice(len(segments), p=chances))]
 
 
 def made_of_clips(maker: Maker, step: Step, *, alone: bool = True, before: Piece | None = None) -> Piece:
@@ -313,8 +313,8 @@ def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
         return edits.bent(piece, sign * np.pi / 2 * profile).noted("turned in the air")
     angle = {"back": np.pi, "left": np.pi / 2, "right": -np.pi / 2}[step.direction]
     distance = maker.rng.uniform(0.3, 0.6) * maker.person.skeleton.leg_m
-    way = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
-    return edits.shifted(piece, profile[:, None] * way).noted(f"carried {distance:.2f} m {step.direction}")
+    carried = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
+    return edits.shifted(piece, profile[:, None] * carried).noted(f"carried {distance:.2f} m {step.direction}")
 
 
 def dance(maker: Maker, step: Step, duration_s: float) -> Piece:

@@ -185,12 +185,12 @@ def _measured(path: Path, row: dict[str, str], where: str) -> dict[str, str]:
         raise InputError(
             f"{where}: nothing moves in {path.name} from {start_s:g} to {stop_s:g} s; leave it out or give other times"
         )
-    way = float(np.linalg.norm(part.root[-1, :2] - part.root[0, :2]))
+    distance = float(np.linalg.norm(part.root[-1, :2] - part.root[0, :2]))
     heading = heading_rad(part)
     values = {
         "file": str(path), "start_s": f"{start_s:.3f}", "stop_s": f"{min(stop_s, end_s):.3f}",
-        "speed_mps": f"{way * RATE_HZ / (len(part) - 1):.3f}",
-        "turn_deg": f"{np.degrees(heading[-1] - heading[0]):.1f}", "distance_m": f"{way:.3f}",
+        "speed_mps": f"{distance * RATE_HZ / (len(part) - 1):.3f}",
+        "turn_deg": f"{np.degrees(heading[-1] - heading[0]):.1f}", "distance_m": f"{distance:.3f}",
     }  # fmt: skip
     return {**row, **values}
 
