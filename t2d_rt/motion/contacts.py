@@ -91,6 +91,17 @@ def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None, le
     return follow(poses, targets)
 
 
+def steadying(values: np.ndarray, stands: np.ndarray, rate_hz: float) -> np.ndarray:
+    """What is to be added to `values` (T, N) so that they stay, while a foot `stands` (T,), what they are in the middle of the contact;
+    between contacts it passes from one to the next."""
+    shift, found = np.zeros_like(values), runs(stands)
+    for start, stop in found:
+        shift[start:stop] = values[(start + stop) // 2] - values[start:stop]
+    if found:
+        _bridge(shift, found, rate_hz)
+    return shift
+
+
 def follow(poses: Poses, ankles: dict[str, np.ndarray]) -> Poses:
     """Poses whose ankles are at the given tracks (T, 3) [m] of "left" and "right"; the pelvis sinks where a leg is too short."""
     joints, _ = poses.world()

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.contacts import SIDES, steadying
 from t2d_rt.motion.generate.chain import Piece, Z, heading_rad, moved
-from t2d_rt.motion.kinematics import NAMES, Poses, Skeleton
+from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, Skeleton
 
 OTHER = {"left": "right", "right": "left"}
 
@@ -17,6 +18,10 @@ SWAPPED = [
     for name in NAMES
 ]
 """Of each joint, that of the other side."""
+
+
+MOST_TWIST_RAD = 0.5
+"""Angle by which a standing foot stays behind a turning body; hips turn by about 0.7."""
 
 
 def mirrored(piece: Piece) -> Piece:
@@ -73,7 +78,10 @@ def strided(piece: Piece, factor: float | np.ndarray) -> Piece:
 
 
 def bent(piece: Piece, angle_rad: np.ndarray) -> Piece:
-    """The path bent: at each frame the body and its velocity are turned by an angle (T,) about the vertical, left positive."""
+    """The path bent: at each frame the body and its velocity are turned by an angle (T,) about the vertical, left positive.
+
+    A foot that stands keeps its direction: the leg turns over it.
+    """
     poses = piece.poses
     spins = quaternions.about_axis(Z, angle_rad)
     middle = quaternions.about_axis(Z, 0.5 * (angle_rad[1:] + angle_rad[:-1]))
@@ -82,6 +90,14 @@ def bent(piece: Piece, angle_rad: np.ndarray) -> Piece:
     root[1:, :2] = root[0, :2] + np.cumsum(steps[:, :2], axis=0)
     local = poses.local.copy()
     local[:, 0] = quaternions.multiply(spins, local[:, 0])
+    rotations = replace(poses, local=local).world()[1]
+    for number, side in enumerate(SIDES):
+        back = steadying(angle_rad[:, None], piece.planted[:, number].any(axis=1), poses.rate_hz)[:, 0]
+        ankle, knee = INDEX[f"{side}_ankle"], INDEX[f"{side}_knee"]
+        turned = quaternions.multiply(
+            quaternions.about_axis(Z, np.clip(back, -MOST_TWIST_RAD, MOST_TWIST_RAD)), rotations[:, ankle]
+        )
+        local[:, ankle] = quaternions.multiply(quaternions.conjugate(rotations[:, knee]), turned)
     return replace(piece, poses=replace(poses, root=root, local=local))
 
 
