@@ -27,6 +27,9 @@ SUPPORT = 0.996
 """Greatest length of a leg that follows a track, over that of its bones: of a straighter one the knee would move by 20 times what
 the ankle does."""
 
+LEAP_S = 0.1
+"""Shortest time between two contacts of a foot; hops take 0.2 s and more."""
+
 RAISED_RAD = 0.35
 """Greatest angle by which a heel is raised for a leg that is too short for its step."""
 
@@ -73,8 +76,8 @@ def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None, le
     While a foot stands, its pivot (the heel, then the ball) stays over one point, that of the middle of the contact; between
     contacts the correction passes from one to the next. Heights change by one number per contact, so that feet roll as they did.
     floor_m: height [m] at which the lower of heel and ball stands, and below which no foot goes; by default that at which each
-    stands in the median. level: whether heights are changed at all. Where a leg is too short its heel is raised, and then the
-    pelvis lowered.
+    stands in the median. level: whether each contact is brought to a height. Where a leg is too short its heel is raised, and
+    then the pelvis lowered.
     """
     points = soles(poses)
     joints, _ = poses.world()
@@ -83,7 +86,7 @@ def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None, le
         shift = _corrections(points[:, number], planted[:, number], poses.rate_hz, floor_m)
         if not level:
             shift[:, 2] = 0.0
-        elif floor_m is not None:
+        if floor_m is not None:
             shift[:, 2] += _lift(poses, side, points[:, number], shift[:, 2], floor_m)
         track = joints[:, INDEX[f"{side}_ankle"]] + shift
         heel_only = planted[:, number, 0] & ~planted[:, number, 1]
@@ -92,7 +95,7 @@ def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None, le
 
 
 def steadying(values: np.ndarray, stands: np.ndarray, rate_hz: float) -> np.ndarray:
-    """What is to be added to `values` (T, N) so that they stay, while a foot `stands` (T,), what they are in the middle of the contact;
+    """What is to be added to `values` (T, N) so that they stay, while a foot `stands` (T,), what they are in the contact's middle;
     between contacts it passes from one to the next."""
     shift, found = np.zeros_like(values), runs(stands)
     for start, stop in found:
@@ -162,10 +165,11 @@ def runs(flags: np.ndarray) -> list[tuple[int, int]]:
     return [(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _tidied(flags: np.ndarray, rate_hz: float) -> np.ndarray:
+def _tidied(flags: np.ndarray, rate_hz: float, gap_s: float = LONGEST_GAP_S) -> np.ndarray:
+    """Flags (T,) without gaps and then without runs that are too short."""
     found = flags.copy()
     for start, stop in runs(~found):
-        if start > 0 and stop < len(found) and stop - start <= LONGEST_GAP_S * rate_hz:
+        if start > 0 and stop < len(found) and stop - start <= gap_s * rate_hz:
             found[start:stop] = True
     for start, stop in runs(found):
         if stop - start < SHORTEST_CONTACT_S * rate_hz:
@@ -175,7 +179,8 @@ def _tidied(flags: np.ndarray, rate_hz: float) -> np.ndarray:
 
 def _corrections(points: np.ndarray, planted: np.ndarray, rate_hz: float, floor_m: float | None) -> np.ndarray:
     """Shift (T, 3) of one foot that holds its pivots still: points (T, 2, 3) of heel and ball, planted (T, 2)."""
-    stands = np.asarray(planted.any(axis=1))
+    # A foot that is off for a moment only, as at a seam, would have to leap to its next place.
+    stands = _tidied(np.asarray(planted.any(axis=1)), rate_hz, LEAP_S)
     if not stands.any():
         return np.zeros((len(points), 3))
     # The ball is the pivot where it stands, else the heel; at the change the shift goes on without a jump.

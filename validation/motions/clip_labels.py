@@ -40,7 +40,8 @@ def labelled(clip: str, piece: Piece, rule: str) -> list[Segment]:
         found = [measured(clip, piece, *each, activity="sitting", action="stand_up", kind=rule[6:]) for each in whole]
     found = [each for each in found if each.action not in ("walk", "turn") or believable(each, piece)]
     found = [each for each in found if each.action == "stand_up" or sound(each, piece)]
-    found += stands(clip, piece)
+    if rule != "dance":  # dancers wait in poses of their own
+        found += stands(clip, piece)
     return [replace(each, name=f"{clip}.{number}") for number, each in enumerate(found)]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Description, Step
 from t2d_rt.motion.generate.chain import Piece, best_seam, joined
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual, individual, lively, sole_m
-from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, begun, halted, made_of_clips, own_clips
+from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, begun, directed, halted, made_of_clips, own_clips
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import motion_of, poses_of
@@ -91,7 +91,7 @@ def _composed(maker: Maker, description: Description) -> Motion:
     steps = description.steps
     falls = next((number for number, step in enumerate(steps) if step.action == "fall"), None)
     if falls is None:
-        return finished(_chained(maker, None, steps, alone=len(steps) == 1), maker.person)
+        return finished(_chained(maker, None, steps), maker.person)
     fallen = _fallen(maker, description, steps[:falls])
     rest = [step for step in steps[falls + 1 :] if step.action not in ("lie_down", "stand_up", "fall")]
     if not rest or not any(step.action == "stand_up" for step in steps[falls + 1 :]):
@@ -100,37 +100,60 @@ def _composed(maker: Maker, description: Description) -> Motion:
     poses = replace(poses, root=poses.root - [0.0, 0.0, sole_m(maker.person)])
     maker = replace(maker, person=replace(maker.person, skeleton=poses.skeleton))
     whole = Piece(poses=poses, planted=np.zeros((len(poses), 2, 2), bool), notes=fallen.origin)
-    return finished(_chained(maker, whole, rest, alone=False), maker.person)
+    return finished(_chained(maker, Floored(whole), rest), maker.person)
 
 
-def _chained(maker: Maker, whole: Piece | None, steps: Sequence[Step], *, alone: bool) -> Piece:
+@dataclass(frozen=True, slots=True)
+class Floored:
+    """What there is of a motion, and on which floor and in which posture it ends."""
+
+    piece: Piece
+    floor_m: float = 0.0
+    lowest_m: float = 0.0
+    """Of the floors that were stood on."""
+    highest_m: float = 0.0
+    posture: str = "standing"
+
+
+def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floored:
     """The steps after one another, after what there is."""
-    floor_m, posture = 0.0, None
+    alone = len(steps) == 1 and whole is None
     for by, group in groupby(steps, key=lambda step: "made" if maker_of(step, maker.store) == "made" else "clips"):
         own = list(group)
         if by == "made":
-            from t2d_rt.motion.generate.made import make
-
-            found = make(
-                own, maker.person.skeleton, rng=maker.rng, handed="left" if maker.person.left_handed else "right",
-                tempo=maker.person.tempo, begins="standing" if whole is not None else None,
-            )  # fmt: skip
-            rise = floor_m - found.floors_m[0]
-            pieces = [
-                edits.shifted(
-                    Piece(poses=found.poses, planted=found.planted, notes=found.notes), np.array([0.0, 0.0, rise])
-                )
-            ]
-            floor_m, posture = rise + found.floors_m[1], found.ends
-        else:
-            if posture not in (None, "standing"):
-                whole = _risen(maker, cast(Piece, whole), cast(str, posture), floor_m)
-                posture = "standing"
-            pieces = [edits.shifted(_of_clips(maker, step, alone), np.array([0.0, 0.0, floor_m])) for step in own]
-        for piece in pieces:
-            whole = piece if whole is None else _continued(whole, piece)
+            whole = _with_made(maker, whole, own, begins="standing" if whole is not None else None)
+            continue
+        if whole is not None and whole.posture != "standing":
+            whole = _with_made(maker, whole, [Step(action="stand_up")], begins=whole.posture)
+        for step in own:
+            # The main step has its own duration, what comes before and after it a part of it.
+            piece = _of_clips(maker, step, alone or isinstance(step, Description))
+            if whole is None:
+                whole = Floored(piece)
+            else:
+                piece = edits.shifted(piece, np.array([0.0, 0.0, whole.floor_m]))
+                whole = replace(whole, piece=_continued(whole.piece, piece))
     assert whole is not None, "a description has a step"
     return whole
+
+
+def _with_made(maker: Maker, whole: Floored | None, steps: Sequence[Step], *, begins: str | None) -> Floored:
+    """Steps made of key poses, after what there is."""
+    from t2d_rt.motion.generate.made import make
+
+    found = make(
+        steps, maker.person.skeleton, rng=maker.rng, handed="left" if maker.person.left_handed else "right",
+        tempo=maker.person.tempo, begins=begins,  # type: ignore[arg-type]
+    )  # fmt: skip
+    before = whole.floor_m if whole is not None else 0.0
+    rise = before - found.floors_m[0]
+    piece = Piece(poses=found.poses, planted=found.planted, notes=found.notes)
+    piece = edits.shifted(piece, np.array([0.0, 0.0, rise]))
+    if whole is not None:
+        piece = _continued(whole.piece, piece)
+    floor_m = rise + found.floors_m[1]
+    lowest, highest = (whole.lowest_m, whole.highest_m) if whole is not None else (0.0, 0.0)
+    return Floored(piece, floor_m, min(lowest, floor_m), max(highest, floor_m), found.ends)
 
 
 def _continued(whole: Piece, piece: Piece) -> Piece:
@@ -143,20 +166,6 @@ def _continued(whole: Piece, piece: Piece) -> Piece:
     return joined([before.part(0, cut + 1), after.part(start, len(after))], blend_s=SEAM_S)
 
 
-def _risen(maker: Maker, whole: Piece, posture: str, floor_m: float) -> Piece:
-    """Standing up from where the last step ended, before one that needs standing."""
-    from t2d_rt.motion.generate.made import make
-
-    found = make(
-        [Step(action="stand_up")], maker.person.skeleton, rng=maker.rng, handed="left" if maker.person.left_handed else "right",
-        tempo=maker.person.tempo, begins=posture,  # type: ignore[arg-type]
-    )  # fmt: skip
-    piece = edits.shifted(
-        Piece(poses=found.poses, planted=found.planted, notes=found.notes), np.array([0.0, 0.0, floor_m])
-    )
-    return joined([whole, piece], blend_s=SEAM_S)
-
-
 def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
     """A step by clips, planted, a gait of a type changed."""
     if step.type not in GAIT_TYPES:
@@ -164,13 +173,14 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
         return replace(piece, poses=plant(piece.poses, piece.planted, floor_m=0.0))
     from t2d_rt.motion.vary.abnormal import abnormal_walk
 
-    walk = made_of_clips(maker, step.model_copy(update={"type": None, "body_part": None, "side": None}), alone=alone)
+    straight = step.model_copy(update={"type": None, "body_part": None, "side": None, "direction": None})
+    walk = made_of_clips(maker, straight, alone=alone)
     severity = float(maker.rng.uniform(0, 1))
     poses = abnormal_walk(plant(walk.poses, walk.planted, floor_m=0.0), step.type, severity=severity, rng=maker.rng)
-    piece = Piece(
-        poses=poses, planted=contacts(poses), notes=(*walk.notes, f"{step.type} gait, severity {severity:.2f}")
-    )
-    return lively(piece, maker.person, maker.rng, quiet=0.5)
+    note = f"{step.type} gait, severity {severity:.2f}"
+    piece = Piece(poses=poses, planted=contacts(poses), notes=(*walk.notes, note))
+    piece = directed(maker, lively(piece, maker.person, maker.rng, quiet=0.5), step)
+    return replace(piece, poses=plant(piece.poses, piece.planted, level=False, floor_m=0.0))
 
 
 def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> Motion:
@@ -194,14 +204,21 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> M
 
 
 def _lead(maker: Maker, description: Description, before: Sequence[Step], falls_by: str) -> Motion:
-    if not before:
-        stands = falls_by == "collapse" and maker.rng.random() < 0.5
+    """What comes before a fall, with a walk where the foot is to slip or to be caught in one."""
+    if not before and falls_by == "collapse" and maker.rng.random() < 0.5:
+        before = [Step(action="stand", duration_s=float(maker.rng.uniform(*LEAD_S)))]
+    elif not before or (falls_by != "collapse" and before[-1].action not in ("walk", "run")):
         speed = description.speed if description.speed != "slow" else "normal"
-        before = [Step(action="stand" if stands else "walk", speed=speed, duration_s=float(maker.rng.uniform(*LEAD_S)))]
-    return finished(_chained(maker, None, before, alone=len(before) == 1), maker.person)
+        before = [*before, Step(action="walk", speed=speed, duration_s=float(maker.rng.uniform(*LEAD_S)))]
+    whole = _chained(maker, None, before)
+    # The fall ends on the floor on which it begins.
+    return finished(replace(whole, lowest_m=whole.floor_m), maker.person)
 
 
-def finished(piece: Piece, person: Individual) -> Motion:
-    """The piece as a motion on the floor whose feet do not slide at the seams either."""
-    poses = plant(piece.poses, piece.planted, level=False)
-    return motion_of(replace(poses, root=poses.root + [0.0, 0.0, sole_m(person)]), origin=piece.notes)
+def finished(whole: Floored, person: Individual) -> Motion:
+    """A motion on the floor, the lowest one at 0, whose feet do not slide at the seams either."""
+    piece = whole.piece
+    level = whole.highest_m == whole.lowest_m
+    poses = plant(piece.poses, piece.planted, level=False, floor_m=whole.lowest_m if level else None)
+    rise = sole_m(person) - whole.lowest_m
+    return motion_of(replace(poses, root=poses.root + [0.0, 0.0, rise]), origin=piece.notes)

@@ -92,7 +92,7 @@ def bent(piece: Piece, angle_rad: np.ndarray) -> Piece:
     local[:, 0] = quaternions.multiply(spins, local[:, 0])
     rotations = replace(poses, local=local).world()[1]
     for number, side in enumerate(SIDES):
-        back = steadying(angle_rad[:, None], piece.planted[:, number].any(axis=1), poses.rate_hz)[:, 0]
+        back = steadying(angle_rad[:, None], np.asarray(piece.planted[:, number].any(axis=1)), poses.rate_hz)[:, 0]
         ankle, knee = INDEX[f"{side}_ankle"], INDEX[f"{side}_knee"]
         turned = quaternions.multiply(
             quaternions.about_axis(Z, np.clip(back, -MOST_TWIST_RAD, MOST_TWIST_RAD)), rotations[:, ankle]

@@ -87,7 +87,7 @@ def made_of_clips(maker: Maker, step: Step, *, alone: bool = True, before: Piece
     if step.action not in ACTIONS and not own:
         raise InputError(f"the library has no clips of {step.action}; it makes {', '.join(ACTIONS)}")
     low, high = DURATION_S.get(step.action, (2.0, 4.0))
-    duration_s = step.duration_s or float(maker.rng.uniform(low, high)) * (1.0 if alone else 0.6)
+    duration_s = step.duration_s or float(maker.rng.uniform(low, high)) * (1.0 if alone else 0.5)
     piece = _as_recorded(maker, step, own) if own else ACTIONS[step.action](maker, step, duration_s)
     return with_manner(piece, step, maker.rng)
 
@@ -144,10 +144,7 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
     whole = whole.part(0, count)
     whole = edits.strided(edits.tempo(whole, float(np.sqrt(factor))), float(np.sqrt(factor)))
     whole = whole.noted(f"speed {factor:.2f} times the clips', {edits.rate_of(whole.poses):.2f} m/s")
-    if step.direction == "back":
-        whole = edits.backwards(whole)
-        whole = moved(whole, 0.0, whole.poses.root[0, :2], np.zeros(2))
-    return _directed(maker, whole, step)
+    return directed(maker, whole, step)
 
 
 def _first(maker: Maker, step: Step, wanted: float) -> Segment:
@@ -178,8 +175,11 @@ def _alike(maker: Maker, first: Segment) -> list[Segment]:
     return [each for each in maker.segments(first.action, "steady") if each.name == first.name or fits(each)]
 
 
-def _directed(maker: Maker, piece: Piece, step: Step) -> Piece:
-    """The piece's path bent as the direction says: left and right by a quarter turn, clockwise and counterclockwise in a circle."""
+def directed(maker: Maker, piece: Piece, step: Step) -> Piece:
+    """A straight walk or run as the direction says: backward, bent left or right by a quarter turn, or round in a circle."""
+    if step.direction == "back":
+        piece = edits.backwards(piece)
+        return moved(piece, 0.0, piece.poses.root[0, :2], np.zeros(2))
     if step.direction not in ("left", "right", "clockwise", "counterclockwise"):
         return piece
     sign = 1.0 if step.direction in ("left", "counterclockwise") else -1.0
@@ -320,7 +320,7 @@ def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
 def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
     """A dance, going on in another where poses are alike."""
     segments = maker.segments("dance")
-    pace = {"slow": 0.82, "normal": 1.0, "fast": 1.12}[step.speed] * maker.person.tempo
+    pace = {"slow": 0.86, "normal": 1.0, "fast": 1.09}[step.speed] * maker.person.tempo
     count = round(duration_s * RATE_HZ * pace)
     weights = [each.duration_s for each in segments]
     whole = maker.piece(maker.draw(segments, weights))
