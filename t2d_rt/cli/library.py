@@ -28,7 +28,7 @@ def parser() -> ArgumentParser:
         "Adds motion files of yours to the clips that t2d-rt motion chooses from, by path, without copying; lists, removes.",
         config=False,
         noun="add DIR --index FILE.csv | list | remove PATH",
-        file="add, list or remove, and the folder or file.",
+        file="One of add, list and remove, and the folder or file.",
         examples=EXAMPLES,
         several=True,
     )

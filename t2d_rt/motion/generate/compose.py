@@ -211,14 +211,13 @@ def _lead(maker: Maker, description: Description, before: Sequence[Step], falls_
         speed = description.speed if description.speed != "slow" else "normal"
         before = [*before, Step(action="walk", speed=speed, duration_s=float(maker.rng.uniform(*LEAD_S)))]
     whole = _chained(maker, None, before)
-    # The fall ends on the floor on which it begins.
-    return finished(replace(whole, lowest_m=whole.floor_m), maker.person)
+    return finished(whole, maker.person, base_m=whole.floor_m)
 
 
-def finished(whole: Floored, person: Individual) -> Motion:
-    """A motion on the floor, the lowest one at 0, whose feet do not slide at the seams either."""
+def finished(whole: Floored, person: Individual, *, base_m: float | None = None) -> Motion:
+    """A motion whose feet do not slide at the seams either, with the floor at 0: the lowest one, or that at the height `base_m`."""
     piece = whole.piece
     level = whole.highest_m == whole.lowest_m
     poses = plant(piece.poses, piece.planted, level=False, floor_m=whole.lowest_m if level else None)
-    rise = sole_m(person) - whole.lowest_m
+    rise = sole_m(person) - (whole.lowest_m if base_m is None else base_m)
     return motion_of(replace(poses, root=poses.root + [0.0, 0.0, rise]), origin=piece.notes)
