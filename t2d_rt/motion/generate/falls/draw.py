@@ -9,6 +9,7 @@ import numpy as np
 from t2d_rt.motion.generate.falls.anatomy import SIDES
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, Humanoid
 from t2d_rt.motion.generate.falls.muscles import (
+    DAMPING_PER_STIFFNESS,
     JOINTS,
     REGIONS,
     Fading,
@@ -22,6 +23,9 @@ from t2d_rt.motion.generate.falls.simulation import Course, Disturbance
 
 LIMP = {"leg": 0.01, "trunk": 0.06, "arm": 0.01, "neck": 0.06}
 """Tone of a body that lies."""
+
+AHEAD_S = 0.2
+"""For how long a step that is interrupted goes on by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +93,7 @@ def _reaction(plan: FallPlan, heading: Heading, foot: str, rng: np.random.Genera
     away = 1.0 if heading == "left" else -1.0
     if plan.type == "slip":
         # The knees bend and the body sits down behind the feet.
-        pose = trunk("x", 0.35, -0.1) | legs((0.1, 1.2), (1.0, 1.9))
+        pose = trunk("x", 0.45, -0.05) | legs((0.1, 1.2), (1.0, 1.9))
     elif plan.type == "collapse":
         # The knees buckle and the body sinks upon them.
         pose = trunk("x", 0.3, 0.12) | legs((0.8, 0.8), (1.8, 1.8))
@@ -174,6 +178,9 @@ def course(body: Humanoid, drawn: Draw, reference: np.ndarray, frames: int) -> C
     weight = eased((times - drawn.reaction.delay_s) / drawn.reaction.within_s)[:, None]
     hinges = body.model.jnt_qposadr[body.model.actuator_trnid[:, 0]]
     targets = ((1 - weight) * lead + weight * pose)[:, hinges]
+    # At first ahead by the lag of a damped spring: its damping is then against the step's own speeds, and nothing jolts.
+    ahead_s = DAMPING_PER_STIFFNESS * (1 - eased(times / AHEAD_S))[:, None]
+    targets = targets + ahead_s * RATE_HZ * np.gradient(targets, axis=0)
     tones = hinge_tones(body, {joint: fading.at(times) for joint, fading in drawn.tones.items()})
     limp = {joint: np.array([drawn.limp * LIMP[part]]) for part, joints in REGIONS.items() for joint in joints}
     relaxed = lead[:1].copy()

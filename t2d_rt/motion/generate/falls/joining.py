@@ -17,6 +17,10 @@ JOIN_S = 0.25
 BEFORE = 3
 """Frames before the event whose course tells the speeds there."""
 
+TOES = tuple(
+    (CANONICAL_JOINTS.index(f"{side}_ankle"), CANONICAL_JOINTS.index(f"{side}_foot")) for side in ("left", "right")
+)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Skeleton:
@@ -79,6 +83,11 @@ def joined(
     )
     turn = matrices(_exponential(difference(_vector(own), spin)))
     found = reached @ turn
+    for ankle, toes in TOES:
+        # Toes weigh next to nothing and jump as they touch the floor: they begin as the lead has them.
+        local = quaternions.from_matrix(np.swapaxes(found[:, ankle], -1, -2) @ found[:, toes])
+        held = np.broadcast_to(local[0], local.shape)
+        found[:, toes] = found[:, ankle] @ matrices(quaternions.blend(held, local, (1.0 - fade)[:, None]))
     offsets = skeleton.offsets + difference(np.zeros_like(skeleton.drift), skeleton.drift)
     return placed_joints(root, found, offsets, skeleton.parents), found
 

@@ -15,7 +15,7 @@ from t2d_rt.motion.generate.falls.draw import Draw, course, draw, heading_of
 from t2d_rt.motion.generate.falls.getup import got_up
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, Humanoid, humanoid, mujoco
 from t2d_rt.motion.generate.falls.joining import Skeleton, joined, placed_joints, rotations_of, skeleton_at
-from t2d_rt.motion.generate.falls.measures import Figures, figures, missing
+from t2d_rt.motion.generate.falls.measures import Figures, figures, fits, missing
 from t2d_rt.motion.generate.falls.plan import FallEvents, FallPlan, Heading
 from t2d_rt.motion.generate.falls.pose import coordinates, reached, skeleton, velocities
 from t2d_rt.motion.generate.falls.rest import breathing, eased_out
@@ -31,10 +31,16 @@ LONGEST_S = 3.2
 CHOICES, ATTEMPTS = 3, 3
 """Of the event, and of what else is drawn at one event."""
 
+TOLERATED = 0.35
+"""What may be amiss after the second choice: 0.35 m/s beyond a range, say."""
+
 NEIGHBOURS = 5
 """Frames on either side of the event that give the speeds there."""
 
 RANGE_MARGIN_RAD = 0.03
+
+STEP_ON_S = 0.15
+"""For how long the interrupted step goes on much as it was: legs that pass each other closely must not collide in it."""
 
 SETTLING_S = 0.3
 """Lead before the event, at least."""
@@ -102,7 +108,7 @@ def simulate_fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -
     mujoco()
     best = _candidate(prepared(lead, plan), plan, 0)
     for choice in range(1, CHOICES):
-        if best.amiss == 0:
+        if best.amiss <= TOLERATED * (choice - 1):
             break
         # Another step of the same walk may do where one does not.
         best = min(best, _candidate(prepared(lead, plan, choice), plan, choice), key=lambda each: each.amiss)
@@ -167,14 +173,16 @@ def _event(lead: Motion, plan: FallPlan, rng: np.random.Generator) -> tuple[int,
 def _fitted(
     bones: Skeleton, found: Anatomy, stature: float, mass: float, lead: Motion, segments: np.ndarray, frame: int
 ) -> Humanoid:
-    """The humanoid; parts of the body that the lead's own pose has within each other do not collide."""
+    """The humanoid; its parts do not collide that are within each other in the lead's own poses, at the event and just after."""
     offsets = bones.offsets[: len(CANONICAL_JOINTS)]
     body = humanoid(offsets, found.ankle_height_m, stature_m=stature, mass_kg=mass)
-    qpos = coordinates(body, lead.joints[frame : frame + 1, 0], segments[frame : frame + 1])[0]
-    pairs = _overlapping(body, qpos)
+    soon = slice(frame, frame + round(STEP_ON_S * RATE_HZ), 3)
+    pairs = {
+        pair for qpos in coordinates(body, lead.joints[soon, 0], segments[soon]) for pair in _overlapping(body, qpos)
+    }
     if not pairs:
         return body
-    return humanoid(offsets, found.ankle_height_m, stature_m=stature, mass_kg=mass, apart=pairs)
+    return humanoid(offsets, found.ankle_height_m, stature_m=stature, mass_kg=mass, apart=tuple(sorted(pairs)))
 
 
 def _contacts_at(body: Humanoid, qpos: np.ndarray) -> list[tuple[int, int, float]]:
@@ -215,7 +223,9 @@ def _candidate(scenario: Scenario, plan: FallPlan, choice: int) -> Candidate:
         drawn = draw(plan, heading, scenario.foot, scenario.facing, rng, insistence=insistence)
         frames = round(LONGEST_S * RATE_HZ)
         muscles = course(scenario.body, drawn, scenario.reference, frames)
-        run = simulate(scenario.body, scenario.start, muscles, drawn.disturbance, frames)
+        run = simulate(
+            scenario.body, scenario.start, muscles, drawn.disturbance, frames, wanted=lambda chest: fits(chest, plan)
+        )
         segments = reached(scenario.body, run.qpos)
         joints = skeleton(run.qpos[:, :3], segments, scenario.skeleton.offsets[: len(CANONICAL_JOINTS)])
         chest = segments[:, CANONICAL_JOINTS.index("spine3")]

@@ -43,10 +43,29 @@ class Figures:
     @property
     def heading(self) -> Heading:
         """Where the person fell: by the side of the trunk that is undermost."""
-        aside, _, ahead = self.lies_on
-        if abs(ahead) >= abs(aside):
-            return "forward" if ahead > 0 else "back"
-        return "left" if aside > 0 else "right"
+        return undermost(self.lies_on)
+
+
+def undermost(lies_on: tuple[float, float, float]) -> Heading:
+    """Side of the chest that is undermost, from the direction of gravity in its axes (left, up, forward)."""
+    aside, _, ahead = lies_on
+    if abs(ahead) >= abs(aside):
+        return "forward" if ahead > 0 else "back"
+    return "left" if aside > 0 else "right"
+
+
+def fits(chest: np.ndarray, plan: FallPlan) -> bool:
+    """Whether a chest (3, 3) that strikes the floor in this orientation has fallen where the plan wants it."""
+    return undermost((-chest[2, 0], -chest[2, 1], -chest[2, 2])) in _headings(plan)
+
+
+def _headings(plan: FallPlan) -> tuple[Heading, ...]:
+    if plan.direction is not None:
+        return (plan.direction,)
+    found: dict[str, tuple[Heading, ...]] = {
+        "slip": ("back", "left", "right"), "trip": ("forward", "left", "right"), "collapse": HEADINGS,
+    }  # fmt: skip
+    return found[plan.type]
 
 
 def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray, external_s: float) -> Figures:
@@ -101,12 +120,9 @@ SLIDE_LIMIT_M, DEPTH_LIMIT_M, GAIN_LIMIT_J = 0.5, 0.02, 8.0
 
 def missing(found: Figures, plan: FallPlan) -> float:
     """How far a fall is from real ones: 0 in all ranges, else a sum of excesses; infinite if it is none, or not the one planned."""
-    wanted = {"slip": ("back", "left", "right"), "trip": ("forward", "left", "right"), "collapse": HEADINGS}[plan.type]
-    if plan.direction is not None:
-        wanted = (plan.direction,)
     fatal = (
         not IMPACT_RANGE_S[0] <= found.impact_s <= IMPACT_RANGE_S[1]
-        or found.heading not in wanted
+        or found.heading not in _headings(plan)
         or found.slide_m > SLIDE_LIMIT_M
         or max(found.deepest_m) > DEPTH_LIMIT_M
         or found.gain_j > GAIN_LIMIT_J

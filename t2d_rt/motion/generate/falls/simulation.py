@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,9 @@ RESTED_S = 0.15
 STILL_DAMPING_S = 0.25
 """Damping of a body that lies and holds still, over its joints' greatest torques [s]: muscles that are tense on both sides of a
 joint dissipate, and do not push."""
+
+VISCOUS_S = 0.01
+"""Damping of muscles without tone over their greatest torques."""
 
 GRIPPED_S = 0.08
 """Within which a caught foot is held: shoes and obstacles give."""
@@ -91,61 +95,54 @@ class Run:
 
 
 def simulate(
-    body: Humanoid, start: tuple[np.ndarray, np.ndarray], course: Course, disturbance: Disturbance, frames: int
+    body: Humanoid,
+    start: tuple[np.ndarray, np.ndarray],
+    course: Course,
+    disturbance: Disturbance,
+    frames: int,
+    *,
+    wanted: Callable[[np.ndarray], bool] = lambda chest: True,
 ) -> Run:
-    """Run for so many frames from (qpos, qvel)."""
+    """Run for so many frames from (qpos, qvel), or until the body is at rest.
+
+    It ends early where the chest strikes the floor in an orientation (3, 3) that is not `wanted`.
+    """
     module, model = mujoco(), body.model
     data = module.MjData(model)
     data.qpos[:], data.qvel[:] = start
     _rub(body, disturbance.feet, disturbance.friction)
     module.mj_forward(model, data)
-    torque = model.actuator_forcerange[:, 1]
     dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
-    foot = model.body(disturbance.caught).id if disturbance.caught else -1
     chest = model.body("thorax").id
     kept: list[Any] = []
-    work, impact, lying, lively, braced = 0.0, -1, -1, 0, 0.0
+    work, impact, lying, lively, struck = 0.0, -1, -1, 0, False
     for frame in range(frames):
         touching, depths = _contacts(body, data)
         speed = float(np.abs(data.qvel).max())
         kept.append((data.qpos.copy(), speed, float(data.energy.sum()), work, touching, depths))
+        if touching & CHEST and not struck:
+            struck = True
+            if not wanted(data.xmat[chest].reshape(3, 3)):
+                break
         if impact < 0 and touching & PELVIS:
             impact = frame
         if lying < 0 and impact >= 0 and (touching & CHEST or frame - impact > BRACED_S * RATE_HZ):
             lying = frame
-        if frame == round(disturbance.slippery_s * RATE_HZ):
-            _rub(body, disturbance.feet, FRICTION)
-        k = min(frame, len(course.targets) - 1)
-        tone, target = course.tones[k], course.targets[k]
-        if lying >= 0:
-            fade = min((frame - lying) / RATE_HZ / course.brace_s, 1.0)
-            tone = (1 - fade) * tone + fade * course.limp
-            braced = STILL_DAMPING_S * min(max((frame - lying) / RATE_HZ - SETTLING_S, 0.0) / SETTLED_S, 1.0)
-            target = (1 - fade) * target + fade * course.lying
-        _set_muscles(model, data, target, tone * torque * STIFFNESS_PER_TORQUE, (0.01 + braced) * torque)
         if impact >= 0 and speed > RESTING:
             lively = frame
-        if frame - max(lively, impact) > RESTED_S * RATE_HZ and impact >= 0:
+        if impact >= 0 and frame - max(lively, impact) > RESTED_S * RATE_HZ:
             break
+        if frame == round(disturbance.slippery_s * RATE_HZ):
+            _rub(body, disturbance.feet, FRICTION)
+        _act(model, data, course, frame, lying)
         phase = min(frame / RATE_HZ / disturbance.push_s, 1.0)
         data.xfrc_applied[chest, :3] = np.sin(np.pi * phase) * np.array(disturbance.push_n)
         for _ in range(STEPS_PER_FRAME):
-            if foot >= 0:
-                held = frame / RATE_HZ < disturbance.caught_s
-                data.xfrc_applied[foot, :3] = 0.0
-                if held:
-                    velocity = data.cvel[foot, 3:] + np.cross(
-                        data.cvel[foot, :3], data.xipos[foot] - data.subtree_com[model.body_rootid[foot]]
-                    )
-                    data.xfrc_applied[foot, :3] = (
-                        -disturbance.grip_ns_per_m * min(frame / RATE_HZ / GRIPPED_S, 1.0) ** 2 * velocity
-                    )
+            if disturbance.caught:
+                _hold(model, data, disturbance, frame / RATE_HZ)
             before = data.qvel[dofs].copy()
             module.mj_step(model, data)
             work += float(data.actuator_force @ (before + data.qvel[dofs])) * 0.5 * STEP_S
-        if not np.isfinite(data.qpos).all():
-            break
-    module.mj_forward(model, data)
     columns = list(zip(*kept, strict=True))
     return Run(
         qpos=np.stack(columns[0]), speeds=np.array(columns[1]), energy_j=np.array(columns[2]), work_j=np.array(columns[3]),
@@ -153,12 +150,33 @@ def simulate(
     )  # fmt: skip
 
 
-def _set_muscles(model: Any, data: Any, target: np.ndarray, stiffness: np.ndarray, viscous: np.ndarray) -> None:
-    damping = DAMPING_PER_STIFFNESS * stiffness + viscous
+def _act(model: Any, data: Any, course: Course, frame: int, lying: int) -> None:
+    """Targets, stiffness and damping of the muscles in a frame; `lying` is the one from which the body lies, -1 before."""
+    torque = model.actuator_forcerange[:, 1]
+    now = min(frame, len(course.targets) - 1)
+    tone, target, braced = course.tones[now], course.targets[now], 0.0
+    if lying >= 0:
+        since = (frame - lying) / RATE_HZ
+        fade = min(since / course.brace_s, 1.0)
+        tone = (1 - fade) * tone + fade * course.limp
+        target = (1 - fade) * target + fade * course.lying
+        braced = STILL_DAMPING_S * min(max(since - SETTLING_S, 0.0) / SETTLED_S, 1.0)
+    stiffness = tone * torque * STIFFNESS_PER_TORQUE
     model.actuator_gainprm[:, 0] = stiffness
     model.actuator_biasprm[:, 1] = -stiffness
-    model.actuator_biasprm[:, 2] = -damping
+    model.actuator_biasprm[:, 2] = -(DAMPING_PER_STIFFNESS * stiffness + (VISCOUS_S + braced) * torque)
     data.ctrl[:] = target
+
+
+def _hold(model: Any, data: Any, disturbance: Disturbance, time_s: float) -> None:
+    """The force on a caught foot: against its velocity, so that it takes energy only."""
+    foot = model.body(disturbance.caught).id
+    data.xfrc_applied[foot, :3] = 0.0
+    if time_s < disturbance.caught_s:
+        lever = data.xipos[foot] - data.subtree_com[model.body_rootid[foot]]
+        velocity = data.cvel[foot, 3:] + np.cross(data.cvel[foot, :3], lever)
+        grip = disturbance.grip_ns_per_m * min(time_s / GRIPPED_S, 1.0) ** 2
+        data.xfrc_applied[foot, :3] = -grip * velocity
 
 
 def _rub(body: Humanoid, feet: tuple[str, ...], friction: float) -> None:
