@@ -6,6 +6,7 @@ Matplotlib's polygons in three dimensions take seconds for one body; here 64 bod
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -42,6 +43,8 @@ PAPER, FLOOR, LINE = 1.0, 0.93, 0.55
 
 DPI, LABELS_IN, TITLE_IN = 160, 1.6, 0.35
 """Pixels an inch of a sheet, and room for labels and for the title [inch]."""
+LABEL_CHARACTERS, LABEL_LINES = 24, 5
+"""Longest line of a label, and how many of them a row has room for."""
 
 LIGHT = np.array([0.35, 0.80, 0.50])
 """Direction to the light in the picture's frame: right, toward the camera, up."""
@@ -170,7 +173,8 @@ def _figure(
             place = -4, floor - level * PIXELS_PER_M
             axes.plot([-3, 0], [place[1]] * 2, color="0.4", linewidth=0.6, clip_on=False)
             axes.text(*place, f"{level} m", fontsize=5, color="0.4", ha="right", va="center")
-        axes.text(-34, (row + 0.5) * height, label, fontsize=7, ha="right", va="center", parse_math=False)
+        lines = textwrap.wrap(label, LABEL_CHARACTERS, max_lines=LABEL_LINES, placeholder=" ...")
+        axes.text(-34, (row + 0.5) * height, "\n".join(lines), fontsize=7, ha="right", va="center", parse_math=False)
     axes.set_xlim(-0.5, image.shape[1] - 0.5)
     axes.set_ylim(image.shape[0] - 0.5, -0.5)
     axes.set_axis_off()
