@@ -118,7 +118,7 @@ def test_a_target_out_of_reach_is_told() -> None:
 def test_a_knee_that_is_bent_the_wrong_way_does_not_stay_so() -> None:
     poses = walk().part(0, 3)
     local = poses.local.copy()
-    local[:, INDEX["left_knee"]] = quaternions.about_axis(np.array([0.0, 1.0, 0.0]), np.array(-0.05))
+    local[:, INDEX["left_knee"]] = quaternions.about_axis(np.array([0.0, 1.0, 0.0]), np.array(-0.15))
     poses = replace(poses, local=local)
     joints, rotations = poses.world()
     hip, ankle = joints[:, INDEX["left_hip"]], joints[:, INDEX["left_ankle"]]
