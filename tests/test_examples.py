@@ -69,8 +69,15 @@ def walk_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 # --- examples -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
+def test_activities(tmp_path: Path) -> None:
+    activities = runpy.run_path(str(ROOT / "examples" / "activities.py"))["activities"]
+    check_picture(activities(tmp_path, longest_s=0.3, sentences={"Sitting": "a person sits down"}))
+
+
 def test_every_example_is_tested() -> None:
     assert [path.name for path in sorted((ROOT / "examples").glob("*.py"))] == [
+        "activities.py",
         "demo.py",
         "point_cloud.py",
         "room_interference.py",
