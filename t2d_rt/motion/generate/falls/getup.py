@@ -17,6 +17,8 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion, che
 
 BLEND_S, ROLL_S = 1.0, 1.8
 """Time from the pose at rest into the recording; longer where the body has to roll over."""
+TEMPO = 0.75
+"""Speed at which a recording is played: who has fallen gets up more slowly than who shows how to."""
 ROLLING_RAD = np.pi / 3
 """Difference of the chests' orientations from which it has."""
 
@@ -44,7 +46,7 @@ def got_up(
 
 def _turned(clip: Motion, bones: Skeleton, root_m: np.ndarray, lying: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A getup on the person's scale, its first pose where the body lies and its trunk along the body's."""
-    clip = resample(checked_motion(clip), RATE_HZ)
+    clip = resample(checked_motion(clip), RATE_HZ / TEMPO)
     segments = anatomy(clip).segments(clip.rotations)
     own = sum(float(np.linalg.norm(bones.offsets[joint])) for joint in LEG)
     theirs = sum(
