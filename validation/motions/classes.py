@@ -11,6 +11,7 @@ import textwrap
 import time
 import warnings
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from t2d_rt.motion.check.population import BANDS_HZ, diversity, spectrum_differe
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.motion.generate import motion_from_text
+from t2d_rt.motion.interpolate import trim
 from t2d_rt.types import Motion
 from validation.motions.limits import class_of, read
 
@@ -58,20 +60,37 @@ def judge(activity: Activity, motions: list[Motion], sentences: list[str]) -> li
     return sound
 
 
-def compare(activity: Activity, motions: list[Motion], verdicts: list[Verdict], recorded: list[Motion]) -> None:
+PLAIN = {"before": (), "after": (), "manner": None, "speed": "normal"}
+"""What makes a description one of the class's action alone, which recordings are of."""
+
+
+def plain(activity: Activity, count: int, seed: int, longest_s: float) -> list[Motion]:
+    """The middle of motions of the main step alone, at its normal speed and in no manner, as long as recordings are."""
+    found = []
+    for number, description in enumerate(grammar_descriptions(activity, count, seed=seed)):
+        with suppress(InputError):
+            motion = motion_from_text(description.model_copy(update=PLAIN), seed=seed + number)
+            before = max(0.0, 0.5 * (motion.duration_s - longest_s))
+            found.append(trim(motion, before, motion.duration_s - before))
+    return found
+
+
+def compare(
+    activity: Activity, motions: list[Motion], verdicts: list[Verdict], recorded: list[Motion], alone: list[Motion]
+) -> None:
     """Spectra, figures and diversity against recordings."""
     own = diversity(motions)
     print(f"  distances of pairs: median {own.median_m:.3f} m, least {own.least_m:.3f} m")
     if len(recorded) > 1:
         theirs = diversity(recorded)
         print(f"  of {len(recorded)} recordings: median {theirs.median_m:.3f} m, least {theirs.least_m:.3f} m")
-    if recorded:
-        difference = spectrum_difference_db(motions, recorded)
+    for what, others in (("", motions), (", main step alone", alone)) if recorded else ():
+        difference = spectrum_difference_db(others, recorded)
         told = ", ".join(
             f"{low:g}-{high:g} Hz {each:+.1f}"
             for low, high, each in zip(BANDS_HZ, BANDS_HZ[1:], difference, strict=False)
         )
-        print(f"  spectrum over that of recordings [dB]: {told}")
+        print(f"  spectrum over that of recordings [dB]{what}: {told}")
     bounds = limits().by_class.get(activity, {})
     for name in ("foot_skate_m", "jerk_mps3", "floor_penetration_m") if bounds else ():
         values = np.array([getattr(each.measures, name) for each in verdicts])
@@ -103,7 +122,10 @@ def main() -> None:
             continue
         print(f"{activity}: {len(motions)} made, {(time.perf_counter() - start) / len(motions):.2f} s each")
         verdicts = judge(activity, motions, sentences)
-        compare(activity, motions, verdicts, [each for name, each in recordings.items() if class_of(name) == activity])
+        own = [each for name, each in recordings.items() if class_of(name) == activity]
+        longest_s = float(np.median([each.duration_s for each in own])) if own else 0.0
+        alone = plain(activity, options.n // 2, options.seed, longest_s) if own else []
+        compare(activity, motions, verdicts, own, alone)
         if options.sheets is not None:
             from t2d_rt.contact_sheet import contact_sheet
 

@@ -317,10 +317,14 @@ def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
     return edits.shifted(piece, profile[:, None] * carried).noted(f"carried {distance:.2f} m {step.direction}")
 
 
+CIRCLING_RADPS = 0.7
+"""Rate [rad/s] at which a dance goes round in a circle on average; faster, standing feet would have to slide."""
+
+
 def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
     """A dance, going on in another where poses are alike."""
     segments = maker.segments("dance")
-    pace = {"slow": 0.86, "normal": 1.0, "fast": 1.09}[step.speed] * maker.person.tempo
+    pace = {"slow": 0.86, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
     count = round(duration_s * RATE_HZ * pace)
     weights = [each.duration_s for each in segments]
     whole = maker.piece(maker.draw(segments, weights))
@@ -337,8 +341,9 @@ def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
     whole = edits.tempo(whole.part(0, max(count, 60)), pace)
     if step.direction in ("clockwise", "counterclockwise"):
         sign = 1.0 if step.direction == "counterclockwise" else -1.0
-        return edits.bent(whole, sign * 2 * np.pi * edits.eased(np.linspace(0, 1, len(whole)))).noted(
-            f"turned {step.direction}"
+        turn_rad = min(2 * np.pi, CIRCLING_RADPS * len(whole) / RATE_HZ)
+        return edits.bent(whole, sign * turn_rad * edits.eased(np.linspace(0, 1, len(whole)))).noted(
+            f"turned {step.direction} by {np.degrees(turn_rad):.0f} degrees"
         )
     return whole
 
