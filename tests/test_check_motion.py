@@ -569,3 +569,11 @@ def test_the_command_writes_a_sheet_or_nothing(run: Command, tmp_path: Path) -> 
     for words in ([], [str(WALK), "--class", "flying"], [str(WALK), "--sheet", "sheet.txt"]):
         assert run("check-motion", *words).code == 2, words
     assert sorted(each.name for each in tmp_path.iterdir()) == ["bad.bvh", "sheet.png", "walk.bvh"]
+
+
+def test_a_fall_on_a_landing_is_found_and_a_climb_is_none() -> None:
+    pytest.importorskip("mujoco")
+    fallen = t2d.motion_from_text("a person walks up the stairs and falls forward", seed=2)
+    assert fallen.joints[-1, :, 2].min() > 0.4
+    assert detect_fall(fallen).happened
+    assert not detect_fall(t2d.motion_from_text("a person walks up the stairs", seed=2)).happened

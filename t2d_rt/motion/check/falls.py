@@ -8,7 +8,7 @@ does not go over once around from a roll or a cartwheel.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -122,6 +122,10 @@ class _Heights:
     hips_free_mps: float
 
 
+LOWEST_LANDING_M, SAME_FLOOR_M, UPRIGHT_HEAD = 0.3, 0.12, 0.7
+"""Two treads; how far feet are from their floor; height of an upright body's head over its feet, over stature."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Descent:
     """Frames of one descent."""
@@ -145,6 +149,7 @@ def detect_fall(motion: Motion) -> FallFinding:
 
 def fall_in(body: Tracks) -> FallFinding:
     """`detect_fall` of tracks."""
+    body = replace(body, joints=body.joints - [0.0, 0.0, _landing_m(body)])
     heights = _heights(body)
     refused = "the head never comes down to the floor"
     for start, stop in spans(_on_floor(body, heights), gap=round(0.3 * RATE_HZ)):
@@ -155,6 +160,15 @@ def fall_in(body: Tracks) -> FallFinding:
         refused = refusal if start else refused
     cut = _cut_short(body, heights)
     return FallFinding(happened=False, reason=refused) if cut is None else _finding(body, heights, cut)
+
+
+def _landing_m(body: Tracks) -> float:
+    """Height of the floor at the end [m], where somebody climbed to another one and stood on it; 0 for everybody else."""
+    lowest = body.joints[..., 2].min(axis=1)
+    level = float(np.median(lowest[-round(RATE_HZ) :]))
+    upright = body["head"][:, 2] - lowest > UPRIGHT_HEAD * body.stature_m
+    stood = upright & (np.abs(lowest - level) < SAME_FLOOR_M)
+    return level if level > LOWEST_LANDING_M and np.count_nonzero(stood) > 0.3 * RATE_HZ else 0.0
 
 
 def _heights(body: Tracks) -> _Heights:

@@ -92,7 +92,7 @@ def _composed(maker: Maker, description: Description) -> Motion:
     falls = next((number for number, step in enumerate(steps) if step.action == "fall"), None)
     if falls is None:
         return finished(_chained(maker, None, steps), maker.person)
-    fallen = _fallen(maker, description, steps[:falls])
+    fallen, floor_m = _fallen(maker, description, steps[:falls])
     rest = [step for step in steps[falls + 1 :] if step.action not in ("lie_down", "stand_up", "fall")]
     if not rest or not any(step.action == "stand_up" for step in steps[falls + 1 :]):
         return fallen
@@ -100,7 +100,7 @@ def _composed(maker: Maker, description: Description) -> Motion:
     poses = replace(poses, root=poses.root - [0.0, 0.0, sole_m(maker.person)])
     maker = replace(maker, person=replace(maker.person, skeleton=poses.skeleton))
     whole = Piece(poses=poses, planted=np.zeros((len(poses), 2, 2), bool), notes=fallen.origin)
-    return finished(_chained(maker, Floored(whole), rest), maker.person)
+    return finished(_chained(maker, Floored(whole, floor_m, highest_m=floor_m), rest), maker.person)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,8 +183,8 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
     return replace(piece, poses=plant(piece.poses, piece.planted, level=False, floor_m=0.0))
 
 
-def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> Motion:
-    """What comes before a fall, the fall, and getting up where the description asks for it."""
+def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> tuple[Motion, float]:
+    """What comes before a fall, the fall, and getting up where the description asks for it; and the height of its floor [m]."""
     from t2d_rt.motion.generate.falls import fall, plan_of
 
     getups = [
@@ -192,7 +192,7 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> M
     ]
     for attempt in range(ATTEMPTS):
         plan = plan_of(description, int(maker.rng.integers(2**31)))
-        lead = _lead(maker, description, before, plan.type)
+        lead, floor_m = _lead(maker, description, before, plan.type)
         try:
             fallen = fall(lead, plan, getups)
         except InputError:  # some leads and plans do not come to a fall like a person's
@@ -200,18 +200,22 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> M
                 raise
             continue
         break
-    return replace(fallen, origin=(*lead.origin, *(note for note in fallen.origin if note not in lead.origin)))
+    origin = (*lead.origin, *(note for note in fallen.origin if note not in lead.origin))
+    return replace(fallen, joints=fallen.joints + [0.0, 0.0, floor_m], origin=origin), floor_m
 
 
-def _lead(maker: Maker, description: Description, before: Sequence[Step], falls_by: str) -> Motion:
-    """What comes before a fall, with a walk where the foot is to slip or to be caught in one."""
+def _lead(maker: Maker, description: Description, before: Sequence[Step], falls_by: str) -> tuple[Motion, float]:
+    """What comes before a fall, with a walk where the foot is to slip or to be caught in one, and how far it climbed [m].
+
+    The floor of the fall is at 0 there, and what it climbed lies below.
+    """
     if not before and falls_by == "collapse" and maker.rng.random() < 0.5:
         before = [Step(action="stand", duration_s=float(maker.rng.uniform(*LEAD_S)))]
     elif not before or (falls_by != "collapse" and before[-1].action not in ("walk", "run")):
         speed = description.speed if description.speed != "slow" else "normal"
         before = [*before, Step(action="walk", speed=speed, duration_s=float(maker.rng.uniform(*LEAD_S)))]
     whole = _chained(maker, None, before)
-    return finished(whole, maker.person, base_m=whole.floor_m)
+    return finished(whole, maker.person, base_m=whole.floor_m), whole.floor_m - whole.lowest_m
 
 
 def finished(whole: Floored, person: Individual, *, base_m: float | None = None) -> Motion:
