@@ -33,7 +33,7 @@ ALLOWED: dict[str | None, tuple[By, ...]] = {
 LEAD_S = 2.4, 3.6
 """Duration of the walk or stance before a fall where the description says nothing of it."""
 
-ATTEMPTS = 4
+ATTEMPTS = 8
 """Leads and plans that are tried until the person falls."""
 
 SEARCH_S = 0.5
@@ -192,6 +192,9 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
     ]
     for attempt in range(ATTEMPTS):
         plan = plan_of(description, int(maker.rng.integers(2**31)))
+        if attempt == 1 and before and before[-1].action == "run":
+            # Nobody in full run falls back or aside: the person slows down to a walk first.
+            before = [*before, Step(action="walk", duration_s=LEAD_S[0])]
         lead, floor_m = _lead(maker, description, before, plan.type)
         try:
             fallen = fall(lead, plan, getups)

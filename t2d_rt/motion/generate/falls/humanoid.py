@@ -44,6 +44,9 @@ FRICTION = 0.7
 ROLLING_M = 0.02
 """Lever of the trunk's resistance to rolling: its flesh flattens where it lies."""
 
+KNEE_RAD = np.radians(155.0)
+"""Greatest bend of a knee under the body's weight: heel to buttock."""
+
 STATURE_M = 1.72
 """Stature of the humanoid as it comes."""
 
@@ -257,6 +260,8 @@ def _passive(model: Any) -> None:
         if name == "rhumerusrz":  # the file gives both arms the left one's range, which would hold the right arm up
             model.jnt_range[number] = [-1.5708, 1.1]
         slack = 0.0 if "tibia" in name or "radius" in name else np.radians(8.0)
+        if name in ("ltibiarx", "rtibiarx"):  # the file lets a knee bend to 170 degrees; calf and thigh meet before
+            model.jnt_range[number, 1] = KNEE_RAD
         model.jnt_range[number] += [-slack, slack]
         model.jnt_solref[number], model.jnt_solimp[number] = [0.02, 1.0], [0.9, 0.99, 0.05, 0.5, 2.0]
 
