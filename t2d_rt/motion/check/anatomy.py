@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from t2d_rt.motion.check.tracks import Tracks, angle_deg, unit
+from t2d_rt.geometry.vectors import unit
+from t2d_rt.motion.check.tracks import Tracks, angle_deg
 
 SIDES = "left", "right"
 

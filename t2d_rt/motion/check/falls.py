@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.check.tracks import (
     GRAVITY_MPS2,
     HEAD_STANDING,
@@ -23,7 +24,6 @@ from t2d_rt.motion.check.tracks import (
     rate_of,
     spans,
     tracks,
-    unit,
 )
 from t2d_rt.types.motion import Motion, checked_motion
 

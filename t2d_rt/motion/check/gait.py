@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.motion.check.tracks import RATE_HZ, Tracks, rate_of, spans, unit
+from t2d_rt.geometry.vectors import unit
+from t2d_rt.motion.check.tracks import RATE_HZ, Tracks, rate_of, spans
 
 HEADING_S = 1.0
 """Time over which the direction that the body faces is averaged: the pelvis turns with each step."""

@@ -31,9 +31,6 @@ LEAST_CONTACT_S, EDGE = 0.12, 0.2
 AIRBORNE = 0.035
 """Height of the lowest point over stature from which the body is off the floor."""
 
-FALLING_MPS2 = -5.0
-"""Upward acceleration of the centre of mass below which nothing much carries the body."""
-
 ON_FLOOR = 0.15
 """Height of the hips over stature of one who sits or lies on the floor; in the deepest squat they are at 0.17."""
 

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.motion.posture import facing, stature_m
 from t2d_rt.types.motion import Motion
@@ -106,11 +107,6 @@ def tracks(motion: Motion) -> Tracks:
 def rate_of(values: np.ndarray) -> np.ndarray:
     """Derivative in time along axis 0 of what is given at `RATE_HZ`, by central differences."""
     return np.gradient(values, 1 / RATE_HZ, axis=0)
-
-
-def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) scaled to unit length; those of no length stay."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
 
 
 def angle_deg(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -102,7 +102,7 @@ def _of_record(motion: Motion, measures: Measures, limits: Limits, fall: FallFin
     if measures.activity_mps < LEAST_ACTIVITY_MPS:
         reasons.append(
             f"nothing moves: the joints' mean speed is {measures.activity_mps:.3f} m/s, at least "
-            "{LEAST_ACTIVITY_MPS:g} are needed"
+            f"{LEAST_ACTIVITY_MPS:g} m/s are needed"
         )
     jump = limits.jump_m(motion.rate_hz)
     if measures.jump_m > jump and not _at_impact(motion, measures, fall, jump):

@@ -60,12 +60,7 @@ def match(
     body, named = _votes(tree, person, legs, arms)
     total = body.body if abs(body.body) >= DECISIVE else body.body + NAMES * named
     if total < 0:
-        legs, arms, body, named = (
-            legs[::-1],
-            arms[::-1],
-            Signs(*(-each for each in (body.feet, body.knees, body.elbows, body.walk))),
-            -named,
-        )
+        legs, arms, body, named = legs[::-1], arms[::-1], body.swapped(), -named
     sources = canonical_sources(tree, person, (legs, arms))
     made_up = [name for name in CANONICAL_JOINTS if name not in sources] + ["head"] * isinstance(sources["head"], tuple)
     agree = _agreement(tree, sources)

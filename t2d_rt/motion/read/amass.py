@@ -103,7 +103,8 @@ def _forward(turned: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float) -> tuple[float, str]:
     """Stature [m] at which planted feet slide least, and how it was found.
 
-    The speed of a foot is v_root + stature v_about: least squares over the feet that are low and slow.
+    The speed of a foot is v_root + stature v_about, none while it is planted: the median of the statures that the components of
+    each low and slow foot's speed ask for.
     """
     if np.linalg.norm(np.ptp(moved[:, :2], axis=0)) < LEAST_TRAVEL_M or len(moved) < 3:
         return STATURE_M, "assumed"
@@ -117,7 +118,7 @@ def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float) ->
         rows.append((np.diff(about[name], axis=0)[:, :2] * rate_hz)[planted])
         wanted.append(-root[planted])
     slope, target = np.concatenate(rows).ravel(), np.concatenate(wanted).ravel()
-    # The middle half of the ratios, for a foot that rolls or a pair that slips is no evidence.
+    # A median, and of fast components only: a foot that rolls or slips gives an outlier, a slow one noise over noise.
     strong = np.abs(slope) > 0.25
     if np.count_nonzero(strong) < 20:
         return STATURE_M, "assumed"

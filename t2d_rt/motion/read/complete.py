@@ -10,6 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import unit
+
 PELVIS_UP = 0.12
 """Pelvis above the middle of the hips, in trunks: 6 cm, between iClone's 2 and CMU's 10."""
 NECK = np.array([-0.03, 0.0, 0.21])
@@ -47,9 +49,7 @@ def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list
     if "head" in at:
         # Sources mean the base, the middle or the top of the skull by it: its direction holds, its distance is the canonical one.
         up = at["head"] - at["neck"]
-        at["head"] = at["neck"] + np.linalg.norm(HEAD) * trunk * up / np.maximum(
-            np.linalg.norm(up, axis=-1, keepdims=True), 1e-12
-        )
+        at["head"] = at["neck"] + np.linalg.norm(HEAD) * trunk * unit(up)
         told.append("head at the base of the skull")
     at.setdefault("head", at["neck"] + axes @ HEAD)
     known = [name for name in SPINE if name in at]
@@ -70,9 +70,8 @@ def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list
 def _axes(at: dict[str, np.ndarray], up: np.ndarray) -> np.ndarray:
     """Unit axes of the trunk (T, 3, 3), as columns: ahead, left, up."""
     across = at["left_hip"] - at["right_hip"] + at["left_shoulder"] - at["right_shoulder"]
-    z = up / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-12)
-    y = across - (across * z).sum(axis=-1, keepdims=True) * z
-    y /= np.maximum(np.linalg.norm(y, axis=-1, keepdims=True), 1e-12)
+    z = unit(up)
+    y = unit(across - (across * z).sum(axis=-1, keepdims=True) * z)
     return np.stack([np.cross(y, z), y, z], axis=-1)
 
 
@@ -82,13 +81,10 @@ def add_level_feet(points: dict[str, np.ndarray], tall_m: float) -> list[str]:
     left = points["left_hip"] - points["right_hip"]
     for name in filled:
         ankle = points[name.replace("foot", "ankle")]
-        shank = points[name.replace("foot", "knee")] - ankle
-        shank = shank / np.maximum(np.linalg.norm(shank, axis=-1, keepdims=True), 1e-12)
+        shank = unit(points[name.replace("foot", "knee")] - ankle)
         lift = np.clip((ankle[:, 2:] - np.percentile(ankle[:, 2], 5)) / (LIFTED * tall_m), 0, 1)
         flat = (1 - lift**2 * (3 - 2 * lift)) * np.clip(shank[:, 2:], 0, 1) ** 2
-        up = flat * np.array([0.0, 0.0, 1.0]) + (1 - flat) * shank
-        up /= np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-12)
-        forward = np.cross(left, up)
-        forward /= np.maximum(np.linalg.norm(forward, axis=-1, keepdims=True), 1e-12)
+        up = unit(flat * np.array([0.0, 0.0, 1.0]) + (1 - flat) * shank)
+        forward = unit(np.cross(left, up))
         points[name] = ankle + tall_m * (FOOT_AHEAD * forward - FOOT_DOWN * up)
     return filled

@@ -11,6 +11,7 @@ import numpy as np
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.posture import STATURE_PER_CHAIN, facing, stature_m
+from t2d_rt.motion.read.complete import FOOT_AHEAD, FOOT_DOWN
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048, "dm": 0.1, "cmu": 0.0254 / 0.45}
 """Metres per unit; one unit of the CMU database is 1/0.45 inch."""
@@ -22,7 +23,7 @@ CMU_STATURE_M = (1.1, 2.5)
 """Statures of CMU's adults at which the unit is found without doubt: neighbouring units (cm, inch, CMU) differ by 2.2 or more."""
 
 AUTO_STATURE_M = (0.6, 2.5)
-"""Statures of persons, from a baby that walks on."""
+"""Statures of persons, from a baby that walks on; those at which a unit that a format prescribes is believed, too."""
 
 STATURE_M = (0.4, 3.0)
 """Statures accepted when the unit is given (a toddler ... a giant)."""
@@ -151,16 +152,16 @@ def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = 
     rest: the pose without rotations, points of shape (1, 3). Where it stands along another axis than the motion, somebody may lie
     for most of the time; then that axis is taken along which the lowest joint keeps its level, for bodies rest on a floor.
     """
-    moving = _standing(points)
+    moving = ankles_to_head(points)
     axis = _longest(np.median(moving, axis=0))
     if rest is None or not _is_a_stance(rest):
         return axis
-    still = _standing(rest)
+    still = ankles_to_head(rest)
     other = _longest(still[0])
     if other == axis or not _standing_fraction(still, other) > 0.0:
         return axis
     tall = stature_m(points)
-    spread = {each: _floor_spread(points, each) for each in (axis, other)}
+    spread = {each: floor_spread(points, each) for each in (axis, other)}
     steady, loose = sorted(spread, key=lambda each: spread[each])
     if spread[loose] > 0.1 * tall and spread[steady] < 0.5 * spread[loose]:
         return steady
@@ -173,7 +174,7 @@ def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = 
     return axis
 
 
-def _standing(points: dict[str, np.ndarray]) -> np.ndarray:
+def ankles_to_head(points: dict[str, np.ndarray]) -> np.ndarray:
     """From the ankles to the head, (T, 3)."""
     return points["head"] - 0.5 * (points["left_ankle"] + points["right_ankle"])
 
@@ -202,8 +203,8 @@ def _standing_fraction(postures: np.ndarray, up: Up) -> float:
     return float(np.mean(postures @ _along(up) / lengths > STANDS))
 
 
-def _floor_spread(points: dict[str, np.ndarray], up: Up) -> float:
-    """How far the level of the lowest joint spreads (10th to 90th percentile)."""
+def floor_spread(points: dict[str, np.ndarray], up: Up) -> float:
+    """How far the level of the lowest joint along an axis spreads (10th to 90th percentile); little, for bodies rest on a floor."""
     lowest = np.min([track @ _along(up) for track in points.values()], axis=0)
     low, high = np.percentile(lowest, [10, 90])
     return float(high - low)
@@ -224,8 +225,8 @@ def to_z_up(
 
 
 def add_feet(points: dict[str, np.ndarray], orientations: dict[str, np.ndarray], tall_m: float) -> None:
-    """Balls of the feet where the file ends at the ankle: 7 % of the stature ahead, 3.5 % down, rigid on the ankle."""
-    ahead = tall_m * (0.07 * facing(points) - 0.035 * np.array([0.0, 0.0, 1.0]))
+    """Balls of the feet where the file ends at the ankle, rigid on it."""
+    ahead = tall_m * (FOOT_AHEAD * facing(points) - FOOT_DOWN * np.array([0.0, 0.0, 1.0]))
     for side in ("left", "right"):
         if f"{side}_foot" not in points:
             ankle = orientations[f"{side}_ankle"]

@@ -11,6 +11,7 @@ import numpy as np
 
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
+from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.quaternions import between, rotate
 from t2d_rt.motion.read.joint_sets import NEEDED, canonical_sources, named_points
 
@@ -85,12 +86,12 @@ def _from_skin(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str
     at, told = _without_gaps({label: markers[label] for label in wanted}, rate_hz)
     front, back = 0.5 * (at[pelvis[0]] + at[pelvis[1]]), 0.5 * (at[pelvis[2]] + at[pelvis[3]])
     tall = float(np.median([np.linalg.norm(at[f"{s}KNE"] - at[f"{s}ANK"], axis=-1) for s in "LR"])) / SHANK
-    left = _unit(at[pelvis[0]] - at[pelvis[1]])
-    ahead = _unit(_square(front - back, left))
+    left = unit(at[pelvis[0]] - at[pelvis[1]])
+    ahead = unit(_square(front - back, left))
     up = np.cross(ahead, left)
     width, depth = (np.median(np.linalg.norm(v, axis=-1)) for v in (at[pelvis[0]] - at[pelvis[1]], front - back))
     points: dict[str, np.ndarray] = {}
-    down = -_unit(0.5 * (at["LSHO"] + at["RSHO"]) - 0.5 * (front + back))
+    down = -unit(0.5 * (at["LSHO"] + at["RSHO"]) - 0.5 * (front + back))
     for side, s, sign in (("left", "L", 1.0), ("right", "R", -1.0)):
         # Harrington et al. 2007, table 4; its millimetres as fractions of 1.7 m.
         hip = front - (0.24 * depth + 0.0058 * tall) * ahead - (0.30 * width + 0.0064 * tall) * up
@@ -98,19 +99,19 @@ def _from_skin(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str
         knee, ankle, elbow = at[f"{s}KNE"], at[f"{s}ANK"], at[f"{s}ELB"]
         wrist = 0.5 * (at[f"{s}WRA"] + at[f"{s}WRB"])
         shoulder = at[f"{s}SHO"] + SHOULDER_DOWN * tall * down
-        axis = _hinge(_unit(knee - hip), _unit(ankle - knee), left)
-        arm = _unit(elbow - shoulder)
-        outward = _hinge(_unit(wrist - elbow), arm, rotate(between(down, arm), left))
+        axis = _hinge(unit(knee - hip), unit(ankle - knee), left)
+        arm = unit(elbow - shoulder)
+        outward = _hinge(unit(wrist - elbow), arm, rotate(between(down, arm), left))
         points |= {
             f"{side}_hip": hip,
-            f"{side}_knee": knee - sign * KNEE_HALF * tall * _unit(_square(axis, knee - hip)),
-            f"{side}_ankle": ankle - sign * ANKLE_HALF * tall * _unit(_square(axis, ankle - knee)),
+            f"{side}_knee": knee - sign * KNEE_HALF * tall * unit(_square(axis, knee - hip)),
+            f"{side}_ankle": ankle - sign * ANKLE_HALF * tall * unit(_square(axis, ankle - knee)),
             f"{side}_shoulder": shoulder,
             f"{side}_elbow": elbow - sign * ELBOW_HALF * tall * outward,
             f"{side}_wrist": wrist,
         }
         if f"{s}TOE" in at:
-            points[f"{side}_foot"] = at[f"{s}TOE"] - FOOT_DOWN * tall * _unit(knee - ankle)
+            points[f"{side}_foot"] = at[f"{s}TOE"] - FOOT_DOWN * tall * unit(knee - ankle)
         if f"{s}FIN" in at:
             points[f"{side}_hand"] = at[f"{s}FIN"]
     if all(label in at for label in HEAD):
@@ -123,7 +124,7 @@ def _hinge(first: np.ndarray, second: np.ndarray, left: np.ndarray) -> np.ndarra
     bend = np.cross(first, second)
     sine = np.linalg.norm(bend, axis=-1, keepdims=True)
     cosine = (bend * left).sum(axis=-1, keepdims=True) / np.maximum(sine, 1e-12)
-    return _unit(bend * sine * 0.5 * (1 + cosine) + STRAIGHT * left)
+    return unit(bend * sine * 0.5 * (1 + cosine) + STRAIGHT * left)
 
 
 def _without_gaps(tracks: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
@@ -158,9 +159,5 @@ def _without_gaps(tracks: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[s
 
 def _square(vectors: np.ndarray, to: np.ndarray) -> np.ndarray:
     """The part of vectors square to others, (T, 3)."""
-    axis = _unit(to)
+    axis = unit(to)
     return vectors - (vectors * axis).sum(axis=-1, keepdims=True) * axis
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

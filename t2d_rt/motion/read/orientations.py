@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.quaternions import between, conjugate, from_matrix, multiply, rotate
 from t2d_rt.motion.skeletons import PARENT_OF
 
@@ -53,14 +54,14 @@ def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -
             f"{side}_{name}" for name in ("collar", "shoulder", "elbow", "wrist", "hand")
         )
         ahead = points[foot] - points[ankle]
-        thigh, shank = _unit(points[knee] - points[hip]), _unit(points[ankle] - points[knee])
+        thigh, shank = unit(points[knee] - points[hip]), unit(points[ankle] - points[knee])
         turned[hip], turned[knee] = _limb(
             turned["pelvis"], LEG_REST * mirror, thigh, shank, np.cross(thigh, shank), rate_hz, _foot_hinge(thigh, shank, ahead)
         )  # fmt: skip
         turned[ankle] = _carried(turned[knee], ahead, rate_hz)
         turned[foot] = _carried(turned[ankle], points[toe] - points[foot], rate_hz) if toe in points else turned[ankle]
         turned[collar] = _carried(turned["spine3"], points[shoulder] - points[collar], rate_hz)
-        arm, forearm = _unit(points[elbow] - points[shoulder]), _unit(points[wrist] - points[elbow])
+        arm, forearm = unit(points[elbow] - points[shoulder]), unit(points[wrist] - points[elbow])
         turned[shoulder], turned[elbow] = _limb(
             turned["spine3"], ARM_REST * mirror, arm, forearm, np.cross(forearm, arm), rate_hz
         )
@@ -82,7 +83,7 @@ def _check_lengths(points: dict[str, np.ndarray]) -> None:
 
 
 def _trunk(points: dict[str, np.ndarray], rate_hz: float) -> dict[str, np.ndarray]:
-    hips, shoulders = (_unit(points[f"left_{joint}"] - points[f"right_{joint}"]) for joint in ("hip", "shoulder"))
+    hips, shoulders = (unit(points[f"left_{joint}"] - points[f"right_{joint}"]) for joint in ("hip", "shoulder"))
     middle = 0.5 * (points["left_hip"] + points["right_hip"])
     first, upward = _orthonormal(hips, points["spine1"] - middle)
     turned = {"pelvis": from_matrix(np.stack([np.cross(first, upward), first, upward], axis=-1))}
@@ -105,7 +106,7 @@ def _limb(
     hinge: the axis of the bend (T, 3), to the body's left where the limb hangs, as long as the sine of the bend.
     second: another sign of where it points, as long as the sine of what it is taken from.
     """
-    rest = _unit(rest)
+    rest = unit(rest)
     swung = multiply(between(rotate(trunk, rest), upper), trunk)
     neutral = rotate(swung, rotate(between(np.array([0.0, 0.0, -1.0]), rest), np.array([0.0, 1.0, 0.0])))
     angle, weight = _angle_about(upper, neutral, hinge), (hinge**2).sum(axis=-1)
@@ -119,7 +120,7 @@ def _limb(
 
 def _foot_hinge(thigh: np.ndarray, shank: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     """Axis to the left of a foot (T, 3), carried up from the shank to the thigh."""
-    return rotate(between(shank, thigh), np.cross(_unit(ahead), shank))
+    return rotate(between(shank, thigh), np.cross(unit(ahead), shank))
 
 
 def _joined(
@@ -162,7 +163,7 @@ def _carried(above: np.ndarray, bone: np.ndarray, rate_hz: float) -> np.ndarray:
     The swing counts from the bone's usual direction. Near half a turn from there, where the least swing turns over, as that of a
     joint that a recording flips does, the bone goes on without twist instead.
     """
-    local = _unit(rotate(conjugate(above), bone))
+    local = unit(rotate(conjugate(above), bone))
     mean = local.mean(axis=0)
     usual = mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 1e-3 else local[0]
     swung = between(np.broadcast_to(usual, local.shape), local)
@@ -193,9 +194,5 @@ def _about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors along `first` and towards `second`, square to each other, (T, 3)."""
-    a = _unit(first)
-    return a, _unit(second - (second * a).sum(axis=-1, keepdims=True) * a)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    a = unit(first)
+    return a, unit(second - (second * a).sum(axis=-1, keepdims=True) * a)

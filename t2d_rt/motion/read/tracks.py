@@ -12,7 +12,18 @@ from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion.posture import facing, stature_m
 from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.complete import add_level_feet, complete
-from t2d_rt.motion.read.detect import Up, add_feet, floor_level, to_z_up, tpose_frames, unit, up_axis
+from t2d_rt.motion.read.detect import (
+    AUTO_STATURE_M,
+    Up,
+    add_feet,
+    ankles_to_head,
+    floor_level,
+    floor_spread,
+    to_z_up,
+    tpose_frames,
+    unit,
+    up_axis,
+)
 from t2d_rt.motion.read.joint_sets import LEAST_LIKELY, unlikeness
 from t2d_rt.motion.read.noise import denoised
 from t2d_rt.motion.read.orientations import orientations_from_positions
@@ -24,10 +35,8 @@ LOW_RATE_HZ = 15.0
 """Below, frames alone leave errors of 0.1 m/s and more in the speed of a walker's joints, of 0.2 m/s in a runner's."""
 
 SPEED_ERROR_MPS = 0.1
-"""Remaining error of speed from which the user is warned: twice a step of the spectrogram of a 25 ms window at 77 GHz."""
-
-NOMINAL_STATURE_M = (0.6, 2.5)
-"""Statures at which a format's own unit is believed."""
+"""Remaining error of speed from which the user is warned: a little more than what a window of 25 ms resolves at 77 GHz, 0.078 m/s
+(lambda / 2 T)."""
 
 UPRIGHT = 0.8
 """Of the distance from ankles to head, along an axis that is not the format's own, for that axis to be the upward one."""
@@ -138,7 +147,7 @@ def _whole(tracks: Tracks) -> tuple[dict[str, np.ndarray], list[str]]:
 def _unit(points: dict[str, np.ndarray], nominal_m: float | None, units: float | str | None) -> tuple[float, float]:
     if units is None and nominal_m is not None:
         tall_m = nominal_m * stature_m(points)
-        if NOMINAL_STATURE_M[0] <= tall_m <= NOMINAL_STATURE_M[1]:
+        if AUTO_STATURE_M[0] <= tall_m <= AUTO_STATURE_M[1]:
             return nominal_m, tall_m
     return unit(points, units)
 
@@ -150,17 +159,10 @@ def _up(points: dict[str, np.ndarray], tracks: Tracks) -> Up:
     found = up_axis(points)
     if tracks.up is None or found == tracks.up:
         return found
-    posture = points["head"] - 0.5 * (points["left_ankle"] + points["right_ankle"])
+    posture = ankles_to_head(points)
     along = abs(np.median(posture, axis=0)["xyz".index(found[-1])])
     stands = along > UPRIGHT * float(np.percentile(np.linalg.norm(posture, axis=-1), 90))
-    return found if stands and _floor_spread(points, found) < _floor_spread(points, tracks.up) else tracks.up
-
-
-def _floor_spread(points: dict[str, np.ndarray], up: Up) -> float:
-    """How far the level of the lowest joint varies along an axis; little, for bodies rest on a floor."""
-    heights = np.stack([track[:, "xyz".index(up[-1])] for track in points.values()])
-    lowest = (-heights).min(axis=0) if up.startswith("-") else heights.min(axis=0)
-    return float(np.percentile(lowest, 90) - np.percentile(lowest, 10))
+    return found if stands and floor_spread(points, found) < floor_spread(points, tracks.up) else tracks.up
 
 
 def _check_sides(points: dict[str, np.ndarray]) -> None:

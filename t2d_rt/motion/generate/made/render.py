@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.generate.made.anatomy import Anatomy
 from t2d_rt.motion.generate.made.hands import Figure, Hang, Place
@@ -268,7 +269,7 @@ def _arm(
     """The arm on its way from goal to goal: round the shoulder, not straight through the body."""
     points, turns = shape.points, shape.turns
     shoulder = points[f"{side}_shoulder"]
-    wrist, elbow = places[0].wrist, _unit(places[0].elbow)
+    wrist, elbow = places[0].wrist, unit(places[0].elbow)
     outward = quaternions.rotate(turns["spine3"], SIGN[side] * Y)
     for (grasp, done), place in zip(grasps, places[1:], strict=True):
         part = done[:, None]
@@ -277,7 +278,7 @@ def _arm(
             + _swept(wrist - shoulder, place.wrist - shoulder, part)
             + 4 * grasp.aside_m * part * (1 - part) * outward
         )
-        elbow = _swept(elbow, _unit(place.elbow), part)
+        elbow = _swept(elbow, unit(place.elbow), part)
     wrist = wrist + (1 - free.held)[:, None] * free.shake
     lowest = free.ground + ARM_RADIUS * anatomy.stature_m
     wrist[:, 2] += SOFT_M * np.logaddexp(0.0, (lowest - wrist[:, 2]) / SOFT_M)
@@ -309,7 +310,7 @@ def _steady(pole: np.ndarray, span: np.ndarray, rate_hz: float) -> np.ndarray:
         return pole
     from scipy.ndimage import gaussian_filter1d
 
-    axis = _unit(span)
+    axis = unit(span)
     aside = pole - (pole * axis).sum(-1, keepdims=True) * axis
     return gaussian_filter1d(aside, STEADY_S * rate_hz, axis=0, mode="nearest")
 
@@ -338,13 +339,13 @@ def _hand(place: Place, loose: np.ndarray, sign: float) -> np.ndarray:
 
 def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
     """Between two vectors (T, 3): the direction turns at an even rate, the length changes evenly."""
-    a, b = _unit(start), _unit(end)
+    a, b = unit(start), unit(end)
     angle = np.arccos(np.clip((a * b).sum(-1, keepdims=True), -0.9999, 0.99999))
     span = (np.sin((1 - part) * angle) * a + np.sin(part * angle) * b) / np.sin(angle)
     size = (1 - part) * np.linalg.norm(start, axis=-1, keepdims=True) + part * np.linalg.norm(
         end, axis=-1, keepdims=True
     )
-    return size * _unit(span)
+    return size * unit(span)
 
 
 def _two_bones(
@@ -362,7 +363,7 @@ def _two_bones(
     shortest = FOLD * (first + second)
     length = shortest + 0.1 * shortest * np.logaddexp(0.0, (length - shortest) / (0.1 * shortest))
     axis = span / np.maximum(distance, 1e-9)
-    aside = _unit(pole - (pole * axis).sum(-1, keepdims=True) * axis)
+    aside = unit(pole - (pole * axis).sum(-1, keepdims=True) * axis)
     along = (length**2 + first**2 - second**2) / (2 * length)
     height = np.sqrt(np.maximum(first**2 - along**2, 0.0))
     return start + along * axis + height * aside, start + length * axis, aside
@@ -383,14 +384,10 @@ def _chain(first: np.ndarray, *steps: tuple[np.ndarray, np.ndarray]) -> np.ndarr
 
 def _frame(first: str, along: np.ndarray, second: str, towards: np.ndarray) -> np.ndarray:
     """Orientations (T, 4) whose axis `first` lies along a direction (T, 3) and whose axis `second` lies towards another."""
-    a = _unit(along)
-    b = _unit(towards - (towards * a).sum(-1, keepdims=True) * a)
+    a = unit(along)
+    b = unit(towards - (towards * a).sum(-1, keepdims=True) * a)
     columns = {first: a, second: b}
     (third,) = set("xyz") - set(columns)
     x, y = (("y", "z"), ("z", "x"), ("x", "y"))["xyz".index(third)]
     columns[third] = np.cross(columns[x], columns[y])
     return quaternions.from_matrix(np.stack([columns[axis] for axis in "xyz"], axis=-1))
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-12)

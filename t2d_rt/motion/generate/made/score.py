@@ -6,8 +6,6 @@ that they may overlap (Flash and Henis 1991): nothing stops where the next thing
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -154,14 +152,6 @@ class Score:
     def wait(self, duration_s: float) -> None:
         """Let time pass; moves may run on."""
         self.now_s += duration_s / self.tempo
-
-    @contextmanager
-    def at_tempo(self, factor: float) -> Iterator[None]:
-        """Everything inside goes faster by a factor."""
-        before = self.tempo
-        self.tempo = before * factor
-        yield
-        self.tempo = before
 
     def lift(self, height_m: float) -> None:
         """Begin on a floor that is higher."""
