@@ -95,6 +95,34 @@ def test_momask_is_run_and_its_joints_with_planted_feet_are_read(
     assert "seed 7" in motion.origin[-1]
 
 
+def test_momask_is_asked_for_the_durations_that_the_steps_have(checkout: Path) -> None:
+    momask(checkout)(walking().model_copy(update={"duration_s": 6.0}), seed=7)
+    assert (checkout / "asked.txt").read_text().split("|")[2] == "120"
+    with pytest.raises(InputError, match=r"9.8 s at most, got 30 s"):
+        momask(checkout)(walking().model_copy(update={"duration_s": 30.0}), seed=7)
+
+
+@pytest.mark.parametrize(
+    ("provider", "options", "match"),
+    [
+        ("momask", {"body": "child", "stature_m": 1.2}, "provider momask takes no body nor stature_m"),
+        ("files:here", {"duration_s": 3.0}, "provider files takes no duration_s"),
+        (momask, {"library": "mine.csv"}, "provider of your own takes no library"),
+        ("auto", {"duration_s": 121.0}, "duration_s must"),
+    ],
+)
+def test_options_that_a_provider_would_take_no_notice_of_are_refused(
+    provider: Any, options: dict[str, Any], match: str
+) -> None:
+    with pytest.raises(InputError, match=match):
+        t2d.motion_from_text("a person walks", provider=provider, **options)
+
+
+def test_a_sentence_cannot_ask_for_more_than_a_motion_lasts() -> None:
+    with pytest.raises(InputError, match="asks for 500 s, a motion lasts 120 s at most"):
+        t2d.motion_from_text("a person walks for 500 seconds")
+
+
 def test_momasks_results_do_not_pile_up(checkout: Path) -> None:
     momask(checkout)(walking(), seed=0)
     assert list((checkout / "generation").iterdir()) == []

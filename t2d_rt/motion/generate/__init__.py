@@ -36,6 +36,9 @@ PROVIDERS: Mapping[str, str] = {
 }
 """Providers by name."""
 
+COMPOSED = "auto", "library", "physics"
+"""Providers that make motions of what ships, one person throughout."""
+
 LONGEST_S = 120.0
 """Longest motion that is made."""
 
@@ -56,16 +59,24 @@ def motion_from_text(
     seed: seed of all that is drawn: person, clips, speed, pauses; the same seed gives the same motion.
     body: body whose proportions are taken; by default one that suits the subject of the sentence.
     stature_m: stature of the person [m]; by default drawn for the subject.
-    duration_s: duration of the main action [s], where the sentence says nothing of it.
-    library: index file of clips of your own that join those that ship (`t2d-rt library add` writes one).
+    duration_s: duration of the main action [s], where the sentence says nothing of it; files last as long as they do.
+    library: index file of clips of your own that join those that ship (`t2d-rt library add` writes one); by default the index that
+        `t2d-rt library add` writes to where none is named, if there is one.
+    body, stature_m and library are for auto, library and physics: other providers choose the person themselves.
     """
     seed = integer("seed", seed, 0, 2**63 - 1)
     if duration_s is not None:
         duration_s = number("duration_s", duration_s, 0.5, LONGEST_S, unit="s")
     found = understood(description)[0] if isinstance(description, str) else description
     instance("description", found, Description, "a sentence or a Description")
+    _refuse_unused(provider, body=body, stature_m=stature_m, library=library, duration_s=duration_s)
     if duration_s is not None and found.duration_s is None:
         found = found.model_copy(update={"duration_s": duration_s})
+    lasting_s = sum(step.duration_s or 0.0 for step in found.steps)
+    if lasting_s > LONGEST_S:
+        raise InputError(
+            f"the description asks for {lasting_s:g} s, a motion lasts {LONGEST_S:g} s at most; ask for less"
+        )
     make: Provider | Callable[..., Motion]
     if isinstance(provider, str):
         make = provider_named(provider, body=body, stature_m=stature_m, library=library)
@@ -76,6 +87,18 @@ def motion_from_text(
             f"provider must be a name or a function, got {provider!r}; choose one of {', '.join(PROVIDERS)}"
         )
     return make(found, seed=seed)
+
+
+def _refuse_unused(provider: str | Provider, **options: object) -> None:
+    """Refuses options that a provider would take no notice of: people and clips are chosen by the ones that ship alone."""
+    kind = provider.partition(":")[0] if isinstance(provider, str) else "of your own"
+    if kind in COMPOSED or (isinstance(provider, str) and kind not in PROVIDERS):
+        return
+    unused = [
+        name for name, value in options.items() if value is not None and (name != "duration_s" or kind == "files")
+    ]
+    if unused:
+        raise InputError(f"provider {kind} takes no {' nor '.join(unused)}; leave it out, or the provider")
 
 
 def understood(sentence: str) -> tuple[Description, str]:
@@ -91,7 +114,7 @@ def provider_named(
 ) -> Provider:
     """A provider by its name."""
     kind, _, folder = name.partition(":")
-    if kind in ("auto", "library", "physics"):
+    if kind in COMPOSED:
         from t2d_rt.motion.generate.compose import Composer
 
         return Composer(only=None if kind == "auto" else kind, body=body, stature_m=stature_m, library=library)

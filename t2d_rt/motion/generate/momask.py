@@ -69,8 +69,7 @@ class MoMask:
         sentence = description.sentence
         # Its file of prompts has one a line, with the number of frames behind a '#'.
         prompt = " ".join(sentence.replace("#", " ").split())
-        steps = len(description.steps)
-        frames = min(max(round(SECONDS_PER_STEP * FRAME_HZ * steps), FRAMES[0]), FRAMES[1]) // 4 * 4
+        frames = _frames(description)
         motion = self.generate(prompt, frames=frames, seed=seed)
         return motion.edited(f"MoMask for {printable(prompt)!r}, seed {seed}")
 
@@ -121,6 +120,15 @@ class MoMask:
             raise InputError(
                 f"MoMask failed with exit code {done.returncode}: {last}; run it by hand in '{self.checkout}'"
             )
+
+
+def _frames(description: Description) -> int:
+    """Length to ask for [frames]: that of the steps which say one, and the usual one of those which do not."""
+    said = sum(step.duration_s or 0.0 for step in description.steps)
+    if said * FRAME_HZ > FRAMES[1]:
+        raise InputError(f"MoMask makes motions of {FRAMES[1] / FRAME_HZ:g} s at most, got {said:g} s; ask for less")
+    lasting_s = sum(step.duration_s or SECONDS_PER_STEP for step in description.steps)
+    return min(max(round(lasting_s * FRAME_HZ), FRAMES[0]), FRAMES[1]) // 4 * 4
 
 
 def _result(results: Path, checkout: Path) -> Motion:
