@@ -134,3 +134,24 @@ def test_mirrored_orientations_carry_their_bones(walk: t2d.Motion) -> None:
     before, after = (decompose(each.joints, each.rotations, each.parents)[0] for each in (walk, flipped))
     knees = walk.index("left_knee"), walk.index("right_knee")
     assert after[:, knees[0]] == pytest.approx(before[:, knees[1]] * [1, -1, 1], abs=1e-9)
+
+
+def spectral_cadence_hz(motion: t2d.Motion) -> float:
+    """Steps per second by the autocorrelation of the power of what moves faster than the trunk."""
+    image = t2d.simulate(t2d.place(motion, distance_m=8.0), radar="table2", method="ellipsoid").spectrogram
+    times = image.time_s.values
+    level = 10 * np.log10((10 ** (image.values[image.velocity_mps.values > 1.9] / 10)).sum(axis=0))
+    level = level - np.polyval(np.polyfit(times, level, 2), times)
+    likeness = np.correlate(level, level, "full")[len(level) - 1 :]
+    lags = np.arange(len(level)) * (times[1] - times[0])
+    steps = (lags > 0.25) & (lags < 1.3)
+    return float(1 / lags[steps][np.argmax(likeness[steps])])
+
+
+@pytest.mark.slow
+def test_the_spectrograms_cadence_follows(walk: t2d.Motion) -> None:
+    before = spectral_cadence_hz(walk)
+    times = step_times_s(walk)
+    assert before == pytest.approx((len(times) - 1) / np.ptp(times), rel=0.03)
+    for factor in (0.7, 1.3):
+        assert spectral_cadence_hz(vary_gait(walk, factor)) / before == pytest.approx(factor, rel=0.03)
