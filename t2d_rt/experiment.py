@@ -75,7 +75,7 @@ class MotionText(_Placed):
     seed: Annotated[Count, Field(ge=0)] = 0
     """Seed of all that is drawn: person, clips, speed."""
     provider: str = "auto"
-    """How it is made: auto, library, physics, momask or files:FOLDER."""
+    """How it is made: auto, library, physics, momask, or files:FOLDER, in a YAML file relative to its folder."""
 
 
 class MotionArrays(_Plain):
@@ -281,12 +281,7 @@ class Experiment(_Plain):
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
         folder = path.parent
-        targets = tuple(
-            each.model_copy(update={"file": str(found_from(folder, each.file))})
-            if isinstance(each, MotionFile)
-            else each
-            for each in found.targets
-        )
+        targets = tuple(_beside(each, folder) for each in found.targets)
         scene = found.scene
         if isinstance(scene, str) and scene.lower().endswith(".xml"):
             scene = str(folder / scene)
@@ -297,6 +292,16 @@ class Experiment(_Plain):
         import yaml
 
         return str(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
+
+
+def _beside(source: Any, folder: Path) -> Any:
+    """A source whose file, or folder of results, is found from the folder of the file that names it."""
+    if isinstance(source, MotionFile):
+        return source.model_copy(update={"file": str(found_from(folder, source.file))})
+    if isinstance(source, MotionText) and source.provider.startswith("files:"):
+        results = folder / source.provider.removeprefix("files:")
+        return source.model_copy(update={"provider": f"files:{results}"})
+    return source
 
 
 def sources_of(targets: Sequence[TargetLike], store: Store) -> tuple[Any, ...]:

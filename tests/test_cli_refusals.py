@@ -172,7 +172,8 @@ def test_radar_file_that_cannot_be_used(refused: Callable[..., str]) -> None:
 
 
 def test_commands_that_are_none(refused: Callable[..., str]) -> None:
-    assert "unknown command 'foo'; choose one of simulate, plan, compare, scene, info, export, list" in refused("foo")
+    known = "simulate, plan, compare, scene, describe, motion, check-motion, library, info, export, list"
+    assert f"unknown command 'foo'; choose one of {known}" in refused("foo")
     assert "no file given" in refused("simulate")
     assert "unknown option --method" in refused("compare", "walk.bvh", "--method", "mesh")
 

@@ -198,6 +198,18 @@ def test_a_motion_is_made_from_a_sentence(tmp_path: Path) -> None:
         t2d.run(t2d.Experiment(targets=[{"kind": "text", "text": said, "provider": "magic"}], radar="ci4r"))
 
 
+def test_a_folder_of_results_is_found_from_the_experiment_that_names_it(tmp_path: Path) -> None:
+    motion = t2d.trim(t2d.example("walk"), 0, 1)
+    (tmp_path / "made").mkdir()
+    t2d.save_motion(motion, tmp_path / "made" / "one.bvh")
+    (tmp_path / "made" / "one.txt").write_text("a person walks")
+    path = tmp_path / "said.yaml"
+    path.write_text("targets:\n- {kind: text, text: a person walks, provider: 'files:made'}\nradar: ci4r\n")
+    (found,) = t2d.Experiment.from_yaml(path).targets_from({})
+    assert isinstance(found, t2d.Motion)
+    assert len(found.joints) == len(motion.joints)
+
+
 def test_what_a_function_computes_cannot_be_made_again(tmp_path: Path) -> None:
     mesh = t2d.MovingMesh.from_track(lambda t: np.repeat(TETRAHEDRON[None], len(t), axis=0), FACES, [0, 0.2])
     t2d.simulate(mesh, **FAST).save(tmp_path / "a.zarr")

@@ -21,20 +21,8 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
 COMMANDS = (
-    *(
-        "simulate",
-        "plan",
-        "compare",
-        "scene",
-        "describe",
-        "motion",
-        "check-motion",
-        "library",
-        "info",
-        "export",
-        "list",
-    ),
-)
+    "simulate", "plan", "compare", "scene", "describe", "motion", "check-motion", "library", "info", "export", "list",
+)  # fmt: skip
 
 OWN_MODULES = "describe", "motion", "check-motion", "library"
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
