@@ -211,7 +211,7 @@ def test_a_file_is_replaced_only_when_asked(tmp_path: Path) -> None:
     target = tmp_path / "walk.bvh"
     save_motion(motion, target)
     first = target.read_bytes()
-    with pytest.raises(InputError, match="exists; choose another name"):
+    with pytest.raises(InputError, match="exists already; choose another name"):
         save_motion(motion_of(walk().part(0, 20)), target)
     assert target.read_bytes() == first
     save_motion(motion_of(walk().part(0, 20)), target, overwrite=True)
@@ -220,7 +220,7 @@ def test_a_file_is_replaced_only_when_asked(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "match"), [("walk.txt", "is written as .bvh"), ("none/walk.bvh", "there is no folder")]
+    ("name", "match"), [("walk.txt", "is written as .bvh"), ("none/walk.bvh", "does not exist; create it first")]
 )
 def test_a_name_that_cannot_be_written_is_refused(tmp_path: Path, name: str, match: str) -> None:
     with pytest.raises(InputError, match=match):

@@ -68,7 +68,7 @@ def parser() -> ArgumentParser:
     found.add_argument(
         "--library",
         type=str | None,
-        help="Index of clips of your own (t2d-rt library); by default those that were added last.",
+        help="Index of clips of your own; by default the one that t2d-rt library add writes to, if there is one.",
     )
     return found
 

@@ -12,14 +12,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from t2d_rt.checks import flag, instance, shown, text
 from t2d_rt.errors import InputError
 from t2d_rt.motion.conventions import CONVENTIONS, Source
-from t2d_rt.motion.read.bvh import RawSkeleton
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
+
+if TYPE_CHECKING:
+    from t2d_rt.motion.read.bvh import RawSkeleton  # a reader imports this module
 
 FILLABLE = frozenset(
     {"spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "left_foot", "right_foot", *OPTIONAL_JOINTS}

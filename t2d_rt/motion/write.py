@@ -11,6 +11,7 @@ from t2d_rt.checks import file_path, flag
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.kinematics import NAMES, PARENTS, poses_of
+from t2d_rt.store import check_place, check_taken, replacing
 from t2d_rt.types.motion import OPTIONAL_JOINTS, Motion, checked_motion
 
 BVH_NAMES = {
@@ -37,12 +38,8 @@ def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) ->
     checked_motion(motion)
     target = check_target(path, overwrite=overwrite)
     text = bvh_text(motion)
-    part = target.with_name(f".{target.name}.part")
-    try:
-        part.write_text(text, encoding="ascii")
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
+    with replacing(target, lambda: check_taken(target, overwrite=overwrite)) as new:
+        new.write_text(text, encoding="ascii")
 
 
 def check_target(path: str | Path, *, overwrite: bool) -> Path:
@@ -51,12 +48,9 @@ def check_target(path: str | Path, *, overwrite: bool) -> Path:
     target = file_path("path", path)
     if target.suffix.lower() != ".bvh":
         raise InputError(f"a motion is written as .bvh, got '{target}'; change the file's ending")
-    if target.exists() and not overwrite:
-        raise InputError(f"{target} exists; choose another name or say overwrite")
-    if not target.parent.is_dir():
-        raise InputError(f"there is no folder '{target.parent}' to write {target.name} to; make it first")
     if target.is_dir():
         raise InputError(f"{target} is a folder; choose another name")
+    check_place(target, overwrite=overwrite)
     return target
 
 

@@ -23,11 +23,11 @@ UP = np.array([0.0, 0.0, 1.0])
 
 SIGN_MARGIN = 0.35
 """A figure of a gait is a sign of an abnormal one where it lies outside the range of normal walks by that fraction of the range:
-one of 68 recorded normal walks has a sign."""
+one of 70 recorded normal walks has a sign."""
 
 MOST_SIGNS = 3
 """A normal walk has fewer: a slow one has short steps and a low cadence. As many figures outside the range itself are signs, too: 4
-of the 68 have them."""
+of the 70 have them."""
 
 TURN_DEG = 45.0
 """Change of heading from which a walk is no straight one: its inner steps are shorter, and the trunk leans."""

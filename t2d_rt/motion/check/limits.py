@@ -1,6 +1,8 @@
-"""Limits of the measures, from recorded motion: `python -m validation.motions.limits FOLDER` makes `limits.json`; nothing in
-it is chosen by hand. Recordings with glitches are left out of it (`left_out` names them); a limit is 1.25 times the 99th
-percentile of all others."""
+"""Limits of the measures, from recorded motion: `python -m validation.motions.limits FOLDER --write` makes `limits.json`.
+
+Recordings with glitches are left out (`left_out` names them, by a rule of that module); a limit is 1.25 times the 99th
+percentile of all others.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """Noise of joint positions, measured, and the low-pass that leaves the least error of speed.
 
 Depth cameras and pose estimators give 10 to 30 frames a second in which every joint errs by millimetres, anew in each frame. A
-radar sees speed: 4 mm at 20 Hz are 0.2 m/s. The noise is measured where no motion hides it, in the lengths of bones, which a body
-keeps; each joint is then filtered at the cut-off at which noise let through and motion lost add up to the least.
+radar sees speed: 4 mm at 20 Hz are 0.25 m/s (`noise_speed_mps`). The noise is measured where no motion hides it, in the lengths
+of bones, which a body keeps; each joint is then filtered at the cut-off at which noise let through and motion lost add up to the
+least.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ def trembling(poses: Poses, change: GaitChange, frames: np.ndarray, rng: np.rand
             own = (
                 change.hand_tremor_rad * rng.uniform(0.3, 1.0) * (1 + 0.3 * slow_noise(len(poses), poses.rate_hz, rng))
             )
-            shake = about("x", own * np.sin(2 * np.pi * rng.uniform(4.0, 6.0) * times + rng.uniform(0, 6.28)))
+            shake = about("x", own * np.sin(2 * np.pi * rng.uniform(4.0, 6.0) * times + rng.uniform(0, 2 * np.pi)))
             joint = INDEX[f"{side}_elbow"]
             local[:, joint] = quaternions.multiply(local[:, joint], shake)
     poses = replace(poses, local=local)
