@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from t2d_rt.cli.options import command_parser
@@ -80,9 +81,10 @@ def _remove(options: Namespace, paths: list[str]) -> None:
 
 def _list(options: Namespace, paths: list[str]) -> None:
     from t2d_rt.motion.generate.library.store import RATE_HZ, shipped
-    from t2d_rt.motion.generate.library.users import with_users
+    from t2d_rt.motion.generate.library.users import registry, with_users
 
-    store = with_users(shipped(), options.library)
+    index = options.library or registry()
+    store = with_users(shipped(), index) if options.library or Path(index).is_file() else shipped()
     ship = [each for each in store.segments if each.clip not in store.own]
     say(f"{len(ship)} clips ship: {_counted(each.action for each in ship)}")
     for each in store.segments:

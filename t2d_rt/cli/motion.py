@@ -75,16 +75,20 @@ def parser() -> ArgumentParser:
 
 def run(options: Namespace) -> None:
     """Makes the motion, then writes it; nothing is written where it fails."""
-    from t2d_rt.motion.generate import motion_from_text, understood
+    from t2d_rt.motion.generate import COMPOSED, motion_from_text, understood
+    from t2d_rt.motion.generate.library.users import registry
     from t2d_rt.motion.write import check_target, save_motion
 
     sentence = options.file or ""
     description, left_out = understood(sentence)
     target = Path(options.output or f"{_stem(sentence)}.bvh")
     check_target(target, overwrite=options.overwrite)
+    library = options.library
+    if library is None and options.provider in COMPOSED and registry().is_file():
+        library = registry()
     motion = motion_from_text(
         description, provider=options.provider, seed=options.seed, body=options.body, stature_m=options.stature_m,
-        duration_s=options.duration_s, library=options.library,
+        duration_s=options.duration_s, library=library,
     )  # fmt: skip
     save_motion(motion, target, overwrite=options.overwrite)
     say(

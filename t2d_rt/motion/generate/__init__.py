@@ -29,7 +29,7 @@ class Provider(Protocol):
 
 PROVIDERS: Mapping[str, str] = {
     "auto": "each step of the description by what suits it: clips, key poses, changed gaits, physics",
-    "library": "recorded clips: walking, running, jumping, dancing, turning, standing",
+    "library": "recorded clips, changed gaits and key poses: everything but falls",
     "physics": "falls in a physics engine (extra [falls])",
     "momask": "your own checkout of MoMask (environment variables T2D_MOMASK and T2D_MOMASK_PYTHON)",
     "files": "a folder of results of text-to-motion models, given as files:FOLDER",
@@ -60,8 +60,8 @@ def motion_from_text(
     body: body whose proportions are taken; by default one that suits the subject of the sentence.
     stature_m: stature of the person [m]; by default drawn for the subject.
     duration_s: duration of the main action [s], where the sentence says nothing of it; files last as long as they do.
-    library: index file of clips of your own that join those that ship (`t2d-rt library add` writes one); by default the index that
-        `t2d-rt library add` writes to where none is named, if there is one.
+    library: index file of clips of your own that join those that ship (`t2d-rt library add` writes one); without it, those that
+        ship alone, so that a sentence and a seed give the same motion on every machine.
     body, stature_m and library are for auto, library and physics: other providers choose the person themselves.
     """
     seed = integer("seed", seed, 0, 2**63 - 1)

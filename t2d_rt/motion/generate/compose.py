@@ -20,12 +20,13 @@ from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, begun, directed
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import motion_of, poses_of
+from t2d_rt.motion.read.reading import file_origin
 from t2d_rt.types.motion import Motion
 
 By = Literal["library", "gaits", "made", "physics"]
 
 ALLOWED: dict[str | None, tuple[By, ...]] = {
-    None: ("library", "gaits", "made", "physics"), "library": ("library", "gaits"),
+    None: ("library", "gaits", "made", "physics"), "library": ("library", "gaits", "made"),
     "physics": ("library", "gaits", "made", "physics"),
 }  # fmt: skip
 """What each provider makes; one that simulates falls needs what comes before them."""
@@ -65,12 +66,16 @@ class Composer:
         person = individual(description.subject, rng, body=self.body, stature_m=self.stature_m)
         motion = _composed(Maker(store, person, rng), description)
         made = f"made for {description.sentence!r}, class {description.activity}, by {self.only or 'auto'}, seed {seed}"
+        if self.library is not None:
+            made += f", with clips of {file_origin(Path(self.library))}"
         who = f"{description.subject.replace('_', ' ')} of {person.stature_m:.2f} m, body {person.body}"
         return replace(
             motion, origin=(made, who, *motion.origin), report=f"generated; {who}; floor at 0 m", placed=False
         )
 
     def _store(self) -> Store:
+        if self.library is None:
+            return shipped()
         from t2d_rt.motion.generate.library.users import with_users
 
         return with_users(shipped(), self.library)
@@ -94,6 +99,8 @@ def _composed(maker: Maker, description: Description) -> Motion:
         return finished(_chained(maker, None, steps), maker.person)
     fallen, floor_m = _fallen(maker, description, steps[:falls])
     rest = [step for step in steps[falls + 1 :] if step.action not in ("lie_down", "stand_up", "fall")]
+    if any(step.action == "fall" for step in steps[falls + 1 :]):
+        raise InputError("a person falls once in a motion; describe the second fall in a sentence of its own")
     if not rest or not any(step.action == "stand_up" for step in steps[falls + 1 :]):
         return fallen
     poses = poses_of(resample(fallen, RATE_HZ))
@@ -185,7 +192,7 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
 
 def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> tuple[Motion, float]:
     """What comes before a fall, the fall, and getting up where the description asks for it; and the height of its floor [m]."""
-    from t2d_rt.motion.generate.falls import fall, plan_of
+    from t2d_rt.motion.generate.falls import NoFall, fall, plan_of
 
     getups = [
         motion_of(maker.store.piece(each).poses) for each in maker.store.segments if each.kind in ("faceup", "facedown")
@@ -198,7 +205,7 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
         lead, floor_m = _lead(maker, description, before, plan.type)
         try:
             fallen = fall(lead, plan, getups)
-        except InputError:  # some leads and plans do not come to a fall like a person's
+        except NoFall:  # some leads and plans do not come to a fall like a person's
             if attempt == ATTEMPTS - 1:
                 raise
             continue

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from t2d_rt.motion.generate.falls.make import Fall, fall, simulate_fall
+from t2d_rt.motion.generate.falls.make import Fall, NoFall, fall, simulate_fall
 from t2d_rt.motion.generate.falls.plan import FallEvents, FallPlan
 from t2d_rt.motion.generate.falls.provider import fall_of, plan_of
 
-__all__ = ["Fall", "FallEvents", "FallPlan", "fall", "fall_of", "plan_of", "simulate_fall"]
+__all__ = ["Fall", "FallEvents", "FallPlan", "NoFall", "fall", "fall_of", "plan_of", "simulate_fall"]

@@ -99,6 +99,10 @@ def fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -> Motion:
     return simulate_fall(lead, plan, getups).motion
 
 
+class NoFall(InputError):
+    """Another lead or plan may come to a fall where these do not."""
+
+
 def simulate_fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -> Fall:
     """`fall`, with its events and figures."""
     checked_motion(lead)
@@ -114,7 +118,7 @@ def simulate_fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -
         best = min(best, _candidate(prepared(lead, plan, choice), plan, choice), key=lambda each: each.amiss)
     if math.isinf(best.amiss):
         wanted = f" {plan.direction}" if plan.direction else ""
-        raise InputError(
+        raise NoFall(
             f"in several attempts the person did not fall{wanted} by a {plan.type} as real falls go; "
             "give another seed, time or direction"
         )
@@ -160,7 +164,7 @@ def _event(lead: Motion, plan: FallPlan, rng: np.random.Generator) -> tuple[int,
     else:
         found = [each for each in instants(lead, plan.type) if first <= each[0] <= last]
     if not found:
-        raise InputError(
+        raise NoFall(
             f"the lead has no step in which a foot could {'slip' if plan.type == 'slip' else 'be caught'}; "
             f"give a walk or run of two steps or more, or a collapse"
         )

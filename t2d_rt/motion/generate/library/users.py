@@ -43,11 +43,9 @@ def registry() -> Path:
     return (Path(base) if base else Path.home() / ".local" / "share") / "t2d-rt" / "library.csv"
 
 
-def with_users(store: Store, index: str | Path | None) -> Store:
-    """The store with the clips of an index, or of the `registry` if there is one."""
-    path = registry() if index is None else file_path("library", index)
-    if index is None and not path.is_file():
-        return store
+def with_users(store: Store, index: str | Path) -> Store:
+    """The store with the clips of an index of the user's."""
+    path = file_path("library", index)
     segments, sources, own = [], dict(store.sources), dict(store.own)
     for line, row in rows(path, measured=True):
         name = f"{Path(row['file']).name}#{line}"
