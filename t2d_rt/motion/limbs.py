@@ -48,7 +48,7 @@ def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | N
     square = aside - (aside * now).sum(-1, keepdims=True) * now
     size = np.linalg.norm(square, axis=-1, keepdims=True)
     # A straight limb shows no side to bend to: the knee's own forward axis does, the elbow's backward one. A recorded knee that is
-    # bent the wrong span is noise of a straight one.
+    # bent the wrong way is noise of a straight one.
     spare = quaternions.rotate(rotations[:, upper], np.array([1.0 if limb.endswith("leg") else -1.0, 0.0, 0.0]))
     spare = _unit(spare - (spare * now).sum(-1, keepdims=True) * now)
     aside_of = size / (first + second)
