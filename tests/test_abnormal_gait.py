@@ -10,11 +10,11 @@ import pytest
 import t2d_rt as t2d
 from t2d_rt.errors import InputError
 from t2d_rt.motion.contacts import contacts, runs, soles
-from t2d_rt.motion.descriptions.slots import GAIT_TYPES, GaitType
+from t2d_rt.motion.descriptions.slots import GAIT_TYPES, GaitType, Side
 from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.motion.kinematics import INDEX, Poses, motion_of, poses_of
 from t2d_rt.motion.vary import step_times_s
-from t2d_rt.motion.vary.abnormal import abnormal_walk
+from t2d_rt.motion.vary.abnormal import abnormal_walk, gait_change
 from t2d_rt.motion.vary.changed_walk import changed_walk
 from t2d_rt.motion.vary.gait_change import GaitChange
 from t2d_rt.motion.vary.straight_walk import along_x
@@ -170,6 +170,21 @@ def test_a_limp_is_longer_on_one_leg(gaits: dict[GaitType, Poses]) -> None:
     planted = contacts(gaits["limping"]).any(axis=2)
     alone = [float((planted[:, side] & ~planted[:, 1 - side]).sum()) for side in range(2)]
     assert max(alone) > 1.12 * min(alone)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_side_asked_for_is_spared_and_drops_its_foot(walk: Poses, side: Side, seed: int) -> None:
+    here = ("left", "right").index(side)
+    limp = abnormal_walk(walk, "limping", severity=0.8, rng=np.random.default_rng(seed), side=side)
+    planted = contacts(limp).any(axis=2)
+    alone = [float((planted[:, each] & ~planted[:, 1 - each]).sum()) for each in range(2)]
+    assert alone[here] < 0.9 * alone[1 - here]
+    drop = gait_change("steppage", 0.8, np.random.default_rng(seed), side=side).foot_drop_rad
+    assert drop[here] > 0.1
+    assert drop[1 - here] == 0.0
+    with pytest.raises(InputError, match="side must be 'left' or 'right', got 'both'"):
+        gait_change("limping", 0.8, np.random.default_rng(seed), side="both")  # type: ignore[arg-type]
 
 
 def test_severity_and_patients_differ_and_seeds_repeat(walk: Poses) -> None:

@@ -577,3 +577,10 @@ def test_a_fall_on_a_landing_is_found_and_a_climb_is_none() -> None:
     assert fallen.joints[-1, :, 2].min() > 0.4
     assert detect_fall(fallen).happened
     assert not detect_fall(t2d.motion_from_text("a person walks up the stairs", seed=2)).happened
+
+
+def test_the_command_tells_what_rate_was_assumed(run: Command, tmp_path: Path) -> None:
+    motion = t2d.example("walk")
+    np.savez(tmp_path / "a.npz", joints=motion.joints, names=np.array(motion.names))
+    assert "  30 Hz assumed, the file does not say\n" in run("check-motion", str(tmp_path / "a.npz")).out
+    assert "assumed" not in run("check-motion", str(WALK)).out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -636,6 +637,25 @@ def test_low_rates_are_warned_of(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", y_up(walk_20hz().joints[::2, :22]))
     with pytest.warns(T2DWarning, match="10 frames a second hold movements up to 5 Hz only"):
         load_motion(tmp_path / "a.npy", rate_hz=10.0)
+
+
+def test_low_rates_of_skeletons_are_warned_of(tmp_path: Path) -> None:
+    t2d.save_motion(walk_20hz(), tmp_path / "a.bvh")
+    text = (tmp_path / "a.bvh").read_text()
+    (tmp_path / "a.bvh").write_text(re.sub("Frame Time:.*", "Frame Time: 0.5", text))
+    with pytest.warns(T2DWarning, match="2 frames a second hold movements up to 1 Hz only"):
+        load_motion(tmp_path / "a.bvh")
+
+
+@pytest.mark.parametrize("form", ["named", "kimodo"])
+def test_a_rate_of_0_is_refused(tmp_path: Path, form: str) -> None:
+    motion = walk_20hz()
+    if form == "named":
+        np.savez(tmp_path / "a.npz", joints=motion.joints, names=np.array(motion.names), fps=0.0)
+    else:
+        kimodo_file(tmp_path / "a.npz", fps=0.0)
+    with pytest.raises(InputError, match=r"rate_hz must lie in .* got 0\.0"):
+        load_motion(tmp_path / "a.npz")
 
 
 def test_a_missing_package_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,6 +50,11 @@ def test_the_start_stays_as_far_and_ahead(walk: t2d.Motion, height_m: float | No
     assert moved.carrier_hz == radar.carrier_hz
 
 
+def test_a_motion_in_its_own_coordinates_has_no_view() -> None:
+    with pytest.raises(InputError, match="lies in its own coordinates; put it there with place"):
+        vary_view(t2d.example("walk"), t2d.Radar.preset("table2"), angle_deg=30.0)
+
+
 def test_a_view_from_higher_than_the_distance_is_refused(walk: t2d.Motion) -> None:
     with pytest.raises(InputError, match="give a height between"):
         vary_view(walk, t2d.Radar.preset("table2"), angle_deg=0.0, height_m=20.0)

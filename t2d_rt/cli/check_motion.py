@@ -73,8 +73,8 @@ def run(options: Namespace) -> int:
     verdicts = [check_motion(motion, expected=cast(Activity | None, expected)) for motion in motions]
     if picture is not None:
         _draw(picture, files, motions, verdicts, options)
-    for path, verdict in zip(files, verdicts, strict=True):
-        say(_told(path, verdict))
+    for path, verdict, motion in zip(files, verdicts, motions, strict=True):
+        say(_told(path, verdict, motion))
     passed = sum(verdict.passed for verdict in verdicts)
     if len(files) > 1:
         say(f"{passed} of {len(files)} pass")
@@ -92,8 +92,11 @@ def _draw(picture: Path, files: list[Path], motions: list[Motion], verdicts: lis
     write_picture(contact_sheet(motions, labels=labels, body=options.body), picture, overwrite=options.overwrite)
 
 
-def _told(path: Path, verdict: Verdict) -> str:
+def _told(path: Path, verdict: Verdict, motion: Motion) -> str:
     lines = [f"{path}: {'passed' if verdict.passed else 'refused'}"]
+    lines += [
+        f"  {clause}" for clause in motion.report.split("; ") if "assumed" in clause
+    ]  # a wrong rate is a wrong speed
     lines += [f"  {reason}" for reason in verdict.reasons]
     if verdict.fall.happened:
         lines.append(f"  fall: {verdict.fall.reason}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from t2d_rt.errors import InputError
+from t2d_rt.motion.descriptions.inflect import forms
 from t2d_rt.motion.descriptions.items import Item
 
 YIELDING = {"forward": ("left", "right", "straight"), "straight": ("left", "right")}
@@ -18,6 +19,12 @@ OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
 
 
 PRONOUNS = "he", "she", "they", "i", "you", "we"
+
+TWO_PEOPLE = {"man", "woman"}, {"man", "child"}, {"woman", "child"}, {"old_person", "child"}
+"""Subjects that cannot be one person; others may be: an old man is a man."""
+
+STOPPING = frozenset(form for verb in ("stop", "halt", "pause") for form in forms(verb))
+"""Verbs before what is no longer done: stops walking."""
 
 
 class Opposite(Exception):
@@ -83,13 +90,14 @@ class Reader:
 
     def read(self, item: Item) -> None:
         """Takes one more item."""
-        self.of_part, before = item.kind == "part" or item.words == "together", self.of_part
+        limb = item.kind == "part" and item.slots["body_part"] != "waist"  # bends at the waist to the left
+        self.of_part, before = limb or item.words == "together", self.of_part
         if item.kind == "direction":
             self.of_part = before
         if item.kind == "join":
             self._join(str(item.slots["join"]))
         elif item.kind == "subject":
-            self._subject(str(item.slots["subject"]), named=item.words not in PRONOUNS)
+            self._subject(str(item.slots["subject"]), item.words)
         elif item.kind == "not":
             self.denied = True
             self.ignored.append(item.words)
@@ -108,8 +116,15 @@ class Reader:
         elif item.kind not in ("fixed", "neutral"):
             self._modifier(item)
 
-    def _subject(self, subject: str, *, named: bool) -> None:
-        if not self.subject or (named and not self.named):
+    def _subject(self, subject: str, words: str) -> None:
+        named = words not in PRONOUNS
+        if named and self.named and {subject, self.subject} in TWO_PEOPLE:
+            if self._last() is not None and not self.clauses[-1].steps:
+                raise InputError(
+                    f"the sentence tells what several people do ({self.subject.replace('_', ' ')}, {words}); describe one of them"
+                )
+            self.ignored.append(words)
+        elif not self.subject or (named and not self.named):
             self.subject, self.named = subject, named
 
     def _action(self, item: Item) -> None:
@@ -123,6 +138,7 @@ class Reader:
             self.recovers = self.recovers or item.slots["action"] == "fall"
             return
         implied = dict(item.slots)
+        last = clause.steps[-1] if item.gerund and clause.steps else None
         draft = Draft(
             str(implied.pop("action")), implied, weak=item.kind == "weak", gerund=item.gerund, words=item.words
         )
@@ -130,7 +146,11 @@ class Reader:
         for each in clause.pending:
             attach(draft, each, self.ignored)
         clause.pending.clear()
-        clause.steps.append(draft)
+        if last is not None and last.words in STOPPING:  # stops walking: walks, then stands
+            draft.joined, last.joined = last.joined, "then"
+            clause.steps.insert(-1, draft)
+        else:
+            clause.steps.append(draft)
 
     def _modifier(self, item: Item) -> None:
         clause = self.clauses[-1]

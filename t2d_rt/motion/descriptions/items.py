@@ -194,9 +194,11 @@ def _next(tokens: list[str], place: int) -> tuple[list[Item], int]:
         item = Item(entry.kind, " ".join(tokens[place:after]), entry.slots, entry.gerund)
         inner = items_of(" ".join(gap)) if gap else []
         counted = [NUMBERS[word] for word in gap if word in NUMBERS and word not in ("a", "an")]
-        if counted and entry.tokens[-1] not in ("step", "steps"):
+        if counted and entry.tokens[-1] in ("step", "steps"):
+            inner.append(Item("reported", next(word for word in gap if NUMBERS.get(word) == counted[0])))
+        elif counted:
             inner.append(Item("slot", str(counted[0]), {"count": counted[0]}))
-        kept = ("slot", "direction", "object", "unknown", "gait")
+        kept = ("slot", "direction", "object", "unknown", "gait", "reported")
         return [item, *(each for each in inner if each.kind in kept)], after
     word = tokens[place]
     if word.endswith("n't") or word == "cannot":

@@ -208,6 +208,6 @@ NOT = (
     "not | n't | never | without | avoid | avoids | avoiding | avoided | almost | nearly | barely avoids | "
     "instead of | rather than | "
     "refuse to | refuses to | tries to | tried to | trying to | try to | fails to | failed to | about to | "
-    "pretends to | no"
+    "pretends to | no | nobody | none"
 )
 """Words that say that what follows does not happen, or only nearly."""

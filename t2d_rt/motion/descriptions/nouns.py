@@ -72,10 +72,12 @@ DIRECTIONS = {
     "on {his} backside | onto {his} backside | on {his} bottom | onto {his} bottom | behind {him}",
     "left": "left | leftward | leftwards | to the left | to {his} left | on the left | on {his} left side | "
     "onto {his} left side | to the left side | "
-    "to {his} left side | towards the left | on {his} left",
+    "to {his} left side | towards the left | on {his} left | "
+    "to {his} left hand side | on {his} left hand side",
     "right": "right | rightward | rightwards | to the right | to {his} right | on the right | on {his} right side | "
     "onto {his} right side | "
-    "to the right side | to {his} right side | towards the right | on {his} right",
+    "to the right side | to {his} right side | towards the right | on {his} right | "
+    "to {his} right hand side | on {his} right hand side",
     "straight": "straight | straight ahead | straight forward | straight on | in a straight line | "
     "along a straight line | straight away",
     "clockwise": "clockwise | in a clockwise circle | in clockwise circles | in a circle clockwise | "
@@ -188,7 +190,7 @@ FIXED = (
     "hold {his} back | lower back | with a straight back | {his} back straight | back pain | sore back | "
     "ball of {his} foot | balls of {his} feet | "
     "on the spot | as far as | as high as possible | as far as possible | "
-    "with {his} back to | after a moment | a few steps | two steps | three steps | four steps | five steps | "
+    "with {his} back to | after a moment | a few steps | "
     "a few times | in place | "
     "to {his} side | to the side of | small steps | short steps | long steps | large steps | big steps | even steps | "
     "head down | head up | "
@@ -203,6 +205,7 @@ FIXED = (
 """Phrases that fill no slot and are not reported, although they hold words that elsewhere do."""
 
 REPORTED = (
+    "two steps | three steps | four steps | five steps | "
     "two people | two persons | three people | two men | two women | two children | both people | "
     "back and forth | to and fro | forth and back | forward and backward | forwards and backwards | "
     "from side to side | side to side | from left to right | from right to left | sideways | "

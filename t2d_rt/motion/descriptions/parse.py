@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from t2d_rt.checks import shown, text
@@ -100,6 +101,9 @@ def _checked(sentence: str) -> str:
             f"a description has at most {LONGEST_SENTENCE} characters, got {len(sentence)}; describe one person's "
             "activity in a sentence"
         )
+    negative = re.search(r"(?<!\S)[-\u2212]\d\S*", sentence)
+    if negative is not None:
+        raise InputError(f"numbers of a description are above 0, got {negative[0]}; write how many times or how long")
     letters = [char for char in sentence if char.isalpha()]
     if sum(char.isascii() for char in letters) < len(letters) / 2:
         raise InputError(f"a description is an English sentence, got {shown(sentence)}; translate it")

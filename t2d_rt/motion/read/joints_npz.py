@@ -52,7 +52,7 @@ def read_plain(arrays: Arrays) -> Tracks:
 
 
 def _at_rate(tracks: Tracks, rate_hz: float | None) -> Tracks:
-    return replace(tracks, rate_hz=rate_hz or tracks.rate_hz, rate_assumed=rate_hz is None)
+    return replace(tracks, rate_hz=tracks.rate_hz if rate_hz is None else rate_hz, rate_assumed=rate_hz is None)
 
 
 def _joints(values: np.ndarray, arrays: Arrays, names: Sequence[str] | None) -> np.ndarray:

@@ -34,7 +34,8 @@ def read_kimodo(arrays: Arrays) -> Tracks:
     joints = arrays.numbers("posed_joints", (3,))
     if joints.shape[1:] != (JOINTS, 3):
         raise InputError(f"{arrays.path}: posed_joints must have shape (time, {JOINTS}, 3), got {joints.shape}")
-    rate_hz = arrays.scalar("fps", "rate_hz", "framerate") or RATE_HZ
+    given_hz = arrays.scalar("fps", "rate_hz", "framerate")
+    rate_hz = RATE_HZ if given_hz is None else given_hz
     points = {name: joints[:, place] for name, place in PLACES.items()}
     orientations = None
     if "global_rot_mats" in arrays:

@@ -15,6 +15,7 @@ from t2d_rt.motion.read.detect import add_feet, floor_level, to_z_up, tpose_fram
 from t2d_rt.motion.read.flips import flips, told
 from t2d_rt.motion.read.positions import assemble
 from t2d_rt.motion.read.reading import Reading, smoothed
+from t2d_rt.motion.read.tracks import warn_of_rate
 from t2d_rt.motion.skeletons import (
     Flavour,
     canonical,
@@ -50,6 +51,7 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     del points, orientations  # half of the memory that a long motion takes
     flipped = flips(motion)
     motion, smoothing = smoothed(motion, reading.smooth_hz)
+    warn_of_rate(motion.rate_hz)
     report = [
         f"BVH, {len(motion.joints)} frames at {motion.rate_hz:g} Hz",
         f"flavour {kind.name}" if matched is None else matched.told,

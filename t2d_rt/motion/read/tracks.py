@@ -105,7 +105,7 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     motion = assemble(points, turned, rate_hz, level)
     if smoothing is None:
         motion, smoothing = smoothed(motion, reading.smooth_hz)
-    _warn_of_rate(rate_hz)
+    warn_of_rate(rate_hz)
     told = [
         f"{tracks.form}, {len(motion.joints)} frames at {rate_hz:g} Hz", *told,
         f"1 unit = {unit_m:.4g} m (stature {tall_m:.2f} m)", f"up {axis}",
@@ -226,7 +226,8 @@ def _quiet(points: dict[str, np.ndarray], rate_hz: float, reading: Reading) -> t
     return found.points, f"noise of {1e3 * found.noise_m:.1f} mm (from bone lengths) smoothed at {span} ({error})"
 
 
-def _warn_of_rate(rate_hz: float) -> None:
+def warn_of_rate(rate_hz: float) -> None:
+    """Warns where frames come too seldom for a walk."""
     if rate_hz < LOW_RATE_HZ:
         warnings.warn(
             f"{rate_hz:g} frames a second hold movements up to {0.5 * rate_hz:g} Hz only, a walker's feet and hands move faster: "

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.checks import choice, number
-from t2d_rt.motion.descriptions.slots import GAIT_TYPES, GaitType
+from t2d_rt.motion.contacts import SIDES
+from t2d_rt.motion.descriptions.slots import GAIT_TYPES, GaitType, Side
 from t2d_rt.motion.kinematics import Poses
 from t2d_rt.motion.vary.changed_walk import changed_walk
 from t2d_rt.motion.vary.gait_change import GaitChange
@@ -74,9 +75,14 @@ RANGES: dict[GaitType, dict[str, Range]] = {
 }  # fmt: skip
 
 
-def gait_change(type: GaitType, severity: float, rng: np.random.Generator) -> GaitChange:
-    """A patient's change of gait: each value lies at `severity`, 0 (mild) to 1 (severe), of its range, give or take."""
+def gait_change(type: GaitType, severity: float, rng: np.random.Generator, *, side: Side | None = None) -> GaitChange:
+    """A patient's change of gait: each value lies at `severity`, 0 (mild) to 1 (severe), of its range, give or take.
+
+    side: of the leg that is spared, of the foot that drops, or of the arm that swings least, in gaits of one side; None draws it.
+    """
     choice("type", type, GAIT_TYPES)
+    if side is not None:
+        choice("side", side, SIDES)
     number("severity", severity, 0.0, 1.0)
     drawn = {
         name: (low + severity * (high - low))
@@ -85,14 +91,18 @@ def gait_change(type: GaitType, severity: float, rng: np.random.Generator) -> Ga
         )
         for name, (low, high) in RANGES[type].items()
     }
-    side = int(rng.integers(2))
+    any_side = int(rng.integers(2))
     both = bool(type == "steppage" and rng.random() < 0.4)  # a foot drops on one side more often than on both
-    return GaitChange(**_fields(drawn, side, both, rng))
+    if side is None:
+        return GaitChange(**_fields(drawn, any_side, both, rng))
+    return GaitChange(**_fields(drawn, SIDES.index(side), False, rng))
 
 
-def abnormal_walk(walk: Poses, type: GaitType, *, severity: float, rng: np.random.Generator) -> Poses:
-    """A recorded straight walk as a patient with that gait would walk it, from the origin along +x."""
-    return changed_walk(walk, gait_change(type, severity, rng), rng)
+def abnormal_walk(
+    walk: Poses, type: GaitType, *, severity: float, rng: np.random.Generator, side: Side | None = None
+) -> Poses:
+    """A recorded straight walk as a patient with that gait would walk it, from the origin along +x; `side` as in `gait_change`."""
+    return changed_walk(walk, gait_change(type, severity, rng, side=side), rng)
 
 
 def _fields(drawn: dict[str, float], side: int, both: bool, rng: np.random.Generator) -> dict[str, Any]:

@@ -26,6 +26,10 @@ def vary_view(motion: Motion, radar: Radar, *, angle_deg: float, height_m: float
     checked_motion(motion)
     instance("radar", radar, Radar, "a Radar")
     number("angle_deg", angle_deg, -1e6, 1e6, unit="deg")
+    if motion.placed is False:  # simulate would put it before the new radar as before any other
+        raise InputError(
+            "vary_view needs a motion in the radar's world, and this one lies in its own coordinates; put it there with place"
+        )
     start, before = motion.joints[0, 0], np.array(radar.position_m)
     height = float(before[2]) if height_m is None else number("height_m", height_m, -1e3, 1e3, unit="m")
     distance = float(np.linalg.norm(before - start))
