@@ -323,12 +323,12 @@ def test_a_weak_corner_beside_a_strong_one_is_kept(backend: Backend, corner: Mov
 
 
 def test_surfaces_too_large_for_the_memory_are_refused(corner: MovingMesh) -> None:
-    square = np.array([[4.0, -9, -9], [4, 9, -9], [4, 9, 9], [4, -9, 9]])
+    square = np.array([[4.0, -4, -4], [4, 4, -4], [4, 4, 4], [4, -4, 4]])
     wall = static_mesh(square, np.array([[0, 2, 1], [0, 3, 2]]), until_s=0.1)
     with pytest.raises(
         InputError, match=r"tracing rays from .* GB of memory, more than the limit .* or take bounces=1"
     ):
-        t2d.simulate([corner, wall], radar=Radar.preset("table2", samples=16), bounces=2)
+        t2d.simulate([corner, wall], radar=Radar.preset("table2", samples=16), bounces=2, memory_gb=1)
 
 
 def test_without_a_direct_path_there_are_none_and_that_is_told() -> None:

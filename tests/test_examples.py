@@ -20,7 +20,7 @@ from measures import check_picture, nmse_db
 from t2d_rt.cli import main
 from t2d_rt.errors import T2DWarning
 
-FRAMES = 20
+FRAMES, DOCS_FRAMES = 20, 200
 README = ROOT / "README.md"
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 SLOW = "t2d-rt plan", "t2d-rt simulate walk --start-s 2 --stop-s 2.3 --scene"
@@ -50,18 +50,23 @@ def commands(page: Path, line: int, text: str) -> list[tuple[str, list[str]]]:
 
 @pytest.fixture(autouse=True)
 def coarse_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half of the facets: programs run as they are written, in less time."""
-    monkeypatch.setattr(import_module("t2d_rt.body.skin"), "SAGITTA_RAD", 3.0)
+    """A quarter of the facets: programs run as they are written, in less time."""
+    monkeypatch.setattr(import_module("t2d_rt.body.skin"), "SAGITTA_RAD", 6.0)
+
+
+def write_walk(path: Path, frame_count: int) -> None:
+    """The first frames of the CMU walk."""
+    head, frames = WALK.read_text().split("MOTION\n")
+    count, interval, *lines = frames.splitlines()
+    assert count.startswith("Frames:")
+    text = "\n".join([f"Frames: {frame_count}", interval, *lines[:frame_count]])
+    path.write_text(f"{head}MOTION\n{text}\n")
 
 
 @pytest.fixture
 def walk_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder that the README is run in: nothing but walk.bvh, the first sixth of a second of the CMU walk."""
-    head, frames = WALK.read_text().split("MOTION\n")
-    count, interval, *lines = frames.splitlines()
-    assert count.startswith("Frames:")
-    text = "\n".join([f"Frames: {FRAMES}", interval, *lines[:FRAMES]])
-    (tmp_path / "walk.bvh").write_text(f"{head}MOTION\n{text}\n")
+    write_walk(tmp_path / "walk.bvh", FRAMES)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -169,7 +174,7 @@ def test_commands_of_the_readme(walk_folder: Path, capsys: pytest.CaptureFixture
 def test_programs_and_commands_of_the_docs(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "walk.bvh").write_bytes(WALK.read_bytes())
+    write_walk(tmp_path / "walk.bvh", DOCS_FRAMES)
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
     for line, language, text in blocks(page):

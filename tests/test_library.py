@@ -19,6 +19,7 @@ from command_line import Command
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.check import check_motion
+from t2d_rt.motion.contacts import contacts
 from t2d_rt.motion.descriptions.slots import Activity, Description
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.generate.chain import Piece, heading_rad, joined, moved
@@ -485,3 +486,21 @@ def test_the_command_adds_lists_and_removes_clips(run: Command, tmp_path: Path) 
 )
 def test_the_library_command_refuses_in_one_sentence(refused: object, arguments: tuple[str, ...]) -> None:
     refused("library", *arguments)  # type: ignore[operator]
+
+
+def test_what_no_maker_does_is_told_in_the_origin() -> None:
+    for sentence, told in (
+        ("a person turns left twice", "not made: count 2 of turn"),
+        ("a person walks with the left hand raised", "not made: left hand of walk"),
+    ):
+        assert told in motion_from_text(sentence).origin
+    assert not any(note.startswith("not made") for note in motion_from_text("a person jumps twice").origin)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_limp_is_on_the_side_that_the_sentence_names(side: str) -> None:
+    for seed in range(3):
+        poses = poses_of(motion_from_text(f"a person limps on the {side} leg", seed=seed))
+        planted = contacts(poses).any(axis=2)
+        alone = {name: int((planted[:, n] & ~planted[:, 1 - n]).sum()) for n, name in enumerate(("left", "right"))}
+        assert alone[side] < alone["right" if side == "left" else "left"]

@@ -19,7 +19,7 @@ FAN = t2d.TableFan(position_m=(2.5, 0.4, 1.0), rpm=1200, radius_m=0.12)
 
 
 def cube(targets: list[Any], radar: Radar, *, repeats: bool, **options: Any) -> np.ndarray:
-    accuracy = {"repeats": repeats, "sagitta_scale": 4.0, **options.pop("accuracy", {})}
+    accuracy = {"repeats": repeats, "sagitta_scale": 16.0, **options.pop("accuracy", {})}
     return np.asarray(t2d.simulate(targets, radar=radar, accuracy=accuracy, **options).cube)
 
 

@@ -419,7 +419,7 @@ def test_a_material_without_values_is_named() -> None:
 @pytest.mark.slow
 def test_subdivided_visibility_with_every_tier() -> None:
     """Secondary path pairs share the occlusion that dominant ones have traced, at its subdivision."""
-    target = [t2d.trim(walk(), 0, 0.1), t2d.TableFan(position_m=(2, -1, 1), rpm=900)]
+    target = [t2d.trim(walk(), 0, 0.06), t2d.TableFan(position_m=(2, -1, 1), rpm=900)]
     options = {"scene": small_room(), "clutter": "none", "collisions": "ignore"}
     cubes = [
         t2d.simulate(target, **options, accuracy={"sagitta_rad": 1.0, "visibility_subdivision": n}).cube for n in (0, 1)

@@ -69,8 +69,9 @@ class Composer:
         if self.library is not None:
             made += f", with clips of {file_origin(Path(self.library))}"
         who = f"{description.subject.replace('_', ' ')} of {person.stature_m:.2f} m, body {person.body}"
+        lacking = [f"not made: {each}" for step in description.steps for each in not_made(step)]
         return replace(
-            motion, origin=(made, who, *motion.origin), report=f"generated; {who}; floor at 0 m", placed=False
+            motion, origin=(made, who, *lacking, *motion.origin), report=f"generated; {who}; floor at 0 m", placed=False
         )
 
     def _store(self) -> Store:
@@ -79,6 +80,26 @@ class Composer:
         from t2d_rt.motion.generate.library.users import with_users
 
         return with_users(shipped(), self.library)
+
+
+COUNTED = frozenset({"jump", "bend", "squat", "stretch", "climb"})
+"""Actions that are done as many times as a description says."""
+
+MOVES_A_PART = frozenset({"jump", "bend", "squat", "stretch", "sit", "stand_up", "lie_down", "climb"})
+"""Actions that heed the part of the body that a description names."""
+
+
+def not_made(step: Step) -> list[str]:
+    """What a step asks for and no maker does, in words."""
+    action = step.action.replace("_", " ")
+    said = []
+    if step.count is not None and step.count > 1 and step.action not in COUNTED:
+        said.append(f"count {step.count} of {action}")
+    if step.duration_s is not None and step.action == "fall":
+        said.append(f"duration {step.duration_s:g} s of {action}")
+    if step.body_part is not None and step.action not in MOVES_A_PART and step.type not in GAIT_TYPES:
+        said.append(f"{step.side + ' ' if step.side else ''}{step.body_part} of {action}")
+    return said
 
 
 def maker_of(step: Step, store: Store) -> By:
@@ -183,7 +204,9 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
     straight = step.model_copy(update={"type": None, "body_part": None, "side": None, "direction": None})
     walk = made_of_clips(maker, straight, alone=alone)
     severity = float(maker.rng.uniform(0, 1))
-    poses = abnormal_walk(plant(walk.poses, walk.planted, floor_m=0.0), step.type, severity=severity, rng=maker.rng)
+    poses = abnormal_walk(
+        plant(walk.poses, walk.planted, floor_m=0.0), step.type, severity=severity, rng=maker.rng, side=step.side
+    )
     note = f"{step.type} gait, severity {severity:.2f}"
     piece = Piece(poses=poses, planted=contacts(poses), notes=(*walk.notes, note))
     piece = directed(maker, lively(piece, maker.person, maker.rng, quiet=0.5), step)
