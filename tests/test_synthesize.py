@@ -94,7 +94,11 @@ def swinging_sheet(radar: Radar, *, frames: int = 60, rate_hz: float = 100.0) ->
     ("preset", "tolerance_db"),
     [
         *((preset, db) for preset in ("table2", "array-3x4") for db in (-30, -40, -50, -60)),
-        *((preset, db) for preset in ("table2-uniform", "table2-burst", "text2doppler-code", "ci4r") for db in (-30, -60)),
+        *(
+            (preset, db)
+            for preset in ("table2-uniform", "table2-burst", "text2doppler-code", "ci4r")
+            for db in (-30, -60)
+        ),
     ],
 )
 def test_merged_echoes_keep_the_tolerance(preset: str, tolerance_db: float) -> None:
