@@ -31,7 +31,7 @@ def walk() -> Motion:
 
 
 def balls(*places_m: tuple[float, float, float], speed_mps: float = 1.0) -> list[MovingMesh]:
-    return [ball(place, (-speed_mps, 0, 0), 0.3, radius_m=0.1, frames=4) for place in places_m]
+    return [ball(place, (-speed_mps, 0, 0), 0.3, radius_m=0.15, frames=4) for place in places_m]
 
 
 # --- measuring --------------------------------------------------------------------------------------------------------
