@@ -22,6 +22,9 @@ from t2d_rt.motion.match.tree import Tree
 from t2d_rt.motion.match.words import label
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion
 
+# Every second frame of a walk at 24 Hz is enough to tell skeletons apart, and the reader warns of so few.
+pytestmark = pytest.mark.filterwarnings("ignore:12 frames a second")
+
 BASES = {
     "momask": MOTIONS / "momask_22j_120frames.bvh",
     "walk": MOTIONS / "bvhtoolbox_walk01.bvh",
@@ -813,7 +816,7 @@ def test_single_frame_flips_are_told(tmp_path: Path) -> None:
     path = replace(skeleton, rotations=turns).write(tmp_path / "a.bvh")
     with pytest.warns(T2DWarning, match="right_wrist turns by 17. degrees for one frame at 1.667 s") as caught:
         motion = load_motion(path, smooth_hz=None)
-    assert len(caught) == 1
+    assert sum("frames a second" not in str(each.message) for each in caught) == 1
     assert "single-frame flips: right_wrist" in motion.report
     assert "60 degrees" not in motion.report
 
