@@ -18,7 +18,7 @@ import t2d_rt as t2d
 from command_line import Command
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.check import check_motion
+from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import contacts
 from t2d_rt.motion.descriptions.slots import Activity, Description
 from t2d_rt.motion.generate import motion_from_text
@@ -504,3 +504,15 @@ def test_a_limp_is_on_the_side_that_the_sentence_names(side: str) -> None:
         planted = contacts(poses).any(axis=2)
         alone = {name: int((planted[:, n] & ~planted[:, 1 - n]).sum()) for n, name in enumerate(("left", "right"))}
         assert alone[side] < alone["right" if side == "left" else "left"]
+
+
+def test_a_fall_goes_where_the_sentence_says_or_says_that_it_does_not() -> None:
+    pytest.importorskip("mujoco")
+    for sentence, wanted in (
+        ("a person falls to the right", "right"),
+        ("a person slips and falls backward", "backward"),
+        ("a person stumbles and falls to the left", "left"),
+    ):
+        motion = motion_from_text(sentence, seed=1)
+        told = any(note.startswith("not made: a fall") for note in motion.origin)
+        assert told == (detect_fall(motion).direction != wanted)

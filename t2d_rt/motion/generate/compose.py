@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.motion.check import detect_fall
 from t2d_rt.motion.contacts import contacts, plant
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Description, Step
 from t2d_rt.motion.generate.chain import Piece, best_seam, joined
@@ -36,6 +37,18 @@ LEAD_S = 2.4, 3.6
 
 ATTEMPTS = 8
 """Leads and plans that are tried until the person falls."""
+
+DIRECTED_ATTEMPTS = 4
+"""Falls that are tried until the body topples where the description says, head away from the feet."""
+
+TOPPLES: dict[str, str] = {
+    "forward": "forward",
+    "straight": "forward",
+    "back": "backward",
+    "left": "left",
+    "right": "right",
+}
+"""What the filter calls the directions of a description."""
 
 SEARCH_S = 0.5
 """Last part of a step in which the next one may begin: a step of a walk."""
@@ -220,6 +233,9 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
     getups = [
         motion_of(maker.store.piece(each).poses) for each in maker.store.segments if each.kind in ("faceup", "facedown")
     ]
+    wanted = next(step.direction for step in description.steps if step.action == "fall")
+    found: tuple[Motion, Motion, float] | None = None
+    went: str | None = None
     for attempt in range(ATTEMPTS):
         plan = plan_of(description, int(maker.rng.integers(2**31)))
         if attempt == 1 and before and before[-1].action == "run":
@@ -229,11 +245,24 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
         try:
             fallen = fall(lead, plan, getups)
         except NoFall:  # some leads and plans do not come to a fall like a person's
-            if attempt == ATTEMPTS - 1:
+            if attempt == ATTEMPTS - 1 and found is None:
                 raise
             continue
-        break
+        went = detect_fall(fallen).direction
+        found = fallen, lead, floor_m
+        # The physics lands the body on the side that is asked for; it topples that way, too, in some of the attempts.
+        # A trip keeps the walk's momentum and never topples aside.
+        hopeless = plan.type == "trip" and wanted in ("left", "right")
+        if went == TOPPLES.get(wanted or "", went) or hopeless or attempt >= DIRECTED_ATTEMPTS - 1:
+            break
+    assert found is not None, "the last attempt raises"
+    fallen, lead, floor_m = found
     origin = (*lead.origin, *(note for note in fallen.origin if note not in lead.origin))
+    if went != TOPPLES.get(wanted or "", went):
+        origin = (
+            *origin,
+            f"not made: a fall {wanted}; the body topples {went} and lands on the side that was asked for",
+        )
     return replace(fallen, joints=fallen.joints + [0.0, 0.0, floor_m], origin=origin), floor_m
 
 
