@@ -516,3 +516,20 @@ def test_a_fall_goes_where_the_sentence_says_or_says_that_it_does_not() -> None:
         motion = motion_from_text(sentence, seed=1)
         told = any(note.startswith("not made: a fall") for note in motion.origin)
         assert told == (detect_fall(motion).direction != wanted)
+
+
+@pytest.mark.parametrize("direction", ["clockwise", "counterclockwise"])
+def test_a_dance_in_a_circle_spins_the_same_way(direction: str) -> None:
+    sign = -1.0 if direction == "clockwise" else 1.0
+    for seed in range(4):
+        poses = poses_of(motion_from_text(f"a person dances {direction}", seed=seed))
+        heading = np.unwrap(heading_rad(poses))
+        assert sign * (heading[-1] - heading[0]) > 0
+
+
+def test_motions_beyond_two_minutes_and_trips_backward_are_refused() -> None:
+    with pytest.raises(InputError, match="more than 120 s; ask for fewer repetitions"):
+        motion_from_text("a person jumps 100 times", seed=0)
+    pytest.importorskip("mujoco")
+    with pytest.raises(InputError, match="a trip throws nobody backward"):
+        motion_from_text("a person trips and falls backward")

@@ -10,6 +10,7 @@ import numpy as np
 from t2d_rt.checks import LARGEST_M, array, flag, number, positive
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.interpolate import MOST_NUMBERS, compose, decompose, trim
 from t2d_rt.motion.posture import facing, stature_m
 from t2d_rt.types.motion import Motion, checked_motion
@@ -141,7 +142,7 @@ def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: f
     copy = np.maximum((frames - first) // period, 0)
     now = frames - copy * period
     fading = (copy > 0) & (now < first + window)
-    weight = np.where(fading, _ease((now - first + 1) / (window + 1)), 1.0)[:, None]
+    weight = np.where(fading, minimum_jerk((now - first + 1) / (window + 1)), 1.0)[:, None]
     before = np.where(fading, now + period, now)
 
     def chained(index: np.ndarray, copies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -244,9 +245,3 @@ def _repeat_root(
     shifts = np.concatenate([np.zeros((1, 3)), np.cumsum(quaternions.rotate(spins[:-1], step), axis=0)])
     spin = spins[copies]
     return quaternions.rotate(spin, position) + shifts[copies], quaternions.multiply(spin, rotation)
-
-
-def _ease(fraction: np.ndarray) -> np.ndarray:
-    """Smooth step with zero slope and curvature at both ends: 6 x^5 - 15 x^4 + 10 x^3 on 0 ... 1."""
-    x = np.clip(fraction, 0.0, 1.0)
-    return x**3 * (10.0 + x * (6.0 * x - 15.0))

@@ -144,6 +144,17 @@ def retargeted(poses: Poses, skeleton: Skeleton) -> Poses:
     return replace(poses, skeleton=skeleton, root=poses.root * factor)
 
 
+def at_frames(poses: Poses, numbers: np.ndarray) -> Poses:
+    """Poses at frame numbers (K,) that may lie between frames: cubic splines of root and quaternion components, C2."""
+    from scipy.interpolate import make_interp_spline
+
+    values = np.concatenate([poses.root, quaternions.continuous(poses.local).reshape(len(poses), -1)], axis=1)
+    spline = make_interp_spline(np.arange(len(poses)), values, k=min(3, len(poses) - 1))
+    found = spline(np.clip(numbers, 0, len(poses) - 1))
+    local = quaternions.normalise(found[:, 3:].reshape(len(numbers), -1, 4))
+    return replace(poses, root=found[:, :3], local=local)
+
+
 def frames(points: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Orientations (T, 4) of all joints from positions (T, 3) alone: bones by swing, hinges of knees and elbows by the plane of
     the limb where it is bent, everything else with its parent.

@@ -14,6 +14,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.motion.check import detect_fall
 from t2d_rt.motion.contacts import contacts, plant
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Description, Step
+from t2d_rt.motion.generate import LONGEST_S
 from t2d_rt.motion.generate.chain import Piece, best_seam, joined
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual, individual, lively, sole_m
@@ -78,6 +79,10 @@ class Composer:
             )
         person = individual(description.subject, rng, body=self.body, stature_m=self.stature_m)
         motion = _composed(Maker(store, person, rng), description)
+        if motion.duration_s > LONGEST_S:
+            raise InputError(
+                f"the motion would last {motion.duration_s:.0f} s, more than {LONGEST_S:g} s; ask for fewer repetitions or steps"
+            )
         made = f"made for {description.sentence!r}, class {description.activity}, by {self.only or 'auto'}, seed {seed}"
         if self.library is not None:
             made += f", with clips of {file_origin(Path(self.library))}"

@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from t2d_rt.motion.contacts import contacts, follow, plant
-from t2d_rt.motion.kinematics import Poses
+from t2d_rt.motion.kinematics import Poses, at_frames
 from t2d_rt.motion.vary.carriage import held_body, pelvis_track
 from t2d_rt.motion.vary.gait_change import GaitChange
 from t2d_rt.motion.vary.steps import lifted_toes, pitched_feet, pivots, placed_feet, turned_knees
-from t2d_rt.motion.vary.straight_walk import along_x, at_times, on_floor, phase, stances
+from t2d_rt.motion.vary.straight_walk import along_x, on_floor, phase, stances
 from t2d_rt.motion.vary.timing import new_times, trembling
 
 
@@ -35,5 +35,5 @@ def changed_walk(walk: Poses, change: GaitChange, rng: np.random.Generator) -> P
     poses = follow(poses, ankles)
     poses = turned_knees(lifted_toes(pitched_feet(poses, change, swing), change, swing), change)
     poses = plant(poses, pivots(planted, change))
-    poses = at_times(poses, times)
+    poses = at_frames(poses, times)
     return on_floor(trembling(poses, change, times, rng))

@@ -9,6 +9,7 @@ import numpy as np
 
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import follow, runs
+from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.motion.kinematics import INDEX, Poses
 from t2d_rt.motion.limbs import Limb, reach
@@ -65,9 +66,7 @@ def _while_standing(values: np.ndarray, stands: np.ndarray) -> np.ndarray:
         out[start:stop] = values[number]
         if number + 1 < len(found):
             x = np.linspace(0, 1, found[number + 1][0] - stop + 2)[1:-1, None]
-            out[stop : found[number + 1][0]] = values[number] + (values[number + 1] - values[number]) * x**3 * (
-                10 + x * (6 * x - 15)
-            )
+            out[stop : found[number + 1][0]] = values[number] + (values[number + 1] - values[number]) * minimum_jerk(x)
     return out
 
 

@@ -57,16 +57,6 @@ def on_floor(poses: Poses) -> Poses:
     return replace(poses, root=poses.root - [0.0, 0.0, level])
 
 
-def at_times(poses: Poses, frames: np.ndarray) -> Poses:
-    """Poses at fractional frame numbers (K,), by cubic splines of quaternion components."""
-    from scipy.interpolate import make_interp_spline
-
-    values = np.concatenate([poses.root, quaternions.continuous(poses.local).reshape(len(poses), -1)], axis=1)
-    found = make_interp_spline(np.arange(len(poses)), values, k=3)(np.clip(frames, 0, len(poses) - 1))
-    local = quaternions.normalise(found[:, 3:].reshape(len(frames), -1, 4))
-    return replace(poses, root=found[:, :3], local=local)
-
-
 def stances(poses: Poses, planted: np.ndarray) -> np.ndarray:
     """Whether each foot stands, bool (T, 2): contacts without the gaps in which the foot went nowhere."""
     joints, _ = poses.world()

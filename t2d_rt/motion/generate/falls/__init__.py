@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from t2d_rt.motion.generate.falls.make import Fall, NoFall, fall, simulate_fall
 from t2d_rt.motion.generate.falls.plan import FallEvents, FallPlan
-from t2d_rt.motion.generate.falls.provider import fall_of, plan_of
+from t2d_rt.motion.generate.falls.provider import plan_of
 
-__all__ = ["Fall", "FallEvents", "FallPlan", "NoFall", "fall", "fall_of", "plan_of", "simulate_fall"]
+__all__ = ["Fall", "FallEvents", "FallPlan", "NoFall", "fall", "plan_of", "simulate_fall"]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate.falls.anatomy import SIDES
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, Humanoid
 from t2d_rt.motion.generate.falls.muscles import (
@@ -14,7 +15,6 @@ from t2d_rt.motion.generate.falls.muscles import (
     REGIONS,
     Fading,
     Reaction,
-    eased,
     hinge_tones,
     reaction_pose,
 )
@@ -175,11 +175,11 @@ def course(body: Humanoid, drawn: Draw, reference: np.ndarray, frames: int) -> C
     times = np.arange(frames) / RATE_HZ
     lead = reference[np.minimum(np.arange(frames), len(reference) - 1)]
     pose = reaction_pose(body, drawn.reaction, lead)
-    weight = eased((times - drawn.reaction.delay_s) / drawn.reaction.within_s)[:, None]
+    weight = minimum_jerk((times - drawn.reaction.delay_s) / drawn.reaction.within_s)[:, None]
     hinges = body.model.jnt_qposadr[body.model.actuator_trnid[:, 0]]
     targets = ((1 - weight) * lead + weight * pose)[:, hinges]
     # At first ahead by the lag of a damped spring: its damping is then against the step's own speeds, and nothing jolts.
-    ahead_s = DAMPING_PER_STIFFNESS * (1 - eased(times / AHEAD_S))[:, None]
+    ahead_s = DAMPING_PER_STIFFNESS * (1 - minimum_jerk(times / AHEAD_S))[:, None]
     targets = targets + ahead_s * RATE_HZ * np.gradient(targets, axis=0)
     tones = hinge_tones(body, {joint: fading.at(times) for joint, fading in drawn.tones.items()})
     limp = {joint: np.array([drawn.limp * LIMP[part]]) for part, joints in REGIONS.items() for joint in joints}

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate.falls.anatomy import anatomy, matrices
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, Humanoid, mujoco
 from t2d_rt.motion.generate.falls.joining import Skeleton
-from t2d_rt.motion.generate.falls.muscles import eased
 from t2d_rt.motion.generate.falls.pose import coordinates
 from t2d_rt.motion.interpolate import low_pass, resample
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion, checked_motion
@@ -38,7 +38,7 @@ def got_up(
     wait = round(0.6 * blend_s * RATE_HZ)
     root = np.concatenate([np.repeat(root[:1], wait, axis=0), root])
     segments = np.concatenate([np.repeat(segments[:1], wait, axis=0), segments])
-    weight = eased(np.arange(len(root)) / (blend_s * RATE_HZ))
+    weight = minimum_jerk(np.arange(len(root)) / (blend_s * RATE_HZ))
     segments = _blended(lying, segments, weight)
     root = root_m + weight[:, None] * (root - root_m)
     return _on_the_floor(body, root, segments, root_m), segments

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate.falls.anatomy import Anatomy, matrices
-from t2d_rt.motion.generate.falls.muscles import eased
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 JOIN_S = 0.25
@@ -68,7 +68,7 @@ def joined(
     """
     rate = lead.rate_hz
     times = np.arange(len(root_m)) / rate
-    fade = 1.0 - eased(times / JOIN_S)
+    fade = 1.0 - minimum_jerk(times / JOIN_S)
 
     def difference(value: np.ndarray, slope: np.ndarray) -> np.ndarray:
         shape = (len(times),) + (1,) * value.ndim

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate.falls.anatomy import PARENTS, SIDES
 from t2d_rt.motion.generate.falls.humanoid import Humanoid
 from t2d_rt.motion.generate.falls.plan import Heading
@@ -38,7 +39,7 @@ class Fading:
 
     def at(self, time_s: np.ndarray) -> np.ndarray:
         """The tone at times since the event (T,)."""
-        return self.floor + (1 - self.floor) * (1 - eased((time_s - self.delay_s) / self.within_s))
+        return self.floor + (1 - self.floor) * (1 - minimum_jerk((time_s - self.delay_s) / self.within_s))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,12 +56,6 @@ class Reaction:
     reach: tuple[float, float] = (0.0, 0.0)
     """How far (side, up) the arms' directions differ from the usual."""
     elbow_rad: float = 0.6
-
-
-def eased(fraction: np.ndarray) -> np.ndarray:
-    """Minimum-jerk step from 0 to 1 (Flash and Hogan 1985)."""
-    x = np.clip(fraction, 0.0, 1.0)
-    return np.asarray(x**3 * (10.0 + x * (6.0 * x - 15.0)))
 
 
 def arm_directions(heading: Heading, side: str) -> tuple[np.ndarray, np.ndarray]:

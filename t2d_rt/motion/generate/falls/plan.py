@@ -40,6 +40,8 @@ class FallPlan:
             raise InputError(f"a fall's type must be one of {', '.join(FALL_TYPES)}, got {shown(self.type)}")
         if self.direction is not None and self.direction not in HEADINGS:
             raise InputError(f"a fall's direction must be one of {', '.join(HEADINGS)}, got {shown(self.direction)}")
+        if (self.type, self.direction) == ("trip", "back"):
+            raise InputError("a trip throws nobody backward, for the walk goes on; choose a slip, or another direction")
         if self.strength is not None:
             number("strength", self.strength, 0, 1)
         if self.time_s is not None:

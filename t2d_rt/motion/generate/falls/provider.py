@@ -8,9 +8,7 @@ import numpy as np
 
 from t2d_rt.errors import InputError
 from t2d_rt.motion.descriptions.slots import FALL_TYPES, Description, FallType, Step
-from t2d_rt.motion.generate.falls.make import fall
 from t2d_rt.motion.generate.falls.plan import HEADINGS, FallPlan
-from t2d_rt.types.motion import Motion
 
 STRENGTHS = {"slow": (0.2, 0.45), "normal": (0.3, 0.8), "fast": (0.65, 0.95)}
 """Ranges of strength by the speed that a description asks for."""
@@ -35,11 +33,6 @@ def plan_of(description: Description, seed: int = 0) -> FallPlan:
         strength=float(rng.uniform(*STRENGTHS[step.speed])), rest_s=float(rng.uniform(*RESTS_S)),
         get_up=any(each.action == "stand_up" for each in _after(description, step)), seed=seed,
     )  # fmt: skip
-
-
-def fall_of(description: Description, lead: Motion, *, getups: Sequence[Motion] = (), seed: int = 0) -> Motion:
-    """A motion of the description: `lead` is the walk, run or stance before the fall, `getups` recordings of getting up."""
-    return fall(lead, plan_of(description, seed), getups)
 
 
 def _types_to(step: Step) -> list[FallType]:

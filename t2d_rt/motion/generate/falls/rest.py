@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate.falls.anatomy import matrices
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ
-from t2d_rt.motion.generate.falls.muscles import eased
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 EASING_S = 0.4
@@ -38,7 +38,7 @@ def breathing(segments: np.ndarray, frames: int, rng: np.random.Generator, *, fr
     """Segments (T + frames, 22, 3, 3): those given, the last one held, and the chest rising and falling from a frame on."""
     held = np.concatenate([segments, np.repeat(segments[-1:], frames, axis=0)])
     times = np.maximum(np.arange(len(held)) - from_frame, 0) / RATE_HZ
-    angle = rng.uniform(*BREATH_RAD) * eased(times / 0.8) * np.sin(2 * np.pi * rng.uniform(*BREATHS_HZ) * times)
+    angle = rng.uniform(*BREATH_RAD) * minimum_jerk(times / 0.8) * np.sin(2 * np.pi * rng.uniform(*BREATHS_HZ) * times)
     turn = matrices(quaternions.about_axis(np.array([1.0, 0.0, 0.0]), angle))
     for joint in CHEST:
         held[:, joint] = held[:, joint] @ turn

@@ -9,7 +9,7 @@ import numpy as np
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import SIDES, steadying
 from t2d_rt.motion.generate.chain import Piece, Z, heading_rad, moved
-from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, Skeleton
+from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, Skeleton, at_frames
 
 OTHER = {"left": "right", "right": "left"}
 
@@ -36,16 +36,8 @@ def mirrored(piece: Piece) -> Piece:
 
 def retimed(piece: Piece, frames: np.ndarray) -> Piece:
     """The piece as it is at `frames` (K,), which may lie between its own: C2 in time."""
-    from scipy.interpolate import make_interp_spline
-
-    poses = piece.poses
-    values = np.concatenate([poses.root, quaternions.continuous(poses.local).reshape(len(poses), -1)], axis=1)
-    found = make_interp_spline(np.arange(len(poses)), values, k=min(3, len(poses) - 1))(
-        np.clip(frames, 0, len(poses) - 1)
-    )
-    local = quaternions.normalise(found[:, 3:].reshape(len(frames), -1, 4))
-    planted = piece.planted[np.clip(np.round(frames).astype(int), 0, len(poses) - 1)]
-    return replace(piece, poses=replace(poses, root=found[:, :3], local=local), planted=planted)
+    planted = piece.planted[np.clip(np.round(frames).astype(int), 0, len(piece) - 1)]
+    return replace(piece, poses=at_frames(piece.poses, frames), planted=planted)
 
 
 def tempo(piece: Piece, factor: float) -> Piece:
@@ -113,12 +105,6 @@ def aligned(piece: Piece) -> Piece:
     heading = float(np.angle(np.exp(1j * heading_rad(poses)).mean()))
     angle = float(np.arctan2(net[1], net[0])) if np.linalg.norm(net) > 0.8 else heading
     return moved(piece, -angle, poses.root[0, :2], np.zeros(2))
-
-
-def eased(fraction: np.ndarray) -> np.ndarray:
-    """Minimum jerk from 0 to 1: 10 x^3 - 15 x^4 + 6 x^5 (Flash and Hogan 1985)."""
-    x = np.clip(fraction, 0.0, 1.0)
-    return x**3 * (10 - 15 * x + 6 * x**2)
 
 
 def rate_of(poses: Poses) -> float:

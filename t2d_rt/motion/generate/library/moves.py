@@ -9,7 +9,8 @@ import numpy as np
 
 from t2d_rt.errors import InputError
 from t2d_rt.motion.descriptions.slots import Action, Step
-from t2d_rt.motion.generate.chain import Piece, best_seam, joined, moved
+from t2d_rt.motion.easing import minimum_jerk
+from t2d_rt.motion.generate.chain import Piece, best_seam, heading_rad, joined, moved
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual
 from t2d_rt.motion.generate.library.manners import with_manner
@@ -189,7 +190,7 @@ def directed(maker: Maker, piece: Piece, step: Step) -> Piece:
         angle = np.radians(maker.rng.uniform(70, 100))
         within = min(0.6, (1.6 if step.action == "walk" else 1.1) / duration_s)
         start = float(maker.rng.uniform(0.15, max(0.16, 0.85 - within)))
-        profile = angle * edits.eased((fraction - start) / within)
+        profile = angle * minimum_jerk((fraction - start) / within)
         note = f"bent {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees"
     else:
         # At walking pace people round circles of 0.7 to 1.5 m; faster than 60 degrees a second they would have to lean.
@@ -221,7 +222,7 @@ def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
     walk = gait(maker, Step(action="walk", speed="slow"), lasting)
     fraction = np.linspace(0, 1, len(walk))
     short = edits.strided(walk, 0.12 + 0.1 * float(maker.rng.random()))
-    turned = edits.bent(short, sign * angle * edits.eased((fraction - 0.1) / 0.8))
+    turned = edits.bent(short, sign * angle * minimum_jerk((fraction - 0.1) / 0.8))
     turned = turned.noted(f"turned {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees")
     quiet = stand(maker, Step(action="stand"), 0.8)
     return joined([quiet, turned, stand(maker, Step(action="stand"), 0.8)], blend_s=0.5)
@@ -244,7 +245,7 @@ def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
     x = (np.linspace(0, 1, len(walk)) - begin) / within
     # Steps shorten in a tight turn (Orendurff et al. 2006).
     short = 1 - (0.35 if angle < 2 else 0.5) * np.exp(-(((x - 0.5) / 0.45) ** 4))
-    turned = edits.bent(edits.strided(walk, short), sign * angle * edits.eased(x))
+    turned = edits.bent(edits.strided(walk, short), sign * angle * minimum_jerk(x))
     return turned.noted(f"turned {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees")
 
 
@@ -307,7 +308,7 @@ def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
         low -= 1
     while high < len(piece) - 2 and air[high + 1]:
         high += 1
-    profile = edits.eased((np.arange(len(piece)) - low) / max(high - low, 1))
+    profile = minimum_jerk((np.arange(len(piece)) - low) / max(high - low, 1))
     if step.direction in ("clockwise", "counterclockwise"):
         sign = 1.0 if step.direction == "counterclockwise" else -1.0
         return edits.bent(piece, sign * np.pi / 2 * profile).noted("turned in the air")
@@ -341,8 +342,11 @@ def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
     whole = edits.tempo(whole.part(0, max(count, 60)), pace)
     if step.direction in ("clockwise", "counterclockwise"):
         sign = 1.0 if step.direction == "counterclockwise" else -1.0
+        heading = np.unwrap(heading_rad(whole.poses))
+        if sign * (heading[-1] - heading[0]) < 0:
+            whole = edits.mirrored(whole)  # the dancer's own spins go the same way
         turn_rad = min(2 * np.pi, CIRCLING_RADPS * len(whole) / RATE_HZ)
-        return edits.bent(whole, sign * turn_rad * edits.eased(np.linspace(0, 1, len(whole)))).noted(
+        return edits.bent(whole, sign * turn_rad * minimum_jerk(np.linspace(0, 1, len(whole)))).noted(
             f"turned {step.direction} by {np.degrees(turn_rad):.0f} degrees"
         )
     return whole
@@ -361,7 +365,7 @@ def halted(piece: Piece, following: Piece) -> Piece:
         return piece
     last = min(len(piece) - 1, round(HALT_S * RATE_HZ))
     fraction = np.clip((np.arange(len(piece)) - (len(piece) - last)) / last, 0, 1)
-    return edits.strided(piece, 1 - 0.9 * edits.eased(fraction))
+    return edits.strided(piece, 1 - 0.9 * minimum_jerk(fraction))
 
 
 def begun(before: Piece, piece: Piece) -> Piece:
@@ -369,7 +373,7 @@ def begun(before: Piece, piece: Piece) -> Piece:
     pace = pace_mps(piece, 0)
     if pace < AT_REST_MPS or pace_mps(before, -1) > 0.5 * pace:
         return piece
-    rising = edits.eased(np.arange(len(piece)) / (START_S * RATE_HZ))
+    rising = minimum_jerk(np.arange(len(piece)) / (START_S * RATE_HZ))
     slow = edits.strided(piece, 0.25 + 0.75 * rising)
     # Time runs at 0.55 of its pace at first.
     frames = np.concatenate([[0.0], np.cumsum(0.55 + 0.45 * rising)])

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate.made.hands import Goal, Hang
 
 Posture = Literal["standing", "sitting", "sitting on the floor", "lying on the floor", "lying on a bed"]
@@ -173,12 +174,6 @@ class Score:
         for each in self.moves:
             found[:, INDEX[each.channel]] += each.change * progress(times_s, each.start_s, each.duration_s, each.skew)
         return found
-
-
-def minimum_jerk(x: np.ndarray) -> np.ndarray:
-    """From 0 to 1 with no speed and no acceleration at either end (Flash and Hogan 1985, equation 2)."""
-    x = np.clip(x, 0.0, 1.0)
-    return x**3 * (10 - 15 * x + 6 * x**2)
 
 
 def progress(times_s: np.ndarray, start_s: float, duration_s: float, skew: float = 1.0) -> np.ndarray:
