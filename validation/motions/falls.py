@@ -22,6 +22,7 @@ import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, resample
+from t2d_rt.motion.check import detect_fall
 from t2d_rt.motion.generate.falls import Fall, FallPlan, simulate_fall
 from t2d_rt.motion.posture import facing
 from t2d_rt.types.motion import Motion
@@ -35,12 +36,25 @@ BARS = {
 }  # fmt: skip
 
 
+WORDS = {
+    "pelvis_mps": "downward speed of the pelvis at impact [m/s]", "head_mps": "of the head [m/s]",
+    "event_to_impact_s": "loss of balance to impact [s]", "descent_s": "descent [s]", "slide_m": "slide after the impact [m]",
+    "gain_j": "gain of mechanical energy less the work of muscles [J]", "floor_depth_m": "depth in the floor [m]",
+    "self_depth_m": "depth of limbs in one another [m]", "lead_changed_m": "change of what comes before [m]",
+    "step_over_lead": "step of a joint's speed at the event, over the walk's greatest", "rest_speed_mps": "speed at rest [m/s]",
+    "seconds": "time of computation [s]",
+}  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
     """One fall."""
 
     type: str
-    heading: str
+    side: str
+    """Of the trunk that strikes the floor: forward is the front."""
+    topples: str
+    """Where the filter's detector finds that the head went; "not found" where it finds no fall."""
     values: dict[str, float]
 
 
@@ -71,7 +85,14 @@ def one(job: tuple[str, str, int]) -> Row | str:
         made = simulate_fall(lead, FallPlan(type=kind, seed=seed))  # type: ignore[arg-type]
     except InputError as error:
         return f"{kind} {seed}: {error}"
-    return Row(type=kind, heading=made.heading, values=values(made, lead) | {"seconds": time.process_time() - start})
+    found = detect_fall(made.motion)
+    topples = str(found.direction) if found.happened else "not found"
+    return Row(
+        type=kind,
+        side=made.heading,
+        topples=topples,
+        values=values(made, lead) | {"seconds": time.process_time() - start},
+    )
 
 
 def values(made: Fall, lead: Motion) -> dict[str, float]:
@@ -103,10 +124,19 @@ def table(rows: list[Row], refused: list[str]) -> str:
             x = np.array([row.values[name] for row in rows if row.type == kind])
             within = np.mean((x >= low) & (x <= high))
             cells.append(f"{x.mean():.2f} +- {x.std():.2f} ({x.min():.2f} to {x.max():.2f}), {within:.0%} within")
-        lines.append(f"| {name} | {low:g} to {high:g} | " + " | ".join(cells) + " |")
-    for heading in ("forward", "back", "left", "right"):
-        counts = [sum(row.type == kind and row.heading == heading for row in rows) for kind in TYPES]
-        lines.append(f"| falls {heading} | | " + " | ".join(map(str, counts)) + " |")
+        lines.append(f"| {WORDS[name]} | {low:g} to {high:g} | " + " | ".join(cells) + " |")
+    for side, words in {
+        "forward": "the front",
+        "back": "the back",
+        "left": "the left side",
+        "right": "the right side",
+    }.items():
+        counts = [sum(row.type == kind and row.side == side for row in rows) for kind in TYPES]
+        lines.append(f"| lands on {words} | | " + " | ".join(map(str, counts)) + " |")
+    for where in ("forward", "backward", "left", "right", "down", "not found"):
+        counts = [sum(row.type == kind and row.topples == where for row in rows) for kind in TYPES]
+        told = "the detector finds no fall | 0" if where == "not found" else f"the head goes {where} |"
+        lines.append(f"| {told} | " + " | ".join(map(str, counts)) + " |")
     lines.append(
         "| refused | 0 | " + " | ".join(str(sum(text.startswith(kind) for text in refused)) for kind in TYPES) + " |"
     )
