@@ -33,7 +33,8 @@ _PARKINSON: dict[str, Range] = {
 
 RANGES: dict[GaitType, dict[str, Range]] = {
     # Short steps at a normal cadence, stooped, arms bent and not swinging, shuffling feet (Morris et al. 1996, Brain 119: 551;
-    # stride 0.9 to 1.1 m against 1.4 m; Hausdorff 2005: stride times vary twice as much as in healthy persons).
+    # strides of 0.9 to 1.1 m for 1.4 m, which severities up to 0.45 give; shorter ones are chosen, not measured). Stride times vary
+    # twice as much as in healthy persons (Hausdorff 2005).
     "parkinsonian": _PARKINSON,
     # Steps grow shorter and faster while the trunk runs ahead of the feet (Nutt et al. 2011, Lancet Neurol. 10: 734).
     "festinating": _PARKINSON | {"stride": (0.85, 0.60), "lean_rad": (10 * DEGREE, 25 * DEGREE), "hurry": (0.2, 0.4)},
