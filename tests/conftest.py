@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from builders import WALK, WALL
 from command_line import Command, Run, listing
@@ -19,6 +20,10 @@ from t2d_rt.types import Radar
 
 ReadField = Callable[..., np.ndarray]
 Make = Callable[..., Path]
+
+# The same examples in every run, so that what fails is what was changed; `pytest --hypothesis-profile=default` draws new ones.
+settings.register_profile("same", derandomize=True, database=None)
+settings.load_profile("same")
 
 LONGEST = (
     "test_tolerance",
