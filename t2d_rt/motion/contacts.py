@@ -20,6 +20,9 @@ CONTACT_SPEED_MPS = 0.2
 """Horizontal speed of heel or ball up to which it is in contact; a planted foot of a recorded walk moves at 0.02 to 0.2 m/s, a
 swinging one at 2 m/s and more."""
 
+LEAVING_MPS = 0.45
+"""Speed up to which one that was in contact still is, or is about to be: a swinging foot reaches it within 0.05 s."""
+
 FADE_S = 0.15
 """Time in which a foot that leaves the ground, or comes down, passes from one correction to the next one's slope."""
 
@@ -59,15 +62,37 @@ def soles(poses: Poses) -> np.ndarray:
 
 def contacts(poses: Poses, *, speed_mps: float = CONTACT_SPEED_MPS) -> np.ndarray:
     """Whether heel and ball of each foot stand, bool (T, 2 sides, 2 heel and ball): low and slow, for more than a few frames."""
-    points = soles(poses)
-    level = np.percentile(points[..., 2], 5, axis=0)
-    speed = np.linalg.norm(np.gradient(points[..., :2], 1.0 / poses.rate_hz, axis=0), axis=-1)
-    low = points[..., 2] - level < CONTACT_HEIGHT * 2 * poses.skeleton.leg_m
-    found = low & (speed < speed_mps)
+    low, velocity = _low_and_velocity(poses)
+    found = low & (np.linalg.norm(velocity[..., :2], axis=-1) < speed_mps)
     for side in range(2):
         for part in range(2):
             found[:, side, part] = _tidied(found[:, side, part], poses.rate_hz)
     return found
+
+
+def grown(poses: Poses, planted: np.ndarray) -> np.ndarray:
+    """Contacts (T, 2, 2) with the frames before and after them in which heel or ball is low still and slower than `LEAVING_MPS`.
+
+    Feet of recordings drift while they stand and settle slowly: what is left out of a contact slides when steps are made longer.
+    """
+    low, velocity = _low_and_velocity(poses)
+    # What goes up or down by more is leaving for a jump, or landing from one.
+    slow = (np.linalg.norm(velocity[..., :2], axis=-1) < LEAVING_MPS) & (np.abs(velocity[..., 2]) < CONTACT_SPEED_MPS)
+    near = (low & slow) | planted
+    found = planted.copy()
+    for side in range(2):
+        for part in range(2):
+            for start, stop in runs(near[:, side, part]):
+                found[start:stop, side, part] = planted[start:stop, side, part].any()
+    return found
+
+
+def _low_and_velocity(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+    """Whether heels and balls are low enough to stand, (T, 2, 2), and their velocities [m/s], (T, 2, 2, 3)."""
+    points = soles(poses)
+    level = np.percentile(points[..., 2], 5, axis=0)
+    low = points[..., 2] - level < CONTACT_HEIGHT * 2 * poses.skeleton.leg_m
+    return low, np.gradient(points, 1.0 / poses.rate_hz, axis=0)
 
 
 def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None, level: bool = True) -> Poses:

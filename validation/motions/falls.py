@@ -1,9 +1,10 @@
 """Falls by physics: a hundred of each type against measured falls, and a strip of pictures of each.
 
-    python -m validation.motions.falls LEADS [--falls 100] [--out validation/report]
+    python -m validation.motions.falls LEADS [--falls 100] [--walks 30] [--out validation/report]
 
 LEADS is a folder of recorded walks (.bvh or .bvh.gz). What is measured is measured on the motions that come out, or on the
-run of the simulation where a motion does not say it (energy, depth of contacts).
+run of the simulation where a motion does not say it (energy, depth of contacts). As many falls as --walks come after walks made
+from a sentence: how far planted feet slide there before the event.
 """
 
 from __future__ import annotations
@@ -21,13 +22,19 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.motion import load_motion, resample
+from t2d_rt.motion import load_motion, resample, trim
 from t2d_rt.motion.check import detect_fall
+from t2d_rt.motion.check.support import contacts
+from t2d_rt.motion.check.tracks import tracks
+from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.generate.falls import Fall, FallPlan, simulate_fall
 from t2d_rt.motion.posture import facing
 from t2d_rt.types.motion import Motion
 
 TYPES = ("slip", "trip", "collapse")
+
+MOST_SKATE_M = 0.02
+"""Bar of the sliding of planted feet before a fall."""
 
 BARS = {
     "pelvis_mps": (1.2, 3.0), "head_mps": (1.5, 4.5), "event_to_impact_s": (0.4, 2.5), "descent_s": (0.3, 1.2),
@@ -115,6 +122,27 @@ def values(made: Fall, lead: Motion) -> dict[str, float]:
     }  # fmt: skip
 
 
+def skate_m(seed: int) -> float | None:
+    """Farthest that a planted foot slides [m] in a made walk before the event of a fall; None where there is no fall."""
+    walk = motion_from_text("A person walks for four seconds.", seed=seed)
+    try:
+        made = simulate_fall(walk, FallPlan(type=TYPES[seed % len(TYPES)], seed=seed))  # type: ignore[arg-type]
+    except InputError:
+        return None
+    planted = contacts(tracks(trim(made.motion, 0.0, made.events.event_s)))
+    return max((each.skate_m for each in planted), default=0.0)
+
+
+def skates(count: int) -> str:
+    """What the feet of so many made walks slide before the fall, in a line."""
+    found = np.array([each for each in map(skate_m, range(count)) if each is not None])
+    within = float(np.mean(found < MOST_SKATE_M))
+    return (
+        f"planted feet slide before the event of {len(found)} falls after made walks by {1e3 * np.median(found):.1f} mm "
+        f"(median), {1e3 * found.max():.1f} mm at most; {within:.0%} below {1e3 * MOST_SKATE_M:.0f} mm"
+    )
+
+
 def table(rows: list[Row], refused: list[str]) -> str:
     """The statistics as a table in Markdown."""
     lines = ["| quantity | bar | " + " | ".join(TYPES) + " |", "|---|---|" + "---|" * len(TYPES)]
@@ -195,6 +223,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else "")
     parser.add_argument("leads")
     parser.add_argument("--falls", type=int, default=100)
+    parser.add_argument("--walks", type=int, default=30)
     parser.add_argument("--out", type=Path, default=Path("validation/report"))
     parser.add_argument("--seed", type=int, default=2)
     options = parser.parse_args()
@@ -202,6 +231,7 @@ def main() -> None:
     with ProcessPoolExecutor(2) as pool:
         found = list(pool.map(one, jobs, chunksize=5))
     text = table([row for row in found if isinstance(row, Row)], [row for row in found if isinstance(row, str)])
+    text += "\n\n" + skates(options.walks)
     (options.out / "falls.md").write_text(text + "\n", encoding="utf-8")
     picture(options.leads, options.out / "falls.png", options.seed)
     print(text)

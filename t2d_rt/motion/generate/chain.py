@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.easing import minimum_jerk
+from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.motion.kinematics import INDEX, Poses
 
 BLEND_S = 0.4
@@ -15,6 +17,15 @@ BLEND_S = 0.4
 
 FARTHEST, LEAST_FRAMES = 0.7, 6
 """Of a velocity [m or rad] at a seam, times the time in which it dies out: a seventh of it is what a joint swings farther by."""
+
+THROWN_RADPS = 8.0
+"""Angular velocity of an arm that is thrown up in a jump and cannot swing farther; in walks it reaches 2 to 3 rad/s, in runs 5."""
+
+CROSSING_S = 0.3
+"""Time in which a gait goes over from one clip to the next at the same phase."""
+
+SWING_HZ, SWING_S = 4.0, 0.4
+"""Frequency below which a swing of arms lies, twice a stride's in a run with its first harmonic, and half the time of a swing."""
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -96,6 +107,31 @@ def _appended(first: Piece, second: Piece, blend_s: float, turn: bool) -> Piece:
     return Piece(poses=poses, planted=planted, notes=(*first.notes, *second.notes))
 
 
+def crossed(first: Piece, second: Piece, cut: int, start: int) -> Piece:
+    """One piece that goes over from the first, of which frame `cut` is like frame `start` of the second, as both go on: within
+    `CROSSING_S`, where each has frames beyond that.
+
+    For cycles in step with one another. Nothing is carried on at a measured velocity, which is noise where a foot lands: the seam
+    is as smooth as the clips.
+    """
+    a, b = first.poses, second.poses
+    half = min(round(0.5 * CROSSING_S * a.rate_hz), cut, start, len(a) - 1 - cut, len(b) - 1 - start)
+    placed = moved(second, 0.0, b.root[start, :2], a.root[cut, :2]).poses
+    count = 2 * half + 1
+    weight = minimum_jerk(np.arange(1, count + 1) / (count + 1))[:, None]
+    old, new = a.part(cut - half, cut + half + 1), placed.part(start - half, start + half + 1)
+    root = (1 - weight) * old.root + weight * new.root
+    local = quaternions.blend(old.local, new.local, weight[..., None])
+    parts = [(a.root[: cut - half], a.local[: cut - half]), (root, local)]
+    parts.append((placed.root[start + half + 1 :], placed.local[start + half + 1 :]))
+    poses = replace(
+        a, root=np.concatenate([each for each, _ in parts]),
+        local=quaternions.continuous(np.concatenate([each for _, each in parts])),
+    )  # fmt: skip
+    planted = np.concatenate([first.planted[: cut + 1], second.planted[start + 1 :]])
+    return Piece(poses=poses, planted=planted, notes=(*first.notes, *second.notes))
+
+
 def _step(root: np.ndarray) -> np.ndarray:
     return root[1] - root[0]
 
@@ -130,15 +166,26 @@ def from_rotation_vector(vector: np.ndarray) -> np.ndarray:
     return np.concatenate([scale * vector, np.cos(half)], axis=-1)
 
 
-def swung(rotation: np.ndarray, factor: float) -> np.ndarray:
-    """Rotations (T, 4) farther from their mean over time by a factor; those more than about a radian away stay."""
+def swung(rotation: np.ndarray, factor: float, rate_hz: float) -> np.ndarray:
+    """Rotations (T, 4) farther from their mean over time by a factor; those more than about a radian away stay.
+
+    The swing below `SWING_HZ` changes, not what is faster; and by how far it goes within `SWING_S`, not by each instant's angle,
+    which would bend its shape into harmonics: both would raise the jerk far more than the swing.
+    """
+    from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+
     vectors = np.linalg.eigh(rotation.T @ rotation)[1]
     middle = np.broadcast_to(vectors[:, -1], rotation.shape)
     swing = rotation_vector(quaternions.multiply(rotation, quaternions.conjugate(middle)))
-    angle = np.linalg.norm(swing, axis=-1, keepdims=True)
+    angle = np.linalg.norm(swing, axis=-1)
+    width = SWING_S * rate_hz
     # At half a turn the axis jumps: what is changed must have died out there.
-    added = (factor - 1) * np.exp(-((angle / 1.2) ** 2)) * swing
-    return quaternions.multiply(from_rotation_vector(added), rotation)
+    slow = low_pass(np.where(angle[:, None] < 0.8 * np.pi, swing, 0.0), min(SWING_HZ, 0.4 * rate_hz), rate_hz)
+    speed = np.linalg.norm(np.gradient(slow, 1 / rate_hz, axis=0), axis=-1)
+    widest, fastest = (maximum_filter1d(each, 2 * round(width) + 1, mode="nearest") for each in (angle, speed))
+    kept = np.exp(-((widest / 1.2) ** 2) - (fastest / THROWN_RADPS) ** 4)
+    kept = gaussian_filter1d(kept, 0.5 * width, mode="nearest")
+    return quaternions.multiply(from_rotation_vector((factor - 1) * kept[:, None] * slow), rotation)
 
 
 def features(poses: Poses, *, within_s: float = 0.1) -> np.ndarray:

@@ -18,8 +18,9 @@ from t2d_rt.motion.generate import LONGEST_S
 from t2d_rt.motion.generate.chain import Piece, best_seam, joined
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual, individual, lively, sole_m
-from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, begun, directed, halted, made_of_clips, own_clips
+from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, directed, made_of_clips, own_clips
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
+from t2d_rt.motion.generate.library.transitions import begun, halted
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import motion_of, poses_of
 from t2d_rt.motion.read.reading import file_origin

@@ -97,7 +97,7 @@ def lively(piece: Piece, person: Individual, rng: np.random.Generator, *, quiet:
         joint = INDEX[name]
         rotation = local[:, joint]
         if name.endswith(("shoulder", "elbow")):
-            rotation = swung(rotation, 1 + quiet * (person.vigour - 1))
+            rotation = swung(rotation, 1 + quiet * (person.vigour - 1), poses.rate_hz)
         wave = np.zeros((len(times), 3))
         for _ in range(3):
             frequency, phase = rng.uniform(*SLOW_HZ), rng.uniform(0, 2 * np.pi, 3)

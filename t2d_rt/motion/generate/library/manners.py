@@ -58,9 +58,11 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
         return piece
     change, strength = CHANGES[step.manner], float(rng.uniform(*STRENGTH))
     travels = step.action in ("walk", "run")
-    piece = edits.tempo(piece, change.tempo**strength)
+    # A manner brings its own pace; where the description says the speed, that is said already.
+    pace = strength if step.speed == "normal" else 0.0
+    piece = (edits.paced if step.action == "jump" else edits.tempo)(piece, change.tempo**pace)
     if travels:
-        piece = edits.strided(piece, change.stride**strength)
+        piece = edits.strided(piece, change.stride**pace)
     local = piece.poses.local.copy()
     for joint, part in (("spine1", 0.4), ("spine2", 0.3), ("spine3", 0.3)):
         _turned(local, joint, [0.0, np.radians(change.trunk_deg) * strength * part, 0.0])
@@ -69,7 +71,7 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for joint in ("shoulder", "elbow"):
             index = INDEX[f"{side}_{joint}"]
-            local[:, index] = swung(local[:, index], change.arms**strength)
+            local[:, index] = swung(local[:, index], change.arms**strength, piece.poses.rate_hz)
         _turned(local, f"{side}_elbow", [0.0, 0.0, -sign * strength * np.radians(change.elbows_deg)])
         _turned(local, f"{side}_shoulder", [sign * strength * np.radians(change.apart_deg), 0.0, 0.0])
     root = piece.poses.root.copy()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.descriptions.slots import Action, Step
 from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate.chain import Piece, best_seam, heading_rad, joined, moved
@@ -15,6 +16,7 @@ from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual
 from t2d_rt.motion.generate.library.manners import with_manner
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Store
+from t2d_rt.motion.generate.library.transitions import best_crossing
 from t2d_rt.motion.kinematics import retargeted
 
 SPEEDS_MPS: Mapping[tuple[str, str], tuple[float, float]] = {
@@ -35,15 +37,12 @@ WARP = 0.72, 1.38
 """Limits of the factor by which a clip's speed is changed, half of it (as a logarithm) by tempo and half by stride, as people do:
 step length over cadence keeps constant (Sekiya, Nagasaki 1998)."""
 
-HALT_S = 1.2
-"""Time in which a walk comes to a halt: two steps (Bishop et al. 2002)."""
+MOST_QUICKENED = 1.6
+"""Factor by which the steps of a turn on the spot come faster than those of a slow walk: 120 a minute for 75."""
 
-
-START_S = 1.0
-"""Time in which a walk gets up its speed (Breniere, Do 1986: about a step)."""
-
-AT_REST_MPS = 0.3
-"""Speed of the pelvis of one who does not walk."""
+APART_RAD = 0.05
+"""Angle by which each leg is held apart in a turn on the spot, 4 cm at the ankle: chosen so that feet pass each other while
+one stays behind the turning body."""
 
 LONGEST_ON_THE_SPOT_S = 3.5
 """Turns that last longer have steps before and after."""
@@ -131,17 +130,11 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
     begin = int(maker.rng.integers(0, max(1, len(whole) - count + 1))) if len(whole) > count else 0
     whole = whole.part(begin, len(whole))
     while len(whole) < count:
-        nearest = None
-        for other in dict.fromkeys([maker.draw(others), maker.draw(others), first]):
-            found = maker.piece(other, mirror=mirror)
-            length = min(len(whole), len(found))
-            after = range(max(len(whole) - round(0.5 * length), 3), len(whole) - 2, 2)
-            seam = best_seam(whole.poses, found.poses, after, range(2, max(4, round(0.45 * len(found))), 2))
-            if nearest is None or seam[2] < nearest[1][2]:
-                nearest = found, seam
-        assert nearest is not None
-        found, (cut, start, _) = nearest
-        whole = joined([whole.part(0, cut + 1), found.part(start + 1, len(found))], turn=False)
+        tries = [
+            maker.piece(other, mirror=mirror)
+            for other in dict.fromkeys([maker.draw(others), maker.draw(others), first])
+        ]
+        whole = min((best_crossing(whole, found) for found in tries), key=lambda each: each.apart_m).joined()
     whole = whole.part(0, count)
     whole = edits.strided(edits.tempo(whole, float(np.sqrt(factor))), float(np.sqrt(factor)))
     whole = whole.noted(f"speed {factor:.2f} times the clips', {edits.rate_of(whole.poses):.2f} m/s")
@@ -219,13 +212,23 @@ def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
     )
     rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed]
     lasting = max(step.duration_s or 0.0, float(np.degrees(angle)) / (rate * maker.person.tempo) + 0.9)
-    walk = gait(maker, Step(action="walk", speed="slow"), lasting)
+    walk = quickened(gait(maker, Step(action="walk", speed="slow"), MOST_QUICKENED * lasting), float(angle), lasting)
     fraction = np.linspace(0, 1, len(walk))
-    short = edits.strided(walk, 0.12 + 0.1 * float(maker.rng.random()))
+    short = edits.straddled(edits.strided(walk, 0.12 + 0.1 * float(maker.rng.random())), APART_RAD)
     turned = edits.bent(short, sign * angle * minimum_jerk((fraction - 0.1) / 0.8))
     turned = turned.noted(f"turned {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees")
     quiet = stand(maker, Step(action="stand"), 0.8)
     return joined([quiet, turned, stand(maker, Step(action="stand"), 0.8)], blend_s=0.5)
+
+
+def quickened(walk: Piece, angle_rad: float, lasting_s: float) -> Piece:
+    """So much of a walk as lasts `lasting_s`, its steps so quick that a body which turns by an angle meanwhile turns no farther
+    over a standing foot than hips do, up to `MOST_QUICKENED` times as quick."""
+    stands = [stop - start for side in range(2) for start, stop in runs(np.asarray(walk.planted[:, side].any(axis=1)))]
+    stance_s = float(np.median(stands)) / RATE_HZ if stands else 0.0
+    fastest = 1.875 / 0.8 * angle_rad / lasting_s  # of a smooth step of least jerk over the middle 80 % of the time
+    factor = float(np.clip(fastest * stance_s / (2 * edits.MOST_TWIST_RAD), 1.0, MOST_QUICKENED))
+    return edits.tempo(walk.part(0, round(factor * lasting_s * RATE_HZ) + 1), factor)
 
 
 def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
@@ -278,7 +281,7 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
         fitting = [each for each in segments if each.count <= max(count - done, 1)] if count else segments
         segment = maker.draw(fitting or segments)
         done += max(segment.count, 1)
-        piece = edits.tempo(maker.piece(segment), pace * float(np.exp(0.03 * maker.rng.standard_normal())))
+        piece = edits.paced(maker.piece(segment), pace * float(np.exp(0.03 * maker.rng.standard_normal())))
         pieces.append(_thrown(maker, _begun_late(maker, piece) if not pieces else piece, step))
         total += len(piece) / RATE_HZ
     return joined(pieces)
@@ -356,32 +359,3 @@ ACTIONS: Mapping[Action, Callable[[Maker, Step, float], Piece]] = {
     "walk": gait, "run": gait, "turn": turn, "stand": stand, "jump": jump, "dance": dance,
 }  # fmt: skip
 """What makes each action."""
-
-
-def halted(piece: Piece, following: Piece) -> Piece:
-    """A walk brought to a halt before a piece that begins at rest: its last steps shorten; anything else as it is."""
-    pace = pace_mps(piece, -1)
-    if pace < AT_REST_MPS or pace_mps(following, 0) > 0.5 * pace:
-        return piece
-    last = min(len(piece) - 1, round(HALT_S * RATE_HZ))
-    fraction = np.clip((np.arange(len(piece)) - (len(piece) - last)) / last, 0, 1)
-    return edits.strided(piece, 1 - 0.9 * minimum_jerk(fraction))
-
-
-def begun(before: Piece, piece: Piece) -> Piece:
-    """A walk or run that begins with short and slow steps after a piece that ends at rest; anything else as it is."""
-    pace = pace_mps(piece, 0)
-    if pace < AT_REST_MPS or pace_mps(before, -1) > 0.5 * pace:
-        return piece
-    rising = minimum_jerk(np.arange(len(piece)) / (START_S * RATE_HZ))
-    slow = edits.strided(piece, 0.25 + 0.75 * rising)
-    # Time runs at 0.55 of its pace at first.
-    frames = np.concatenate([[0.0], np.cumsum(0.55 + 0.45 * rising)])
-    return edits.retimed(slow, frames[frames <= len(piece) - 1])
-
-
-def pace_mps(piece: Piece, end: int) -> float:
-    """Horizontal speed of the pelvis over a third of a second at the begin (0) or at the end (-1)."""
-    frames = min(20, len(piece))
-    part = piece.poses.root[:frames, :2] if end == 0 else piece.poses.root[-frames:, :2]
-    return float(np.linalg.norm(part[-1] - part[0]) * RATE_HZ / max(frames - 1, 1))

@@ -20,6 +20,7 @@ import numpy as np
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.contacts import grown
 from t2d_rt.motion.generate.chain import Piece
 from t2d_rt.motion.kinematics import NAMES, Poses, Skeleton
 from t2d_rt.types.motion import OPTIONAL_JOINTS
@@ -146,9 +147,10 @@ def clip(path: Path, name: str) -> tuple[Poses, np.ndarray]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             packed, skeleton = data[name], data[f"{name}.skeleton"]
-        return unpacked(packed, skeleton)
+        poses, planted = unpacked(packed, skeleton)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
         raise InputError(f"clip {name} of {path} cannot be read ({_words(error)}); install t2d-rt again") from None
+    return poses, grown(poses, planted)
 
 
 def packed(poses: Poses, planted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ import numpy as np
 from t2d_rt.checks import file_path, shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
-from t2d_rt.motion.contacts import contacts, soles
+from t2d_rt.motion.contacts import contacts, grown, soles
 from t2d_rt.motion.descriptions.slots import ACTIONS_OF, ACTIVITIES, Action, Direction, Speed
 from t2d_rt.motion.generate.chain import heading_rad
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Source, Store
@@ -227,7 +227,7 @@ def recorded(path: Path) -> tuple[Poses, np.ndarray]:
 def _recorded(path: Path, stamp: int) -> tuple[Poses, np.ndarray]:
     motion = load_motion(path)
     poses = poses_of(motion if motion.rate_hz == RATE_HZ else resample(motion, RATE_HZ))
-    planted = contacts(poses)
+    planted = grown(poses, contacts(poses))
     lowest = soles(poses)[..., 2].min(axis=(1, 2))
     stands = planted.any(axis=(1, 2))
     level = float(np.median(lowest[stands])) if stands.sum() > 10 else float(np.percentile(lowest, 2))
