@@ -17,7 +17,7 @@ from t2d_rt.cubes import DiskCube
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.noise.receiver import chain, receive
 from t2d_rt.noise.receiver.draws import Draws
-from t2d_rt.noise.receiver.interference import RINGING, Interference
+from t2d_rt.noise.receiver.interference import RINGING, Interference, filtered_chirp
 from t2d_rt.rows import ScratchRows
 
 RADAR = t2d.Radar.preset("table2", samples=64)
@@ -152,7 +152,7 @@ def spectrum_of(phase: np.ndarray, rate_hz: float) -> np.ndarray:
     return np.asarray(np.mean(np.abs(np.fft.fft(window * phase, axis=1)) ** 2, axis=0) / (window @ window) / rate_hz)
 
 
-@pytest.mark.parametrize("bins", [(20.0, 60.0), (33.3, 140.5)])
+@pytest.mark.parametrize("bins", [(20.0, 60.0), (33.3, 140.5), (8.5, 200.5)])
 def test_residual_phase_noise_is_range_correlated(bins: tuple[float, float]) -> None:
     radar = t2d.Radar.preset("table2")
     mask = t2d.Receiver(phase_noise=MASK).phase_noise
@@ -289,27 +289,39 @@ def test_flicker_noise_of_chirps_goes_on_below_the_prf() -> None:
 OTHER = {"position_m": (30.0, 0.0, 1.0), "carrier_hz": 77.0e9, "duration_s": 60e-6, "interval_s": 200e-6}
 
 
-def test_a_burst_has_the_length_of_bandwidth_over_slope_difference() -> None:
-    """Its energy is its power times that length, and its frequency rises by the difference of the slopes."""
+@pytest.mark.parametrize("difference", [5e11, -5e11])
+def test_a_burst_has_the_length_of_bandwidth_over_slope_difference(difference: float) -> None:
+    """Its energy is its power times that length, and its frequency changes by the difference of the slopes."""
     radar = t2d.Radar.preset("table2", samples=1024, prf_hz=5000)
-    other_slope = radar.slope_hz_per_s - 5e11
-    interferer = t2d.Receiver(interferers=[{**OTHER, "slope_hz_per_s": other_slope, "duration_s": 150e-6}]).interferers[
-        0
-    ]
-    # The frequencies meet at a third of the chirp.
-    begins = -0.2e-6
-    meets = (radar.sweep_time_s / 3) * 5e11
-    moved = interferer.model_copy(update={"carrier_hz": radar.carrier_hz + meets + other_slope * begins})
-    place, found = Interference(radar, moved, Draws(0), 0).burst(begins)
-    length_s = radar.sample_rate_hz / 5e11
+    slope, begins_s = radar.slope_hz_per_s - difference, -0.2e-6
+    # The beat enters the IF band at a third of the chirp.
+    enters_hz = 0 if difference > 0 else radar.sample_rate_hz
+    at_start_hz = enters_hz - difference * radar.sweep_time_s / 3
+    carrier_hz = radar.carrier_hz - at_start_hz + slope * begins_s
+    other = {**OTHER, "carrier_hz": carrier_hz, "slope_hz_per_s": slope, "duration_s": 150e-6}
+    interferer = t2d.Receiver(interferers=[other]).interferers[0]
+    place, found = Interference(radar, interferer, Draws(0), 0).burst(begins_s)
+    length_s = radar.sample_rate_hz / abs(difference)
     assert abs(db(np.sum(np.abs(found) ** 2) / radar.sample_rate_hz / length_s)) < 0.2
     middle = found[RINGING + 3 : -RINGING - 3]
     steps = np.unwrap(np.angle(middle[1:] * np.conj(middle[:-1])))
     rate = steps * radar.sample_rate_hz / (2 * np.pi)
-    slope = np.polyfit(np.arange(len(rate)) / radar.sample_rate_hz, rate, 1)[0]
-    assert slope == pytest.approx(5e11, rel=0.02)
+    assert np.polyfit(np.arange(len(rate)) / radar.sample_rate_hz, rate, 1)[0] == pytest.approx(difference, rel=0.02)
     first_s = (place.start + RINGING) / radar.sample_rate_hz
     assert first_s == pytest.approx(radar.sweep_time_s / 3, abs=2 / radar.sample_rate_hz)
+
+
+@pytest.mark.parametrize("slope", [2e12, -3e13])
+def test_the_if_filter_is_that_of_an_fft(slope: float) -> None:
+    rate, count = 7e6, 4096
+    fine = 64 * rate
+    times = (np.arange(64 * count) - 32 * count) / fine
+    chirp = np.exp(1j * np.pi * slope * times**2) * (np.abs(slope * times) < 16 * rate)
+    spectrum, frequency = np.fft.fft(chirp), np.fft.fftfreq(len(times), 1 / fine)
+    expected = np.fft.ifft(spectrum * ((frequency >= 0) & (frequency < rate)))
+    near = np.abs(times) < 40 / rate
+    found = filtered_chirp(times[near], slope, rate)
+    assert power(found - expected[near]) < 3e-3 * power(expected[near])
 
 
 def test_interference_has_the_power_of_friis_and_hits_as_often_as_chirps_cross() -> None:
@@ -423,6 +435,10 @@ def test_levels_are_those_of_the_samples() -> None:
     assert noisy.noise_floor_dbm is not None
     assert noisy.snr_db is not None
     assert abs(db(power(added)) + 30 - noisy.noise_floor_dbm) < 0.1
+    coarse = fan(noise={"adc": {"bits": 5, "full_scale_dbm": -62}})
+    assert coarse.noise_floor_dbm is not None
+    assert coarse.noise_floor_dbm > noisy.noise_floor_dbm + 1
+    assert abs(db(power(np.asarray(coarse.cube) - np.asarray(clean.cube))) + 30 - coarse.noise_floor_dbm) < 0.2
     moving = np.asarray(clean.cube) - np.asarray(clean.cube).mean(axis=0)
     assert noisy.snr_db == pytest.approx(db(power(moving)) + 30 - noisy.noise_floor_dbm, abs=0.01)
     assert "SNR" in repr(noisy)
