@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ def db(ratio: float) -> float:
     return 10 * math.log10(ratio)
 
 
+@cache
 def fan(**options: Any) -> t2d.Recording:
     radar = t2d.Radar.preset("ci4r", prf_hz=2000, samples=32)
     return t2d.simulate(FAN.mesh(0, 0.3), radar=radar, accuracy={"sagitta_rad": 1.5}, **options)
@@ -404,7 +406,7 @@ def test_noise_free_samples_and_hashes_stay_as_they_were() -> None:
     assert clean.experiment.noise == "none"
     assert (clean.snr_db, clean.noise_floor_dbm) == (None, None)
     assert "noise" not in clean.settings
-    silent = fan(noise={"temperature_k": None})
+    silent = t2d.add_noise(clean, {"temperature_k": None})
     np.testing.assert_array_equal(silent.cube, clean.cube)
     values = clean.experiment.model_dump(mode="json")
     del values["noise"]  # as it was before there was any
@@ -415,7 +417,7 @@ def test_noise_free_samples_and_hashes_stay_as_they_were() -> None:
 
 
 def test_a_noisy_recording_is_made_again_from_its_folder(tmp_path: Path) -> None:
-    noisy = fan(noise="receiver", seed=5)
+    noisy = fan(noise="receiver")
     assert noisy.experiment is not None
     assert noisy.experiment.noise == t2d.Receiver.preset(noisy.radar)
     noisy.save(tmp_path / "noisy.zarr")
@@ -430,12 +432,12 @@ def test_a_noisy_recording_is_made_again_from_its_folder(tmp_path: Path) -> None
 
 
 def test_levels_are_those_of_the_samples() -> None:
-    clean, noisy = fan(), fan(noise={})
+    clean, noisy = fan(), t2d.add_noise(fan(), {})
     added = np.asarray(noisy.cube) - np.asarray(clean.cube)
     assert noisy.noise_floor_dbm is not None
     assert noisy.snr_db is not None
     assert abs(db(power(added)) + 30 - noisy.noise_floor_dbm) < 0.1
-    coarse = fan(noise={"adc": {"bits": 5, "full_scale_dbm": -62}})
+    coarse = t2d.add_noise(clean, {"adc": {"bits": 5, "full_scale_dbm": -62}})
     assert coarse.noise_floor_dbm is not None
     assert coarse.noise_floor_dbm > noisy.noise_floor_dbm + 1
     assert abs(db(power(np.asarray(coarse.cube) - np.asarray(clean.cube))) + 30 - coarse.noise_floor_dbm) < 0.2
@@ -443,6 +445,50 @@ def test_levels_are_those_of_the_samples() -> None:
     assert noisy.snr_db == pytest.approx(db(power(moving)) + 30 - noisy.noise_floor_dbm, abs=0.01)
     assert "SNR" in repr(noisy)
     assert "thermal noise" in noisy._repr_html_()
+
+
+def test_noise_can_be_added_later_and_once() -> None:
+    clean, receiver = fan(), t2d.Receiver.preset(t2d.Radar.preset("ci4r"))
+    before = np.array(clean.cube)
+    later = t2d.add_noise(clean)
+    direct = fan(noise="receiver")
+    np.testing.assert_array_equal(later.cube, direct.cube)
+    assert later.experiment == direct.experiment
+    names = ("noise", "noise_floor_dbm", "snr_db", "adc_peak_dbfs", "clipped")
+    assert [later.settings[name] for name in names] == [direct.settings[name] for name in names]
+    np.testing.assert_array_equal(clean.cube, before)
+    other = t2d.add_noise(clean, receiver, seed=2**80)
+    assert not np.array_equal(other.cube, later.cube)
+    np.testing.assert_array_equal(other.again().cube, other.cube)
+    with pytest.raises(InputError, match="has the noise of a receiver already"):
+        t2d.add_noise(later)
+    with pytest.raises(InputError, match="the recording was measured, so its receiver's noise is in it"):
+        t2d.add_noise(t2d.Recording(before, clean.radar))
+
+
+def test_noise_of_cubes_on_disk_is_that_of_cubes_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("t2d_rt.cubes.LARGE_BYTES", 1000)
+    clean = fan.__wrapped__()
+    assert isinstance(clean.cube, DiskCube)
+    noisy = t2d.add_noise(clean)
+    assert isinstance(noisy.cube, DiskCube)
+    assert noisy.experiment is not None
+    assert isinstance(noisy.experiment.noise, t2d.Receiver)
+    expected, _ = receive(np.asarray(clean.cube), clean.radar, noisy.experiment.noise, 0)
+    np.testing.assert_array_equal(np.asarray(noisy.cube), expected)
+
+
+def test_cubes_without_chirps_and_figures_below_zero() -> None:
+    found, settings = receive(silence(0), RADAR, t2d.Receiver(**ALL), 0)
+    assert found.shape == (0, 1, 64)
+    assert "snr_db" not in settings
+    with pytest.raises(InputError, match="noise_figure_db of a receiver with noise must be 0 or more, got -3"):
+        receive(silence(1), RADAR.replace(noise_figure_db=-3), t2d.Receiver(), 0)
+    with pytest.raises(InputError, match="longer than their interval"):
+        t2d.Receiver(interferers=[{**OTHER, "slope_hz_per_s": 1e13, "interval_s": 50e-6}])
+    here = {**OTHER, "slope_hz_per_s": 1e13, "position_m": RADAR.position_m}
+    with pytest.raises(InputError, match="is at a receive antenna"):
+        receive(silence(1), RADAR, t2d.Receiver(interferers=[here]), 0)
 
 
 def test_noise_by_name_file_mapping_and_value(tmp_path: Path) -> None:
