@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from t2d_rt.cli import main
 from t2d_rt.constants import BOLTZMANN
 from t2d_rt.cubes import DiskCube
 from t2d_rt.errors import InputError, T2DWarning
@@ -89,6 +90,46 @@ def test_a_saturated_adc_is_told() -> None:
         found, settings = receive(cube, RADAR, adc, 0)
     assert settings["clipped"] == 0.5
     assert np.abs(np.asarray(found).real).max() == pytest.approx(math.sqrt(1e-3) * (1 - 2 / 2**8))
+
+
+def test_a_wall_close_by_is_told() -> None:
+    """A large metal wall 1 m away is the mirror image of the radar, 2 m away: 30 dB of gain suit it, 60 dB do not."""
+    radar = t2d.Radar.preset("table2")
+    mirror_w = 10 ** ((12.0 + 9 + 9 - 30) / 10) * (radar.wavelength_m / (4 * np.pi * 2)) ** 2
+    beat = np.exp(2j * np.pi * float(radar.beat_frequency_hz(1.0)) * radar.sample_times_s)
+    cube = np.array(np.broadcast_to(math.sqrt(mirror_w) * beat, (8, 1, radar.samples)), np.complex64)
+    receiver = t2d.Receiver.preset(radar)
+    assert receiver.adc is not None
+    _, settings = receive(cube.copy(), radar, receiver, 0)
+    assert settings["adc_peak_dbfs"] == pytest.approx(-25, abs=1)
+    with pytest.warns(T2DWarning, match="the ADC is saturated: .* by 5.* dB; lower adc.gain_db"):
+        _, settings = receive(cube, radar, receiver.replace(adc={**receiver.adc.model_dump(), "gain_db": 60}), 0)
+    assert settings["clipped"] > 0.5
+
+
+@pytest.mark.slow
+def test_noise_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    where = str(tmp_path / "noisy.zarr")
+    words = (
+        "simulate",
+        "walk",
+        "--method",
+        "ellipsoid",
+        "--radar",
+        "ci4r",
+        "--stop-s",
+        "0.1",
+        "--distance-m",
+        "3",
+        "-o",
+        where,
+    )
+    assert main([*words, "--noise", "{adc: {bits: 12, full_scale_dbm: 9, gain_db: 30}}"]) == 0
+    assert "dB, noise floor -8" in capsys.readouterr().out
+    noisy = t2d.Recording.load(where)
+    assert noisy.experiment is not None
+    assert isinstance(noisy.experiment.noise, t2d.Receiver)
+    assert noisy.settings["noise"] == "thermal noise, ADC"
 
 
 # --- draws, blocks, seeds ---
@@ -416,6 +457,7 @@ def test_noise_free_samples_and_hashes_stay_as_they_were() -> None:
     assert silent.experiment.hash != clean.experiment.hash
 
 
+@pytest.mark.slow
 def test_a_noisy_recording_is_made_again_from_its_folder(tmp_path: Path) -> None:
     noisy = fan(noise="receiver")
     assert noisy.experiment is not None
@@ -486,6 +528,12 @@ def test_cubes_without_chirps_and_figures_below_zero() -> None:
         receive(silence(1), RADAR.replace(noise_figure_db=-3), t2d.Receiver(), 0)
     with pytest.raises(InputError, match="longer than their interval"):
         t2d.Receiver(interferers=[{**OTHER, "slope_hz_per_s": 1e13, "interval_s": 50e-6}])
+    for changes, told in (
+        ({"samples": 8}, "need 16 samples or more, got 8"),
+        ({"slope_hz_per_s": 1e9}, "up to .* us late"),
+    ):
+        with pytest.raises(InputError, match=told):
+            receive(silence(0), RADAR.replace(**changes), t2d.Receiver(phase_noise=MASK), 0)
     here = {**OTHER, "slope_hz_per_s": 1e13, "position_m": RADAR.position_m}
     with pytest.raises(InputError, match="is at a receive antenna"):
         receive(silence(1), RADAR, t2d.Receiver(interferers=[here]), 0)

@@ -54,13 +54,13 @@ def run() -> Section:
         title="Receiver",
         checks=checks,
         note=f"`table2`, {CHIRPS} chirps of silence or of a tone, each effect alone, through `t2d_rt.noise.receiver`. Phase "
-        "noise: on echoes in and between range bins, spectra through a Hann window; Leeson's integral diverges slowly at 0 Hz, where "
-        f"a record ends. SNR: a conducting sphere of radius {RADIUS_M:g} m that goes away at {SPEED_MPS:g} m/s, with thermal noise "
-        f"by `simulate`, peaks of {INTERVAL} chirps at a time, Hann windows in range and Doppler, noise from the cells at other "
-        "speeds; against (2), with R (R + a) for R^2 as of a sphere of radius a, over (32), times the gain of the windows. The "
-        f"maps: the walk in the empty room by ellipsoids, {1e3 * MAP_INTERVAL_S:g} ms without MTI; echoes alone, with the shipped "
-        "receiver (images of the near walls at 15 to 20 m), and with another FMCW radar 12 m away in addition, whose bursts lie at "
-        "sample numbers that drift from chirp to chirp: noise with oblique streaks.",
+        "noise: on echoes in and between range bins, spectra through a Hann window; Leeson's integral diverges slowly at 0 Hz, "
+        f"where a record ends. SNR: a conducting sphere of radius {RADIUS_M:g} m that goes away at {SPEED_MPS:g} m/s, with "
+        f"thermal noise by `simulate`, peaks of {INTERVAL} chirps at a time, Hann windows in range and Doppler, noise from the "
+        "cells at other speeds; against (2), with R (R + a) for R^2 as of a sphere of radius a, over (32), times the gain of the "
+        f"windows. The maps: the walk in the empty room by ellipsoids, {1e3 * MAP_INTERVAL_S:g} ms without MTI; echoes alone, "
+        "with the shipped receiver (images of the near walls at 15 to 20 m), and with another FMCW radar 12 m away in addition, "
+        "whose bursts lie at sample numbers that drift from chirp to chirp: noise with oblique streaks.",
         table=rows,
         charts=[flight.chart(), _maps(radar)],
     )

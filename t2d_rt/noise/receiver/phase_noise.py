@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from t2d_rt.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.processes import Density, Fast, Slow
 from t2d_rt.noise.receiver.slots import Slots
@@ -20,18 +21,27 @@ from t2d_rt.types import Radar
 
 INTERPOLATION = 1e-3
 """Greatest error of the interpolation over delay, in power over that of the phase noise left at that delay."""
+LEAST_SAMPLES = 16
+"""Of a chirp, for the range bins to tell delays apart."""
+MOST_NODES, MOST_WEIGHTS = 128, 20_000_000
+"""Delays at which phase noise may be worked out, and these times the samples of a chirp."""
 RETURN = 1 / 8
 """Fraction of the range bins, the farthest ones, over which the delay returns to 0: they hold what leaks from the nearest ones."""
 TRIED = 200
 """Frequencies, and delays, at which the interpolation and the level of phase noise are worked out."""
 NEGLIGIBLE = 1e-3
-"""Groups of rows in which phase noise lies that far below thermal noise, at every frequency, stay as they are."""
+"""Rows in which phase noise lies that far below thermal noise, at every frequency, stay as they are."""
 
 
 class PhaseNoise:
     """Range-correlated phase noise of a density L(f) of either sign (eq. 33, 34)."""
 
     def __init__(self, radar: Radar, density: Density, draws: Draws, *, thermal_w: float) -> None:
+        if radar.samples < LEAST_SAMPLES:
+            raise InputError(
+                f"phase noise is sorted by range, for which chirps need {LEAST_SAMPLES} samples or more, got {radar.samples}; take "
+                "more, or leave phase_noise out"
+            )
         self._slots, self._draws = Slots(radar), draws
         fast = Fast(density, radar.samples, radar.sample_rate_hz)
         self._powers = fast.amplitudes()[: radar.samples + 1] ** 2
@@ -48,28 +58,30 @@ class PhaseNoise:
 
     def __call__(self, samples: np.ndarray, number: int) -> np.ndarray:
         """Samples (row, antenna, sample) of a group of echoes with the phase noise of the oscillator."""
-        spectrum = fft.fft(np.ascontiguousarray(samples, np.complex64), axis=2)
-        if self._is_negligible(spectrum):
-            return samples
         found = samples.astype(np.complex64)
-        phases = self._phases(number, len(samples))
-        view = self._slots.by_slot(found)
-        for weights, phase in zip(self._nodes.weights, phases, strict=True):
+        spectrum = fft.fft(found, axis=2)
+        rows = self._rows(spectrum)
+        if not rows.any():
+            return found
+        spectrum, noisy = spectrum[rows], found[rows]
+        view = self._slots.by_slot(noisy)
+        for weights, phase in zip(self._nodes.weights, self._phases(number, rows), strict=True):
             part = fft.ifft(spectrum * weights.astype(np.float32), axis=2, overwrite_x=True)
             half = phase / 2
             sine, cosine = np.sin(half), np.cos(half)
             # exp(j phase) - 1, without the loss of digits
             factor = (-2 * sine * sine) + 1j * (2 * sine * cosine)
             view += factor[:, :, None] * self._slots.by_slot(part)
+        found[rows] = noisy
         return found
 
-    def _phases(self, number: int, rows: int) -> np.ndarray:
-        """phi(t) - phi(t - tau) [rad] for each of the nodes' delays, float32 (node, row, slot, sample)."""
+    def _phases(self, number: int, rows: np.ndarray) -> np.ndarray:
+        """phi(t) - phi(t - tau) [rad] for each of the nodes' delays, float32 (node, row, slot, sample), of some rows of a group."""
         count = self._slots.radar.samples
-        drawn = self._draws.normal("phase noise", number, (rows, self._slots.per_row, len(self._powers)))
+        drawn = self._draws.normal("phase noise", number, (len(rows), self._slots.per_row, len(self._powers)))[rows]
         drawn *= (2 * count * np.sqrt(self._powers)).astype(np.float32)
         # The real part of a complex process of a symmetric spectrum has half its power.
-        rate = math.sqrt(2) * self._slow.at(self._slots.numbers(number, rows)).real
+        rate = math.sqrt(2) * self._slow.at(self._slots.numbers(number, len(rows))[rows]).real
         found = np.empty((len(self._nodes.delays_s), *drawn.shape[:2], count), np.float32)
         for each, delayed, delay_s in zip(found, self._delayed, self._nodes.delays_s, strict=True):
             each[:] = fft.irfft(drawn * (1 - delayed).astype(np.complex64), axis=2, overwrite_x=True)[:, :, :count]
@@ -87,11 +99,13 @@ class PhaseNoise:
         slow = delays**2 * self._slow.greatest() * radar.samples
         return np.interp(np.abs(self._delays), delays, np.maximum(fast, slow))
 
-    def _is_negligible(self, spectrum: np.ndarray) -> bool:
+    def _rows(self, spectrum: np.ndarray) -> np.ndarray:
+        """Which rows of a spectrum (row, antenna, sample) have phase noise that counts."""
         if self._thermal_w <= 0:
-            return False
-        echoes_w = np.mean(np.abs(spectrum) ** 2, axis=0) / spectrum.shape[2] ** 2
-        return bool((echoes_w @ self._greatest).max() < NEGLIGIBLE * self._thermal_w)
+            return np.ones(len(spectrum), bool)
+        # Sums, not a product of matrices: of the same bits whatever other rows there are.
+        levels = (np.abs(spectrum) ** 2 * (self._greatest / spectrum.shape[2] ** 2)).sum(axis=2)
+        return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,14 +139,19 @@ def nodes_for(delays_s: np.ndarray, frequencies_hz: np.ndarray, powers: np.ndarr
     frequencies, power = frequencies_hz[some][:, None], powers[some] * np.gradient(some.astype(float))
     straight = np.unique(np.linspace(1, math.floor(len(delays_s) * (1 - RETURN)) - 1, TRIED).astype(int))
     exact = 1 - np.exp(-2j * np.pi * frequencies * delays_s[straight])
-    count = 0
+    greatest, count = float(delays_s.max()), 0
     while True:
         count = count + 1 if count < 8 else count + count // 4
-        nodes = _nodes(delays_s, min(count, len(delays_s)))
+        if count > MOST_NODES or count * len(delays_s) > MOST_WEIGHTS:
+            raise InputError(
+                f"phase noise cannot be sorted by range where echoes are up to {greatest * 1e6:.4g} us late and noise is sampled "
+                f"at {2 * frequencies_hz[-1] / 1e6:.4g} MHz; raise slope_hz_per_s, lower sample_rate_hz, or leave phase_noise out"
+            )
+        nodes = _nodes(delays_s[straight], greatest, count)
         at_nodes = 1 - np.exp(-2j * np.pi * frequencies * nodes.delays_s)
-        error = np.abs(exact - at_nodes @ nodes.weights[:, straight]) ** 2
-        if count >= len(delays_s) or (power @ error <= INTERPOLATION * (power @ np.abs(exact) ** 2)).all():
-            return nodes
+        error = np.abs(exact - at_nodes @ nodes.weights) ** 2
+        if (power @ error <= INTERPOLATION * (power @ np.abs(exact) ** 2)).all():
+            return _nodes(delays_s, greatest, count)
 
 
 def _some(count: int) -> np.ndarray:
@@ -140,9 +159,9 @@ def _some(count: int) -> np.ndarray:
     return np.unique(np.geomspace(1, max(1, count), TRIED).astype(int)) - 1
 
 
-def _nodes(delays_s: np.ndarray, count: int) -> Nodes:
-    """Chebyshev points of the second kind from 0 to the greatest delay, without 0, and their polynomials."""
-    points = delays_s.max() * (1 - np.cos(np.pi * np.arange(count + 1) / count)) / 2
+def _nodes(delays_s: np.ndarray, greatest_s: float, count: int) -> Nodes:
+    """Chebyshev points of the second kind from 0 to the greatest delay, without 0, and their polynomials at the delays."""
+    points = greatest_s * (1 - np.cos(np.pi * np.arange(count + 1) / count)) / 2
     scale = (-1.0) ** np.arange(count + 1)
     scale[[0, -1]] /= 2
     # Barycentric formula (Berrut and Trefethen 2004, eq. 4.2 and 5.4).
