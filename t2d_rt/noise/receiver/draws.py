@@ -1,0 +1,34 @@
+"""Random numbers of the rows of a cube: the same for a row whatever blocks it is worked on in, and independent for each effect."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+GROUP_SAMPLES = 65_536
+"""Samples of a group of rows, whose numbers come from one generator."""
+
+
+def group_rows(row_samples: int) -> int:
+    """Rows of a group, each of so many samples."""
+    return max(1, GROUP_SAMPLES // row_samples)
+
+
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """Streams of random numbers by the name of an effect, from one seed of any size: each is seeded by a hash of these."""
+
+    seed: int
+
+    def of(self, name: str, number: int = 0) -> np.random.Generator:
+        """The generator of one group of an effect."""
+        digest = hashlib.sha256(f"{self.seed}/{name}/{number}".encode()).digest()
+        return np.random.Generator(np.random.SFC64(int.from_bytes(digest, "little")))
+
+    def normal(self, name: str, number: int, shape: tuple[int, ...]) -> np.ndarray:
+        """White complex Gaussian noise of power 1, complex64; its first rows do not depend on how many there are."""
+        parts = self.of(name, number).standard_normal((*shape, 2), np.float32)
+        parts *= np.float32(np.sqrt(0.5))
+        return parts.view(np.complex64)[..., 0]
