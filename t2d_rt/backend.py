@@ -241,3 +241,15 @@ def _llvm_version(path: str) -> int:
 
 def _named(version: int) -> str:
     return f"LLVM {version}" if version else "older than LLVM 16"
+
+
+def limit_threads(count: int) -> None:
+    """Lets this process compute on so many threads: those of Dr.Jit and those of BLAS and OpenMP. What it computes stays the same."""
+    import threadpoolctl
+
+    require_llvm()
+    import drjit as dr
+
+    if dr.thread_count() != count:
+        dr.set_thread_count(count)
+    threadpoolctl.threadpool_limits(count)

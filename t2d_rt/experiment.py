@@ -14,8 +14,9 @@ from pydantic import ConfigDict, Discriminator, Field, field_validator
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_yaml
 from t2d_rt.inputs import Hash, Inputs, Store, named_arrays
-from t2d_rt.motion import load_motion, place, trim
-from t2d_rt.motion.generate import motion_from_text
+from t2d_rt.motion import aside, load_motion, place, trim
+from t2d_rt.motion.generate import LONGEST_S, motion_from_text
+from t2d_rt.motion.vary import hold, vary_gait
 from t2d_rt.named import found_from, motion_path
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.room import Clutter
@@ -47,15 +48,18 @@ class _Placed(_Plain):
     """Range of the start [m]; by default the closest approach is 1.5 m."""
     angle_deg: Fraction = 0.0
     """Angle of the walk against the line to the radar [deg]."""
+    aside_m: Fraction = 0.0
+    """How far left of the line along the boresight the motion starts, as the radar sees it [m]."""
 
     def placed(self, motion: Motion, radar: Radar) -> Motion:
         """The piece of a motion that is used, where it starts."""
         if self.start_s or self.stop_s is not None:
             motion = trim(motion, self.start_s, motion.duration_s if self.stop_s is None else self.stop_s)
-        return place(
+        motion = place(
             motion, distance_m=self.distance_m, angle_deg=self.angle_deg, radar_position_m=radar.position_m,
             boresight=radar.boresight,
         )  # fmt: skip
+        return aside(motion, self.aside_m, radar.boresight) if self.aside_m else motion
 
 
 class MotionFile(_Placed):
@@ -76,6 +80,32 @@ class MotionText(_Placed):
     """Seed of all that is drawn: person, clips, speed."""
     provider: str = "auto"
     """How it is made: auto, library, physics, momask, or files:FOLDER, in a YAML file relative to its folder."""
+    body: str | None = None
+    """Body whose proportions are taken; by default one that suits the subject."""
+    stature_m: Number | None = None
+    """Stature of the person [m]; by default drawn for the subject."""
+    duration_s: Number | None = None
+    """Duration of the main action [s], where the sentence says nothing of it."""
+    gait_factor: Number = 1.0
+    """How many times as fast it is then walked, step by step."""
+    gait_spread: Number = 0.0
+    """Standard deviation of the logarithm of each step's own factor."""
+    hold_s: Annotated[Number, Field(ge=0, le=LONGEST_S)] = 0.0
+    """Time for which the last pose is held [s], before it is cut."""
+
+    def made(self) -> Motion:
+        """The motion before it is held, cut and placed."""
+        made = motion_from_text(
+            self.text, provider=self.provider, seed=self.seed, body=self.body, stature_m=self.stature_m,
+            duration_s=self.duration_s,
+        )  # fmt: skip
+        if self.gait_factor == 1.0 and self.gait_spread == 0.0:
+            return made
+        return vary_gait(made, self.gait_factor, spread=self.gait_spread, seed=self.seed)
+
+    def placed(self, motion: Motion, radar: Radar) -> Motion:
+        """The piece of a motion that is used, held at its end, where it starts."""
+        return super().placed(hold(motion, self.hold_s) if self.hold_s else motion, radar)
 
 
 class MotionArrays(_Plain):
@@ -364,8 +394,7 @@ def _target(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) -> T
     if isinstance(source, MotionFile):
         return source.placed(load_motion(motion_path(found_from(folder or Path(), source.file))), radar)
     if isinstance(source, MotionText):
-        made = motion_from_text(source.text, provider=source.provider, seed=source.seed)
-        return source.placed(made, radar)
+        return source.placed(source.made(), radar)
     if isinstance(source, MotionArrays):
         arrays = named_arrays(inputs, source.input, ("joints", "rotations"))
         fields = source.model_dump(include={"rate_hz", "names", "parents", "placed", "report", "origin"})
