@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         MovingMesh,
         PathTier,
         Radar,
+        Receiver,
         Scene,
         Surface,
     )
@@ -71,6 +72,7 @@ _HOMES = {
             "Motion",
             "MovingMesh",
             "Radar",
+            "Receiver",
             "Scene",
             "Surface",
         ),
@@ -95,6 +97,7 @@ __all__ = [
     "PathTier",
     "Pet",
     "Radar",
+    "Receiver",
     "Recording",
     "Room",
     "Scene",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Field, field_validator
+from pydantic import ConfigDict, Discriminator, Field, ValidationInfo, field_validator
 
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_yaml
@@ -17,12 +17,12 @@ from t2d_rt.inputs import Hash, Inputs, Store, named_arrays
 from t2d_rt.motion import aside, load_motion, place, trim
 from t2d_rt.motion.generate import LONGEST_S, motion_from_text
 from t2d_rt.motion.vary import hold, vary_gait
-from t2d_rt.named import found_from, motion_path
+from t2d_rt.named import found_from, motion_path, noise_named, radar_named
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.room import Clutter
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Pet, TableFan
 from t2d_rt.targets import TargetLike, segments, skin
-from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Scene, Surface
+from t2d_rt.types import Ellipsoids, Material, Motion, MovingMesh, Radar, Receiver, Scene, Surface
 from t2d_rt.types.fields import Count, Fields, Number
 from t2d_rt.types.target import Method
 
@@ -253,15 +253,19 @@ class Experiment(_Plain):
     phase_from: Literal["specular", "centre"] = "specular"
     """Point of an ellipsoid that its phase comes from."""
     seed: Annotated[Count, Field(ge=0)] = 0
-    """Seed of the diffuse points."""
+    """Seed of the diffuse points, and of noise whose receiver has no seed of its own."""
+    noise: Literal["none"] | Receiver = "none"
+    """What the receiver adds; "receiver" becomes the shipped values for the radar's band."""
 
     @field_validator("radar", mode="before")
     @classmethod
     def _named_radar(cls, value: Any) -> Any:
-        if isinstance(value, str):
-            own = Path(value).suffix.lower() in (".yaml", ".yml")
-            return Radar.from_yaml(value) if own else Radar.preset(value)
-        return value
+        return radar_named(value) if isinstance(value, str) else value
+
+    @field_validator("noise", mode="before")
+    @classmethod
+    def _named_noise(cls, value: Any, info: ValidationInfo) -> Any:
+        return noise_named(value, info.data["radar"]) if "radar" in info.data else "none"  # whose error is told
 
     @property
     def physics(self) -> dict[str, Any]:
@@ -270,8 +274,9 @@ class Experiment(_Plain):
 
     @property
     def hash(self) -> str:
-        """Hash of its content: the same for equal experiments."""
-        return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()[:32]
+        """Hash of its content: the same for equal experiments, and without noise that of older versions, which had none."""
+        values = self.model_dump(mode="json", exclude={"noise"} if self.noise == "none" else None)
+        return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:32]
 
     @property
     def lost(self) -> str | None:
@@ -306,6 +311,9 @@ class Experiment(_Plain):
     @classmethod
     def read(cls, values: Mapping[str, Any], path: Path) -> Experiment:
         """An experiment from the fields that a file holds."""
+        noise = values.get("noise")
+        if isinstance(noise, str) and noise.lower().endswith((".yaml", ".yml")):
+            values = {**values, "noise": str(path.parent / noise)}
         try:
             found = cls.model_validate(values)
         except InputError as error:

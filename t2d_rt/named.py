@@ -7,9 +7,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from t2d_rt import body, motion
 from t2d_rt.checks import file_path, names_advice, shown, text, unknown_name
@@ -17,7 +17,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.propagation.scenes import scene_names
 from t2d_rt.resources import resource
 from t2d_rt.scene.movers import KINDS
-from t2d_rt.types import Motion, Radar
+from t2d_rt.types import Motion, Radar, Receiver
 from t2d_rt.types.presets import preset_names
 
 EXAMPLES: dict[str, tuple[str, str]] = {
@@ -99,6 +99,26 @@ def radar_named(radar: Any) -> Any:
         return radar
     path = file_path("radar", radar)
     return Radar.from_yaml(path) if path.suffix.lower() in (".yaml", ".yml") else Radar.preset(str(path))
+
+
+def noise_named(noise: Any, radar: Radar) -> Literal["none"] | Receiver:
+    """A receiver in place of "receiver" (the values for the radar's band), a .yaml file or a mapping; "none" as it is."""
+    if isinstance(noise, Receiver):
+        return noise
+    if isinstance(noise, Mapping):
+        return Receiver.model_validate(noise)
+    if isinstance(noise, (str, os.PathLike)):
+        path = file_path("noise", noise)
+        if path.suffix.lower() in (".yaml", ".yml"):
+            return Receiver.from_yaml(path)
+        if noise == "none":
+            return "none"
+        if noise == "receiver":
+            return Receiver.preset(radar)
+    raise InputError(
+        f"noise must be 'none', 'receiver', a YAML file, a mapping or a Receiver, got {shown(noise)}; 'receiver' takes the shipped "
+        "values for the radar's band"
+    )
 
 
 def _example_path(name: str) -> Path | None:

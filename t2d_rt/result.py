@@ -10,22 +10,31 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-import numpy as np
-
 from t2d_rt.checks import call, file_path, flag, instance, numeric
 from t2d_rt.cubes import Cube, DiskCube, check_complex64
-from t2d_rt.errors import InputError, printable
+from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.export import check_export, write_export
 from t2d_rt.inputs import Inputs
 from t2d_rt.named import radar_named
+from t2d_rt.result_text import cube_size, made_with, noise_of
 from t2d_rt.rows import DIMENSIONS, NAME
-from t2d_rt.saved import FORMAT, MADE_BY, check_free, check_replaceable, not_a_result, read_folder, write_folder
+from t2d_rt.saved import (
+    FORMAT,
+    MADE_BY,
+    check_free,
+    check_replaceable,
+    json_text,
+    not_a_result,
+    plain,
+    read_folder,
+    write_folder,
+)
 from t2d_rt.signal import load_cube, range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
 from t2d_rt.signal.maps import decibel
 from t2d_rt.store import check_taken, replacing
-from t2d_rt.tables import html_table, size
+from t2d_rt.tables import html_table
 from t2d_rt.types import Accuracy, Radar
 
 if TYPE_CHECKING:
@@ -91,14 +100,17 @@ class Recording:
         self._spectrogram: xr.DataArray | None = None
 
     def __repr__(self) -> str:
-        return f"Recording({self._made_with}, {self.radar.carrier_hz / 1e9:.4g} GHz, {self._cube_size})"
+        made = made_with(self.settings, measured=self.experiment is None)
+        return f"Recording({made}, {self.radar.carrier_hz / 1e9:.4g} GHz, {cube_size(self.cube.shape, self.radar)})"
 
     def _repr_html_(self) -> str:
+        measured = self.experiment is None
         error = "not measured" if self.error_db is None else f"{self.error_db:.1f} dB"
         rows = [
-            ("ADC cube", f"{self._cube_size}, {8 * math.prod(self.cube.shape) / 1e6:.4g} MB"),
-            ("made with", self._made_with),
+            ("ADC cube", f"{cube_size(self.cube.shape, self.radar)}, {8 * math.prod(self.cube.shape) / 1e6:.4g} MB"),
+            ("made with", made_with(self.settings, measured=measured)),
             ("error of the field", error),
+            ("noise", noise_of(self.settings, measured=measured)),
             ("radar", repr(self.radar)),
             ("spectrogram", ", ".join(f"{name} {value}" for name, value in self.processing.items()) or "by default"),
             ("pictures", "plot(), plot_range_time(), plot_range_doppler()"),
@@ -106,23 +118,20 @@ class Recording:
         return html_table("Recording", rows)
 
     @property
-    def _cube_size(self) -> str:
-        chirps, antennas, samples = self.cube.shape
-        last_s = float(self.radar.chirp_starts_s(chirps)[-1]) if chirps else 0.0
-        plural = "" if antennas == 1 else "s"
-        return f"{size(chirps)} chirps x {antennas} antenna{plural} x {samples} samples, {last_s:.2f} s"
-
-    @property
-    def _made_with(self) -> str:
-        """Method, scene and error, as far as the settings tell them."""
-        known = [str(self.settings[name]) for name in ("method", "scene") if name in self.settings]
-        measured = [] if self.error_db is None else [f"measured error {self.error_db:.1f} dB"]
-        return printable(", ".join([*known, *measured])) or ("measured" if self.experiment is None else "simulated")
-
-    @property
     def error_db(self) -> float | None:
         """Error of the targets' field, its energy over that of a converged model's [dB], where it was measured."""
         return self.settings.get("error_db")
+
+    @property
+    def snr_db(self) -> float | None:
+        """Power of what changes from chirp to chirp over `noise_floor_dbm`, in the mean over all samples [dB]; None where no white
+        noise was added. Processing raises it by the number of samples that it adds coherently."""
+        return self.settings.get("snr_db")
+
+    @property
+    def noise_floor_dbm(self) -> float | None:
+        """White noise that was added to one complex ADC sample, thermal and of quantisation [dBm]; None where there is none."""
+        return self.settings.get("noise_floor_dbm")
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -131,9 +140,9 @@ class Recording:
             "radar": self.radar.model_dump_json(),
             "experiment": json.dumps(None if self.experiment is None else self.experiment.model_dump(mode="json")),
             "accuracy": json.dumps(None if self.accuracy is None else self.accuracy.model_dump(mode="json")),
-            "settings": _json("settings", self.settings),
-            "processing": _json("processing", self.processing),
-            "versions": _json("versions", self.versions),
+            "settings": json_text("settings", self.settings),
+            "processing": json_text("processing", self.processing),
+            "versions": json_text("versions", self.versions),
             "made_by": MADE_BY,
             "format": str(FORMAT),
         }
@@ -207,7 +216,7 @@ class Recording:
             inputs=self.inputs,
             settings=self.settings,
             versions=self.versions,
-            processing={**self.processing, **{name: _plain(value) for name, value in changes.items()}},
+            processing={**self.processing, **{name: plain(value) for name, value in changes.items()}},
         )
         check_processing(self.radar, len(self.cube), changed.processing)
         return changed
@@ -383,16 +392,3 @@ def load_recording(path: str | Path, radar: Radar | str | Path | None = None) ->
     if radar is None:
         raise InputError(f"{source} holds samples only; give its radar, a Radar, a preset's name or a .yaml file")
     return Recording(cube, radar_named(radar))
-
-
-def _json(name: str, values: Mapping[str, Any]) -> str:
-    """As text that is stored with a result."""
-    try:
-        return json.dumps(values)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} of a result must be plain numbers, texts and lists of them: {error}") from None
-
-
-def _plain(value: Any) -> Any:
-    """Numbers and lists in place of NumPy's, which JSON does not take."""
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value

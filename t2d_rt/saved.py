@@ -120,6 +120,19 @@ def _read(source: Path) -> Saved:
         raise not_a_result(source, error) from error
 
 
+def json_text(name: str, values: Mapping[str, Any]) -> str:
+    """As text that is stored with a result."""
+    try:
+        return json.dumps(values)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} of a result must be plain numbers, texts and lists of them: {error}") from None
+
+
+def plain(value: Any) -> Any:
+    """Numbers and lists in place of NumPy's, which JSON does not take."""
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+
+
 def not_a_result(source: Path, error: Exception) -> InputError:
     """The error of a folder in which something is missing or is not what it should be."""
     reason = f"no {error}" if isinstance(error, KeyError) else error

@@ -11,6 +11,7 @@ from t2d_rt.again import again
 from t2d_rt.backend import Device
 from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
+from t2d_rt.noise.receiver import receive
 from t2d_rt.progress import shown_progress
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.radar.synthesize import Progress
@@ -21,7 +22,7 @@ from t2d_rt.scene import Room
 from t2d_rt.stage import Stage, set_up
 from t2d_rt.summation import summed
 from t2d_rt.targets import TargetLike
-from t2d_rt.types import Accuracy, Material, Radar, Scene
+from t2d_rt.types import Accuracy, Material, Radar, Receiver, Scene
 from t2d_rt.types.target import Method
 from t2d_rt.versions import versions
 
@@ -40,6 +41,7 @@ def simulate(
     collisions: Collisions = "warn",
     method: Method = "mesh",
     seed: int = 0,
+    noise: str | Path | Mapping[str, Any] | Receiver = "none",
     body: str = "adult",
     material: str | Material | None = None,
     phase_from: PhaseFrom = "specular",
@@ -72,7 +74,9 @@ def simulate(
     collisions: what becomes of targets that go through walls or furniture, or are outside the room: "warn" of them, "stop" the
         record just before, or "ignore" them. The same holds for a radar outside the room, unless there are `transmissions`.
     method: "mesh" is physical optics of the body's surface, "ellipsoid" has one echo for each segment of the body.
-    seed: seed of the diffuse points; the same seed gives the same cube bit for bit.
+    seed: seed of the diffuse points, and of noise; the same seed gives the same cube bit for bit.
+    noise: what the receiver adds to the samples, once their error is measured: "none"; "receiver", with typical values for the
+        radar's band; a YAML file or a mapping of a `Receiver`'s fields, or a `Receiver`. `Recording.snr_db` tells the outcome.
     body: the body template that motions are skinned with.
     material: material of everything but movers; by default a body is "skin" and a mesh keeps its own.
     phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
@@ -83,7 +87,8 @@ def simulate(
     """
     physics = {
         "reflections": reflections, "transmissions": transmissions, "bounces": bounces, "clutter": clutter,
-        "collisions": collisions, "method": method, "seed": seed, "body": body, "material": material, "phase_from": phase_from,
+        "collisions": collisions, "method": method, "seed": seed, "noise": noise, "body": body, "material": material,
+        "phase_from": phase_from,
     }  # fmt: skip
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, method)
     stage = set_up(target, radar, scene, physics, device=device, memory_gb=memory_gb)
@@ -118,6 +123,10 @@ def recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | 
     del streams
     settings = stage.described(model, accuracy) | counts | plan.described(needed_bytes)
     settings |= measurement.result(cube, static).described() if measurement else {}
+    noise = stage.experiment.noise
+    if isinstance(noise, Receiver):
+        cube, levels = receive(cube, model.radar, noise, stage.experiment.seed)
+        settings |= levels
     after_call()
     return Recording(
         cube, model.radar, experiment=stage.experiment, accuracy=accuracy, inputs=stage.inputs, settings=settings,

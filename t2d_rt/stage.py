@@ -18,7 +18,7 @@ from t2d_rt.inputs import Inputs, Store
 from t2d_rt.memory import Budget
 from t2d_rt.model import Model, farthest_and_fastest
 from t2d_rt.motion import placement
-from t2d_rt.named import radar_named, target_named
+from t2d_rt.named import noise_named, radar_named, target_named
 from t2d_rt.propagation.collisions import checked_time
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.scenes import load_scene
@@ -74,6 +74,7 @@ def set_up(
     target = target_named(target)
     targets = [target] if isinstance(target, TargetLike) else target
     _check(targets, radar, physics)
+    physics = {**physics, "noise": noise_named(physics["noise"], radar)}
     targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
     backend = select(device)
     method, body, material = physics["method"], physics["body"], physics["material"]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from t2d_rt.types import Motion, Radar
 
 MODEL = (
-    "method", "scene", "tolerance_db", "reflections", "transmissions", "bounces", "clutter", "collisions", "seed", "body",
+    "method", "scene", "tolerance_db", "reflections", "transmissions", "bounces", "clutter", "collisions", "seed", "noise", "body",
     "material", "phase_from", "measure_error", "device", "memory_gb",
 )  # fmt: skip
 """Options that go to the pipeline by their names."""
@@ -60,6 +60,8 @@ def simulate_command(options: Namespace) -> None:
     result.save(target, overwrite=options.overwrite, figure=figure)
     if result.error_db is not None:
         say(f"measured error {result.error_db:.1f} dB")
+    if result.snr_db is not None:
+        say(f"SNR {result.snr_db:.1f} dB, noise floor {result.noise_floor_dbm:.1f} dBm")
     say(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
 
 

@@ -22,6 +22,7 @@ EXAMPLES = {
   t2d-rt simulate walk.bvh --scene living_room --add fan:2,1,1,rpm=300 --add person:other.bvh,distance_m=3
   t2d-rt simulate walk.bvh --print_config > walk.yaml        # every option with its value
   t2d-rt simulate --config walk.yaml
+  t2d-rt simulate walk.bvh --noise receiver                  # thermal and phase noise, ADC and so on, typical of the band
   t2d-rt simulate walk.bvh --tolerance-db -25                # as finely as that asks for; the error is measured afterwards""",
     "plan": """examples:
   t2d-rt plan walk.bvh --tolerance-db -25                    # what simulate would model, leave out, and take
@@ -256,7 +257,9 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bo
         default="free_space",
         help=f"Scene: free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file.",
     )
-    _add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", *skip})
+    _add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", "noise", *skip})
+    if "noise" not in skip:  # a receiver is several fields, which it checks itself
+        model.add_argument("--noise", type=str | dict[str, Any], default="none", help=parameter_help(simulate)["noise"])
     _add_accuracy(parser)
     _add_radar(parser)
     _add_parameters(

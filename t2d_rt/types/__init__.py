@@ -8,6 +8,7 @@ from t2d_rt.types.mesh import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
 from t2d_rt.types.paths import OneWayPath, PathPair, PathSet, StaticPath
 from t2d_rt.types.radar import Radar
+from t2d_rt.types.receiver import Receiver
 from t2d_rt.types.scene import Scene, Surface
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "PathSet",
     "PathTier",
     "Radar",
+    "Receiver",
     "Scene",
     "StaticPath",
     "Surface",

@@ -1,0 +1,5 @@
+"""What a real receiver adds to ADC samples: noise, phase noise, interference, imbalance, quantisation (docs/noise.md)."""
+
+from t2d_rt.noise.receiver.chain import receive
+
+__all__ = ["receive"]

@@ -1,0 +1,36 @@
+"""What an interpreter prints of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from t2d_rt.errors import printable
+from t2d_rt.tables import size
+from t2d_rt.types import Radar
+
+
+def cube_size(shape: tuple[int, ...], radar: Radar) -> str:
+    """Size and duration of a cube (chirp, antenna, sample)."""
+    chirps, antennas, samples = shape
+    last_s = float(radar.chirp_starts_s(chirps)[-1]) if chirps else 0.0
+    plural = "" if antennas == 1 else "s"
+    return f"{size(chirps)} chirps x {antennas} antenna{plural} x {samples} samples, {last_s:.2f} s"
+
+
+def made_with(settings: Mapping[str, Any], *, measured: bool) -> str:
+    """Method, scene, error and SNR, as far as the settings tell them; else whether the recording was measured."""
+    known = [str(settings[name]) for name in ("method", "scene") if name in settings]
+    if settings.get("error_db") is not None:
+        known.append(f"measured error {settings['error_db']:.1f} dB")
+    if settings.get("snr_db") is not None:
+        known.append(f"SNR {settings['snr_db']:.1f} dB")
+    return printable(", ".join(known)) or ("measured" if measured else "simulated")
+
+
+def noise_of(settings: Mapping[str, Any], *, measured: bool) -> str:
+    """Effects of the receiver, and the level of its white noise."""
+    if "noise" not in settings:
+        return "as it was measured" if measured else "none"
+    floor_dbm = settings.get("noise_floor_dbm")
+    return ", ".join([str(settings["noise"]), *([] if floor_dbm is None else [f"white noise {floor_dbm:.1f} dBm"])])
