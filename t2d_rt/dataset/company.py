@@ -35,7 +35,11 @@ def company(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText |
         place = between(2.5, 4.0), side * between(0.8, 1.4), 0.0
         animal: Any = rng.choice(["dog", "cat"])
         return Pet(
-            animal=str(animal), position_m=place, heading_deg=between(0, 360), speed_mps=between(0.4, 0.9), turn_radius_m=0.6
+            animal=str(animal),
+            position_m=place,
+            heading_deg=between(0, 360),
+            speed_mps=between(0.4, 0.9),
+            turn_radius_m=0.6,
         )  # type: ignore[arg-type]
     if beside == "person":
         walks = descriptions("walking", WALKS, recipe.seed)

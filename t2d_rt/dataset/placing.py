@@ -54,7 +54,11 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion) -> Place:
         aside_m = 0.0 if scene == "free_space" else round(float(rng.uniform(-WIDTH_M, WIDTH_M)), 4)
         lacking_m = _lacking(_moved(track, distance_m, angle_deg, aside_m), low, high, boxes)
         found = Place(
-            distance_m=distance_m, angle_deg=angle_deg, aside_m=aside_m, height_m=height_m, lacking_m=round(lacking_m, 3)
+            distance_m=distance_m,
+            angle_deg=angle_deg,
+            aside_m=aside_m,
+            height_m=height_m,
+            lacking_m=round(lacking_m, 3),
         )
         if found.lacking_m == 0:
             return found
@@ -80,7 +84,9 @@ def _lacking(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.nda
     near = NEAREST_M - np.linalg.norm(track[..., :2], axis=-1).min()
     found = max(0.0, float(outside), float(near))
     for first, last in boxes:
-        inside = np.minimum(track - first + [CLEARANCE_M, CLEARANCE_M, 0.0], last + [CLEARANCE_M, CLEARANCE_M, 0.0] - track)
+        inside = np.minimum(
+            track - first + [CLEARANCE_M, CLEARANCE_M, 0.0], last + [CLEARANCE_M, CLEARANCE_M, 0.0] - track
+        )
         found = max(found, float(inside.min(axis=-1).max()))
     return found
 

@@ -16,13 +16,19 @@ from t2d_rt.errors import InputError, T2DError, T2DWarning
 from t2d_rt.types import Accuracy
 
 
-def groups(recipe: Recipe, count: int) -> dict[str, list[int]]:
-    """Indices of the first so many samples whose condition has a tolerance, by their group."""
+PLANNED = 20
+"""Samples of a group of which the first one that can be planned gives the plan."""
+
+
+def groups(recipe: Recipe, count: int, *, only: str | None = None) -> dict[str, list[int]]:
+    """Indices of the first few of so many samples whose condition has a tolerance, by their group; of one group if `only` that."""
     found: dict[str, list[int]] = {}
     for index in range(count):
         cell = cell_of(recipe, index)
-        if cell.condition.tolerance_db is not None:
-            found.setdefault(group_of(cell), []).append(index)
+        if cell.condition.tolerance_db is not None and only in (None, group_of(cell)):
+            found.setdefault(group_of(cell), [])
+            if len(found[group_of(cell)]) < PLANNED:
+                found[group_of(cell)].append(index)
     return found
 
 

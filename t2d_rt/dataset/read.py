@@ -41,9 +41,13 @@ class Shard:
         for record in self.records:
             if record["row"] is not None:
                 names = record["products"]
-                yield record, {
-                    name: arrays[f"{name}_{record['index']}"] if name in RAGGED else arrays[name][record["row"]] for name in names
-                }
+                yield (
+                    record,
+                    {
+                        name: arrays[f"{name}_{record['index']}"] if name in RAGGED else arrays[name][record["row"]]
+                        for name in names
+                    },
+                )
 
 
 def read_shards(path: str | Path) -> Iterator[Shard]:

@@ -20,7 +20,7 @@ from t2d_rt.files import read_yaml
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.named import bodies
 from t2d_rt.room import Clutter
-from t2d_rt.types import Accuracy, Radar
+from t2d_rt.types import Accuracy, Radar, Receiver
 from t2d_rt.types.fields import Count, Fields, Number
 from t2d_rt.types.target import Method
 
@@ -111,6 +111,8 @@ class Recipe(Fields):
     """Motions of other seeds that are made until one passes the filter; where none does, the first one is taken."""
     radar: Radar
     """Its fields, or the name of a preset."""
+    noise: Literal["none", "receiver"] | Receiver = "receiver"
+    """What the receiver adds: "receiver" is typical of each radar's band, "none" nothing, or the fields of a receiver."""
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1, max_length=1000)]
     """Under what motions are recorded."""
     each_condition: bool = False

@@ -87,7 +87,8 @@ def sample(recipe: Recipe, index: int) -> Sample:
     experiment = Experiment(
         targets=(source,) if beside is None else (source, beside), radar=radar, scene=condition.scene,
         reflections=condition.reflections, clutter=condition.clutter, method=condition.method,
-        body=source.body or "adult", seed=whole(recipe.seeds(cell.number, "diffuse points")),
+        body=source.body or "adult", seed=whole(recipe.seeds(index, "diffuse points and noise")),
+        noise=recipe.noise,
     )  # fmt: skip
     chance = float(np.random.default_rng(recipe.seeds(index, "error")).random())
     return Sample(

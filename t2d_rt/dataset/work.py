@@ -105,6 +105,7 @@ def _recorded(
     record = {
         "duration_s": round(len(recording.cube) * recording.radar.loop_interval_s, 9),
         "error_db": None if recording.error_db is None else round(recording.error_db, 3),
+        "snr_db": None if recording.snr_db is None else round(recording.snr_db, 3),
         "products": products,
     }
     return arrays, record, {"simulation": simulated - begin, "products": time.perf_counter() - simulated}
