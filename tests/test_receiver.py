@@ -16,6 +16,8 @@ from t2d_rt.constants import BOLTZMANN
 from t2d_rt.cubes import DiskCube
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.noise.receiver import chain, receive
+from t2d_rt.noise.receiver.draws import Draws
+from t2d_rt.noise.receiver.interference import RINGING, Interference
 from t2d_rt.rows import ScratchRows
 
 RADAR = t2d.Radar.preset("table2", samples=64)
@@ -110,6 +112,275 @@ def test_seeds_of_any_size_tell_apart() -> None:
     assert len({each.tobytes() for each in found}) == len(seeds)
     again, _ = receive(silence(16), RADAR, t2d.Receiver(seed=1), 7)
     np.testing.assert_array_equal(np.asarray(again), found[1])
+
+
+# --- gain against range ---
+
+
+def test_snr_falls_with_the_fourth_power_of_range() -> None:
+    radar = t2d.Radar.preset("table2")
+    near, far = 5 * radar.range_resolution_m * 4, 10 * radar.range_resolution_m * 4
+    ratios = []
+    for range_m in (near, far):
+        amplitude = math.sqrt(radar.received_power_w(100.0, range_m))
+        beat = np.exp(2j * np.pi * radar.beat_frequency_hz(range_m) * radar.sample_times_s)
+        clean = np.broadcast_to((amplitude * beat).astype(np.complex64), (400, 1, radar.samples))
+        noisy = through(np.array(clean), radar, temperature_k=290.0)
+        spectrum = np.abs(np.fft.fft(noisy, axis=2) / radar.samples) ** 2
+        peak = round(range_m / radar.range_resolution_m)
+        noise = np.delete(spectrum.mean(axis=0)[0], peak).mean()
+        ratios.append((spectrum[:, 0, peak].mean() - noise) / noise)
+        assert abs(db(ratios[-1]) - db(amplitude**2 * radar.samples / radar.noise_power_w)) < 0.1
+    assert abs(db(ratios[0] / ratios[1]) - 40 * math.log10(2)) < 0.1
+
+
+# --- phase noise ---
+
+MASK = {"kind": "mask", "points": [[1e5, -75.0], [1e6, -85.0], [1e7, -95.0]]}
+
+
+def residual_phase(bin_number: float, rows: int, mask: Any, radar: t2d.Radar) -> np.ndarray:
+    """Phase noise [rad] left on an echo in a range bin, (row, sample)."""
+    beat = np.exp(2j * np.pi * bin_number * np.arange(radar.samples) / radar.samples).astype(np.complex64)
+    cube = np.array(np.broadcast_to(beat, (rows, radar.antennas, radar.samples)))
+    return np.angle(through(cube, radar, phase_noise=mask)[:, 0] * np.conj(beat))
+
+
+def spectrum_of(phase: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Two-sided power density over the frequencies of the rows' FFT [1/Hz], through a Hann window, mean over rows."""
+    window = np.hanning(phase.shape[1])
+    return np.asarray(np.mean(np.abs(np.fft.fft(window * phase, axis=1)) ** 2, axis=0) / (window @ window) / rate_hz)
+
+
+@pytest.mark.parametrize("bins", [(20.0, 60.0), (33.3, 140.5)])
+def test_residual_phase_noise_is_range_correlated(bins: tuple[float, float]) -> None:
+    radar = t2d.Radar.preset("table2")
+    mask = t2d.Receiver(phase_noise=MASK).phase_noise
+    assert mask is not None
+    frequency = np.fft.fftfreq(radar.samples, 1 / radar.sample_rate_hz)
+    band = slice(6, radar.samples // 2 - 2)
+    found, expected = [], []
+    for number in bins:
+        delay_s = number / radar.samples * radar.sample_rate_hz / radar.slope_hz_per_s
+        spectrum = spectrum_of(residual_phase(number, 1500, MASK, radar), radar.sample_rate_hz)
+        closed = 4 * np.sin(np.pi * frequency * delay_s) ** 2 * mask.density(frequency)
+        found.append(spectrum[band].sum())
+        expected.append(closed[band].sum())
+        for part in np.array_split(np.arange(band.start, band.stop), 6):
+            assert abs(db(spectrum[part].sum() / closed[part].sum())) < 0.2
+    assert abs(db(found[0] / found[1] / (expected[0] / expected[1]))) < 0.2
+
+
+@pytest.mark.parametrize(
+    "oscillator",
+    [
+        {"kind": "leeson", "floor_dbc_hz": -120.0, "half_bandwidth_hz": 2e6, "flicker_hz": 1e5},
+        {"kind": "mask", "points": [[1e5, -80.0], [1e6, -90.0]]},
+    ],
+)
+def test_the_masks_integral_is_the_variance_of_the_phase(oscillator: dict[str, Any]) -> None:
+    """At half a cycle of delay at the edge of the band, the residual's variance is the integral of 4 sin^2 L."""
+    radar = t2d.Radar.preset("table2")
+    number = 100.0
+    delay_s = number / radar.samples * radar.sample_rate_hz / radar.slope_hz_per_s
+    shape = t2d.Receiver(phase_noise=oscillator).phase_noise
+    assert shape is not None
+    frequency = (np.arange(1_000_000) + 0.5) / 1_000_000 * radar.sample_rate_hz / 2
+    integral = 2 * np.mean(4 * np.sin(np.pi * frequency * delay_s) ** 2 * shape.density(frequency)) * frequency[-1]
+    phase = residual_phase(number, 1500, oscillator, radar)
+    assert abs(db(np.var(phase) / integral)) < 0.2
+
+
+def test_leesons_model_and_masks_have_their_slopes() -> None:
+    leeson = t2d.Receiver(
+        phase_noise={"kind": "leeson", "floor_dbc_hz": -150, "half_bandwidth_hz": 1e6, "flicker_hz": 1e4}
+    )
+    assert leeson.phase_noise is not None
+    level = 10 * np.log10(leeson.phase_noise.density(np.array([1e2, 1e3, 1e5, 2e5, 1e9, -1e9])))
+    assert level[0] - level[1] == pytest.approx(30, abs=0.5)
+    assert level[2] - level[3] == pytest.approx(20 * math.log10(2), abs=0.3)
+    assert level[4:] == pytest.approx([-150, -150], abs=0.01)
+    mask = t2d.Receiver(phase_noise=MASK).phase_noise
+    assert mask is not None
+    found = 10 * np.log10(mask.density(np.array([1.0, 1e5, 10**5.5, -1e6, 1e9])))
+    np.testing.assert_allclose(found, [-75, -75, -80, -85, -95], atol=1e-9)
+
+
+def test_phase_noise_is_shared_by_antennas_and_slow_noise_by_chirps() -> None:
+    radar = t2d.Radar.preset("table2", rx_offsets_m=[(0, 0, 0), (0, 0.002, 0)], samples=32)
+    steep = {"kind": "mask", "points": [[10.0, 0.0], [1e5, -160.0]]}  # what folds at the PRF is weak
+    cube = np.array(np.broadcast_to(np.exp(2j * np.pi * 10 * np.arange(32) / 32), (20_000, 2, 32)), np.complex64)
+    phase = np.angle(through(cube, radar, phase_noise=steep) * np.conj(cube))
+    np.testing.assert_allclose(phase[:, 0], phase[:, 1], atol=1e-6)
+    of_chirps = phase[:, 0].mean(axis=1)
+    spectrum = np.abs(np.fft.fft((of_chirps * np.hanning(20_000)).reshape(1, -1), axis=1)[0]) ** 2
+    frequency = np.fft.fftfreq(20_000, 1 / radar.prf_hz)
+    delay_s = 10 / 32 * radar.sample_rate_hz / radar.slope_hz_per_s
+    window = np.hanning(20_000)
+    shape = t2d.Receiver(phase_noise=steep).phase_noise
+    assert shape is not None
+    for low, high in ((20.0, 100.0), (100.0, 300.0), (300.0, 1000.0)):
+        within = (np.abs(frequency) > low) & (np.abs(frequency) < high)
+        expected = (2 * np.pi * frequency[within] * delay_s) ** 2 * shape.density(frequency[within])
+        found = spectrum[within] / (window @ window) / radar.prf_hz
+        assert abs(db(found.sum() / expected.sum())) < 1.0  # a few hundred bins, not independent
+
+
+def test_negligible_phase_noise_is_left_out_and_no_other() -> None:
+    radar = t2d.Radar.preset("table2")
+    tone = np.exp(2j * np.pi * 100 * np.arange(256) / 256)
+    for level, changes in ((1e-7, False), (1e-3, True)):
+        cube = np.array(np.broadcast_to(level * tone, (4, 1, 256)), np.complex64)
+        thermal = through(cube, radar, temperature_k=290.0)
+        both = through(cube, radar, temperature_k=290.0, phase_noise=MASK)
+        assert (both != thermal).any() == changes
+
+
+# --- I/Q imbalance, constant, 1/f noise ---
+
+
+@pytest.mark.parametrize(("gain_db", "phase_deg"), [(0.5, 0.0), (0.0, 3.0), (-1.0, 5.0)])
+def test_the_image_is_rejected_as_the_imbalance_says(gain_db: float, phase_deg: float) -> None:
+    cube = np.array(np.broadcast_to(np.exp(2j * np.pi * 10 * np.arange(64) / 64), (4, 1, 64)), np.complex64)
+    spectrum = np.abs(np.fft.fft(through(cube, iq_imbalance={"gain_db": gain_db, "phase_deg": phase_deg}), axis=2)) ** 2
+    g, p = 10 ** (gain_db / 20), math.radians(phase_deg)
+    expected = (1 + 2 * g * math.cos(p) + g**2) / (1 - 2 * g * math.cos(p) + g**2)
+    assert abs(db(spectrum[0, 0, 10] / spectrum[0, 0, 54]) - db(expected)) < 0.01
+    imbalance = t2d.Receiver(iq_imbalance={"gain_db": gain_db, "phase_deg": phase_deg}).iq_imbalance
+    assert imbalance is not None
+    assert imbalance.image_rejection_db == pytest.approx(db(expected))
+
+
+def test_the_constant_has_its_power_and_a_phase_for_each_receiver() -> None:
+    radar = t2d.Radar.preset("array-3x4")
+    found = through(silence(3, radar), radar, dc_offset_dbm=-40.0)
+    np.testing.assert_allclose(np.abs(found), math.sqrt(1e-7), rtol=1e-5)
+    assert (found == found[:1, :, :1]).all()
+    assert len(np.unique(found[0, :, 0])) == 4
+    np.testing.assert_array_equal(found[:, :4], found[:, 4:8])  # the same receivers in the next time slot
+
+
+def test_flicker_noise_falls_by_ten_decibels_per_decade_from_its_corner() -> None:
+    radar = t2d.Radar.preset("table2")
+    corner_hz = 100e3
+    found = through(silence(4000, radar), radar, flicker_corner_hz=corner_hz)[:, 0]
+    spectrum = spectrum_of(found, radar.sample_rate_hz) + spectrum_of(np.conj(found), radar.sample_rate_hz)
+    frequency = np.fft.fftfreq(radar.samples, 1 / radar.sample_rate_hz)
+    thermal = radar.noise_power_w / radar.sample_rate_hz
+    for low, high in ((1e5, 3e5), (3e5, 1e6), (1e6, 3e6)):
+        within = (frequency > low) & (frequency < high)
+        expected = thermal * corner_hz / frequency[within]
+        assert abs(db(spectrum[within].sum() / 2 / expected.sum())) < 0.2
+
+
+def test_flicker_noise_of_chirps_goes_on_below_the_prf() -> None:
+    radar = t2d.Radar.preset("table2", samples=32)
+    found = through(silence(20_000, radar), radar, flicker_corner_hz=1e5)[:, 0].mean(axis=1)
+    spectrum = np.abs(np.fft.fft(found * np.hanning(20_000))) ** 2 / np.sum(np.hanning(20_000) ** 2) / radar.prf_hz
+    frequency = np.abs(np.fft.fftfreq(20_000, 1 / radar.prf_hz))
+    low, high = ((frequency > lowest) & (frequency < 2 * lowest) for lowest in (10.0, 40.0))
+    assert abs(db(spectrum[low].mean() / spectrum[high].mean()) - 6.02) < 1.5
+    expected = radar.noise_power_w / radar.sample_rate_hz * 1e5 / frequency[high]
+    assert abs(db(spectrum[high].sum() / expected.sum())) < 1.0
+
+
+# --- interference ---
+
+OTHER = {"position_m": (30.0, 0.0, 1.0), "carrier_hz": 77.0e9, "duration_s": 60e-6, "interval_s": 200e-6}
+
+
+def test_a_burst_has_the_length_of_bandwidth_over_slope_difference() -> None:
+    """Its energy is its power times that length, and its frequency rises by the difference of the slopes."""
+    radar = t2d.Radar.preset("table2", samples=1024, prf_hz=5000)
+    other_slope = radar.slope_hz_per_s - 5e11
+    interferer = t2d.Receiver(interferers=[{**OTHER, "slope_hz_per_s": other_slope, "duration_s": 150e-6}]).interferers[
+        0
+    ]
+    # The frequencies meet at a third of the chirp.
+    begins = -0.2e-6
+    meets = (radar.sweep_time_s / 3) * 5e11
+    moved = interferer.model_copy(update={"carrier_hz": radar.carrier_hz + meets + other_slope * begins})
+    place, found = Interference(radar, moved, Draws(0), 0).burst(begins)
+    length_s = radar.sample_rate_hz / 5e11
+    assert abs(db(np.sum(np.abs(found) ** 2) / radar.sample_rate_hz / length_s)) < 0.2
+    middle = found[RINGING + 3 : -RINGING - 3]
+    steps = np.unwrap(np.angle(middle[1:] * np.conj(middle[:-1])))
+    rate = steps * radar.sample_rate_hz / (2 * np.pi)
+    slope = np.polyfit(np.arange(len(rate)) / radar.sample_rate_hz, rate, 1)[0]
+    assert slope == pytest.approx(5e11, rel=0.02)
+    first_s = (place.start + RINGING) / radar.sample_rate_hz
+    assert first_s == pytest.approx(radar.sweep_time_s / 3, abs=2 / radar.sample_rate_hz)
+
+
+def test_interference_has_the_power_of_friis_and_hits_as_often_as_chirps_cross() -> None:
+    radar = t2d.Radar.preset("table2")
+    slope = -radar.slope_hz_per_s / 2
+    other = {**OTHER, "slope_hz_per_s": slope, "carrier_hz": 78.0e9, "eirp_dbm": 20.0}
+    found = through(silence(4000, radar), radar, interferers=[other])[:, 0]
+    difference = radar.slope_hz_per_s - slope
+    wavelength = radar.wavelength_m
+    power_w = 10 ** ((20.0 - 30 + radar.rx_gain_dbi) / 10) * (wavelength / (4 * np.pi * 30.0)) ** 2
+    hit = (np.abs(found) ** 2).sum(axis=1) > 1e-3 * power_w
+    # Both are anywhere: the crossing lies in the sweep for chirps that begin in a window of begin times, out of each interval.
+    begins = np.arange(-60e-6, radar.sweep_time_s, 1e-8)
+    meets = -(radar.carrier_hz - 78.0e9 + slope * begins) / difference
+    crossing = (meets > 0) & (meets < radar.sweep_time_s) & (meets > begins) & (meets < begins + 60e-6)
+    expected = crossing.mean() * (begins[-1] - begins[0]) / 200e-6
+    assert hit.mean() == pytest.approx(expected, rel=0.1)
+    energy = (np.abs(found[hit]) ** 2).sum(axis=1) / radar.sample_rate_hz
+    assert abs(db(np.median(energy) / (power_w * radar.sample_rate_hz / difference))) < 0.2
+
+
+def test_interference_from_the_side_has_the_phases_of_its_direction() -> None:
+    radar = t2d.Radar.preset("array-3x4")
+    other = {
+        **OTHER,
+        "position_m": (300.0, 300.0, 1.0),
+        "carrier_hz": 77.5e9,
+        "slope_hz_per_s": 30e12,
+        "interval_s": 201e-6,
+    }
+    found = through(silence(200, radar), radar, interferers=[other])
+    slots = found.reshape(-1, 4, radar.samples)
+    hit = slots[np.abs(slots).max(axis=(1, 2)).argmax()]
+    step = np.angle(np.sum(hit[1:] * np.conj(hit[:-1])))
+    pitch = np.diff(np.array(radar.rx_offsets_m)[:, 1])[0]
+    # A receiver farther left, towards the interferer, hears it earlier; IF conjugates what is received.
+    assert step == pytest.approx(-2 * np.pi * pitch * math.sin(math.pi / 4) / radar.wavelength_m, abs=0.05)
+
+
+# --- effects by themselves ---
+
+ALL = {
+    "temperature_k": 290.0, "flicker_corner_hz": 1e5, "phase_noise": MASK, "dc_offset_dbm": -90.0,
+    "interferers": [{**OTHER, "slope_hz_per_s": 30e12}], "iq_imbalance": {"gain_db": 0.5},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "left_out", ["temperature_k", "flicker_corner_hz", "phase_noise", "dc_offset_dbm", "interferers"]
+)
+def test_leaving_an_effect_out_does_not_change_the_draws_of_others(left_out: str) -> None:
+    linear = {name: value for name, value in ALL.items() if name != "iq_imbalance"}
+    rest = {name: value for name, value in linear.items() if name != left_out}
+    tone = np.exp(2j * np.pi * 30 * np.arange(64) / 64) * 1e-3
+    cube = np.array(np.broadcast_to(tone, (64, 1, 64)), np.complex64)
+    alone = through(cube, **{left_out: ALL[left_out]}) - cube
+    assert np.abs(alone).max() > 0
+    both = through(cube, **linear) - through(cube, **rest)
+    np.testing.assert_allclose(both, alone, atol=1e-3 * 3e-7 + 1e-9)
+
+
+@pytest.mark.parametrize("name", ["table2", "array-3x4", "automotive-79", "table2-burst"])
+def test_rows_of_all_effects_do_not_depend_on_blocks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    radar = t2d.Radar.preset(name, samples=32)
+    cube = np.full((150, radar.antennas, 32), 1e-3, np.complex64)
+    monkeypatch.setattr("t2d_rt.noise.receiver.draws.GROUP_SAMPLES", 32 * radar.antennas * 16)
+    whole = through(cube, radar, **ALL)
+    np.testing.assert_array_equal(through(cube[:70], radar, **ALL), whole[:70])
+    monkeypatch.setattr(chain, "block_rows", lambda shape: 1)
+    np.testing.assert_array_equal(through(cube, radar, **ALL), whole)
+    assert not np.array_equal(through(cube, radar, seed=1, **ALL), whole)
 
 
 # --- recordings ---

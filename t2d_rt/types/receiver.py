@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Field, field_validator
+from pydantic import ConfigDict, Discriminator, Field, field_validator, model_validator
 
 from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K
 from t2d_rt.errors import InputError
@@ -136,12 +136,21 @@ class Interferer(_Part):
     """Frequency at the start of its chirps [Hz]."""
     slope_hz_per_s: Annotated[Number, Field(ge=-1e18, le=1e18)]
     """Slope of its chirps, negative for falling ones [Hz/s]."""
-    duration_s: Annotated[Number, Field(gt=0, le=1e3)]
+    duration_s: Annotated[Number, Field(ge=1e-6, le=1e3)]
     """Length of its chirps [s]."""
-    interval_s: Annotated[Number, Field(gt=0, le=1e3)]
+    interval_s: Annotated[Number, Field(ge=1e-6, le=1e3)]
     """Start of one of its chirps to the start of the next [s]."""
     eirp_dbm: Decibel = 21.0
     """Transmitted power times antenna gain [dBm]."""
+
+    @model_validator(mode="after")
+    def _check_interval(self) -> Self:
+        if self.interval_s < self.duration_s:
+            raise InputError(
+                f"interferer's chirps of {self.duration_s:g} s are longer than their interval of {self.interval_s:g} s; raise "
+                "interval_s or lower duration_s"
+            )
+        return self
 
 
 class Receiver(_Part):

@@ -13,7 +13,11 @@ import numpy as np
 from t2d_rt.cubes import Cube, DiskCube
 from t2d_rt.errors import T2DWarning
 from t2d_rt.noise.receiver.adc import quantised
-from t2d_rt.noise.receiver.draws import GROUP_ROWS, Draws
+from t2d_rt.noise.receiver.draws import Draws, group_rows
+from t2d_rt.noise.receiver.flicker import Flicker
+from t2d_rt.noise.receiver.front_end import dc_offsets, imbalanced
+from t2d_rt.noise.receiver.interference import Interference
+from t2d_rt.noise.receiver.phase_noise import PhaseNoise
 from t2d_rt.rows import ScratchRows, block_rows
 from t2d_rt.types import Radar, Receiver
 
@@ -42,7 +46,8 @@ class Levels:
         """Counts samples before the receiver."""
         self.rows += len(clean)
         self.samples += clean.size
-        self.energy_w += float(np.sum(np.abs(clean.astype(np.complex128)) ** 2))
+        parts = np.ascontiguousarray(clean).view(np.float32).ravel().astype(np.float64)
+        self.energy_w += float(parts @ parts)
         self.total = self.total + clean.sum(axis=0, dtype=np.complex128)
 
     def described(self) -> dict[str, Any]:
@@ -86,12 +91,15 @@ def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cu
     levels = Levels(receiver, radar)
     effects = list(_effects(radar, receiver, draws))
     result: Cube = DiskCube(ScratchRows(cube.shape)) if isinstance(cube, DiskCube) else cube
-    blocks = -(-block_rows(cube.shape) // GROUP_ROWS) * GROUP_ROWS
+    rows = group_rows(math.prod(cube.shape[1:]))
+    blocks = -(-block_rows(cube.shape) // rows) * rows
     for start in range(0, len(cube), blocks):
         block = np.asarray(cube[start : start + blocks], np.complex64)
         levels.add(block)
-        received = [_group(block[first : first + GROUP_ROWS], (start + first) // GROUP_ROWS, effects, levels)
-                    for first in range(0, len(block), GROUP_ROWS)]  # fmt: skip
+        received = [
+            _group(block[first : first + rows], (start + first) // rows, effects, levels)
+            for first in range(0, len(block), rows)
+        ]
         result[start : start + len(block)] = np.concatenate(received)
     levels.warn()
     return result, levels.described()
@@ -111,9 +119,21 @@ def _group(samples: np.ndarray, number: int, effects: list[Effect], levels: Leve
 def _effects(radar: Radar, receiver: Receiver, draws: Draws) -> Iterator[Effect]:
     """The effects that are on, from the antenna to the ADC."""
     power_w = receiver.thermal_power_w(radar)
+    if receiver.phase_noise is not None:
+        yield PhaseNoise(radar, receiver.phase_noise.density, draws, thermal_w=power_w)
+    for number, other in enumerate(receiver.interferers):
+        yield Interference(radar, other, draws, number)
     if power_w > 0:
         scale = np.float32(math.sqrt(power_w))
         yield lambda samples, number: samples + scale * draws.normal("thermal", number, samples.shape)
+    imbalance = receiver.iq_imbalance
+    if imbalance is not None:
+        yield lambda samples, number: imbalanced(samples, imbalance)
+    if receiver.flicker_corner_hz is not None:
+        yield Flicker(radar, receiver.flicker_density_w(radar), receiver.flicker_corner_hz, draws)
+    if receiver.dc_offset_dbm is not None:
+        constant = dc_offsets(radar, receiver.dc_offset_dbm, draws)
+        yield lambda samples, number: samples + constant
 
 
 def _db(ratio: float) -> float:

@@ -7,24 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-GROUP_ROWS = 16
-"""Rows of a cube whose numbers come from one generator."""
+GROUP_SAMPLES = 65_536
+"""Samples of a group of rows, whose numbers come from one generator."""
+
+
+def group_rows(row_samples: int) -> int:
+    """Rows of a group, each of so many samples."""
+    return max(1, GROUP_SAMPLES // row_samples)
 
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """Streams of random numbers by the name of an effect, from one seed of any size.
-
-    The key of Philox is a hash of seed and name, its counter the number of the group: no stream meets another one.
-    """
+    """Streams of random numbers by the name of an effect, from one seed of any size: each is seeded by a hash of these."""
 
     seed: int
 
     def of(self, name: str, number: int = 0) -> np.random.Generator:
         """The generator of one group of an effect."""
-        digest = hashlib.sha256(f"{self.seed}/{name}".encode()).digest()
-        key, counter = np.frombuffer(digest[:16], "<u8"), np.array([0, 0, 0, number], np.uint64)
-        return np.random.Generator(np.random.Philox(key=key, counter=counter))
+        digest = hashlib.sha256(f"{self.seed}/{name}/{number}".encode()).digest()
+        return np.random.Generator(np.random.SFC64(int.from_bytes(digest, "little")))
 
     def normal(self, name: str, number: int, shape: tuple[int, ...]) -> np.ndarray:
         """White complex Gaussian noise of power 1, complex64; its first rows do not depend on how many there are."""

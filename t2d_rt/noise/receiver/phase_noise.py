@@ -1,0 +1,143 @@
+"""Phase noise of the oscillator that transmitter and receiver share: an echo of delay tau keeps phi(t) - phi(t - tau).
+
+An ADC sample is a sum of echoes, each at the beat frequency S tau, so the range FFT of a chirp sorts them by delay. The factor
+exp(j (phi(t) - phi(t - tau))) is worked out at a few delays and interpolated between them by polynomials in tau: a factor over
+time for each of these delays, times the chirp with its range bins weighted by a polynomial.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from t2d_rt.noise.receiver.draws import Draws
+from t2d_rt.noise.receiver.processes import Density, Fast, Slow
+from t2d_rt.noise.receiver.slots import Slots
+from t2d_rt.types import Radar
+
+INTERPOLATION = 1e-3
+"""Greatest error of the interpolation over delay, in power over that of the phase noise left at that delay."""
+RETURN = 1 / 8
+"""Fraction of the range bins, the farthest ones, over which the delay returns to 0: they hold what leaks from the nearest ones."""
+NEGLIGIBLE = 1e-3
+"""Groups of rows in which phase noise lies that far below thermal noise, at every frequency, stay as they are."""
+
+
+class PhaseNoise:
+    """Range-correlated phase noise of a density L(f) of either sign (eq. 33, 34)."""
+
+    def __init__(self, radar: Radar, density: Density, draws: Draws, *, thermal_w: float) -> None:
+        self._slots, self._draws = Slots(radar), draws
+        fast = Fast(density, radar.samples, radar.sample_rate_hz)
+        self._powers = fast.amplitudes()[: radar.samples + 1] ** 2
+        self._powers[-1] = 0.0  # of half the rate, at which a delay is not defined
+        self._frequencies = np.arange(radar.samples + 1) * (radar.sample_rate_hz / fast.length)
+        self._slow = Slow(
+            lambda f: (2 * np.pi * f) ** 2 * density(f), radar.prf_hz, fast.lowest_hz, draws, "phase noise of slots"
+        )
+        self._delays = bin_delays_s(radar)
+        self._nodes = nodes_for(self._delays, self._frequencies, self._powers)
+        self._delayed = np.exp(-2j * np.pi * np.outer(self._nodes.delays_s, self._frequencies))
+        self._thermal_w = thermal_w
+        self._greatest = self._greatest_level(radar)
+
+    def __call__(self, samples: np.ndarray, number: int) -> np.ndarray:
+        """Samples (row, antenna, sample) of a group of echoes with the phase noise of the oscillator."""
+        spectrum = fft.fft(np.ascontiguousarray(samples, np.complex64), axis=2)
+        if self._is_negligible(spectrum):
+            return samples
+        found = samples.astype(np.complex64)
+        phases = self._phases(number, len(samples))
+        view = self._slots.by_slot(found)
+        for weights, phase in zip(self._nodes.weights, phases, strict=True):
+            part = fft.ifft(spectrum * weights.astype(np.float32), axis=2, overwrite_x=True)
+            half = phase / 2
+            sine, cosine = np.sin(half), np.cos(half)
+            # exp(j phase) - 1, without the loss of digits
+            factor = (-2 * sine * sine) + 1j * (2 * sine * cosine)
+            view += factor[:, :, None] * self._slots.by_slot(part)
+        return found
+
+    def _phases(self, number: int, rows: int) -> np.ndarray:
+        """phi(t) - phi(t - tau) [rad] for each of the nodes' delays, float32 (node, row, slot, sample)."""
+        count = self._slots.radar.samples
+        drawn = self._draws.normal("phase noise", number, (rows, self._slots.per_row, len(self._powers)))
+        drawn *= (2 * count * np.sqrt(self._powers)).astype(np.float32)
+        # The real part of a complex process of a symmetric spectrum has half its power.
+        rate = math.sqrt(2) * self._slow.at(self._slots.numbers(number, rows)).real
+        found = np.empty((len(self._nodes.delays_s), *drawn.shape[:2], count), np.float32)
+        for each, delayed, delay_s in zip(found, self._delayed, self._nodes.delays_s, strict=True):
+            each[:] = fft.irfft(drawn * (1 - delayed).astype(np.complex64), axis=2, overwrite_x=True)[:, :, :count]
+            each += (delay_s * rate)[:, :, None].astype(np.float32)
+        return found
+
+    def _greatest_level(self, radar: Radar) -> np.ndarray:
+        """Greatest density of the residual phase noise of each range bin over its beat or Doppler frequency, times the sample
+        rate: the level of white noise that nowhere lies below it, relative to the echo's power; (sample,)."""
+        density = self._powers[1:] * (2 * radar.samples)
+        near = np.abs(self._delays[:, None])
+        fast = (4 * np.sin(np.pi * self._frequencies[1:] * near) ** 2 * density).max(axis=1)
+        slow = self._delays**2 * float(self._slow.greatest()) * radar.samples
+        return np.asarray(np.maximum(fast, slow))
+
+    def _is_negligible(self, spectrum: np.ndarray) -> bool:
+        if self._thermal_w <= 0:
+            return False
+        echoes_w = np.mean(np.abs(spectrum) ** 2, axis=0) / spectrum.shape[2] ** 2
+        return bool((echoes_w @ self._greatest).max() < NEGLIGIBLE * self._thermal_w)
+
+
+@dataclass(frozen=True, slots=True)
+class Nodes:
+    """Delays at which phase noise is worked out, beside 0 at which there is none, and what each adds to a range bin."""
+
+    delays_s: np.ndarray
+    weights: np.ndarray
+    """Lagrange polynomials at the bins' delays, (node, sample)."""
+
+
+def bin_delays_s(radar: Radar) -> np.ndarray:
+    """Delay of each range bin [s], (sample,): its beat frequency over the slope, up to the last eighth.
+
+    There it returns to 0 by a cubic. The delay is then smooth over the bins as the FFT sees them, in a circle, and what leaks
+    from an echo between two bins gets about its delay but for a few samples at the ends of the chirp.
+    """
+    bins = np.arange(radar.samples)
+    delays = bins * (radar.sample_rate_hz / radar.samples / radar.slope_hz_per_s)
+    last = math.floor(radar.samples * (1 - RETURN))
+    x = (bins[last:] - last) / (radar.samples - last)
+    step = delays[1] * (radar.samples - last)
+    cubic = (2 * x**3 - 3 * x**2 + 1) * delays[last] + (2 * x**3 - 3 * x**2 + x) * step
+    return np.concatenate([delays[:last], cubic])
+
+
+def nodes_for(delays_s: np.ndarray, frequencies_hz: np.ndarray, powers: np.ndarray) -> Nodes:
+    """As few nodes as keep the interpolation's error below `INTERPOLATION` for noise of these powers at these frequencies."""
+    used = powers > 0
+    frequencies, power = frequencies_hz[used][:, None], powers[used]
+    straight = delays_s[1 : math.floor(len(delays_s) * (1 - RETURN))]
+    exact = 1 - np.exp(-2j * np.pi * frequencies * straight)
+    count = 0
+    while True:
+        count = count + 1 if count < 8 else count + count // 4
+        nodes = _nodes(delays_s, min(count, len(delays_s)))
+        at_nodes = 1 - np.exp(-2j * np.pi * frequencies * nodes.delays_s)
+        error = np.abs(exact - at_nodes @ nodes.weights[:, 1 : len(straight) + 1]) ** 2
+        if count >= len(delays_s) or (power @ error <= INTERPOLATION * (power @ np.abs(exact) ** 2)).all():
+            return nodes
+
+
+def _nodes(delays_s: np.ndarray, count: int) -> Nodes:
+    """Chebyshev points of the second kind from 0 to the greatest delay, without 0, and their polynomials."""
+    points = delays_s.max() * (1 - np.cos(np.pi * np.arange(count + 1) / count)) / 2
+    scale = (-1.0) ** np.arange(count + 1)
+    scale[[0, -1]] /= 2
+    # Barycentric formula (Berrut and Trefethen 2004, eq. 4.2 and 5.4).
+    apart = delays_s - points[:, None]
+    met = np.abs(apart) < 1e-12 * points[-1]
+    terms = scale[:, None] / np.where(met, 1.0, apart)
+    weights = np.where(met.any(axis=0), met, terms / terms.sum(axis=0))
+    return Nodes(points[1:], weights[1:])

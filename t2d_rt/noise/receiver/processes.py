@@ -1,0 +1,107 @@
+"""Stationary Gaussian noise of any spectrum, as chirps with gaps between them sample it.
+
+What is faster than a chirp is drawn for each chirp by itself: its spectrum, smooth over the PRF, leaves nothing in common
+between chirps. What is slower is one value for each chirp, of a process on the grid of the PRF that is drawn in overlapping
+segments, so that any of it can be had without what comes before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from t2d_rt.noise.receiver.draws import Draws
+
+Density = Callable[[np.ndarray], np.ndarray]
+"""Two-sided power density over frequency of any sign [1/Hz]."""
+SEGMENT = 4096
+"""Chirps of a segment; slower noise than that is left out."""
+FOLDED = 4
+"""Times the PRF up to which a spectrum is folded bin by bin; beyond, it is taken to be smooth over the PRF."""
+OVERSAMPLED = 8
+"""Frequencies at which a density is averaged over a bin."""
+
+
+def bin_powers(density: Density, width_hz: float, numbers: np.ndarray) -> np.ndarray:
+    """Power of a density in bins around `numbers` times a width, by the midpoints of parts of each."""
+    parts = (np.arange(OVERSAMPLED) + 0.5) / OVERSAMPLED - 0.5
+    return np.asarray(density((numbers[:, None] + parts) * width_hz).mean(axis=1) * width_hz)
+
+
+@dataclass(frozen=True)
+class Slow:
+    """One value for each slot: a real or complex process of all frequencies below `limit_hz`, those above PRF / 2 folded."""
+
+    density: Density
+    prf_hz: float
+    limit_hz: float
+    draws: Draws
+    name: str
+    _kept: dict[int, np.ndarray] = field(default_factory=dict)
+
+    def greatest(self) -> float:
+        """Greatest density over frequency, times the PRF: the power of white noise that nowhere lies below it."""
+        return float(self._powers.max() * SEGMENT)
+
+    def at(self, numbers: np.ndarray) -> np.ndarray:
+        """Complex values at slots by their numbers: real and imaginary part are two independent processes of half the power."""
+        half = SEGMENT // 2
+        # Every slot lies in two segments, whose squared windows add up to 1.
+        first = numbers // half
+        found = np.zeros(numbers.shape, complex)
+        for segment in np.unique(np.concatenate([first.ravel(), first.ravel() + 1])).tolist():
+            place = numbers - (segment - 1) * half
+            inside = (place >= 0) & (place < SEGMENT)
+            window = np.sin(np.pi * (place[inside] + 0.5) / SEGMENT)
+            found[inside] += window * self._segment(segment)[place[inside]]
+        return found
+
+    def _segment(self, number: int) -> np.ndarray:
+        if number not in self._kept:
+            if len(self._kept) > 2:
+                del self._kept[min(self._kept)]
+            spectrum = np.sqrt(self._powers) * self.draws.normal(self.name, number, (SEGMENT,))
+            self._kept[number] = np.fft.fft(spectrum)
+        return self._kept[number]
+
+    @cached_property
+    def _powers(self) -> np.ndarray:
+        """Power in each bin of a segment's FFT, nothing at frequency 0."""
+        width, near_hz = self.prf_hz / SEGMENT, min(self.limit_hz, FOLDED * self.prf_hz)
+        count = max(1, round(near_hz / width))
+        number = np.concatenate([np.arange(-count, 0), np.arange(1, count + 1)])
+        folded = np.bincount(number % SEGMENT, bin_powers(self.density, width, number), minlength=SEGMENT)
+        powers = np.asarray(folded, float)
+        if self.limit_hz > near_hz:
+            beyond = np.geomspace(near_hz, self.limit_hz, 1000)
+            powers += 2 * np.trapezoid(self.density(beyond), beyond) / SEGMENT
+        return powers
+
+
+@dataclass(frozen=True)
+class Fast:
+    """Noise within chirps, of frequencies above `lowest_hz`: by FFTs of twice the samples, so that a chirp holds no period."""
+
+    density: Density
+    samples: int
+    rate_hz: float
+
+    @property
+    def length(self) -> int:
+        """Of the FFT."""
+        return 2 * self.samples
+
+    @property
+    def lowest_hz(self) -> float:
+        """Below it noise is that of the slots."""
+        return self.rate_hz / self.length / 2
+
+    def amplitudes(self) -> np.ndarray:
+        """Root of the power in each of the FFT's bins, in the order of `numpy.fft.fftfreq`, none at 0."""
+        number = np.fft.fftfreq(self.length, 1 / self.length)
+        powers = bin_powers(self.density, self.rate_hz / self.length, number)
+        powers[0] = 0.0
+        return np.sqrt(powers)
