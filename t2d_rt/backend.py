@@ -244,7 +244,7 @@ def _named(version: int) -> str:
 
 
 def limit_threads(count: int) -> None:
-    """Lets this process compute on so many threads: those of Dr.Jit and those of BLAS and OpenMP. What it computes stays the same."""
+    """Lets this process compute on so many threads of Dr.Jit, BLAS and OpenMP; what it computes stays the same."""
     import threadpoolctl
 
     require_llvm()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.files import read_yaml
 from t2d_rt.inputs import Hash, Inputs, Store, named_arrays
 from t2d_rt.motion import aside, load_motion, place, trim
-from t2d_rt.motion.generate import LONGEST_S, motion_from_text
+from t2d_rt.motion.generate import COMPOSED, LONGEST_S, motion_from_text
 from t2d_rt.motion.vary import hold, vary_gait
 from t2d_rt.named import found_from, motion_path, noise_named, radar_named
 from t2d_rt.propagation.collisions import Collisions
@@ -95,17 +96,28 @@ class MotionText(_Placed):
 
     def made(self) -> Motion:
         """The motion before it is held, cut and placed."""
-        made = motion_from_text(
-            self.text, provider=self.provider, seed=self.seed, body=self.body, stature_m=self.stature_m,
-            duration_s=self.duration_s,
-        )  # fmt: skip
-        if self.gait_factor == 1.0 and self.gait_spread == 0.0:
-            return made
-        return vary_gait(made, self.gait_factor, spread=self.gait_spread, seed=self.seed)
+        if self.provider not in COMPOSED:  # what those read may have changed
+            return _generated(self)
+        plain = {"start_s": 0.0, "stop_s": None, "distance_m": None, "angle_deg": 0.0, "aside_m": 0.0, "hold_s": 0.0}
+        return _composed(self.model_copy(update=plain))
 
     def placed(self, motion: Motion, radar: Radar) -> Motion:
         """The piece of a motion that is used, held at its end, where it starts."""
         return super().placed(hold(motion, self.hold_s) if self.hold_s else motion, radar)
+
+
+def _generated(source: MotionText) -> Motion:
+    made = motion_from_text(
+        source.text, provider=source.provider, seed=source.seed, body=source.body, stature_m=source.stature_m,
+        duration_s=source.duration_s,
+    )  # fmt: skip
+    if source.gait_factor == 1.0 and source.gait_spread == 0.0:
+        return made
+    return vary_gait(made, source.gait_factor, spread=source.gait_spread, seed=source.seed)
+
+
+_composed = functools.lru_cache(maxsize=8)(_generated)
+"""The last few are kept: a data set looks at a motion before it simulates it, and may simulate it under several conditions."""
 
 
 class MotionArrays(_Plain):

@@ -35,8 +35,8 @@ SEVERAL_FILES = "check-motion", "library", "dataset"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; 0 when it is done (1 where its --strict says so, 3 where samples failed), 2 with one sentence when the input cannot be used, 130 on
-    Ctrl-C, 143 on SIGTERM."""
+    """Run one command; 0 when it is done (1 where its --strict says so, 3 where samples failed), 2 with one sentence when the input
+    cannot be used, 130 on Ctrl-C, 143 on SIGTERM."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     # Pictures are drawn in memory; matplotlib would refuse to load where this names a backend that it does not know.
     os.environ["MPLBACKEND"] = "agg"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.motion import aside, place
+from t2d_rt.motion import place
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.types import Motion
 

@@ -15,7 +15,6 @@ from t2d_rt.dataset.work import group_of
 from t2d_rt.errors import InputError, T2DError, T2DWarning
 from t2d_rt.types import Accuracy
 
-
 PLANNED = 20
 """Samples of a group of which the first one that can be planned gives the plan."""
 

@@ -32,8 +32,8 @@ class _Map(_Product):
     """Power of cells, in decibels below the greatest one."""
 
     dtype: Levels = "float16"
-    """"float16" [dB, 0 at the greatest cell], or "uint8" as of a picture: 255 at the greatest cell, 0 at the end of the dynamic range
-    and below."""
+    """"float16" [dB, 0 at the greatest cell], or "uint8" as of a picture: 255 at the greatest cell, 0 at the end of the dynamic
+    range and below."""
     dynamic_range_db: Annotated[Number, Field(gt=0, le=200)] = 60.0
     """Of "uint8" [dB]."""
     speed_mps: Annotated[Number, Field(gt=0, le=1000)] | None = None

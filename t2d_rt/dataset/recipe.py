@@ -139,7 +139,8 @@ class Recipe(Fields):
             least, greatest = getattr(self, name)
             if not low <= least <= greatest <= high:
                 raise InputError(
-                    f"recipe key {name} must be two numbers, least and greatest, within {low:g}..{high:g}, got [{least:g}, {greatest:g}]"
+                    f"recipe key {name} must be two numbers, least and greatest, within {low:g}..{high:g}, got "
+                    f"[{least:g}, {greatest:g}]"
                 )
         for what, names in (("classes", self.classes), ("conditions", [each.name for each in self.conditions])):
             if len(set(names)) < len(names):

@@ -48,8 +48,8 @@ class Sample:
 def cell_of(recipe: Recipe, index: int) -> Cell:
     """The cell of an index.
 
-    Classes change fastest, then conditions where each motion is recorded under all of them, then descriptions, then repetitions: the
-    first so many samples are balanced over the classes, and hold as many descriptions as they can.
+    Classes change fastest, then conditions where each motion is recorded under all of them, then descriptions, then repetitions:
+    the first so many samples are balanced over the classes, and hold as many descriptions as they can.
     """
     index = integer("the index of a sample", index, 0, recipe.samples - 1)
     rest, class_number = divmod(index, len(recipe.classes))

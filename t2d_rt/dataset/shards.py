@@ -1,4 +1,4 @@
-"""Shards on disk: `shards/00000.npz` holds arrays, `shards/00000.jsonl` one record for each sample; nothing stands there half written."""
+"""Shards on disk: `shards/00000.npz` holds arrays, `shards/00000.jsonl` a record for each sample; none is half written."""
 
 from __future__ import annotations
 

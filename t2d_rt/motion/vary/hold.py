@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from t2d_rt.checks import number
-from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.interpolate import sample
 from t2d_rt.types.motion import Motion, checked_motion
 
@@ -20,8 +19,8 @@ LONGEST_S = 600.0
 def hold(motion: Motion, duration_s: float) -> Motion:
     """The motion, longer by a time [s] in which its last pose is held.
 
-    The last 0.3 s are shown more and more slowly, within 0.6 s, so that a person who moves at the end comes to rest without a jump of
-    speed or acceleration; of a shorter hold or a shorter motion, as much as there is.
+    The last 0.3 s are shown more and more slowly, within 0.6 s, so that a person who moves at the end comes to rest without a jump
+    of speed or acceleration; of a shorter hold or a shorter motion, as much as there is.
     """
     checked_motion(motion)
     number("duration_s", duration_s, 0.0, LONGEST_S, unit="s")
