@@ -10,7 +10,7 @@ from t2d_rt.types.receiver import Adc
 def quantised(samples: np.ndarray, adc: Adc) -> tuple[np.ndarray, int]:
     """Samples rounded to two's complement, complex64, and how many of them were clipped in I or Q.
 
-    A full-scale tone keeps 6.02 bits + 1.76 dB over the quantisation noise of each channel (Bennett 1948).
+    A full-scale tone keeps 6.02 bits + 1.76 dB over the quantisation noise of each channel (eq. 38).
     """
     words = np.ascontiguousarray(samples, np.complex64).view(np.float32) / np.float32(adc.step)
     codes = np.rint(words)
