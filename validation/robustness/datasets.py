@@ -65,9 +65,9 @@ def run() -> Section:
             ),
             Check(what="memory of a worker", measured=float(memory.max()) / 1e9, limit=MEMORY_LIMIT_GB, unit="GB"),
         ],
-        note=f"{SAMPLES} samples of 1 s by ellipsoids, in shards of 4. A run is killed (SIGKILL) at a random moment of the time "
-        "that a whole one takes, with its workers; the next one goes on, and the last is left alone. All files but the logs are compared. "
-        f"A cluster of two processes loses one after {CLUSTER_KILL_S:g} s.",
+        note=f"{SAMPLES} samples of 1 s by ellipsoids, in shards of 4. A run is killed (SIGKILL), with its workers, at a random "
+        "moment of the time that a whole one takes; the next one goes on, and the last is left alone. All files but the logs are "
+        f"compared. A cluster of two processes loses one after {CLUSTER_KILL_S:g} s.",
     )  # fmt: skip
 
 
