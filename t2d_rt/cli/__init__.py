@@ -21,22 +21,22 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
 COMMANDS = (
-    "simulate", "plan", "compare", "scene", "describe", "motion", "check-motion", "library", "info", "export", "list",
+    "simulate", "plan", "compare", "scene", "describe", "motion", "check-motion", "library", "dataset", "info", "export", "list",
 )  # fmt: skip
 
-OWN_MODULES = "describe", "motion", "check-motion", "library"
+OWN_MODULES = "describe", "motion", "check-motion", "library", "dataset"
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
 CONFIGURABLE = "simulate", "plan", "compare", "scene"
 """Those that take --config and --radar."""
 
-SEVERAL_FILES = "check-motion", "library"
+SEVERAL_FILES = "check-motion", "library", "dataset"
 """Those that take more than one file."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; 0 when it is done (1 where its --strict says so), 2 with one sentence when the input cannot be used, 130 on
-    Ctrl-C, 143 on SIGTERM."""
+    """Run one command; 0 when it is done (1 where its --strict says so, 3 where samples failed), 2 with one sentence when the input
+    cannot be used, 130 on Ctrl-C, 143 on SIGTERM."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     # Pictures are drawn in memory; matplotlib would refuse to load where this names a backend that it does not know.
     os.environ["MPLBACKEND"] = "agg"
@@ -142,6 +142,7 @@ def _overview() -> str:
         "  t2d-rt describe        Writes descriptions of activities, or reads a sentence's slots.\n"
         "  t2d-rt check-motion F  Judges motion files by limits of recorded motion, and tells why.\n"
         "  t2d-rt library DO WHAT Adds motion files of your own to those that motions are made of, lists and removes them.\n"
+        "  t2d-rt dataset RECIPE  Makes a data set: thousands of labelled samples from one recipe, in shards.\n"
         "  t2d-rt info FILE       Tells what a motion, a result or a radar file holds.\n"
         "  t2d-rt export FILE     Writes a result as one file for MATLAB (.mat), HDF5 (.h5), NetCDF (.nc) or NumPy (.npz).\n"
         "  t2d-rt list [WHAT]     Lists names that the commands take: presets, scenes, bodies, movers and motions.\n\n"

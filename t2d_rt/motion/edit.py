@@ -106,6 +106,16 @@ def place(
     return motion.edited(note, joints=joints + there, rotations=rotations, placed=True, report="; ".join([*kept, note]))
 
 
+def aside(motion: Motion, distance_m: float, boresight: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> Motion:
+    """A placed motion so far left of where it stands [m], seen along the boresight; to the right where the distance is negative."""
+    checked_motion(motion)
+    number("distance_m", distance_m, -FARTHEST_M, FARTHEST_M, unit="m")
+    aim = array("boresight", boresight, (3,), limit=LARGEST_M)[:2]
+    left = np.array([-aim[1], aim[0], 0.0]) / max(float(np.linalg.norm(aim)), 1e-9)
+    note = f"moved {abs(distance_m):.3g} m to the {'left' if distance_m > 0 else 'right'}"
+    return motion.edited(note, joints=motion.joints + distance_m * left)
+
+
 def placement(motion: Motion) -> str:
     """Where a motion's coordinates come from: what `place` did, or that they are its own."""
     notes = [each for each in motion.report.split("; ") if each.startswith(PLACED)]

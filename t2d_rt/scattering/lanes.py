@@ -42,6 +42,16 @@ class Table(NamedTuple):
     packets: int
 
 
+NOTHING = 1e-35
+"""An amplitude so small [sqrt(W)] is 0: some of the threads that compute flush numbers below 1.2e-38 to 0 and others do not, and
+whether an echo is 0 decides how echoes are summed."""
+
+
+def _flushed(dr: Any, value: Any) -> Any:
+    """A number, or 0 where it is as small as nothing."""
+    return dr.select(dr.abs(value) >= NOTHING, value, 0)
+
+
 class Block:
     """Echoes at T frames in the making: kernels write columns of (T, N)."""
 
@@ -68,7 +78,7 @@ class Block:
             (slope, self._slope, backend.arrays.Array2f),
         ):
             if value is not None:
-                dr.scatter(into, value if kind is None else kind(*value), place)
+                dr.scatter(into, value if kind is None else kind(*(_flushed(dr, each) for each in value)), place)
         dr.eval(self._delay, self._amplitude, self._slope)  # before another thread goes on
 
     @one_thread_at_a_time

@@ -64,9 +64,7 @@ def individual(
     subject: Subject, rng: np.random.Generator, *, body: str | None = None, stature_m: float | None = None
 ) -> Individual:
     """A person drawn from those whom the subject names; a body and a stature [m] that are given are kept."""
-    kinds = STATURE_M[subject]
-    name, mean, spread = kinds[int(rng.integers(len(kinds)))]
-    drawn = mean + spread * float(np.clip(rng.standard_normal(), -2.5, 2.5))
+    name, drawn = drawn_person(subject, rng)
     if stature_m is not None:
         drawn = number("stature_m", stature_m, 0.6, 2.4, unit="m")
     known = [each.removesuffix(".npz") for each in listing("meshes", ".npz")]
@@ -81,6 +79,14 @@ def individual(
         body=name, stature_m=drawn, skeleton=_proportioned(_rest(name), drawn, normal[:3]), left_handed=bool(rng.random() < 0.1),
         tempo=float(np.exp(0.05 * normal[3])), vigour=float(np.exp(0.2 * np.clip(normal[4], -2, 2))), habit=habit,
     )  # fmt: skip
+
+
+def drawn_person(subject: Subject, rng: np.random.Generator, *, body: str | None = None) -> tuple[str, float]:
+    """Body and stature [m] of one of those whom a subject names, or of a person of the body given."""
+    own = [kind for kinds in STATURE_M.values() for kind in kinds if kind[0] == body]
+    kinds = STATURE_M[subject] if body is None or not own else own
+    name, mean, spread = kinds[int(rng.integers(len(kinds)))]
+    return name, mean + spread * float(np.clip(rng.standard_normal(), -2.5, 2.5))
 
 
 def sole_m(person: Individual) -> float:

@@ -1,0 +1,71 @@
+"""One run at a time in a folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from t2d_rt.errors import InputError
+
+LOCK = ".lock"
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Holds a folder's lock, a file that tells process and machine; that of a process which is gone is taken over."""
+    import fcntl
+
+    path, host = folder / LOCK, socket.gethostname()
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise InputError(f"cannot write to {folder}: {error.strerror or error}; choose a writable place") from None
+    try:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise _in_use(folder, _holder(file)) from None
+        except OSError:  # a file system without locks: process and machine tell
+            holder = _holder(file)
+            if holder.get("host") == host and _alive(holder.get("pid")):
+                raise _in_use(folder, holder) from None
+        holder = _holder(file)
+        if holder and holder.get("host") != host:  # its lock may not be seen here
+            raise _in_use(folder, holder)
+        os.ftruncate(file, 0)
+        os.pwrite(file, json.dumps({"pid": os.getpid(), "host": host}).encode(), 0)
+        try:
+            yield
+        finally:
+            os.ftruncate(file, 0)
+            with suppress(OSError):
+                path.unlink()
+    finally:
+        os.close(file)
+
+
+def _holder(file: int) -> dict[str, object]:
+    try:
+        found = json.loads(os.pread(file, 1000, 0) or b"{}")
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _alive(pid: object) -> bool:
+    try:
+        os.kill(int(str(pid)), 0)
+    except (ValueError, ProcessLookupError):
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _in_use(folder: Path, holder: dict[str, object]) -> InputError:
+    who = f"process {holder.get('pid', 'unknown')} on {holder.get('host', 'this machine')}"
+    return InputError(f"{folder} is being written by {who}; wait for it, or remove {folder / LOCK} if it is gone")

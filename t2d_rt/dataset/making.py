@@ -1,0 +1,192 @@
+"""`make_dataset`: the samples of a recipe, shard by shard, into a folder; what is finished there is not made again."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from t2d_rt.checks import file_path, integer
+from t2d_rt.dataset.lock import locked
+from t2d_rt.dataset.planning import make_plans
+from t2d_rt.dataset.read import MANIFEST, PLANS, RECIPE, read_manifest, shard_faults
+from t2d_rt.dataset.recipe import Recipe
+from t2d_rt.dataset.schedulers import cores, scheduler_named, threads_of
+from t2d_rt.dataset.shards import SHARDS, numbers, read_records, sha256, shard_name, sweep, write_shard, write_whole
+from t2d_rt.dataset.work import Made
+from t2d_rt.errors import InputError
+from t2d_rt.versions import versions
+
+LOG = "log"
+BATCH = 4
+"""Samples that a worker takes at once: enough for the way there to cost nothing, few enough to keep all workers busy to the end."""
+MOST_FAILED = 0.05
+"""Fraction of the samples that may fail before the run stops."""
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a run left in its folder."""
+
+    samples: int
+    """Asked for, and there."""
+    made: int
+    """Of these, in this run."""
+    failures: tuple[tuple[int, str], ...]
+    """Index and reason of samples that failed."""
+    seconds: float
+
+
+def make_dataset(
+    recipe: Recipe,
+    folder: str | Path,
+    *,
+    limit: int | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Makes the samples of a recipe and writes them to a folder; a run that was stopped goes on where it stopped.
+
+    limit: the first so many samples only.
+    workers: processes of this machine; one for each core by default.
+    scheduler: "local:N" or the address of a scheduler of dask.distributed, in place of them.
+    threads: threads of each worker; all cores are shared out by default.
+    progress: called with the fraction done, 0..1.
+    """
+    begin = time.perf_counter()
+    target = file_path("the folder of a data set", folder)
+    count = recipe.samples if limit is None else min(integer("limit", limit, 1), recipe.samples)
+    workers = cores() if workers is None else integer("workers", workers, 1, 1024)
+    take_up = scheduler_named(scheduler, workers)
+    threads = threads_of(scheduler, workers) if threads is None else integer("threads", threads, 1, 1024)
+    _prepare(target, recipe)
+    with locked(target):
+        sweep(target)
+        run = _Run(recipe, target, count, progress)
+        if run.tasks:
+            plans = {name: each.model_dump_json() for name, each in make_plans(recipe, target / PLANS, count).items()}
+            text = recipe.model_dump_json()
+            try:
+                for made in take_up([(text, plans, indices, threads) for indices in run.tasks]):
+                    run.add(made)
+            finally:
+                run.write_log()
+        run.write_manifest()
+        return Outcome(count, run.made, tuple(run.failures), time.perf_counter() - begin)
+
+
+def _prepare(folder: Path, recipe: Recipe) -> None:
+    """Makes the folder of a data set, or checks that it is one of the same recipe."""
+    place = folder / RECIPE
+    if place.is_file():
+        there = Recipe.read(place)
+        if there.hash != recipe.hash:
+            raise InputError(
+                f"{folder} holds samples of another recipe ({there.name}, {there.hash[:8]}) than this one ({recipe.name}, "
+                f"{recipe.hash[:8]}); choose another folder"
+            )
+        return
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder} exists and is no data set; choose another folder")
+    try:
+        for each in (folder, folder / SHARDS, folder / LOG):
+            each.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make {folder}: {error.strerror or error}; choose a writable place") from None
+    write_whole(place, recipe.to_yaml().encode())
+
+
+class _Run:
+    """The shards that are there, and those that are being made."""
+
+    def __init__(self, recipe: Recipe, folder: Path, count: int, progress: Progress | None) -> None:
+        self._recipe, self._folder, self._count, self._progress = recipe, folder, count, progress
+        self._files: dict[str, str] = dict(read_manifest(folder).get("files", {}))
+        self._waiting: dict[int, dict[int, Made]] = {}
+        self._log: list[dict[str, Any]] = []
+        self.failures: list[tuple[int, str]] = []
+        self.made = 0
+        self._done = 0
+        self.tasks: list[list[int]] = []
+        """Indices of the samples that are missing, in batches of one shard each."""
+        finished = self._finished()
+        size = recipe.samples_per_shard
+        for number in range(-(-count // size)):
+            if number not in finished:
+                indices = self._indices(number)
+                self.tasks += [indices[at : at + BATCH] for at in range(0, len(indices), BATCH)]
+
+    def _indices(self, number: int) -> list[int]:
+        size = self._recipe.samples_per_shard
+        return list(range(number * size, min((number + 1) * size, self._count)))
+
+    def _finished(self) -> set[int]:
+        """Numbers of the shards that are whole and sound; one that is not stops the run before it costs anything."""
+        found = set()
+        for number in numbers(self._folder):
+            name = shard_name(number)
+            for each in shard_faults(self._folder, number):
+                raise InputError(each)
+            for kind in ("npz", "jsonl"):
+                path = self._folder / SHARDS / f"{name}.{kind}"
+                checksum = sha256(path.read_bytes())
+                if self._files.setdefault(path.name, checksum) != checksum:
+                    raise InputError(
+                        f"{path} does not match its checksum; remove both files of the shard and run it again, which makes it anew"
+                    )
+            records = read_records(self._folder, number)
+            if len(records) >= len(self._indices(number)):  # one of an earlier limit may lack samples
+                found.add(number)
+                self._done += len(records)
+                self._note_failures([Made(each) for each in records])
+        return found
+
+    def add(self, made: Sequence[Made]) -> None:
+        """Takes what a worker has made, and writes the shard that it completes."""
+        number = made[0].record["index"] // self._recipe.samples_per_shard
+        waiting = self._waiting.setdefault(number, {})
+        waiting |= {each.record["index"]: each for each in made}
+        self._log += [{"index": each.record["index"], "seconds": dict(each.seconds)} for each in made]
+        self._note_failures(made)
+        self.made += len(made)
+        self._done += len(made)
+        if len(waiting) == len(self._indices(number)):
+            self._files |= write_shard(self._folder, number, [waiting[index] for index in sorted(waiting)])
+            del self._waiting[number]
+            self.write_manifest()
+        if self._progress is not None:
+            self._progress(min(1.0, self._done / self._count))
+
+    def _note_failures(self, made: Sequence[Made]) -> None:
+        self.failures += [(each.record["index"], each.record["failure"]) for each in made if each.record["failure"]]
+        if len(self.failures) > max(1.0, MOST_FAILED * self._count):
+            index, reason = self.failures[-1]
+            raise InputError(
+                f"{len(self.failures)} of {self._count} samples failed, more than {MOST_FAILED:.0%}, the last one, {index}, for: "
+                f"{reason}; the shards that are finished stay"
+            )
+
+    def write_manifest(self) -> None:
+        """Writes which files there are: the same bytes for the same recipe and the same samples."""
+        shards = list(numbers(self._folder))
+        names = [f"{shard_name(number)}.{kind}" for number in shards for kind in ("npz", "jsonl")]
+        records = [each for number in shards for each in read_records(self._folder, number)]
+        found = {
+            "recipe": self._recipe.name, "recipe_hash": self._recipe.hash, "versions": versions(), "samples": len(records),
+            "failed": sum(each["failure"] is not None for each in records),
+            "files": {name: self._files[name] for name in names},
+        }  # fmt: skip
+        write_whole(self._folder / MANIFEST, (json.dumps(found, indent=1) + "\n").encode())
+
+    def write_log(self) -> None:
+        """Writes how long each sample took: the one thing that differs from run to run."""
+        if self._log:
+            lines = "".join(f"{json.dumps(each)}\n" for each in self._log)
+            write_whole(self._folder / LOG / f"{time.time_ns()}.jsonl", lines.encode())

@@ -1,0 +1,184 @@
+"""What of a recording is kept in a shard: spectrogram, range-Doppler maps, point cloud, ADC samples."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+
+from t2d_rt.errors import InputError
+from t2d_rt.result import Recording
+from t2d_rt.signal.points import point_cloud
+from t2d_rt.types.fields import Count, Fields, Number
+
+FLOOR_DB = -200.0
+"""Least level that is written, relative to the greatest one: a noise-free recording has cells of any smallness."""
+
+Size = Annotated[Count, Field(ge=2, le=4096)]
+Levels = Literal["float16", "uint8"]
+
+POINT_COLUMNS = "time_s", "range_m", "azimuth_rad", "elevation_rad", "speed_mps", "snr_db"
+"""Columns of a point cloud."""
+
+
+class _Product(Fields):
+    model_config = ConfigDict(use_attribute_docstrings=True)
+    noun: ClassVar[str] = "product"
+
+
+class _Map(_Product):
+    """Power of cells, in decibels below the greatest one."""
+
+    dtype: Levels = "float16"
+    """"float16" [dB, 0 at the greatest cell], or "uint8" as of a picture: 255 at the greatest cell, 0 at the end of the dynamic
+    range and below."""
+    dynamic_range_db: Annotated[Number, Field(gt=0, le=200)] = 60.0
+    """Of "uint8" [dB]."""
+    speed_mps: Annotated[Number, Field(gt=0, le=1000)] | None = None
+    """Greatest speed, towards the radar and away from it [m/s]; all that the radar measures by default."""
+
+    def encoded(self, power: np.ndarray) -> tuple[np.ndarray, float]:
+        """Powers [W] as they are written, and the greatest one [dB re 1 W]."""
+        greatest = max(float(power.max()), 1e-300)
+        level = np.maximum(10.0 * np.log10(np.maximum(power / greatest, 1e-300)), FLOOR_DB)
+        if self.dtype == "float16":
+            return level.astype(np.float16), 10.0 * math.log10(greatest)
+        shown = np.clip(1.0 + level / self.dynamic_range_db, 0.0, 1.0)
+        return np.rint(255.0 * shown).astype(np.uint8), 10.0 * math.log10(greatest)
+
+    def rows(self, velocity_mps: np.ndarray) -> slice:
+        """Rows within the greatest speed, of speeds in ascending order."""
+        if self.speed_mps is None:
+            return slice(None)
+        first, last = np.searchsorted(velocity_mps, [-self.speed_mps, self.speed_mps], side="left")
+        if last - first < 2:
+            raise InputError(
+                f"a map within {self.speed_mps:g} m/s has {last - first} cells of speed; raise speed_mps, or take a finer radar"
+            )
+        return slice(int(first), int(last))
+
+
+class SpectrogramProduct(_Map):
+    """Micro-Doppler spectrogram."""
+
+    size: tuple[Size, Size] = (128, 128)
+    """Cells of speed and of time; powers are averaged over what a cell covers."""
+
+    def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
+        """The array (speed, time), and what goes into the record."""
+        image = recording.spectrogram
+        velocity, time_s = image.velocity_mps.values, image.time_s.values
+        rows = self.rows(velocity)
+        power = resized(10.0 ** (image.values[rows].astype(np.float64) / 10.0), self.size)
+        array, peak_db = self.encoded(power)
+        return array, {"peak_db": peak_db, "velocity_mps": edges(velocity[rows]), "time_s": edges(time_s)}
+
+
+class RangeDopplerProduct(_Map):
+    """Range-Doppler maps at equal intervals."""
+
+    frames: Annotated[Count, Field(ge=1, le=1000)] = 8
+    """How many maps."""
+    size: tuple[Size, Size] = (64, 64)
+    """Cells of speed and of range."""
+    farthest_m: Annotated[Number, Field(gt=0, le=1000)] = 8.0
+    """Greatest range [m]."""
+
+    def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
+        """The array (frame, speed, range), and what goes into the record."""
+        length_s = len(recording.cube) * recording.radar.loop_interval_s
+        times_s = (np.arange(self.frames) + 0.5) * length_s / self.frames
+        power = []
+        for each in times_s:
+            image = recording.range_doppler_at(float(each))
+            near = image.range_m.values <= self.farthest_m
+            rows = self.rows(image.velocity_mps.values)
+            power.append(resized(10.0 ** (image.values[rows][:, near].astype(np.float64) / 10.0), self.size))
+        array, peak_db = self.encoded(np.stack(power))
+        axes = {"velocity_mps": edges(image.velocity_mps.values[rows]), "range_m": edges(image.range_m.values[near])}
+        return array, {"peak_db": peak_db, "times_s": [round(float(each), 9) for each in times_s], **axes}
+
+
+class PointsProduct(_Product):
+    """Point cloud, as `signal.points.point_cloud` finds it."""
+
+    frame_chirps: Annotated[Count, Field(ge=8, le=100_000)] | None = None
+    """Chirps of a coherent interval; by default a burst, or 128."""
+    false_alarm_rate: Annotated[Number, Field(gt=0, lt=1)] = 1e-4
+    """Per cell of the range-Doppler map."""
+
+    def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
+        """The array (point, 6), its columns those of `POINT_COLUMNS`, float32, and what goes into the record."""
+        found = point_cloud(
+            recording.cube, recording.radar, frame_chirps=self.frame_chirps, false_alarm_rate=self.false_alarm_rate
+        )
+        array = np.stack([getattr(found, name) for name in POINT_COLUMNS], axis=1).astype(np.float32)
+        return array, {"count": len(array)}
+
+
+class AdcProduct(_Product):
+    """ADC samples."""
+
+    dtype: Literal["complex64", "float16"] = "complex64"
+    """"complex64" [sqrt(W)], or "float16": real and imaginary parts (chirp, antenna, sample, 2) over the greatest of them, which is
+    in the record."""
+
+    def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
+        """The array (chirp, antenna, sample), and what goes into the record."""
+        cube = np.asarray(recording.cube[:])
+        if self.dtype == "complex64":
+            return cube, {}
+        parts = cube.view(np.float32).reshape(*cube.shape, 2)
+        greatest = max(float(np.abs(parts).max()), 1e-30)
+        return (parts / np.float32(greatest)).astype(np.float16), {"greatest": greatest}
+
+
+class Products(_Product):
+    """What of each recording is kept; a product that is not given is left out."""
+
+    spectrogram: SpectrogramProduct | None = SpectrogramProduct()
+    """Micro-Doppler spectrogram."""
+    range_doppler: RangeDopplerProduct | None = None
+    """Range-Doppler maps."""
+    points: PointsProduct | None = None
+    """Point cloud."""
+    adc: AdcProduct | None = None
+    """ADC samples."""
+
+    @model_validator(mode="after")
+    def _some(self) -> Self:
+        if not self.kept:
+            raise InputError("recipe key products keeps nothing; give one of spectrogram, range_doppler, points, adc")
+        return self
+
+    @property
+    def kept(self) -> dict[str, Any]:
+        """The products that are kept, by name."""
+        return {name: value for name, value in self if value is not None}
+
+    def made(self, recording: Recording) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays by name, and what goes into the record of each."""
+        found = {name: each.made(recording) for name, each in self.kept.items()}
+        return {name: array for name, (array, _) in found.items()}, {name: told for name, (_, told) in found.items()}
+
+
+def resized(power: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """A map (A, B) as one of another size: each new cell is the mean over the area that it covers."""
+    before, after = _averaging(power.shape[0], size[0]), _averaging(power.shape[1], size[1])
+    return np.asarray(before @ power @ after.T)
+
+
+def _averaging(count: int, wanted: int) -> np.ndarray:
+    """Weights (wanted, count) of old cells in each new one; each row adds up to 1."""
+    old, new = np.arange(count + 1) / count, np.arange(wanted + 1) / wanted
+    overlap = np.minimum(new[1:, None], old[None, 1:]) - np.maximum(new[:-1, None], old[None, :-1])
+    weights = np.maximum(overlap, 0.0)
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def edges(centres: np.ndarray) -> list[float]:
+    """First and last edge of an axis of equal cells."""
+    half = 0.5 * float(centres[-1] - centres[0]) / max(len(centres) - 1, 1)
+    return [round(float(centres[0]) - half, 9), round(float(centres[-1]) + half, 9)]

@@ -1,0 +1,222 @@
+"""`Recipe`: everything that a data set follows from, as plain data."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
+
+from t2d_rt.checks import unknown_name
+from t2d_rt.dataset.products import Products
+from t2d_rt.dataset.seeds import seeds
+from t2d_rt.errors import InputError
+from t2d_rt.files import read_yaml
+from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
+from t2d_rt.named import bodies
+from t2d_rt.room import Clutter
+from t2d_rt.types import Accuracy, Radar, Receiver
+from t2d_rt.types.fields import Count, Fields, Number
+from t2d_rt.types.target import Method
+
+FOLDER = Path(__file__).resolve().parent / "recipes"
+
+OWN_BODY = "own"
+"""In place of a body's name: the one that suits the subject of the description."""
+
+Beside = Literal["none", "fan", "curtain", "pet", "person"]
+"""What moves beside the person."""
+
+
+def _plain_name(value: str) -> str:
+    if not re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,63}", value):
+        raise ValueError("a name has up to 64 small letters, digits, dashes and underscores")
+    return value
+
+
+Name = Annotated[str, AfterValidator(_plain_name)]
+Many = Annotated[Count, Field(ge=1, le=1_000_000)]
+
+
+class Condition(Fields):
+    """Under what a motion is recorded: scene, model, radar, and what moves beside the person."""
+
+    noun: ClassVar[str] = "condition"
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    name: Name
+    """How the records of its samples call it."""
+    scene: str = "free_space"
+    """"free_space", a room by name, or the path of an XML file."""
+    method: Method = "mesh"
+    """Scattering model of the bodies: "mesh" or "ellipsoid"."""
+    radar: Radar | None = None
+    """Its fields or the name of a preset, in place of the recipe's radar."""
+    beside: Beside = "none"
+    """What moves beside the person: a "fan", a "curtain", a "pet" or a second "person", placed by chance, or "none"."""
+    reflections: Annotated[Count, Field(ge=0, le=4)] = 2
+    """Greatest number of reflections on the paths out and back together."""
+    clutter: Clutter = "specular"
+    """Echoes of the static scene: "specular", "diffuse" or "none"."""
+    tolerance_db: Annotated[Number, Field(ge=-60, le=0)] | None = None
+    """Greatest field error [dB], for which one plan is made for each class."""
+    accuracy: Accuracy | None = None
+    """How finely it is modelled; with a tolerance the fields that are set in it stay."""
+    weight: Annotated[Number, Field(gt=0, le=1e6)] = 1.0
+    """How often it is drawn, relative to the others."""
+
+    @field_validator("radar", mode="before")
+    @classmethod
+    def _named_radar(cls, value: Any) -> Any:
+        return named_radar(value)
+
+
+def named_radar(value: Any) -> Any:
+    """The fields of a preset that is given by its name."""
+    return Radar.preset(value) if isinstance(value, str) else value
+
+
+class Recipe(Fields):
+    """A data set: which descriptions, how their motions are varied and recorded, and what of the recordings is kept."""
+
+    noun: ClassVar[str] = "recipe"
+    written: ClassVar[Mapping[str, str]] = {
+        "classes": "a list, as in [walking, falling]",
+        "conditions": "a list of mappings with a name, as in [{name: mesh, method: mesh}]",
+    }
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    name: Name
+    """How it is called."""
+    about: str = ""
+    """What it is for, in a sentence; nothing depends on it."""
+    classes: Annotated[tuple[Activity, ...], Field(min_length=1, max_length=len(ACTIVITIES))] = ACTIVITIES
+    """Classes of the samples, in the order in which they take turns."""
+    descriptions_per_class: Annotated[Count, Field(ge=1, le=10_000)]
+    """Different descriptions of each class, by the grammar."""
+    samples_per_description: Many
+    """Motions of each description: another person, another view, another gait each time."""
+    providers: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)] = ("auto",)
+    """What makes motions; one is drawn for each motion, and one that is named twice comes twice as often."""
+    bodies: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)] = (OWN_BODY,)
+    """Bodies, drawn likewise; "own" is the one that suits the subject of the description."""
+    angles_deg: tuple[Number, Number] = (-180.0, 180.0)
+    """Least and greatest angle of the motion's main direction against the line to the radar [deg]; at 0 the person comes nearer."""
+    heights_m: tuple[Number, Number] = (1.0, 1.0)
+    """Least and greatest height of the radar [m]."""
+    distances_m: tuple[Number, Number] = (2.0, 4.5)
+    """Least and greatest range at which a motion starts [m]."""
+    gait_factors: tuple[Number, Number] = (1.0, 1.0)
+    """Least and greatest tempo of the motion, relative to what was made."""
+    gait_spread: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
+    """Standard deviation of the logarithm of each step's own tempo."""
+    attempts: Annotated[Count, Field(ge=1, le=20)] = 3
+    """Motions of other seeds that are made until one passes the filter; where none does, the first one is taken."""
+    radar: Radar
+    """Its fields, or the name of a preset."""
+    noise: Literal["none", "receiver"] | Receiver = "receiver"
+    """What the receiver adds: "receiver" is typical of each radar's band, "none" nothing, or the fields of a receiver."""
+    conditions: Annotated[tuple[Condition, ...], Field(min_length=1, max_length=1000)]
+    """Under what motions are recorded."""
+    each_condition: bool = False
+    """Whether every motion is recorded under each condition; by default one is drawn for it."""
+    duration_s: Annotated[Number, Field(ge=0.7, le=60)] = 5.0
+    """Length of every record [s]: longer motions are cut, shorter ones held at their end."""
+    products: Products = Products()
+    """What of a recording is kept."""
+    error_fraction: Annotated[Number, Field(ge=0, le=1)] = 0.0
+    """Fraction of the samples whose field error is measured."""
+    samples_per_shard: Annotated[Count, Field(ge=1, le=10_000)] = 32
+    """Samples that one file holds."""
+    seed: Annotated[Count, Field(ge=0)] = 0
+    """Seed of everything that is drawn."""
+
+    @field_validator("radar", mode="before")
+    @classmethod
+    def _named_radar(cls, value: Any) -> Any:
+        return named_radar(value)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for name, (low, high) in LIMITS.items():
+            least, greatest = getattr(self, name)
+            if not low <= least <= greatest <= high:
+                raise InputError(
+                    f"recipe key {name} must be two numbers, least and greatest, within {low:g}..{high:g}, got "
+                    f"[{least:g}, {greatest:g}]"
+                )
+        for what, names in (("classes", self.classes), ("conditions", [each.name for each in self.conditions])):
+            if len(set(names)) < len(names):
+                raise InputError(f"recipe key {what} names one of them twice; give each once")
+        for each in self.bodies:
+            if each != OWN_BODY and each not in bodies():
+                raise unknown_name("body", each, (OWN_BODY, *bodies()))
+        return self
+
+    @functools.cached_property
+    def hash(self) -> str:
+        """Hash of everything that samples follow from: of equal recipes the same."""
+        plain = self.model_dump(mode="json", exclude={"name", "about"})
+        return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:32]
+
+    def seeds(self, number: int, purpose: str) -> np.random.SeedSequence:
+        """The seeds of one purpose, as "view", of a motion or sample by its number."""
+        return seeds(self.seed, self.hash, number, purpose)
+
+    @property
+    def motions(self) -> int:
+        """How many motions are made."""
+        return len(self.classes) * self.descriptions_per_class * self.samples_per_description
+
+    @property
+    def samples(self) -> int:
+        """How many samples there are."""
+        return self.motions * (len(self.conditions) if self.each_condition else 1)
+
+    def to_yaml(self) -> str:
+        """Text that `read` takes for the same recipe."""
+        import yaml
+
+        return str(yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False))
+
+    @classmethod
+    def read(cls, source: str | Path) -> Recipe:
+        """A recipe that ships, by its name, or that of a YAML file."""
+        path = Path(source)
+        if path.suffix.lower() not in (".yaml", ".yml"):
+            known = recipe_names()
+            wanted = str(source).lower().replace("_", "-")
+            if wanted not in known:
+                raise unknown_name("recipe", str(source), known, hint=", or give a YAML file")
+            path = FOLDER / f"{wanted}.yaml"
+        values = read_yaml(path, noun="recipe", example="classes, conditions and a radar")
+        try:
+            found = cls.model_validate({"name": path.stem.lower(), **values})
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        return found._beside(path.parent)
+
+    def _beside(self, folder: Path) -> Recipe:
+        """With scenes that are files found from the folder of the recipe."""
+        conditions = tuple(
+            each.model_copy(update={"scene": str(folder / each.scene)}) if each.scene.lower().endswith(".xml") else each
+            for each in self.conditions
+        )
+        return self.model_copy(update={"conditions": conditions})
+
+
+LIMITS = {
+    "angles_deg": (-360.0, 360.0), "heights_m": (0.05, 10.0), "distances_m": (0.5, 100.0), "gait_factors": (0.25, 4.0),
+}  # fmt: skip
+"""Of the ranges that a recipe draws from."""
+
+
+def recipe_names() -> list[str]:
+    """Names of the recipes that ship."""
+    return sorted(path.stem for path in FOLDER.glob("*.yaml"))

@@ -1,0 +1,93 @@
+"""Who works: processes of this machine (joblib), or those of a cluster (dask.distributed)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, suppress
+from typing import Any
+
+from t2d_rt.dataset.work import Made
+from t2d_rt.errors import InputError
+
+Task = tuple[Any, ...]
+Scheduler = Callable[[Sequence[Task]], Iterator[list[Made]]]
+"""Takes the arguments of calls of `make_samples` and gives what they return, in any order."""
+
+RETRIES = 2
+"""Times that a call is repeated whose worker was lost."""
+INSTALL = "install it with pip install 't2d-rt[cluster]'"
+
+
+def scheduler_named(name: str | None, workers: int) -> Scheduler:
+    """The processes of this machine for None; "local:N" or the address of a scheduler for a cluster of dask."""
+    if name is None:
+        return here if workers == 1 else lambda tasks: on_this_machine(tasks, workers)
+    kind, _, rest = name.partition(":")
+    if kind == "local" and rest.isdecimal() and int(rest) > 0:
+        return lambda tasks: on_a_cluster(tasks, None, int(rest))
+    if kind in ("tcp", "tls") and rest.startswith("//"):
+        return lambda tasks: on_a_cluster(tasks, name, 0)
+    raise InputError(f"scheduler must be local:N or an address as tcp://host:8786, got {name!r}")
+
+
+def threads_of(name: str | None, workers: int) -> int:
+    """Threads of each worker, so that all of them together take the cores of this machine."""
+    if name is None or name.startswith("local:"):
+        return max(1, cores() // (workers if name is None else int(name.partition(":")[2])))
+    return 1
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def here(tasks: Sequence[Task]) -> Iterator[list[Made]]:
+    """In this process."""
+    from t2d_rt.dataset.work import make_samples
+
+    for task in tasks:
+        yield make_samples(*task)
+
+
+def on_this_machine(tasks: Sequence[Task], workers: int) -> Iterator[list[Made]]:
+    """In processes of this machine."""
+    try:
+        from joblib import Parallel, delayed, parallel_config
+    except ImportError:
+        raise InputError(f"several workers need joblib; {INSTALL}, or give --workers 1") from None
+    from t2d_rt.dataset.work import make_samples
+
+    with parallel_config(backend="loky", inner_max_num_threads=1):
+        calls = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+        results = calls(delayed(make_samples)(*task) for task in tasks)
+    with closing(results):
+        yield from results
+
+
+def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> Iterator[list[Made]]:
+    """On a cluster of dask: one that runs at an address, or one of so many processes of this machine."""
+    try:
+        from distributed import Client, LocalCluster, as_completed
+    except ImportError:
+        raise InputError(f"a scheduler needs dask.distributed; {INSTALL}") from None
+    from t2d_rt.dataset.work import make_samples
+
+    cluster: Any = None
+    if address is None:
+        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
+    try:
+        client = Client(cluster if address is None else address, timeout="20s")
+    except OSError as error:
+        raise InputError(f"no scheduler answers at {address} ({error}); start one, or check the address") from None
+    try:
+        futures = [client.submit(make_samples, *task, pure=False, retries=RETRIES) for task in tasks]
+        for future in as_completed(futures):
+            yield future.result()
+            future.release()
+    finally:
+        with suppress(Exception):  # of a scheduler that is lost
+            client.close()
+        if cluster is not None:
+            cluster.close()
