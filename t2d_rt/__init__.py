@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from t2d_rt.named import bodies, example, examples, movers, presets, scenes
     from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.radar.synthesize import synthesize
-    from t2d_rt.result import Recording, load_recording
+    from t2d_rt.recordings import load_recording
+    from t2d_rt.result import Recording
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.simulate import run, simulate
     from t2d_rt.targets import segments, skin
@@ -52,7 +53,8 @@ _HOMES = {
     "t2d_rt.motion.vary": ("mirror", "vary_gait", "vary_view"),
     "t2d_rt.motion.write": ("save_motion",),
     "t2d_rt.radar.synthesize": ("synthesize",),
-    "t2d_rt.result": ("Recording", "load_recording"),
+    "t2d_rt.recordings": ("load_recording",),
+    "t2d_rt.result": ("Recording",),
     "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
     "t2d_rt.experiment": ("Experiment",),
     "t2d_rt.named": ("bodies", "example", "examples", "movers", "presets", "scenes"),

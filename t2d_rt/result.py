@@ -18,10 +18,9 @@ from t2d_rt.errors import InputError, printable
 from t2d_rt.experiment import Experiment
 from t2d_rt.export import check_export, write_export
 from t2d_rt.inputs import Inputs
-from t2d_rt.named import radar_named
 from t2d_rt.rows import DIMENSIONS, NAME
 from t2d_rt.saved import FORMAT, MADE_BY, check_free, check_replaceable, not_a_result, read_folder, write_folder
-from t2d_rt.signal import load_cube, range_doppler, range_profile, spectrogram
+from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
 from t2d_rt.signal.maps import decibel
 from t2d_rt.store import check_taken, replacing
@@ -364,25 +363,6 @@ class Recording:
             raise
         except Exception as error:  # attributes of any content
             raise not_a_result(source, error) from error
-
-
-def load_recording(path: str | Path, radar: Radar | str | Path | None = None) -> Recording:
-    """A recording, simulated or measured: the .zarr folder of a result, or a .npy file of measured ADC samples.
-
-    radar: of a .npy file, which holds samples only: a `Radar`, a preset's name or a .yaml file. A result holds its own.
-
-    Samples of a .npy file are complex, (chirp, sample) or (chirp, antenna, sample); see `signal.load_cube`. Levels of a measured
-    recording are those of its samples: they are powers [dB re 1 W] only where the samples are calibrated to sqrt(W).
-    """
-    source = file_path("path", path)
-    if source.is_dir() or source.suffix.lower() == ".zarr":
-        if radar is not None:
-            raise InputError(f"{source} is a result, which holds its own radar, and a radar was given; leave radar out")
-        return Recording.load(source)
-    cube = load_cube(source)
-    if radar is None:
-        raise InputError(f"{source} holds samples only; give its radar, a Radar, a preset's name or a .yaml file")
-    return Recording(cube, radar_named(radar))
 
 
 def _json(name: str, values: Mapping[str, Any]) -> str:

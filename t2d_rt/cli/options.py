@@ -256,14 +256,14 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bo
         default="free_space",
         help=f"Scene: free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file.",
     )
-    _add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", *skip})
+    add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", *skip})
     _add_accuracy(parser)
     _add_radar(parser)
-    _add_parameters(
+    add_parameters(
         parser.add_argument_group("reading the motion file (what is not given is detected)"), load_motion, "motion."
     )
     if signal:
-        _add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
+        add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
 
 
 def _add_accuracy(parser: ArgumentParser) -> None:
@@ -298,7 +298,7 @@ def _add_radar(parser: ArgumentParser) -> None:
             radar.add_argument(f"--radar.{name}", type=kind, default=default[name], help=told[name])
 
 
-def _add_parameters(group: Any, function: Callable[..., Any], prefix: str = "", skip: Collection[str] = ()) -> None:
+def add_parameters(group: Any, function: Callable[..., Any], prefix: str = "", skip: Collection[str] = ()) -> None:
     """An option for every parameter that has a default; its help is its entry in the docstring, "name: help"."""
     told = parameter_help(function)
     hints = get_type_hints(function)

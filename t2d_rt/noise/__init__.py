@@ -1,0 +1,1 @@
+"""What a real recording has beside echoes: receiver noise, background, occlusion masks."""
