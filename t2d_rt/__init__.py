@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from t2d_rt.motion.vary import mirror, vary_gait, vary_view
     from t2d_rt.motion.write import save_motion
     from t2d_rt.named import bodies, example, examples, movers, presets, scenes
+    from t2d_rt.noise.background import add_background, load_background
+    from t2d_rt.noise.masks import OcclusionMask, occlude
     from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.radar.synthesize import synthesize
     from t2d_rt.recordings import load_recording
@@ -52,6 +54,8 @@ _HOMES = {
     "t2d_rt.motion.generate": ("motion_from_text",),
     "t2d_rt.motion.vary": ("mirror", "vary_gait", "vary_view"),
     "t2d_rt.motion.write": ("save_motion",),
+    "t2d_rt.noise.background": ("add_background", "load_background"),
+    "t2d_rt.noise.masks": ("OcclusionMask", "occlude"),
     "t2d_rt.radar.synthesize": ("synthesize",),
     "t2d_rt.recordings": ("load_recording",),
     "t2d_rt.result": ("Recording",),
@@ -94,6 +98,7 @@ __all__ = [
     "Material",
     "Motion",
     "MovingMesh",
+    "OcclusionMask",
     "PathTier",
     "Pet",
     "Radar",
@@ -104,11 +109,13 @@ __all__ = [
     "T2DError",
     "T2DWarning",
     "TableFan",
+    "add_background",
     "bodies",
     "check_motion",
     "describe",
     "example",
     "examples",
+    "load_background",
     "load_motion",
     "load_recording",
     "load_scene",
@@ -117,6 +124,7 @@ __all__ = [
     "motion_from_text",
     "mover",
     "movers",
+    "occlude",
     "place",
     "plan",
     "presets",

@@ -57,6 +57,8 @@ def _record(path: Path, processing: dict[str, Any], lanes: int | None) -> Backgr
     own, common = path.with_suffix(".yaml"), path.with_name(RADAR_FILE)
     radar = own if own.is_file() else common
     if not radar.is_file():
-        raise InputError(f"{path} holds samples only, and there is neither {own.name} nor {RADAR_FILE} with its radar; write one")
+        raise InputError(
+            f"{path} holds samples only, and there is neither {own.name} nor {RADAR_FILE} with its radar; write one"
+        )
     recording = load_recording(path, radar, lanes=lanes if ending == ".bin" else None)
     return record_of(recording, path.stem, processing)

@@ -86,7 +86,7 @@ def _static(duration_s: float) -> MovingMesh:
     """What stands for the targets of a room without any: a tetrahedron of 1 cm that lies on the floor."""
     corners = np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1]]) / 100 + [2.0, 0, 0.01]
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
-    return MovingMesh(np.stack([corners, corners]), faces, np.array([0.0, duration_s]), "fabric")
+    return MovingMesh(np.stack([corners, corners]), faces, np.array([0.0, duration_s]), "wood")
 
 
 def _interferer(kind: str, bounds: np.ndarray, rng: np.random.Generator) -> Mover:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from t2d_rt.added_background import background_power, background_settings
 from t2d_rt.checks import call, file_path, flag, instance, numeric
 from t2d_rt.cubes import Cube, DiskCube, check_complex64
 from t2d_rt.errors import InputError, printable
@@ -164,7 +165,9 @@ class Recording:
         if self._spectrogram is None:
             result = spectrogram(self.cube, self.radar, **{**self.processing, "mti": self._mti})
             axes = {"velocity_mps": result.velocity_mps, "time_s": result.time_s}
-            self._spectrogram = self._labelled("spectrogram", decibel(result.power), tuple(axes), axes, "dB re 1 W")
+            added = self.settings.get("background")
+            power = result.power if added is None else background_power(result, added)
+            self._spectrogram = self._labelled("spectrogram", decibel(power), tuple(axes), axes, "dB re 1 W")
         return self._spectrogram
 
     @property
@@ -209,6 +212,19 @@ class Recording:
             processing={**self.processing, **{name: _plain(value) for name, value in changes.items()}},
         )
         check_processing(self.radar, len(self.cube), changed.processing)
+        return changed
+
+    def with_background(
+        self, model: str | Path = "default", *, seed: int = 0, level_db: float | None = None
+    ) -> Recording:
+        """The same recording with a learned background in its spectrogram; its samples and other maps stay as they are.
+
+        model: "default", or a .safetensors file that t2d-rt background train wrote.
+        level_db: level of the background's noise floor, its median cell [dB re 1 W]; by default that of one of the recordings that
+            it was learned from.
+        """
+        changed = self.processed()
+        changed.settings["background"] = background_settings(model, seed=seed, level_db=level_db)
         return changed
 
     @property

@@ -28,8 +28,8 @@ EXAMPLES = """examples:
 
 WORDS = {"simulate": 0, "train": 1, "sample": 1, "evaluate": 2}
 """Verbs, each with how many names follow it."""
-ROOMS = 48
-"""Empty rooms that the default is learned from: those of the seeds 0 to 47."""
+ROOMS = 36
+"""Empty rooms that the default is learned from: those of the seeds 0 to 35."""
 NEEDS_OUTPUT = "simulate", "train", "sample"
 SUFFIX = ".safetensors"
 
@@ -57,9 +57,13 @@ def parser() -> ArgumentParser:
     found.add_argument("--codes", type=int, default=32, help="Entries of each code book of a model that is trained.")
     found.add_argument("--codec_steps", type=int, default=1500, help="Steps of training of the codec.")
     found.add_argument("--prior_steps", type=int, default=800, help="Steps of training of the prior.")
-    found.add_argument("--lanes", type=int | None, help="LVDS lanes, 2 or 4, of raw captures of TI's DCA1000 (.bin) in DIR.")
+    found.add_argument(
+        "--lanes", type=int | None, help="LVDS lanes, 2 or 4, of raw captures of TI's DCA1000 (.bin) in DIR."
+    )
     add_parameters(
-        found.add_argument_group("spectrograms of the recordings in DIR (mti is mean unless given)"), spectrogram, "signal."
+        found.add_argument_group("spectrograms of the recordings in DIR (mti is mean unless given)"),
+        spectrogram,
+        "signal.",
     )
     return found
 
@@ -72,9 +76,13 @@ def run(options: Namespace) -> None:
             f"background needs one of {', '.join(WORDS)}, got {verb or 'nothing'}; t2d-rt background --help shows examples"
         )
     if len(names) != WORDS[verb]:
-        raise InputError(f"background {verb} takes {WORDS[verb]} names, got {len(names)}; t2d-rt background --help shows examples")
+        raise InputError(
+            f"background {verb} takes {WORDS[verb]} names, got {len(names)}; t2d-rt background --help shows examples"
+        )
     if (options.output is not None) != (verb in NEEDS_OUTPUT):
-        raise InputError(f"background {verb} {'needs --output' if verb in NEEDS_OUTPUT else 'writes nothing; leave out --output'}")
+        raise InputError(
+            f"background {verb} {'needs --output' if verb in NEEDS_OUTPUT else 'writes nothing; leave out --output'}"
+        )
     {"simulate": _simulate, "train": _train, "sample": _sample, "evaluate": _evaluate}[verb](options, *names)
 
 

@@ -66,6 +66,7 @@ def simulate_parser() -> ArgumentParser:
         help="A further target, such as fan:X,Y,Z,rpm=900, pet:X,Y,Z,animal=cat or person:FILE,distance_m=3; there are also "
         "ceiling_fan, curtain and door (t2d-rt list movers). The option is given once for each; in a config file it is a list.",
     )
+    _add_background(parser)
     _add_model(parser)
     return parser
 
@@ -209,6 +210,15 @@ def command_parser(
             if action.dest == "print_config":
                 action.help = PRINT_CONFIG_HELP
     return parser
+
+
+def _add_background(parser: ArgumentParser) -> None:
+    group = parser.add_argument_group("background of the spectrogram")
+    told = "Background that is added: default, or a model (.safetensors) that t2d-rt background train wrote; none by default."
+    group.add_argument("--background", type=str | None, help=told)
+    group.add_argument("--background_seed", type=int, default=0, help="Seed of the background.")
+    told = "Level of its noise floor [dB re 1 W]; by default that of one of the recordings that it was learned from."
+    group.add_argument("--background_level_db", type=float | None, help=told)
 
 
 def _add_overwrite(parser: ArgumentParser) -> None:

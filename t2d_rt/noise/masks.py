@@ -90,7 +90,8 @@ def occlude(
     if len(times) < 2 or np.diff(times).min() <= 0:
         raise InputError("time_s must hold two instants or more, ascending")
     windows = mask.draw(float(times[-1] + (times[-1] - times[-2]) / 2), seed=seed)
-    columns = ((times[:, None] >= windows[:, 0]) & (times[:, None] < windows[:, 1])).any(axis=1)
+    within = (times[:, None] >= windows[:, 0]) & (times[:, None] < windows[:, 1])
+    columns = np.asarray(within.any(axis=1))
     filled = np.zeros_like(power)
     if fill == "background":
         filled = array("background_power", background_power, power.shape, limit=1e60, unit="W")

@@ -30,7 +30,7 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int) -> np.ndarray:
     choice("lanes", str(lanes), LANES, hint="the LVDS lanes of the radar's chip")
     receivers, senders = len(radar.rx_offsets_m), radar.loop_chirps
     if str(lanes) == "4" and receivers > 4:
-        raise InputError(f"a capture over 4 lanes holds 4 receivers at most, the radar has {receivers}; give its radar, or lanes=2")
+        raise InputError(f"a capture over 4 lanes holds 4 receivers at most, the radar has {receivers}; use lanes=2")
     if str(lanes) == "2" and radar.samples % 2:
         raise InputError(f"a capture over 2 lanes holds samples by twos, the radar has {radar.samples}; give its radar")
     with regular_file(path, noun="recording") as file:
@@ -38,8 +38,8 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int) -> np.ndarray:
     row = 4 * senders * radar.samples * (4 if str(lanes) == "4" else receivers)
     if not data or len(data) % row:
         raise InputError(
-            f"{path} holds {len(data)} bytes, and a loop of this radar ({senders} x {receivers} antennas, {radar.samples} samples) has "
-            f"{row}: give the radar that recorded it, or cut the file at the last whole loop"
+            f"{path} holds {len(data)} bytes, and a loop of this radar ({senders} x {receivers} antennas, {radar.samples} samples) "
+            f"has {row}: give the radar that recorded it, or cut the file at the last whole loop"
         )
     words = np.frombuffer(data, "<i2").astype(np.float32)
     if str(lanes) == "2":
@@ -49,7 +49,9 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int) -> np.ndarray:
         both = words.reshape(-1, senders, radar.samples, 2, 4)
         used = both.any(axis=(0, 1, 2, 3))
         if np.count_nonzero(used) != receivers:
-            raise InputError(f"{path} holds {np.count_nonzero(used)} receivers, the radar has {receivers}; give the radar that recorded it")
+            raise InputError(
+                f"{path} holds {np.count_nonzero(used)} receivers, the radar has {receivers}; give the radar that recorded it"
+            )
         both = both[..., used]
         samples = (both[..., 0, :] + 1j * both[..., 1, :]).swapaxes(2, 3)
     return np.ascontiguousarray(samples.reshape(len(samples), senders * receivers, radar.samples).astype(np.complex64))

@@ -19,7 +19,7 @@ LARGEST = 4096
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Architecture:
-    """A code book of `codes` entries for each of `heads` parts of a latent vector, one vector for each step of `columns` columns."""
+    """Code books of `codes` entries for the `heads` parts of a latent vector, one vector for each step of `columns` columns."""
 
     bins: int
     """Doppler bins of the spectrograms."""
@@ -46,7 +46,9 @@ class Architecture:
     def of(cls, values: Any) -> Architecture:
         """Checked sizes, from a file's mapping."""
         names = [each.name for each in fields(cls)]
-        found = cls(**{key: integer(key, value, 1, LARGEST) for key, value in options("architecture", values, names).items()})
+        found = cls(
+            **{key: integer(key, value, 1, LARGEST) for key, value in options("architecture", values, names).items()}
+        )
         if found.time_halvings > found.doppler_halvings:
             raise InputError(
                 f"{found.bins} Doppler bins are halved {found.doppler_halvings} times and columns {found.time_halvings} times; "

@@ -52,7 +52,9 @@ def _block(architecture: Architecture, arrays: Arrays, codes: np.ndarray) -> np.
         else:
             maps = _convolved(maps, weight, bias)
             rows, columns = maps.shape[1:]
-            maps = maps.reshape(2, 2, times, rows, columns).transpose(0, 3, 1, 4, 2).reshape(2, 2 * rows, times * columns)
+            maps = (
+                maps.reshape(2, 2, times, rows, columns).transpose(0, 3, 1, 4, 2).reshape(2, 2 * rows, times * columns)
+            )
     edge = HALO * architecture.columns
     return maps[:, :, edge : maps.shape[2] - edge]
 

@@ -33,15 +33,15 @@ class Distances:
     autocorrelation: float
     """Root mean square over lags and bands of the difference of the autocorrelations of the levels in time."""
     classifier: float
-    """Accuracy of a logistic regression that tells patches of the two apart, on patches of records it has not seen; 0.5 is chance."""
+    """Accuracy of a logistic regression that tells patches of the two apart, on records that it has not seen; 0.5 is chance."""
 
 
 def distances(recorded: Sequence[np.ndarray], sampled: Sequence[np.ndarray]) -> Distances:
     """Of two sets of spectrograms, each [dB] (velocity, time) relative to the noise floor, of two records or more."""
     for name, some in (("recorded", recorded), ("sampled", sampled)):
-        if len(some) < 2 or min(each.shape[1] for each in some) < 2 * PATCH_COLUMNS:
+        if len(some) < 2 or min(each.shape[1] for each in some) < PATCH_COLUMNS:
             raise InputError(
-                f"an evaluation needs two {name} spectrograms or more of {2 * PATCH_COLUMNS} columns or more; give longer ones"
+                f"an evaluation needs two {name} spectrograms or more of {PATCH_COLUMNS} columns or more; give longer ones"
             )
     return Distances(
         profile_db=float(np.sqrt(np.mean((_profile(recorded) - _profile(sampled)) ** 2))),
@@ -57,7 +57,9 @@ def evaluation(
     """Distances from held-out records, and perplexity of the codes, of samples of the learned prior, of uniform codes and of white
     Gaussian noise of equal power; of each as many and as long ones as there are records."""
     if not common_grid(list(recorded)).same_as(model.grid):
-        raise InputError(f"the recordings have {recorded[0].grid}, the model {model.grid}; process them as those it was trained on")
+        raise InputError(
+            f"the recordings have {recorded[0].grid}, the model {model.grid}; process them as those it was trained on"
+        )
     levels = [each.relative_db for each in recorded]
     found: dict[str, tuple[Distances, float | None]] = {}
     for name, codes in (("prior", "prior"), ("uniform codes", "uniform")):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -74,6 +75,14 @@ class BackgroundModel:
         size = self.architecture
         return f"BackgroundModel({size.heads} code books of {size.codes}, {self.grid})"
 
+    @property
+    def digest(self) -> str:
+        """A text that is the same for models of the same arrays and axes."""
+        found = hashlib.sha256(f"{self.architecture} {self.grid} {self.levels_db} {self.calibrated}".encode())
+        for name in sorted(self.arrays):
+            found.update(np.ascontiguousarray(self.arrays[name]).tobytes())
+        return found.hexdigest()[:32]
+
     def sample(
         self, duration_s: float, *, seed: int = 0, grid: Grid | None = None, codes: Codes = "prior"
     ) -> Background:
@@ -86,9 +95,7 @@ class BackgroundModel:
         duration_s = positive("duration_s", duration_s, LONGEST_S, unit="s")
         return self.columns(max(1, round(duration_s / grid.time_step_s)), seed=seed, grid=grid, codes=codes)
 
-    def columns(
-        self, count: int, *, seed: int = 0, grid: Grid | None = None, codes: Codes = "prior"
-    ) -> Background:
+    def columns(self, count: int, *, seed: int = 0, grid: Grid | None = None, codes: Codes = "prior") -> Background:
         """The same for a number of columns."""
         grid = self.grid if grid is None else grid
         number("seconds of background", integer("columns of background", count, 1) * grid.time_step_s, 0, LONGEST_S)
@@ -113,7 +120,11 @@ class BackgroundModel:
         power = np.exp(mean) * speckle(normal, looks)
         level_db = float(self.levels_db[int(of_level.integers(len(self.levels_db)))])
         return Background(
-            power=power.astype(np.float32), grid=grid, level_db=level_db, calibrated=self.calibrated, codes=drawn[HALO:-HALO]
+            power=power.astype(np.float32),
+            grid=grid,
+            level_db=level_db,
+            calibrated=self.calibrated,
+            codes=drawn[HALO:-HALO],
         )
 
     def save(self, path: Path) -> None:
@@ -158,7 +169,9 @@ def _read(path: Path) -> BackgroundModel:
     try:
         metadata = _metadata(data)
     except Exception:  # bytes of any kind
-        kind = "a pickle, which could run anything" if data[:2] in (b"PK", b"\x80\x02", b"\x80\x04") else "something else"
+        kind = (
+            "a pickle, which could run anything" if data[:2] in (b"PK", b"\x80\x02", b"\x80\x04") else "something else"
+        )
         raise InputError(
             f"{path} is not a safetensors file but {kind}, or it is cut short; t2d-rt background train writes a model"
         ) from None

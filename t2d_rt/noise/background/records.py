@@ -94,7 +94,9 @@ class BackgroundRecord:
         """A checked record."""
         power = array("power of a background", power, (len(grid.velocity_mps), "time"), limit=1e60)
         if power.shape[1] < 2 or power.min() < 0 or not power.any():
-            raise InputError(f"the spectrogram of {name} must hold two columns or more of powers, none of them negative")
+            raise InputError(
+                f"the spectrogram of {name} must hold two columns or more of powers, none of them negative"
+            )
         return cls(
             name=name,
             power=power.astype(np.float32),

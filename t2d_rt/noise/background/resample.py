@@ -8,7 +8,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.noise.background.records import Grid
 
 WIDEST = 2.0
-"""Greatest factor by which bins, and columns, may be wider or narrower: beyond, windows of other lengths blur or split what moves."""
+"""Greatest factor by which bins, and columns, may be wider or narrower: beyond it windows blur or split what moves."""
 
 
 def step_ratio(own: Grid, wanted: Grid) -> float:
@@ -36,7 +36,9 @@ def resampled(
     speeds = np.clip((wanted.velocity_mps - own.velocity_mps[0]) / own.bin_mps, 0, len(mean) - 1)
     both = np.stack([_between(_between(each, at, 1), speeds, 0) for each in (mean, looks)])
     lags = np.interp(np.arange(len(time)) * wanted.time_step_s / own.time_step_s, np.arange(len(time)), time, right=0.0)
-    bins = np.interp(np.arange(len(doppler)) * wanted.bin_mps / own.bin_mps, np.arange(len(doppler)), doppler, right=0.0)
+    bins = np.interp(
+        np.arange(len(doppler)) * wanted.bin_mps / own.bin_mps, np.arange(len(doppler)), doppler, right=0.0
+    )
     return both[0], both[1], lags, bins
 
 

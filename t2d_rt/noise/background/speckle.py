@@ -7,6 +7,8 @@ the mean over sqrt(M), and M = 1 is the exponential distribution of fully develo
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 ORDER = 8
@@ -31,14 +33,26 @@ def normal_scores(ratio: np.ndarray, looks: np.ndarray) -> np.ndarray:
 
 
 def correlations(scores: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Correlation of scores (velocity, time) over LAGS columns and over BINS bins, each with 1 at lag 0."""
-    time, doppler = np.zeros(LAGS), np.zeros(BINS)
+    """Correlation of scores (velocity, time) over LAGS columns and over BINS bins, each with 1 at lag 0.
+
+    The median over the bins, about each bin's mean in its record: what the codes do not tell of the few bins of interferers is no
+    speckle.
+    """
+    time, doppler, weight = np.zeros(LAGS), np.zeros(BINS), 0
     for each in scores:
         values = np.clip(each, -4, 4).astype(np.float64)
-        lags = min(LAGS, values.shape[1])
-        time[:lags] += [np.mean(values[:, : values.shape[1] - k] * values[:, k:]) for k in range(lags)]
-        doppler += [np.mean(values[: len(values) - k] * values[k:]) for k in range(BINS)]
-    return time / time[0], doppler / doppler[0]
+        values -= values.mean(axis=1, keepdims=True)
+        size = values.shape[1]
+        variance = np.mean(values**2, axis=1) + 1e-12
+        for lag in range(min(LAGS, size - 1)):
+            along = np.mean(values[:, : size - lag] * values[:, lag:], axis=1)
+            time[lag] += size * np.median(along / variance)
+        for lag in range(BINS):
+            first, second = slice(0, len(values) - lag), slice(lag, len(values))
+            across = np.mean(values[first] * values[second], axis=1)
+            doppler[lag] += size * np.median(across / np.sqrt(variance[first] * variance[second]))
+        weight += size
+    return time / weight, doppler / weight
 
 
 def gaussian_field(
@@ -56,11 +70,12 @@ def gaussian_field(
     predictor = solve_toeplitz(np.r_[lags[0] + ridge, lags[1:-1]], lags[1:])
     innovation = np.sqrt(max(1e-6, lags[0] + ridge - predictor @ lags[1:]) / (lags[0] + ridge))
     white = rng.standard_normal((columns + WARM_UP, bins), np.float32)
-    field = lfilter([innovation], np.r_[1, -predictor], white @ _root(bins, doppler).T, axis=0)
+    field = lfilter([innovation], np.r_[1, -predictor], white @ _root(bins, tuple(doppler.tolist())).T, axis=0)
     return np.asarray(field[WARM_UP:].T, np.float32)
 
 
-def _root(bins: int, doppler: np.ndarray) -> np.ndarray:
+@lru_cache(maxsize=16)
+def _root(bins: int, doppler: tuple[float, ...]) -> np.ndarray:
     """A square root (bins, bins) of the correlation over bins; where that is not positive, of the nearest that is."""
     from scipy.linalg import eigh, toeplitz
 

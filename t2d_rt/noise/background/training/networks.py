@@ -18,7 +18,7 @@ from t2d_rt.noise.background.decoder import LEAST_LOOKS, MOST_LOOKS, NATS_PER_UN
 
 DECAY, COMMITMENT = 0.99, 0.25
 """Of the code books' moving averages, and weight of the commitment loss, as the authors of Text2Doppler have them."""
-DEAD = 1.0
+DEAD = 0.5
 """A code that stands for fewer vectors of a batch than that, by the moving average, is replaced by one of the batch's vectors."""
 
 
@@ -64,7 +64,9 @@ class Decoder(nn.Module):
         super().__init__()
         self.size = architecture.channels, architecture.rows
         self.spread = nn.Linear(architecture.latent, architecture.channels * architecture.rows)
-        self.blocks = nn.ModuleList(Residual(architecture.channels, architecture.residual) for _ in range(architecture.blocks))
+        self.blocks = nn.ModuleList(
+            Residual(architecture.channels, architecture.residual) for _ in range(architecture.blocks)
+        )
         self.times = [times for *_, times in architecture.stages]
         self.stages = nn.ModuleList(
             nn.Conv2d(given, out, (3, 3 if times == 2 else 1), padding=(1, 1 if times == 2 else 0))
@@ -139,7 +141,9 @@ class Prior(nn.Module):
         embedded = self.embedding[head, codes].sum(dim=2)
         given = torch.cat([self.start.expand(batch, 1, -1), embedded[:, :-1]], dim=1)
         state, _ = self.gru(functional.dropout(given, dropout))
-        units = (functional.dropout(state, dropout) @ self.mixing.T).unflatten(2, self.mixing_bias.shape) + self.mixing_bias
+        units = (functional.dropout(state, dropout) @ self.mixing.T).unflatten(
+            2, self.mixing_bias.shape
+        ) + self.mixing_bias
         units = units + (self.among * self.later)[head, codes].sum(dim=2)
         return torch.einsum("bthm,hcm->bthc", functional.relu(units), self.readout) + self.readout_bias
 

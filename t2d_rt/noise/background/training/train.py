@@ -28,6 +28,9 @@ GRADIENT = 1.0
 """Greatest norm of the gradient."""
 MOST_EXCESS = 4.0
 """Cells more than that above their mean [nat] count linearly."""
+BY_LEVELS = 0.6
+"""Fraction of the codec's steps in which the mean is fitted by least squares of the levels: these see the interferers first, the
+likelihood sees the many cells of the noise floor, whose looks are many."""
 DROPOUT = 0.2
 CHECK_EVERY = 25
 Progress = Callable[[float], None]
@@ -42,7 +45,8 @@ class Training:
     seed: int = 0
     validation: float = 0.15
     """Fraction of the records, or of each record's end where there are few, by which the prior is chosen."""
-    threads: int = 2
+    threads: int = 1
+    """Of torch; sums come out alike on any machine with one."""
 
 
 def train(
@@ -100,8 +104,12 @@ def _codec(
     for step in range(training.codec_steps):
         tiles = torch.from_numpy(_tiles(padded, width, rng))
         mean, looks, commitment = codec(tiles / NATS_PER_UNIT)
-        inside = slice(edge, width - edge)
-        loss = surprise(tiles[:, :, inside], mean[:, :, inside], looks[:, :, inside]).mean() + commitment
+        cells, mean, looks = (each[:, :, edge : width - edge] for each in (tiles, mean, looks))
+        if step < BY_LEVELS * training.codec_steps:
+            loss = nn.functional.mse_loss(mean, cells) + surprise(cells, mean.detach(), looks).mean()
+        else:
+            loss = surprise(cells, mean, looks).mean()
+        loss = loss + commitment
         _stepped(optimizer, schedule, codec, loss)
         if progress is not None and step % 10 == 0:
             progress(0.8 * step / training.codec_steps)
@@ -224,7 +232,9 @@ def _falling(steps: int) -> Callable[[int], float]:
     return lambda step: min(1.0, (step + 1) / WARM_STEPS) * 0.5 * (1 + float(np.cos(np.pi * min(1.0, step / steps))))
 
 
-def _stepped(optimizer: torch.optim.Optimizer, schedule: torch.optim.lr_scheduler.LambdaLR, network: nn.Module, loss: Tensor) -> None:
+def _stepped(
+    optimizer: torch.optim.Optimizer, schedule: torch.optim.lr_scheduler.LambdaLR, network: nn.Module, loss: Tensor
+) -> None:
     optimizer.zero_grad()
     loss.backward()
     nn.utils.clip_grad_norm_(network.parameters(), GRADIENT)
