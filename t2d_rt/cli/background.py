@@ -55,8 +55,8 @@ def parser() -> ArgumentParser:
     found.add_argument("--duration_s", type=float, default=5.0, help="Duration of each [s].")
     found.add_argument("--seed", type=int, default=0, help="Seed of the first one, or of the training.")
     found.add_argument("--codes", type=int, default=32, help="Entries of each code book of a model that is trained.")
-    found.add_argument("--codec_steps", type=int, default=1500, help="Steps of training of the codec.")
-    found.add_argument("--prior_steps", type=int, default=800, help="Steps of training of the prior.")
+    found.add_argument("--codec_steps", type=int, default=600, help="Steps of training of the codec.")
+    found.add_argument("--prior_steps", type=int, default=300, help="Steps of training of the prior.")
     found.add_argument(
         "--lanes", type=int | None, help="LVDS lanes, 2 or 4, of raw captures of TI's DCA1000 (.bin) in DIR."
     )

@@ -116,7 +116,9 @@ def _judged(what: str, model: BackgroundModel, held_out: Sequence[BackgroundReco
     checks = []
     for name, unit in (("profile_db", "dB"), ("levels_db", "dB"), ("autocorrelation", ""), ("classifier", "")):
         limit = min(_distance(name, each) for each in others)
-        told = "accuracy of the classifier from 0.5" if name == "classifier" else f"distance, {name.removesuffix('_db')}"
+        told = (
+            "accuracy of the classifier from 0.5" if name == "classifier" else f"distance, {name.removesuffix('_db')}"
+        )
         checks.append(
             Check(what=f"{what}: {told}, below both others", measured=_distance(name, prior), limit=limit, unit=unit)
         )
@@ -126,7 +128,9 @@ def _judged(what: str, model: BackgroundModel, held_out: Sequence[BackgroundReco
         Check(what=f"{what}: perplexity of the code books", measured=100 * used / codes, limit=LEAST_PERPLEXITY, unit="%", at_least=True)
     )  # fmt: skip
     halves = [each.relative_db for each in held_out]
-    rows = [_row(what, "recorded, half and half", distances(halves[::2], halves[1::2]), None)] if len(halves) > 7 else []
+    rows = (
+        [_row(what, "recorded, half and half", distances(halves[::2], halves[1::2]), None)] if len(halves) > 7 else []
+    )
     return checks, rows + [_row(what, name, *each) for name, each in found.items()]
 
 
@@ -145,7 +149,12 @@ def _row(what: str, name: str, found: Distances, used: float | None) -> dict:
 
 def _chart(name: str, model: BackgroundModel, held_out: Sequence[BackgroundRecord], shown: Sequence[int]) -> str:
     figure, axes = new_figure(
-        figsize=(13, 2.4 * len(shown) + 0.6), nrows=len(shown), ncols=len(COLUMNS), sharex=True, sharey=True, squeeze=False
+        figsize=(13, 2.4 * len(shown) + 0.6),
+        nrows=len(shown),
+        ncols=len(COLUMNS),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
     )
     for row, index in zip(axes, shown, strict=True):
         level = held_out[index].relative_db

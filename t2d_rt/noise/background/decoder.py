@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from functools import cache
+
 import numpy as np
 
 from t2d_rt.noise.background.architecture import HALO, Architecture
@@ -12,7 +14,7 @@ Arrays = Mapping[str, np.ndarray]
 BLOCK = 16
 """Steps that are decoded at once. Blocks are all of one size, so that the start of a long record has the bits of a short one."""
 NATS_PER_UNIT = 2.0
-"""The network's outputs are of the order of one: the mean is in units of 2 nats (8.7 dB) about the mean profile."""
+"""The network's outputs are of the order of one: the level is in units of 2 nats (8.7 dB) about the mean profile."""
 LEAST_LOOKS, MOST_LOOKS = 0.7, 3000.0
 
 
@@ -27,9 +29,20 @@ def decoded(architecture: Architecture, arrays: Arrays, codes: np.ndarray) -> tu
     parts = [_block(architecture, arrays, padded[k * BLOCK : (k + 1) * BLOCK + 2 * HALO]) for k in range(blocks)]
     both = np.concatenate(parts, axis=2)[:, : architecture.bins, : steps * architecture.columns]
     profile = arrays["decoder.profile"][:, : architecture.bins, None]
-    mean = both[0] * np.float32(NATS_PER_UNIT) + profile[0]
-    looks = np.exp(np.clip(both[1] + profile[1], np.log(LEAST_LOOKS), np.log(MOST_LOOKS)))
-    return mean.astype(np.float32), looks.astype(np.float32)
+    level, variance = both[0] * np.float32(NATS_PER_UNIT) + profile[0], both[1] + profile[1]
+    of_variance, looks, bias = _gamma()
+    mean = level + np.interp(variance, of_variance, bias)
+    return mean.astype(np.float32), np.exp(np.interp(variance, of_variance, looks)).astype(np.float32)
+
+
+@cache
+def _gamma() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of gamma distributed powers, ln(variance) of the level [nat^2], ascending; ln(looks); and how far the level's expectation lies
+    below ln(mean power) [nat]: with M looks, psi'(M) and ln M - psi(M)."""
+    from scipy.special import digamma, polygamma
+
+    looks = np.geomspace(MOST_LOOKS, LEAST_LOOKS, 400)
+    return np.log(polygamma(1, looks)), np.log(looks), np.log(looks) - digamma(looks)
 
 
 def _block(architecture: Architecture, arrays: Arrays, codes: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from t2d_rt.checks import array, choice, file_path, flag, integer, number, positive
+from t2d_rt.checks import array, choice, file_path, flag, integer, number, positive, shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 from t2d_rt.noise.background.add import Background
@@ -132,6 +132,7 @@ class BackgroundModel:
         from safetensors.numpy import save
 
         told = {
+            "version": VERSION,
             "architecture": self.architecture.described(),
             "first_velocity_mps": float(self.grid.velocity_mps[0]),
             "bin_mps": self.grid.bin_mps,
@@ -142,7 +143,8 @@ class BackgroundModel:
             "about": dict(self.about),
         }
         arrays = {name: np.ascontiguousarray(self.arrays[name]) for name in sorted(self.arrays)}
-        data = save(arrays, {"format": FORMAT, "version": str(VERSION), "model": json.dumps(told, sort_keys=True)})
+        # One text: the library writes several in any order, and the same model is to be the same bytes.
+        data = save(arrays, {FORMAT: json.dumps(told, sort_keys=True)})
         path.write_bytes(data)
 
 
@@ -175,17 +177,14 @@ def _read(path: Path) -> BackgroundModel:
         raise InputError(
             f"{path} is not a safetensors file but {kind}, or it is cut short; t2d-rt background train writes a model"
         ) from None
-    if metadata.get("format") != FORMAT:
+    if FORMAT not in metadata:
         raise InputError(f"{path} holds no background model; t2d-rt background train writes one")
-    if metadata.get("version") != str(VERSION):
-        raise InputError(
-            f"{path} is a background model of version {str(metadata.get('version'))[:9]}, this program reads version {VERSION}; "
-            "train it again"
-        )
     try:
         from safetensors.numpy import load
 
-        told, arrays = json.loads(metadata["model"]), load(data)
+        told, arrays = json.loads(metadata[FORMAT]), load(data)
+        if told["version"] != VERSION:
+            raise InputError(f"it is of version {shown(told['version'])}, this program reads version {VERSION}")
         architecture = Architecture.of(told["architecture"])
         speeds = told["first_velocity_mps"] + told["bin_mps"] * np.arange(architecture.bins)
         return BackgroundModel.of(
@@ -194,7 +193,9 @@ def _read(path: Path) -> BackgroundModel:
             calibrated=told["calibrated"], about=told["about"],
         )  # fmt: skip
     except Exception as error:  # a damaged file may hold anything
-        raise InputError(f"{path} is a damaged background model ({error}); fetch it again, or train it again") from None
+        raise InputError(
+            f"{path} is a background model that cannot be read ({error}); fetch it again, or train it again"
+        ) from None
 
 
 def _metadata(data: bytes) -> dict[str, str]:

@@ -1,12 +1,10 @@
 """The networks in torch: encoder, decoder with vector quantisation between them, and the prior over the codes.
 
 A VQ-VAE (van den Oord et al., Neural discrete representation learning, 2017) whose latent is one vector for each step in time,
-quantised in parts (product quantisation), and whose decoder gives the mean and the looks of each cell's gamma distribution.
+quantised in parts (product quantisation), and whose decoder gives the expected level of each cell and its variance.
 """
 
 from __future__ import annotations
-
-import math
 
 import torch
 from torch import Tensor, nn
@@ -14,7 +12,7 @@ from torch.nn import functional
 from vector_quantize_pytorch import VectorQuantize
 
 from t2d_rt.noise.background.architecture import Architecture
-from t2d_rt.noise.background.decoder import LEAST_LOOKS, MOST_LOOKS, NATS_PER_UNIT
+from t2d_rt.noise.background.decoder import NATS_PER_UNIT
 
 DECAY, COMMITMENT = 0.99, 0.25
 """Of the code books' moving averages, and weight of the commitment loss, as the authors of Text2Doppler have them."""
@@ -58,7 +56,7 @@ class Encoder(nn.Module):
 
 
 class Decoder(nn.Module):
-    """From latent vectors (batch, step, latent) to mean [units] and looks [ln], (batch, 2, padded bins, columns)."""
+    """From latent vectors (batch, step, latent) to what is expected of every cell's level."""
 
     def __init__(self, architecture: Architecture, profile: Tensor) -> None:
         super().__init__()
@@ -75,22 +73,25 @@ class Decoder(nn.Module):
         self.profile = nn.Parameter(profile)
 
     def forward(self, vectors: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean power [nat] and looks [ln], each (batch, padded bins, columns)."""
+        """Expected level [nat] and the logarithm of its variance [nat^2], each (batch, padded bins, columns).
+
+        The variance reads maps that it does not train: these serve the levels.
+        """
         maps = self.spread(vectors).transpose(1, 2).unflatten(1, self.size)
         for block in self.blocks:
             maps = block(maps)
-        for index, (stage, times) in enumerate(zip(self.stages, self.times, strict=True)):
-            maps = functional.relu(maps)
-            if index + 1 < len(self.stages):
-                maps = stage(functional.interpolate(maps, scale_factor=(2.0, float(times)), mode="nearest"))
-            else:
-                maps = stage(maps)
-                batch, _, rows, columns = maps.shape
-                maps = maps.reshape(batch, 2, 2, times, rows, columns).permute(0, 1, 4, 2, 5, 3)
-                maps = maps.reshape(batch, 2, 2 * rows, times * columns)
-        mean = maps[:, 0] * NATS_PER_UNIT + self.profile[0][:, None]
-        looks = (maps[:, 1] + self.profile[1][:, None]).clamp(math.log(LEAST_LOOKS), math.log(MOST_LOOKS))
-        return mean, looks
+        *before, last = self.stages
+        for stage, times in zip(before, self.times, strict=False):
+            wider = functional.interpolate(functional.relu(maps), scale_factor=(2.0, float(times)), mode="nearest")
+            maps = stage(wider)
+        maps, times, half = functional.relu(maps), self.times[-1], len(last.weight) // 2
+        found = []
+        for some, given in ((slice(None, half), maps), (slice(half, None), maps.detach())):
+            out = functional.conv2d(given, last.weight[some], last.bias[some], padding=last.padding)
+            batch, _, rows, columns = out.shape
+            out = out.reshape(batch, 2, times, rows, columns).permute(0, 3, 1, 4, 2)
+            found.append(out.reshape(batch, 2 * rows, times * columns))
+        return found[0] * NATS_PER_UNIT + self.profile[0][:, None], found[1] + self.profile[1][:, None]
 
 
 class Codec(nn.Module):
@@ -113,7 +114,7 @@ class Codec(nn.Module):
         self.decoder = Decoder(architecture, profile)
 
     def forward(self, levels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Mean [nat], looks [ln] and the commitment loss."""
+        """Expected level [nat], the logarithm of its variance, and the commitment loss."""
         vectors, _, commitment = self.quantizer(self.encoder(levels))
         return (*self.decoder(vectors), commitment.sum())
 

@@ -24,13 +24,6 @@ BATCH, PRIOR_BATCH = 6, 16
 RATE = 1e-3
 """Learning rate of Adam, as the authors of Text2Doppler have it; it falls to nothing by half a cosine."""
 WARM_STEPS = 100
-GRADIENT = 1.0
-"""Greatest norm of the gradient."""
-MOST_EXCESS = 4.0
-"""Cells more than that above their mean [nat] count linearly."""
-BY_LEVELS = 0.6
-"""Fraction of the codec's steps in which the mean is fitted by least squares of the levels: these see the interferers first, the
-likelihood sees the many cells of the noise floor, whose looks are many."""
 DROPOUT = 0.2
 CHECK_EVERY = 25
 Progress = Callable[[float], None]
@@ -40,8 +33,8 @@ Progress = Callable[[float], None]
 class Training:
     """How long and from which seed."""
 
-    codec_steps: int = 1500
-    prior_steps: int = 800
+    codec_steps: int = 600
+    prior_steps: int = 300
     seed: int = 0
     validation: float = 0.15
     """Fraction of the records, or of each record's end where there are few, by which the prior is chosen."""
@@ -103,27 +96,15 @@ def _codec(
     codec.train()
     for step in range(training.codec_steps):
         tiles = torch.from_numpy(_tiles(padded, width, rng))
-        mean, looks, commitment = codec(tiles / NATS_PER_UNIT)
-        cells, mean, looks = (each[:, :, edge : width - edge] for each in (tiles, mean, looks))
-        if step < BY_LEVELS * training.codec_steps:
-            loss = nn.functional.mse_loss(mean, cells) + surprise(cells, mean.detach(), looks).mean()
-        else:
-            loss = surprise(cells, mean, looks).mean()
-        loss = loss + commitment
-        _stepped(optimizer, schedule, codec, loss)
+        level, variance, commitment = codec(tiles / NATS_PER_UNIT)
+        cells, level, variance = (each[:, :, edge : width - edge] for each in (tiles, level, variance))
+        square = (cells - level) ** 2
+        loss = square.mean() + 0.5 * (square.detach() * torch.exp(-variance) + variance).mean() + commitment
+        _stepped(optimizer, schedule, loss)
         if progress is not None and step % 10 == 0:
             progress(0.8 * step / training.codec_steps)
     codec.eval()
     return codec
-
-
-def surprise(levels: Tensor, mean: Tensor, looks: Tensor) -> Tensor:
-    """Minus the log-likelihood of levels [nat], gamma distributed about their mean with so many looks [ln]."""
-    excess = levels - mean
-    count = looks.exp()
-    likely = excess.clamp(max=MOST_EXCESS)
-    growth = likely.exp() * (1 + (excess - likely))
-    return torch.lgamma(count) - count * looks - count * (excess - growth)
 
 
 def _prior(
@@ -140,7 +121,7 @@ def _prior(
         prior.train()
         some = torch.from_numpy(_stretches(used, length, rng))
         loss = _surprise_of_codes(prior, some, DROPOUT)
-        _stepped(optimizer, schedule, prior, loss)
+        _stepped(optimizer, schedule, loss)
         if step % CHECK_EVERY == CHECK_EVERY - 1:
             prior.eval()
             with torch.no_grad():
@@ -202,11 +183,9 @@ def _residuals(
 
 
 def _profile(padded: list[np.ndarray]) -> np.ndarray:
-    """Where the decoder begins: the mean level of each bin [nat], and looks from its variance [ln], (2, padded bins)."""
+    """Where the decoder begins: the mean level of each bin [nat] and the logarithm of its variance, (2, padded bins)."""
     cells = np.concatenate(padded, axis=1)
-    mean = np.log(np.mean(np.exp(cells), axis=1))
-    spread = np.median(np.abs(cells - np.median(cells, axis=1, keepdims=True)), axis=1) / 0.6745
-    return np.stack([mean, -2 * np.log(np.maximum(spread, 1e-2))]).astype(np.float32)
+    return np.stack([cells.mean(axis=1), np.log(cells.var(axis=1) + 1e-4)]).astype(np.float32)
 
 
 def _padded(levels: np.ndarray, architecture: Architecture) -> np.ndarray:
@@ -232,11 +211,8 @@ def _falling(steps: int) -> Callable[[int], float]:
     return lambda step: min(1.0, (step + 1) / WARM_STEPS) * 0.5 * (1 + float(np.cos(np.pi * min(1.0, step / steps))))
 
 
-def _stepped(
-    optimizer: torch.optim.Optimizer, schedule: torch.optim.lr_scheduler.LambdaLR, network: nn.Module, loss: Tensor
-) -> None:
+def _stepped(optimizer: torch.optim.Optimizer, schedule: torch.optim.lr_scheduler.LambdaLR, loss: Tensor) -> None:
     optimizer.zero_grad()
     loss.backward()
-    nn.utils.clip_grad_norm_(network.parameters(), GRADIENT)
     optimizer.step()
     schedule.step()
