@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -87,7 +88,7 @@ def killed(folder: Path) -> int:
         process = subprocess.Popen([*command, str(1 + count % 2)], start_new_session=True, stderr=subprocess.DEVNULL)
         try:
             process.wait(timeout=float(rng.uniform(0.5, 15.0)))
-            subprocess.run(["rm", "-r", str(out)], check=True)
+            shutil.rmtree(out)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
