@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from t2d_rt.motion.vary import mirror, vary_gait, vary_view
     from t2d_rt.motion.write import save_motion
     from t2d_rt.named import bodies, example, examples, movers, presets, scenes
-    from t2d_rt.noisy import add_noise
     from t2d_rt.noise.background import add_background, load_background
     from t2d_rt.noise.masks import OcclusionMask, occlude
+    from t2d_rt.noisy import add_noise
     from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.radar.synthesize import synthesize
     from t2d_rt.recordings import load_recording
@@ -114,8 +114,8 @@ __all__ = [
     "T2DError",
     "T2DWarning",
     "TableFan",
-    "add_noise",
     "add_background",
+    "add_noise",
     "bodies",
     "check_motion",
     "describe",
