@@ -23,10 +23,13 @@ if TYPE_CHECKING:
     from t2d_rt.motion.vary import mirror, vary_gait, vary_view
     from t2d_rt.motion.write import save_motion
     from t2d_rt.named import bodies, example, examples, movers, presets, scenes
+    from t2d_rt.noise.background import add_background, load_background
+    from t2d_rt.noise.masks import OcclusionMask, occlude
     from t2d_rt.noisy import add_noise
     from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.radar.synthesize import synthesize
-    from t2d_rt.result import Recording, load_recording
+    from t2d_rt.recordings import load_recording
+    from t2d_rt.result import Recording
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.simulate import run, simulate
     from t2d_rt.targets import segments, skin
@@ -53,8 +56,11 @@ _HOMES = {
     "t2d_rt.motion.generate": ("motion_from_text",),
     "t2d_rt.motion.vary": ("mirror", "vary_gait", "vary_view"),
     "t2d_rt.motion.write": ("save_motion",),
+    "t2d_rt.noise.background": ("add_background", "load_background"),
+    "t2d_rt.noise.masks": ("OcclusionMask", "occlude"),
     "t2d_rt.radar.synthesize": ("synthesize",),
-    "t2d_rt.result": ("Recording", "load_recording"),
+    "t2d_rt.recordings": ("load_recording",),
+    "t2d_rt.result": ("Recording",),
     "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
     "t2d_rt.experiment": ("Experiment",),
     "t2d_rt.named": ("bodies", "example", "examples", "movers", "presets", "scenes"),
@@ -96,6 +102,7 @@ __all__ = [
     "Material",
     "Motion",
     "MovingMesh",
+    "OcclusionMask",
     "PathTier",
     "Pet",
     "Radar",
@@ -107,12 +114,14 @@ __all__ = [
     "T2DError",
     "T2DWarning",
     "TableFan",
+    "add_background",
     "add_noise",
     "bodies",
     "check_motion",
     "describe",
     "example",
     "examples",
+    "load_background",
     "load_motion",
     "load_recording",
     "load_scene",
@@ -121,6 +130,7 @@ __all__ = [
     "motion_from_text",
     "mover",
     "movers",
+    "occlude",
     "place",
     "plan",
     "presets",

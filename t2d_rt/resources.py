@@ -7,7 +7,7 @@ from typing import Literal
 
 from t2d_rt.errors import InputError
 
-Kind = Literal["meshes", "meshes/furniture", "scenes", "motions"]
+Kind = Literal["meshes", "meshes/furniture", "scenes", "motions", "backgrounds"]
 
 _PACKAGE = Path(__file__).resolve().parent
 _IN_CHECKOUT: dict[Kind, str] = {
@@ -15,6 +15,7 @@ _IN_CHECKOUT: dict[Kind, str] = {
     "meshes/furniture": "meshes/furniture",
     "scenes": "scenes",
     "motions": "examples/motions",
+    "backgrounds": "backgrounds",
 }
 
 

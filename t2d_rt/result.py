@@ -10,13 +10,13 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+from t2d_rt.added_background import background_power, background_settings
 from t2d_rt.checks import call, file_path, flag, instance, numeric
 from t2d_rt.cubes import Cube, DiskCube, check_complex64
 from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.export import check_export, write_export
 from t2d_rt.inputs import Inputs
-from t2d_rt.named import radar_named
 from t2d_rt.result_text import cube_size, made_with, noise_of
 from t2d_rt.rows import DIMENSIONS, NAME
 from t2d_rt.saved import (
@@ -30,7 +30,7 @@ from t2d_rt.saved import (
     read_folder,
     write_folder,
 )
-from t2d_rt.signal import load_cube, range_doppler, range_profile, spectrogram
+from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
 from t2d_rt.signal.maps import decibel
 from t2d_rt.store import check_taken, replacing
@@ -174,7 +174,9 @@ class Recording:
         if self._spectrogram is None:
             result = spectrogram(self.cube, self.radar, **{**self.processing, "mti": self._mti})
             axes = {"velocity_mps": result.velocity_mps, "time_s": result.time_s}
-            self._spectrogram = self._labelled("spectrogram", decibel(result.power), tuple(axes), axes, "dB re 1 W")
+            added = self.settings.get("background")
+            power = result.power if added is None else background_power(result, added)
+            self._spectrogram = self._labelled("spectrogram", decibel(power), tuple(axes), axes, "dB re 1 W")
         return self._spectrogram
 
     @property
@@ -219,6 +221,19 @@ class Recording:
             processing={**self.processing, **{name: plain(value) for name, value in changes.items()}},
         )
         check_processing(self.radar, len(self.cube), changed.processing)
+        return changed
+
+    def with_background(
+        self, model: str | Path = "default", *, seed: int = 0, level_db: float | None = None
+    ) -> Recording:
+        """The same recording with a learned background in its spectrogram; its samples and other maps stay as they are.
+
+        model: "default", or a .safetensors file that t2d-rt background train wrote.
+        level_db: level of the background's noise floor, its median cell [dB re 1 W]; by default that of one of the recordings that
+            it was learned from.
+        """
+        changed = self.processed()
+        changed.settings["background"] = background_settings(model, seed=seed, level_db=level_db)
         return changed
 
     @property
@@ -373,22 +388,3 @@ class Recording:
             raise
         except Exception as error:  # attributes of any content
             raise not_a_result(source, error) from error
-
-
-def load_recording(path: str | Path, radar: Radar | str | Path | None = None) -> Recording:
-    """A recording, simulated or measured: the .zarr folder of a result, or a .npy file of measured ADC samples.
-
-    radar: of a .npy file, which holds samples only: a `Radar`, a preset's name or a .yaml file. A result holds its own.
-
-    Samples of a .npy file are complex, (chirp, sample) or (chirp, antenna, sample); see `signal.load_cube`. Levels of a measured
-    recording are those of its samples: they are powers [dB re 1 W] only where the samples are calibrated to sqrt(W).
-    """
-    source = file_path("path", path)
-    if source.is_dir() or source.suffix.lower() == ".zarr":
-        if radar is not None:
-            raise InputError(f"{source} is a result, which holds its own radar, and a radar was given; leave radar out")
-        return Recording.load(source)
-    cube = load_cube(source)
-    if radar is None:
-        raise InputError(f"{source} holds samples only; give its radar, a Radar, a preset's name or a .yaml file")
-    return Recording(cube, radar_named(radar))

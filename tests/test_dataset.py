@@ -20,6 +20,7 @@ import t2d_rt as t2d
 from t2d_rt.cli import main
 from t2d_rt.dataset import Recipe, check_dataset, make_dataset, read_shards
 from t2d_rt.dataset.lock import LOCK, locked
+from t2d_rt.dataset.view import view
 from t2d_rt.dataset.work import Made, make_sample, make_samples
 from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
@@ -110,7 +111,8 @@ def test_the_yaml_of_a_sample_runs_alone_to_the_same_bits(made: Path, tmp_path: 
     assert main(["dataset", "show", str(recipe), "3"]) == 0
     sample.write_text(capsys.readouterr().out)
     experiment = Experiment.from_yaml(sample)
-    arrays, _ = tiny().products.made(t2d.run(experiment))
+    recording = t2d.run(experiment)
+    arrays, _ = tiny().products.made(recording, view(recording, tiny(), 3))
     ((record, kept),) = [each for shard in read_shards(made) for each in shard.samples() if each[0]["index"] == 3]
     assert experiment.hash == record["experiment"]
     for name, array in kept.items():
@@ -304,3 +306,11 @@ def test_what_travels_to_a_worker_is_plain_text() -> None:
     (found,) = make_samples(tiny().model_dump_json(), {}, [0], 1)
     assert isinstance(found, Made)
     np.testing.assert_array_equal(found.arrays["spectrogram"], make_sample(tiny(), {}, 0).arrays["spectrogram"])
+
+
+def test_masks_show_nothing_where_there_is_no_background(made: Path) -> None:
+    found = make_sample(tiny(masks={"windows": 40, "shortest_s": 0.05, "longest_s": 0.1}, noise="none"), {}, 0)
+    windows = found.record["products"]["spectrogram"]["masks_s"]
+    assert len(windows) > 20
+    assert found.arrays["spectrogram"].min() == -200.0
+    assert make_sample(tiny(noise="none"), {}, 0).arrays["spectrogram"].min() > -200.0

@@ -121,6 +121,7 @@ def test_seeds_differ_by_purpose_number_and_recipe() -> None:
         ({"conditions": [{"name": "Mesh it"}]}, "condition key name: got 'Mesh it', a name has up to 64 small letters"),
         ({"samples": 3}, "unknown recipe key 'samples'"),
         ({"radar": "table9"}, "unknown radar preset"),
+        ({"background_level_db": -140}, "background_level_db belongs to a background"),
     ],
 )
 def test_a_wrong_recipe_is_refused(changes: dict[str, Any], match: str) -> None:

@@ -55,6 +55,7 @@ EXCEPTIONS = {
     "_leg": "of a dog or a cat",
     "turn_radius_m": "the turning radius of a pet, an option by that name",
     "looks": "the number of looks of a detector, a term of radar",
+    "LEAST_LOOKS": "the number of looks of a detector, a term of radar",
     "MOST_LOOKS": "the number of looks of a detector, a term of radar",
     "keys": "of mappings and of sorting",
     "_check_keys": "of mappings",

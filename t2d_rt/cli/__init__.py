@@ -21,16 +21,17 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
 COMMANDS = (
-    "simulate", "plan", "compare", "scene", "describe", "motion", "check-motion", "library", "dataset", "info", "export", "list",
+    "simulate", "plan", "compare", "scene", "describe", "motion", "check-motion", "library", "dataset", "background", "info",
+    "export", "list",
 )  # fmt: skip
 
-OWN_MODULES = "describe", "motion", "check-motion", "library", "dataset"
+OWN_MODULES = "describe", "motion", "check-motion", "library", "dataset", "background"
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
 CONFIGURABLE = "simulate", "plan", "compare", "scene"
 """Those that take --config and --radar."""
 
-SEVERAL_FILES = "check-motion", "library", "dataset"
+SEVERAL_FILES = "check-motion", "library", "dataset", "background"
 """Those that take more than one file."""
 
 
@@ -143,6 +144,7 @@ def _overview() -> str:
         "  t2d-rt check-motion F  Judges motion files by limits of recorded motion, and tells why.\n"
         "  t2d-rt library DO WHAT Adds motion files of your own to those that motions are made of, lists and removes them.\n"
         "  t2d-rt dataset RECIPE  Makes a data set: thousands of labelled samples from one recipe, in shards.\n"
+        "  t2d-rt background DO   Learns the background of empty rooms or of your recordings, samples and evaluates it.\n"
         "  t2d-rt info FILE       Tells what a motion, a result or a radar file holds.\n"
         "  t2d-rt export FILE     Writes a result as one file for MATLAB (.mat), HDF5 (.h5), NetCDF (.nc) or NumPy (.npz).\n"
         "  t2d-rt list [WHAT]     Lists names that the commands take: presets, scenes, bodies, movers and motions.\n\n"

@@ -50,11 +50,16 @@ def simulate_command(options: Namespace) -> None:
     picture = target.with_suffix(".png")
     check_free(target, overwrite=options.overwrite)
     check_picture(picture, overwrite=options.overwrite)
+    _check_background(options)
     if is_experiment(source):
         result = recorded(source, options, simulate_parser(), _accuracy(options))
     else:
         radar = _radar(options)
         result = _recorded(_motion(options, source, radar), options, radar, options.method, added)
+    if options.background is not None:
+        result = result.with_background(
+            options.background, seed=options.background_seed, level_db=options.background_level_db
+        )
     where = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
     figure = _drawn(result, f"{source.name}, {result.settings['method']}{where}")
     result.save(target, overwrite=options.overwrite, figure=figure)
@@ -63,6 +68,17 @@ def simulate_command(options: Namespace) -> None:
     if result.snr_db is not None:
         say(f"SNR {result.snr_db:.1f} dB, noise floor {result.noise_floor_dbm:.1f} dBm")
     say(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
+
+
+def _check_background(options: Namespace) -> None:
+    """Tries the model of the background, and its axes where the radar is given here, before a long run."""
+    from t2d_rt.added_background import background_settings, check_axes
+
+    if options.background is None:
+        return
+    background_settings(options.background, seed=options.background_seed, level_db=options.background_level_db)
+    if not is_experiment(Path(options.file)):
+        check_axes(options.background, _radar(options), options.signal.as_dict())
 
 
 def _drawn(result: Recording, title: str) -> Figure | None:

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 RUN = "tolerance_db", "measure_error", "device", "memory_gb"
 """Options beside an experiment that go to `run` by their names."""
-BESIDE = (*RUN, "file", "output", "overwrite", "config", "accuracy", "signal")
+BESIDE = (
+    *RUN, "file", "output", "overwrite", "config", "accuracy", "signal", "background", "background_seed",
+    "background_level_db",
+)  # fmt: skip
 """All that may be given beside an experiment; the others are the experiment's own."""
 
 

@@ -67,6 +67,7 @@ def simulate_parser() -> ArgumentParser:
         help="A further target, such as fan:X,Y,Z,rpm=900, pet:X,Y,Z,animal=cat or person:FILE,distance_m=3; there are also "
         "ceiling_fan, curtain and door (t2d-rt list movers). The option is given once for each; in a config file it is a list.",
     )
+    _add_background(parser)
     _add_model(parser)
     return parser
 
@@ -212,6 +213,15 @@ def command_parser(
     return parser
 
 
+def _add_background(parser: ArgumentParser) -> None:
+    group = parser.add_argument_group("background of the spectrogram")
+    told = "Background that is added: default, or a model (.safetensors) that t2d-rt background train wrote; none by default."
+    group.add_argument("--background", type=str | None, help=told)
+    group.add_argument("--background_seed", type=int, default=0, help="Seed of the background.")
+    told = "Level of its noise floor [dB re 1 W]; by default that of one of the recordings that it was learned from."
+    group.add_argument("--background_level_db", type=float | None, help=told)
+
+
 def _add_overwrite(parser: ArgumentParser) -> None:
     told = "Whether a file or folder of that name is replaced; without it an existing one is an error."
     parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help=told)
@@ -257,16 +267,16 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bo
         default="free_space",
         help=f"Scene: free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file.",
     )
-    _add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", "noise", *skip})
+    add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", "noise", *skip})
     if "noise" not in skip:  # a receiver is several fields, which it checks itself
         model.add_argument("--noise", type=str | dict[str, Any], default="none", help=parameter_help(simulate)["noise"])
     _add_accuracy(parser)
     _add_radar(parser)
-    _add_parameters(
+    add_parameters(
         parser.add_argument_group("reading the motion file (what is not given is detected)"), load_motion, "motion."
     )
     if signal:
-        _add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
+        add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
 
 
 def _add_accuracy(parser: ArgumentParser) -> None:
@@ -301,7 +311,7 @@ def _add_radar(parser: ArgumentParser) -> None:
             radar.add_argument(f"--radar.{name}", type=kind, default=default[name], help=told[name])
 
 
-def _add_parameters(group: Any, function: Callable[..., Any], prefix: str = "", skip: Collection[str] = ()) -> None:
+def add_parameters(group: Any, function: Callable[..., Any], prefix: str = "", skip: Collection[str] = ()) -> None:
     """An option for every parameter that has a default; its help is its entry in the docstring, "name: help"."""
     told = parameter_help(function)
     hints = get_type_hints(function)

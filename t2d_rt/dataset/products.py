@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -21,6 +22,18 @@ Levels = Literal["float16", "uint8"]
 
 POINT_COLUMNS = "time_s", "range_m", "azimuth_rad", "elevation_rad", "speed_mps", "snr_db"
 """Columns of a point cloud."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Powers of a spectrogram, and what was done to them."""
+
+    power: np.ndarray
+    """[W], float64 (speed, time)."""
+    velocity_mps: np.ndarray
+    time_s: np.ndarray
+    told: dict[str, Any] = field(default_factory=dict)
+    """What goes into the record."""
 
 
 class _Product(Fields):
@@ -66,14 +79,12 @@ class SpectrogramProduct(_Map):
     size: tuple[Size, Size] = (128, 128)
     """Cells of speed and of time; powers are averaged over what a cell covers."""
 
-    def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
+    def made(self, seen: View) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (speed, time), and what goes into the record."""
-        image = recording.spectrogram
-        velocity, time_s = image.velocity_mps.values, image.time_s.values
-        rows = self.rows(velocity)
-        power = resized(10.0 ** (image.values[rows].astype(np.float64) / 10.0), self.size)
-        array, peak_db = self.encoded(power)
-        return array, {"peak_db": peak_db, "velocity_mps": edges(velocity[rows]), "time_s": edges(time_s)}
+        rows = self.rows(seen.velocity_mps)
+        array, peak_db = self.encoded(resized(seen.power[rows], self.size))
+        axes = {"velocity_mps": edges(seen.velocity_mps[rows]), "time_s": edges(seen.time_s)}
+        return array, {"peak_db": peak_db, **axes, **seen.told}
 
 
 class RangeDopplerProduct(_Map):
@@ -158,9 +169,9 @@ class Products(_Product):
         """The products that are kept, by name."""
         return {name: value for name, value in self if value is not None}
 
-    def made(self, recording: Recording) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Arrays by name, and what goes into the record of each."""
-        found = {name: each.made(recording) for name, each in self.kept.items()}
+    def made(self, recording: Recording, seen: View) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays by name, and what goes into the record of each, of a recording and of its spectrogram as it is seen."""
+        found = {name: each.made(seen if name == "spectrogram" else recording) for name, each in self.kept.items()}
         return {name: array for name, (array, _) in found.items()}, {name: told for name, (_, told) in found.items()}
 
 

@@ -20,9 +20,10 @@ from t2d_rt.errors import InputError
 from t2d_rt.files import read_yaml
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.named import bodies
+from t2d_rt.noise.masks import OcclusionMask
 from t2d_rt.room import Clutter
 from t2d_rt.types import Accuracy, Radar, Receiver
-from t2d_rt.types.fields import Count, Fields, Number
+from t2d_rt.types.fields import Count, Decibel, Fields, Number
 from t2d_rt.types.target import Method
 
 FOLDER = Path(__file__).resolve().parent / "recipes"
@@ -122,6 +123,12 @@ class Recipe(Fields):
     """Its fields, or the name of a preset."""
     noise: Literal["none", "receiver"] | Receiver = "receiver"
     """What the receiver adds: "receiver" is typical of each radar's band, "none" nothing, or the fields of a receiver."""
+    background: str | None = None
+    """Learned background that is added to the spectrogram: "default", or the file of a model (.safetensors)."""
+    background_level_db: Decibel | None = None
+    """Level of its noise floor [dB re 1 W]; by default that of one of the recordings that it was learned from."""
+    masks: OcclusionMask | None = None
+    """Time windows of the spectrogram that are occluded: they show the background alone, or nothing where there is none."""
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1, max_length=1000)]
     """Under what motions are recorded."""
     each_condition: bool = False
@@ -151,6 +158,8 @@ class Recipe(Fields):
                     f"recipe key {name} must be two numbers, least and greatest, within {low:g}..{high:g}, got "
                     f"[{least:g}, {greatest:g}]"
                 )
+        if self.background_level_db is not None and self.background is None:
+            raise InputError("recipe key background_level_db belongs to a background; give background, too")
         for what, names in (("classes", self.classes), ("conditions", [each.name for each in self.conditions])):
             if len(set(names)) < len(names):
                 raise InputError(f"recipe key {what} names one of them twice; give each once")

@@ -15,6 +15,7 @@ from t2d_rt.backend import limit_threads
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, sample
 from t2d_rt.dataset.takes import provenance
+from t2d_rt.dataset.view import view
 from t2d_rt.errors import T2DWarning
 from t2d_rt.simulate import run
 from t2d_rt.types import Accuracy
@@ -103,7 +104,7 @@ def _recorded(
     begin = time.perf_counter()
     recording = run(found.experiment, accuracy, measure_error=found.measured, device="cpu")
     simulated = time.perf_counter()
-    arrays, products = recipe.products.made(recording)
+    arrays, products = recipe.products.made(recording, view(recording, recipe, found.cell.index))
     record = {
         "duration_s": round(len(recording.cube) * recording.radar.loop_interval_s, 9),
         "error_db": None if recording.error_db is None else round(recording.error_db, 3),

@@ -1,1 +1,1 @@
-"""What the samples of a real radar hold beside echoes."""
+"""What a real recording has beside echoes: receiver noise, background, occlusion masks."""

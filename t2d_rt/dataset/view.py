@@ -1,0 +1,41 @@
+"""The spectrogram of a sample: that of the recording, with a learned background and occluded windows where the recipe asks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.dataset.products import View
+from t2d_rt.dataset.recipe import Recipe
+from t2d_rt.dataset.seeds import whole
+from t2d_rt.noise.masks import occlude
+from t2d_rt.result import Recording
+
+
+def view(recording: Recording, recipe: Recipe, index: int) -> View:
+    """The spectrogram of a sample by its index."""
+    image = recording.spectrogram
+    velocity, time_s = image.velocity_mps.values, image.time_s.values
+    clean = _power(image.values)
+    power, added = clean, np.zeros_like(clean)
+    told: dict[str, Any] = {}
+    if recipe.background is not None:
+        seed = whole(recipe.seeds(index, "background"))
+        with_it = recording.with_background(recipe.background, seed=seed, level_db=recipe.background_level_db)
+        power = _power(with_it.spectrogram.values)
+        added = np.maximum(power - clean, 0.0)
+        told["background"] = with_it.settings["background"]
+    if recipe.masks is not None:
+        by_background = recipe.background is not None
+        occluded = occlude(
+            power, time_s, recipe.masks, seed=whole(recipe.seeds(index, "masks")),
+            fill="background" if by_background else "zeros", background_power=added if by_background else None,
+        )  # fmt: skip
+        power = occluded.power
+        told["masks_s"] = np.round(occluded.windows_s, 6).tolist()
+    return View(power, velocity, time_s, told)
+
+
+def _power(level_db: np.ndarray) -> np.ndarray:
+    return np.asarray(10.0 ** (level_db.astype(np.float64) / 10.0))

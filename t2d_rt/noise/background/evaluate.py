@@ -1,0 +1,170 @@
+"""How near sampled backgrounds come to recorded ones: Doppler profiles, levels, autocorrelation in time, and a classifier."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.noise.background.model import BackgroundModel
+from t2d_rt.noise.background.records import BackgroundRecord, common_grid, decibel
+
+PATCH_COLUMNS = 32
+"""Columns of a patch that the classifier judges."""
+BANDS = 32
+"""Doppler bands of a patch."""
+FOLDS = 4
+RIDGE = 1.0
+"""Weight of the squared coefficients of the logistic regression."""
+LONGEST_LAG = 64
+QUANTILES = 2000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Distances:
+    """How far one set of spectrograms is from another."""
+
+    profile_db: float
+    """Root mean square over Doppler bins of the difference of mean powers [dB]."""
+    levels_db: float
+    """Wasserstein-1 distance of the distributions of the cells' levels, mean over Doppler bands [dB]."""
+    autocorrelation: float
+    """Root mean square over lags and bands of the difference of the autocorrelations of the levels in time."""
+    classifier: float
+    """Accuracy of a logistic regression that tells patches of the two apart, on records that it has not seen; 0.5 is chance."""
+
+
+def distances(recorded: Sequence[np.ndarray], sampled: Sequence[np.ndarray]) -> Distances:
+    """Of two sets of spectrograms, each [dB] (velocity, time) relative to the noise floor, of two records or more."""
+    for name, some in (("recorded", recorded), ("sampled", sampled)):
+        if len(some) < 2 or min(each.shape[1] for each in some) < PATCH_COLUMNS:
+            raise InputError(
+                f"an evaluation needs two {name} spectrograms or more of {PATCH_COLUMNS} columns or more; give longer ones"
+            )
+    return Distances(
+        profile_db=float(np.sqrt(np.mean((_profile(recorded) - _profile(sampled)) ** 2))),
+        levels_db=_levels_distance(recorded, sampled),
+        autocorrelation=float(np.sqrt(np.mean((_autocorrelation(recorded) - _autocorrelation(sampled)) ** 2))),
+        classifier=two_sample_accuracy(recorded, sampled),
+    )
+
+
+def evaluation(
+    model: BackgroundModel, recorded: Sequence[BackgroundRecord], *, seed: int = 0
+) -> dict[str, tuple[Distances, float | None]]:
+    """Distances from held-out records, and perplexity of the codes, of samples of the learned prior, of uniform codes and of white
+    Gaussian noise of equal power; of each as many and as long ones as there are records."""
+    if not common_grid(list(recorded)).same_as(model.grid):
+        raise InputError(
+            f"the recordings have {recorded[0].grid}, the model {model.grid}; process them as those it was trained on"
+        )
+    levels = [each.relative_db for each in recorded]
+    found: dict[str, tuple[Distances, float | None]] = {}
+    for name, codes in (("prior", "prior"), ("uniform codes", "uniform")):
+        some = [
+            model.columns(each.shape[1], seed=seed + number, codes="prior" if codes == "prior" else "uniform")
+            for number, each in enumerate(levels)
+        ]
+        used = perplexity(np.concatenate([each.codes for each in some]), model.architecture.codes)
+        found[name] = distances(levels, [decibel(each.power) for each in some]), used
+    noise = gaussian_noise(levels, np.random.default_rng(seed))
+    return {**found, "Gaussian noise": (distances(levels, noise), None)}
+
+
+def perplexity(codes: np.ndarray, size: int) -> float:
+    """exp(entropy) of the codes (step, head), the geometric mean over the heads: how many codes are in even use."""
+    entropies = []
+    for head in codes.T:
+        frequency = np.bincount(head, minlength=size) / len(head)
+        used = frequency[frequency > 0]
+        entropies.append(-np.sum(used * np.log(used)))
+    return float(np.exp(np.mean(entropies)))
+
+
+def gaussian_noise(like: Sequence[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
+    """Levels [dB] of white complex Gaussian noise, one look in each cell, whose mean power is that of `like`."""
+    power_db = 10 * np.log10(np.mean([np.mean(10 ** (each / 10)) for each in like]))
+    return [power_db + 10 * np.log10(rng.exponential(size=each.shape) + 1e-12) for each in like]
+
+
+def _profile(records: Sequence[np.ndarray]) -> np.ndarray:
+    """Mean power of each bin [dB]."""
+    return np.asarray(10 * np.log10(np.mean([np.mean(10 ** (each / 10), axis=1) for each in records], axis=0)))
+
+
+def _levels_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
+    at = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    found = []
+    for one, other in zip(_banded(first), _banded(second), strict=True):
+        found.append(np.mean(np.abs(np.quantile(one, at) - np.quantile(other, at))))
+    return float(np.mean(found))
+
+
+def _banded(records: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """All cells of each Doppler band."""
+    cells = np.concatenate(records, axis=1)
+    return [band.ravel() for band in np.array_split(cells, min(BANDS, len(cells)))]
+
+
+def _autocorrelation(records: Sequence[np.ndarray]) -> np.ndarray:
+    """Of the levels about their mean over all records, mean over the bins of a band, (band, lag)."""
+    mean = np.mean([each.mean(axis=1) for each in records], axis=0)[:, None]
+    lags = min(LONGEST_LAG, min(each.shape[1] for each in records) // 2)
+    found = np.zeros((len(mean), lags))
+    for each in records:
+        values = each - mean
+        size = values.shape[1]
+        found += [[np.mean(row[: size - k] * row[k:]) for k in range(lags)] for row in values]
+    found /= np.maximum(found[:, :1], 1e-9)
+    return np.stack([band.mean(axis=0) for band in np.array_split(found, min(BANDS, len(mean)))])
+
+
+def two_sample_accuracy(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
+    """Accuracy, both sets counting alike, of a logistic regression on features of patches; records are never on both sides."""
+    features = [_features(each) for each in (*first, *second)]
+    labels = [np.full(len(each), float(k >= len(first))) for k, each in enumerate(features)]
+    fold = np.r_[np.arange(len(first)) % FOLDS, np.arange(len(second)) % FOLDS]
+    right = []
+    for left_out in range(min(FOLDS, len(first), len(second))):
+        seen = [k for k in range(len(features)) if fold[k] != left_out]
+        tried = [k for k in range(len(features)) if fold[k] == left_out]
+        x, y = np.concatenate([features[k] for k in seen]), np.concatenate([labels[k] for k in seen])
+        mean, scale = x.mean(axis=0), x.std(axis=0) + 1e-6
+        weights = _regression((x - mean) / scale, y)
+        score = (np.concatenate([features[k] for k in tried]) - mean) / scale @ weights[:-1] + weights[-1]
+        truth = np.concatenate([labels[k] for k in tried])
+        right.append(np.mean([np.mean((score > 0)[truth == side] == side) for side in (0, 1)]))
+    return float(np.mean(right))
+
+
+def _features(record: np.ndarray) -> np.ndarray:
+    """Of each patch: mean, spread and correlation from column to column of the levels in each Doppler band, (patch, feature)."""
+    patches = record.shape[1] // PATCH_COLUMNS
+    cut = record[:, : patches * PATCH_COLUMNS].reshape(len(record), patches, PATCH_COLUMNS)
+    rows = []
+    for band in np.array_split(cut, min(BANDS, len(record))):
+        mean = band.mean(axis=(0, 2))
+        about = band - band.mean(axis=2, keepdims=True)
+        variance = np.mean(about**2, axis=(0, 2)) + 1e-9
+        next_one = np.mean(about[..., 1:] * about[..., :-1], axis=(0, 2)) / variance
+        rows += [mean, 0.5 * np.log(variance), next_one]
+    return np.stack(rows, axis=1)
+
+
+def _regression(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Coefficients and constant of a logistic regression with a ridge."""
+    from scipy.optimize import minimize
+
+    given = np.c_[x, np.ones(len(x))]
+    sign = 2 * y - 1
+    balance = np.where(y > 0, 0.5 / np.mean(y), 0.5 / np.mean(1 - y))
+
+    def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
+        margin = sign * (given @ weights)
+        value = np.sum(balance * np.logaddexp(0, -margin)) + RIDGE / 2 * np.sum(weights[:-1] ** 2)
+        slope = -given.T @ (balance * sign * np.exp(-np.logaddexp(0, margin))) + RIDGE * np.r_[weights[:-1], 0]
+        return float(value), slope
+
+    return np.asarray(minimize(loss, np.zeros(given.shape[1]), jac=True, method="L-BFGS-B", options={"maxiter": 300}).x)

@@ -1,0 +1,247 @@
+"""A background model: what was learned of recordings in which nobody moves, its file, and samples of any length."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from t2d_rt.checks import array, choice, file_path, flag, integer, number, positive, shown
+from t2d_rt.errors import InputError
+from t2d_rt.files import read_bytes
+from t2d_rt.noise.background.add import Background
+from t2d_rt.noise.background.architecture import HALO, Architecture
+from t2d_rt.noise.background.decoder import decoded
+from t2d_rt.noise.background.prior import prior_codes, uniform_codes
+from t2d_rt.noise.background.records import Grid, checked_level, checked_name
+from t2d_rt.noise.background.resample import resampled, step_ratio
+from t2d_rt.noise.background.speckle import BINS, LAGS, gaussian_field, speckle
+from t2d_rt.resources import resource
+
+FORMAT, VERSION = "t2d-rt background", 1
+DEFAULT = "default"
+"""Name of the model that ships."""
+SUFFIX = ".safetensors"
+LARGEST_BYTES = 64_000_000
+LONGEST_S = 86_400.0
+Codes = Literal["prior", "uniform"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BackgroundModel:
+    """A learned background: code books, decoder, prior over the codes, and the axes of its spectrograms."""
+
+    architecture: Architecture
+    arrays: Mapping[str, np.ndarray]
+    """Weights by name, float32."""
+    grid: Grid
+    """Axes of the spectrograms that it was trained on."""
+    levels_db: tuple[float, ...]
+    """Noise floors of those [dB re 1 W; of uncalibrated ones dB re 1 of their unit]."""
+    carrier_hz: float
+    calibrated: bool
+    """Whether these levels are in W at the ADC."""
+    about: Mapping[str, Any]
+    """How it was trained."""
+
+    @classmethod
+    def of(
+        cls, architecture: Architecture, arrays: Mapping[str, np.ndarray], grid: Grid, *, levels_db: Any, carrier_hz: Any,
+        calibrated: Any, about: Mapping[str, Any],
+    ) -> BackgroundModel:  # fmt: skip
+        """A checked model."""
+        for name, size in _sizes(architecture).items():
+            if name not in arrays or arrays[name].shape != size:
+                found = arrays[name].shape if name in arrays else "nothing"
+                raise InputError(f"array {name} of a background model must have shape {size}, got {found}")
+        if not all(np.isfinite(each).all() for each in arrays.values()):
+            raise InputError("arrays of a background model must be finite; train it again")
+        levels = tuple(checked_level(each) for each in levels_db)
+        if not levels or len(grid.velocity_mps) != architecture.bins:
+            raise InputError("a background model must have the levels of its records and a speed for each Doppler bin")
+        return cls(
+            architecture=architecture, arrays=arrays, grid=grid, levels_db=levels,
+            carrier_hz=positive("carrier_hz", carrier_hz, 1e15, unit="Hz"), calibrated=flag("calibrated", calibrated),
+            about=dict(about),
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        size = self.architecture
+        return f"BackgroundModel({size.heads} code books of {size.codes}, {self.grid})"
+
+    @property
+    def digest(self) -> str:
+        """A text that is the same for models of the same arrays and axes."""
+        found = hashlib.sha256(f"{self.architecture} {self.grid} {self.levels_db} {self.calibrated}".encode())
+        for name in sorted(self.arrays):
+            found.update(np.ascontiguousarray(self.arrays[name]).tobytes())
+        return found.hexdigest()[:32]
+
+    def sample(
+        self, duration_s: float, *, seed: int = 0, grid: Grid | None = None, codes: Codes = "prior"
+    ) -> Background:
+        """A background of any length; a longer one of the same seed begins with the same columns, bit for bit.
+
+        grid: axes that it should have; those of the training by default. Mean and looks are interpolated where that is sound.
+        codes: drawn from the learned "prior", or all equally likely ("uniform"), as in Text2Doppler.
+        """
+        grid = self.grid if grid is None else grid
+        duration_s = positive("duration_s", duration_s, LONGEST_S, unit="s")
+        return self.columns(max(1, round(duration_s / grid.time_step_s)), seed=seed, grid=grid, codes=codes)
+
+    def columns(self, count: int, *, seed: int = 0, grid: Grid | None = None, codes: Codes = "prior") -> Background:
+        """The same for a number of columns."""
+        grid = self.grid if grid is None else grid
+        number("seconds of background", integer("columns of background", count, 1) * grid.time_step_s, 0, LONGEST_S)
+        choice("codes", codes, ("prior", "uniform"))
+        ratio = step_ratio(self.grid, grid)
+        of_codes, of_speckle, of_level = (
+            np.random.default_rng(each) for each in np.random.SeedSequence(integer("seed", seed)).spawn(3)
+        )
+        own = int(np.ceil((count - 1) * ratio)) + 2 if not self.grid.same_as(grid) else count
+        steps = -(-own // self.architecture.columns) + 2 * HALO
+        with _blas().limit(limits=1, user_api="blas"):
+            if codes == "prior":
+                drawn = prior_codes(self.architecture, self.arrays, steps, of_codes)
+            else:
+                drawn = uniform_codes(self.architecture, steps, of_codes)
+            mean, looks = decoded(self.architecture, self.arrays, drawn)
+            time, doppler = self.arrays["speckle.time"], self.arrays["speckle.doppler"]
+            if not self.grid.same_as(grid):
+                mean, looks, time, doppler = resampled(mean, looks, time, doppler, self.grid, grid, count)
+            mean, looks = mean[:, :count], looks[:, :count]
+            normal = gaussian_field(len(mean), count, time, doppler, of_speckle)
+        power = np.exp(mean) * speckle(normal, looks)
+        level_db = float(self.levels_db[int(of_level.integers(len(self.levels_db)))])
+        return Background(
+            power=power.astype(np.float32),
+            grid=grid,
+            level_db=level_db,
+            calibrated=self.calibrated,
+            codes=drawn[HALO:-HALO],
+        )
+
+    def save(self, path: Path) -> None:
+        """Writes the model as a safetensors file."""
+        from safetensors.numpy import save
+
+        told = {
+            "version": VERSION,
+            "architecture": self.architecture.described(),
+            "first_velocity_mps": float(self.grid.velocity_mps[0]),
+            "bin_mps": self.grid.bin_mps,
+            "time_step_s": self.grid.time_step_s,
+            "levels_db": self.levels_db,
+            "carrier_hz": self.carrier_hz,
+            "calibrated": self.calibrated,
+            "about": dict(self.about),
+        }
+        arrays = {name: np.ascontiguousarray(self.arrays[name]) for name in sorted(self.arrays)}
+        # One text: the library writes several in any order, and the same model is to be the same bytes.
+        data = save(arrays, {FORMAT: json.dumps(told, sort_keys=True)})
+        path.write_bytes(data)
+
+
+def load_background(source: str | Path = DEFAULT) -> BackgroundModel:
+    """A background model by its file (.safetensors); "default" is the one that ships."""
+    name = checked_name(source)
+    if name == DEFAULT:
+        return _shipped()
+    path = file_path("background", source)
+    if path.suffix != SUFFIX:
+        raise InputError(
+            f'a background model is "{DEFAULT}" or a {SUFFIX} file, got {name!r}; t2d-rt background train writes one'
+        )
+    return _read(path)
+
+
+@cache
+def _shipped() -> BackgroundModel:
+    return _read(resource("backgrounds", f"{DEFAULT}{SUFFIX}"))
+
+
+def _read(path: Path) -> BackgroundModel:
+    data = read_bytes(path, limit=LARGEST_BYTES, noun="background model")
+    try:
+        metadata = _metadata(data)
+    except Exception:  # bytes of any kind
+        kind = (
+            "a pickle, which could run anything" if data[:2] in (b"PK", b"\x80\x02", b"\x80\x04") else "something else"
+        )
+        raise InputError(
+            f"{path} is not a safetensors file but {kind}, or it is cut short; t2d-rt background train writes a model"
+        ) from None
+    if FORMAT not in metadata:
+        raise InputError(f"{path} holds no background model; t2d-rt background train writes one")
+    try:
+        from safetensors.numpy import load
+
+        told, arrays = json.loads(metadata[FORMAT]), load(data)
+        if told["version"] != VERSION:
+            raise InputError(f"it is of version {shown(told['version'])}, this program reads version {VERSION}")
+        architecture = Architecture.of(told["architecture"])
+        speeds = told["first_velocity_mps"] + told["bin_mps"] * np.arange(architecture.bins)
+        return BackgroundModel.of(
+            architecture, {name: array(name, each).astype(np.float32) for name, each in arrays.items()},
+            Grid.of(speeds, told["time_step_s"]), levels_db=told["levels_db"], carrier_hz=told["carrier_hz"],
+            calibrated=told["calibrated"], about=told["about"],
+        )  # fmt: skip
+    except Exception as error:  # a damaged file may hold anything
+        raise InputError(
+            f"{path} is a background model that cannot be read ({error}); fetch it again, or train it again"
+        ) from None
+
+
+def _metadata(data: bytes) -> dict[str, str]:
+    """The texts in the header of a safetensors file: 8 bytes of length, little-endian, and JSON."""
+    length = int.from_bytes(data[:8], "little")
+    if not 0 < length <= len(data) - 8:
+        raise ValueError("no header")
+    return dict(json.loads(data[8 : 8 + length]).get("__metadata__", {}))
+
+
+def _sizes(architecture: Architecture) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays that sampling needs."""
+    size = architecture
+    embedded = 12 * size.heads
+    found: dict[str, tuple[int, ...]] = {
+        "codebook": (size.heads, size.codes, size.code_size),
+        "decoder.spread.weight": (size.channels * size.rows, size.latent),
+        "decoder.spread.bias": (size.channels * size.rows,),
+        "decoder.profile": (2, size.padded_bins),
+        "prior.embedding": (size.heads, size.codes, embedded),
+        "prior.start": (embedded,),
+        "prior.gru.weight_ih_l0": (3 * size.hidden, embedded),
+        "prior.gru.weight_hh_l0": (3 * size.hidden, size.hidden),
+        "prior.gru.bias_ih_l0": (3 * size.hidden,),
+        "prior.gru.bias_hh_l0": (3 * size.hidden,),
+        "prior.mixing": (size.heads * size.mixed, size.hidden),
+        "prior.mixing_bias": (size.heads, size.mixed),
+        "prior.among": (size.heads, size.codes, size.heads, size.mixed),
+        "prior.readout": (size.heads, size.codes, size.mixed),
+        "prior.readout_bias": (size.heads, size.codes),
+        "speckle.time": (LAGS,),
+        "speckle.doppler": (BINS,),
+    }
+    for block in range(size.blocks):
+        found[f"decoder.blocks.{block}.inner.weight"] = (size.residual, size.channels, 3, 3)
+        found[f"decoder.blocks.{block}.inner.bias"] = (size.residual,)
+        found[f"decoder.blocks.{block}.outer.weight"] = (size.channels, size.residual, 1, 1)
+        found[f"decoder.blocks.{block}.outer.bias"] = (size.channels,)
+    for stage, (given, out, times) in enumerate(size.stages):
+        found[f"decoder.stages.{stage}.weight"] = (out, given, 3, 3 if times == 2 else 1)
+        found[f"decoder.stages.{stage}.bias"] = (out,)
+    return found
+
+
+@cache
+def _blas() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

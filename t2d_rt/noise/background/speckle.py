@@ -1,0 +1,86 @@
+"""The random part of a spectrogram's cells: gamma distributed about their mean, correlated from column to column and bin to bin.
+
+The power of a cell that adds up M independent complex Gaussian parts is gamma distributed with M looks: its standard deviation is
+the mean over sqrt(M), and M = 1 is the exponential distribution of fully developed speckle (Goodman, Speckle Phenomena in Optics,
+2007, ch. 3). Quantiles by Wilson and Hilferty (1931): the cube root of a gamma variate is nearly Gaussian.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+ORDER = 8
+"""Of the autoregressive filter over the columns: overlapping windows correlate over fewer."""
+LAGS, BINS = 16, 4
+"""Lags in time and in Doppler at which correlation is kept."""
+WARM_UP = 64
+"""Columns that the filter runs before the first one that is used."""
+LEAST_RATIO = 1e-3
+"""Least power of a cell relative to its mean."""
+
+
+def speckle(normal: np.ndarray, looks: np.ndarray) -> np.ndarray:
+    """Factors on the mean power, gamma distributed with mean 1 and so many looks, from Gaussian numbers of the same shape."""
+    root = 1 - 1 / (9 * looks) + normal / (3 * np.sqrt(looks))
+    return np.asarray(np.maximum(root, LEAST_RATIO ** (1 / 3)) ** 3)
+
+
+def normal_scores(ratio: np.ndarray, looks: np.ndarray) -> np.ndarray:
+    """The Gaussian numbers that `speckle` makes these factors of."""
+    return np.asarray((np.cbrt(ratio) - 1 + 1 / (9 * looks)) * 3 * np.sqrt(looks))
+
+
+def correlations(scores: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Correlation of scores (velocity, time) over LAGS columns and over BINS bins, each with 1 at lag 0.
+
+    The median over the bins, about each bin's mean in its record: what the codes do not tell of the few bins of interferers is no
+    speckle.
+    """
+    time, doppler, weight = np.zeros(LAGS), np.zeros(BINS), 0
+    for each in scores:
+        values = np.clip(each, -4, 4).astype(np.float64)
+        values -= values.mean(axis=1, keepdims=True)
+        size = values.shape[1]
+        variance = np.mean(values**2, axis=1) + 1e-12
+        for lag in range(min(LAGS, size - 1)):
+            along = np.mean(values[:, : size - lag] * values[:, lag:], axis=1)
+            time[lag] += size * np.median(along / variance)
+        for lag in range(BINS):
+            first, second = slice(0, len(values) - lag), slice(lag, len(values))
+            across = np.mean(values[first] * values[second], axis=1)
+            doppler[lag] += size * np.median(across / np.sqrt(variance[first] * variance[second]))
+        weight += size
+    return time / weight, doppler / weight
+
+
+def gaussian_field(
+    bins: int, columns: int, time: np.ndarray, doppler: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Unit Gaussian numbers (bins, columns), float32, of about these correlations over lags of one column and one bin.
+
+    The first columns do not depend on how many there are.
+    """
+    from scipy.linalg import solve_toeplitz
+    from scipy.signal import lfilter
+
+    lags = time[: ORDER + 1]
+    ridge = 1e-3
+    predictor = solve_toeplitz(np.r_[lags[0] + ridge, lags[1:-1]], lags[1:])
+    innovation = np.sqrt(max(1e-6, lags[0] + ridge - predictor @ lags[1:]) / (lags[0] + ridge))
+    white = rng.standard_normal((columns + WARM_UP, bins), np.float32)
+    field = lfilter([innovation], np.r_[1, -predictor], white @ _root(bins, tuple(doppler.tolist())).T, axis=0)
+    return np.asarray(field[WARM_UP:].T, np.float32)
+
+
+@lru_cache(maxsize=16)
+def _root(bins: int, doppler: tuple[float, ...]) -> np.ndarray:
+    """A square root (bins, bins) of the correlation over bins; where that is not positive, of the nearest that is."""
+    from scipy.linalg import eigh, toeplitz
+
+    column = np.zeros(bins)
+    column[: len(doppler)] = doppler[:bins]
+    values, vectors = eigh(toeplitz(column))
+    root = vectors * np.sqrt(np.maximum(values, 0))
+    return np.asarray((root / np.linalg.norm(root, axis=1, keepdims=True)).astype(np.float32))

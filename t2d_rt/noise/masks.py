@@ -1,0 +1,98 @@
+"""Occlusion masks: random time windows in which a spectrogram shows the background only, as when something blocks the path.
+
+Text2Doppler replaces random windows by background noise; its code fills them with zeros, which is an option here. What a mask
+leaves out: a real blockage attenuates by degrees, over the Fresnel zone's width, and leaves multipath.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from t2d_rt.checks import array, choice, integer, positive
+from t2d_rt.errors import InputError
+from t2d_rt.types.fields import Fields, Number
+
+Fill = Literal["background", "zeros"]
+
+
+class OcclusionMask(Fields):
+    """How many windows are occluded, and how long they are.
+
+    >>> OcclusionMask(windows=2).windows
+    2.0
+    """
+
+    model_config = ConfigDict(use_attribute_docstrings=True)
+    noun = "occlusion mask"
+
+    windows: Number = Field(default=1.0, ge=0, le=1e4)
+    """Mean number of windows in a recording; the number is Poisson distributed."""
+    shortest_s: Number = Field(default=0.2, gt=0, le=1e6)
+    """Shortest window [s]; lengths are evenly distributed."""
+    longest_s: Number = Field(default=1.0, gt=0, le=1e6)
+    """Longest window [s]."""
+
+    def model_post_init(self, _: Any) -> None:
+        """Refuses lengths in the wrong order."""
+        if self.longest_s < self.shortest_s:
+            raise InputError(f"longest_s must be shortest_s ({self.shortest_s:g} s) or more, got {self.longest_s:g}")
+
+    def draw(self, duration_s: float, *, seed: int) -> np.ndarray:
+        """Windows (window, start and stop) [s] within a duration, in the order of their starts; they may overlap.
+
+        A window begins anywhere from where it would end with the start of the recording, so that every instant is as likely to be
+        occluded; what lies outside is cut off.
+        """
+        duration_s = positive("duration_s", duration_s, 1e6, unit="s")
+        rng = np.random.default_rng(integer("seed", seed))
+        count = int(rng.poisson(self.windows))
+        lengths = rng.uniform(self.shortest_s, self.longest_s, count)
+        starts = rng.uniform(-lengths, duration_s)
+        found = np.clip(np.stack([starts, starts + lengths], axis=1), 0, duration_s)
+        return np.asarray(found[np.argsort(found[:, 0], kind="stable")])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Occluded:
+    """A spectrogram with occluded windows."""
+
+    power: np.ndarray
+    """[W], (velocity, time)."""
+    windows_s: np.ndarray
+    """Start and stop of each window from the start of the recording [s], (window, 2)."""
+    columns: np.ndarray
+    """Which columns were replaced, (time,)."""
+
+
+def occlude(
+    spectrogram_power: Any, time_s: Any, mask: OcclusionMask, *, seed: int, fill: Fill = "background",
+    background_power: Any = None,
+) -> Occluded:  # fmt: skip
+    """Replaces the columns whose centres lie in random windows, by those of a background or by zeros.
+
+    spectrogram_power: [W], (velocity, time).
+    time_s: centres of the columns [s]; the recording lasts from 0 to half a step after the last.
+    background_power: [W], of the same shape, for the fill "background": the one that was added to the spectrogram, so that its
+        level and what moves in it go on through the window.
+    """
+    power = array("spectrogram_power", spectrogram_power, ("velocity", "time"), limit=1e60, unit="W")
+    times = array("time_s", time_s, (power.shape[1],), unit="s")
+    choice("fill", fill, ("background", "zeros"))
+    if (fill == "background") != (background_power is not None):
+        raise InputError(
+            'occlusion by "background" needs background_power, and by "zeros" takes none; give the power of the background that '
+            "was added to the spectrogram"
+        )
+    if len(times) < 2 or np.diff(times).min() <= 0:
+        raise InputError("time_s must hold two instants or more, ascending")
+    windows = mask.draw(float(times[-1] + (times[-1] - times[-2]) / 2), seed=seed)
+    within = (times[:, None] >= windows[:, 0]) & (times[:, None] < windows[:, 1])
+    columns = np.asarray(within.any(axis=1))
+    filled = np.zeros_like(power)
+    if fill == "background":
+        filled = array("background_power", background_power, power.shape, limit=1e60, unit="W")
+    return Occluded(power=np.where(columns, filled, power), windows_s=windows, columns=columns)
