@@ -55,8 +55,8 @@ def parser() -> ArgumentParser:
     found.add_argument("--duration_s", type=float, default=5.0, help="Duration of each [s].")
     found.add_argument("--seed", type=int, default=0, help="Seed of the first one, or of the training.")
     found.add_argument("--codes", type=int, default=32, help="Entries of each code book of a model that is trained.")
-    found.add_argument("--codec_steps", type=int, default=600, help="Steps of training of the codec.")
-    found.add_argument("--prior_steps", type=int, default=300, help="Steps of training of the prior.")
+    found.add_argument("--codec_steps", type=int, default=800, help="Steps of training of the codec.")
+    found.add_argument("--prior_steps", type=int, default=400, help="Steps of training of the prior.")
     found.add_argument(
         "--lanes", type=int | None, help="LVDS lanes, 2 or 4, of raw captures of TI's DCA1000 (.bin) in DIR."
     )
@@ -151,9 +151,9 @@ def _evaluate(options: Namespace, source: str, folder: str) -> None:
     from t2d_rt.noise.background.evaluate import evaluation
 
     found = evaluation(load_background(source), _records(options, folder), seed=options.seed)
-    rows = [("", "profile dB", "levels dB", "autocorr.", "classifier", "perplexity")]
+    rows = [("", "profile dB", "profiles dB", "levels dB", "autocorr.", "classifier", "perplexity")]
     for name, (far, used) in found.items():
-        plain = far.profile_db, far.levels_db, far.autocorrelation, far.classifier
+        plain = far.profile_db, far.profiles_db, far.levels_db, far.autocorrelation, far.classifier
         rows.append((name, *(f"{each:.3f}" for each in plain), "" if used is None else f"{used:.1f}"))
     say("\n".join("".join(f"{cell:>14}" if k else f"{cell:16}" for k, cell in enumerate(row)) for row in rows))
     say("Distances from the recordings: 0 is best, of the classifier's accuracy 0.5.")
