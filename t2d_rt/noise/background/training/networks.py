@@ -17,6 +17,7 @@ from t2d_rt.noise.background.decoder import NATS_PER_UNIT
 DECAY, COMMITMENT = 0.99, 0.25
 """Of the code books' moving averages, and weight of the commitment loss, as the authors of Text2Doppler have them."""
 OF_VARIANCE = 0.1
+"""Part of the variance's gradient that reaches the maps before the last layer."""
 DEAD = 0.5
 """A code that stands for fewer vectors of a batch than that, by the moving average, is replaced by one of the batch's vectors."""
 
