@@ -83,7 +83,10 @@ def run(options: Namespace) -> None:
         raise InputError(
             f"background {verb} {'needs --output' if verb in NEEDS_OUTPUT else 'writes nothing; leave out --output'}"
         )
-    {"simulate": _simulate, "train": _train, "sample": _sample, "evaluate": _evaluate}[verb](options, *names)
+    action: Callable[..., None] = {"simulate": _simulate, "train": _train, "sample": _sample, "evaluate": _evaluate}[
+        verb
+    ]
+    action(options, *names)
 
 
 def _simulate(options: Namespace) -> None:
@@ -151,7 +154,9 @@ def _evaluate(options: Namespace, source: str, folder: str) -> None:
     from t2d_rt.noise.background.evaluate import evaluation
 
     found = evaluation(load_background(source), _records(options, folder), seed=options.seed)
-    rows = [("", "profile dB", "profiles dB", "levels dB", "autocorr.", "classifier", "perplexity")]
+    rows: list[tuple[str, ...]] = [
+        ("", "profile dB", "profiles dB", "levels dB", "autocorr.", "classifier", "perplexity")
+    ]
     for name, (far, used) in found.items():
         plain = far.profile_db, far.profiles_db, far.levels_db, far.autocorrelation, far.classifier
         rows.append((name, *(f"{each:.3f}" for each in plain), "" if used is None else f"{used:.1f}"))

@@ -87,7 +87,9 @@ def _rooms() -> list[BackgroundRecord]:
 
 def measured(path: Path) -> tuple[list[BackgroundRecord], list[BackgroundRecord], float]:
     """Empty stretches to train on and held out, and how many independent looks a cell of the maps sums the levels of."""
-    trained, held_out, looks = [], [], []
+    trained: list[BackgroundRecord] = []
+    held_out: list[BackgroundRecord] = []
+    looks = []
     with np.load(path, allow_pickle=False) as file:
         maps = {name: file[name].astype(np.float64) for name in MAPS}
     for name, units in maps.items():

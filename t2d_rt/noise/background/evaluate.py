@@ -102,9 +102,8 @@ def _profile(records: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _profiles_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
-    return _mean_wasserstein(
-        *(np.concatenate([_patches(each).mean(axis=2) for each in some], axis=1) for some in (first, second))
-    )
+    one, other = (np.concatenate([_patches(each).mean(axis=2) for each in some], axis=1) for some in (first, second))
+    return _mean_wasserstein(list(one), list(other))
 
 
 def _levels_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
