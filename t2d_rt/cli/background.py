@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,10 +84,10 @@ def run(options: Namespace) -> None:
         raise InputError(
             f"background {verb} {'needs --output' if verb in NEEDS_OUTPUT else 'writes nothing; leave out --output'}"
         )
-    action: Callable[..., None] = {"simulate": _simulate, "train": _train, "sample": _sample, "evaluate": _evaluate}[
-        verb
-    ]
-    action(options, *names)
+    actions: dict[str, Callable[..., None]] = {
+        "simulate": _simulate, "train": _train, "sample": _sample, "evaluate": _evaluate,
+    }  # fmt: skip
+    actions[verb](options, *names)
 
 
 def _simulate(options: Namespace) -> None:
@@ -122,6 +123,7 @@ def _train(options: Namespace, source: str) -> None:
             records = _rooms(0, ROOMS, options.duration_s, progress)
     else:
         records = _records(options, source)
+    started = time.monotonic()
     with ProgressBar("training") as progress:
         model = learn_background(
             records, codes=options.codes, codec_steps=options.codec_steps, prior_steps=options.prior_steps, seed=options.seed,
@@ -129,7 +131,7 @@ def _train(options: Namespace, source: str) -> None:
         )  # fmt: skip
     with replacing(target, lambda: check_taken(target, overwrite=options.overwrite)) as new:
         model.save(new)
-    say(f"learned from {len(records)} records, {model.about['duration_s']:g} s, in {model.about['seconds']} s")
+    say(f"learned from {len(records)} records, {model.about['duration_s']:g} s, in {time.monotonic() - started:.0f} s")
     say(f"wrote {target}")
 
 

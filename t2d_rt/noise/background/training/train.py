@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -50,7 +49,6 @@ def train(
 ) -> BackgroundModel:
     """A model of these records; the same one for the same seed and number of threads on one machine."""
     grid = common_grid(records)
-    started = time.perf_counter()
     before = torch.get_num_threads()
     state = torch.random.get_rng_state()
     torch.set_num_threads(training.threads)
@@ -71,7 +69,6 @@ def train(
     plain = {name: np.ascontiguousarray(each.detach().numpy(), np.float32) for name, each in arrays.items()}
     time_correlation, doppler_correlation = _residuals(architecture, plain, levels, codes)
     plain["speckle.time"], plain["speckle.doppler"] = time_correlation, doppler_correlation
-    seconds = round(time.perf_counter() - started)
     about = {
         "records": len(records),
         "duration_s": round(sum(each.duration_s for each in records), 1),
@@ -79,7 +76,6 @@ def train(
         "prior_steps": training.prior_steps,
         "seed": training.seed,
         "prior_nats": round(loss, 4),
-        "seconds": seconds,
     }
     return BackgroundModel.of(
         architecture, plain, grid, levels_db=[round(each.level_db, 3) for each in records],
