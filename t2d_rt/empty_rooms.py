@@ -57,7 +57,7 @@ def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None
     return Recording(cube, radar, settings=settings, versions=found.versions)
 
 
-def receiver_noise(shape: tuple[int, int, int], radar: Radar, rng: np.random.Generator) -> np.ndarray:
+def receiver_noise(shape: tuple[int, ...], radar: Radar, rng: np.random.Generator) -> np.ndarray:
     """Thermal noise of `Radar.noise_power_w`, and of the 1/f noise the part that is slower than a chirp, complex64.
 
     With N0 the thermal density, the 1/f noise has N0 f_c / |f|. What is slower than a chirp is the same for all of its samples; it

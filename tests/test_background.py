@@ -8,13 +8,14 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.special import digamma, polygamma
 
 import t2d_rt as t2d
 from t2d_rt.background_files import background_records
 from t2d_rt.errors import InputError
 from t2d_rt.noise.background import Background, BackgroundModel, BackgroundRecord, Grid, add_background, load_background
 from t2d_rt.noise.background.architecture import HALO, Architecture
-from t2d_rt.noise.background.decoder import decoded
+from t2d_rt.noise.background.decoder import LEAST_LOOKS, decoded
 from t2d_rt.noise.background.evaluate import distances, evaluation, gaussian_noise, perplexity, two_sample_accuracy
 from t2d_rt.noise.background.learn import learn_background
 from t2d_rt.noise.background.prior import prior_codes
@@ -43,7 +44,7 @@ def records() -> list[BackgroundRecord]:
 
 @pytest.fixture(scope="module")
 def model(records: list[BackgroundRecord]) -> BackgroundModel:
-    return learn_background(records, codes=8, heads=2, codec_steps=30, prior_steps=20, seed=1)
+    return learn_background(records, codes=8, heads=2, codec_steps=120, prior_steps=40, seed=1)
 
 
 def level(found: Background) -> np.ndarray:
@@ -73,11 +74,13 @@ def test_decoder_and_prior_without_torch_are_those_that_were_trained(model: Back
     )
     vectors = arrays["codebook"][np.arange(size.heads), codes].reshape(1, len(codes), -1)
     with torch.no_grad():
-        mean, looks = (each[0].numpy() for each in decoder(torch.tensor(vectors)))
+        level, variance = (each[0].numpy() for each in decoder(torch.tensor(vectors)))
     inside = slice(HALO * size.columns, (20 - HALO) * size.columns)
-    ours = decoded(size, arrays, codes)
-    np.testing.assert_allclose(ours[0], mean[: size.bins, inside], atol=1e-4)
-    np.testing.assert_allclose(np.log(ours[1]), looks[: size.bins, inside], atol=1e-4)
+    mean, looks = decoded(size, arrays, codes)
+    # Of a gamma distribution, by its looks; those of a table of 400 entries are interpolated.
+    wanted = np.minimum(variance[: size.bins, inside], np.log(polygamma(1, LEAST_LOOKS)))
+    np.testing.assert_allclose(np.log(polygamma(1, looks)), wanted, atol=1e-3)
+    np.testing.assert_allclose(mean - np.log(looks) + digamma(looks), level[: size.bins, inside], atol=1e-3)
     prior = Prior(size)
     prior.load_state_dict(
         {n.removeprefix("prior."): torch.tensor(a) for n, a in arrays.items() if n[:6] == "prior."}, strict=False
@@ -340,7 +343,7 @@ def test_a_classifier_does_not_see_its_own_records() -> None:
     """Records with a level of their own each would be told apart by heart."""
     rng = np.random.default_rng(0)
     sets = [[rng.normal(rng.normal(0, 3, (32, 1)), 1, (32, 320)) for _ in range(8)] for _ in range(2)]
-    assert abs(two_sample_accuracy(*sets) - 0.5) < 0.25
+    assert two_sample_accuracy(*sets) < 0.7
 
 
 def test_perplexity() -> None:
@@ -348,7 +351,7 @@ def test_perplexity() -> None:
 
 
 def test_evaluation_sets_prior_beside_the_others(model: BackgroundModel) -> None:
-    found = evaluation(model, [example_record(seed) for seed in range(20, 24)])
+    found = evaluation(model, [example_record(seed) for seed in range(20, 22)])
     assert list(found) == ["prior", "uniform codes", "Gaussian noise"]
     assert found["prior"][0].profile_db < found["Gaussian noise"][0].profile_db
 

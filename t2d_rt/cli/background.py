@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,8 +56,8 @@ def parser() -> ArgumentParser:
     found.add_argument("--duration_s", type=float, default=5.0, help="Duration of each [s].")
     found.add_argument("--seed", type=int, default=0, help="Seed of the first one, or of the training.")
     found.add_argument("--codes", type=int, default=32, help="Entries of each code book of a model that is trained.")
-    found.add_argument("--codec_steps", type=int, default=600, help="Steps of training of the codec.")
-    found.add_argument("--prior_steps", type=int, default=300, help="Steps of training of the prior.")
+    found.add_argument("--codec_steps", type=int, default=800, help="Steps of training of the codec.")
+    found.add_argument("--prior_steps", type=int, default=400, help="Steps of training of the prior.")
     found.add_argument(
         "--lanes", type=int | None, help="LVDS lanes, 2 or 4, of raw captures of TI's DCA1000 (.bin) in DIR."
     )
@@ -83,7 +84,10 @@ def run(options: Namespace) -> None:
         raise InputError(
             f"background {verb} {'needs --output' if verb in NEEDS_OUTPUT else 'writes nothing; leave out --output'}"
         )
-    {"simulate": _simulate, "train": _train, "sample": _sample, "evaluate": _evaluate}[verb](options, *names)
+    actions: dict[str, Callable[..., None]] = {
+        "simulate": _simulate, "train": _train, "sample": _sample, "evaluate": _evaluate,
+    }  # fmt: skip
+    actions[verb](options, *names)
 
 
 def _simulate(options: Namespace) -> None:
@@ -119,6 +123,7 @@ def _train(options: Namespace, source: str) -> None:
             records = _rooms(0, ROOMS, options.duration_s, progress)
     else:
         records = _records(options, source)
+    started = time.monotonic()
     with ProgressBar("training") as progress:
         model = learn_background(
             records, codes=options.codes, codec_steps=options.codec_steps, prior_steps=options.prior_steps, seed=options.seed,
@@ -126,7 +131,7 @@ def _train(options: Namespace, source: str) -> None:
         )  # fmt: skip
     with replacing(target, lambda: check_taken(target, overwrite=options.overwrite)) as new:
         model.save(new)
-    say(f"learned from {len(records)} records, {model.about['duration_s']:g} s, in {model.about['seconds']} s")
+    say(f"learned from {len(records)} records, {model.about['duration_s']:g} s, in {time.monotonic() - started:.0f} s")
     say(f"wrote {target}")
 
 
@@ -151,9 +156,11 @@ def _evaluate(options: Namespace, source: str, folder: str) -> None:
     from t2d_rt.noise.background.evaluate import evaluation
 
     found = evaluation(load_background(source), _records(options, folder), seed=options.seed)
-    rows = [("", "profile dB", "levels dB", "autocorr.", "classifier", "perplexity")]
+    rows: list[tuple[str, ...]] = [
+        ("", "profile dB", "profiles dB", "levels dB", "autocorr.", "classifier", "perplexity")
+    ]
     for name, (far, used) in found.items():
-        plain = far.profile_db, far.levels_db, far.autocorrelation, far.classifier
+        plain = far.profile_db, far.profiles_db, far.levels_db, far.autocorrelation, far.classifier
         rows.append((name, *(f"{each:.3f}" for each in plain), "" if used is None else f"{used:.1f}"))
     say("\n".join("".join(f"{cell:>14}" if k else f"{cell:16}" for k, cell in enumerate(row)) for row in rows))
     say("Distances from the recordings: 0 is best, of the classifier's accuracy 0.5.")

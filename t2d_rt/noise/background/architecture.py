@@ -25,7 +25,7 @@ class Architecture:
     """Doppler bins of the spectrograms."""
     time_halvings: int = 3
     """A step is 2^time_halvings columns."""
-    heads: int = 8
+    heads: int = 4
     """Codes in a step, each of its own code book."""
     codes: int = 32
     """Entries of each code book."""

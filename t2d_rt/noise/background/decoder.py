@@ -36,7 +36,7 @@ def decoded(architecture: Architecture, arrays: Arrays, codes: np.ndarray) -> tu
 
 @cache
 def _gamma() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of gamma distributed powers, ln(variance) of the level [nat^2], ascending; ln(looks); and how far the level's expectation lies
+    """Of gamma distributed powers, ln(variance) of the level [nat^2], ascending; ln(looks); how far the level's expectation lies
     below ln(mean power) [nat]: with M looks, psi'(M) and ln M - psi(M)."""
     from scipy.special import digamma, polygamma
 

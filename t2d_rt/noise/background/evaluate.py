@@ -20,6 +20,8 @@ RIDGE = 1.0
 """Weight of the squared coefficients of the logistic regression."""
 LONGEST_LAG = 64
 QUANTILES = 2000
+SAMPLES = 4
+"""Fewer would tell how a few samples happen to differ."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,6 +30,8 @@ class Distances:
 
     profile_db: float
     """Root mean square over Doppler bins of the difference of mean powers [dB]."""
+    profiles_db: float
+    """Wasserstein-1 distance of the distributions of a bin's mean level in patches, mean over the bins [dB]: profiles vary."""
     levels_db: float
     """Wasserstein-1 distance of the distributions of the cells' levels, mean over Doppler bands [dB]."""
     autocorrelation: float
@@ -43,10 +47,13 @@ def distances(recorded: Sequence[np.ndarray], sampled: Sequence[np.ndarray]) -> 
             raise InputError(
                 f"an evaluation needs two {name} spectrograms or more of {PATCH_COLUMNS} columns or more; give longer ones"
             )
+    lags = min(LONGEST_LAG, *(each.shape[1] // 2 for each in (*recorded, *sampled)))
+    correlation = _autocorrelation(recorded, lags) - _autocorrelation(sampled, lags)
     return Distances(
         profile_db=float(np.sqrt(np.mean((_profile(recorded) - _profile(sampled)) ** 2))),
+        profiles_db=_profiles_distance(recorded, sampled),
         levels_db=_levels_distance(recorded, sampled),
-        autocorrelation=float(np.sqrt(np.mean((_autocorrelation(recorded) - _autocorrelation(sampled)) ** 2))),
+        autocorrelation=float(np.sqrt(np.mean(correlation**2))),
         classifier=two_sample_accuracy(recorded, sampled),
     )
 
@@ -55,7 +62,7 @@ def evaluation(
     model: BackgroundModel, recorded: Sequence[BackgroundRecord], *, seed: int = 0
 ) -> dict[str, tuple[Distances, float | None]]:
     """Distances from held-out records, and perplexity of the codes, of samples of the learned prior, of uniform codes and of white
-    Gaussian noise of equal power; of each as many and as long ones as there are records."""
+    Gaussian noise of equal power; SAMPLES of each for every record, as long as that."""
     if not common_grid(list(recorded)).same_as(model.grid):
         raise InputError(
             f"the recordings have {recorded[0].grid}, the model {model.grid}; process them as those it was trained on"
@@ -65,11 +72,11 @@ def evaluation(
     for name, codes in (("prior", "prior"), ("uniform codes", "uniform")):
         some = [
             model.columns(each.shape[1], seed=seed + number, codes="prior" if codes == "prior" else "uniform")
-            for number, each in enumerate(levels)
+            for number, each in enumerate(levels * SAMPLES)
         ]
         used = perplexity(np.concatenate([each.codes for each in some]), model.architecture.codes)
         found[name] = distances(levels, [decibel(each.power) for each in some]), used
-    noise = gaussian_noise(levels, np.random.default_rng(seed))
+    noise = gaussian_noise(levels * SAMPLES, np.random.default_rng(seed))
     return {**found, "Gaussian noise": (distances(levels, noise), None)}
 
 
@@ -94,12 +101,26 @@ def _profile(records: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray(10 * np.log10(np.mean([np.mean(10 ** (each / 10), axis=1) for each in records], axis=0)))
 
 
+def _profiles_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
+    one, other = (np.concatenate([_patches(each).mean(axis=2) for each in some], axis=1) for some in (first, second))
+    return _mean_wasserstein(list(one), list(other))
+
+
 def _levels_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
+    return _mean_wasserstein(_banded(first), _banded(second))
+
+
+def _mean_wasserstein(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
+    """Wasserstein-1 distance of each pair of sets of numbers, the mean difference of their quantiles; mean over the pairs."""
     at = (np.arange(QUANTILES) + 0.5) / QUANTILES
-    found = []
-    for one, other in zip(_banded(first), _banded(second), strict=True):
-        found.append(np.mean(np.abs(np.quantile(one, at) - np.quantile(other, at))))
-    return float(np.mean(found))
+    pairs = zip(first, second, strict=True)
+    return float(np.mean([np.mean(np.abs(np.quantile(one, at) - np.quantile(other, at))) for one, other in pairs]))
+
+
+def _patches(record: np.ndarray) -> np.ndarray:
+    """(velocity, patch, column)."""
+    count = record.shape[1] // PATCH_COLUMNS
+    return record[:, : count * PATCH_COLUMNS].reshape(len(record), count, PATCH_COLUMNS)
 
 
 def _banded(records: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -108,10 +129,9 @@ def _banded(records: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [band.ravel() for band in np.array_split(cells, min(BANDS, len(cells)))]
 
 
-def _autocorrelation(records: Sequence[np.ndarray]) -> np.ndarray:
+def _autocorrelation(records: Sequence[np.ndarray], lags: int) -> np.ndarray:
     """Of the levels about their mean over all records, mean over the bins of a band, (band, lag)."""
     mean = np.mean([each.mean(axis=1) for each in records], axis=0)[:, None]
-    lags = min(LONGEST_LAG, min(each.shape[1] for each in records) // 2)
     found = np.zeros((len(mean), lags))
     for each in records:
         values = each - mean
@@ -141,10 +161,8 @@ def two_sample_accuracy(first: Sequence[np.ndarray], second: Sequence[np.ndarray
 
 def _features(record: np.ndarray) -> np.ndarray:
     """Of each patch: mean, spread and correlation from column to column of the levels in each Doppler band, (patch, feature)."""
-    patches = record.shape[1] // PATCH_COLUMNS
-    cut = record[:, : patches * PATCH_COLUMNS].reshape(len(record), patches, PATCH_COLUMNS)
     rows = []
-    for band in np.array_split(cut, min(BANDS, len(record))):
+    for band in np.array_split(_patches(record), min(BANDS, len(record))):
         mean = band.mean(axis=(0, 2))
         about = band - band.mean(axis=2, keepdims=True)
         variance = np.mean(about**2, axis=(0, 2)) + 1e-9

@@ -19,7 +19,7 @@ LEAST_STEPS = 14
 
 
 def learn_background(
-    records: list[BackgroundRecord], *, codes: int = 32, heads: int = 8, codec_steps: int = 600, prior_steps: int = 300,
+    records: list[BackgroundRecord], *, codes: int = 32, heads: int = 4, codec_steps: int = 800, prior_steps: int = 400,
     seed: int = 0, progress: Callable[[float], None] | None = None,
 ) -> BackgroundModel:  # fmt: skip
     """A background model of records that all have the same axes.

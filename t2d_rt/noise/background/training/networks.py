@@ -16,6 +16,8 @@ from t2d_rt.noise.background.decoder import NATS_PER_UNIT
 
 DECAY, COMMITMENT = 0.99, 0.25
 """Of the code books' moving averages, and weight of the commitment loss, as the authors of Text2Doppler have them."""
+OF_VARIANCE = 0.1
+"""Part of the variance's gradient that reaches the maps before the last layer."""
 DEAD = 0.5
 """A code that stands for fewer vectors of a batch than that, by the moving average, is replaced by one of the batch's vectors."""
 
@@ -75,7 +77,7 @@ class Decoder(nn.Module):
     def forward(self, vectors: Tensor) -> tuple[Tensor, Tensor]:
         """Expected level [nat] and the logarithm of its variance [nat^2], each (batch, padded bins, columns).
 
-        The variance reads maps that it does not train: these serve the levels.
+        Of the gradient of the variance, a tenth reaches the maps that both read: these serve the levels first.
         """
         maps = self.spread(vectors).transpose(1, 2).unflatten(1, self.size)
         for block in self.blocks:
@@ -86,7 +88,10 @@ class Decoder(nn.Module):
             maps = stage(wider)
         maps, times, half = functional.relu(maps), self.times[-1], len(last.weight) // 2
         found = []
-        for some, given in ((slice(None, half), maps), (slice(half, None), maps.detach())):
+        for some, given in (
+            (slice(None, half), maps),
+            (slice(half, None), OF_VARIANCE * maps + (1 - OF_VARIANCE) * maps.detach()),
+        ):
             out = functional.conv2d(given, last.weight[some], last.bias[some], padding=last.padding)
             batch, _, rows, columns = out.shape
             out = out.reshape(batch, 2, times, rows, columns).permute(0, 3, 1, 4, 2)
@@ -113,9 +118,11 @@ class Codec(nn.Module):
         )
         self.decoder = Decoder(architecture, profile)
 
-    def forward(self, levels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, levels: Tensor, quantized: bool = True) -> tuple[Tensor, Tensor, Tensor]:
         """Expected level [nat], the logarithm of its variance, and the commitment loss."""
-        vectors, _, commitment = self.quantizer(self.encoder(levels))
+        vectors, commitment = self.encoder(levels), levels.new_zeros(1)
+        if quantized:
+            vectors, _, commitment = self.quantizer(vectors)
         return (*self.decoder(vectors), commitment.sum())
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,6 +23,9 @@ BATCH, PRIOR_BATCH = 6, 16
 RATE = 1e-3
 """Learning rate of Adam, as the authors of Text2Doppler have it; it falls to nothing by half a cosine."""
 WARM_STEPS = 100
+UNQUANTIZED, FIRST_BATCHES = 0.3, 16
+"""Fraction of the codec's steps before vectors are quantised, and batches whose clusters the code books begin with: an untrained
+encoder's vectors hardly differ, and code books that begin with them end with one code in use."""
 DROPOUT = 0.2
 CHECK_EVERY = 25
 Progress = Callable[[float], None]
@@ -33,8 +35,8 @@ Progress = Callable[[float], None]
 class Training:
     """How long and from which seed."""
 
-    codec_steps: int = 600
-    prior_steps: int = 300
+    codec_steps: int = 800
+    prior_steps: int = 400
     seed: int = 0
     validation: float = 0.15
     """Fraction of the records, or of each record's end where there are few, by which the prior is chosen."""
@@ -47,7 +49,6 @@ def train(
 ) -> BackgroundModel:
     """A model of these records; the same one for the same seed and number of threads on one machine."""
     grid = common_grid(records)
-    started = time.perf_counter()
     before = torch.get_num_threads()
     state = torch.random.get_rng_state()
     torch.set_num_threads(training.threads)
@@ -68,7 +69,6 @@ def train(
     plain = {name: np.ascontiguousarray(each.detach().numpy(), np.float32) for name, each in arrays.items()}
     time_correlation, doppler_correlation = _residuals(architecture, plain, levels, codes)
     plain["speckle.time"], plain["speckle.doppler"] = time_correlation, doppler_correlation
-    seconds = round(time.perf_counter() - started)
     about = {
         "records": len(records),
         "duration_s": round(sum(each.duration_s for each in records), 1),
@@ -76,7 +76,6 @@ def train(
         "prior_steps": training.prior_steps,
         "seed": training.seed,
         "prior_nats": round(loss, 4),
-        "seconds": seconds,
     }
     return BackgroundModel.of(
         architecture, plain, grid, levels_db=[round(each.level_db, 3) for each in records],
@@ -93,10 +92,16 @@ def _codec(
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, _falling(training.codec_steps))
     width = (TILE_STEPS + 2 * HALO) * architecture.columns
     edge = HALO * architecture.columns
+    first = int(UNQUANTIZED * training.codec_steps)
     codec.train()
     for step in range(training.codec_steps):
         tiles = torch.from_numpy(_tiles(padded, width, rng))
-        level, variance, commitment = codec(tiles / NATS_PER_UNIT)
+        quantized = step >= first
+        if step == first:  # the code books begin with the clusters of many vectors
+            with torch.no_grad():
+                batches = [torch.from_numpy(_tiles(padded, width, rng)) for _ in range(FIRST_BATCHES)]
+                codec.quantizer(torch.cat([codec.encoder(each / NATS_PER_UNIT) for each in batches]))
+        level, variance, commitment = codec(tiles / NATS_PER_UNIT, quantized)
         cells, level, variance = (each[:, :, edge : width - edge] for each in (tiles, level, variance))
         square = (cells - level) ** 2
         loss = square.mean() + 0.5 * (square.detach() * torch.exp(-variance) + variance).mean() + commitment
@@ -183,9 +188,9 @@ def _residuals(
 
 
 def _profile(padded: list[np.ndarray]) -> np.ndarray:
-    """Where the decoder begins: the mean level of each bin [nat] and the logarithm of its variance, (2, padded bins)."""
+    """Where the decoder begins: the mean power of each bin [nat] and the logarithm of the levels' variance, (2, padded bins)."""
     cells = np.concatenate(padded, axis=1)
-    return np.stack([cells.mean(axis=1), np.log(cells.var(axis=1) + 1e-4)]).astype(np.float32)
+    return np.stack([np.log(np.mean(np.exp(cells), axis=1)), np.log(cells.var(axis=1) + 1e-4)]).astype(np.float32)
 
 
 def _padded(levels: np.ndarray, architecture: Architecture) -> np.ndarray:
