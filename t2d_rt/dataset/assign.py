@@ -1,0 +1,108 @@
+"""Which side of a split each group of samples is put on: as proportional as groups allow, in every class.
+
+Sides get what makes the sum over sides s and classes c of f_s n_c log(placed_sc) greatest, f_s the fraction asked for and n_c the
+samples of the class; all classes together count as one more. Where groups can be divided freely, its greatest value is at placed_sc = f_s n_c (Gibbs' inequality); where
+they cannot, it says which of two divisions is the more proportional one, and it grows with the samples that are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+TRIES = 16
+"""Orders of the groups, or first guesses at the sides of clips, of which the best outcome is taken."""
+SWEEPS = 30
+"""Rounds over all clips at most; five are usual."""
+SOFT = 0.1
+"""Samples that an empty side counts as, so that its logarithm is finite."""
+
+
+def worth(placed: np.ndarray, fractions: np.ndarray) -> float:
+    """How good `placed` (sides, classes) is; see above."""
+    totals = placed.sum(axis=0)
+    return float(np.sum(fractions[:, None] * np.maximum(totals, 1.0) * np.log(placed + SOFT)))
+
+
+def with_total(counts: np.ndarray) -> np.ndarray:
+    """Counts (..., K) and their sum, (..., K + 1)."""
+    return np.concatenate([counts, counts.sum(axis=-1, keepdims=True)], axis=-1)
+
+
+def assigned(counts: np.ndarray, fractions: np.ndarray, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Side of each group (G,), of samples in each class (G, K); `start` (S, K) is on the sides already."""
+    counts, start = with_total(counts), with_total(start)
+    best: tuple[float, np.ndarray] | None = None
+    totals = counts.sum(axis=0) + start.sum(axis=0)
+    for _ in range(TRIES):
+        order = rng.permutation(len(counts))
+        order = order[np.argsort(-counts[order].sum(axis=1), kind="stable")]  # large ones while there is room for them
+        placed, sides = start.astype(np.float64), np.zeros(len(counts), dtype=np.int64)
+        for group in order:
+            gains = np.log(placed + counts[group] + SOFT) - np.log(placed + SOFT)
+            side = int(np.argmax(fractions * (gains @ totals)))
+            sides[group] = side
+            placed[side] += counts[group]
+        value = worth(placed, fractions)
+        if best is None or value > best[0]:
+            best = value, sides
+    assert best is not None, "there is at least one order"
+    return best[1]
+
+
+def touched(
+    counts: np.ndarray, clips: Sequence[frozenset[str]], fractions: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Sides that each group's clips are on, (G, S); a group of one side only can be kept, and one without clips is put on one.
+
+    Clips are put on sides one at a time, each where it is worth most, until none moves.
+    """
+    names = sorted(frozenset[str]().union(*clips))
+    number = {name: place for place, name in enumerate(names)}
+    patterns = sorted({tuple(sorted(number[each] for each in clip)) for clip in clips if clip})
+    place = {pattern: row for row, pattern in enumerate(patterns)}
+    rows = np.array([place[tuple(sorted(number[each] for each in clip))] if clip else -1 for clip in clips])
+    sums = np.zeros((len(patterns), counts.shape[1]))
+    np.add.at(sums, rows[rows >= 0], counts[rows >= 0])
+    holds = np.zeros((len(patterns), len(names)), dtype=np.int64)
+    for row, pattern in enumerate(patterns):
+        holds[row, list(pattern)] = 1
+    sides = _climbed(holds, with_total(sums), fractions, rng)
+    on = holds @ np.eye(len(fractions), dtype=np.int64)[sides] > 0
+    found = np.zeros((len(clips), len(fractions)), dtype=bool)
+    found[rows >= 0] = on[rows[rows >= 0]]
+    free = np.flatnonzero(rows < 0)
+    found[free, assigned(counts[free], fractions, _placed(on, sums), rng)] = True
+    return found
+
+
+def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Side of each clip, (C,)."""
+    unit = np.eye(len(fractions), dtype=np.int64)
+    best: tuple[float, np.ndarray] | None = None
+    for _ in range(TRIES):
+        sides = rng.choice(len(fractions), size=holds.shape[1], p=fractions / fractions.sum())
+        on = holds @ unit[sides]
+        value = worth(_placed(on > 0, sums), fractions)
+        for _ in range(SWEEPS):
+            before = value
+            for clip in rng.permutation(holds.shape[1]):
+                without = on - holds[:, clip, None] * unit[sides[clip]]
+                tried = [without + holds[:, clip, None] * each for each in unit]
+                values = [worth(_placed(each > 0, sums), fractions) for each in tried]
+                side = int(np.argmax(values))
+                if values[side] > value + 1e-9:
+                    sides[clip], on, value = side, tried[side], values[side]
+            if value == before:
+                break
+        if best is None or value > best[0]:
+            best = value, sides.copy()
+    assert best is not None, "there is at least one guess"
+    return best[1]
+
+
+def _placed(on: np.ndarray, sums: np.ndarray) -> np.ndarray:
+    """Samples of each class on each side, (S, K), of patterns on one side only."""
+    only = on & (on.sum(axis=1, keepdims=True) == 1)
+    return np.asarray(only.T.astype(np.float64) @ sums)

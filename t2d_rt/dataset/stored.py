@@ -1,0 +1,158 @@
+"""`Dataset`: the samples of a data set's folder, as records and arrays that are read when needed, without unpickling anything."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+import numpy as np
+
+from t2d_rt.checks import integer, unknown_name
+from t2d_rt.dataset.products import Products
+from t2d_rt.dataset.read import RECIPE, dataset_folder, read_shards
+from t2d_rt.dataset.recipe import Recipe
+from t2d_rt.dataset.shards import RAGGED, damaged
+from t2d_rt.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Product = Literal["spectrogram", "range_doppler", "points", "adc"]
+
+DIMENSIONS: dict[str, tuple[str, ...]] = {
+    "spectrogram": ("velocity_mps", "time_s"),
+    "range_doppler": ("frame", "velocity_mps", "range_m"),
+    "points": ("point", "column"),
+    "adc": ("chirp", "antenna", "sample"),
+}
+"""Axes of each product's values."""
+TIME_AXIS = {"spectrogram": 1, "range_doppler": 0, "points": 0, "adc": 0}
+"""Which of them goes with time."""
+
+CACHED = 8
+"""Arrays of shards that are kept: those of 64 spectrograms of 128 x 128 cells take 2 MB."""
+
+
+class Dataset:
+    """The samples of a folder that did not fail, in the order of their indices; workers that copy it read for themselves."""
+
+    def __init__(self, path: str | Path, *, cached: int = CACHED) -> None:
+        """`path`: folder that t2d-rt dataset wrote, finished or not. `cached`: how many shards' arrays are kept in memory."""
+        self.path = dataset_folder(path)
+        self.recipe = Recipe.read(self.path / RECIPE)
+        self._cached = integer("cached", cached, 1, 100_000)
+        records, failed, files = [], [], []
+        for shard in read_shards(self.path):
+            for record in shard.records:
+                (failed if record["row"] is None else records).append(record)
+                if record["row"] is not None:
+                    files.append(shard.path.name)
+        if not records:
+            raise InputError(f"{self.path} holds no finished sample yet; run its recipe, or wait for the first shard")
+        self.records: tuple[dict[str, Any], ...] = tuple(records)
+        """What is known of each sample: label, sentence, provenance, view, SNR, verdict of the filter."""
+        self.failed: tuple[dict[str, Any], ...] = tuple(failed)
+        """Records of the samples that failed."""
+        self._files = tuple(files)
+        self._arrays: OrderedDict[tuple[str, str], np.ndarray] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def __repr__(self) -> str:
+        return f"Dataset({self.recipe.name}, {len(self)} samples of {len(self.classes)} classes, {', '.join(self.products)})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_arrays": OrderedDict()}
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Names of the classes; a label is a number in this order."""
+        return self.recipe.classes
+
+    @property
+    def labels(self) -> np.ndarray:
+        """Number of each sample's class, (N,)."""
+        return np.array([self.classes.index(each["class"]) for each in self.records], dtype=np.int64)
+
+    @property
+    def indices(self) -> np.ndarray:
+        """Index of each sample in its recipe, (N,); samples that failed leave gaps."""
+        return np.array([each["index"] for each in self.records], dtype=np.int64)
+
+    @property
+    def products(self) -> tuple[str, ...]:
+        """Names of what is kept of each sample."""
+        return tuple(self.recipe.products.kept)
+
+    def positions(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
+        """Where samples of these indices stand here, (M,)."""
+        places = {int(index): place for place, index in enumerate(self.indices)}
+        lacking = [int(each) for each in indices if int(each) not in places]
+        if lacking:
+            raise InputError(
+                f"{self.path} holds no sample {lacking[0]} ({len(lacking)} such indices); take indices of finished samples only"
+            )
+        return np.array([places[int(each)] for each in indices], dtype=np.int64)
+
+    def array(self, position: int, product: Product) -> np.ndarray:
+        """A sample's array as it is stored."""
+        self.checked(product)
+        record, name = self.records[position], self._files[position]
+        if product in RAGGED:
+            return self._member(name, f"{product}_{record['index']}")
+        key = name, product
+        if key in self._arrays:
+            self._arrays.move_to_end(key)
+        else:
+            self._arrays[key] = self._member(name, product)
+            while len(self._arrays) > self._cached:
+                self._arrays.popitem(last=False)
+        return np.array(self._arrays[key][record["row"]])
+
+    def values(self, position: int, product: Product) -> np.ndarray:
+        """A sample's values: levels [dB, 0 at the greatest cell] of a map, float32, samples of the ADC, or points."""
+        return decoded(self.array(position, product), product, self.recipe.products, self.records[position])
+
+    def to_xarray(self, product: Product) -> xr.Dataset:
+        """A lazy view of all samples of a map with its axes; label, sentence, view and SNR of each sample are coordinates."""
+        from t2d_rt.dataset.labelled import labelled
+
+        return labelled(self, product)
+
+    def checked(self, product: str) -> Product:
+        """A product by its name, if the data set holds it."""
+        if product not in self.products:
+            raise unknown_name("product", product, self.products)
+        return cast(Product, product)
+
+    def _member(self, name: str, member: str) -> np.ndarray:
+        path = self.path / "shards" / name
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return np.asarray(file[member])
+        except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
+            raise damaged(path, error) from None
+
+
+def decoded(array: np.ndarray, product: str, products: Products, record: dict[str, Any]) -> np.ndarray:
+    """What an array stands for: levels [dB] of a map, float32, complex samples of the ADC [sqrt(W)], points as they are."""
+    kept = products.kept[product]
+    if product == "adc":
+        if kept.dtype == "complex64":
+            return array
+        parts = array.astype(np.float32) * np.float32(record["products"]["adc"]["greatest"])
+        return np.ascontiguousarray(parts).view(np.complex64)[..., 0]
+    if product == "points":
+        return array
+    if kept.dtype == "uint8":
+        return np.asarray((array.astype(np.float32) / np.float32(255) - 1) * np.float32(kept.dynamic_range_db))
+    return array.astype(np.float32)
+
+
+def axis(edges: Sequence[float], count: int) -> np.ndarray:
+    """Middles of `count` equal cells between the edges of an axis."""
+    first, last = edges
+    return np.asarray(first + (np.arange(count) + 0.5) * (last - first) / count)
