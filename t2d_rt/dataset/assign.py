@@ -1,8 +1,9 @@
 """Which side of a split each group of samples is put on: as proportional as groups allow, in every class.
 
 Sides get what makes the sum over sides s and classes c of f_s n_c log(placed_sc) greatest, f_s the fraction asked for and n_c the
-samples of the class; all classes together count as one more. Where groups can be divided freely, its greatest value is at placed_sc = f_s n_c (Gibbs' inequality); where
-they cannot, it says which of two divisions is the more proportional one, and it grows with the samples that are kept.
+samples of the class; all classes together count as one more. Where groups can be divided freely, its greatest value is at
+placed_sc = f_s n_c (Gibbs' inequality); where they cannot, it says which of two divisions is the more proportional one, and it
+grows with the samples that are kept.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ TRIES = 16
 """Orders of the groups, or first guesses at the sides of clips, of which the best outcome is taken."""
 SWEEPS = 30
 """Rounds over all clips at most; five are usual."""
-SOFT = 0.1
+SOFT = 1e-3
 """Samples that an empty side counts as, so that its logarithm is finite."""
 
 

@@ -7,10 +7,12 @@ unless the samples between the sides may be left out.
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
@@ -19,6 +21,7 @@ import numpy as np
 from t2d_rt.checks import flag, integer, number, shown, unknown_name
 from t2d_rt.dataset.assign import assigned, touched
 from t2d_rt.errors import InputError
+from t2d_rt.files import read_bytes
 
 Kind = Literal["description", "clip", "seed"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -34,6 +37,9 @@ NAMES = "train", "val", "test"
 FRACTIONS = 0.7, 0.15, 0.15
 MOST_AWAY = 0.1
 """The share of all samples by which a side may differ from what was asked for."""
+
+MOST_BYTES = 200_000_000
+"""Of a file of indices."""
 
 Records = Sequence[Mapping[str, Any]]
 
@@ -55,6 +61,31 @@ class Split:
         left = f"; {len(self.left_out)} samples left out" if self.left_out else ""
         shared = "".join(f"; {count} {kind}s on two sides" for kind, count in self.shared.items())
         return f"{sides}; apart: {', '.join(self.apart)}{left}{shared}"
+
+    def to_json(self) -> str:
+        """Text that `read_split` takes."""
+        values = {
+            "apart": list(self.apart), "sides": {name: list(each) for name, each in self.sides.items()},
+            "left_out": list(self.left_out), "shared": dict(self.shared),
+        }  # fmt: skip
+        return json.dumps(values) + "\n"
+
+
+def read_split(path: str | Path, records: Records) -> Split:
+    """A split of these records from a file, checked for leaks as it was when it was made."""
+    try:
+        values = json.loads(read_bytes(path, limit=MOST_BYTES, noun="split file"))
+        sides = {str(name): tuple(int(each) for each in indices) for name, indices in values["sides"].items()}
+        found = Split(
+            MappingProxyType(sides),
+            _kinds(values["apart"]),
+            tuple(values["left_out"]),
+            MappingProxyType(values["shared"]),
+        )
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"{path} is no split; make one with t2d-rt dataset split") from None
+    check_split(records, found.sides, apart=found.apart)
+    return found
 
 
 def source_clips(record: Mapping[str, Any]) -> frozenset[str]:
@@ -266,5 +297,5 @@ def _check_sizes(
     elif leave_out:
         advice = "take more samples or fewer sides, or hold description and seed apart only, and clips are on two sides"
     else:
-        advice = "leave out the samples that join them (leave_out), or hold description and seed apart only, and clips are on two sides"
+        advice = "leave out those that join them (leave_out), or hold description and seed apart only, and clips are on two sides"
     raise InputError(f"{what}, and {why}; {advice}")

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 import numpy as np
 
 from t2d_rt.checks import integer, unknown_name
+from t2d_rt.dataset.kept import Kept
+from t2d_rt.dataset.parquet import DATA, ParquetReader
 from t2d_rt.dataset.products import Products
 from t2d_rt.dataset.read import RECIPE, dataset_folder, read_shards
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.shards import RAGGED, damaged
+from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged
 from t2d_rt.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,37 +36,72 @@ CACHED = 8
 """Arrays of shards that are kept: those of 64 spectrograms of 128 x 128 cells take 2 MB."""
 
 
+class Reader(Protocol):
+    """Where a data set's records and arrays come from."""
+
+    records: tuple[dict[str, Any], ...]
+    failed: tuple[dict[str, Any], ...]
+
+    def array(self, position: int, product: str) -> np.ndarray:
+        """A sample's array as it is stored."""
+
+
+class ShardReader:
+    """Shards as `make_dataset` writes them; those read last are kept."""
+
+    def __init__(self, folder: Path, cached: int) -> None:
+        records, failed, files = [], [], []
+        for shard in read_shards(folder):
+            for record in shard.records:
+                (failed if record["row"] is None else records).append(record)
+                if record["row"] is not None:
+                    files.append(shard.path)
+        self.records, self.failed = tuple(records), tuple(failed)
+        self._files = tuple(files)
+        self._kept = Kept(cached)
+
+    def array(self, position: int, product: str) -> np.ndarray:
+        """A sample's array as it is stored."""
+        record, path = self.records[position], self._files[position]
+        if product in RAGGED:
+            return self._member(path, f"{product}_{record['index']}")
+        whole = self._kept.get((path, product), lambda: self._member(path, product))
+        return np.array(whole[record["row"]])
+
+    def _member(self, path: Path, member: str) -> np.ndarray:
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return np.asarray(file[member])
+        except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
+            raise damaged(path, error) from None
+
+
 class Dataset:
     """The samples of a folder that did not fail, in the order of their indices; workers that copy it read for themselves."""
 
     def __init__(self, path: str | Path, *, cached: int = CACHED) -> None:
-        """`path`: folder that t2d-rt dataset wrote, finished or not. `cached`: how many shards' arrays are kept in memory."""
+        """A data set by its folder.
+
+        path: what `make_dataset` wrote, finished or not, or `export_dataset` as parquet.
+        cached: how many arrays of shards are kept in memory.
+        """
         self.path = dataset_folder(path)
         self.recipe = Recipe.read(self.path / RECIPE)
-        self._cached = integer("cached", cached, 1, 100_000)
-        records, failed, files = [], [], []
-        for shard in read_shards(self.path):
-            for record in shard.records:
-                (failed if record["row"] is None else records).append(record)
-                if record["row"] is not None:
-                    files.append(shard.path.name)
-        if not records:
-            raise InputError(f"{self.path} holds no finished sample yet; run its recipe, or wait for the first shard")
-        self.records: tuple[dict[str, Any], ...] = tuple(records)
+        cached = integer("cached", cached, 1, 100_000)
+        shards = (self.path / SHARDS).is_dir()
+        self._reader: Reader = ShardReader(self.path, cached) if shards else ParquetReader(self.path / DATA, cached)
+        self.records: tuple[dict[str, Any], ...] = self._reader.records
         """What is known of each sample: label, sentence, provenance, view, SNR, verdict of the filter."""
-        self.failed: tuple[dict[str, Any], ...] = tuple(failed)
+        self.failed: tuple[dict[str, Any], ...] = self._reader.failed
         """Records of the samples that failed."""
-        self._files = tuple(files)
-        self._arrays: OrderedDict[tuple[str, str], np.ndarray] = OrderedDict()
+        if not self.records:
+            raise InputError(f"{self.path} holds no finished sample yet; run its recipe, or wait for the first shard")
 
     def __len__(self) -> int:
         return len(self.records)
 
     def __repr__(self) -> str:
         return f"Dataset({self.recipe.name}, {len(self)} samples of {len(self.classes)} classes, {', '.join(self.products)})"
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_arrays": OrderedDict()}
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -99,18 +135,7 @@ class Dataset:
 
     def array(self, position: int, product: Product) -> np.ndarray:
         """A sample's array as it is stored."""
-        self.checked(product)
-        record, name = self.records[position], self._files[position]
-        if product in RAGGED:
-            return self._member(name, f"{product}_{record['index']}")
-        key = name, product
-        if key in self._arrays:
-            self._arrays.move_to_end(key)
-        else:
-            self._arrays[key] = self._member(name, product)
-            while len(self._arrays) > self._cached:
-                self._arrays.popitem(last=False)
-        return np.array(self._arrays[key][record["row"]])
+        return self._reader.array(position, self.checked(product))
 
     def values(self, position: int, product: Product) -> np.ndarray:
         """A sample's values: levels [dB, 0 at the greatest cell] of a map, float32, samples of the ADC, or points."""
@@ -127,14 +152,6 @@ class Dataset:
         if product not in self.products:
             raise unknown_name("product", product, self.products)
         return cast(Product, product)
-
-    def _member(self, name: str, member: str) -> np.ndarray:
-        path = self.path / "shards" / name
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                return np.asarray(file[member])
-        except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
-            raise damaged(path, error) from None
 
 
 def decoded(array: np.ndarray, product: str, products: Products, record: dict[str, Any]) -> np.ndarray:
