@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from t2d_rt.motion.vary import mirror, vary_gait, vary_view
     from t2d_rt.motion.write import save_motion
     from t2d_rt.named import bodies, example, examples, movers, presets, scenes
+    from t2d_rt.noisy import add_noise
     from t2d_rt.propagation.scenes import load_scene
     from t2d_rt.radar.synthesize import synthesize
     from t2d_rt.result import Recording, load_recording
@@ -59,6 +60,7 @@ _HOMES = {
     "t2d_rt.named": ("bodies", "example", "examples", "movers", "presets", "scenes"),
     "t2d_rt.accuracy": ("plan",),
     "t2d_rt.targets": ("segments", "skin"),
+    "t2d_rt.noisy": ("add_noise",),
     "t2d_rt.simulate": ("run", "simulate"),
     "t2d_rt.propagation.scenes": ("load_scene",),
     "t2d_rt.types": (
@@ -105,6 +107,7 @@ __all__ = [
     "T2DError",
     "T2DWarning",
     "TableFan",
+    "add_noise",
     "bodies",
     "check_motion",
     "describe",

@@ -11,7 +11,7 @@ from t2d_rt.again import again
 from t2d_rt.backend import Device
 from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
-from t2d_rt.noise.receiver import receive
+from t2d_rt.noisy import received
 from t2d_rt.progress import shown_progress
 from t2d_rt.propagation.collisions import Collisions
 from t2d_rt.radar.synthesize import Progress
@@ -123,10 +123,8 @@ def recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | 
     del streams
     settings = stage.described(model, accuracy) | counts | plan.described(needed_bytes)
     settings |= measurement.result(cube, static).described() if measurement else {}
-    noise = stage.experiment.noise
-    if isinstance(noise, Receiver):
-        cube, levels = receive(cube, model.radar, noise, stage.experiment.seed)
-        settings |= levels
+    cube, levels = received(cube, stage.experiment)
+    settings |= levels
     after_call()
     return Recording(
         cube, model.radar, experiment=stage.experiment, accuracy=accuracy, inputs=stage.inputs, settings=settings,

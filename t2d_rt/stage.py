@@ -13,7 +13,7 @@ import numpy as np
 from t2d_rt.backend import select
 from t2d_rt.checks import choice, integer, shown, text
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.experiment import Experiment, sources_of, stored_scene
+from t2d_rt.experiment import Experiment
 from t2d_rt.inputs import Inputs, Store
 from t2d_rt.memory import Budget
 from t2d_rt.model import Model, farthest_and_fastest
@@ -28,6 +28,7 @@ from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.refinement import REFINING_BYTES
 from t2d_rt.scene import Room
+from t2d_rt.sources import sources_of, stored_scene
 from t2d_rt.targets import TargetLike, placed, shared_time, targets_of
 from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.material import checked_material

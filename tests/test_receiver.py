@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from t2d_rt.cubes import DiskCube
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.noise.receiver import chain, receive
 from t2d_rt.noise.receiver.draws import Draws
-from t2d_rt.noise.receiver.interference import RINGING, Interference
+from t2d_rt.noise.receiver.interference import RINGING, Interference, filtered_chirp
 from t2d_rt.rows import ScratchRows
 
 RADAR = t2d.Radar.preset("table2", samples=64)
@@ -42,6 +43,7 @@ def db(ratio: float) -> float:
     return 10 * math.log10(ratio)
 
 
+@cache
 def fan(**options: Any) -> t2d.Recording:
     radar = t2d.Radar.preset("ci4r", prf_hz=2000, samples=32)
     return t2d.simulate(FAN.mesh(0, 0.3), radar=radar, accuracy={"sagitta_rad": 1.5}, **options)
@@ -152,7 +154,7 @@ def spectrum_of(phase: np.ndarray, rate_hz: float) -> np.ndarray:
     return np.asarray(np.mean(np.abs(np.fft.fft(window * phase, axis=1)) ** 2, axis=0) / (window @ window) / rate_hz)
 
 
-@pytest.mark.parametrize("bins", [(20.0, 60.0), (33.3, 140.5)])
+@pytest.mark.parametrize("bins", [(20.0, 60.0), (33.3, 140.5), (8.5, 200.5)])
 def test_residual_phase_noise_is_range_correlated(bins: tuple[float, float]) -> None:
     radar = t2d.Radar.preset("table2")
     mask = t2d.Receiver(phase_noise=MASK).phase_noise
@@ -289,27 +291,39 @@ def test_flicker_noise_of_chirps_goes_on_below_the_prf() -> None:
 OTHER = {"position_m": (30.0, 0.0, 1.0), "carrier_hz": 77.0e9, "duration_s": 60e-6, "interval_s": 200e-6}
 
 
-def test_a_burst_has_the_length_of_bandwidth_over_slope_difference() -> None:
-    """Its energy is its power times that length, and its frequency rises by the difference of the slopes."""
+@pytest.mark.parametrize("difference", [5e11, -5e11])
+def test_a_burst_has_the_length_of_bandwidth_over_slope_difference(difference: float) -> None:
+    """Its energy is its power times that length, and its frequency changes by the difference of the slopes."""
     radar = t2d.Radar.preset("table2", samples=1024, prf_hz=5000)
-    other_slope = radar.slope_hz_per_s - 5e11
-    interferer = t2d.Receiver(interferers=[{**OTHER, "slope_hz_per_s": other_slope, "duration_s": 150e-6}]).interferers[
-        0
-    ]
-    # The frequencies meet at a third of the chirp.
-    begins = -0.2e-6
-    meets = (radar.sweep_time_s / 3) * 5e11
-    moved = interferer.model_copy(update={"carrier_hz": radar.carrier_hz + meets + other_slope * begins})
-    place, found = Interference(radar, moved, Draws(0), 0).burst(begins)
-    length_s = radar.sample_rate_hz / 5e11
+    slope, begins_s = radar.slope_hz_per_s - difference, -0.2e-6
+    # The beat enters the IF band at a third of the chirp.
+    enters_hz = 0 if difference > 0 else radar.sample_rate_hz
+    at_start_hz = enters_hz - difference * radar.sweep_time_s / 3
+    carrier_hz = radar.carrier_hz - at_start_hz + slope * begins_s
+    other = {**OTHER, "carrier_hz": carrier_hz, "slope_hz_per_s": slope, "duration_s": 150e-6}
+    interferer = t2d.Receiver(interferers=[other]).interferers[0]
+    place, found = Interference(radar, interferer, Draws(0), 0).burst(begins_s)
+    length_s = radar.sample_rate_hz / abs(difference)
     assert abs(db(np.sum(np.abs(found) ** 2) / radar.sample_rate_hz / length_s)) < 0.2
     middle = found[RINGING + 3 : -RINGING - 3]
     steps = np.unwrap(np.angle(middle[1:] * np.conj(middle[:-1])))
     rate = steps * radar.sample_rate_hz / (2 * np.pi)
-    slope = np.polyfit(np.arange(len(rate)) / radar.sample_rate_hz, rate, 1)[0]
-    assert slope == pytest.approx(5e11, rel=0.02)
+    assert np.polyfit(np.arange(len(rate)) / radar.sample_rate_hz, rate, 1)[0] == pytest.approx(difference, rel=0.02)
     first_s = (place.start + RINGING) / radar.sample_rate_hz
     assert first_s == pytest.approx(radar.sweep_time_s / 3, abs=2 / radar.sample_rate_hz)
+
+
+@pytest.mark.parametrize("slope", [2e12, -3e13])
+def test_the_if_filter_is_that_of_an_fft(slope: float) -> None:
+    rate, count = 7e6, 4096
+    fine = 64 * rate
+    times = (np.arange(64 * count) - 32 * count) / fine
+    chirp = np.exp(1j * np.pi * slope * times**2) * (np.abs(slope * times) < 16 * rate)
+    spectrum, frequency = np.fft.fft(chirp), np.fft.fftfreq(len(times), 1 / fine)
+    expected = np.fft.ifft(spectrum * ((frequency >= 0) & (frequency < rate)))
+    near = np.abs(times) < 40 / rate
+    found = filtered_chirp(times[near], slope, rate)
+    assert power(found - expected[near]) < 3e-3 * power(expected[near])
 
 
 def test_interference_has_the_power_of_friis_and_hits_as_often_as_chirps_cross() -> None:
@@ -392,7 +406,7 @@ def test_noise_free_samples_and_hashes_stay_as_they_were() -> None:
     assert clean.experiment.noise == "none"
     assert (clean.snr_db, clean.noise_floor_dbm) == (None, None)
     assert "noise" not in clean.settings
-    silent = fan(noise={"temperature_k": None})
+    silent = t2d.add_noise(clean, {"temperature_k": None})
     np.testing.assert_array_equal(silent.cube, clean.cube)
     values = clean.experiment.model_dump(mode="json")
     del values["noise"]  # as it was before there was any
@@ -403,7 +417,7 @@ def test_noise_free_samples_and_hashes_stay_as_they_were() -> None:
 
 
 def test_a_noisy_recording_is_made_again_from_its_folder(tmp_path: Path) -> None:
-    noisy = fan(noise="receiver", seed=5)
+    noisy = fan(noise="receiver")
     assert noisy.experiment is not None
     assert noisy.experiment.noise == t2d.Receiver.preset(noisy.radar)
     noisy.save(tmp_path / "noisy.zarr")
@@ -418,15 +432,63 @@ def test_a_noisy_recording_is_made_again_from_its_folder(tmp_path: Path) -> None
 
 
 def test_levels_are_those_of_the_samples() -> None:
-    clean, noisy = fan(), fan(noise={})
+    clean, noisy = fan(), t2d.add_noise(fan(), {})
     added = np.asarray(noisy.cube) - np.asarray(clean.cube)
     assert noisy.noise_floor_dbm is not None
     assert noisy.snr_db is not None
     assert abs(db(power(added)) + 30 - noisy.noise_floor_dbm) < 0.1
+    coarse = t2d.add_noise(clean, {"adc": {"bits": 5, "full_scale_dbm": -62}})
+    assert coarse.noise_floor_dbm is not None
+    assert coarse.noise_floor_dbm > noisy.noise_floor_dbm + 1
+    assert abs(db(power(np.asarray(coarse.cube) - np.asarray(clean.cube))) + 30 - coarse.noise_floor_dbm) < 0.2
     moving = np.asarray(clean.cube) - np.asarray(clean.cube).mean(axis=0)
     assert noisy.snr_db == pytest.approx(db(power(moving)) + 30 - noisy.noise_floor_dbm, abs=0.01)
     assert "SNR" in repr(noisy)
     assert "thermal noise" in noisy._repr_html_()
+
+
+def test_noise_can_be_added_later_and_once() -> None:
+    clean, receiver = fan(), t2d.Receiver.preset(t2d.Radar.preset("ci4r"))
+    before = np.array(clean.cube)
+    later = t2d.add_noise(clean)
+    direct = fan(noise="receiver")
+    np.testing.assert_array_equal(later.cube, direct.cube)
+    assert later.experiment == direct.experiment
+    names = ("noise", "noise_floor_dbm", "snr_db", "adc_peak_dbfs", "clipped")
+    assert [later.settings[name] for name in names] == [direct.settings[name] for name in names]
+    np.testing.assert_array_equal(clean.cube, before)
+    other = t2d.add_noise(clean, receiver, seed=2**80)
+    assert not np.array_equal(other.cube, later.cube)
+    np.testing.assert_array_equal(other.again().cube, other.cube)
+    with pytest.raises(InputError, match="has the noise of a receiver already"):
+        t2d.add_noise(later)
+    with pytest.raises(InputError, match="the recording was measured, so its receiver's noise is in it"):
+        t2d.add_noise(t2d.Recording(before, clean.radar))
+
+
+def test_noise_of_cubes_on_disk_is_that_of_cubes_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("t2d_rt.cubes.LARGE_BYTES", 1000)
+    clean = fan.__wrapped__()
+    assert isinstance(clean.cube, DiskCube)
+    noisy = t2d.add_noise(clean)
+    assert isinstance(noisy.cube, DiskCube)
+    assert noisy.experiment is not None
+    assert isinstance(noisy.experiment.noise, t2d.Receiver)
+    expected, _ = receive(np.asarray(clean.cube), clean.radar, noisy.experiment.noise, 0)
+    np.testing.assert_array_equal(np.asarray(noisy.cube), expected)
+
+
+def test_cubes_without_chirps_and_figures_below_zero() -> None:
+    found, settings = receive(silence(0), RADAR, t2d.Receiver(**ALL), 0)
+    assert found.shape == (0, 1, 64)
+    assert "snr_db" not in settings
+    with pytest.raises(InputError, match="noise_figure_db of a receiver with noise must be 0 or more, got -3"):
+        receive(silence(1), RADAR.replace(noise_figure_db=-3), t2d.Receiver(), 0)
+    with pytest.raises(InputError, match="longer than their interval"):
+        t2d.Receiver(interferers=[{**OTHER, "slope_hz_per_s": 1e13, "interval_s": 50e-6}])
+    here = {**OTHER, "slope_hz_per_s": 1e13, "position_m": RADAR.position_m}
+    with pytest.raises(InputError, match="is at a receive antenna"):
+        receive(silence(1), RADAR, t2d.Receiver(interferers=[here]), 0)
 
 
 def test_noise_by_name_file_mapping_and_value(tmp_path: Path) -> None:

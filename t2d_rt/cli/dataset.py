@@ -17,7 +17,7 @@ EXAMPLES = """examples:
   t2d-rt dataset small-hard -o small --limit 16              # the first 16 samples
   t2d-rt dataset my_recipe.yaml -o out --workers 8           # processes of this machine
   t2d-rt dataset hard -o out --scheduler tcp://head:8786     # on a cluster of dask.distributed
-  t2d-rt dataset show small-hard 417 > sample.yaml           # one sample as an experiment
+  t2d-rt dataset show hard 417 > sample.yaml                 # one sample as an experiment
   t2d-rt simulate sample.yaml -o sample.zarr                 # the same samples of the ADC, bit for bit
   t2d-rt dataset check small                                 # checksums, records and arrays
   t2d-rt dataset list                                        # the recipes that ship"""

@@ -9,9 +9,9 @@ import numpy as np
 from t2d_rt.dataset.recipe import Beside, Recipe
 from t2d_rt.dataset.seeds import whole
 from t2d_rt.dataset.takes import descriptions
-from t2d_rt.experiment import MotionText
 from t2d_rt.motion.generate.library.individual import drawn_person
 from t2d_rt.scene import Curtain, Mover, Pet, TableFan
+from t2d_rt.sources import MotionText
 
 WALKS = 20
 """Descriptions of walks that a second person may follow."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import ConfigDict, Field, StringConstraints, field_validator, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
 from t2d_rt.checks import unknown_name
 from t2d_rt.dataset.products import Products
@@ -31,7 +32,15 @@ OWN_BODY = "own"
 
 Beside = Literal["none", "fan", "curtain", "pet", "person"]
 """What moves beside the person."""
-Name = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
+
+
+def _plain_name(value: str) -> str:
+    if not re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,63}", value):
+        raise ValueError("a name has up to 64 small letters, digits, dashes and underscores")
+    return value
+
+
+Name = Annotated[str, AfterValidator(_plain_name)]
 Many = Annotated[Count, Field(ge=1, le=1_000_000)]
 
 

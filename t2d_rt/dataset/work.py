@@ -30,7 +30,7 @@ class Made:
     record: dict[str, Any]
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
-    """Time of each stage."""
+    """Time of each stage, and in all that of the processor, `cpu`."""
 
 
 def group_of(cell: Cell) -> str:
@@ -68,7 +68,7 @@ def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", T2DWarning)
         try:
-            begin = time.perf_counter()
+            begin, cpu = time.perf_counter(), time.process_time()
             found = sample(recipe, index)
             moved = time.perf_counter()
             record |= _described(found)
@@ -80,7 +80,9 @@ def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
             return Made(record | {"failure": reason})
     record |= told_of
     record["warnings"] = sorted({str(each.message) for each in told if issubclass(each.category, T2DWarning)})
-    return Made(record | {"failure": None}, arrays, {"motion": moved - begin, **seconds})
+    return Made(
+        record | {"failure": None}, arrays, {"motion": moved - begin, **seconds, "cpu": time.process_time() - cpu}
+    )
 
 
 def _described(found: Sample) -> dict[str, Any]:

@@ -229,6 +229,10 @@ class Receiver(_Part):
         return self._density_w(radar, self.temperature_k or REFERENCE_TEMPERATURE_K)
 
     def _density_w(self, radar: Radar, temperature_k: float) -> float:
+        if radar.noise_figure_db < 0:
+            raise InputError(
+                f"noise_figure_db of a receiver with noise must be 0 or more, got {radar.noise_figure_db:g}; correct the radar"
+            )
         factor = 10 ** (radar.noise_figure_db / 10)
         noise_k = temperature_k + (factor - 1) * REFERENCE_TEMPERATURE_K
         return float(BOLTZMANN * noise_k * 10 ** (radar.if_gain_db / 10))

@@ -14,6 +14,7 @@ from typing import Any
 from t2d_rt.errors import T2DWarning
 from validation.bench import experiments, peers, sections
 from validation.bench.charts import stage_chart, sweep_chart
+from validation.bench.datasets import datasets
 from validation.bench.measure import Case, apart, measure
 from validation.report import Section, record, summary, write_report
 
@@ -51,6 +52,7 @@ def main(*, quick: bool) -> int:
         add("peers", peers.peers())
         section, _ = sections.streamed(run)
         add("streamed", section)
+        add("datasets", datasets())
         section, found = sections.presets(run)
         shown = shown + [each for each in found if each["method"] == "mesh"]
         add("presets", section)

@@ -22,6 +22,8 @@ INTERPOLATION = 1e-3
 """Greatest error of the interpolation over delay, in power over that of the phase noise left at that delay."""
 RETURN = 1 / 8
 """Fraction of the range bins, the farthest ones, over which the delay returns to 0: they hold what leaks from the nearest ones."""
+TRIED = 200
+"""Frequencies, and delays, at which the interpolation and the level of phase noise are worked out."""
 NEGLIGIBLE = 1e-3
 """Groups of rows in which phase noise lies that far below thermal noise, at every frequency, stay as they are."""
 
@@ -77,11 +79,13 @@ class PhaseNoise:
     def _greatest_level(self, radar: Radar) -> np.ndarray:
         """Greatest density of the residual phase noise of each range bin over its beat or Doppler frequency, times the sample
         rate: the level of white noise that nowhere lies below it, relative to the echo's power; (sample,)."""
-        density = self._powers[1:] * (2 * radar.samples)
-        near = np.abs(self._delays[:, None])
-        fast = (4 * np.sin(np.pi * self._frequencies[1:] * near) ** 2 * density).max(axis=1)
-        slow = self._delays**2 * float(self._slow.greatest()) * radar.samples
-        return np.asarray(np.maximum(fast, slow))
+        some = _some(len(self._powers) - 1) + 1
+        delays = np.linspace(0, float(np.abs(self._delays).max()), TRIED)
+        density = self._powers[some] * (2 * radar.samples)
+        correlated = 4 * np.sin(np.pi * self._frequencies[some] * delays[:, None]) ** 2
+        fast = (correlated * density).max(axis=1)
+        slow = delays**2 * self._slow.greatest() * radar.samples
+        return np.interp(np.abs(self._delays), delays, np.maximum(fast, slow))
 
     def _is_negligible(self, spectrum: np.ndarray) -> bool:
         if self._thermal_w <= 0:
@@ -115,19 +119,25 @@ def bin_delays_s(radar: Radar) -> np.ndarray:
 
 
 def nodes_for(delays_s: np.ndarray, frequencies_hz: np.ndarray, powers: np.ndarray) -> Nodes:
-    """As few nodes as keep the interpolation's error below `INTERPOLATION` for noise of these powers at these frequencies."""
-    used = powers > 0
-    frequencies, power = frequencies_hz[used][:, None], powers[used]
-    straight = delays_s[1 : math.floor(len(delays_s) * (1 - RETURN))]
-    exact = 1 - np.exp(-2j * np.pi * frequencies * straight)
+    """As few nodes as keep the interpolation's error below `INTERPOLATION` for noise of these powers at these frequencies, which
+    begin at 0."""
+    some = _some(len(powers) - 2) + 1  # neither 0 nor half the sample rate
+    frequencies, power = frequencies_hz[some][:, None], powers[some] * np.gradient(some.astype(float))
+    straight = np.unique(np.linspace(1, math.floor(len(delays_s) * (1 - RETURN)) - 1, TRIED).astype(int))
+    exact = 1 - np.exp(-2j * np.pi * frequencies * delays_s[straight])
     count = 0
     while True:
         count = count + 1 if count < 8 else count + count // 4
         nodes = _nodes(delays_s, min(count, len(delays_s)))
         at_nodes = 1 - np.exp(-2j * np.pi * frequencies * nodes.delays_s)
-        error = np.abs(exact - at_nodes @ nodes.weights[:, 1 : len(straight) + 1]) ** 2
+        error = np.abs(exact - at_nodes @ nodes.weights[:, straight]) ** 2
         if count >= len(delays_s) or (power @ error <= INTERPOLATION * (power @ np.abs(exact) ** 2)).all():
             return nodes
+
+
+def _some(count: int) -> np.ndarray:
+    """Up to `TRIED` of the numbers 0..count - 1, all of the lowest ones, ever fewer of the others."""
+    return np.unique(np.geomspace(1, max(1, count), TRIED).astype(int)) - 1
 
 
 def _nodes(delays_s: np.ndarray, count: int) -> Nodes:

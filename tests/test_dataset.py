@@ -1,0 +1,306 @@
+"""Data sets: shards that are the same whoever makes them and however often they are stopped; what is told when that cannot be."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import t2d_rt as t2d
+from t2d_rt.cli import main
+from t2d_rt.dataset import Recipe, check_dataset, make_dataset, read_shards
+from t2d_rt.dataset.lock import LOCK, locked
+from t2d_rt.dataset.work import Made, make_sample, make_samples
+from t2d_rt.errors import InputError
+from t2d_rt.experiment import Experiment
+
+TINY = """
+about: Four short samples of two classes.
+classes: [bending, jumping]
+descriptions_per_class: 2
+samples_per_description: 1
+radar: table2-uniform
+heights_m: [0.9, 1.1]
+gait_factors: [0.9, 1.1]
+conditions: [{name: ellipsoids, method: ellipsoid}]
+duration_s: 0.8
+attempts: 1
+products:
+  spectrogram: {size: [16, 12]}
+  range_doppler: {frames: 2, size: [8, 8], dtype: uint8}
+  points: {frame_chirps: 64}
+error_fraction: 0.5
+samples_per_shard: 3
+"""
+
+
+def tiny(**changes: Any) -> Recipe:
+    import yaml
+
+    return Recipe(**{"name": "tiny", **yaml.safe_load(TINY), **changes})
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """All files of a data set but its logs."""
+    files = [path for path in folder.rglob("*") if path.is_file() and path.parent.name != "log"]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made") / "tiny"
+    outcome = make_dataset(tiny(), folder, workers=1)
+    assert (outcome.samples, outcome.made, outcome.failures) == (4, 4, ())
+    return folder
+
+
+@pytest.fixture
+def copy(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "copy"))
+
+
+def test_records_and_arrays(made: Path) -> None:
+    assert set(contents(made)) == {
+        "recipe.yaml", "plans.json", "manifest.json", "shards/00000.npz", "shards/00000.jsonl", "shards/00001.npz",
+        "shards/00001.jsonl",
+    }  # fmt: skip
+    shards = list(read_shards(made))
+    assert [len(each.records) for each in shards] == [3, 1]
+    found = [each for shard in shards for each in shard.samples()]
+    assert [record["index"] for record, _ in found] == [0, 1, 2, 3]
+    assert [record["class"] for record, _ in found] == ["bending", "jumping"] * 2
+    for record, arrays in found:
+        assert record["failure"] is None
+        assert record["snr_db"] > 0
+        assert record["duration_s"] == pytest.approx(0.8, rel=1e-3)
+        assert record["sources"][0].startswith(f"made for {record['sentence']!r}")
+        assert arrays["spectrogram"].shape == (16, 12)
+        assert arrays["spectrogram"].dtype == np.float16
+        assert arrays["spectrogram"].max() == 0.0
+        assert arrays["range_doppler"].shape == (2, 8, 8)
+        assert arrays["range_doppler"].max() == 255
+        assert arrays["points"].shape == (record["products"]["points"]["count"], 6)
+    assert {record["error_db"] is None for record, _ in found} == {True, False}
+    assert check_dataset(made) == []
+    assert json.loads((made / "manifest.json").read_bytes())["samples"] == 4
+
+
+def test_a_sample_alone_has_the_same_bits(made: Path) -> None:
+    alone = make_sample(tiny(), {}, 2)
+    ((record, arrays),) = [each for shard in read_shards(made) for each in shard.samples() if each[0]["index"] == 2]
+    assert {**alone.record, "row": record["row"]} == record
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(alone.arrays[name], array)
+
+
+@pytest.mark.filterwarnings("ignore:top speed")
+def test_the_yaml_of_a_sample_runs_alone_to_the_same_bits(made: Path, tmp_path: Path, capsys: Any) -> None:
+    recipe, sample = tmp_path / "tiny.yaml", tmp_path / "sample.yaml"
+    recipe.write_text(TINY)
+    assert main(["dataset", "show", str(recipe), "3"]) == 0
+    sample.write_text(capsys.readouterr().out)
+    experiment = Experiment.from_yaml(sample)
+    arrays, _ = tiny().products.made(t2d.run(experiment))
+    ((record, kept),) = [each for shard in read_shards(made) for each in shard.samples() if each[0]["index"] == 3]
+    assert experiment.hash == record["experiment"]
+    for name, array in kept.items():
+        np.testing.assert_array_equal(arrays[name], array)
+
+
+@pytest.mark.slow
+def test_two_workers_and_other_batches_make_the_same_files(made: Path, tmp_path: Path) -> None:
+    make_dataset(tiny(), tmp_path / "two", workers=2)
+    assert contents(tmp_path / "two") == contents(made)
+
+
+@pytest.mark.slow
+def test_a_cluster_makes_the_same_files(made: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    make_dataset(tiny(), tmp_path / "cluster", scheduler="local:2")
+    assert contents(tmp_path / "cluster") == contents(made)
+
+
+def test_a_smaller_run_is_completed_by_a_larger_one(made: Path, tmp_path: Path) -> None:
+    assert make_dataset(tiny(), tmp_path / "out", workers=1, limit=2).made == 2
+    assert json.loads((tmp_path / "out/manifest.json").read_bytes())["samples"] == 2
+    assert make_dataset(tiny(), tmp_path / "out", workers=1).made == 4  # the shard that was begun is made anew
+    assert contents(tmp_path / "out") == contents(made)
+    assert make_dataset(tiny(), tmp_path / "out", workers=1, limit=1).made == 0
+    assert contents(tmp_path / "out") == contents(made)
+
+
+def test_a_killed_run_goes_on_where_it_stopped(made: Path, tmp_path: Path) -> None:
+    recipe, out = tmp_path / "tiny.yaml", tmp_path / "out"
+    recipe.write_text(TINY)
+    command = [sys.executable, "-m", "t2d_rt.cli", "dataset", str(recipe), "-o", str(out), "--workers", "1"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        end = time.monotonic() + 60
+        while not (out / "shards/00000.jsonl").exists() and time.monotonic() < end:
+            time.sleep(0.005)
+        process.send_signal(signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+    (out / "shards" / ".00001.npz-abc.part").write_bytes(b"half")
+    assert make_dataset(tiny(), out, workers=1).made == 1
+    assert contents(out) == contents(made)
+
+
+def test_samples_that_fail_are_recorded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Any) -> None:
+    from t2d_rt.dataset import work
+
+    real = work.sample
+
+    def some_fail(recipe: Recipe, index: int) -> Any:
+        if index == 1:
+            raise InputError("the person stayed at home")
+        return real(recipe, index)
+
+    monkeypatch.setattr(work, "sample", some_fail)
+    recipe = tmp_path / "tiny.yaml"
+    recipe.write_text(TINY)
+    assert main(["dataset", str(recipe), "-o", str(tmp_path / "out"), "--workers", "1"]) == 3
+    out, err = capsys.readouterr()
+    assert "sample 1 failed: the person stayed at home" in err
+    assert "4 samples" in out
+    records = [record for shard in read_shards(tmp_path / "out") for record in shard.records]
+    assert [each["failure"] for each in records] == [None, "the person stayed at home", None, None]
+    assert [each["row"] for each in records] == [0, None, 1, 0]
+    assert [record["index"] for shard in read_shards(tmp_path / "out") for record, _ in shard.samples()] == [0, 2, 3]
+    assert check_dataset(tmp_path / "out") == []
+    assert (
+        main(["dataset", str(recipe), "-o", str(tmp_path / "out"), "--workers", "1"]) == 3
+    )  # what is there tells, too
+
+
+def test_too_many_failures_stop_the_run(tmp_path: Path) -> None:
+    clips_make_no_falls = tiny(classes=["falling"], providers=["library"], descriptions_per_class=4)
+    with pytest.raises(InputError, match=r"3 of 4 samples failed, more than 5%.*provider library does not make fall"):
+        make_dataset(clips_make_no_falls, tmp_path / "out", workers=1)
+
+
+def test_a_damaged_shard_is_found_and_not_overwritten(copy: Path) -> None:
+    path = copy / "shards/00000.npz"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    before = contents(copy)
+    assert any("00000.npz does not match its checksum" in each for each in check_dataset(copy))
+    with pytest.raises(InputError, match=r"00000\.npz"):
+        make_dataset(tiny(), copy, workers=1)
+    assert contents(copy) == before
+    for kind in ("npz", "jsonl"):
+        (copy / f"shards/00000.{kind}").unlink()
+    assert any("00000.npz cannot be read" in each for each in check_dataset(copy))
+
+
+def test_a_damaged_shard_that_is_not_in_the_manifest_yet(copy: Path) -> None:
+    (copy / "manifest.json").unlink()
+    records = copy / "shards/00001.jsonl"
+    records.write_text(records.read_text().replace('"index": 3', '"index": 2'))
+    with pytest.raises(InputError, match=r"00001\.npz holds other samples than its records tell"):
+        make_dataset(tiny(), copy, workers=1)
+
+
+def test_another_recipe_another_folder_and_no_data_set(copy: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"holds samples of another recipe \(tiny, .*choose another folder"):
+        make_dataset(tiny(seed=1), copy, workers=1)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full/letter.txt").write_text("mine")
+    with pytest.raises(InputError, match="exists and is no data set"):
+        make_dataset(tiny(), tmp_path / "full", workers=1)
+    with pytest.raises(InputError, match="exists and is no data set"):
+        make_dataset(tiny(), tmp_path / "full/letter.txt", workers=1)
+    with pytest.raises(InputError, match=r"holds no recipe\.yaml"):
+        check_dataset(tmp_path / "full")
+
+
+def test_one_run_at_a_time(copy: Path) -> None:
+    with locked(copy), pytest.raises(InputError, match=f"is being written by process {os.getpid()} on"), locked(copy):
+        pass
+    (copy / LOCK).write_text(json.dumps({"pid": 1, "host": "elsewhere"}))
+    with pytest.raises(InputError, match="process 1 on elsewhere"), locked(copy):
+        pass
+    (copy / LOCK).write_text(
+        json.dumps({"pid": 2**22 + 1, "host": os.uname().nodename})
+    )  # gone: no process has this number
+    with locked(copy):
+        pass
+    assert not (copy / LOCK).exists()
+
+
+def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_dataset(tiny(), tmp_path / "out", workers=1, limit=3)
+    before = contents(tmp_path / "out")
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match=r"cannot write .*: No space left on device; free space"):
+        make_dataset(tiny(), tmp_path / "out", workers=1)
+    assert contents(tmp_path / "out") == before
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"cannot make .*Not a directory"):
+        make_dataset(tiny(), tmp_path / "file" / "out", workers=1)
+
+
+def test_one_plan_for_each_class(tmp_path: Path) -> None:
+    recipe = tiny(
+        conditions=[{"name": "mesh", "tolerance_db": -15}], products={"spectrogram": {"size": [8, 8]}}, classes=["jumping"],
+        duration_s=0.7, error_fraction=0.0,
+    )  # fmt: skip
+    make_dataset(recipe, tmp_path / "out", workers=1, limit=1)
+    plans = json.loads((tmp_path / "out/plans.json").read_bytes())
+    assert list(plans) == ["jumping/mesh"]
+    assert plans["jumping/mesh"]["sagitta_scale"] != 1.0
+    assert make_dataset(recipe, tmp_path / "out", workers=1, limit=1).made == 0
+    (tmp_path / "out/plans.json").write_text("{]")
+    (tmp_path / "out/shards/00000.jsonl").unlink()
+    with pytest.raises(InputError, match=r"plans.json cannot be read"):
+        make_dataset(recipe, tmp_path / "out", workers=1, limit=1)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["dataset"], "dataset needs a recipe"),
+        (["dataset", "show", "small-hard"], "dataset show takes a recipe and the index of a sample"),
+        (["dataset", "show", "small-hard", "320"], "the index of a sample must be an integer in 0..319, got 320"),
+        (["dataset", "check", "nowhere"], "nowhere is no data set"),
+        (["dataset", "list", "--limit", "3"], "dataset list takes no --limit"),
+        (["dataset", "small-hard", "out"], "dataset takes one recipe, got 2 words"),
+        (["dataset", "small-hard", "--scheduler", "ray"], "scheduler must be local:N or an address"),
+        (["dataset", "small-hard", "--workers", "0"], "workers must be"),
+    ],
+)
+def test_refusals(refused: Any, words: list[str], sentence: str) -> None:
+    assert sentence in refused(*words)
+
+
+def test_the_command_line_lists_and_checks(copy: Path, run: Any) -> None:
+    code, out, _ = run("dataset", "list")
+    assert code == 0
+    assert "small-hard: 320 samples. The hard set for a laptop" in out
+    assert run("dataset", "check", str(copy)).code == 0
+    (copy / "shards/00001.npz").write_bytes(b"")
+    code, out, _ = run("dataset", "check", str(copy))
+    assert code == 1
+    assert "00001.npz does not match its checksum" in out
+
+
+def test_what_travels_to_a_worker_is_plain_text() -> None:
+    (found,) = make_samples(tiny().model_dump_json(), {}, [0], 1)
+    assert isinstance(found, Made)
+    np.testing.assert_array_equal(found.arrays["spectrogram"], make_sample(tiny(), {}, 0).arrays["spectrogram"])

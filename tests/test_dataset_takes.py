@@ -1,0 +1,116 @@
+"""Motions of a data set: cut or held to one length, with room where they are placed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from t2d_rt.dataset.company import company
+from t2d_rt.dataset.placing import CLEARANCE_M, placing, surroundings
+from t2d_rt.dataset.recipe import Recipe
+from t2d_rt.dataset.sample import sample
+from t2d_rt.dataset.takes import _starts, take
+from t2d_rt.motion import aside, place
+from t2d_rt.motion.check import check_motion
+from t2d_rt.motion.vary import hold
+from t2d_rt.named import example
+from t2d_rt.sources import MotionText
+from t2d_rt.types import Motion
+
+
+@pytest.fixture(scope="module")
+def walk() -> Motion:
+    return example("walk")
+
+
+@pytest.fixture(scope="module")
+def recipe() -> Recipe:
+    return Recipe(
+        name="takes", classes=["bending", "sitting"], descriptions_per_class=4, samples_per_description=1,
+        gait_factors=(0.9, 1.1), radar="table2-uniform", duration_s=3.0, conditions=[{"name": "room", "scene": "living_room"}],
+    )  # fmt: skip
+
+
+def test_a_held_motion_comes_to_rest_smoothly(walk: Motion) -> None:
+    held = hold(walk, 1.5)
+    assert held.duration_s == pytest.approx(walk.duration_s + 1.5, abs=1 / walk.rate_hz)
+    begin = walk.duration_s - 0.3
+    same = round(begin * walk.rate_hz)
+    np.testing.assert_allclose(held.joints[:same], walk.joints[:same], atol=1e-9)  # of the spline through the frames
+    rest = held.joints[round((begin + 0.6) * walk.rate_hz) + 1 :]
+    np.testing.assert_array_equal(rest, np.broadcast_to(rest[-1], rest.shape))
+    np.testing.assert_allclose(rest[-1], walk.joints[-1], atol=1e-9)
+    speed = np.diff(held.joints[:, 0], axis=0) * walk.rate_hz
+    change = np.linalg.norm(np.diff(speed, axis=0), axis=1) * walk.rate_hz
+    own = np.linalg.norm(np.diff(np.diff(walk.joints[:, 0], axis=0), axis=0), axis=1).max() * walk.rate_hz**2
+    # The pelvis loses 1 m/s within 0.6 s: 1.875 / 0.6 at most on top of its own.
+    assert change[same - 2 :].max() < own + 1.875 * np.linalg.norm(speed[same - 1]) / 0.6
+
+
+def test_a_short_hold_takes_no_longer_than_it_is_asked_to(walk: Motion) -> None:
+    held = hold(walk, 0.1)
+    assert held.duration_s == pytest.approx(walk.duration_s + 0.1, abs=1 / walk.rate_hz)
+    np.testing.assert_allclose(held.joints[-1], walk.joints[-1], atol=1e-3)
+
+
+def test_aside_is_to_the_left_as_the_radar_sees_it(walk: Motion) -> None:
+    placed = place(walk, distance_m=3.0, boresight=(0.0, 1.0, 0.0))
+    left = aside(placed, 0.7, (0.0, 1.0, 0.0))
+    np.testing.assert_allclose(
+        left.joints - placed.joints, np.broadcast_to([-0.7, 0.0, 0.0], placed.joints.shape), atol=1e-12
+    )
+
+
+def test_the_liveliest_piece_comes_first(walk: Motion) -> None:
+    at_rest = hold(walk, 4.0)
+    assert _starts(at_rest, 3.0)[0] < 1.5
+    assert _starts(at_rest, 3.0)[-1] == max(_starts(at_rest, 3.0))
+
+
+def test_takes_are_as_long_as_the_records_and_what_was_asked_for(recipe: Recipe) -> None:
+    for number, activity in enumerate(("bending", "falling")):
+        found = take(recipe, activity, 0, number)
+        assert found.motion.duration_s == pytest.approx(3.0, abs=1e-9)
+        assert found.passed
+        assert check_motion(found.motion, expected=activity).passed
+        again = take.__wrapped__(recipe, activity, 0, number)
+        np.testing.assert_array_equal(again.motion.joints, found.motion.joints)
+
+
+def test_the_source_of_a_take_makes_the_same_motion(recipe: Recipe) -> None:
+    found = take(recipe, "falling", 0, 1)
+    source = MotionText(**found.source.model_dump())
+    radar = recipe.radar
+    np.testing.assert_array_equal(source.placed(source.made(), radar).joints, place(found.motion).joints)
+
+
+def test_in_a_room_motions_keep_clear_of_walls_and_furniture(recipe: Recipe) -> None:
+    low, high, boxes = surroundings("living_room")
+    assert len(boxes) > 5
+    for index in range(4):
+        made = sample(recipe, index)
+        source = made.experiment.targets[0]
+        assert isinstance(source, MotionText)
+        joints = source.placed(source.made(), made.experiment.radar).joints
+        if made.place.lacking_m == 0:
+            inside = (joints[..., :2] > low[:2] + 0.9 * CLEARANCE_M) & (joints[..., :2] < high[:2] - 0.9 * CLEARANCE_M)
+            assert inside.all()
+    assert sum(sample(recipe, index).place.lacking_m == 0 for index in range(4)) >= 2
+
+
+def test_in_free_space_the_first_place_that_is_drawn_is_taken(recipe: Recipe, walk: Motion) -> None:
+    found = placing(recipe, 0, "free_space", walk)
+    assert found.aside_m == 0
+    assert 2.0 <= found.distance_m <= 4.5
+
+
+@pytest.mark.parametrize(
+    ("beside", "kind"), [("fan", "fan"), ("curtain", "curtain"), ("pet", "pet"), ("person", "text")]
+)
+def test_what_moves_beside_the_person(recipe: Recipe, beside: str, kind: str) -> None:
+    first, again, other = (company(beside, recipe, number) for number in (0, 0, 1))  # type: ignore[arg-type]
+    assert first is not None
+    assert other is not None
+    assert first.kind == kind
+    assert first == again != other
+    assert company("none", recipe, 0) is None

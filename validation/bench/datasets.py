@@ -1,0 +1,85 @@
+"""How many samples of a data set are made a second, where the time goes, and what two workers gain over one."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from t2d_rt.dataset import Recipe, make_dataset
+from validation.report import Check, Section
+
+PAPER_SAMPLES = 19_165
+"""Samples that the Text2Doppler paper kept."""
+CORES = 64
+WORKERS = 2
+LEAST_EFFICIENCY = 0.85
+STAGES = "motion", "simulation", "products"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """Samples of 5 s of one kind."""
+
+    name: str
+    condition: dict[str, Any]
+    radar: str
+    samples: int
+    least: float
+    """Samples a second on two cores."""
+
+
+KINDS = (
+    Kind(name="ellipsoids", condition={"method": "ellipsoid"}, radar="table2", samples=48, least=3.0),
+    Kind(name="mesh", condition={}, radar="table2", samples=16, least=0.7),
+    Kind(name="mesh in living_room", condition={"scene": "living_room"}, radar="table2-uniform", samples=16, least=0.2),
+)
+
+
+def recipe_of(kind: Kind) -> Recipe:
+    """Eight classes under one condition."""
+    return Recipe(
+        name="bench", descriptions_per_class=20, samples_per_description=1, radar=kind.radar, gait_factors=(0.85, 1.2),
+        gait_spread=0.025, conditions=[{"name": "only", **kind.condition}], samples_per_shard=16,
+    )  # fmt: skip
+
+
+def measured(kind: Kind, workers: int) -> dict[str, float]:
+    """Rate of a run whose workers have begun and whose kernels are compiled, and seconds of each stage of a sample."""
+    with tempfile.TemporaryDirectory() as folder:
+        make_dataset(recipe_of(kind), Path(folder) / "warm", workers=workers, threads=1, limit=8)
+        outcome = make_dataset(recipe_of(kind), Path(folder) / "timed", workers=workers, threads=1, limit=kind.samples)
+        log = "".join(path.read_text() for path in (Path(folder) / "timed/log").glob("*.jsonl"))
+    rows = [json.loads(line)["seconds"] for line in log.splitlines()]
+    mean = {stage: sum(row[stage] for row in rows) / len(rows) for stage in (*STAGES, "cpu")}
+    return {"rate": outcome.made / outcome.seconds, **mean}
+
+
+def datasets(kinds: Sequence[Kind] = KINDS) -> Section:
+    """Throughput, where the time goes, and what that means for a set of the paper's size."""
+    table, checks = [], []
+    for kind in kinds:
+        one, two = measured(kind, 1), measured(kind, WORKERS)
+        efficiency = two["rate"] / (WORKERS * one["rate"])
+        total = sum(two[stage] for stage in STAGES)
+        print(f"     {kind.name}: {two['rate']:.2f} samples/s, {two['cpu']:.2f} s of one core each", flush=True)
+        table.append({
+            "samples of 5 s": kind.name, "samples/s, 2 cores": f"{two['rate']:.2f}",
+            "s of one core each": f"{two['cpu']:.2f}",
+            **{stage: f"{two[stage] / total:.0%}" for stage in STAGES},
+            "2 workers over 1": f"{efficiency:.0%}",
+            f"{PAPER_SAMPLES} on 2 cores": f"{PAPER_SAMPLES / two['rate'] / 3600:.1f} h",
+            f"on {CORES}": f"{PAPER_SAMPLES / (one['rate'] * CORES * min(efficiency, 1.0)) / 60:.0f} min",
+        })  # fmt: skip
+        checks += [
+            Check(f"{kind.name}, samples a second", two["rate"], kind.least, "/s", at_least=True),
+            Check(f"{kind.name}, 2 workers over 1", efficiency, LEAST_EFFICIENCY, "", at_least=True),
+        ]
+    note = (
+        "Samples of 5 s, from the sentence to the shard: motion, filter, simulation with the receiver's noise, spectrogram. Each "
+        "worker has one thread; workers have begun, kernels are compiled. The time on 64 cores is that by the efficiency of two."
+    )
+    return Section(title="Data sets", note=note, checks=checks, table=table)
