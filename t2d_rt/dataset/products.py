@@ -38,6 +38,9 @@ class _Map(_Product):
     """Of "uint8" [dB]."""
     speed_mps: Annotated[Number, Field(gt=0, le=1000)] | None = None
     """Greatest speed, towards the radar and away from it [m/s]; all that the radar measures by default."""
+    mti: Literal["mean", "none"] = "mean"
+    """"mean" takes away the mean over the record in every range cell: static echoes and the receiver's offset, which would be the
+    greatest cell of most maps; "none" keeps them."""
 
     def encoded(self, power: np.ndarray) -> tuple[np.ndarray, float]:
         """Powers [W] as they are written, and the greatest one [dB re 1 W]."""
@@ -68,7 +71,7 @@ class SpectrogramProduct(_Map):
 
     def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (speed, time), and what goes into the record."""
-        image = recording.spectrogram
+        image = recording.processed(mti=self.mti).spectrogram
         velocity, time_s = image.velocity_mps.values, image.time_s.values
         rows = self.rows(velocity)
         power = resized(10.0 ** (image.values[rows].astype(np.float64) / 10.0), self.size)
@@ -90,7 +93,7 @@ class RangeDopplerProduct(_Map):
         """The array (frame, speed, range), and what goes into the record."""
         length_s = len(recording.cube) * recording.radar.loop_interval_s
         times_s = (np.arange(self.frames) + 0.5) * length_s / self.frames
-        power = []
+        power, recording = [], recording.processed(mti=self.mti)
         for each in times_s:
             image = recording.range_doppler_at(float(each))
             near = image.range_m.values <= self.farthest_m
