@@ -31,20 +31,21 @@ def with_total(counts: np.ndarray) -> np.ndarray:
     return np.concatenate([counts, counts.sum(axis=-1, keepdims=True)], axis=-1)
 
 
-def assigned(counts: np.ndarray, fractions: np.ndarray, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Side of each group (G,), of samples in each class (G, K); `start` (S, K) is on the sides already."""
-    counts, start = with_total(counts), with_total(start)
+def assigned(options: np.ndarray, fractions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Side of each group (G,), which puts `options` (G, S, K) samples of each class there, depending on the side."""
+    options = with_total(options)
     best: tuple[float, np.ndarray] | None = None
-    totals = counts.sum(axis=0) + start.sum(axis=0)
+    totals = options.max(axis=1).sum(axis=0)
+    sizes = options[:, :, -1].max(axis=1)
     for _ in range(TRIES):
-        order = rng.permutation(len(counts))
-        order = order[np.argsort(-counts[order].sum(axis=1), kind="stable")]  # large ones while there is room for them
-        placed, sides = start.astype(np.float64), np.zeros(len(counts), dtype=np.int64)
+        order = rng.permutation(len(options))
+        order = order[np.argsort(-sizes[order], kind="stable")]  # large ones while there is room for them
+        placed, sides = np.zeros(options.shape[1:]), np.zeros(len(options), dtype=np.int64)
         for group in order:
-            gains = np.log(placed + counts[group] + SOFT) - np.log(placed + SOFT)
+            gains = np.log(placed + options[group] + SOFT) - np.log(placed + SOFT)
             side = int(np.argmax(fractions * (gains @ totals)))
             sides[group] = side
-            placed[side] += counts[group]
+            placed[side] += options[group, side]
         value = worth(placed, fractions)
         if best is None or value > best[0]:
             best = value, sides
@@ -53,29 +54,38 @@ def assigned(counts: np.ndarray, fractions: np.ndarray, start: np.ndarray, rng: 
 
 
 def touched(
-    counts: np.ndarray, clips: Sequence[frozenset[str]], fractions: np.ndarray, rng: np.random.Generator
+    labels: np.ndarray,
+    clips: Sequence[frozenset[str]],
+    groups: Sequence[Sequence[int]],
+    fractions: np.ndarray,
+    rng: np.random.Generator,
 ) -> np.ndarray:
-    """Sides that each group's clips are on, (G, S); a group of one side only can be kept, and one without clips is put on one.
+    """Sides that each sample is bound to, (N, S): those that its clips are on, and that of its group.
 
-    Clips are put on sides one at a time, each where it is worth most, until none moves.
+    labels: number of each sample's class, (N,). groups: positions of samples that are to be on one side.
+    Clips are put on sides one at a time, each where it is worth most, until none moves; then groups, likewise.
     """
     names = sorted(frozenset[str]().union(*clips))
     number = {name: place for place, name in enumerate(names)}
-    patterns = sorted({tuple(sorted(number[each] for each in clip)) for clip in clips if clip})
+    of_samples = [tuple(sorted(number[each] for each in clip)) for clip in clips]
+    patterns = sorted(set(of_samples))
     place = {pattern: row for row, pattern in enumerate(patterns)}
-    rows = np.array([place[tuple(sorted(number[each] for each in clip))] if clip else -1 for clip in clips])
-    sums = np.zeros((len(patterns), counts.shape[1]))
-    np.add.at(sums, rows[rows >= 0], counts[rows >= 0])
+    rows = np.array([place[each] for each in of_samples])
+    sums = np.zeros((len(patterns), labels.max() + 1))
+    np.add.at(sums, (rows, labels), 1)
     holds = np.zeros((len(patterns), len(names)), dtype=np.int64)
     for row, pattern in enumerate(patterns):
         holds[row, list(pattern)] = 1
-    sides = _climbed(holds, with_total(sums), fractions, rng)
-    on = holds @ np.eye(len(fractions), dtype=np.int64)[sides] > 0
-    found = np.zeros((len(clips), len(fractions)), dtype=bool)
-    found[rows >= 0] = on[rows[rows >= 0]]
-    free = np.flatnonzero(rows < 0)
-    found[free, assigned(counts[free], fractions, _placed(on, sums), rng)] = True
-    return found
+    unit = np.eye(len(fractions), dtype=bool)
+    bound = (holds @ unit[_climbed(holds, with_total(sums), fractions, rng)].astype(np.int64) > 0)[rows]
+    fits = np.stack(
+        [~bound[:, np.arange(len(fractions)) != side].any(axis=1) for side in range(len(fractions))], axis=1
+    )
+    classes = np.eye(labels.max() + 1)[labels]
+    options = np.stack([fits[group].astype(np.float64).T @ classes[group] for group in map(list, groups)])
+    for group, side in zip(groups, assigned(options, fractions, rng), strict=True):
+        bound[list(group), side] = True
+    return bound
 
 
 def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -7,41 +7,50 @@ from dataclasses import dataclass
 import numpy as np
 
 MARGIN_DB = 6.0
-"""Above the noise's median level, that a cell must exceed: the mean of 20 cells of noise or more does so in less than 1 of 10^9."""
-RANGE_DB = 40.0
-"""Below the greatest cell, that weaker ones are not looked at."""
+"""Of the threshold above the median level of all cells."""
+RANGE_DB = 35.0
+"""The threshold lies no farther below the greatest cell, however little noise there is."""
+NOTCH_MPS = 0.12
+"""Cells of smaller speeds hold what is left of static echoes and of the receiver's offset; they are not looked at."""
 
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """Speeds over time [m/s], (T,); NaN at instants at which nothing is above the threshold."""
+    """Speeds over time [m/s], (T,), all 0 at instants at which nothing that moves is above the threshold."""
 
     upper_mps: np.ndarray
-    """Greatest approaching speed that is above the threshold."""
+    """Greatest approaching speed that is above the threshold, or 0."""
     lower_mps: np.ndarray
-    """Greatest receding one, negative."""
+    """Greatest receding one, negative, or 0."""
     torso_mps: np.ndarray
-    """Where half of the power lies above, and half below."""
+    """Speed above which half of the power above the threshold lies."""
+    power_db: np.ndarray
+    """Power of the cells above the threshold [dB], 0 at the greatest cell."""
     threshold_db: float
 
     @property
     def extent_mps(self) -> tuple[float, float]:
         """Least and greatest speed at any time."""
-        return float(np.nanmin(self.lower_mps)), float(np.nanmax(self.upper_mps))
+        return float(self.lower_mps.min()), float(self.upper_mps.max())
 
 
 def envelope(levels_db: np.ndarray, velocity_mps: np.ndarray) -> Envelope:
-    """The envelope of levels (speed, time), 0 dB at the greatest.
+    """The envelope of levels (speed, time), 0 dB at the greatest, over ascending speeds.
 
-    The threshold is `MARGIN_DB` above the level that half of all cells do not exceed, but no more than `RANGE_DB` below the
-    greatest cell; noise is white, and a body takes up less than half of a spectrogram.
+    The threshold is `MARGIN_DB` above the level that half of all cells do not exceed, which is noise as long as a body takes up
+    less than half of a spectrogram, or `RANGE_DB` below the greatest cell that moves. A cell counts if one of its neighbours in
+    speed or time is above the threshold too: single ones are peaks of the noise.
     """
-    threshold_db = max(float(np.median(levels_db)) + MARGIN_DB, -RANGE_DB)
-    above = levels_db > threshold_db
-    held = above.any(axis=0)
-    first, last = above.argmax(axis=0), len(above) - 1 - above[::-1].argmax(axis=0)
-    power = np.where(above, 10.0 ** (levels_db.astype(np.float64) / 10.0), 0.0)
-    share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
-    middle = (share < 0.5).sum(axis=0)
-    found = [np.where(held, velocity_mps[np.minimum(each, len(above) - 1)], np.nan) for each in (last, first, middle)]
-    return Envelope(*found, threshold_db)
+    moving = np.where(np.abs(velocity_mps)[:, None] >= NOTCH_MPS, levels_db.astype(np.float64), -np.inf)
+    threshold_db = max(float(np.median(levels_db)) + MARGIN_DB, float(moving.max()) - RANGE_DB)
+    above = moving > threshold_db
+    padded = np.pad(above, 1)
+    above &= padded[2:, 1:-1] | padded[:-2, 1:-1] | padded[1:-1, 2:] | padded[1:-1, :-2]
+    speeds = np.where(above, velocity_mps[:, None], 0.0)
+    power = np.where(above, 10.0 ** (moving / 10.0), 0.0)
+    total = power.sum(axis=0)
+    middle = (np.cumsum(power, axis=0) < 0.5 * total).sum(axis=0)
+    torso = np.where(total > 0, velocity_mps[np.minimum(middle, len(velocity_mps) - 1)], 0.0)
+    return Envelope(
+        speeds.max(axis=0), speeds.min(axis=0), torso, 10.0 * np.log10(np.maximum(total, 1e-20)), threshold_db
+    )

@@ -134,11 +134,12 @@ def folds(
     wanted = {f"fold {number}": 1.0 / count for number in range(1, count + 1)}
     on = _sides(records, wanted, kinds, leave_out=leave_out, seed=seed)
     only = on & (on.sum(axis=1, keepdims=True) == 1)
-    _check_sizes(records, dict(zip(wanted, only.T, strict=True)), wanted, kinds, leave_out=leave_out)
-    return tuple(
-        _checked_split(records, {"train": ~on[:, side], "test": only[:, side]}, kinds, on[:, side] & ~only[:, side])
-        for side in range(count)
-    )
+    made = []
+    for side in range(count):
+        sides = {"train": ~on[:, side], "test": only[:, side]}
+        _check_sizes(records, sides, {"train": 1 - 1 / count, "test": 1 / count}, kinds, leave_out=leave_out)
+        made.append(_checked_split(records, sides, kinds, on[:, side] & ~only[:, side]))
+    return tuple(made)
 
 
 def _checked_split(
@@ -228,19 +229,15 @@ def _sides(
     flag("leave_out", leave_out)
     rng = np.random.default_rng(integer("seed", seed, 0))
     divided = leave_out and "clip" in kinds
-    groups = _groups(records, [kind for kind in kinds if not (divided and kind == "clip")])
-    labels = _labels(records)
-    counts = np.array([np.bincount(labels[group], minlength=labels.max() + 1) for group in groups])
-    fractions = np.array(list(wanted.values()))
+    groups = grouped(records, [kind for kind in kinds if not (divided and kind == "clip")])
+    labels, fractions = _labels(records), np.array(list(wanted.values()))
     if divided:
-        clips = [frozenset[str]().union(*(source_clips(records[place]) for place in group)) for group in groups]
-        of_groups = touched(counts, clips, fractions, rng)
-    else:
-        start = np.zeros((len(fractions), counts.shape[1]))
-        of_groups = np.eye(len(fractions), dtype=bool)[assigned(counts, fractions, start, rng)]
+        return touched(labels, [source_clips(each) for each in records], groups, fractions, rng)
+    counts = np.array([np.bincount(labels[group], minlength=labels.max() + 1) for group in groups], dtype=np.float64)
+    options = np.repeat(counts[:, None], len(fractions), axis=1)
     found = np.zeros((len(records), len(fractions)), dtype=bool)
-    for group, row in zip(groups, of_groups, strict=True):
-        found[group] = row
+    for group, side in zip(groups, assigned(options, fractions, rng), strict=True):
+        found[group, side] = True
     return found
 
 
@@ -248,7 +245,7 @@ def _labels(records: Records) -> np.ndarray:
     return np.unique([str(each["class"]) for each in records], return_inverse=True)[1]
 
 
-def _groups(records: Records, kinds: Collection[Kind]) -> list[list[int]]:
+def grouped(records: Records, kinds: Collection[Kind]) -> list[list[int]]:
     """Positions of the samples of each connected component."""
     parent = list(range(len(records)))
 
@@ -288,11 +285,11 @@ def _check_sizes(
     away = [abs(mask.mean() - wanted[name]) for name, mask in sides.items()]
     if not lacking and (leave_out or max(away) <= MOST_AWAY):
         return
-    groups = _groups(records, kinds)
+    groups = grouped(records, kinds)
     what = f"the {len(records)} samples make {len(groups)} groups by {', '.join(kinds)}, the largest of {max(map(len, groups))}"
     name, label = lacking[0] if lacking else (next(iter(sides)), "")
     why = f"{name} would lack {label}" if label else f"a side would be off by more than {MOST_AWAY:.0%} of them"
-    if "clip" not in kinds:
+    if len(grouped(records, [kind for kind in kinds if kind != "clip"])) == len(groups):  # clips join nothing
         advice = "take more samples, fewer sides or other fractions"
     elif leave_out:
         advice = "take more samples or fewer sides, or hold description and seed apart only, and clips are on two sides"
