@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,20 +90,18 @@ def _split(folder: str, options: Namespace) -> None:
     target = Path(options.output or "split.json")
     overwrite = bool(options.overwrite)
     records = Dataset(folder).records
-    asked = {
-        "apart": KINDS if options.apart is None else _listed(options.apart),
-        "leave_out": bool(options.leave_out),
-        "seed": options.seed or 0,
-    }
+    apart = KINDS if options.apart is None else tuple(_listed(options.apart) or ())
+    leave_out, seed = bool(options.leave_out), options.seed or 0
     if options.folds is None:
-        found = {target: split(records, _fractions(options.fractions) or FRACTIONS, **asked)}
+        fractions = _fractions(options.fractions) or FRACTIONS
+        found = {target: split(records, fractions, apart=apart, leave_out=leave_out, seed=seed)}
     else:
-        made = folds(records, options.folds, **asked)
+        made = folds(records, options.folds, apart=apart, leave_out=leave_out, seed=seed)
         found = {target.with_stem(f"{target.stem}_{number}"): each for number, each in enumerate(made, 1)}
     for path in found:
         check_place(path, overwrite=overwrite)
     for path, each in found.items():
-        with replacing(path, lambda path=path: check_taken(path, overwrite=overwrite)) as new:
+        with replacing(path, partial(check_taken, path, overwrite=overwrite)) as new:
             new.write_text(each.to_json(), encoding="utf-8")
         say(f"{path}: {each}")
 

@@ -93,7 +93,7 @@ def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np
     unit = np.eye(len(fractions), dtype=np.int64)
     best: tuple[float, np.ndarray] | None = None
     for _ in range(TRIES):
-        sides = rng.choice(len(fractions), size=holds.shape[1], p=fractions / fractions.sum())
+        sides = np.asarray(rng.choice(len(fractions), size=holds.shape[1], p=fractions / fractions.sum()))
         on = holds @ unit[sides]
         value = worth(_placed(on > 0, sums), fractions)
         for _ in range(SWEEPS):

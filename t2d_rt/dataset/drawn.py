@@ -38,7 +38,7 @@ def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float
     extents = np.array([extent(dataset, place) for row in chosen for place in row])
     speeds = -_greatest(-extents[:, 0]), _greatest(extents[:, 1])
     columns = min(columns, max(map(len, chosen)))
-    figure, grid, bar_axes = _sheet(len(chosen), columns)
+    figure, grid, scale_axes = _sheet(len(chosen), columns)
     image: Any = None
     for axes_row, places, name in zip(grid, chosen, dataset.classes, strict=True):
         for axes, place in zip(axes_row, places, strict=False):
@@ -47,7 +47,7 @@ def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float
             axes.set_axis_off()
         axes_row[0].set_ylabel(name.replace("_", "\n"), fontsize=9)
     grid[0, 0].set_ylim(*speeds)  # the axes are shared
-    bar = figure.colorbar(image, cax=bar_axes)
+    bar = figure.colorbar(image, cax=scale_axes)
     bar.set_label("Power relative to the greatest cell of each (dB)", fontsize=9)
     bar.ax.tick_params(labelsize=8)
     return figure

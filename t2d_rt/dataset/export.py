@@ -41,7 +41,7 @@ def export_dataset(
     folder: str | Path,
     to: Format,
     *,
-    products: Collection[Product] | None = None,
+    products: Collection[str] | None = None,
     split: Split | None = None,
     dynamic_range_db: float = 60.0,
     overwrite: bool = False,
@@ -87,7 +87,7 @@ def export_dataset(
     return target
 
 
-def _products(dataset: Dataset, to: Format, products: Collection[Product] | None) -> tuple[Product, ...]:
+def _products(dataset: Dataset, to: Format, products: Collection[str] | None) -> tuple[Product, ...]:
     wanted = ("spectrogram",) if to == "png" else dataset.products
     given = wanted if products is None else tuple(products)
     for each in given:
@@ -162,7 +162,7 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
                 small[f"{product}_{name}"] = np.array(edges)
     with zipfile.ZipFile(path.with_name(f"{path.name}.npz"), "w", zipfile.ZIP_DEFLATED, allowZip64=True) as archive:
         for name, array in small.items():
-            _member(archive, name, lambda file, array=array: np.lib.format.write_array(file, array, allow_pickle=False))
+            _member(archive, name, _array(array))
         for product in products:
             _write_product(archive, dataset, positions, product)
     lines = "".join(f"{json.dumps(each)}\n" for each in records)
@@ -187,13 +187,15 @@ def _write_product(archive: zipfile.ZipFile, dataset: Dataset, positions: np.nda
         _member(archive, product, stacked)
         return
     for place in positions:
-        array = dataset.array(int(place), product)
-        _member(
-            archive, f"{product}_{dataset.records[place]['index']}",
-            lambda file, array=array: np.lib.format.write_array(file, array, allow_pickle=False),
-        )  # fmt: skip
+        name = f"{product}_{dataset.records[place]['index']}"
+        _member(archive, name, _array(dataset.array(int(place), product)))
 
 
 def _member(archive: zipfile.ZipFile, name: str, write: Callable[[Any], None]) -> None:
     with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
         write(file)
+
+
+def _array(array: np.ndarray) -> Callable[[Any], None]:
+    """Writes an array to a file."""
+    return lambda file: np.lib.format.write_array(file, array, allow_pickle=False)

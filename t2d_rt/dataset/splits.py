@@ -106,7 +106,7 @@ def split(
     records: Records,
     fractions: Mapping[str, float] | Sequence[float] = FRACTIONS,
     *,
-    apart: Collection[Kind] = KINDS,
+    apart: Collection[str] = KINDS,
     leave_out: bool = False,
     seed: int = 0,
 ) -> Split:
@@ -126,7 +126,7 @@ def split(
 
 
 def folds(
-    records: Records, count: int = 5, *, apart: Collection[Kind] = KINDS, leave_out: bool = False, seed: int = 0
+    records: Records, count: int = 5, *, apart: Collection[str] = KINDS, leave_out: bool = False, seed: int = 0
 ) -> tuple[Split, ...]:
     """`count` splits into train and test; a sample is in the test of one of them, but for one that is left out there and then."""
     integer("count", count, 2, 1000)
@@ -148,7 +148,7 @@ def _checked_split(
     indices = np.array([int(each["index"]) for each in records])
     found = {name: tuple(sorted(indices[mask].tolist())) for name, mask in sides.items()}
     check_split(records, found, apart=kinds)
-    shared = Counter(kind for kind, _, _ in leaks(records, found, [kind for kind in KINDS if kind not in kinds]))
+    shared = Counter(str(kind) for kind, _, _ in leaks(records, found, [kind for kind in KINDS if kind not in kinds]))
     return Split(MappingProxyType(found), kinds, tuple(sorted(indices[left].tolist())), MappingProxyType(dict(shared)))
 
 
@@ -169,7 +169,7 @@ def leaks(
     ]
 
 
-def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: Collection[Kind] = KINDS) -> None:
+def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: Collection[str] = KINDS) -> None:
     """Raises an InputError that names the leak, if a sample, description, source clip or motion seed is on two sides."""
     kinds = _kinds(apart)
     known = {int(each["index"]) for each in records}

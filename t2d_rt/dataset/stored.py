@@ -50,7 +50,9 @@ class ShardReader:
     """Shards as `make_dataset` writes them; those read last are kept."""
 
     def __init__(self, folder: Path, cached: int) -> None:
-        records, failed, files = [], [], []
+        records: list[dict[str, Any]] = []
+        failed: list[dict[str, Any]] = []
+        files: list[Path] = []
         for shard in read_shards(folder):
             for record in shard.records:
                 (failed if record["row"] is None else records).append(record)

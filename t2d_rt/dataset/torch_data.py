@@ -95,6 +95,6 @@ def fitted(values: np.ndarray, product: Product, length: int) -> np.ndarray:
             kept = np.argsort(-values[:, POINT_COLUMNS.index("snr_db")], kind="stable")[:length]
             return np.asarray(values[np.sort(kept)])
         return np.asarray(values[(slice(None),) * axis + (slice(length),)])
-    around = [(0, 0)] * values.ndim
-    around[axis] = 0, lacking
-    return np.pad(values, around, constant_values=values.min() if product in MAPS else 0)
+    padding = [(0, 0)] * values.ndim
+    padding[axis] = 0, lacking
+    return np.pad(values, padding, constant_values=values.min() if product in MAPS else 0)
