@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.canvas import blank_figure, drawable, peak_db
+from t2d_rt.canvas import blank_figure, drawable
 from t2d_rt.checks import integer, positive
 from t2d_rt.dataset.stored import Dataset
-from t2d_rt.dataset.summary import Summary, extent
+from t2d_rt.dataset.summary import Summary
+from t2d_rt.dataset.summary import extent as extent_of
 from t2d_rt.errors import InputError
 from t2d_rt.plots import VELOCITY_LABEL
 
@@ -20,35 +21,40 @@ if TYPE_CHECKING:
 
 CELL_IN = 1.45, 1.15
 """Width and height of one spectrogram [inch]."""
-MARGINS_IN = 0.95, 0.85, 0.5, 0.1
+MARGINS_IN = 0.95, 1.0, 0.5, 0.1
 """Room at the left, at the right, below and above them [inch]."""
 SHOWN = 98.0
-"""Percentile of the extents that the axis of speed shows: one sample that is faster than all others does not flatten them."""
+"""Percentile of the samples' speeds and levels that axes and colours show: one that exceeds all others does not flatten them."""
 
 
-def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float = 40.0) -> Figure:
+def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float = 50.0) -> Figure:
     """Spectrograms of the first samples of each class, a row for each class, of as many descriptions as there are.
 
-    All have the same axes; levels are relative to each one's greatest cell, down to `dynamic_range_db` below it.
+    All have the same axes and colours: from the noise, the median of all cells, to the level that all but a few samples keep to,
+    but no more than `dynamic_range_db` [dB].
     """
     integer("columns", columns, 1, 32)
     positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")
     dataset.checked("spectrogram")
     chosen = [_chosen(dataset, number, columns) for number in range(len(dataset.classes))]
-    extents = np.array([extent(dataset, place) for row in chosen for place in row])
+    extents = np.array([extent_of(dataset, place) for row in chosen for place in row])
     speeds = -_greatest(-extents[:, 0]), _greatest(extents[:, 1])
+    levels = {place: _levels(dataset, place) for row in chosen for place in row}
+    top_db = float(np.percentile([each.max() for each in levels.values()], SHOWN))
+    noise_db = float(np.median([np.median(each) for each in levels.values()]))
+    limits = max(noise_db, top_db - dynamic_range_db), top_db
     columns = min(columns, max(map(len, chosen)))
     figure, grid, scale_axes = _sheet(len(chosen), columns)
     image: Any = None
     for axes_row, places, name in zip(grid, chosen, dataset.classes, strict=True):
         for axes, place in zip(axes_row, places, strict=False):
-            image = _draw(axes, dataset, place, dynamic_range_db)
+            image = _draw(axes, dataset, place, levels[place], limits)
         for axes in axes_row[len(places) :]:
             axes.set_axis_off()
         axes_row[0].set_ylabel(name.replace("_", "\n"), fontsize=9)
     grid[0, 0].set_ylim(*speeds)  # the axes are shared
-    bar = figure.colorbar(image, cax=scale_axes)
-    bar.set_label("Power relative to the greatest cell of each (dB)", fontsize=9)
+    bar = figure.colorbar(image, cax=scale_axes, extend="both")
+    bar.set_label("Power (dB re 1 W)", fontsize=9)
     bar.ax.tick_params(labelsize=8)
     return figure
 
@@ -79,13 +85,17 @@ def _chosen(dataset: Dataset, number: int, columns: int) -> list[int]:
     return (first + [place for place in places if place not in set(first)])[:columns]
 
 
-def _draw(axes: Axes, dataset: Dataset, place: int, range_db: float) -> Any:
-    levels = dataset.values(place, "spectrogram")
+def _levels(dataset: Dataset, place: int) -> np.ndarray:
+    """A spectrogram's levels [dB re 1 W]."""
+    return dataset.values(place, "spectrogram") + dataset.records[place]["products"]["spectrogram"]["peak_db"]
+
+
+def _draw(axes: Axes, dataset: Dataset, place: int, levels_db: np.ndarray, limits_db: tuple[float, float]) -> Any:
     told = dataset.records[place]["products"]["spectrogram"]
-    levels = np.clip(levels - peak_db(levels), -range_db, 0)
-    where = (*told["time_s"], *told["velocity_mps"])
+    extent = (*told["time_s"], *told["velocity_mps"])
+    low, high = limits_db
     return axes.imshow(
-        levels, origin="lower", aspect="auto", extent=where, vmin=-range_db, vmax=0, interpolation="none"
+        levels_db, origin="lower", aspect="auto", extent=extent, vmin=low, vmax=high, interpolation="none"
     )
 
 
