@@ -9,8 +9,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-
 import t2d_rt as t2d
 from t2d_rt.plots import plot_point_cloud
 from t2d_rt.resources import resource
@@ -18,15 +16,14 @@ from t2d_rt.signal import point_cloud
 
 
 def detections(radar_name: str, output: Path, duration_s: float | None = None) -> Path:
-    """Simulates the CMU walk, adds receiver noise and draws all detections; returns where the picture is."""
+    """Simulates the CMU walk, with thermal noise, and draws all detections; returns where the picture is."""
     motion = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")), angle_deg=20)
     if duration_s is not None:
         motion = t2d.trim(motion, 0.0, duration_s)
     radar = t2d.Radar.preset(radar_name)
-    cube = np.asarray(t2d.simulate(motion, radar=radar, seed=0).cube)
-
-    noise = np.random.default_rng(0).normal(scale=np.sqrt(radar.noise_power_w / 2), size=(*cube.shape, 2))
-    cloud = point_cloud(cube + noise.astype(np.float32).view(np.complex64)[..., 0], radar, false_alarm_rate=1e-8)
+    recording = t2d.simulate(motion, radar=radar, seed=0, noise=t2d.Receiver())
+    cloud = point_cloud(recording.cube, radar, false_alarm_rate=1e-8)
+    print(f"SNR {recording.snr_db:.1f} dB before processing")
     print(f"{len(cloud.time_s)} points, {cloud.range_m.min():.1f} to {cloud.range_m.max():.1f} m")
     output.mkdir(parents=True, exist_ok=True)
     picture = output / f"point_cloud_{radar_name}.png"

@@ -16,8 +16,8 @@ SECTIONS = {
     "accuracy": "methods",
     "accuracy_rooms": "methods", "refinement": "methods", "rates": "methods", "arrays": "physics", "body_fit": "physics",
     "rooms": "physics", "edges": "physics", "ghosts": "physics", "movers": "physics", "ellipsoid_model": "physics",
-    "human_rcs": "physics", "stability": "methods", "working_directories": "robustness", "results": "robustness",
-    "memory": "robustness", "fuzz": "robustness", "soak": "robustness",
+    "human_rcs": "physics", "receiver": "physics", "stability": "methods", "working_directories": "robustness",
+    "results": "robustness", "datasets": "robustness", "memory": "robustness", "fuzz": "robustness", "soak": "robustness",
 }  # fmt: skip
 """Sections in the order of the report, each with the package that it lies in."""
 

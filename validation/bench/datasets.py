@@ -75,8 +75,14 @@ def datasets(kinds: Sequence[Kind] = KINDS) -> Section:
             f"on {CORES}": f"{PAPER_SAMPLES / (one['rate'] * CORES * min(efficiency, 1.0)) / 60:.0f} min",
         })  # fmt: skip
         checks += [
-            Check(f"{kind.name}, samples a second", two["rate"], kind.least, "/s", at_least=True),
-            Check(f"{kind.name}, 2 workers over 1", efficiency, LEAST_EFFICIENCY, "", at_least=True),
+            Check(what=f"{kind.name}, samples made", measured=two["rate"], limit=kind.least, unit="/s", at_least=True),
+            Check(
+                what=f"{kind.name}, 2 workers over 1",
+                measured=efficiency,
+                limit=LEAST_EFFICIENCY,
+                unit="",
+                at_least=True,
+            ),
         ]
     note = (
         "Samples of 5 s, from the sentence to the shard: motion, filter, simulation with the receiver's noise, spectrogram. Each "

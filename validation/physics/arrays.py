@@ -55,8 +55,8 @@ def run() -> Section:
         "nearest point, which lies up to 2.4 degrees beside the centre. Each antenna alone: a body (and sphere) at rest at 3 m by "
         "`simulate` with the array, first, middle and last antenna, against `simulate` with that pair as the only one. Imaging: "
         f"sphere at 3 m, {IMAGING_AZIMUTH_DEG:g} degrees left, {IMAGING_S:g} s, level of `range_angle`'s beam.  "
-        f"Walk: 12_01 (mesh, skin, self-occlusion), {WALK_S[0]:g} to {WALK_S[1]:g} s, with receiver noise of "
-        f"`Radar.noise_power_w` added to the samples, {LOOPS} loops a frame. A frame's centre is the mean of the points within "
+        f"Walk: 12_01 (mesh, skin, self-occlusion), {WALK_S[0]:g} to {WALK_S[1]:g} s, with thermal noise by "
+        f"`simulate`, {LOOPS} loops a frame. A frame's centre is the mean of the points within "
         f"{FAR_M:g} m of the body, weighted with their SNR as a power ratio; a track is the mean of {TRACK_FRAMES} frames. "
         "The torso is the skin that turns with pelvis, spine, neck or collars, as far as it faces the radar, the mean of its faces "
         "weighted with area times cosine squared: joints lie a hand's breadth deeper. A walker's brightest parts lie lower than "
@@ -232,18 +232,9 @@ class _Walk:
         return np.rint((self.points.time_s - self.times_s[0]) / (LOOPS * self.radar.loop_interval_s)).astype(int)
 
 
-def with_noise(cube: np.ndarray, radar: Radar, seed: int = 0) -> np.ndarray:
-    """Receiver noise of `Radar.noise_power_w` added to each sample, complex64."""
-    rng = np.random.default_rng(seed)
-    noise = rng.standard_normal((*cube.shape, 2), np.float32).view(np.complex64)[..., 0]
-    noise *= np.float32(math.sqrt(radar.noise_power_w / 2))
-    noise += cube
-    return noise
-
-
 def _walk(radar: Radar) -> _Walk:
     body = walking(*WALK_S)
-    cube = with_noise(t2d.simulate(body, radar=radar).cube, radar)
+    cube = np.asarray(t2d.simulate(body, radar=radar, noise=t2d.Receiver()).cube)
     points = point_cloud(cube, radar, frame_chirps=LOOPS, false_alarm_rate=FALSE_ALARM_RATE)
     times = (np.arange(len(cube) // LOOPS) + 0.5) * LOOPS * radar.loop_interval_s
     step = 1e-3

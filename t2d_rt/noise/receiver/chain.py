@@ -47,7 +47,7 @@ class Levels:
         self.rows += len(clean)
         self.samples += clean.size
         parts = np.ascontiguousarray(clean).view(np.float32).ravel().astype(np.float64)
-        self.energy_w += float(parts @ parts)
+        self.energy_w += float(np.einsum("i,i->", parts, parts))  # BLAS would round by the number of its threads
         self.total = self.total + clean.sum(axis=0, dtype=np.complex128)
 
     def described(self) -> dict[str, Any]:
@@ -105,12 +105,18 @@ def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cu
     return result, levels.described()
 
 
+def _greatest(samples: np.ndarray) -> float:
+    """Greatest |I| or |Q|."""
+    parts = np.ascontiguousarray(samples).view(np.float32)
+    return max(float(parts.max(initial=0.0)), -float(parts.min(initial=0.0)))
+
+
 def _group(samples: np.ndarray, number: int, effects: list[Effect], levels: Levels) -> np.ndarray:
     for effect in effects:
         samples = effect(samples, number)
     adc = levels.receiver.adc
     if adc:
-        levels.peak = max(levels.peak, float(np.abs(np.ascontiguousarray(samples).view(np.float32)).max(initial=0.0)))
+        levels.peak = max(levels.peak, _greatest(samples))
         samples, clipped = quantised(samples, adc)
         levels.clipped += clipped
     return samples

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass
 
 import numpy as np
+
+from t2d_rt.backend import normal_numbers
 
 GROUP_SAMPLES = 65_536
 """Samples of a group of rows, whose numbers come from one generator."""
@@ -24,11 +27,13 @@ class Draws:
 
     def of(self, name: str, number: int = 0) -> np.random.Generator:
         """The generator of one group of an effect."""
-        digest = hashlib.sha256(f"{self.seed}/{name}/{number}".encode()).digest()
-        return np.random.Generator(np.random.SFC64(int.from_bytes(digest, "little")))
+        return np.random.Generator(np.random.SFC64(int.from_bytes(self._digest(name, number), "little")))
 
     def normal(self, name: str, number: int, shape: tuple[int, ...]) -> np.ndarray:
         """White complex Gaussian noise of power 1, complex64; its first rows do not depend on how many there are."""
-        parts = self.of(name, number).standard_normal((*shape, 2), np.float32)
-        parts *= np.float32(np.sqrt(0.5))
-        return parts.view(np.complex64)[..., 0]
+        key = int.from_bytes(self._digest(name, number)[:8], "little")
+        parts = normal_numbers(2 * math.prod(shape), key=key, scale=math.sqrt(0.5))
+        return parts.view(np.complex64).reshape(shape)
+
+    def _digest(self, name: str, number: int) -> bytes:
+        return hashlib.sha256(f"{self.seed}/{name}/{number}".encode()).digest()
