@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from t2d_rt.dataset import check_split, folds, read_split, source_clips, split
+from t2d_rt.dataset import check_split, folds, read_split, source_clips, split, splits
 from t2d_rt.dataset.splits import KINDS, leaks
 from t2d_rt.errors import InputError
 from t2d_rt.motion.generate import motion_from_text
@@ -120,6 +120,26 @@ def test_clips_that_join_all_samples_are_refused_and_the_ways_out_work() -> None
     assert (
         kept > 0.4 * 160
     )  # at random, 0.7^2 + 0.3^2 of the samples' pairs of clips, and all four samples of a description
+
+
+def test_no_side_lacks_a_class_whose_clips_are_few() -> None:
+    """Each fall is made of two of six clips, as jumps are of the clips that ship."""
+    rng = np.random.default_rng(0)
+    records = [record(index, 0, index, (f"walk{index % 9}",)) for index in range(40)]
+    records += [
+        record(40 + index, 1, index, tuple(f"c{each}" for each in rng.choice(6, 2, replace=False)))
+        for index in range(20)
+    ]
+    for seed in range(4):
+        found = split(records, (0.7, 0.15, 0.15), leave_out=True, seed=seed)
+        assert all(any(index >= 40 for index in side) for side in found.sides.values())
+        assert len(found.left_out) <= 14
+
+
+def test_a_split_that_leaks_is_not_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(splits, "grouped", lambda records, kinds: [[place] for place in range(len(records))])
+    with pytest.raises(InputError, match="the split leaks: clip"):
+        split(own_clips())
 
 
 def test_folds_test_each_sample_once() -> None:

@@ -16,14 +16,15 @@ TRIES = 16
 """Orders of the groups, or first guesses at the sides of clips, of which the best outcome is taken."""
 SWEEPS = 30
 """Rounds over all clips at most; five are usual."""
-SOFT = 1e-3
-"""Samples that an empty side counts as, so that its logarithm is finite."""
+TOGETHER = 100
+"""Samples in each round whose clips are moved together."""
+SOFT = 1e-12
+"""Samples that an empty side counts as: its logarithm is finite, and any other division is better."""
 
 
-def worth(placed: np.ndarray, fractions: np.ndarray) -> float:
-    """How good `placed` (sides, classes) is; see above."""
-    totals = placed.sum(axis=0)
-    return float(np.sum(fractions[:, None] * np.maximum(totals, 1.0) * np.log(placed + SOFT)))
+def worth(placed: np.ndarray, fractions: np.ndarray, totals: np.ndarray) -> float:
+    """How good `placed` (sides, classes) is, of `totals` (classes,) samples; see above."""
+    return float(fractions @ np.log(placed + SOFT) @ totals)
 
 
 def with_total(counts: np.ndarray) -> np.ndarray:
@@ -46,7 +47,7 @@ def assigned(options: np.ndarray, fractions: np.ndarray, rng: np.random.Generato
             side = int(np.argmax(fractions * (gains @ totals)))
             sides[group] = side
             placed[side] += options[group, side]
-        value = worth(placed, fractions)
+        value = worth(placed, fractions, totals)
         if best is None or value > best[0]:
             best = value, sides
     assert best is not None, "there is at least one order"
@@ -63,7 +64,7 @@ def touched(
     """Sides that each sample is bound to, (N, S): those that its clips are on, and that of its group.
 
     labels: number of each sample's class, (N,). groups: positions of samples that are to be on one side.
-    Clips are put on sides one at a time, each where it is worth most, until none moves; then groups, likewise.
+    Clips, alone or those of a sample together, go where they are worth most, until none moves; then groups do, likewise.
     """
     names = sorted(frozenset[str]().union(*clips))
     number = {name: place for place, name in enumerate(names)}
@@ -91,26 +92,33 @@ def touched(
 def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Side of each clip, (C,)."""
     unit = np.eye(len(fractions), dtype=np.int64)
+    totals = sums.sum(axis=0)
     best: tuple[float, np.ndarray] | None = None
     for _ in range(TRIES):
         sides = np.asarray(rng.choice(len(fractions), size=holds.shape[1], p=fractions / fractions.sum()))
-        on = holds @ unit[sides]
-        value = worth(_placed(on > 0, sums), fractions)
+        value = worth(_placed(holds @ unit[sides] > 0, sums), fractions, totals)
         for _ in range(SWEEPS):
             before = value
-            for clip in rng.permutation(holds.shape[1]):
-                without = on - holds[:, clip, None] * unit[sides[clip]]
-                tried = [without + holds[:, clip, None] * each for each in unit]
-                values = [worth(_placed(each > 0, sums), fractions) for each in tried]
+            for clips in _moves(holds, rng):
+                on = holds @ unit[sides] - holds[:, clips] @ unit[sides[clips]]
+                weight = holds[:, clips].sum(axis=1, keepdims=True)
+                values = [worth(_placed(on + weight * each > 0, sums), fractions, totals) for each in unit]
                 side = int(np.argmax(values))
                 if values[side] > value + 1e-9:
-                    sides[clip], on, value = side, tried[side], values[side]
+                    sides[clips], value = side, values[side]
             if value == before:
                 break
         if best is None or value > best[0]:
             best = value, sides.copy()
     assert best is not None, "there is at least one guess"
     return best[1]
+
+
+def _moves(holds: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
+    """Clips that go to another side together: each alone, and all those of some samples, which then can be kept."""
+    alone = [np.array([clip]) for clip in rng.permutation(holds.shape[1])]
+    rows = rng.permutation(len(holds))[:TOGETHER]
+    return alone + [np.flatnonzero(holds[row]) for row in rows if holds[row].sum() > 1]
 
 
 def _placed(on: np.ndarray, sums: np.ndarray) -> np.ndarray:

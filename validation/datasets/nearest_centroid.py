@@ -1,7 +1,7 @@
 """Labels and pictures belong together: on descriptions that it has not seen, a nearest-centroid classifier on features of the
 Doppler envelope tells the eight classes apart.
 
-`python -m validation.datasets.classes DIR` evaluates a folder that is there.
+`python -m validation.datasets.nearest_centroid DIR` evaluates a folder that is there.
 """
 
 from __future__ import annotations
