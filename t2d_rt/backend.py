@@ -266,4 +266,5 @@ def normal_numbers(count: int, *, key: int, scale: float = 1.0) -> np.ndarray:
     arrays = backend.arrays
     lane = dr.arange(backend.UInt32, -(-count // 4))
     found = arrays.Philox4x32(dr.opaque(arrays.UInt64, key), lane).next_float32x4_normal()
-    return np.asarray(dr.ravel(found * dr.opaque(backend.Float32, scale)).numpy()[:count])
+    numbers: Any = dr.ravel(found * dr.opaque(backend.Float32, scale))
+    return np.asarray(numbers.numpy()[:count])

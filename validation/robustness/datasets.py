@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -41,9 +42,11 @@ def run() -> Section:
         folder = Path(place)
         (folder / "recipe.yaml").write_text(RECIPE)
         recipe = Recipe.read(folder / "recipe.yaml")
+        begin = time.perf_counter()
         make_dataset(recipe, folder / "whole", workers=2, limit=SAMPLES)
+        took_s = time.perf_counter() - begin
         wanted = contents(folder / "whole")
-        kills = killed(folder)
+        kills = killed(folder, took_s)
         differing = contents(folder / "killed") != wanted
         cluster = cluster_killed(recipe, folder)
         other = contents(folder / "cluster") != wanted
@@ -62,9 +65,9 @@ def run() -> Section:
             ),
             Check(what="memory of a worker", measured=float(memory.max()) / 1e9, limit=MEMORY_LIMIT_GB, unit="GB"),
         ],
-        note=f"{SAMPLES} samples of 1 s by ellipsoids, in shards of 4. A run is killed (SIGKILL) at a random moment of its first "
-        "seconds, with its workers; the next one goes on, and the last is left alone. All files but the logs are compared. "
-        f"A cluster of two processes loses one after {CLUSTER_KILL_S:g} s.",
+        note=f"{SAMPLES} samples of 1 s by ellipsoids, in shards of 4. A run is killed (SIGKILL), with its workers, at a random "
+        "moment of the time that a whole one takes; the next one goes on, and the last is left alone. All files but the logs are "
+        f"compared. A cluster of two processes loses one after {CLUSTER_KILL_S:g} s.",
     )  # fmt: skip
 
 
@@ -74,8 +77,11 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
-def killed(folder: Path) -> int:
-    """How many runs were killed before the set was complete; a last one completes it. A run that ends first is begun anew."""
+def killed(folder: Path, took_s: float) -> int:
+    """How many runs were killed before the set was complete; a last one completes it. A set that is complete first is begun anew.
+
+    took_s: time of a whole run [s]; a run is killed within that.
+    """
     rng, out = np.random.default_rng(SEED), folder / "killed"
     command = [
         sys.executable, "-m", "t2d_rt.cli", "dataset", str(folder / "recipe.yaml"), "-o", str(out), "--limit", str(SAMPLES),
@@ -86,8 +92,8 @@ def killed(folder: Path) -> int:
         # One process by itself, or with workers of its own, which end with it.
         process = subprocess.Popen([*command, str(1 + count % 2)], start_new_session=True, stderr=subprocess.DEVNULL)
         try:
-            process.wait(timeout=float(rng.uniform(0.5, 15.0)))
-            subprocess.run(["rm", "-r", str(out)], check=True)
+            process.wait(timeout=float(rng.uniform(0.2, 1.0) * took_s))
+            shutil.rmtree(out)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
