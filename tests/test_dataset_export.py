@@ -225,7 +225,7 @@ def test_the_commands_split_and_export(folder: Path, tmp_path: Path, capsys: pyt
     assert "wrote 11 samples" in capsys.readouterr().out
     with np.load(tmp_path / "out" / "test.npz") as found:
         assert "adc_0" not in found.files
-    assert main(["dataset", "split", str(folder), "-o", str(tmp_path / "f.json"), "--folds", "3"]) == 0
+    assert main(["dataset", "split", str(folder), "-o", str(tmp_path / "f.json"), "--folds", "3", "--leave-out"]) == 0
     assert sorted(each.name for each in tmp_path.glob("f_*")) == ["f_1.json", "f_2.json", "f_3.json"]
 
 

@@ -24,14 +24,16 @@ CELL_IN = 1.45, 1.15
 MARGINS_IN = 0.95, 1.0, 0.5, 0.1
 """Room at the left, at the right, below and above them [inch]."""
 SHOWN = 98.0
-"""Percentile of the samples' speeds and levels that axes and colours show: one that exceeds all others does not flatten them."""
+"""Percentile of the samples' speeds that the axes show: one that is faster than all others does not flatten them."""
+BRIGHT = 75.0
+"""Percentile of the samples' greatest levels that the colours tell apart: the others are nearer, by the fourth power of range."""
 
 
 def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float = 50.0) -> Figure:
     """Spectrograms of the first samples of each class, a row for each class, of as many descriptions as there are.
 
-    All have the same axes and colours: from the noise, the median of all cells, to the level that all but a few samples keep to,
-    but no more than `dynamic_range_db` [dB].
+    All have the same axes and colours: from the noise, the median of all cells, to the greatest one of three samples out of
+    four, but no more than `dynamic_range_db` [dB].
     """
     integer("columns", columns, 1, 32)
     positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")
@@ -40,7 +42,7 @@ def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float
     extents = np.array([extent_of(dataset, place) for row in chosen for place in row])
     speeds = -_greatest(-extents[:, 0]), _greatest(extents[:, 1])
     levels = {place: _levels(dataset, place) for row in chosen for place in row}
-    top_db = float(np.percentile([each.max() for each in levels.values()], SHOWN))
+    top_db = float(np.percentile([each.max() for each in levels.values()], BRIGHT))
     noise_db = float(np.median([np.median(each) for each in levels.values()]))
     limits = max(noise_db, top_db - dynamic_range_db), top_db
     columns = min(columns, max(map(len, chosen)))
