@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import pickle
+import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -75,13 +77,14 @@ def test_labels_and_places(dataset: Dataset) -> None:
 
 
 def test_few_shards_are_kept_and_none_is_copied(folder: Path) -> None:
-    few = Dataset(folder, cached=1)
+    few = Dataset(folder, cached_mb=1e-6)
     copied = pickle.dumps(few)
     first = few.array(0, "spectrogram")
     few.array(10, "spectrogram")
     first[:] = 7  # one's own copy
     assert same(few.array(0, "spectrogram"), Dataset(folder).array(0, "spectrogram"))
     assert len(pickle.dumps(few)) == len(copied)
+    assert len(few._reader._kept._values) == 1  # type: ignore[attr-defined]
     assert same(pickle.loads(copied).array(5, "adc"), few.array(5, "adc"))
 
 
@@ -213,6 +216,31 @@ def test_a_range_that_a_picture_of_bytes_does_not_hold_is_refused(tmp_path: Path
     with pytest.raises(InputError, match="hold 40 dB and dynamic_range_db asks for 60 dB; ask for less"):
         export_dataset(folder, tmp_path / "png", "png")
     assert not (tmp_path / "png").exists()
+
+
+def test_a_damaged_file_is_named(parquet: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(parquet, copy)
+    path = copy / "data" / "test-00000-of-00001.parquet"
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(
+        InputError, match=r"test-00000-of-00001.parquet cannot be read \(.*\); export the data set again"
+    ):
+        Dataset(copy)
+
+
+def test_a_package_that_is_not_installed_is_named(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(
+        InputError, match=r"need the package pyarrow, which is not installed; run pip install 't2d-rt\[export\]'"
+    ):
+        export_dataset(folder, tmp_path / "parquet", "parquet")
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.delitem(sys.modules, "t2d_rt.dataset.torch_data", raising=False)
+    with pytest.raises(InputError, match=r"TorchDataset needs PyTorch, which is not installed"):
+        from t2d_rt.dataset import TorchDataset  # noqa: F401
 
 
 def test_the_commands_split_and_export(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -55,7 +55,7 @@ def write_parquet(dataset: Dataset, folder: Path, name: str, positions: np.ndarr
 class ParquetReader:
     """Files that `write_parquet` wrote; the row groups read last are kept."""
 
-    def __init__(self, folder: Path, cached: int) -> None:
+    def __init__(self, folder: Path, most_bytes: float) -> None:
         _, pq = pyarrow()
         found = []
         for path in sorted(folder.glob("*.parquet")):
@@ -67,7 +67,7 @@ class ParquetReader:
         self.records: tuple[dict[str, Any], ...] = tuple(each[0] for each in found)
         self.failed: tuple[dict[str, Any], ...] = ()
         self._places = tuple(each[1:] for each in found)
-        self._kept = Kept(cached)
+        self._kept = Kept(most_bytes)
 
     def array(self, position: int, product: str) -> np.ndarray:
         """A sample's array as it was in its shard."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 import numpy as np
 
-from t2d_rt.checks import integer, unknown_name
+from t2d_rt.checks import positive, unknown_name
 from t2d_rt.dataset.kept import Kept
 from t2d_rt.dataset.parquet import DATA, ParquetReader
 from t2d_rt.dataset.products import Products
@@ -32,8 +32,8 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
 TIME_AXIS = {"spectrogram": 1, "range_doppler": 0, "points": 0, "adc": 0}
 """Which of them goes with time."""
 
-CACHED = 8
-"""Arrays of shards that are kept: those of 64 spectrograms of 128 x 128 cells take 2 MB."""
+CACHED_MB = 256.0
+"""Arrays that are kept: 8000 spectrograms of 128 x 128 cells."""
 
 
 class Reader(Protocol):
@@ -49,7 +49,7 @@ class Reader(Protocol):
 class ShardReader:
     """Shards as `make_dataset` writes them; those read last are kept."""
 
-    def __init__(self, folder: Path, cached: int) -> None:
+    def __init__(self, folder: Path, most_bytes: float) -> None:
         records: list[dict[str, Any]] = []
         failed: list[dict[str, Any]] = []
         files: list[Path] = []
@@ -60,7 +60,7 @@ class ShardReader:
                     files.append(shard.path)
         self.records, self.failed = tuple(records), tuple(failed)
         self._files = tuple(files)
-        self._kept = Kept(cached)
+        self._kept = Kept(most_bytes)
 
     def array(self, position: int, product: str) -> np.ndarray:
         """A sample's array as it is stored."""
@@ -81,17 +81,19 @@ class ShardReader:
 class Dataset:
     """The samples of a folder that did not fail, in the order of their indices; workers that copy it read for themselves."""
 
-    def __init__(self, path: str | Path, *, cached: int = CACHED) -> None:
+    def __init__(self, path: str | Path, *, cached_mb: float = CACHED_MB) -> None:
         """A data set by its folder.
 
         path: what `make_dataset` wrote, finished or not, or `export_dataset` as parquet.
-        cached: how many arrays of shards are kept in memory.
+        cached_mb: memory for the shards read last [MB]; reading in random order is fast where all of them fit.
         """
         self.path = dataset_folder(path)
         self.recipe = Recipe.read(self.path / RECIPE)
-        cached = integer("cached", cached, 1, 100_000)
+        most_bytes = 1e6 * positive("cached_mb", cached_mb, 1e6, unit="MB")
         shards = (self.path / SHARDS).is_dir()
-        self._reader: Reader = ShardReader(self.path, cached) if shards else ParquetReader(self.path / DATA, cached)
+        self._reader: Reader = (
+            ShardReader(self.path, most_bytes) if shards else ParquetReader(self.path / DATA, most_bytes)
+        )
         self.records: tuple[dict[str, Any], ...] = self._reader.records
         """What is known of each sample: label, sentence, provenance, view, SNR, verdict of the filter."""
         self.failed: tuple[dict[str, Any], ...] = self._reader.failed
