@@ -22,8 +22,8 @@ EXAMPLES = """examples:
   t2d-rt simulate sample.yaml -o sample.zarr                 # the same samples of the ADC, bit for bit
   t2d-rt dataset check small                                 # checksums, records and arrays
   t2d-rt dataset summary small -o small.png                  # text, and pictures: balance, SNR, speeds, contact sheet
-  t2d-rt dataset split small -o split.json                   # no description, source clip or seed on two sides
-  t2d-rt dataset split small --apart description,seed --folds 5
+  t2d-rt dataset split small --apart description,seed -o split.json    # no description or motion on two sides; or --folds 5
+  t2d-rt dataset split small --leave-out -o split.json       # nor a source clip, at the cost of samples
   t2d-rt dataset export small --to parquet --split split.json -o small_parquet
   t2d-rt dataset list                                        # the recipes that ship"""
 

@@ -117,16 +117,19 @@ def _meaning(dataset: Dataset, product: Product) -> str:
     if product == "points":
         return "(point, 6): time (s), range (m), azimuth (rad), elevation (rad), speed (m/s), SNR (dB)"
     axes = "(speed, time)" if product == "spectrogram" else "(frame, speed, range)"
+    static = ", without the mean over the record (MTI)" if kept.mti == "mean" else ""
     if kept.dtype == "uint8":
-        return f"{axes}, 255 at the greatest cell, 0 at {kept.dynamic_range_db:g} dB below it"
-    return f"{axes} in dB, 0 at the greatest cell"
+        return f"{axes}, 255 at the greatest cell, 0 at {kept.dynamic_range_db:g} dB below it{static}"
+    return f"{axes} in dB, 0 at the greatest cell{static}"
 
 
 def _quality(dataset: Dataset) -> str:
     snr = np.array([each["snr_db"] for each in dataset.records if each["snr_db"] is not None])
     errors = np.array([each["error_db"] for each in dataset.records if each["error_db"] is not None])
     passed = np.mean([each["passed"] for each in dataset.records])
-    lines = [f"- {passed:.0%} of the motions pass the filter; {len(dataset.failed)} samples failed and are not here"]
+    lines = [
+        f"- {passed:.0%} of the motions pass the filter; samples that failed and are not here: {len(dataset.failed)}"
+    ]
     if len(snr):
         lines.append(f"- SNR {np.median(snr):.1f} dB (median), {snr.min():.1f} to {snr.max():.1f} dB")
     if len(errors):
