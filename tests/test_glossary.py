@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 import t2d_rt as t2d
+import t2d_rt.dataset
 from t2d_rt.cli import COMMANDS
 from t2d_rt.types.fields import Fields
 
@@ -43,6 +44,10 @@ def test_names_of_the_package() -> None:
 
 def test_functions_that_are_gone_are_not_explained() -> None:
     assert explained("Functions and classes of `t2d_rt`") == set(t2d.__all__)
+
+
+def test_names_of_data_sets() -> None:
+    assert explained("Functions and classes of `t2d_rt.dataset`") == set(t2d_rt.dataset.__all__)
 
 
 def test_options_of_simulate() -> None:

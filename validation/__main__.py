@@ -19,6 +19,7 @@ SECTIONS = {
     "human_rcs": "physics", "receiver": "physics", "background": "physics", "stability": "methods",
     "working_directories": "robustness", "results": "robustness", "datasets": "robustness", "memory": "robustness",
     "fuzz": "robustness", "soak": "robustness",
+    "nearest_centroid": "datasets",
 }  # fmt: skip
 """Sections in the order of the report, each with the package that it lies in."""
 

@@ -1,10 +1,11 @@
-"""`t2d-rt dataset`: makes the samples of a recipe, prints one of them, checks a folder of them, lists the recipes."""
+"""`t2d-rt dataset`: makes the samples of a recipe, prints one, checks, sums up, splits or exports a folder, lists the recipes."""
 
 from __future__ import annotations
 
 import sys
 from typing import TYPE_CHECKING
 
+from t2d_rt.cli.dataset_uses import TAKES, add_options, run_use
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say
 from t2d_rt.errors import InputError
@@ -20,9 +21,16 @@ EXAMPLES = """examples:
   t2d-rt dataset show hard 417 > sample.yaml                 # one sample as an experiment
   t2d-rt simulate sample.yaml -o sample.zarr                 # the same samples of the ADC, bit for bit
   t2d-rt dataset check small                                 # checksums, records and arrays
+  t2d-rt dataset summary small -o small.png                  # text, and pictures: balance, SNR, speeds, contact sheet
+  t2d-rt dataset split small --apart description,seed -o split.json    # no description or motion on two sides; or --folds 5
+  t2d-rt dataset split small --leave-out -o split.json       # nor a source clip, at the cost of samples
+  t2d-rt dataset export small --to parquet --split split.json -o small_parquet
   t2d-rt dataset list                                        # the recipes that ship"""
 
-VERBS = "show", "check", "list"
+MAKING = {"output", "limit", "workers", "scheduler", "threads"}
+"""Options of a run."""
+VERBS = {"show": set[str](), "check": set[str](), "list": set[str](), **TAKES}
+"""What is done with a recipe or a folder beside making it, and the options of each."""
 SOME_FAILED, UNSOUND = 3, 1
 """Exit codes where samples failed, and where a folder is not as it was written."""
 SHOWN_FAILURES = 5
@@ -35,13 +43,16 @@ def parser() -> ArgumentParser:
         "Makes a data set: the samples of a recipe, written as shards of arrays and records. The exit code is 3 where samples "
         "failed, whose reasons stand in the records; more than 5 % of them stop the run.",
         config=False,
-        noun="RECIPE -o DIR | show RECIPE INDEX | check DIR | list",
-        file="The recipe, by name or as a file (.yaml); or one of show, check and list, and what they need.",
+        noun="RECIPE -o DIR | show RECIPE INDEX | check, summary, split or export DIR | list",
+        file="The recipe, by name or as a file (.yaml); or one of show, check, summary, split, export and list, and what it needs.",
         examples=EXAMPLES,
         several=True,
     )
     found.add_argument(
-        "-o", "--output", type=str | None, help="Folder of the data set; one of the same recipe is completed."
+        "-o",
+        "--output",
+        type=str | None,
+        help="Folder of the data set; one of the same recipe is completed. Of summary, split and export what they write.",
     )
     found.add_argument(
         "--limit", type=int | None, help="The first so many samples, which are balanced over the classes."
@@ -55,6 +66,7 @@ def parser() -> ArgumentParser:
     found.add_argument(
         "--threads", type=int | None, help="Threads of each worker; by default they share the cores out."
     )
+    add_options(found)
     return found
 
 
@@ -62,11 +74,14 @@ def run(options: Namespace) -> int:
     """Makes, prints, checks or lists."""
     words = options.file or []
     if not words:
-        raise InputError("dataset needs a recipe, or one of show, check and list; t2d-rt dataset --help shows examples")
+        raise InputError(f"dataset needs a recipe, or one of {', '.join(VERBS)}; t2d-rt dataset --help shows examples")
     verb = words[0] if words[0] in VERBS else None
-    given = [name for name in ("output", "limit", "workers", "scheduler", "threads") if options[name] is not None]
-    if verb is not None and given:
-        raise InputError(f"dataset {verb} takes no --{given[0]}; leave it out")
+    taken = MAKING if verb is None else VERBS[verb]
+    given = [name for name in MAKING.union(*TAKES.values()) if options[name] is not None]
+    for name in sorted(set(given) - taken):
+        raise InputError(f"dataset {verb or 'of a recipe'} takes no --{name.replace('_', '-')}; leave it out")
+    if verb in TAKES:
+        return run_use(words[0], words[1:], options)
     if verb == "list":
         return _list(words[1:])
     if verb == "check":

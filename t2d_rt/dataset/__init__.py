@@ -1,12 +1,32 @@
-"""Data sets: a recipe, its samples, and the shards that they are written to."""
+"""Data sets: a recipe, its samples, the shards that they are written to, and what is done with them."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
+from t2d_rt.dataset.drawn import dataset_sheet, plot_summary
+from t2d_rt.dataset.export import export_dataset
 from t2d_rt.dataset.making import Outcome, make_dataset
 from t2d_rt.dataset.read import Shard, check_dataset, read_shards
 from t2d_rt.dataset.recipe import Condition, Recipe, recipe_names
 from t2d_rt.dataset.sample import sample
+from t2d_rt.dataset.splits import Split, check_split, folds, read_split, source_clips, split
+from t2d_rt.dataset.stored import Dataset
+from t2d_rt.dataset.summary import Summary, summarise
+
+if TYPE_CHECKING:
+    from t2d_rt.dataset.torch_data import TorchDataset
 
 __all__ = [
-    "Condition", "Outcome", "Recipe", "Shard", "check_dataset", "make_dataset", "read_shards", "recipe_names", "sample",
+    "Condition", "Dataset", "Outcome", "Recipe", "Shard", "Split", "Summary", "TorchDataset", "check_dataset", "check_split",
+    "dataset_sheet", "export_dataset", "folds", "make_dataset", "plot_summary", "read_shards", "read_split", "recipe_names",
+    "sample", "source_clips", "split", "summarise",
 ]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name == "TorchDataset":  # loads PyTorch
+        from t2d_rt.dataset.torch_data import TorchDataset
+
+        return TorchDataset
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

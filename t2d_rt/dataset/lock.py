@@ -48,6 +48,19 @@ def locked(folder: Path) -> Iterator[None]:
         os.close(file)
 
 
+def in_use(folder: Path) -> bool:
+    """Whether a run works in a folder; of one on another machine, whether it has not taken its lock away."""
+    try:
+        file = os.open(folder / LOCK, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        holder = _holder(file)
+    finally:
+        os.close(file)
+    return bool(holder) and (holder.get("host") != socket.gethostname() or _alive(holder.get("pid")))
+
+
 def _holder(file: int) -> dict[str, object]:
     try:
         found = json.loads(os.pread(file, 1000, 0) or b"{}")

@@ -51,6 +51,9 @@ class _Map(_Product):
     """Of "uint8" [dB]."""
     speed_mps: Annotated[Number, Field(gt=0, le=1000)] | None = None
     """Greatest speed, towards the radar and away from it [m/s]; all that the radar measures by default."""
+    mti: Literal["mean", "none"] = "mean"
+    """"mean" takes away the mean over the record in every range cell: static echoes and the receiver's offset, which would be the
+    greatest cell of most maps; "none" keeps them."""
 
     def encoded(self, power: np.ndarray) -> tuple[np.ndarray, float]:
         """Powers [W] as they are written, and the greatest one [dB re 1 W]."""
@@ -101,7 +104,7 @@ class RangeDopplerProduct(_Map):
         """The array (frame, speed, range), and what goes into the record."""
         length_s = len(recording.cube) * recording.radar.loop_interval_s
         times_s = (np.arange(self.frames) + 0.5) * length_s / self.frames
-        power = []
+        power, recording = [], recording.processed(mti=self.mti)
         for each in times_s:
             image = recording.range_doppler_at(float(each))
             near = image.range_m.values <= self.farthest_m
@@ -169,7 +172,7 @@ class Products(_Product):
         """The products that are kept, by name."""
         return {name: value for name, value in self if value is not None}
 
-    def made(self, recording: Recording, seen: View) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    def made(self, recording: Recording, seen: View | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays by name, and what goes into the record of each, of a recording and of its spectrogram as it is seen."""
         found = {name: each.made(seen if name == "spectrogram" else recording) for name, each in self.kept.items()}
         return {name: array for name, (array, _) in found.items()}, {name: told for name, (_, told) in found.items()}

@@ -16,7 +16,6 @@ Scheduler = Callable[[Sequence[Task]], Iterator[list[Made]]]
 
 RETRIES = 2
 """Times that a call is repeated whose worker was lost."""
-INSTALL = "install it with pip install 't2d-rt[cluster]'"
 
 
 def scheduler_named(name: str | None, workers: int) -> Scheduler:
@@ -53,10 +52,8 @@ def here(tasks: Sequence[Task]) -> Iterator[list[Made]]:
 
 def on_this_machine(tasks: Sequence[Task], workers: int) -> Iterator[list[Made]]:
     """In processes of this machine."""
-    try:
-        from joblib import Parallel, delayed, parallel_config
-    except ImportError:
-        raise InputError(f"several workers need joblib; {INSTALL}, or give --workers 1") from None
+    from joblib import Parallel, delayed, parallel_config
+
     from t2d_rt.dataset.work import make_samples
 
     with parallel_config(backend="loky", inner_max_num_threads=1):
@@ -71,7 +68,7 @@ def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> It
     try:
         from distributed import Client, LocalCluster, as_completed
     except ImportError:
-        raise InputError(f"a scheduler needs dask.distributed; {INSTALL}") from None
+        raise InputError("a scheduler needs dask.distributed; install it with pip install 't2d-rt[cluster]'") from None
     from t2d_rt.dataset.work import make_samples
 
     cluster: Any = None

@@ -13,8 +13,12 @@ from t2d_rt.noise.masks import occlude
 from t2d_rt.result import Recording
 
 
-def view(recording: Recording, recipe: Recipe, index: int) -> View:
-    """The spectrogram of a sample by its index."""
+def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
+    """The spectrogram of a sample by its index; None where the recipe keeps none."""
+    kept = recipe.products.spectrogram
+    if kept is None:
+        return None
+    recording = recording.processed(mti=kept.mti)
     image = recording.spectrogram
     velocity, time_s = image.velocity_mps.values, image.time_s.values
     clean = _power(image.values)

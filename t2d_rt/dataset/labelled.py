@@ -1,0 +1,80 @@
+"""A data set's maps as an `xarray.Dataset` that reads a shard when its values are asked for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from t2d_rt.dataset.shards import RAGGED
+from t2d_rt.dataset.stored import DIMENSIONS, axis
+from t2d_rt.errors import InputError
+
+if TYPE_CHECKING:
+    from t2d_rt.dataset.stored import Dataset, Product
+
+UNITS = {"velocity_mps": "m/s", "time_s": "s", "range_m": "m"}
+OF_RECORDS = "class", "condition", "sentence", "description", "seed", "snr_db", "distance_m", "angle_deg", "passed"
+"""What is told of each sample."""
+
+
+class _Levels(BackendArray):
+    """Levels [dB], (sample, ...), read sample by sample."""
+
+    def __init__(self, dataset: Dataset, product: Product) -> None:
+        self._dataset, self._product = dataset, product
+        self.shape = (len(dataset), *dataset.array(0, product).shape)
+        self.dtype = np.dtype(np.float32)
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER_1VECTOR, self._read)
+
+    def _read(self, key: tuple[Any, ...]) -> np.ndarray:
+        places = np.arange(len(self._dataset))[key[0]]
+        if np.ndim(places) == 0:
+            return np.asarray(self._dataset.values(int(places), self._product)[key[1:]])
+        rows = [self._dataset.values(int(each), self._product) for each in places]
+        whole = np.stack(rows) if rows else np.zeros((0, *self.shape[1:]), self.dtype)
+        return np.asarray(whole[(slice(None), *key[1:])])
+
+
+def labelled(dataset: Dataset, product: Product) -> xr.Dataset:
+    """The view that `Dataset.to_xarray` gives."""
+    dataset.checked(product)
+    if product in RAGGED:
+        raise InputError(
+            f"{product} differ in size from sample to sample and make no one array; take Dataset.values(position, {product!r})"
+        )
+    levels = _Levels(dataset, product)
+    dims = DIMENSIONS[product]
+    told = [each["products"][product] for each in dataset.records]
+    coordinates: dict[str, Any] = {"index": ("sample", dataset.indices), "label": ("sample", dataset.labels)}
+    for name in OF_RECORDS:
+        coordinates[name] = "sample", np.array([_plain(each[name]) for each in dataset.records])
+    coordinates["peak_db"] = (
+        "sample", np.array([each["peak_db"] for each in told]),
+        {"units": "dB re 1 W", "long_name": "greatest cell"},
+    )  # fmt: skip
+    renamed = list(dims)
+    for place, (name, count) in enumerate(zip(dims, levels.shape[1:], strict=True)):
+        if name in UNITS:
+            axes = np.stack([axis(each[name], count) for each in told])
+            about = {"units": UNITS[name]}
+            if np.all(axes == axes[0]):
+                coordinates[name] = name, axes[0], about
+            else:  # of several radars: an axis of its own for each sample
+                renamed[place] = name.rpartition("_")[0]
+                coordinates[name] = ("sample", renamed[place]), axes, about
+    data = indexing.LazilyIndexedArray(levels)
+    about = {"units": "dB", "long_name": "power relative to the greatest cell"}
+    return xr.Dataset(
+        {product: (("sample", *renamed), data, about)}, coords=coordinates,
+        attrs={"recipe": dataset.recipe.name, "recipe_hash": dataset.recipe.hash, "classes": list(dataset.classes)},
+    )  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    return np.nan if value is None else value

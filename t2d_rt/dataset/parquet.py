@@ -1,0 +1,194 @@
+"""A data set as parquet files that pandas, DuckDB and Hugging Face's `datasets` read, and back to the same arrays."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.dataset.kept import Kept
+from t2d_rt.dataset.shards import RAGGED
+from t2d_rt.errors import InputError
+
+if TYPE_CHECKING:
+    from t2d_rt.dataset.stored import Dataset, Product
+
+ROWS = 2000
+"""Samples of a file."""
+GROUP = 64
+"""Samples of a row group, which readers take into memory at once."""
+
+COLUMNS = {
+    "index": "int64", "label": "class", "condition": "string", "description": "int64", "sentence": "string", "provider": "string",
+    "body": "string", "seed": "int64", "distance_m": "float64", "angle_deg": "float64", "duration_s": "float64",
+    "snr_db": "float64", "error_db": "float64", "passed": "bool",
+}  # fmt: skip
+"""What is told of each sample beside its arrays, and as what."""
+RECORD = "record"
+"""The column that holds the whole record as JSON."""
+DATA = "data"
+"""Folder of the files beside their data card."""
+EXTENSION = "datasets.features.features.Array{}DExtensionType"
+"""Name by which `datasets` knows the type of a column of arrays; other readers take it for lists of lists."""
+
+
+def write_parquet(dataset: Dataset, folder: Path, name: str, positions: np.ndarray, products: Sequence[Product]) -> int:
+    """Writes samples as NAME-00000-of-00001.parquet and so on; the number of files."""
+    pa, pq = pyarrow()
+    files = max(1, -(-len(positions) // ROWS))
+    schema = None
+    for number in range(files):
+        rows = positions[number * ROWS : (number + 1) * ROWS]
+        path = folder / f"{name}-{number:05d}-of-{files:05d}.parquet"
+        schema = schema or _schema(pa, dataset, products)
+        with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+            for first in range(0, len(rows), GROUP):
+                writer.write_table(_table(pa, dataset, rows[first : first + GROUP], products, schema))
+    return files
+
+
+class ParquetReader:
+    """Files that `write_parquet` wrote; the row groups read last are kept."""
+
+    def __init__(self, folder: Path, most_bytes: float) -> None:
+        _, pq = pyarrow()
+        found = []
+        for path in sorted(folder.glob("*.parquet")):
+            with _opened(pq, path) as file:
+                for group in range(file.num_row_groups):
+                    texts = file.read_row_group(group, columns=[RECORD]).column(RECORD).to_pylist()
+                    found += [(json.loads(text), path, group, row) for row, text in enumerate(texts)]
+        found.sort(key=lambda each: int(each[0]["index"]))
+        self.records: tuple[dict[str, Any], ...] = tuple(each[0] for each in found)
+        self.failed: tuple[dict[str, Any], ...] = ()
+        self._places = tuple(each[1:] for each in found)
+        self._kept = Kept(most_bytes)
+
+    def array(self, position: int, product: str) -> np.ndarray:
+        """A sample's array as it was in its shard."""
+        path, group, row = self._places[position]
+        return np.array(self._kept.get((path, group, product), lambda: _read_arrays(path, group, product))[row])
+
+
+@contextmanager
+def _opened(pq: Any, path: Path) -> Iterator[Any]:
+    """A file of `write_parquet`."""
+    try:
+        with pq.ParquetFile(path) as file:
+            yield file
+    except Exception as error:  # of a damaged file, or one that lacks the columns, pyarrow raises several kinds
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path} cannot be read ({reason}); export the data set again") from None
+
+
+def _read_arrays(path: Path, group: int, product: str) -> list[np.ndarray]:
+    _, pq = pyarrow()
+    with _opened(pq, path) as file:
+        feature = json.loads(file.schema_arrow.metadata[b"huggingface"])["info"]["features"][product]
+        column = file.read_row_group(group, columns=[product]).column(product).combine_chunks()
+        return [_complex(each, product) for each in _rows(getattr(column, "storage", column), feature)]
+
+
+def pyarrow() -> tuple[Any, Any]:
+    """The package pyarrow and its module of parquet files."""
+    with suppress(ImportError):
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        return pa, pq
+    raise InputError(
+        "parquet files need the package pyarrow, which is not installed; run pip install 't2d-rt[export]', or export to png or npz"
+    )
+
+
+def features(dataset: Dataset, products: Sequence[Product]) -> dict[str, dict[str, Any]]:
+    """The columns as Hugging Face's `datasets` describes them."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, kind in COLUMNS.items():
+        found[name] = (
+            {"names": list(dataset.classes), "_type": "ClassLabel"}
+            if kind == "class"
+            else {"dtype": kind, "_type": "Value"}
+        )
+    for product in products:
+        array = _real(dataset.array(0, product))
+        # Only the first dimension may differ from sample to sample.
+        shape = [None if product in RAGGED else array.shape[0], *array.shape[1:]]
+        found[product] = {"shape": shape, "dtype": str(array.dtype), "_type": f"Array{array.ndim}D"}
+    found[RECORD] = {"dtype": "string", "_type": "Value"}
+    return found
+
+
+def _schema(pa: Any, dataset: Dataset, products: Sequence[Product]) -> Any:
+    told = features(dataset, products)
+    fields = []
+    for name, each in told.items():
+        if each["_type"] == "ClassLabel":
+            kind = pa.int64()
+        elif each["_type"] == "Value":
+            kind = {"bool": pa.bool_(), "string": pa.string(), "int64": pa.int64(), "float64": pa.float64()}[
+                each["dtype"]
+            ]
+        else:
+            kind = pa.from_numpy_dtype(np.dtype(each["dtype"]))
+            for _ in each["shape"]:
+                kind = pa.list_(kind)
+        about = None
+        if each["_type"].startswith("Array"):
+            shape = each["shape"]
+            about = {
+                "ARROW:extension:name": EXTENSION.format(len(shape)),
+                "ARROW:extension:metadata": json.dumps([shape, each["dtype"]]),
+            }
+        fields.append(pa.field(name, kind, metadata=about))
+    return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": told}})})
+
+
+def _table(pa: Any, dataset: Dataset, positions: np.ndarray, products: Sequence[Product], schema: Any) -> Any:
+    records = [dataset.records[place] for place in positions]
+    columns: dict[str, Any] = {}
+    for name in COLUMNS:
+        values = dataset.labels[positions].tolist() if name == "label" else [each[name] for each in records]
+        columns[name] = pa.array(values, type=schema.field(name).type)
+    for product in products:
+        arrays = [_real(dataset.array(int(place), product)) for place in positions]
+        columns[product] = _lists(pa, arrays)
+    columns[RECORD] = pa.array([json.dumps(each) for each in records], type=pa.string())
+    return pa.table(columns, schema=schema)
+
+
+def _lists(pa: Any, arrays: Sequence[np.ndarray]) -> Any:
+    """Arrays that differ in their first dimension at most as lists of lists."""
+    inner = arrays[0].shape[1:]
+    found = pa.array(np.concatenate([each.ravel() for each in arrays]))
+    for length in inner[::-1]:
+        found = pa.ListArray.from_arrays(pa.array(np.arange(0, len(found) + 1, length), type=pa.int32()), found)
+    ends = np.cumsum([0, *(len(each) for each in arrays)])
+    return pa.ListArray.from_arrays(pa.array(ends, type=pa.int32()), found)
+
+
+def _rows(column: Any, feature: dict[str, Any]) -> list[np.ndarray]:
+    """The arrays that `_lists` made a column of."""
+    ends = np.asarray(column.offsets) - column.offsets[0].as_py()
+    for _ in feature["shape"]:
+        column = column.flatten()
+    flat = column.to_numpy(zero_copy_only=False).astype(feature["dtype"], copy=False)
+    inner = tuple(feature["shape"][1:])
+    size = int(np.prod(inner))
+    return [flat[first * size : last * size].reshape(-1, *inner) for first, last in pairwise(ends)]
+
+
+def _real(array: np.ndarray) -> np.ndarray:
+    """Complex samples as a last axis of real and imaginary parts."""
+    return array.view(np.float32).reshape(*array.shape, 2) if array.dtype == np.complex64 else array
+
+
+def _complex(array: np.ndarray, product: str) -> np.ndarray:
+    if product == "adc" and array.dtype == np.float32:
+        return np.ascontiguousarray(array).view(np.complex64)[..., 0]
+    return array

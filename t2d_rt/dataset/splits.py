@@ -1,0 +1,298 @@
+"""Splits of a data set: no description, source clip or motion seed on two sides; seeded, stratified by class, checked.
+
+Samples that have one of these in common, directly or by way of others, make one group, and a group is never divided. Clips of
+standing and walking begin many motions of every class, so that most samples may make one group; then a split by clips is refused,
+unless the samples between the sides may be left out.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from t2d_rt.checks import flag, integer, number, shown, unknown_name
+from t2d_rt.dataset.assign import assigned, touched
+from t2d_rt.errors import InputError
+from t2d_rt.files import read_bytes
+
+Kind = Literal["description", "clip", "seed"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+"""What is held apart: a description by its sentence, a source clip by the recording that it was cut from, a motion by
+its seed."""
+
+CLIP = re.compile(r"^clip \S+ of (?P<file>.+), \d+\.\d\d to \d+\.\d\d s$")
+"""How a motion's origin names a clip."""
+FILE = re.compile(r"^(?P<file>.+), sha256 [0-9a-f]{64}$")
+"""How it names a motion file."""
+
+NAMES = "train", "val", "test"
+FRACTIONS = 0.7, 0.15, 0.15
+MOST_AWAY = 0.1
+"""The share of all samples by which a side may differ from what was asked for."""
+
+MOST_BYTES = 200_000_000
+"""Of a file of indices."""
+
+Records = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """Indices of samples by the side that they are on."""
+
+    sides: Mapping[str, tuple[int, ...]]
+    apart: tuple[Kind, ...]
+    """What is held apart."""
+    left_out: tuple[int, ...] = ()
+    """Samples that would have put one clip on two sides."""
+    shared: Mapping[str, int] = field(default_factory=dict)
+    """How many clips (or descriptions, or seeds) are on two sides of what was not held apart."""
+
+    def __str__(self) -> str:
+        sides = ", ".join(f"{name} {len(indices)}" for name, indices in self.sides.items())
+        left = f"; {len(self.left_out)} samples left out" if self.left_out else ""
+        shared = "".join(f"; {count} {kind}s on two sides" for kind, count in self.shared.items())
+        return f"{sides}; apart: {', '.join(self.apart)}{left}{shared}"
+
+    def to_json(self) -> str:
+        """Text that `read_split` takes."""
+        values = {
+            "apart": list(self.apart), "sides": {name: list(each) for name, each in self.sides.items()},
+            "left_out": list(self.left_out), "shared": dict(self.shared),
+        }  # fmt: skip
+        return json.dumps(values) + "\n"
+
+
+def read_split(path: str | Path, records: Records) -> Split:
+    """A split of these records from a file, checked for leaks as it was when it was made."""
+    try:
+        values = json.loads(read_bytes(path, limit=MOST_BYTES, noun="split file"))
+        sides = {str(name): tuple(int(each) for each in indices) for name, indices in values["sides"].items()}
+        found = Split(
+            MappingProxyType(sides),
+            _kinds(values["apart"]),
+            tuple(values["left_out"]),
+            MappingProxyType(values["shared"]),
+        )
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"{path} is no split; make one with t2d-rt dataset split") from None
+    check_split(records, found.sides, apart=found.apart)
+    return found
+
+
+def source_clips(record: Mapping[str, Any]) -> frozenset[str]:
+    """The recordings that a sample's motion was made of; none of one that was composed by rules or by physics."""
+    found = (CLIP.match(each) or FILE.match(each) for each in record["sources"])
+    return frozenset(each["file"] for each in found if each is not None)
+
+
+def traits(record: Mapping[str, Any], apart: Collection[Kind]) -> frozenset[tuple[Kind, str]]:
+    """What a sample may share with others."""
+    found: dict[Kind, Iterable[str]] = {
+        "description": (str(record["sentence"]),), "clip": source_clips(record), "seed": (str(record["seed"]),),
+    }  # fmt: skip
+    return frozenset((kind, value) for kind in apart for value in found[kind])
+
+
+def split(
+    records: Records,
+    fractions: Mapping[str, float] | Sequence[float] = FRACTIONS,
+    *,
+    apart: Collection[str] = KINDS,
+    leave_out: bool = False,
+    seed: int = 0,
+) -> Split:
+    """Puts samples on sides, train, val and test, of about these fractions of each class.
+
+    fractions: of train, val and test (or of train and test, where there are two), or by names of your own; they add up to 1.
+    apart: what is on one side only.
+    leave_out: leaves out samples that would put one clip on two sides, in place of joining all that share clips to one group.
+    """
+    wanted = _fractions(fractions)
+    kinds = _kinds(apart)
+    on = _sides(records, wanted, kinds, leave_out=leave_out, seed=seed)
+    kept = on.sum(axis=1) == 1
+    sides = {name: kept & on[:, side] for side, name in enumerate(wanted)}
+    _check_sizes(records, sides, wanted, kinds, leave_out=leave_out)
+    return _checked_split(records, sides, kinds, ~kept)
+
+
+def folds(
+    records: Records, count: int = 5, *, apart: Collection[str] = KINDS, leave_out: bool = False, seed: int = 0
+) -> tuple[Split, ...]:
+    """`count` splits into train and test; a sample is in the test of one of them, but for one that is left out there and then."""
+    integer("count", count, 2, 1000)
+    kinds = _kinds(apart)
+    wanted = {f"fold {number}": 1.0 / count for number in range(1, count + 1)}
+    on = _sides(records, wanted, kinds, leave_out=leave_out, seed=seed)
+    only = on & (on.sum(axis=1, keepdims=True) == 1)
+    made = []
+    for side in range(count):
+        sides = {"train": ~on[:, side], "test": only[:, side]}
+        _check_sizes(records, sides, {"train": 1 - 1 / count, "test": 1 / count}, kinds, leave_out=leave_out)
+        made.append(_checked_split(records, sides, kinds, on[:, side] & ~only[:, side]))
+    return tuple(made)
+
+
+def _checked_split(
+    records: Records, sides: Mapping[str, np.ndarray], kinds: tuple[Kind, ...], left: np.ndarray
+) -> Split:
+    indices = np.array([int(each["index"]) for each in records])
+    found = {name: tuple(sorted(indices[mask].tolist())) for name, mask in sides.items()}
+    check_split(records, found, apart=kinds)
+    shared = Counter(str(kind) for kind, _, _ in leaks(records, found, [kind for kind in KINDS if kind not in kinds]))
+    return Split(MappingProxyType(found), kinds, tuple(sorted(indices[left].tolist())), MappingProxyType(dict(shared)))
+
+
+def leaks(
+    records: Records, sides: Mapping[str, Iterable[int]], apart: Collection[Kind] = KINDS
+) -> list[tuple[Kind, str, tuple[str, ...]]]:
+    """What is on more than one side: its kind, its name, and the sides."""
+    known = {int(each["index"]): each for each in records}
+    where: dict[tuple[Kind, str], set[str]] = defaultdict(set)
+    for name, indices in sides.items():
+        for index in indices:
+            for each in traits(known[int(index)], apart):
+                where[each].add(name)
+    return [
+        (kind, value, tuple(name for name in sides if name in names))
+        for (kind, value), names in sorted(where.items())
+        if len(names) > 1
+    ]
+
+
+def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: Collection[str] = KINDS) -> None:
+    """Raises an InputError that names the leak, if a sample, description, source clip or motion seed is on two sides."""
+    kinds = _kinds(apart)
+    known = {int(each["index"]) for each in records}
+    seen: dict[int, str] = {}
+    listed = {name: [int(each) for each in indices] for name, indices in sides.items()}
+    for name, indices in listed.items():
+        for index in indices:
+            if index not in known:
+                raise InputError(
+                    f"the split names sample {index}, which the data set does not hold; make the split anew"
+                )
+            if index in seen:
+                raise InputError(f"sample {index} is in {seen[index]} and in {name}; put it on one side")
+            seen[index] = name
+    found = leaks(records, listed, kinds)
+    if found:
+        kind, value, names = found[0]
+        more = f" ({len(found) - 1} more such)" if len(found) > 1 else ""
+        raise InputError(
+            f"the split leaks: {kind} {shown(value)} is in {' and in '.join(names)}{more}; put all its samples on one side"
+        )
+
+
+def _fractions(fractions: Any) -> dict[str, float]:
+    if isinstance(fractions, Mapping):
+        named = {str(name): fractions[name] for name in fractions}
+    elif isinstance(fractions, (list, tuple)) and len(fractions) in (2, 3):
+        named = dict(zip(NAMES if len(fractions) == 3 else ("train", "test"), fractions, strict=True))
+    else:
+        raise InputError(
+            f"fractions must be two or three numbers, or a mapping of names to numbers, got {shown(fractions)}"
+        )
+    found = {name: number(f"the fraction of {name}", value, 0, 1) for name, value in named.items()}
+    if len(found) < 2 or min(found.values()) <= 0 or abs(sum(found.values()) - 1) > 1e-6:
+        raise InputError(
+            f"fractions must be two or more, each above 0, and add up to 1, got {', '.join(f'{each:g}' for each in found.values())}"
+        )
+    return found
+
+
+def _kinds(apart: Any) -> tuple[Kind, ...]:
+    given = [apart] if isinstance(apart, str) else list(apart)
+    for each in given:
+        if each not in KINDS:
+            raise unknown_name("kind of leak", each, KINDS)
+    if not given:
+        raise InputError(f"apart names nothing; give some of {', '.join(KINDS)}")
+    return tuple(kind for kind in KINDS if kind in given)
+
+
+def _sides(
+    records: Records, wanted: Mapping[str, float], kinds: tuple[Kind, ...], *, leave_out: bool, seed: int
+) -> np.ndarray:
+    """Which sides each sample is bound to, (N, S): one, or several where it is to be left out."""
+    if not records:
+        raise InputError("there are no samples to split; give the records of finished ones")
+    flag("leave_out", leave_out)
+    rng = np.random.default_rng(integer("seed", seed, 0))
+    divided = leave_out and "clip" in kinds
+    groups = grouped(records, [kind for kind in kinds if not (divided and kind == "clip")])
+    labels, fractions = _labels(records), np.array(list(wanted.values()))
+    if divided:
+        return touched(labels, [source_clips(each) for each in records], groups, fractions, rng)
+    counts = np.array([np.bincount(labels[group], minlength=labels.max() + 1) for group in groups], dtype=np.float64)
+    options = np.repeat(counts[:, None], len(fractions), axis=1)
+    found = np.zeros((len(records), len(fractions)), dtype=bool)
+    for group, side in zip(groups, assigned(options, fractions, rng), strict=True):
+        found[group, side] = True
+    return found
+
+
+def _labels(records: Records) -> np.ndarray:
+    return np.unique([str(each["class"]) for each in records], return_inverse=True)[1]
+
+
+def grouped(records: Records, kinds: Collection[Kind]) -> list[list[int]]:
+    """Positions of the samples of each connected component."""
+    parent = list(range(len(records)))
+
+    def root(place: int) -> int:
+        while parent[place] != place:
+            parent[place] = parent[parent[place]]
+            place = parent[place]
+        return place
+
+    first: dict[tuple[Kind, str], int] = {}
+    for place, record in enumerate(records):
+        for each in traits(record, kinds):
+            parent[root(place)] = root(first.setdefault(each, place))
+    groups: dict[int, list[int]] = defaultdict(list)
+    for place in range(len(records)):
+        groups[root(place)].append(place)
+    return list(groups.values())
+
+
+def _check_sizes(
+    records: Records,
+    sides: Mapping[str, np.ndarray],
+    wanted: Mapping[str, float],
+    kinds: tuple[Kind, ...],
+    *,
+    leave_out: bool,
+) -> None:
+    """Refuses a split of which a side lacks a class, or, where nothing is left out, is far from its fraction."""
+    labels = _labels(records)
+    names = sorted({str(each["class"]) for each in records})
+    lacking = [
+        (name, names[label])
+        for name, mask in sides.items()
+        for label in range(len(names))
+        if not np.any(labels[mask] == label)
+    ]
+    away = [abs(mask.mean() - wanted[name]) for name, mask in sides.items()]
+    if not lacking and (leave_out or max(away) <= MOST_AWAY):
+        return
+    groups = grouped(records, kinds)
+    what = f"the {len(records)} samples make {len(groups)} groups by {', '.join(kinds)}, the largest of {max(map(len, groups))}"
+    name, label = lacking[0] if lacking else (next(iter(sides)), "")
+    why = f"{name} would lack {label}" if label else f"a side would be off by more than {MOST_AWAY:.0%} of them"
+    if len(grouped(records, [kind for kind in kinds if kind != "clip"])) == len(groups):  # clips join nothing
+        advice = "take more samples, fewer sides or other fractions"
+    elif leave_out:
+        advice = "take more samples or fewer sides, or hold description and seed apart only, and clips are on two sides"
+    else:
+        advice = "leave out those that join them (leave_out), or hold description and seed apart only, and clips are on two sides"
+    raise InputError(f"{what}, and {why}; {advice}")

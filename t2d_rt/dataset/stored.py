@@ -1,0 +1,179 @@
+"""`Dataset`: the samples of a data set's folder, as records and arrays that are read when needed, without unpickling anything."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
+
+import numpy as np
+
+from t2d_rt.checks import positive, unknown_name
+from t2d_rt.dataset.kept import Kept
+from t2d_rt.dataset.parquet import DATA, ParquetReader
+from t2d_rt.dataset.products import Products
+from t2d_rt.dataset.read import RECIPE, dataset_folder, read_shards
+from t2d_rt.dataset.recipe import Recipe
+from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged
+from t2d_rt.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Product = Literal["spectrogram", "range_doppler", "points", "adc"]
+
+DIMENSIONS: dict[str, tuple[str, ...]] = {
+    "spectrogram": ("velocity_mps", "time_s"),
+    "range_doppler": ("frame", "velocity_mps", "range_m"),
+    "points": ("point", "column"),
+    "adc": ("chirp", "antenna", "sample"),
+}
+"""Axes of each product's values."""
+TIME_AXIS = {"spectrogram": 1, "range_doppler": 0, "points": 0, "adc": 0}
+"""Which of them goes with time."""
+
+CACHED_MB = 256.0
+"""Arrays that are kept: 8000 spectrograms of 128 x 128 cells."""
+
+
+class Reader(Protocol):
+    """Where a data set's records and arrays come from."""
+
+    records: tuple[dict[str, Any], ...]
+    failed: tuple[dict[str, Any], ...]
+
+    def array(self, position: int, product: str) -> np.ndarray:
+        """A sample's array as it is stored."""
+
+
+class ShardReader:
+    """Shards as `make_dataset` writes them; those read last are kept."""
+
+    def __init__(self, folder: Path, most_bytes: float) -> None:
+        records: list[dict[str, Any]] = []
+        failed: list[dict[str, Any]] = []
+        files: list[Path] = []
+        for shard in read_shards(folder):
+            for record in shard.records:
+                (failed if record["row"] is None else records).append(record)
+                if record["row"] is not None:
+                    files.append(shard.path)
+        self.records, self.failed = tuple(records), tuple(failed)
+        self._files = tuple(files)
+        self._kept = Kept(most_bytes)
+
+    def array(self, position: int, product: str) -> np.ndarray:
+        """A sample's array as it is stored."""
+        record, path = self.records[position], self._files[position]
+        if product in RAGGED:
+            return self._member(path, f"{product}_{record['index']}")
+        whole = self._kept.get((path, product), lambda: self._member(path, product))
+        return np.array(whole[record["row"]])
+
+    def _member(self, path: Path, member: str) -> np.ndarray:
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return np.asarray(file[member])
+        except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
+            raise damaged(path, error) from None
+
+
+class Dataset:
+    """The samples of a folder that did not fail, in the order of their indices; workers that copy it read for themselves."""
+
+    def __init__(self, path: str | Path, *, cached_mb: float = CACHED_MB) -> None:
+        """A data set by its folder.
+
+        path: what `make_dataset` wrote, finished or not, or `export_dataset` as parquet.
+        cached_mb: memory for the shards read last [MB]; reading in random order is fast where all of them fit.
+        """
+        self.path = dataset_folder(path)
+        self.recipe = Recipe.read(self.path / RECIPE)
+        most_bytes = 1e6 * positive("cached_mb", cached_mb, 1e6, unit="MB")
+        shards = (self.path / SHARDS).is_dir()
+        self._reader: Reader = (
+            ShardReader(self.path, most_bytes) if shards else ParquetReader(self.path / DATA, most_bytes)
+        )
+        self.records: tuple[dict[str, Any], ...] = self._reader.records
+        """What is known of each sample: label, sentence, provenance, view, SNR, verdict of the filter."""
+        self.failed: tuple[dict[str, Any], ...] = self._reader.failed
+        """Records of the samples that failed."""
+        if not self.records:
+            raise InputError(f"{self.path} holds no finished sample yet; run its recipe, or wait for the first shard")
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def __repr__(self) -> str:
+        return f"Dataset({self.recipe.name}, {len(self)} samples of {len(self.classes)} classes, {', '.join(self.products)})"
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Names of the classes; a label is a number in this order."""
+        return self.recipe.classes
+
+    @property
+    def labels(self) -> np.ndarray:
+        """Number of each sample's class, (N,)."""
+        return np.array([self.classes.index(each["class"]) for each in self.records], dtype=np.int64)
+
+    @property
+    def indices(self) -> np.ndarray:
+        """Index of each sample in its recipe, (N,); samples that failed leave gaps."""
+        return np.array([each["index"] for each in self.records], dtype=np.int64)
+
+    @property
+    def products(self) -> tuple[str, ...]:
+        """Names of what is kept of each sample."""
+        return tuple(self.recipe.products.kept)
+
+    def positions(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
+        """Where samples of these indices stand here, (M,)."""
+        places = {int(index): place for place, index in enumerate(self.indices)}
+        lacking = [int(each) for each in indices if int(each) not in places]
+        if lacking:
+            raise InputError(
+                f"{self.path} holds no sample {lacking[0]} ({len(lacking)} such indices); take indices of finished samples only"
+            )
+        return np.array([places[int(each)] for each in indices], dtype=np.int64)
+
+    def array(self, position: int, product: Product) -> np.ndarray:
+        """A sample's array as it is stored."""
+        return self._reader.array(position, self.checked(product))
+
+    def values(self, position: int, product: Product) -> np.ndarray:
+        """A sample's values: levels [dB, 0 at the greatest cell] of a map, float32, samples of the ADC, or points."""
+        return decoded(self.array(position, product), product, self.recipe.products, self.records[position])
+
+    def to_xarray(self, product: Product) -> xr.Dataset:
+        """A lazy view of all samples of a map with its axes; label, sentence, view and SNR of each sample are coordinates."""
+        from t2d_rt.dataset.labelled import labelled
+
+        return labelled(self, product)
+
+    def checked(self, product: str) -> Product:
+        """A product by its name, if the data set holds it."""
+        if product not in self.products:
+            raise unknown_name("product", product, self.products)
+        return cast(Product, product)
+
+
+def decoded(array: np.ndarray, product: str, products: Products, record: dict[str, Any]) -> np.ndarray:
+    """What an array stands for: levels [dB] of a map, float32, complex samples of the ADC [sqrt(W)], points as they are."""
+    kept = products.kept[product]
+    if product == "adc":
+        if kept.dtype == "complex64":
+            return array
+        parts = array.astype(np.float32) * np.float32(record["products"]["adc"]["greatest"])
+        return np.ascontiguousarray(parts).view(np.complex64)[..., 0]
+    if product == "points":
+        return array
+    if kept.dtype == "uint8":
+        return np.asarray((array.astype(np.float32) / np.float32(255) - 1) * np.float32(kept.dynamic_range_db))
+    return array.astype(np.float32)
+
+
+def axis(edges: Sequence[float], count: int) -> np.ndarray:
+    """Middles of `count` equal cells between the edges of an axis."""
+    first, last = edges
+    return np.asarray(first + (np.arange(count) + 0.5) * (last - first) / count)

@@ -1,0 +1,100 @@
+"""A data set for PyTorch: one product of each sample as a tensor, and its label."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.checks import call, integer, positive
+from t2d_rt.dataset.products import POINT_COLUMNS
+from t2d_rt.dataset.stored import TIME_AXIS, Dataset, Product
+from t2d_rt.errors import InputError
+
+try:
+    import torch
+    from torch.utils.data import Dataset as MapDataset
+except ImportError:
+    raise InputError("TorchDataset needs PyTorch, which is not installed; run pip install 't2d-rt[learn]'") from None
+
+MAPS = "spectrogram", "range_doppler"
+
+
+class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
+    """Map-style: `self[k]` is the tensor of a sample and the number of its class. Each worker of a DataLoader reads for itself."""
+
+    def __init__(
+        self,
+        dataset: Dataset | str | Path,
+        product: Product = "spectrogram",
+        *,
+        indices: Sequence[int] | None = None,
+        dynamic_range_db: float | None = None,
+        length: int | None = None,
+        transform: Callable[[Any], Any] | None = None,
+    ) -> None:
+        """Samples of a folder that `make_dataset` wrote, or `export_dataset` as parquet.
+
+        product: "spectrogram" (speed, time) or "range_doppler" (frame, speed, range), levels [dB, 0 at the greatest cell]; "adc"
+            (chirp, antenna, sample), complex [sqrt(W)]; or "points" (point, 6).
+        indices: of samples in their recipe, as a side of a split gives them; all by default.
+        dynamic_range_db: scales levels to 0..1: 1 at the greatest cell, 0 so far below it [dB] and farther.
+        length: cells or frames along time, or points, to which each sample is cut or padded: maps at the least level, samples of
+            the ADC and points with zeros. Maps and samples keep their beginning; of points the ones of greatest SNR are kept.
+        transform: called with each tensor, gives another one.
+        """
+        self.dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+        self.product = self.dataset.checked(product)
+        self.positions = (
+            np.arange(len(self.dataset)) if indices is None else self.dataset.positions([int(each) for each in indices])
+        )
+        self.classes = self.dataset.classes
+        self.labels = torch.from_numpy(self.dataset.labels[self.positions])
+        if dynamic_range_db is not None:
+            if product not in MAPS:
+                raise InputError(f"dynamic_range_db is of {' and '.join(MAPS)}, got product {product!r}; leave it out")
+            dynamic_range_db = self._within(positive("dynamic_range_db", dynamic_range_db, 200, unit="dB"))
+        self.dynamic_range_db = dynamic_range_db
+        self.length = None if length is None else integer("length", length, 1, 10_000_000)
+        self.transform = None if transform is None else call("transform", transform, "a function of a tensor")
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __getitem__(self, number: int) -> tuple[Any, int]:
+        place = int(self.positions[number])
+        values = self.dataset.values(place, self.product)
+        if self.dynamic_range_db is not None:
+            values = np.clip(1 + values / np.float32(self.dynamic_range_db), 0, 1)
+        if self.length is not None:
+            values = fitted(values, self.product, self.length)
+        tensor = torch.from_numpy(np.ascontiguousarray(values))
+        return tensor if self.transform is None else self.transform(tensor), int(self.labels[number])
+
+    def record(self, number: int) -> dict[str, Any]:
+        """What is known of a sample."""
+        return self.dataset.records[int(self.positions[number])]
+
+    def _within(self, range_db: float) -> float:
+        kept = self.dataset.recipe.products.kept[self.product]
+        if kept.dtype == "uint8" and range_db > kept.dynamic_range_db:
+            raise InputError(
+                f"the data set holds {kept.dynamic_range_db:g} dB and dynamic_range_db asks for {range_db:g} dB; ask for less"
+            )
+        return range_db
+
+
+def fitted(values: np.ndarray, product: Product, length: int) -> np.ndarray:
+    """Values cut or padded along time to a length; points by their SNR."""
+    axis = TIME_AXIS[product]
+    lacking = length - values.shape[axis]
+    if lacking <= 0:
+        if product == "points":
+            kept = np.argsort(-values[:, POINT_COLUMNS.index("snr_db")], kind="stable")[:length]
+            return np.asarray(values[np.sort(kept)])
+        return np.asarray(values[(slice(None),) * axis + (slice(length),)])
+    padding = [(0, 0)] * values.ndim
+    padding[axis] = 0, lacking
+    return np.pad(values, padding, constant_values=values.min() if product in MAPS else 0)

@@ -1,0 +1,1 @@
+"""Data sets: whether labels and pictures belong together."""
