@@ -563,12 +563,23 @@ def test_the_command_writes_a_sheet_or_nothing(run: Command, tmp_path: Path) -> 
     other = tmp_path / "other.png"
     bad = tmp_path / "bad.bvh"
     bad.write_text("HIERARCHY nonsense")
-    for words in ([str(WALK), str(bad)], [str(WALK), "--body", "giant"], [str(WALK), str(tmp_path / "none.bvh")]):
+    for words in ([str(bad)], [str(WALK), "--body", "giant"], [str(tmp_path / "none.bvh")]):
         done = run("check-motion", *words, "--sheet", str(other))
         assert (done.code, done.out, done.err.count("\n")) == (2, "", 1), words
     for words in ([], [str(WALK), "--class", "flying"], [str(WALK), "--sheet", "sheet.txt"]):
         assert run("check-motion", *words).code == 2, words
     assert sorted(each.name for each in tmp_path.iterdir()) == ["bad.bvh", "sheet.png", "walk.bvh"]
+
+
+def test_the_command_goes_on_after_a_file_that_it_cannot_read(run: Command, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.bvh"
+    bad.write_text("HIERARCHY nonsense")
+    sheet = tmp_path / "sheet.png"
+    done = run("check-motion", str(tmp_path / "none.bvh"), str(WALK), str(bad), "--sheet", str(sheet), "--strict")
+    assert (done.code, done.out) == (2, f"{WALK}: passed\nwrote {sheet}\n")
+    assert ["none.bvh" in done.err.splitlines()[0], "bad.bvh" in done.err.splitlines()[1]] == [True, True]
+    assert done.err.count("\n") == 2
+    assert sheet.is_file()
 
 
 def test_a_fall_on_a_landing_is_found_and_a_climb_is_none() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import t2d_rt as t2d
 from t2d_rt.dataset.company import company
 from t2d_rt.dataset.placing import CLEARANCE_M, placing, surroundings
 from t2d_rt.dataset.recipe import Recipe
@@ -114,3 +115,8 @@ def test_what_moves_beside_the_person(recipe: Recipe, beside: str, kind: str) ->
     assert first.kind == kind
     assert first == again != other
     assert company("none", recipe, 0) is None
+
+
+def test_dogs_and_cats_walk_beside_the_person(recipe: Recipe) -> None:
+    pets = [company("pet", recipe, number) for number in range(12)]
+    assert {pet.animal for pet in pets if isinstance(pet, t2d.Pet)} == {"dog", "cat"}

@@ -381,8 +381,8 @@ def test_clips_of_a_user_join_the_library(tmp_path: Path) -> None:
     index.write_text(
         "file,class,action,start_s,stop_s,direction\nleap.bvh,bending,stretch,0.1,2,\nstroll.bvh,walking,walk,,,back\n"
     )
-    added = users.add(clips, index)
-    assert [row["action"] for row in added] == ["stretch", "walk"]
+    added, replaced = users.add(clips, index)
+    assert ([row["action"] for row in added], replaced) == (["stretch", "walk"], 0)
     assert users.registry().is_file()
     assert users.registry().is_relative_to(tmp_path)
     motion = motion_from_text("a person stretches", provider="library", library=users.registry())
@@ -391,7 +391,8 @@ def test_clips_of_a_user_join_the_library(tmp_path: Path) -> None:
         "stroll.bvh" in note for note in motion_from_text("a person walks back", library=users.registry()).origin
     )
     assert not any("stroll.bvh" in note for note in motion_from_text("a person walks back").origin)
-    users.add(clips, index)  # once more changes nothing
+    index.write_text(index.read_text().replace("0.1,2,", "0.2,1.8,"))
+    assert users.add(clips, index)[1] == 2  # once more, corrected: in place of those that there were
     assert len(users.with_users(shipped(), users.registry()).own) == 2
     assert users.remove(clips) == 2
     assert not users.with_users(shipped(), users.registry()).own
@@ -467,7 +468,10 @@ def test_the_command_adds_lists_and_removes_clips(run: Command, tmp_path: Path) 
     folder_of_clips(tmp_path)
     (tmp_path / "i.csv").write_text("file,class,action\nleap.bvh,jumping,jump\n")
     assert "added 1 clips (1 jump)" in run("library", "add", "clips", "--index", "i.csv", "--library", "l.csv").out
-    assert "leap.bvh: jump" in run("library", "list", "--library", "l.csv").out
+    (tmp_path / "i.csv").write_text("file,class,action,stop_s\nleap.bvh,jumping,jump,1.5\n")
+    again = run("library", "add", "clips", "--index", "i.csv", "--library", "l.csv").out
+    assert again.endswith("l.csv, in place of 1 that it had of the same files\n")
+    assert run("library", "list", "--library", "l.csv").out.count("leap.bvh: jump") == 1
     assert "removed 1 clips" in run("library", "remove", "clips/leap.bvh", "--library", "l.csv").out
     assert "clips ship" in run("library", "list").out
 

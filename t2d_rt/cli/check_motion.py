@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -31,7 +32,7 @@ def parser() -> ArgumentParser:
     found = command_parser(
         "check-motion",
         "Judges motion files by limits of recorded motion (sliding feet, floor, flight, jerk, joints, jumps) and tells falls. "
-        "The exit code is 0 when all files were judged, whatever the verdicts; see --strict.",
+        "The exit code is 0 when all files were judged, whatever the verdicts (see --strict), and 2 where one cannot be read.",
         config=False,
         noun="FILE...",
         file="Motion files of any format that simulate reads; the word --file may be left out.",
@@ -55,7 +56,7 @@ def parser() -> ArgumentParser:
 
 
 def run(options: Namespace) -> int:
-    """Judges all files before it prints or draws; 1 where one does not pass and --strict is given."""
+    """Judges all files before it prints or draws; 1 where one does not pass and --strict is given, 2 where one cannot be read."""
     files = [Path(name) for name in options.file or []]
     if not files:
         raise InputError("check-motion needs a motion file; t2d-rt check-motion FILE...")
@@ -69,18 +70,33 @@ def run(options: Namespace) -> int:
             raise InputError(
                 f"a sheet has {MOST_ROWS} motions at most, got {len(files)}; give fewer, or leave out --sheet"
             )
-    motions = [load_motion(path) for path in files]
+    named = len(files)
+    motions, files = _read(files)
     verdicts = [check_motion(motion, expected=cast(Activity | None, expected)) for motion in motions]
-    if picture is not None:
+    drawn = picture is not None and bool(motions)
+    if picture is not None and drawn:
         _draw(picture, files, motions, verdicts, options)
     for path, verdict, motion in zip(files, verdicts, motions, strict=True):
         say(_told(path, verdict, motion))
     passed = sum(verdict.passed for verdict in verdicts)
     if len(files) > 1:
         say(f"{passed} of {len(files)} pass")
-    if picture is not None:
+    if drawn:
         say(f"wrote {picture}")
-    return int(options.strict and passed < len(files))
+    return 2 if len(files) < named else int(options.strict and passed < len(files))
+
+
+def _read(files: list[Path]) -> tuple[list[Motion], list[Path]]:
+    """Motions, and their files; of each that cannot be read a line says why."""
+    motions, read = [], []
+    for path in files:
+        try:
+            motions.append(load_motion(path))
+        except InputError as error:
+            say(f"t2d-rt: {' '.join(str(error).split())}", file=sys.stderr)
+        else:
+            read.append(path)
+    return motions, read
 
 
 def _draw(picture: Path, files: list[Path], motions: list[Motion], verdicts: list[Verdict], options: Namespace) -> None:

@@ -67,8 +67,11 @@ def run(options: Namespace) -> None:
 def _add(options: Namespace, paths: list[str]) -> None:
     from t2d_rt.motion.generate.library.users import add, registry
 
-    found = add(paths[0], options.index, library=options.library)
-    say(f"added {len(found)} clips ({_counted(row['action'] for row in found)}) to {options.library or registry()}")
+    found, replaced = add(paths[0], options.index, library=options.library)
+    instead = f", in place of {replaced} that it had of the same files" if replaced else ""
+    say(
+        f"added {len(found)} clips ({_counted(row['action'] for row in found)}) to {options.library or registry()}{instead}"
+    )
 
 
 def _remove(options: Namespace, paths: list[str]) -> None:

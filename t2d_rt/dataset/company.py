@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from t2d_rt.sources import MotionText
 
 WALKS = 20
 """Descriptions of walks that a second person may follow."""
+
+
+TURN_RADIUS_M = {"dog": 1.0, "cat": 0.6}
+"""Of the circles that pets walk in."""
 
 
 def company(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText | None:
@@ -33,14 +37,11 @@ def company(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText |
         return Curtain(position_m=place, heading_deg=-90.0 * side, seed=whole(recipe.seeds(number, "curtain")))
     if beside == "pet":
         place = between(2.5, 4.0), side * between(0.8, 1.4), 0.0
-        animal: Any = rng.choice(["dog", "cat"])
+        animal: Literal["dog", "cat"] = "dog" if rng.random() < 0.5 else "cat"
         return Pet(
-            animal=str(animal),
-            position_m=place,
-            heading_deg=between(0, 360),
-            speed_mps=between(0.4, 0.9),
-            turn_radius_m=0.6,
-        )  # type: ignore[arg-type]
+            animal=animal, position_m=place, heading_deg=between(0, 360), speed_mps=between(0.4, 0.9),
+            turn_radius_m=TURN_RADIUS_M[animal],
+        )  # fmt: skip
     if beside == "person":
         walks = descriptions("walking", WALKS, recipe.seed)
         walk = walks[int(rng.integers(len(walks)))]

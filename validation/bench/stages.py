@@ -32,7 +32,7 @@ PIECE_BYTES, ECHO_BYTES = 5e8, 24
 LEAST_FRAMES = 4
 """A piece has at least so many surface frames."""
 PHYSICS = (
-    "reflections", "transmissions", "bounces", "clutter", "collisions", "method", "seed", "body", "material", "phase_from",
+    "reflections", "transmissions", "bounces", "clutter", "collisions", "method", "seed", "body", "material", "phase_from", "noise",
 )  # fmt: skip
 
 

@@ -150,7 +150,14 @@ def clip(path: Path, name: str) -> tuple[Poses, np.ndarray]:
         poses, planted = unpacked(packed, skeleton)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
         raise InputError(f"clip {name} of {path} cannot be read ({_words(error)}); install t2d-rt again") from None
-    return poses, grown(poses, planted)
+    return locked(poses, grown(poses, planted))
+
+
+def locked(poses: Poses, planted: np.ndarray) -> tuple[Poses, np.ndarray]:
+    """The same arrays, which nobody can write any more: every motion of a clip shares them."""
+    for array in (poses.root, poses.local, poses.skeleton.offsets, planted):
+        array.setflags(write=False)
+    return poses, planted
 
 
 def packed(poses: Poses, planted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

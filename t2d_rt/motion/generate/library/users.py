@@ -19,7 +19,7 @@ from t2d_rt.files import read_bytes
 from t2d_rt.motion.contacts import contacts, grown, soles
 from t2d_rt.motion.descriptions.slots import ACTIONS_OF, ACTIVITIES, Action, Direction, Speed
 from t2d_rt.motion.generate.chain import heading_rad
-from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Source, Store
+from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Source, Store, locked
 from t2d_rt.motion.interpolate import resample
 from t2d_rt.motion.kinematics import Poses, poses_of
 from t2d_rt.motion.read import load_motion
@@ -71,8 +71,12 @@ def _kind(row: Mapping[str, str]) -> str:
     return ""
 
 
-def add(folder: str | Path, index: str | Path, *, library: str | Path | None = None) -> list[dict[str, str]]:
+def add(
+    folder: str | Path, index: str | Path, *, library: str | Path | None = None
+) -> tuple[list[dict[str, str]], int]:
     """The rows of an index of a folder's clips, measured and added to the library's own index; nothing is added if one is wrong.
+
+    They take the place of all rows that the library has of the same files, whose number is returned beside them.
 
     folder: where the files of the index are.
     index: CSV file with the columns file, class and action, and any of start_s, stop_s, direction, speed and text.
@@ -91,9 +95,10 @@ def add(folder: str | Path, index: str | Path, *, library: str | Path | None = N
         found.append(_measured(path, row, f"line {line} of {index}"))
     target = registry() if library is None else file_path("library", library)
     kept = [row for _, row in rows(target, measured=True)] if target.is_file() else []
-    same = {_key(row) for row in found}
-    write(target, [*(row for row in kept if _key(row) not in same), *found])
-    return found
+    files = {row["file"] for row in found}
+    others = [row for row in kept if row["file"] not in files]
+    write(target, [*others, *found])
+    return found, len(kept) - len(others)
 
 
 def remove(what: str | Path, *, library: str | Path | None = None) -> int:
@@ -193,10 +198,6 @@ def _measured(path: Path, row: dict[str, str], where: str) -> dict[str, str]:
     return {**row, **values}
 
 
-def _key(row: Mapping[str, str]) -> tuple[str, str, str, str]:
-    return row["file"], row["start_s"], row["stop_s"], row["action"]
-
-
 def write(path: Path, table: list[dict[str, str]]) -> None:
     """Write an index in one go."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -231,4 +232,4 @@ def _recorded(path: Path, stamp: int) -> tuple[Poses, np.ndarray]:
     lowest = soles(poses)[..., 2].min(axis=(1, 2))
     stands = planted.any(axis=(1, 2))
     level = float(np.median(lowest[stands])) if stands.sum() > 10 else float(np.percentile(lowest, 2))
-    return replace(poses, root=poses.root - [0.0, 0.0, level]), planted
+    return locked(replace(poses, root=poses.root - [0.0, 0.0, level]), planted)
