@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.checks import integer
-from t2d_rt.errors import InputError
-from t2d_rt.noise.background import Grid, add_background, load_background
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.noise.background import Background, Grid, add_background, load_background
 from t2d_rt.noise.background.records import checked_level
 from t2d_rt.noise.background.resample import step_ratio
 from t2d_rt.signal.doppler import checked_windows
@@ -18,8 +19,20 @@ from t2d_rt.signal.maps import Spectrogram
 from t2d_rt.types import Radar
 
 
-def background_settings(model: str | Path, *, seed: int = 0, level_db: float | None = None) -> dict[str, Any]:
-    """What a recording keeps of its background: the model and its digest, seed and level."""
+def background_settings(
+    model: str | Path, *, seed: int = 0, level_db: float | None = None, noisy: bool = False
+) -> dict[str, Any]:
+    """What a recording keeps of its background: the model and its digest, seed and level.
+
+    noisy: whether the recording has a receiver's noise, beside which a background of its own level is warned of.
+    """
+    if noisy and level_db is None:
+        warnings.warn(
+            "the recording has the receiver's noise, and the background has a noise floor of its own; simulate with "
+            "noise='none', or give background_level_db",
+            T2DWarning,
+            stacklevel=3,
+        )
     learned = load_background(model)
     if level_db is None and not learned.calibrated:
         raise InputError(
@@ -32,15 +45,19 @@ def background_settings(model: str | Path, *, seed: int = 0, level_db: float | N
 
 def background_power(image: Spectrogram, settings: Mapping[str, Any]) -> np.ndarray:
     """Power [W] of a spectrogram with the background of a recording's settings."""
+    return add_background(image.power, background(image.velocity_mps, image.time_s, settings), settings["level_db"])
+
+
+def background(velocity_mps: np.ndarray, time_s: np.ndarray, settings: Mapping[str, Any]) -> Background:
+    """The background of a recording's settings by itself, on the axes of a spectrogram."""
     learned = load_background(settings["model"])
     if learned.digest != settings["digest"]:
         raise InputError(
             f"{settings['model']} is no longer the background model that the recording was made with; put that back, or give the "
             "recording a background anew"
         )
-    grid = Grid.of_columns(image.velocity_mps, image.time_s)
-    found = learned.columns(len(image.time_s), seed=settings["seed"], grid=grid)
-    return add_background(image.power, found, settings["level_db"])
+    grid = Grid.of_columns(velocity_mps, time_s)
+    return learned.columns(len(time_s), seed=settings["seed"], grid=grid)
 
 
 def check_axes(model: str | Path, radar: Radar, processing: Mapping[str, Any]) -> None:

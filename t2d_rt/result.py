@@ -233,7 +233,9 @@ class Recording:
             it was learned from.
         """
         changed = self.processed()
-        changed.settings["background"] = background_settings(model, seed=seed, level_db=level_db)
+        changed.settings["background"] = background_settings(
+            model, seed=seed, level_db=level_db, noisy=self.noise_floor_dbm is not None
+        )
         return changed
 
     @property

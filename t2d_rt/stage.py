@@ -19,6 +19,7 @@ from t2d_rt.memory import Budget
 from t2d_rt.model import Model, farthest_and_fastest
 from t2d_rt.motion import placement
 from t2d_rt.named import noise_named, radar_named, target_named
+from t2d_rt.noise.receiver import check_receiver
 from t2d_rt.propagation.collisions import checked_time
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.scenes import load_scene
@@ -32,6 +33,7 @@ from t2d_rt.sources import sources_of, stored_scene
 from t2d_rt.targets import TargetLike, placed, shared_time, targets_of
 from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
 from t2d_rt.types.material import checked_material
+from t2d_rt.types.receiver import Receiver
 from t2d_rt.types.target import Geometry
 
 JUMP_MPS = 300.0
@@ -75,7 +77,10 @@ def set_up(
     target = target_named(target)
     targets = [target] if isinstance(target, TargetLike) else target
     _check(targets, radar, physics)
-    physics = {**physics, "noise": noise_named(physics["noise"], radar)}
+    noise = noise_named(physics["noise"], radar)
+    if isinstance(noise, Receiver):
+        check_receiver(radar, noise)
+    physics = {**physics, "noise": noise}
     targets = [_placed(each, radar) if isinstance(each, Motion) else each for each in targets]
     backend = select(device)
     method, body, material = physics["method"], physics["body"], physics["material"]

@@ -314,3 +314,12 @@ def test_masks_show_nothing_where_there_is_no_background(made: Path) -> None:
     assert len(windows) > 20
     assert found.arrays["spectrogram"].min() == -200.0
     assert make_sample(tiny(noise="none"), {}, 0).arrays["spectrogram"].min() > -200.0
+
+
+def test_samples_of_other_versions_are_warned_of(copy: Path) -> None:
+    manifest = copy / "manifest.json"
+    told = json.loads(manifest.read_text())
+    told["versions"]["t2d-rt"] = "0.0.1"
+    manifest.write_text(json.dumps(told))
+    with pytest.warns(t2d.errors.T2DWarning, match=r"begun with other versions \(t2d-rt 0.0.1\)"):
+        make_dataset(tiny(), copy, workers=1)

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from t2d_rt.dataset.products import Products, RangeDopplerProduct, SpectrogramProduct
+from t2d_rt.added_background import background, background_settings
+from t2d_rt.dataset.products import Products, RangeDopplerProduct, SpectrogramProduct, record_length_s
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.stored import axis
 from t2d_rt.dataset.view import view
+from t2d_rt.errors import T2DWarning
 from t2d_rt.result import Recording
 from t2d_rt.types import Radar
 
@@ -42,3 +44,36 @@ def test_the_greatest_cell_is_the_target_unless_the_mean_is_kept(
     best = np.unravel_index(levels.argmax(), levels.shape)
     assert speeds[best[rows]] == pytest.approx(speed_mps, abs=speeds[1] - speeds[0])
     assert kind().mti == "mean"
+
+
+def test_a_record_of_bursts_lasts_to_the_end_of_the_last() -> None:
+    radar = Radar.preset("table2-burst")
+    burst = radar.loops_per_frame
+    assert burst is not None
+    recording = Recording(np.zeros((3 * burst, 1, radar.samples), np.complex64), radar)
+    lasts_s = 2 * radar.frame_interval_s + burst * radar.loop_interval_s
+    assert record_length_s(recording) == pytest.approx(lasts_s)
+
+
+def test_an_occluded_window_shows_the_background_alone() -> None:
+    """However far the person stands above it."""
+    rng = np.random.default_rng(0)
+    strong = rng.standard_normal((2048, 1, RADAR.samples)) + 0j
+    recording = Recording(strong.astype(np.complex64), RADAR)
+    masks = {"windows": 40, "shortest_s": 0.05, "longest_s": 0.1}
+    asked = {"background": "default", "background_level_db": -140.0, "masks": masks}
+    recipe = Recipe.model_validate(Recipe.read("small-hard").model_dump() | asked)
+    seen = view(recording, recipe, 0)
+    assert seen is not None
+    told = seen.told["background"]
+    image = recording.processed(mti="mean").spectrogram
+    alone = background(image.velocity_mps.values, image.time_s.values, told).power_w(-140.0)
+    hidden = np.any([(image.time_s.values >= a) & (image.time_s.values < b) for a, b in seen.told["masks_s"]], axis=0)
+    assert hidden.any()
+    np.testing.assert_allclose(seen.power[:, hidden], alone[:, hidden], rtol=1e-6)
+
+
+def test_a_background_beside_receiver_noise_is_warned_of() -> None:
+    with pytest.warns(T2DWarning, match="noise floor of its own"):
+        background_settings("default", noisy=True)
+    background_settings("default", noisy=True, level_db=-160.0)

@@ -137,3 +137,16 @@ def test_names_of_recipes(tmp_path: Path) -> None:
         Recipe.read(tmp_path / "mine.yaml")
     with pytest.raises(InputError, match=r"the index of a sample must be an integer in 0\.\.17, got 18"):
         cell_of(recipe(), 18)
+
+
+def test_files_that_a_recipe_names_are_found_from_its_folder_and_stay_so(tmp_path: Path) -> None:
+    path = tmp_path / "recipe.yaml"
+    scene = {"name": "own", "method": "ellipsoid", "scene": "rooms/own.xml"}
+    path.write_text(recipe(conditions=[scene], background="own.safetensors").to_yaml())
+    first = Recipe.read(path)
+    assert first.conditions[0].scene == str(tmp_path / "rooms" / "own.xml")
+    assert first.background == str(tmp_path / "own.safetensors")
+    (tmp_path / "out").mkdir()
+    stored = tmp_path / "out" / "recipe.yaml"
+    stored.write_text(first.to_yaml())
+    assert Recipe.read(stored).hash == first.hash

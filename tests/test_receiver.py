@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -595,3 +596,13 @@ def test_bands_without_a_receiver_are_refused() -> None:
         InputError, match=r"no receiver is shipped for 10\.02 GHz \(there are those for 22 to 29, 56 to 71"
     ):
         t2d.Receiver.preset(radar)
+
+
+def test_a_receiver_that_the_radar_cannot_have_is_refused_before_the_simulation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pipeline = sys.modules["t2d_rt.simulate"]
+    monkeypatch.setattr(pipeline, "summed", lambda *_, **__: pytest.fail("it was simulated"))
+    radar = t2d.Radar.preset("table2", samples=8)
+    with pytest.raises(InputError, match="phase noise is sorted by range"):
+        t2d.simulate(t2d.trim(t2d.example("walk"), 1, 1.1), radar=radar, method="ellipsoid", noise="receiver")

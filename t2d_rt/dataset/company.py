@@ -17,7 +17,7 @@ WALKS = 20
 """Descriptions of walks that a second person may follow."""
 
 
-TURN_RADIUS_M = {"dog": 1.0, "cat": 0.6}
+CIRCLE_RADIUS_M = {"dog": 1.0, "cat": 0.6}
 """Of the circles that pets walk in."""
 
 
@@ -40,7 +40,7 @@ def company(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText |
         animal: Literal["dog", "cat"] = "dog" if rng.random() < 0.5 else "cat"
         return Pet(
             animal=animal, position_m=place, heading_deg=between(0, 360), speed_mps=between(0.4, 0.9),
-            turn_radius_m=TURN_RADIUS_M[animal],
+            turn_radius_m=CIRCLE_RADIUS_M[animal],
         )  # fmt: skip
     if beside == "person":
         walks = descriptions("walking", WALKS, recipe.seed)

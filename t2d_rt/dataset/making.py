@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.schedulers import cores, scheduler_named, threads_of
 from t2d_rt.dataset.shards import SHARDS, numbers, read_records, sha256, shard_name, sweep, write_shard, write_whole
 from t2d_rt.dataset.work import Made
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.versions import versions
 
 LOG = "log"
@@ -82,6 +83,20 @@ def make_dataset(
         return Outcome(count, run.made, tuple(run.failures), time.perf_counter() - begin)
 
 
+def _warn_of_versions(manifest: Path) -> None:
+    """Warns where the samples that there are were made by other versions."""
+    if not manifest.is_file():
+        return
+    begun, now = read_manifest(manifest.parent).get("versions", {}), versions()
+    other = [f"{name} {begun.get(name)}" for name, version in now.items() if begun.get(name) != version]
+    if other:
+        warnings.warn(
+            f"{manifest.parent} was begun with other versions ({', '.join(other)}); new samples may differ from theirs",
+            T2DWarning,
+            stacklevel=3,
+        )
+
+
 def _prepare(folder: Path, recipe: Recipe) -> None:
     """Makes the folder of a data set, or checks that it is one of the same recipe."""
     place = folder / RECIPE
@@ -92,6 +107,7 @@ def _prepare(folder: Path, recipe: Recipe) -> None:
                 f"{folder} holds samples of another recipe ({there.name}, {there.hash[:8]}) than this one ({recipe.name}, "
                 f"{recipe.hash[:8]}); choose another folder"
             )
+        _warn_of_versions(folder / MANIFEST)
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} exists and is no data set; choose another folder")

@@ -102,7 +102,7 @@ class RangeDopplerProduct(_Map):
 
     def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (frame, speed, range), and what goes into the record."""
-        length_s = len(recording.cube) * recording.radar.loop_interval_s
+        length_s = record_length_s(recording)
         times_s = (np.arange(self.frames) + 0.5) * length_s / self.frames
         power, recording = [], recording.processed(mti=self.mti)
         for each in times_s:
@@ -176,6 +176,12 @@ class Products(_Product):
         """Arrays by name, and what goes into the record of each, of a recording and of its spectrogram as it is seen."""
         found = {name: each.made(seen if name == "spectrogram" else recording) for name, each in self.kept.items()}
         return {name: array for name, (array, _) in found.items()}, {name: told for name, (_, told) in found.items()}
+
+
+def record_length_s(recording: Recording) -> float:
+    """From the first chirp to the end of the last [s], the pauses between bursts with it."""
+    radar = recording.radar
+    return float(radar.chirp_starts_s(len(recording.cube))[-1]) + radar.loop_interval_s
 
 
 def resized(power: np.ndarray, size: tuple[int, int]) -> np.ndarray:

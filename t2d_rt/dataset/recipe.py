@@ -212,12 +212,14 @@ class Recipe(Fields):
         return found._beside(path.parent)
 
     def _beside(self, folder: Path) -> Recipe:
-        """With scenes that are files found from the folder of the recipe."""
-        conditions = tuple(
-            each.model_copy(update={"scene": str(folder / each.scene)}) if each.scene.lower().endswith(".xml") else each
-            for each in self.conditions
-        )
-        return self.model_copy(update={"conditions": conditions})
+        """With whole paths of scenes and models that are files, which are found from the folder of the recipe."""
+
+        def whole(name: str, ending: str) -> str:
+            return str((folder / name).resolve()) if name.lower().endswith(ending) else name
+
+        conditions = tuple(each.model_copy(update={"scene": whole(each.scene, ".xml")}) for each in self.conditions)
+        background = None if self.background is None else whole(self.background, ".safetensors")
+        return self.model_copy(update={"conditions": conditions, "background": background})
 
 
 LIMITS = {

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.added_background import background, background_settings
 from t2d_rt.dataset.products import View
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.seeds import whole
@@ -21,20 +22,24 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
     recording = recording.processed(mti=kept.mti)
     image = recording.spectrogram
     velocity, time_s = image.velocity_mps.values, image.time_s.values
-    clean = _power(image.values)
-    power, added = clean, np.zeros_like(clean)
+    power = _power(image.values)
+    added: np.ndarray | None = None
     told: dict[str, Any] = {}
     if recipe.background is not None:
         seed = whole(recipe.seeds(index, "background"))
-        with_it = recording.with_background(recipe.background, seed=seed, level_db=recipe.background_level_db)
-        power = _power(with_it.spectrogram.values)
-        added = np.maximum(power - clean, 0.0)
-        told["background"] = with_it.settings["background"]
+        settings = background_settings(
+            recipe.background,
+            seed=seed,
+            level_db=recipe.background_level_db,
+            noisy=recording.noise_floor_dbm is not None,
+        )
+        added = background(velocity, time_s, settings).power_w(settings["level_db"]).astype(np.float64)
+        power = power + added
+        told["background"] = settings
     if recipe.masks is not None:
-        by_background = recipe.background is not None
         occluded = occlude(
             power, time_s, recipe.masks, seed=whole(recipe.seeds(index, "masks")),
-            fill="background" if by_background else "zeros", background_power=added if by_background else None,
+            fill="zeros" if added is None else "background", background_power=added,
         )  # fmt: skip
         power = occluded.power
         told["masks_s"] = np.round(occluded.windows_s, 6).tolist()

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import limit_threads
+from t2d_rt.dataset.products import record_length_s
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, sample
 from t2d_rt.dataset.takes import provenance
 from t2d_rt.dataset.view import view
-from t2d_rt.errors import T2DWarning
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.simulate import run
 from t2d_rt.types import Accuracy
 
@@ -77,7 +78,9 @@ def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
         except (MemoryError, KeyboardInterrupt):
             raise
         except Exception as error:  # one sample's failure is no reason to lose the others
-            reason = " ".join(str(error).split()) or type(error).__name__
+            reason = " ".join(str(error).split())
+            if not isinstance(error, InputError):
+                reason = f"{type(error).__name__}: {reason}"
             return Made(record | {"failure": reason})
     record |= told_of
     record["warnings"] = sorted({str(each.message) for each in told if issubclass(each.category, T2DWarning)})
@@ -106,7 +109,7 @@ def _recorded(
     simulated = time.perf_counter()
     arrays, products = recipe.products.made(recording, view(recording, recipe, found.cell.index))
     record = {
-        "duration_s": round(len(recording.cube) * recording.radar.loop_interval_s, 9),
+        "duration_s": round(record_length_s(recording), 9),
         "error_db": None if recording.error_db is None else round(recording.error_db, 3),
         "snr_db": None if recording.snr_db is None else round(recording.snr_db, 3),
         "products": products,

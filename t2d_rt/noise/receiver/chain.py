@@ -81,6 +81,11 @@ class Levels:
             )
 
 
+def check_receiver(radar: Radar, receiver: Receiver) -> None:
+    """Refuses a receiver that this radar cannot have, before anything is simulated."""
+    list(_effects(radar, receiver, Draws(0)))
+
+
 def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cube, dict[str, Any]]:
     """The cube (chirp, antenna, sample) [sqrt(W)] as a receiver gives it, and settings that tell its levels.
 
