@@ -18,7 +18,7 @@ import pytest
 
 import t2d_rt as t2d
 from t2d_rt.cli import main
-from t2d_rt.dataset import Recipe, check_dataset, make_dataset, read_shards
+from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards
 from t2d_rt.dataset.lock import LOCK, locked
 from t2d_rt.dataset.view import view
 from t2d_rt.dataset.work import Made, make_sample, make_samples
@@ -323,3 +323,49 @@ def test_samples_of_other_versions_are_warned_of(copy: Path) -> None:
     manifest.write_text(json.dumps(told))
     with pytest.warns(t2d.errors.T2DWarning, match=r"begun with other versions \(t2d-rt 0.0.1\)"):
         make_dataset(tiny(), copy, workers=1)
+
+
+def test_shards_of_another_place_or_with_other_labels_are_not_taken(copy: Path) -> None:
+    (copy / "manifest.json").unlink()
+    records = copy / "shards" / "00000.jsonl"
+    records.write_text(records.read_text().replace('"class": "bending"', '"class": "jumping"', 1))
+    with pytest.raises(InputError, match="does not hold the samples of this recipe"):
+        make_dataset(tiny(), copy, workers=1)
+
+
+def test_changed_files_are_not_read_as_samples(copy: Path) -> None:
+    records = copy / "shards" / "00000.jsonl"
+    text = records.read_text()
+    records.write_text(text.replace('"class": "bending"', '"class": "jumping"', 1))
+    with pytest.raises(InputError, match="its checksum is another"):
+        Dataset(copy)
+    records.write_text(text)
+    arrays = copy / "shards" / "00000.npz"
+    arrays.write_bytes(arrays.read_bytes() + b"\0")
+    with pytest.raises(InputError, match="its checksum is another"):
+        Dataset(copy).array(0, "spectrogram")
+    recipe = copy / "recipe.yaml"
+    recipe.write_text(recipe.read_text().replace("dtype: float16", "dtype: uint8"))
+    with pytest.raises(InputError, match="is not the recipe that the samples were made of"):
+        Dataset(copy)
+
+
+def test_a_run_goes_on_with_the_same_files_only(copy: Path) -> None:
+    manifest = copy / "manifest.json"
+    told = json.loads(manifest.read_text())
+    assert told["inputs"] == {}
+    manifest.write_text(json.dumps(told | {"inputs": {"room.xml": "0" * 64}}))
+    with pytest.raises(InputError, match=r"room.xml has changed since"):
+        make_dataset(tiny(), copy, workers=1)
+
+
+@pytest.mark.parametrize("where", ["copy", "copy/shards", "other"])
+def test_an_export_replaces_exports_alone(copy: Path, where: str) -> None:
+    target = copy.parent / where
+    target.mkdir(exist_ok=True)
+    before = contents(copy)
+    (target / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match=r"overlaps|would be lost"):
+        export_dataset(copy, target, "npz", overwrite=True)
+    assert (target / "thesis.tex").is_file()
+    assert before.items() <= contents(copy).items()

@@ -83,7 +83,7 @@ def test_few_shards_are_kept_and_none_is_copied(folder: Path) -> None:
     few.array(10, "spectrogram")
     first[:] = 7  # one's own copy
     assert same(few.array(0, "spectrogram"), Dataset(folder).array(0, "spectrogram"))
-    assert len(pickle.dumps(few)) == len(copied)
+    assert len(pickle.dumps(few)) < len(copied) + 1000  # no array with it
     assert len(few._reader._kept._values) == 1  # type: ignore[attr-defined]
     assert same(pickle.loads(copied).array(5, "adc"), few.array(5, "adc"))
 

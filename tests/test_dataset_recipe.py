@@ -150,3 +150,11 @@ def test_files_that_a_recipe_names_are_found_from_its_folder_and_stay_so(tmp_pat
     stored = tmp_path / "out" / "recipe.yaml"
     stored.write_text(first.to_yaml())
     assert Recipe.read(stored).hash == first.hash
+    assert set(first.files().values()) == {None}
+    (tmp_path / "own.safetensors").write_bytes(b"weights")
+    assert len(first.files()[str(tmp_path / "own.safetensors")] or "") == 64
+
+
+def test_one_seed_of_noise_for_all_samples_is_refused() -> None:
+    with pytest.raises(InputError, match="all samples would have the same noise"):
+        recipe(noise={"seed": 5})

@@ -216,3 +216,8 @@ def test_clips_of_composed_motions_are_known() -> None:
     assert all(each.endswith((".bvh.gz", ".bvh", ".npz")) for each in found)
     file = "walk, fast.bvh, sha256 " + "0" * 64
     assert source_clips({"sources": [file]}) == {"walk, fast.bvh"}
+
+
+def test_sides_have_plain_names() -> None:
+    with pytest.raises(InputError, match=r"named by letters, digits, - and _, got '\.\./up'"):
+        check_split([], {"../up": []})

@@ -15,7 +15,7 @@ from t2d_rt.checks import choice, file_path, flag, positive
 from t2d_rt.dataset.card import data_card
 from t2d_rt.dataset.parquet import DATA, pyarrow, write_parquet
 from t2d_rt.dataset.read import RECIPE
-from t2d_rt.dataset.shards import RAGGED
+from t2d_rt.dataset.shards import RAGGED, SHARDS
 from t2d_rt.dataset.splits import Split, check_split
 from t2d_rt.dataset.stored import Dataset, Product
 from t2d_rt.errors import InputError
@@ -70,6 +70,7 @@ def export_dataset(
         pyarrow()
     if target.is_file():
         raise InputError(f"{target} is a file and an export is a folder; choose another name")
+    _check_apart(source.path, target)
     check_place(target, overwrite=overwrite)
     with replacing(target, lambda: check_taken(target, overwrite=overwrite)) as new:
         new.mkdir()
@@ -85,6 +86,15 @@ def export_dataset(
             for name, positions in sides.items():
                 _write_npz(source, new / name, positions, chosen)
     return target
+
+
+def _check_apart(source: Path, target: Path) -> None:
+    """Refuses a place that overlaps the data set, or that an export would replace though none wrote it."""
+    one, other = source.resolve(), target.resolve()
+    if one.is_relative_to(other) or other.is_relative_to(one):
+        raise InputError(f"{target} overlaps the data set {source} that is exported; choose another folder")
+    if target.is_dir() and any(target.iterdir()) and ((target / SHARDS).exists() or not (target / RECIPE).is_file()):
+        raise InputError(f"{target} holds something else than an export, which would be lost; choose another folder")
 
 
 def _products(dataset: Dataset, to: Format, products: Collection[str] | None) -> tuple[Product, ...]:

@@ -15,6 +15,7 @@ from t2d_rt.dataset.lock import locked
 from t2d_rt.dataset.planning import make_plans
 from t2d_rt.dataset.read import MANIFEST, PLANS, RECIPE, read_manifest, shard_faults
 from t2d_rt.dataset.recipe import Recipe
+from t2d_rt.dataset.sample import cell_of, description_of
 from t2d_rt.dataset.schedulers import cores, scheduler_named, threads_of
 from t2d_rt.dataset.shards import SHARDS, numbers, read_records, sha256, shard_name, sweep, write_shard, write_whole
 from t2d_rt.dataset.work import Made
@@ -108,6 +109,12 @@ def _prepare(folder: Path, recipe: Recipe) -> None:
                 f"{recipe.hash[:8]}); choose another folder"
             )
         _warn_of_versions(folder / MANIFEST)
+        begun, now = read_manifest(folder).get("inputs", {}), recipe.files()
+        for name, checksum in begun.items():
+            if now.get(name) != checksum:
+                raise InputError(
+                    f"{name} has changed since {folder} was begun; put it back as it was, or choose another folder"
+                )
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} exists and is no data set; choose another folder")
@@ -126,6 +133,7 @@ class _Run:
         self._recipe, self._folder, self._count, self._progress = recipe, folder, count, progress
         self._files: dict[str, str] = dict(read_manifest(folder).get("files", {}))
         self._waiting: dict[int, dict[int, Made]] = {}
+        self._inputs = recipe.files()
         self._log: list[dict[str, Any]] = []
         self.failures: list[tuple[int, str]] = []
         self.made = 0
@@ -158,11 +166,27 @@ class _Run:
                         f"{path} does not match its checksum; remove both files of the shard and run it again, which makes it anew"
                     )
             records = read_records(self._folder, number)
+            self._check_records(number, records)
             if len(records) >= len(self._indices(number)):  # one of an earlier limit may lack samples
                 found.add(number)
                 self._done += len(records)
                 self._note_failures([Made(each) for each in records])
         return found
+
+    def _check_records(self, number: int, records: Sequence[dict[str, Any]]) -> None:
+        """Refuses a shard of another place or recipe, which no manifest lists yet."""
+        first = number * self._recipe.samples_per_shard
+        for index, record in enumerate(records, start=first):
+            if record.get("index") != index or index >= self._recipe.samples:
+                told = None
+            else:
+                cell = cell_of(self._recipe, index)
+                told = cell.activity, description_of(self._recipe, cell).sentence
+            if told != (record.get("class"), record.get("sentence")):
+                raise InputError(
+                    f"{self._folder / SHARDS / shard_name(number)}.jsonl does not hold the samples of this recipe; remove both "
+                    "files of the shard and run it again, which makes it anew"
+                )
 
     def add(self, made: Sequence[Made]) -> None:
         """Takes what a worker has made, and writes the shard that it completes."""
@@ -195,7 +219,8 @@ class _Run:
         names = [f"{shard_name(number)}.{kind}" for number in shards for kind in ("npz", "jsonl")]
         records = [each for number in shards for each in read_records(self._folder, number)]
         found = {
-            "recipe": self._recipe.name, "recipe_hash": self._recipe.hash, "versions": versions(), "samples": len(records),
+            "recipe": self._recipe.name, "recipe_hash": self._recipe.hash, "versions": versions(), "inputs": self._inputs,
+            "samples": len(records),
             "failed": sum(each["failure"] is not None for each in records),
             "files": {name: self._files[name] for name in names},
         }  # fmt: skip

@@ -108,6 +108,10 @@ class RangeDopplerProduct(_Map):
         for each in times_s:
             image = recording.range_doppler_at(float(each))
             near = image.range_m.values <= self.farthest_m
+            if near.sum() < 2:
+                raise InputError(
+                    f"a map within {self.farthest_m:g} m has {near.sum()} cells of range; raise farthest_m, or take a finer radar"
+                )
             rows = self.rows(image.velocity_mps.values)
             power.append(resized(10.0 ** (image.values[rows][:, near].astype(np.float64) / 10.0), self.size))
         array, peak_db = self.encoded(np.stack(power))

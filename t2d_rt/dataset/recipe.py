@@ -158,6 +158,10 @@ class Recipe(Fields):
                     f"recipe key {name} must be two numbers, least and greatest, within {low:g}..{high:g}, got "
                     f"[{least:g}, {greatest:g}]"
                 )
+        if isinstance(self.noise, Receiver) and self.noise.seed is not None:
+            raise InputError(
+                f"recipe key noise has seed {self.noise.seed}, so that all samples would have the same noise; leave it out"
+            )
         if self.background_level_db is not None and self.background is None:
             raise InputError("recipe key background_level_db belongs to a background; give background, too")
         for what, names in (("classes", self.classes), ("conditions", [each.name for each in self.conditions])):
@@ -167,6 +171,16 @@ class Recipe(Fields):
             if each != OWN_BODY and each not in bodies():
                 raise unknown_name("body", each, (OWN_BODY, *bodies()))
         return self
+
+    def files(self) -> dict[str, str | None]:
+        """Checksums of the files that samples follow from beside the recipe; None of one that is not there."""
+        names = {each.scene for each in self.conditions if each.scene.lower().endswith(".xml")}
+        if self.background is not None and self.background.lower().endswith(".safetensors"):
+            names.add(self.background)
+        return {
+            name: hashlib.sha256(Path(name).read_bytes()).hexdigest() if Path(name).is_file() else None
+            for name in sorted(names)
+        }
 
     @functools.cached_property
     def hash(self) -> str:

@@ -127,4 +127,6 @@ def read_records(folder: Path, number: int) -> list[dict[str, Any]]:
 
 def damaged(path: Path, why: object) -> InputError:
     """What to say of a shard that cannot be used."""
-    return InputError(f"{path} is damaged ({why}); remove it and run the recipe again, which makes it anew")
+    return InputError(
+        f"{path} is damaged ({why}); remove {path.stem}.npz and {path.stem}.jsonl and run the recipe again, which makes them anew"
+    )

@@ -28,6 +28,8 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 """What is held apart: a description by its sentence, a source clip by the recording that it was cut from, a motion by
 its seed."""
 
+PLAIN = re.compile(r"[A-Za-z0-9_-]{1,100}")
+"""Names of sides, which become names of files."""
 CLIP = re.compile(r"^clip \S+ of (?P<file>.+), \d+\.\d\d to \d+\.\d\d s$")
 """How a motion's origin names a clip."""
 FILE = re.compile(r"^(?P<file>.+), sha256 [0-9a-f]{64}$")
@@ -176,6 +178,8 @@ def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: 
     seen: dict[int, str] = {}
     listed = {name: [int(each) for each in indices] for name, indices in sides.items()}
     for name, indices in listed.items():
+        if not PLAIN.fullmatch(name):
+            raise InputError(f"a side must be named by letters, digits, - and _, got {shown(name)}; rename it")
         for index in indices:
             if index not in known:
                 raise InputError(

@@ -12,9 +12,9 @@ from t2d_rt.checks import positive, unknown_name
 from t2d_rt.dataset.kept import Kept
 from t2d_rt.dataset.parquet import DATA, ParquetReader
 from t2d_rt.dataset.products import Products
-from t2d_rt.dataset.read import RECIPE, dataset_folder, read_shards
+from t2d_rt.dataset.read import RECIPE, dataset_folder, read_manifest, read_shards
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged
+from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged, sha256
 from t2d_rt.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,7 +53,10 @@ class ShardReader:
         records: list[dict[str, Any]] = []
         failed: list[dict[str, Any]] = []
         files: list[Path] = []
+        self._checksums = read_manifest(folder).get("files", {})
+        self._sound: set[Path] = set()
         for shard in read_shards(folder):
+            self._check(shard.path.with_suffix(".jsonl"))
             for record in shard.records:
                 (failed if record["row"] is None else records).append(record)
                 if record["row"] is not None:
@@ -70,7 +73,15 @@ class ShardReader:
         whole = self._kept.get((path, product), lambda: self._member(path, product))
         return np.array(whole[record["row"]])
 
+    def _check(self, path: Path) -> None:
+        """Refuses a file that is not as it was written; one that no manifest lists yet is taken as it is."""
+        if path not in self._sound and path.name in self._checksums:
+            if sha256(path.read_bytes()) != self._checksums[path.name]:
+                raise damaged(path, "its checksum is another")
+            self._sound.add(path)
+
     def _member(self, path: Path, member: str) -> np.ndarray:
+        self._check(path)
         try:
             with np.load(path, allow_pickle=False) as file:
                 return np.asarray(file[member])
@@ -91,6 +102,9 @@ class Dataset:
         self.recipe = Recipe.read(self.path / RECIPE)
         most_bytes = 1e6 * positive("cached_mb", cached_mb, 1e6, unit="MB")
         shards = (self.path / SHARDS).is_dir()
+        made_of = read_manifest(self.path).get("recipe_hash", self.recipe.hash) if shards else self.recipe.hash
+        if made_of != self.recipe.hash:
+            raise InputError(f"{self.path / RECIPE} is not the recipe that the samples were made of; put that back")
         self._reader: Reader = (
             ShardReader(self.path, most_bytes) if shards else ParquetReader(self.path / DATA, most_bytes)
         )
