@@ -369,3 +369,9 @@ def test_an_export_replaces_exports_alone(copy: Path, where: str) -> None:
         export_dataset(copy, target, "npz", overwrite=True)
     assert (target / "thesis.tex").is_file()
     assert before.items() <= contents(copy).items()
+
+
+def test_a_file_that_is_not_there_is_told_before_anything_is_made(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"recipe tiny names none.safetensors, which is no file"):
+        make_dataset(tiny(background="none.safetensors"), tmp_path / "out", workers=1)
+    assert not (tmp_path / "out").exists()

@@ -126,7 +126,7 @@ def test_noise_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture
         where,
     )
     assert main([*words, "--noise", "{adc: {bits: 12, full_scale_dbm: 9, gain_db: 30}}"]) == 0
-    assert "dB, noise floor -8" in capsys.readouterr().out
+    assert "dB over white noise, noise floor -8" in capsys.readouterr().out
     noisy = t2d.Recording.load(where)
     assert noisy.experiment is not None
     assert isinstance(noisy.experiment.noise, t2d.Receiver)

@@ -66,7 +66,7 @@ def simulate_command(options: Namespace) -> None:
     if result.error_db is not None:
         say(f"measured error {result.error_db:.1f} dB")
     if result.snr_db is not None:
-        say(f"SNR {result.snr_db:.1f} dB, noise floor {result.noise_floor_dbm:.1f} dBm")
+        say(f"SNR {result.snr_db:.1f} dB over white noise, noise floor {result.noise_floor_dbm:.1f} dBm")
     say(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
 
 

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
+from t2d_rt.dataset.read import UNITS
 from t2d_rt.versions import versions
 
 if TYPE_CHECKING:
     from t2d_rt.dataset.splits import Split
     from t2d_rt.dataset.stored import Dataset, Product
-
-UNITS = {"velocity_mps": "m/s", "time_s": "s", "range_m": "m"}
 
 
 def data_card(
@@ -50,10 +49,10 @@ def data_card(
 
 
 def _size(count: int) -> str:
-    for limit, words in ((1000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K")):
+    for limit, words in ((1000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M")):
         if count < limit:
             return words
-    return "100K<n<1M"
+    return "1M<n<10M"
 
 
 def _counts(dataset: Dataset, sides: Mapping[str, np.ndarray]) -> str:

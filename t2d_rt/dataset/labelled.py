@@ -9,6 +9,7 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from t2d_rt.dataset.read import UNITS
 from t2d_rt.dataset.shards import RAGGED
 from t2d_rt.dataset.stored import DIMENSIONS, axis
 from t2d_rt.errors import InputError
@@ -16,7 +17,6 @@ from t2d_rt.errors import InputError
 if TYPE_CHECKING:
     from t2d_rt.dataset.stored import Dataset, Product
 
-UNITS = {"velocity_mps": "m/s", "time_s": "s", "range_m": "m"}
 OF_RECORDS = "class", "condition", "sentence", "description", "seed", "snr_db", "distance_m", "angle_deg", "passed"
 """What is told of each sample."""
 

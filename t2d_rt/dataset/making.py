@@ -100,6 +100,11 @@ def _warn_of_versions(manifest: Path) -> None:
 
 def _prepare(folder: Path, recipe: Recipe) -> None:
     """Makes the folder of a data set, or checks that it is one of the same recipe."""
+    missing = [name for name, checksum in recipe.files().items() if checksum is None]
+    if missing:
+        raise InputError(
+            f"recipe {recipe.name} names {missing[0]}, which is no file; correct its name, or put the file there"
+        )
     place = folder / RECIPE
     if place.is_file():
         there = Recipe.read(place)

@@ -16,6 +16,8 @@ from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged, numbers, read_records
 from t2d_rt.errors import InputError
 
 RECIPE, PLANS, MANIFEST = "recipe.yaml", "plans.json", "manifest.json"
+UNITS = {"velocity_mps": "m/s", "time_s": "s", "range_m": "m"}
+"""Of the axes of maps."""
 
 
 @dataclass(frozen=True, slots=True)
