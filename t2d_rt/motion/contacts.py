@@ -23,6 +23,10 @@ swinging one at 2 m/s and more."""
 LEAVING_MPS = 0.45
 """Speed up to which one that was in contact still is, or is about to be: a swinging foot reaches it within 0.05 s."""
 
+TWIST_S = 0.1
+"""Longest time in which a low foot is faster than that and still does not leave: it twists over its ball in pushing off, and rests
+on its toe after it. A swing near the floor lasts 0.3 s and more."""
+
 FADE_S = 0.15
 """Time in which a foot that leaves the ground, or comes down, passes from one correction to the next one's slope."""
 
@@ -82,8 +86,17 @@ def grown(poses: Poses, planted: np.ndarray) -> np.ndarray:
     found = planted.copy()
     for side in range(2):
         for part in range(2):
-            for start, stop in runs(near[:, side, part]):
+            for start, stop in runs(_twisting(near[:, side, part], low[:, side, part], poses.rate_hz)):
                 found[start:stop, side, part] = planted[start:stop, side, part].any()
+    return found
+
+
+def _twisting(near: np.ndarray, low: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Flags (T,) with the gaps of up to `TWIST_S` in which the foot stays `low` (T,)."""
+    found = near.copy()
+    for start, stop in runs(~near):
+        if start > 0 and stop < len(near) and stop - start <= TWIST_S * rate_hz and low[start:stop].all():
+            found[start:stop] = True
     return found
 
 
