@@ -9,7 +9,7 @@ import numpy as np
 
 from t2d_rt.motion.check.anatomy import self_penetration_m
 from t2d_rt.motion.check.measures import jump_m
-from t2d_rt.motion.check.support import floating_s
+from t2d_rt.motion.check.support import contacts, floating_s
 from t2d_rt.motion.check.tracks import tracks
 from t2d_rt.motion.contacts import plant
 from t2d_rt.motion.descriptions.slots import Step
@@ -23,6 +23,9 @@ from t2d_rt.motion.kinematics import motion_of
 CIRCLING_RADPS = 0.7
 """Rate [rad/s] at which a dance goes round in a circle on average; faster, standing feet would have to slide."""
 
+STEP_S, ON_BOTH = 0.08, 0.2
+"""Time in which a turn gains and loses its pace with a step, a standard deviation, and the pace while both feet stand over that in
+a step: legs that stay behind a turning body cross."""
 
 PHRASE_S = 4.0
 """Longest stretch of one recording before another goes on: eight counts of music at two beats a second."""
@@ -34,9 +37,9 @@ SMOOTH_M = 0.03
 """Deviation of a joint's step from its neighbours' at a seam, at 60 Hz, up to which a phrase goes on smoothly; of recorded
 motions it is 0.042 at most (99th percentile)."""
 
-DEEP_M, HOVERS_S = 0.08, 0.12
-"""How deep limbs may go into one another, and how much longer than a flight the body may be off the floor: of recorded motions
-these are 0.093 m and 0.18 s at most."""
+DEEP_M, HOVERS_S, SLIDES_M = 0.08, 0.12, 0.06
+"""How deep limbs may go into one another at a seam, how much longer than a flight the body may be off the floor, and how far a
+planted foot may slide: of recorded motions these are 0.093 m, 0.18 s and 0.089 m at most."""
 
 SEAM_S = 0.6
 """Time in which a difference between phrases dies out."""
@@ -77,10 +80,20 @@ def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
         if sign * (heading[-1] - heading[0]) < 0:
             whole = edits.mirrored(whole)  # the dancer's own spins go the same way
         turn_rad = min(2 * np.pi, CIRCLING_RADPS * len(whole) / RATE_HZ)
-        return edits.bent(whole, sign * turn_rad * minimum_jerk(np.linspace(0, 1, len(whole)))).noted(
+        return edits.bent(whole, sign * turn_rad * circling(whole)).noted(
             f"turned {step.direction} by {np.degrees(turn_rad):.0f} degrees"
         )
     return whole
+
+
+def circling(piece: Piece) -> np.ndarray:
+    """How far a dance has gone round at each frame (T,), from 0 to 1: in its steps, hardly while both feet stand."""
+    from scipy.ndimage import gaussian_filter1d
+
+    both = gaussian_filter1d(piece.planted.any(axis=2).all(axis=1).astype(float), STEP_S * RATE_HZ, mode="nearest")
+    rate = np.gradient(minimum_jerk(np.linspace(0, 1, len(piece)))) * (1 - (1 - ON_BOTH) * both)
+    gone = np.cumsum(rate) - rate[0]
+    return gone / gone[-1]
 
 
 def _continued(whole: Piece, found: Piece) -> tuple[Piece, float]:
@@ -114,7 +127,9 @@ def roughness(seam: Piece) -> float:
         # Between 2 and infinity: any smooth seam is better.
         return 1.0 + rough
     body = tracks(motion_of(plant(seam.poses, seam.planted, level=False)))
-    return max(rough, float(self_penetration_m(body).max()) / DEEP_M, floating_s(body) / HOVERS_S)
+    slides_m = max((each.skate_m for each in contacts(body)), default=0.0)
+    deep_m = float(self_penetration_m(body).max())
+    return max(rough, deep_m / DEEP_M, floating_s(body) / HOVERS_S, slides_m / SLIDES_M)
 
 
 def goes_on_standing(piece: Piece) -> np.ndarray:
