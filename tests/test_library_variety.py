@@ -11,6 +11,7 @@ import pytest
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.check.population import spectrum_difference_db
 from t2d_rt.motion.contacts import steadying
+from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.generate.chain import Piece, from_rotation_vector
 from t2d_rt.motion.generate.library import edits
@@ -71,10 +72,11 @@ def test_a_seam_is_rough_where_limbs_meet_or_the_body_hovers() -> None:
     local[:, INDEX["left_hip"]] = quaternions.multiply(inward, local[:, INDEX["left_hip"]])
     crossed = replace(still, poses=replace(still.poses, local=local), planted=np.zeros_like(still.planted))
     assert roughness(crossed) > 1
-    up = 0.15 * np.sin(np.linspace(0, np.pi, len(still))) ** 0.25
-    hovering = edits.shifted(still, up[:, None] * [0.0, 0.0, 1.0])
-    hovering = edits.shifted(hovering, np.linspace(0, 1, len(still))[:, None] * [1.0, 0.0, 0.0])
-    assert roughness(replace(hovering, planted=np.zeros_like(still.planted))) > 1
+    long = edits.retimed(still, np.linspace(0, len(still) - 1, 120))
+    at = np.arange(120)
+    up = 0.12 * minimum_jerk((at - 20) / 20) * minimum_jerk((100 - at) / 20)
+    hovering = edits.shifted(long, np.stack([0.7 * at / RATE_HZ, np.zeros(120), up], axis=1))
+    assert roughness(replace(hovering, planted=np.zeros_like(long.planted))) > 1
     torn = still.poses.root.copy()
     torn[len(torn) // 2 :, 0] += 0.1
     assert roughness(replace(still, poses=replace(still.poses, root=torn))) > 1

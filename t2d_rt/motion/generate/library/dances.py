@@ -9,7 +9,7 @@ import numpy as np
 
 from t2d_rt.motion.check.anatomy import self_penetration_m
 from t2d_rt.motion.check.measures import jump_m
-from t2d_rt.motion.check.support import contacts, floating_s
+from t2d_rt.motion.check.support import floating_s
 from t2d_rt.motion.check.tracks import tracks
 from t2d_rt.motion.contacts import plant
 from t2d_rt.motion.descriptions.slots import Step
@@ -37,9 +37,9 @@ SMOOTH_M = 0.03
 """Deviation of a joint's step from its neighbours' at a seam, at 60 Hz, up to which a phrase goes on smoothly; of recorded
 motions it is 0.042 at most (99th percentile)."""
 
-DEEP_M, HOVERS_S, SLIDES_M = 0.08, 0.12, 0.06
-"""How deep limbs may go into one another at a seam, how much longer than a flight the body may be off the floor, and how far a
-planted foot may slide: of recorded motions these are 0.093 m, 0.18 s and 0.089 m at most."""
+DEEP_M, HOVERS_S = 0.08, 0.12
+"""How deep limbs may go into one another at a seam, and how much longer than a flight the body may be off the floor: of recorded
+motions these are 0.093 m and 0.18 s at most."""
 
 SEAM_S = 0.6
 """Time in which a difference between phrases dies out."""
@@ -90,7 +90,8 @@ def circling(piece: Piece) -> np.ndarray:
     """How far a dance has gone round at each frame (T,), from 0 to 1: in its steps, hardly while both feet stand."""
     from scipy.ndimage import gaussian_filter1d
 
-    both = gaussian_filter1d(piece.planted.any(axis=2).all(axis=1).astype(float), STEP_S * RATE_HZ, mode="nearest")
+    stands = np.asarray(piece.planted.any(axis=2))
+    both = gaussian_filter1d((stands[:, 0] & stands[:, 1]).astype(float), STEP_S * RATE_HZ, mode="nearest")
     rate = np.gradient(minimum_jerk(np.linspace(0, 1, len(piece)))) * (1 - (1 - ON_BOTH) * both)
     gone = np.cumsum(rate) - rate[0]
     return gone / gone[-1]
@@ -124,12 +125,9 @@ def roughness(seam: Piece) -> float:
     into one another and how long the body hovers; the latter two once feet are planted, where it is smooth."""
     rough = jump_m(seam.poses.world()[0]) / SMOOTH_M
     if rough >= 1.0:
-        # Between 2 and infinity: any smooth seam is better.
-        return 1.0 + rough
+        return 1.0 + rough  # a smooth seam is better, even if limbs touch
     body = tracks(motion_of(plant(seam.poses, seam.planted, level=False)))
-    slides_m = max((each.skate_m for each in contacts(body)), default=0.0)
-    deep_m = float(self_penetration_m(body).max())
-    return max(rough, deep_m / DEEP_M, floating_s(body) / HOVERS_S, slides_m / SLIDES_M)
+    return max(rough, float(self_penetration_m(body).max()) / DEEP_M, floating_s(body) / HOVERS_S)
 
 
 def goes_on_standing(piece: Piece) -> np.ndarray:
