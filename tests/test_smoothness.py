@@ -21,6 +21,7 @@ from t2d_rt.motion.generate.library.moves import quickened
 from t2d_rt.motion.generate.library.store import RATE_HZ, shipped
 from t2d_rt.motion.generate.library.transitions import best_crossing, halted
 from t2d_rt.motion.kinematics import INDEX, Poses, motion_of
+from t2d_rt.types import Motion
 
 
 def clip(name: str) -> Piece:
@@ -35,7 +36,11 @@ def jerk_mps3(poses: Poses, *names: str) -> np.ndarray:
 
 
 def skate_m(poses: Poses) -> float:
-    return measure(motion_of(poses)).foot_skate_m
+    return skate_m_of(motion_of(poses))
+
+
+def skate_m_of(motion: Motion) -> float:
+    return measure(motion).foot_skate_m
 
 
 @pytest.mark.parametrize("second", ["running_train_1.0", "running_train_3.0", "running_train_5.0"])
@@ -166,6 +171,25 @@ def test_a_foot_that_leaves_for_a_jump_is_not_planted() -> None:
     height = soles(jump)[..., 2] - soles(jump)[0, ..., 2]
     assert found[:29].all()
     assert not found[height > 0.01].any()
+
+
+@pytest.mark.parametrize("seed", [0, 27])
+def test_a_foot_that_twists_in_pushing_off_is_planted(seed: int) -> None:
+    """It is faster than a standing one for a moment, and then rests on its toe."""
+    assert skate_m_of(motion_from_text("A person walks for four seconds.", seed=seed)) < 0.02
+
+
+def test_a_foot_that_swivels_to_another_place_is_not_planted_between() -> None:
+    rest = clip("walking_extra_train_18.1").poses.part(0, 1)
+    places = {speed: np.clip(np.arange(60) - 28, 0, 4) / RATE_HZ * speed for speed in (0.6, 2.0)}
+    planted = np.ones((60, 2, 2), dtype=bool)
+    planted[27:34] = False
+    for speed, place in places.items():
+        moved = Poses(
+            skeleton=rest.skeleton, root=rest.root + place[:, None] * [1.0, 0.0, 0.0],
+            local=np.repeat(rest.local, 60, axis=0), rate_hz=RATE_HZ,
+        )  # fmt: skip
+        assert grown(moved, planted).all() == (speed < 1.0)
 
 
 def test_legs_pass_each_other_in_a_turn_on_the_spot() -> None:

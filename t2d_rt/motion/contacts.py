@@ -23,6 +23,11 @@ swinging one at 2 m/s and more."""
 LEAVING_MPS = 0.45
 """Speed up to which one that was in contact still is, or is about to be: a swinging foot reaches it within 0.05 s."""
 
+TWIST_S, TWIST_MPS = 0.1, 0.7
+"""Longest time in which a low foot is faster than that, and how fast, and still does not leave: walkers twist it over its ball in
+pushing off, at 0.45 to 0.6 m/s, and rest on its toe after it. Dancers who swivel a foot to another place reach 2 m/s, and a swing
+near the floor lasts 0.3 s and more."""
+
 FADE_S = 0.15
 """Time in which a foot that leaves the ground, or comes down, passes from one correction to the next one's slope."""
 
@@ -76,14 +81,24 @@ def grown(poses: Poses, planted: np.ndarray) -> np.ndarray:
     Feet of recordings drift while they stand and settle slowly: what is left out of a contact slides when steps are made longer.
     """
     low, velocity = _low_and_velocity(poses)
+    speed = np.linalg.norm(velocity[..., :2], axis=-1)
     # What goes up or down by more is leaving for a jump, or landing from one.
-    slow = (np.linalg.norm(velocity[..., :2], axis=-1) < LEAVING_MPS) & (np.abs(velocity[..., 2]) < CONTACT_SPEED_MPS)
-    near = (low & slow) | planted
+    slow = (speed < LEAVING_MPS) & (np.abs(velocity[..., 2]) < CONTACT_SPEED_MPS)
+    near, twists = (low & slow) | planted, low & (speed < TWIST_MPS)
     found = planted.copy()
     for side in range(2):
         for part in range(2):
-            for start, stop in runs(near[:, side, part]):
+            for start, stop in runs(_with_twists(near[:, side, part], twists[:, side, part], poses.rate_hz)):
                 found[start:stop, side, part] = planted[start:stop, side, part].any()
+    return found
+
+
+def _with_twists(near: np.ndarray, twists: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Flags (T,) with the gaps of up to `TWIST_S` all of which may be of a foot that `twists` (T,)."""
+    found = near.copy()
+    for start, stop in runs(~near):
+        if start > 0 and stop < len(near) and stop - start <= TWIST_S * rate_hz and twists[start:stop].all():
+            found[start:stop] = True
     return found
 
 
@@ -122,7 +137,8 @@ def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None, le
 def steadying(values: np.ndarray, stands: np.ndarray, rate_hz: float) -> np.ndarray:
     """What is to be added to `values` (T, N) so that they stay, while a foot `stands` (T,), what they are in the contact's middle;
     between contacts it passes from one to the next."""
-    shift, found = np.zeros_like(values), runs(stands)
+    # A foot that is off for a moment only, as at a seam, would have to turn round in it.
+    shift, found = np.zeros_like(values), runs(_tidied(stands, rate_hz, LEAP_S))
     for start, stop in found:
         shift[start:stop] = values[(start + stop) // 2] - values[start:stop]
     if found:

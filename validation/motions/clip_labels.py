@@ -7,15 +7,24 @@ from dataclasses import replace
 import numpy as np
 
 from t2d_rt.motion.check import check_motion
-from t2d_rt.motion.contacts import plant, runs, soles
+from t2d_rt.motion.contacts import grown, plant, runs, soles
 from t2d_rt.motion.generate.chain import Piece, heading_rad
+from t2d_rt.motion.generate.library.individual import STATURE_M, individual, lively
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment
-from t2d_rt.motion.kinematics import INDEX, motion_of
+from t2d_rt.motion.kinematics import INDEX, motion_of, retargeted
 
 BALL_M = 0.025
 """Height of the ball's joint over the floor."""
 QUIET_MPS = 1.0
 """Mean speed of joints of one who has come to rest between jumps, standing on both feet."""
+DANCES = "dance", "stepping dance"
+"""Rules of dances."""
+LEAST_DANCE_S = 1.0
+"""Duration of a dance's shortest stretch: two beats of music."""
+PEOPLE = 4
+"""People of each kind who must be able to dance it: whatever their proportions and habits, the filter lets it pass."""
+DANCE_STEP_S = 0.25
+"""Steps in which stretches of a dance are tried."""
 STILL_MPS = 0.15
 """Mean speed of joints of one who stands still."""
 
@@ -34,13 +43,13 @@ def labelled(clip: str, piece: Piece, rule: str) -> list[Segment]:
         found = jumps(clip, piece)
     elif rule in ("jacks", "hop"):
         found = [measured(clip, piece, *each, activity="jumping", action="jump", kind=rule) for each in whole]
-    elif rule == "dance" and len(piece) >= 2 * RATE_HZ:
-        found = [measured(clip, piece, *danced(piece), activity="dancing", action="dance")]
+    elif rule in DANCES:
+        found = dances(clip, piece)
     elif rule.startswith("getup"):
         found = [measured(clip, piece, *each, activity="sitting", action="stand_up", kind=rule[6:]) for each in whole]
     found = [each for each in found if each.action not in ("walk", "turn") or believable(each, piece)]
     found = [each for each in found if each.action == "stand_up" or sound(each, piece)]
-    if rule != "dance":  # dancers wait in poses of their own
+    if rule not in DANCES:  # dancers wait in poses of their own
         found += stands(clip, piece)
     return [replace(each, name=f"{clip}.{number}") for number, each in enumerate(found)]
 
@@ -51,14 +60,14 @@ def believable(segment: Segment, piece: Piece) -> bool:
     return ahead and carried(piece.part(segment.start, segment.stop))
 
 
-def sound(segment: Segment, piece: Piece) -> bool:
+def sound(segment: Segment, piece: Piece, *, quiet: bool = False) -> bool:
     """Whether the filter of generated motions lets the recorded one pass, once its feet are on the floor."""
     part = piece.part(segment.start, segment.stop)
     root = part.poses.root + [0.0, 0.0, BALL_M]
     motion = motion_of(plant(replace(part.poses, root=root), part.planted, floor_m=BALL_M))
     expected = segment.activity if segment.kind in ("", "steady") else None
     verdict = check_motion(motion, expected=expected)  # type: ignore[arg-type]
-    if not verdict.passed:
+    if not (verdict.passed or quiet):
         print(f"{segment.clip} {segment.action} {segment.kind}: {verdict}")
     return verdict.passed
 
@@ -156,6 +165,26 @@ def grouped(flights: list[tuple[int, int]], activity: np.ndarray) -> list[tuple[
         else:
             found[-1] = (found[-1][0], number)
     return found
+
+
+def dances(clip: str, piece: Piece) -> list[Segment]:
+    """A dance as a whole or, where the filter does not let it pass, its longest stretch that passes, whoever dances it."""
+    piece = replace(piece, planted=grown(piece.poses, piece.planted))
+    danced_by = [piece]
+    for number, subject in enumerate(PEOPLE * tuple(STATURE_M)):
+        rng = np.random.default_rng(number)
+        who = individual(subject, rng)
+        danced_by.append(lively(replace(piece, poses=retargeted(piece.poses, who.skeleton)), who, rng))
+    first, last = danced(piece)
+    length, least = last - first, round(LEAST_DANCE_S * RATE_HZ)
+    step = round(DANCE_STEP_S * RATE_HZ)
+    while length >= least:
+        for start in range(first, last - length + 1, step):
+            found = measured(clip, piece, start, start + length, activity="dancing", action="dance")
+            if all(sound(found, each, quiet=True) for each in danced_by):
+                return [found]
+        length -= step
+    return []
 
 
 def danced(piece: Piece) -> tuple[int, int]:

@@ -18,7 +18,8 @@ from t2d_rt.motion.generate import LONGEST_S
 from t2d_rt.motion.generate.chain import Piece, best_seam, joined
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual, individual, lively, sole_m
-from t2d_rt.motion.generate.library.moves import ACTIONS, Maker, directed, made_of_clips, own_clips
+from t2d_rt.motion.generate.library.maker import Maker
+from t2d_rt.motion.generate.library.moves import ACTIONS, directed, made_of_clips, own_clips
 from t2d_rt.motion.generate.library.store import RATE_HZ, Store, shipped
 from t2d_rt.motion.generate.library.transitions import begun, halted
 from t2d_rt.motion.interpolate import resample
@@ -216,7 +217,10 @@ def _continued(whole: Piece, piece: Piece) -> Piece:
 def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
     """A step by clips, planted, a gait of a type changed."""
     if step.type not in GAIT_TYPES:
-        piece = lively(made_of_clips(maker, step, alone=alone), maker.person, maker.rng)
+        who = maker.person
+        if step.action == "dance":
+            who = replace(who, vigour=min(who.vigour, 1.0))  # a dancer's arms reach as far as they can already
+        piece = lively(made_of_clips(maker, step, alone=alone), who, maker.rng)
         return replace(piece, poses=plant(piece.poses, piece.planted, floor_m=0.0))
     from t2d_rt.motion.vary.abnormal import abnormal_walk
 

@@ -60,9 +60,14 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
     travels = step.action in ("walk", "run")
     # A manner brings its own pace; where the description says the speed, that is said already.
     pace = strength if step.speed == "normal" else 0.0
-    piece = (edits.paced if step.action == "jump" else edits.tempo)(piece, change.tempo**pace)
+    piece = (edits.paced if step.action in ("jump", "dance") else edits.tempo)(piece, change.tempo**pace)
     if travels:
         piece = edits.strided(piece, change.stride**pace)
+    arms = change.arms**strength
+    if step.action == "dance":
+        arms = min(
+            arms, 1.0
+        )  # a dancer's arms reach as far as they can: farther, they would go faster than recorded ones
     local = piece.poses.local.copy()
     for joint, part in (("spine1", 0.4), ("spine2", 0.3), ("spine3", 0.3)):
         _turned(local, joint, [0.0, np.radians(change.trunk_deg) * strength * part, 0.0])
@@ -71,7 +76,7 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for joint in ("shoulder", "elbow"):
             index = INDEX[f"{side}_{joint}"]
-            local[:, index] = swung(local[:, index], change.arms**strength, piece.poses.rate_hz)
+            local[:, index] = swung(local[:, index], arms, piece.poses.rate_hz)
         _turned(local, f"{side}_elbow", [0.0, 0.0, -sign * strength * np.radians(change.elbows_deg)])
         _turned(local, f"{side}_shoulder", [sign * strength * np.radians(change.apart_deg), 0.0, 0.0])
     root = piece.poses.root.copy()

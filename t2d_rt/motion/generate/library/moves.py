@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -11,13 +10,13 @@ from t2d_rt.errors import InputError
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.descriptions.slots import Action, Step
 from t2d_rt.motion.easing import minimum_jerk
-from t2d_rt.motion.generate.chain import Piece, best_seam, heading_rad, joined, moved
+from t2d_rt.motion.generate.chain import Piece, joined, moved
 from t2d_rt.motion.generate.library import edits
-from t2d_rt.motion.generate.library.individual import Individual
+from t2d_rt.motion.generate.library.dances import dance
+from t2d_rt.motion.generate.library.maker import Maker, stand
 from t2d_rt.motion.generate.library.manners import with_manner
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Store
 from t2d_rt.motion.generate.library.transitions import best_crossing
-from t2d_rt.motion.kinematics import retargeted
 
 SPEEDS_MPS: Mapping[tuple[str, str], tuple[float, float]] = {
     ("walk", "slow"): (0.80, 0.10), ("walk", "normal"): (1.27, 0.11), ("walk", "fast"): (1.75, 0.13),
@@ -46,39 +45,6 @@ one stays behind the turning body."""
 
 LONGEST_ON_THE_SPOT_S = 3.5
 """Turns that last longer have steps before and after."""
-
-
-@dataclass(frozen=True, slots=True)
-class Maker:
-    """What makes pieces: the clips, the person and the random numbers."""
-
-    store: Store
-    person: Individual
-    rng: np.random.Generator
-
-    def segments(self, action: str, *kinds: str) -> list[Segment]:
-        """Those of an action."""
-        found = [each for each in self.store.segments if each.action == action and (not kinds or each.kind in kinds)]
-        if not found:
-            raise InputError(
-                f"the library has no clip of {action}{' ' + '/'.join(kinds) if kinds else ''}; add some with t2d-rt library add"
-            )
-        return found
-
-    def piece(self, segment: Segment, *, mirror: bool | None = None) -> Piece:
-        """A segment on the person's own skeleton, at the tempo of their legs, along +x; mirrored or not as drawn."""
-        piece = self.store.piece(segment)
-        leg_m = piece.poses.skeleton.leg_m
-        if mirror if mirror is not None else bool(self.rng.random() < 0.5):
-            piece = edits.mirrored(piece)
-        piece = replace(piece, poses=retargeted(piece.poses, self.person.skeleton))
-        piece = edits.tempo(piece, float(np.sqrt(leg_m / self.person.skeleton.leg_m)))
-        return edits.aligned(piece)
-
-    def draw(self, segments: Sequence[Segment], weights: Sequence[float] | None = None) -> Segment:
-        """One of them."""
-        chances = None if weights is None else np.asarray(weights) / np.sum(weights)
-        return segments[int(self.rng.choice(len(segments), p=chances))]
 
 
 def made_of_clips(maker: Maker, step: Step, *, alone: bool = True, before: Piece | None = None) -> Piece:
@@ -252,18 +218,6 @@ def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
     return turned.noted(f"turned {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees")
 
 
-def stand(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """Quiet standing: a clip of it to and fro."""
-    piece = maker.piece(maker.draw(maker.segments("stand")))
-    count = round(duration_s * RATE_HZ) + 1
-    phase = np.arange(count) * 0.9 + maker.rng.uniform(0, len(piece))
-    period = 2 * (len(piece) - 1)
-    # To and fro without a corner: a sine of the same swing and mean pace.
-    frames = (len(piece) - 1) * (0.5 - 0.5 * np.cos(2 * np.pi * phase / (1.6 * period)))
-    whole = edits.retimed(piece, frames)
-    return replace(whole, planted=np.ones_like(whole.planted))
-
-
 def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
     """Jumps one after another: forward, up, on one leg, or jumping jacks."""
     ahead = step.direction in ("forward", "straight", None) and (step.direction is not None or maker.rng.random() < 0.4)
@@ -319,40 +273,6 @@ def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
     distance = maker.rng.uniform(0.3, 0.6) * maker.person.skeleton.leg_m
     carried = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
     return edits.shifted(piece, profile[:, None] * carried).noted(f"carried {distance:.2f} m {step.direction}")
-
-
-CIRCLING_RADPS = 0.7
-"""Rate [rad/s] at which a dance goes round in a circle on average; faster, standing feet would have to slide."""
-
-
-def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """A dance, going on in another where poses are alike."""
-    segments = maker.segments("dance")
-    pace = {"slow": 0.86, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
-    count = round(duration_s * RATE_HZ * pace)
-    weights = [each.duration_s for each in segments]
-    whole = maker.piece(maker.draw(segments, weights))
-    begin = int(maker.rng.integers(0, max(len(whole) - count, round(0.4 * len(whole))) + 1))
-    whole = whole.part(begin, min(len(whole), begin + count))
-    while len(whole) < count:
-        tries = []
-        for _ in range(3):
-            found = maker.piece(maker.draw(segments, weights))
-            after = range(max(len(whole) - 40, 3), len(whole) - 1, 2)
-            tries.append((found, best_seam(whole.poses, found.poses, after, range(2, max(4, len(found) // 2), 2))))
-        found, (cut, start, _) = min(tries, key=lambda each: each[1][2])
-        whole = joined([whole.part(0, cut + 1), found.part(start + 1, len(found))], blend_s=0.6)
-    whole = edits.tempo(whole.part(0, max(count, 60)), pace)
-    if step.direction in ("clockwise", "counterclockwise"):
-        sign = 1.0 if step.direction == "counterclockwise" else -1.0
-        heading = np.unwrap(heading_rad(whole.poses))
-        if sign * (heading[-1] - heading[0]) < 0:
-            whole = edits.mirrored(whole)  # the dancer's own spins go the same way
-        turn_rad = min(2 * np.pi, CIRCLING_RADPS * len(whole) / RATE_HZ)
-        return edits.bent(whole, sign * turn_rad * minimum_jerk(np.linspace(0, 1, len(whole)))).noted(
-            f"turned {step.direction} by {np.degrees(turn_rad):.0f} degrees"
-        )
-    return whole
 
 
 ACTIONS: Mapping[Action, Callable[[Maker, Step, float], Piece]] = {

@@ -1,0 +1,174 @@
+"""Dancing from clips: phrases of recorded dancers, one going on in another where poses are alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from t2d_rt.motion.check.anatomy import self_penetration_m
+from t2d_rt.motion.check.measures import jump_m
+from t2d_rt.motion.check.support import floating_s
+from t2d_rt.motion.check.tracks import tracks
+from t2d_rt.motion.contacts import plant
+from t2d_rt.motion.descriptions.slots import Step
+from t2d_rt.motion.easing import minimum_jerk
+from t2d_rt.motion.generate.chain import Piece, features, heading_rad, joined
+from t2d_rt.motion.generate.library import edits
+from t2d_rt.motion.generate.library.maker import Maker
+from t2d_rt.motion.generate.library.store import RATE_HZ, Segment
+from t2d_rt.motion.kinematics import motion_of
+
+CIRCLING_RADPS = 0.7
+"""Rate [rad/s] at which a dance goes round in a circle on average; faster, standing feet would have to slide."""
+
+STEP_S, ON_BOTH = 0.08, 0.2
+"""Time in which a turn gains and loses its pace with a step, a standard deviation, and the pace while both feet stand over that in
+a step: legs that stay behind a turning body cross."""
+
+PHRASE_S = 4.0
+"""Longest stretch of one recording before another goes on: eight counts of music at two beats a second."""
+
+TRIES = 8
+"""Phrases that are drawn until one goes on smoothly; else the smoothest of them is taken."""
+
+SMOOTH_M = 0.03
+"""Deviation of a joint's step from its neighbours' at a seam, at 60 Hz, up to which a phrase goes on smoothly; of recorded
+motions it is 0.042 at most (99th percentile)."""
+
+DEEP_M, HOVERS_S = 0.08, 0.12
+"""How deep limbs may go into one another at a seam, and how much longer than a flight the body may be off the floor: of recorded
+motions these are 0.093 m and 0.18 s at most."""
+
+SEAM_S = 0.6
+"""Time in which a difference between phrases dies out."""
+
+AFTER_S = 0.3
+"""Time after that which shows whether the feet have come to where the phrase has them."""
+
+STANDS_S = 0.3
+"""Time after a seam in which a foot stands: half of that in which a difference dies out, when most of it has."""
+
+REST_S = 0.8
+"""Time at both ends of a dance in which it may begin and end."""
+
+BACK, INTO = 0.25, 0.5
+"""Fractions of a phrase: how much of what there is it may replace, and where it may be entered at the latest."""
+
+
+def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
+    """A dance of phrases, each going on in another where poses are alike; every recording has the same share of them."""
+    segments = maker.segments("dance")
+    pace = {"slow": 0.86, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
+    count = round(duration_s * RATE_HZ * pace)
+    weights = chances(maker, segments)
+    whole = _phrase(maker, maker.draw(segments, weights))
+    rest = round(REST_S * RATE_HZ)
+    while len(whole) < count + 2 * rest:
+        found: list[tuple[Piece, float]] = []
+        while len(found) < TRIES and not (found and found[-1][1] < 1.0):
+            found.append(_continued(whole, _phrase(maker, maker.draw(segments, weights))))
+        longer, rough = min(found, key=lambda each: each[1])
+        if not np.isfinite(rough):
+            break  # nothing of the clips goes on from here: the dance ends sooner
+        whole = longer
+    whole = edits.paced(_from_rest_to_rest(whole, count), pace)
+    if step.direction in ("clockwise", "counterclockwise"):
+        sign = 1.0 if step.direction == "counterclockwise" else -1.0
+        heading = np.unwrap(heading_rad(whole.poses))
+        if sign * (heading[-1] - heading[0]) < 0:
+            whole = edits.mirrored(whole)  # the dancer's own spins go the same way
+        turn_rad = min(2 * np.pi, CIRCLING_RADPS * len(whole) / RATE_HZ)
+        return edits.bent(whole, sign * turn_rad * circling(whole)).noted(
+            f"turned {step.direction} by {np.degrees(turn_rad):.0f} degrees"
+        )
+    return whole
+
+
+def circling(piece: Piece) -> np.ndarray:
+    """How far a dance has gone round at each frame (T,), from 0 to 1: in its steps, hardly while both feet stand."""
+    from scipy.ndimage import gaussian_filter1d
+
+    stands = np.asarray(piece.planted.any(axis=2))
+    both = gaussian_filter1d((stands[:, 0] & stands[:, 1]).astype(float), STEP_S * RATE_HZ, mode="nearest")
+    rate = np.gradient(minimum_jerk(np.linspace(0, 1, len(piece)))) * (1 - (1 - ON_BOTH) * both)
+    gone = np.cumsum(rate) - rate[0]
+    return gone / gone[-1]
+
+
+def _continued(whole: Piece, found: Piece) -> tuple[Piece, float]:
+    """A dance that goes on in a phrase where poses are most alike and the same foot stands, and how rough the seam is: up to 1 it
+    is as smooth as recorded dances, infinite where no foot stands in both."""
+    first = max(1, len(whole) - round(min(BACK * len(found), 40)) - 1)
+    last = whole.part(first - 1, len(whole))
+    begin = found.part(0, max(4, round(INTO * len(found))))
+    one, other = features(last.poses), features(begin.poses)
+    squares = (one**2).sum(1)[:, None] + (other**2).sum(1) - 2 * one @ other.T
+    # What differs dies out while a foot stands: in a flight it would change the fall.
+    stands, stood = (
+        np.asarray(begin.planted.any(axis=2) & goes_on_standing(begin)[:, None]),
+        np.asarray(last.planted.any(axis=2)),
+    )
+    squares[~(stood[:, None] & stands).any(axis=2)] = np.inf
+    squares[0] = squares[:, 0] = np.inf
+    cut, start = np.unravel_index(int(squares.argmin()), squares.shape)
+    if not np.isfinite(squares[cut, start]):
+        return whole, np.inf
+    kept = first + int(cut)
+    after = joined([whole.part(0, kept), found.part(int(start) + 1, len(found))], blend_s=SEAM_S)
+    return after, roughness(after.part(max(0, kept - 3), min(len(after), kept + round((SEAM_S + AFTER_S) * RATE_HZ))))
+
+
+def roughness(seam: Piece) -> float:
+    """The largest of what a seam shows, each over its limit: a joint's deviation from its neighbours in time, how deep limbs go
+    into one another and how long the body hovers; the latter two once feet are planted, where it is smooth."""
+    rough = jump_m(seam.poses.world()[0]) / SMOOTH_M
+    if rough >= 1.0:
+        return 1.0 + rough  # a smooth seam is better, even if limbs touch
+    body = tracks(motion_of(plant(seam.poses, seam.planted, level=False)))
+    return max(rough, float(self_penetration_m(body).max()) / DEEP_M, floating_s(body) / HOVERS_S)
+
+
+def goes_on_standing(piece: Piece) -> np.ndarray:
+    """Whether a foot stands at a frame and for `STANDS_S` after it, (T,)."""
+    from scipy.ndimage import minimum_filter1d
+
+    width = round(STANDS_S * RATE_HZ)
+    return minimum_filter1d(piece.planted.any(axis=(1, 2)), width, origin=-(width // 2), mode="nearest")
+
+
+def _from_rest_to_rest(whole: Piece, count: int) -> Piece:
+    """About `count` frames of a dance, from its calmest instant near the begin, after which a foot goes on to stand, to the calmest
+    one near the end: other steps join there."""
+    rest = min(round(REST_S * RATE_HZ), len(whole) // 4)
+    joints, _ = whole.poses.world()
+    calm = -np.linalg.norm(np.gradient(joints, 1 / RATE_HZ, axis=0), axis=-1).mean(axis=1)
+    stands = whole.planted.any(axis=(1, 2))
+    start = int((calm + 2.0 * stands + 2.0 * goes_on_standing(whole))[: rest + 1].argmax())
+    last = min(len(whole) - 1, start + count)
+    first = max(start + 1, last - rest)
+    stop = first + int((calm + 2.0 * stands)[first : last + 1].argmax())
+    return whole.part(start, stop + 1)
+
+
+def chances(maker: Maker, segments: Sequence[Segment]) -> list[float]:
+    """Chances of segments: the same for every recording, in one of several segments by their durations.
+
+    By durations alone the longest recording, a calm one of 15 s, had 43 % of all phrases, and dances were 3 to 6 dB too calm.
+    """
+    source = maker.store.sources
+    recording = [(source[each.clip].subject, source[each.clip].file) for each in segments]
+    whole: dict[tuple[str, str], float] = {}
+    for each, name in zip(segments, recording, strict=True):
+        whole[name] = whole.get(name, 0.0) + each.duration_s
+    return [each.duration_s / whole[name] for each, name in zip(segments, recording, strict=True)]
+
+
+def _phrase(maker: Maker, segment: Segment) -> Piece:
+    """A segment, of a long one a stretch, from the first to the last instant at which a foot stands."""
+    most = round(PHRASE_S * RATE_HZ)
+    start = segment.start + int(maker.rng.integers(0, max(segment.stop - segment.start - most, 0) + 1))
+    piece = maker.piece(replace(segment, start=start, stop=min(segment.stop, start + most)))
+    stands = np.flatnonzero(piece.planted.any(axis=(1, 2)))
+    return piece.part(int(stands[0]), int(stands[-1]) + 1) if len(stands) and np.ptp(stands) > RATE_HZ / 2 else piece

@@ -1,0 +1,103 @@
+"""Dances of all dancers, and what keeps their phrases sound where they join."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.check.population import spectrum_difference_db
+from t2d_rt.motion.contacts import steadying
+from t2d_rt.motion.easing import minimum_jerk
+from t2d_rt.motion.generate import motion_from_text
+from t2d_rt.motion.generate.chain import Piece, from_rotation_vector
+from t2d_rt.motion.generate.library import edits
+from t2d_rt.motion.generate.library.dances import chances, circling, goes_on_standing, roughness
+from t2d_rt.motion.generate.library.individual import individual
+from t2d_rt.motion.generate.library.maker import Maker
+from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, shipped
+from t2d_rt.motion.kinematics import INDEX, motion_of
+
+DANCES = [each for each in shipped().segments if each.action == "dance"]
+
+
+def recording(segment: Segment) -> str:
+    return shipped().sources[segment.clip].file
+
+
+def clip(name: str) -> Piece:
+    return edits.aligned(shipped().piece(next(each for each in shipped().segments if each.name == name)))
+
+
+def test_every_recorded_dance_has_the_same_share() -> None:
+    rng = np.random.default_rng(0)
+    maker = Maker(shipped(), individual("man", rng), rng)
+    of: dict[str, float] = defaultdict(float)
+    for segment, share in zip(DANCES, chances(maker, DANCES), strict=True):
+        of[recording(segment)] += share
+    assert len(of) >= 9
+    assert list(of.values()) == pytest.approx([1.0] * len(of))
+
+
+def test_lively_dances_ship() -> None:
+    """Their recordings are short, or not sound as a whole."""
+    names = {recording(each) for each in DANCES}
+    assert names >= {f"humanoid3d_{name}.txt" for name in ("dance_a", "dance_spin", "spin")}
+    assert names >= {f"005_{name}.bvh.gz" for name in ("10", "11", "15", "16")}
+
+
+def test_dances_are_as_lively_as_the_recordings() -> None:
+    made = [motion_from_text("a person dances for 5 seconds", seed=seed) for seed in range(6)]
+    longest = {recording(each): each for each in sorted(DANCES, key=lambda each: each.duration_s)}
+    recorded = [motion_of(shipped().piece(each).poses) for each in longest.values()]
+    assert (spectrum_difference_db(made, recorded) > -3).all()  # chosen by duration: 4 to 6 dB below
+
+
+def test_a_foot_goes_on_standing() -> None:
+    jump = clip("jumping_train_5.0")
+    last = int(np.flatnonzero(~jump.planted.any(axis=(1, 2)))[0]) - 1
+    found = goes_on_standing(jump)
+    assert (found[last - 20], found[last], found[last - 10]) == (True, False, False)
+
+
+def test_a_seam_is_rough_where_limbs_meet_or_the_body_hovers() -> None:
+    still = clip("walking_extra_train_18.1")
+    still = replace(still, planted=np.ones_like(still.planted))
+    assert roughness(still) < 1
+    local = still.poses.local.copy()
+    inward = from_rotation_vector(np.array([-0.5, 0.0, 0.0]))  # the left leg through the right one
+    local[:, INDEX["left_hip"]] = quaternions.multiply(inward, local[:, INDEX["left_hip"]])
+    crossed = replace(still, poses=replace(still.poses, local=local), planted=np.zeros_like(still.planted))
+    assert roughness(crossed) > 1
+    long = edits.retimed(still, np.linspace(0, len(still) - 1, 120))
+    at = np.arange(120)
+    up = 0.12 * minimum_jerk((at - 20) / 20) * minimum_jerk((100 - at) / 20)
+    hovering = edits.shifted(long, np.stack([0.7 * at / RATE_HZ, np.zeros(120), up], axis=1))
+    assert roughness(replace(hovering, planted=np.zeros_like(long.planted))) > 1
+    torn = still.poses.root.copy()
+    torn[len(torn) // 2 :, 0] += 0.1
+    assert roughness(replace(still, poses=replace(still.poses, root=torn))) > 1
+
+
+def test_a_dance_goes_round_in_its_steps() -> None:
+    piece = clip("walking_extra_train_18.1")
+    piece = edits.retimed(piece, np.linspace(0, len(piece) - 1, 240))
+    planted = np.ones_like(piece.planted)
+    planted[60:120, 0] = planted[120:180, 1] = False
+    gone = circling(replace(piece, planted=planted))
+    assert gone[0] == 0.0
+    assert gone[-1] == 1.0
+    assert (np.diff(gone) >= 0).all()
+    # Of the smooth turn 79 % lie in the steps; of this one more.
+    assert gone[179] - gone[60] > 0.93
+
+
+def test_a_foot_that_is_off_for_a_moment_does_not_whirl() -> None:
+    angle = np.linspace(0, 2, 121)[:, None]
+    stands = np.ones(121, dtype=bool)
+    stands[60:62] = False
+    back = steadying(angle, stands, RATE_HZ)[:, 0]
+    assert np.abs(np.diff(back)).max() < 0.03  # between two contacts it would be 0.3 a frame
