@@ -124,13 +124,18 @@ class Recording:
 
     @property
     def snr_db(self) -> float | None:
-        """Power of what changes from chirp to chirp over `noise_floor_dbm`, in the mean over all samples [dB]; None where no white
-        noise was added. Processing raises it by the number of samples that it adds coherently."""
+        """Power of what changes from chirp to chirp in the echoes over that in what the receiver added (`noise_dbm`), in the mean
+        over all samples [dB]; None without noise. Processing raises it by the number of samples that it adds coherently."""
         return self.settings.get("snr_db")
 
     @property
+    def noise_dbm(self) -> float | None:
+        """All that the receiver added to one complex ADC sample and that changes from chirp to chirp [dBm]; None without noise."""
+        return self.settings.get("noise_dbm")
+
+    @property
     def noise_floor_dbm(self) -> float | None:
-        """White noise that was added to one complex ADC sample, thermal and of quantisation [dBm]; None where there is none."""
+        """White noise in one complex ADC sample, thermal and of quantisation, in closed form [dBm]; None where there is none."""
         return self.settings.get("noise_floor_dbm")
 
     @property
@@ -234,8 +239,8 @@ class Recording:
         """
         changed = self.processed()
         changed.settings["background"] = background_settings(
-            model, seed=seed, level_db=level_db, noisy=self.noise_floor_dbm is not None
-        )
+            model, seed=seed, level_db=level_db, noisy=self.noise_floor_dbm is not None, carrier_hz=self.radar.carrier_hz
+        )  # fmt: skip
         return changed
 
     @property

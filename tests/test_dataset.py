@@ -18,7 +18,7 @@ import pytest
 
 import t2d_rt as t2d
 from t2d_rt.cli import main
-from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards
+from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards
 from t2d_rt.dataset.lock import LOCK, locked
 from t2d_rt.dataset.view import view
 from t2d_rt.dataset.work import Made, make_sample, make_samples
@@ -375,3 +375,56 @@ def test_a_file_that_is_not_there_is_told_before_anything_is_made(tmp_path: Path
     with pytest.raises(InputError, match=r"recipe tiny names none.safetensors, which is no file"):
         make_dataset(tiny(background="none.safetensors"), tmp_path / "out", workers=1)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_background_that_fits_no_radar_is_told_before_anything_is_made(tmp_path: Path) -> None:
+    slow = t2d.Radar.preset("table2-uniform", prf_hz=2000.0)
+    with pytest.raises(InputError, match="background"):
+        make_dataset(tiny(background="default", radar=slow), tmp_path / "set", limit=1, workers=1)
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_record_that_is_occluded_all_along_without_background_fails(made: Path) -> None:
+    covered = tiny(masks={"windows": 400.0, "shortest_s": 0.5, "longest_s": 0.8})
+    found = make_sample(covered, {}, 0)
+    assert "occluded windows cover the whole record" in found.record["failure"]
+
+
+def test_a_lock_that_was_taken_away_while_it_was_opened_is_taken_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fcntl
+
+    take = fcntl.flock
+    opened: list[int] = []
+
+    def late(file: int, how: int) -> None:
+        if not opened:  # the run before ends between open and flock
+            (tmp_path / LOCK).unlink()
+        opened.append(file)
+        take(file, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with locked(tmp_path):
+        assert len(opened) == 2
+        assert json.loads((tmp_path / LOCK).read_text())["pid"] == os.getpid()
+    assert not (tmp_path / LOCK).exists()
+
+
+def test_a_larger_shard_that_is_killed_half_way_leaves_none(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = contents(copy)
+    shutil.rmtree(copy)
+    make_dataset(tiny(), copy, workers=1, limit=2)
+    write = shards.write_whole
+
+    def killed(path: Path, data: bytes) -> None:
+        write(path, data)
+        if path.name == "00000.npz":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(shards, "write_whole", killed)
+    with pytest.raises(KeyboardInterrupt):
+        make_dataset(tiny(), copy, workers=1)
+    monkeypatch.undo()
+    make_dataset(tiny(), copy, workers=1)
+    assert contents(copy) == before

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from t2d_rt.dataset.company import company
+from t2d_rt.dataset.company import company, reserved_walks
 from t2d_rt.dataset.placing import CLEARANCE_M, placing, surroundings
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import sample
-from t2d_rt.dataset.takes import _starts, take
+from t2d_rt.dataset.takes import _starts, descriptions, take
 from t2d_rt.motion import aside, place
 from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.vary import hold
@@ -120,3 +120,14 @@ def test_what_moves_beside_the_person(recipe: Recipe, beside: str, kind: str) ->
 def test_dogs_and_cats_walk_beside_the_person(recipe: Recipe) -> None:
     pets = [company("pet", recipe, number) for number in range(12)]
     assert {pet.animal for pet in pets if isinstance(pet, t2d.Pet)} == {"dog", "cat"}
+
+
+def test_sentences_of_second_persons_are_nobodys_label(recipe: Recipe) -> None:
+    many = recipe.model_copy(update={"classes": ("walking",), "descriptions_per_class": 300})
+    labels = {each.sentence for each in descriptions("walking", 300, many.seed)}
+    walks = reserved_walks(many)
+    assert len({each.sentence for each in walks}) == 20
+    assert not labels & {each.sentence for each in walks}
+    found = company("person", many, 3)
+    assert isinstance(found, MotionText)
+    assert found.text in {each.sentence for each in walks}

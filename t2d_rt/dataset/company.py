@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Literal
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from t2d_rt.dataset.recipe import Beside, Recipe
 from t2d_rt.dataset.seeds import whole
 from t2d_rt.dataset.takes import descriptions
+from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate.library.individual import drawn_person
 from t2d_rt.scene import Curtain, Mover, Pet, TableFan
 from t2d_rt.sources import MotionText
@@ -17,8 +19,31 @@ WALKS = 20
 """Descriptions of walks that a second person may follow."""
 
 
+RESERVED_SEED = 1 << 40
+"""Added to a recipe's seed for the descriptions that no sample of a class has."""
+
 CIRCLE_RADIUS_M = {"dog": 1.0, "cat": 0.6}
 """Of the circles that pets walk in."""
+
+
+@functools.lru_cache(maxsize=4)
+def reserved_walks(recipe: Recipe) -> tuple[Description, ...]:
+    """Descriptions of walks for second persons, of sentences that no sample of the recipe is labelled with.
+
+    They are on all sides of every split, and no class can be told by them.
+    """
+    used = {
+        each.sentence
+        for name in recipe.classes
+        for each in descriptions(name, recipe.descriptions_per_class, recipe.seed)
+    }
+    count = WALKS
+    while True:
+        drawn = descriptions("walking", count, recipe.seed + RESERVED_SEED)
+        found = [each for each in drawn if each.sentence not in used]
+        if len(found) >= WALKS:
+            return tuple(found[:WALKS])
+        count *= 2
 
 
 def company(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText | None:
@@ -43,7 +68,7 @@ def company(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText |
             turn_radius_m=CIRCLE_RADIUS_M[animal],
         )  # fmt: skip
     if beside == "person":
-        walks = descriptions("walking", WALKS, recipe.seed)
+        walks = reserved_walks(recipe)
         walk = walks[int(rng.integers(len(walks)))]
         body, stature_m = drawn_person(walk.subject, rng)
         return MotionText(

@@ -91,15 +91,19 @@ def read_split(path: str | Path, records: Records) -> Split:
 
 
 def source_clips(record: Mapping[str, Any]) -> frozenset[str]:
-    """The recordings that a sample's motion was made of; none of one that was composed by rules or by physics."""
-    found = (CLIP.match(each) or FILE.match(each) for each in record["sources"])
+    """The recordings that a sample's motions were made of, that of a second person with them; none of one that was composed by
+    rules or by physics."""
+    sources = [*record["sources"], *((record.get("second_person") or {}).get("sources", ()))]
+    found = (CLIP.match(each) or FILE.match(each) for each in sources)
     return frozenset(each["file"] for each in found if each is not None)
 
 
 def traits(record: Mapping[str, Any], apart: Collection[Kind]) -> frozenset[tuple[Kind, str]]:
     """What a sample may share with others."""
+    second = record.get("second_person")  # whose sentences are no sample's label
+    seeds = [record["seed"], *([] if second is None else [second["seed"]])]
     found: dict[Kind, Iterable[str]] = {
-        "description": (str(record["sentence"]),), "clip": source_clips(record), "seed": (str(record["seed"]),),
+        "description": (str(record["sentence"]),), "clip": source_clips(record), "seed": map(str, seeds),
     }  # fmt: skip
     return frozenset((kind, value) for kind in apart for value in found[kind])
 

@@ -10,6 +10,7 @@ from t2d_rt.added_background import background, background_settings
 from t2d_rt.dataset.products import View
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.seeds import whole
+from t2d_rt.errors import InputError
 from t2d_rt.noise.masks import occlude
 from t2d_rt.result import Recording
 
@@ -32,6 +33,7 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
             seed=seed,
             level_db=recipe.background_level_db,
             noisy=recording.noise_floor_dbm is not None,
+            carrier_hz=recording.radar.carrier_hz,
         )
         added = background(velocity, time_s, settings).power_w(settings["level_db"]).astype(np.float64)
         power = power + added
@@ -41,6 +43,11 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
             power, time_s, recipe.masks, seed=whole(recipe.seeds(index, "masks")),
             fill="zeros" if added is None else "background", background_power=added,
         )  # fmt: skip
+        if added is None and occluded.columns.all():
+            raise InputError(
+                "occluded windows cover the whole record and there is no background to show; give the recipe a background, or "
+                "fewer or shorter windows"
+            )
         power = occluded.power
         told["masks_s"] = np.round(occluded.windows_s, 6).tolist()
     return View(power, velocity, time_s, told)

@@ -19,6 +19,7 @@ from t2d_rt.dataset.takes import provenance
 from t2d_rt.dataset.view import view
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.simulate import run
+from t2d_rt.sources import MotionText
 from t2d_rt.types import Accuracy
 
 Plans = Mapping[str, Accuracy]
@@ -96,8 +97,16 @@ def _described(found: Sample) -> dict[str, Any]:
         "provider": source.provider, "body": found.experiment.body, "stature_m": source.stature_m, "seed": source.seed,
         "gait_factor": source.gait_factor, "angle_deg": place.angle_deg, "distance_m": place.distance_m,
         "aside_m": place.aside_m, "height_m": place.height_m, "lacking_m": place.lacking_m,
-        **provenance(found.take), "experiment": found.experiment.hash,
+        **provenance(found.take), "second_person": _second_person(found), "experiment": found.experiment.hash,
     }  # fmt: skip
+
+
+def _second_person(found: Sample) -> dict[str, Any] | None:
+    """What a record tells of a person beside the one who is labelled: sentence, seed, and clips."""
+    others = [each for each in found.experiment.targets[1:] if isinstance(each, MotionText)]
+    if not others:
+        return None
+    return {"sentence": others[0].text, "seed": others[0].seed, "sources": list(others[0].made().origin)}
 
 
 def _recorded(
