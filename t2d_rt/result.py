@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, overload
 from t2d_rt.added_background import background_power, background_settings
 from t2d_rt.checks import call, file_path, flag, instance, numeric
 from t2d_rt.cubes import Cube, DiskCube, check_complex64
+from t2d_rt.decibels import decibel
 from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.export import check_export, write_export
@@ -32,7 +33,6 @@ from t2d_rt.saved import (
 )
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
-from t2d_rt.signal.maps import decibel
 from t2d_rt.store import check_taken, replacing
 from t2d_rt.tables import html_table
 from t2d_rt.types import Accuracy, Radar

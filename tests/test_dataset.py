@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import logging
 import os
 import shutil
 import signal
@@ -20,6 +21,7 @@ import t2d_rt as t2d
 from t2d_rt.cli import main
 from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards
 from t2d_rt.dataset.lock import LOCK, locked
+from t2d_rt.dataset.schedulers import on_a_cluster
 from t2d_rt.dataset.view import view
 from t2d_rt.dataset.work import Made, make_sample, make_samples
 from t2d_rt.errors import InputError
@@ -395,14 +397,14 @@ def test_a_lock_that_was_taken_away_while_it_was_opened_is_taken_anew(
 ) -> None:
     import fcntl
 
-    take = fcntl.flock
+    lock = fcntl.flock
     opened: list[int] = []
 
     def late(file: int, how: int) -> None:
         if not opened:  # the run before ends between open and flock
             (tmp_path / LOCK).unlink()
         opened.append(file)
-        take(file, how)
+        lock(file, how)
 
     monkeypatch.setattr(fcntl, "flock", late)
     with locked(tmp_path):
@@ -428,3 +430,27 @@ def test_a_larger_shard_that_is_killed_half_way_leaves_none(copy: Path, monkeypa
     monkeypatch.undo()
     make_dataset(tiny(), copy, workers=1)
     assert contents(copy) == before
+
+
+def test_a_lost_scheduler_is_one_sentence(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    """A client whose scheduler is gone, as dask tells it: futures are cancelled, and closing is a page of traceback."""
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra [cluster])")
+
+    class Client:
+        def __init__(self, *_: Any, **__: Any) -> None: ...
+
+        def submit(self, *_: Any, **__: Any) -> Client:
+            return self
+
+        def result(self) -> None:
+            raise distributed.CancelledError("make_samples", "scheduler-connection-lost")
+
+        def close(self) -> None:
+            logging.getLogger("distributed.client").error("Traceback")
+            raise OSError("gone")
+
+    monkeypatch.setattr(distributed, "Client", Client)
+    monkeypatch.setattr(distributed, "as_completed", iter)
+    with pytest.raises(InputError, match=r"the cluster tcp://head:8786 is lost .*; run the recipe again"):
+        list(on_a_cluster([()], "tcp://head:8786", 0))
+    assert not caplog.records

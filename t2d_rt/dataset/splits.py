@@ -19,7 +19,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from t2d_rt.checks import flag, integer, number, shown, unknown_name
-from t2d_rt.dataset.assign import assigned, touched
+from t2d_rt.dataset.assign import assigned, clip_sides
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 
@@ -240,7 +240,7 @@ def _sides(
     groups = grouped(records, [kind for kind in kinds if not (divided and kind == "clip")])
     labels, fractions = _labels(records), np.array(list(wanted.values()))
     if divided:
-        return touched(labels, [source_clips(each) for each in records], groups, fractions, rng)
+        return clip_sides(labels, [source_clips(each) for each in records], groups, fractions, rng)
     counts = np.array([np.bincount(labels[group], minlength=labels.max() + 1) for group in groups], dtype=np.float64)
     options = np.repeat(counts[:, None], len(fractions), axis=1)
     found = np.zeros((len(records), len(fractions)), dtype=bool)

@@ -16,7 +16,7 @@ from scipy import fft
 from t2d_rt.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.processes import Density, Fast, Slow
-from t2d_rt.noise.receiver.slots import Slots
+from t2d_rt.noise.receiver.time_slots import TimeSlots
 from t2d_rt.types import Radar
 
 INTERPOLATION = 1e-3
@@ -44,7 +44,7 @@ class PhaseNoise:
                 f"phase noise is sorted by range, for which chirps need {LEAST_SAMPLES} samples or more, got {radar.samples}; take "
                 "more, or leave phase_noise out"
             )
-        self._slots, self._draws = Slots(radar), draws
+        self._slots, self._draws = TimeSlots(radar), draws
         fast = Fast(density, radar.samples, radar.sample_rate_hz)
         self._powers = fast.amplitudes()[: radar.samples + 1] ** 2
         self._powers[-1] = 0.0  # of half the rate, at which a delay is not defined

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
+from t2d_rt.dataset.motions import descriptions
 from t2d_rt.dataset.recipe import Beside, Recipe
-from t2d_rt.dataset.seeds import whole
-from t2d_rt.dataset.takes import descriptions
+from t2d_rt.dataset.seeds import integer_seed
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate.library.individual import drawn_person
 from t2d_rt.scene import Curtain, Mover, Pet, TableFan
@@ -46,7 +46,7 @@ def reserved_walks(recipe: Recipe) -> tuple[Description, ...]:
         count *= 2
 
 
-def company(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText | None:
+def moving_beside(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText | None:
     """What moves beside the person of a motion's number, in the world of a radar at (0, 0) m that looks along +x."""
     rng = np.random.default_rng(recipe.seeds(number, f"beside {beside}"))
     side = float(rng.choice([-1.0, 1.0]))
@@ -59,7 +59,7 @@ def company(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText |
         return TableFan(position_m=place, heading_deg=180.0 + between(-40, 40), rpm=between(200, 400))
     if beside == "curtain":
         place = between(2.5, 4.5), side * between(1.6, 2.0), 2.3
-        return Curtain(position_m=place, heading_deg=-90.0 * side, seed=whole(recipe.seeds(number, "curtain")))
+        return Curtain(position_m=place, heading_deg=-90.0 * side, seed=integer_seed(recipe.seeds(number, "curtain")))
     if beside == "pet":
         place = between(2.5, 4.0), side * between(0.8, 1.4), 0.0
         animal: Literal["dog", "cat"] = "dog" if rng.random() < 0.5 else "cat"
@@ -72,7 +72,7 @@ def company(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText |
         walk = walks[int(rng.integers(len(walks)))]
         body, stature_m = drawn_person(walk.subject, rng)
         return MotionText(
-            text=walk.sentence, seed=whole(recipe.seeds(number, "second person")), body=body, stature_m=round(stature_m, 4),
+            text=walk.sentence, seed=integer_seed(recipe.seeds(number, "second person")), body=body, stature_m=round(stature_m, 4),
             duration_s=recipe.duration_s, distance_m=between(2.5, 4.5), angle_deg=between(-180, 180),
             aside_m=side * between(1.2, 1.8), hold_s=recipe.duration_s, stop_s=recipe.duration_s,
         )  # fmt: skip
