@@ -21,11 +21,11 @@ def recordings(scene: str, added: str, output: Path, duration_s: float = 1.5) ->
     """Simulates the end of the CMU walk three times and draws each; returns where the pictures are."""
     motion = t2d.place(t2d.load_motion(resource("motions", "12_01_walk.bvh")))
     motion = t2d.trim(motion, motion.duration_s - duration_s)
-    cases = {"alone": ("free_space", []), scene: (scene, []), f"{scene}_company": (scene, [t2d.mover(added)])}
+    cases = {"alone": ("free_space", []), scene: (scene, []), f"{scene}_others": (scene, [t2d.mover(added)])}
     output.mkdir(parents=True, exist_ok=True)
     pictures, alone = [], None
-    for name, (where, company) in cases.items():
-        result = t2d.simulate([motion, *company], scene=where, seed=0)
+    for name, (where, others) in cases.items():
+        result = t2d.simulate([motion, *others], scene=where, seed=0)
         level = np.maximum(result.spectrogram.values, result.spectrogram.values.max() - 50)
         alone = level if alone is None else alone
         print(f"{name}: {np.mean(np.abs(level - alone)):.2f} dB from the walk alone, in the mean over 50 dB")

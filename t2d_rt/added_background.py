@@ -18,13 +18,22 @@ from t2d_rt.signal.doppler import checked_windows
 from t2d_rt.signal.maps import Spectrogram
 from t2d_rt.types import Radar
 
+BAND = 0.05
+"""By how much the carrier may differ from that of the recordings that a model was learned from."""
+
 
 def background_settings(
-    model: str | Path, *, seed: int = 0, level_db: float | None = None, noisy: bool = False
+    model: str | Path,
+    *,
+    seed: int = 0,
+    level_db: float | None = None,
+    noisy: bool = False,
+    carrier_hz: float | None = None,
 ) -> dict[str, Any]:
     """What a recording keeps of its background: the model and its digest, seed and level.
 
     noisy: whether the recording has a receiver's noise, beside which a background of its own level is warned of.
+    carrier_hz: that of the recording, where it is known: a model of another band is warned of.
     """
     if noisy and level_db is None:
         warnings.warn(
@@ -38,6 +47,14 @@ def background_settings(
         raise InputError(
             f"{model} was learned from recordings whose samples are not in sqrt(W); give background_level_db, the level of its "
             "noise floor [dB re 1 W]"
+        )
+    if carrier_hz is not None and abs(carrier_hz / learned.carrier_hz - 1) > BAND:
+        what = "level and clutter" if level_db is None else "clutter"
+        warnings.warn(
+            f"{model} was learned at {learned.carrier_hz / 1e9:.4g} GHz and the recording is of {carrier_hz / 1e9:.4g} GHz: "
+            f"{what} of the background are those of the other band; take a model that was learned from such a radar",
+            T2DWarning,
+            stacklevel=3,
         )
     level = None if level_db is None else checked_level(level_db)
     return {"model": str(model), "digest": learned.digest, "seed": integer("seed", seed), "level_db": level}

@@ -31,7 +31,7 @@ PROCESSING: dict[str, Any] = {"mti": "mean"}
 
 
 def empty_room_record(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None) -> BackgroundRecord:
-    """The spectrogram of an empty room, `table2` by default; room, interferers and noise follow from the seed."""
+    """The spectrogram of an empty room, `table2` by default; room, movers and noise follow from the seed."""
     recording = empty_room(seed, duration_s=duration_s, radar=radar)
     image = spectrogram(recording.cube, recording.radar, **PROCESSING)
     grid = Grid.of_columns(image.velocity_mps, image.time_s)
@@ -46,14 +46,14 @@ def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None
     duration_s = positive("duration_s", duration_s, 3600, unit="s")
     radar = Radar.preset("table2") if radar is None else radar
     scene = load_scene(ROOMS[rng.integers(len(ROOMS))])
-    movers = interferers(scene, rng)
+    movers = movers_of(scene, rng)
     targets = [each.mesh(0, duration_s) for each in movers] or [_static(duration_s)]
     found = simulate(
         targets, radar=radar, scene=scene, reflections=0, collisions="ignore", accuracy=ACCURACY, seed=seed,
         measure_error=False,
     )  # fmt: skip
     cube = np.asarray(found.cube) + receiver_noise(found.cube.shape, radar, rng)
-    settings = {**found.settings, "interferers": [each.model_dump(mode="json") for each in movers]}
+    settings = {**found.settings, "movers": [each.model_dump(mode="json") for each in movers]}
     return Recording(cube, radar, settings=settings, versions=found.versions)
 
 
@@ -75,11 +75,11 @@ def receiver_noise(shape: tuple[int, ...], radar: Radar, rng: np.random.Generato
     return noise + flicker.astype(np.complex64)[:, :, None]
 
 
-def interferers(scene: Scene, rng: np.random.Generator) -> list[Mover]:
+def movers_of(scene: Scene, rng: np.random.Generator) -> list[Mover]:
     """None, one or two movers in front of the radar, inside the room, no pet nearer than 2.5 m."""
     count = int(rng.choice(len(COUNTS), p=COUNTS))
     kinds = rng.choice(KINDS, size=count, replace=False)
-    return [_interferer(str(kind), np.asarray(scene.bounds_m), rng) for kind in kinds]
+    return [_mover(str(kind), np.asarray(scene.bounds_m), rng) for kind in kinds]
 
 
 def _static(duration_s: float) -> MovingMesh:
@@ -89,7 +89,7 @@ def _static(duration_s: float) -> MovingMesh:
     return MovingMesh(np.stack([corners, corners]), faces, np.array([0.0, duration_s]), "wood")
 
 
-def _interferer(kind: str, bounds: np.ndarray, rng: np.random.Generator) -> Mover:
+def _mover(kind: str, bounds: np.ndarray, rng: np.random.Generator) -> Mover:
     (_, low_y, _), (far_x, high_y, top) = bounds
     y = float(rng.uniform(0.7 * low_y, 0.7 * high_y))
     seed = int(rng.integers(2**31))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, overload
 from t2d_rt.added_background import background_power, background_settings
 from t2d_rt.checks import call, file_path, flag, instance, numeric
 from t2d_rt.cubes import Cube, DiskCube, check_complex64
+from t2d_rt.decibels import decibel
 from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.export import check_export, write_export
@@ -32,7 +33,6 @@ from t2d_rt.saved import (
 )
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
-from t2d_rt.signal.maps import decibel
 from t2d_rt.store import check_taken, replacing
 from t2d_rt.tables import html_table
 from t2d_rt.types import Accuracy, Radar
@@ -124,13 +124,18 @@ class Recording:
 
     @property
     def snr_db(self) -> float | None:
-        """Power of what changes from chirp to chirp over `noise_floor_dbm`, in the mean over all samples [dB]; None where no white
-        noise was added. Processing raises it by the number of samples that it adds coherently."""
+        """Power of what changes from chirp to chirp in the echoes over that in what the receiver added (`noise_dbm`), in the mean
+        over all samples [dB]; None without noise. Processing raises it by the number of samples that it adds coherently."""
         return self.settings.get("snr_db")
 
     @property
+    def noise_dbm(self) -> float | None:
+        """All that the receiver added to one complex ADC sample and that changes from chirp to chirp [dBm]; None without noise."""
+        return self.settings.get("noise_dbm")
+
+    @property
     def noise_floor_dbm(self) -> float | None:
-        """White noise that was added to one complex ADC sample, thermal and of quantisation [dBm]; None where there is none."""
+        """White noise in one complex ADC sample, thermal and of quantisation, in closed form [dBm]; None where there is none."""
         return self.settings.get("noise_floor_dbm")
 
     @property
@@ -234,8 +239,8 @@ class Recording:
         """
         changed = self.processed()
         changed.settings["background"] = background_settings(
-            model, seed=seed, level_db=level_db, noisy=self.noise_floor_dbm is not None
-        )
+            model, seed=seed, level_db=level_db, noisy=self.noise_floor_dbm is not None, carrier_hz=self.radar.carrier_hz
+        )  # fmt: skip
         return changed
 
     @property

@@ -29,8 +29,8 @@ def made_with(settings: Mapping[str, Any], *, measured: bool) -> str:
 
 
 def noise_of(settings: Mapping[str, Any], *, measured: bool) -> str:
-    """Effects of the receiver, and the level of its white noise."""
+    """Effects of the receiver, and the level of what they add."""
     if "noise" not in settings:
         return "as it was measured" if measured else "none"
-    floor_dbm = settings.get("noise_floor_dbm")
-    return ", ".join([str(settings["noise"]), *([] if floor_dbm is None else [f"white noise {floor_dbm:.1f} dBm"])])
+    noise_dbm = settings.get("noise_dbm")
+    return ", ".join([str(settings["noise"]), *([] if noise_dbm is None else [f"together {noise_dbm:.1f} dBm"])])

@@ -39,10 +39,10 @@ def record_of(found: Recipe, index: int) -> dict[str, Any]:
         "index": index, "class": cell.activity, "description": cell.description, "repetition": cell.repetition,
         "motion": cell.number, "condition": cell.condition.name, "sentence": description_of(found, cell).sentence,
         "slots": {}, "provider": "auto", "body": "adult", "stature_m": 1.7, "seed": 1000 + index, "gait_factor": 1.0,
-        "angle_deg": 10.0 * index, "distance_m": 3.0, "aside_m": 0.0, "height_m": 1.0, "lacking_m": 0.0,
+        "angle_deg": 10.0 * index, "distance_m": 3.0, "aside_m": 0.0, "height_m": 1.0, "overlap_m": 0.0,
         "passed": index % 4 != 3, "reasons": ["too fast"] if index % 4 == 3 else [], "attempts": 1, "made_s": 4.0 + index,
         "start_s": 0.0, "held_s": 0.0, "experiment": f"{index:032x}", "duration_s": 5.0, "error_db": None,
-        "snr_db": 20.0 + index, "warnings": [], "failure": None,
+        "snr_db": 20.0 + index, "second_person": None, "warnings": [], "failure": None,
         "sources": [f"clip {cell.activity}_{index}.0 of {cell.activity}_{index}.bvh.gz, 0.00 to 1.00 s", "mirrored"],
     }  # fmt: skip
 

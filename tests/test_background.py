@@ -11,8 +11,9 @@ import pytest
 from scipy.special import digamma, polygamma
 
 import t2d_rt as t2d
+from t2d_rt.added_background import background_settings
 from t2d_rt.background_files import background_records
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.noise.background import Background, BackgroundModel, BackgroundRecord, Grid, add_background, load_background
 from t2d_rt.noise.background.architecture import HALO, Architecture
 from t2d_rt.noise.background.decoder import LEAST_LOOKS, decoded
@@ -176,6 +177,10 @@ def test_a_recording_carries_its_background(model: BackgroundModel, tmp_path) ->
         calibrated=True, about={},
     )  # fmt: skip
     same.save(path)
+    with pytest.warns(T2DWarning, match="was learned at 77 GHz and the recording is of 24.05 GHz: level and clutter"):
+        background_settings(path, carrier_hz=24.05e9)
+    with pytest.warns(T2DWarning, match="of 24.05 GHz: clutter of the background"):
+        background_settings(path, carrier_hz=24.05e9, level_db=-130)
     silence = t2d.Recording(np.full((400, 1, 8), 1e-9 + 0j, np.complex64), radar).processed(n_window=32, overlap=16)
     noisy = silence.with_background(path, seed=3)
     assert float(noisy.spectrogram.median()) == pytest.approx(-130, abs=0.5)
@@ -365,6 +370,9 @@ def test_commands(run, model: BackgroundModel, tmp_path) -> None:
     (first, second) = background_records(tmp_path / "out")
     assert first.duration_s == pytest.approx(3)
     assert not np.array_equal(first.power, second.power)
+    again = "background", "sample", "m.safetensors", "-n", "1", "--duration-s", "3", "--overwrite", "-o"
+    assert "background_0001.npz of an earlier call" in run(*again, "out").err
+    assert run(*again, "other").code == 0
     told = run("background", "evaluate", "m.safetensors", "out")
     assert told.code == 0
     assert "uniform codes" in told.out
@@ -378,6 +386,11 @@ def test_commands(run, model: BackgroundModel, tmp_path) -> None:
         (("background", "sample"), "sample takes 1 names, got 0"),
         (("background", "sample", "default"), "needs --output"),
         (("background", "train", "nowhere", "-o", "m.safetensors"), "nowhere is not a folder"),
+        (("simulate", "walk", "--background-seed", "3"), "--background-seed is of a background and there is none"),
+        (
+            ("simulate", "walk", "--background-level-db", "-9"),
+            "--background-level-db is of a background and there is none",
+        ),
         (("background", "train", "nowhere", "-o", "m.pt"), "ends in .safetensors"),
         (
             ("simulate", "walk", "--background", "nothing.safetensors"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import logging
 import os
 import shutil
 import signal
@@ -18,8 +19,9 @@ import pytest
 
 import t2d_rt as t2d
 from t2d_rt.cli import main
-from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards
+from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards
 from t2d_rt.dataset.lock import LOCK, locked
+from t2d_rt.dataset.schedulers import on_a_cluster
 from t2d_rt.dataset.view import view
 from t2d_rt.dataset.work import Made, make_sample, make_samples
 from t2d_rt.errors import InputError
@@ -375,3 +377,80 @@ def test_a_file_that_is_not_there_is_told_before_anything_is_made(tmp_path: Path
     with pytest.raises(InputError, match=r"recipe tiny names none.safetensors, which is no file"):
         make_dataset(tiny(background="none.safetensors"), tmp_path / "out", workers=1)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_background_that_fits_no_radar_is_told_before_anything_is_made(tmp_path: Path) -> None:
+    slow = t2d.Radar.preset("table2-uniform", prf_hz=2000.0)
+    with pytest.raises(InputError, match="background"):
+        make_dataset(tiny(background="default", radar=slow), tmp_path / "set", limit=1, workers=1)
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_record_that_is_occluded_all_along_without_background_fails(made: Path) -> None:
+    covered = tiny(masks={"windows": 400.0, "shortest_s": 0.5, "longest_s": 0.8})
+    found = make_sample(covered, {}, 0)
+    assert "occluded windows cover the whole record" in found.record["failure"]
+
+
+def test_a_lock_that_was_taken_away_while_it_was_opened_is_taken_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fcntl
+
+    lock = fcntl.flock
+    opened: list[int] = []
+
+    def late(file: int, how: int) -> None:
+        if not opened:  # the run before ends between open and flock
+            (tmp_path / LOCK).unlink()
+        opened.append(file)
+        lock(file, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with locked(tmp_path):
+        assert len(opened) == 2
+        assert json.loads((tmp_path / LOCK).read_text())["pid"] == os.getpid()
+    assert not (tmp_path / LOCK).exists()
+
+
+def test_a_larger_shard_that_is_killed_half_way_leaves_none(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = contents(copy)
+    shutil.rmtree(copy)
+    make_dataset(tiny(), copy, workers=1, limit=2)
+    write = shards.write_whole
+
+    def killed(path: Path, data: bytes) -> None:
+        write(path, data)
+        if path.name == "00000.npz":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(shards, "write_whole", killed)
+    with pytest.raises(KeyboardInterrupt):
+        make_dataset(tiny(), copy, workers=1)
+    monkeypatch.undo()
+    make_dataset(tiny(), copy, workers=1)
+    assert contents(copy) == before
+
+
+def test_a_lost_scheduler_is_one_sentence(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    """A client whose scheduler is gone, as dask tells it: futures are cancelled, and closing is a page of traceback."""
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra [cluster])")
+
+    class Client:
+        def __init__(self, *_: Any, **__: Any) -> None: ...
+
+        def submit(self, *_: Any, **__: Any) -> Client:
+            return self
+
+        def result(self) -> None:
+            raise distributed.CancelledError("make_samples", "scheduler-connection-lost")
+
+        def close(self) -> None:
+            logging.getLogger("distributed.client").error("Traceback")
+            raise OSError("gone")
+
+    monkeypatch.setattr(distributed, "Client", Client)
+    monkeypatch.setattr(distributed, "as_completed", iter)
+    with pytest.raises(InputError, match=r"the cluster tcp://head:8786 is lost .*; run the recipe again"):
+        list(on_a_cluster([()], "tcp://head:8786", 0))
+    assert not caplog.records

@@ -16,6 +16,7 @@ import pytest
 from dataset_folder import recipe, write_dataset
 from t2d_rt.cli import main
 from t2d_rt.dataset import Dataset, export_dataset, read_shards, split
+from t2d_rt.dataset.splits import Split
 from t2d_rt.errors import InputError
 
 FAILED = 4
@@ -277,3 +278,25 @@ def test_wrong_words_are_one_sentence(
     told = capsys.readouterr().err
     assert sentence in told
     assert len(told.strip().splitlines()) == 1
+
+
+def test_a_side_without_samples_is_refused(dataset: Dataset, tmp_path: Path) -> None:
+    empty = Split({"train": tuple(dataset.indices.tolist()), "test": ()}, ("seed",))
+    for to in ("npz", "parquet", "png"):
+        with pytest.raises(InputError, match="side test of the split has no samples"):
+            export_dataset(dataset, tmp_path / "out", to, products=["spectrogram"], split=empty)
+    assert not (tmp_path / "out").exists()
+
+
+def test_row_groups_of_parquet_are_as_small_as_their_samples_are_large(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pyarrow.parquet as pq
+
+    sample = dataset.array(0, "adc").nbytes
+    monkeypatch.setattr("t2d_rt.dataset.parquet.GROUP_BYTES", 2 * sample)
+    export_dataset(dataset, tmp_path / "out", "parquet", products=["adc"])
+    file = pq.ParquetFile(next((tmp_path / "out/data").glob("*.parquet")))
+    assert file.num_row_groups == -(-len(dataset) // 2)
+    again = Dataset(tmp_path / "out")
+    np.testing.assert_array_equal(again.array(5, "adc"), dataset.array(5, "adc"))

@@ -221,3 +221,19 @@ def test_clips_of_composed_motions_are_known() -> None:
 def test_sides_have_plain_names() -> None:
     with pytest.raises(InputError, match=r"named by letters, digits, - and _, got '\.\./up'"):
         check_split([], {"../up": []})
+
+
+def test_clips_and_seed_of_a_second_person_are_held_apart() -> None:
+    """A second person of one side may not have walked on the other: mutation: leave `second_person` out of `traits`."""
+    second = {"sentence": "a man strolls", "seed": 7, "sources": ["clip walk_3.0 of walk_3.bvh.gz, 0.00 to 1.00 s"]}
+    plain = {"class": "walking", "second_person": None}
+    records = [
+        {**plain, "index": 0, "sentence": "a", "seed": 1, "sources": second["sources"]},
+        {**plain, "index": 1, "sentence": "b", "seed": 2, "sources": [], "second_person": second},
+        {**plain, "index": 2, "sentence": "c", "seed": 7, "sources": []},
+    ]
+    with pytest.raises(InputError, match="clip"):
+        check_split(records, {"train": [0], "test": [1]}, apart=("clip",))
+    with pytest.raises(InputError, match="seed"):
+        check_split(records, {"train": [1], "test": [2]}, apart=("seed",))
+    check_split(records, {"train": [0], "test": [2]})

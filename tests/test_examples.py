@@ -84,21 +84,29 @@ def test_every_example_is_tested() -> None:
     assert [path.name for path in sorted((ROOT / "examples").glob("*.py"))] == [
         "activities.py",
         "demo.py",
+        "from_clean_to_measured.py",
         "point_cloud.py",
         "room_interference.py",
     ]
 
 
 @pytest.mark.slow
+def test_from_clean_to_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    steps = runpy.run_path(str(ROOT / "examples" / "from_clean_to_measured.py"))["steps"]
+    check_picture(steps(tmp_path, duration_s=0.4))
+    assert "over all noise of the receiver" in capsys.readouterr().out
+
+
+@pytest.mark.slow
 def test_room_interference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recordings = runpy.run_path(str(ROOT / "examples" / "room_interference.py"))["recordings"]
     pictures = recordings("empty_room", "fan:3,-1,1,rpm=300", tmp_path / "out", duration_s=0.2)
-    assert [path.name for path in pictures] == ["walk_alone.png", "walk_empty_room.png", "walk_empty_room_company.png"]
+    assert [path.name for path in pictures] == ["walk_alone.png", "walk_empty_room.png", "walk_empty_room_others.png"]
     for path in pictures:
         check_picture(path)
-    alone, room, company = (float(line.split(": ")[1].split()[0]) for line in capsys.readouterr().out.splitlines())
+    alone, room, others = (float(line.split(": ")[1].split()[0]) for line in capsys.readouterr().out.splitlines())
     assert alone == 0
-    assert 0 < room < company
+    assert 0 < room < others
 
 
 @pytest.mark.slow

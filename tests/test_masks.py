@@ -69,6 +69,14 @@ def test_seeds_repeat_and_differ() -> None:
             lambda: occlude(POWER, TIMES, OcclusionMask(), seed=0, background_power=POWER[:2]),
             "background_power must have shape",
         ),
+        (
+            lambda: occlude(-POWER, TIMES, OcclusionMask(), seed=0, fill="zeros"),
+            "spectrogram_power must be 0 W or more, got -3",
+        ),
+        (
+            lambda: occlude(POWER, TIMES, OcclusionMask(), seed=0, background_power=-POWER),
+            "background_power must be 0 W or more, got -3",
+        ),
         (lambda: occlude(POWER, TIMES[::-1], OcclusionMask(), seed=0, fill="zeros"), "ascending"),
     ],
 )

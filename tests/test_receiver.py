@@ -21,6 +21,7 @@ from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.noise.receiver import chain, receive
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.interference import RINGING, Interference, filtered_chirp
+from t2d_rt.noise.receiver.phase_noise import bin_delays_s, residual_rms_rad
 from t2d_rt.rows import ScratchRows
 
 RADAR = t2d.Radar.preset("table2", samples=64)
@@ -126,7 +127,7 @@ def test_noise_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture
         where,
     )
     assert main([*words, "--noise", "{adc: {bits: 12, full_scale_dbm: 9, gain_db: 30}}"]) == 0
-    assert "dB over white noise, noise floor -8" in capsys.readouterr().out
+    assert "dB over all noise of the receiver, -8" in capsys.readouterr().out
     noisy = t2d.Recording.load(where)
     assert noisy.experiment is not None
     assert isinstance(noisy.experiment.noise, t2d.Receiver)
@@ -328,6 +329,17 @@ def test_flicker_noise_of_chirps_goes_on_below_the_prf() -> None:
     assert abs(db(spectrum[high].sum() / expected.sum())) < 1.0
 
 
+def test_phase_noise_beyond_small_angles_is_told() -> None:
+    """White phase noise of density L up to half the sample rate leaves 2 L fs (1 - sinc(fs tau)) at a delay tau."""
+    density = t2d.Receiver(phase_noise={"kind": "mask", "points": [[1e6, -70]]}).phase_noise
+    assert density is not None
+    rate, delay_s = RADAR.sample_rate_hz, np.abs(bin_delays_s(RADAR)).max()
+    expected = math.sqrt(2 * 1e-7 * rate * (1 - np.sinc(rate * delay_s)))
+    assert residual_rms_rad(RADAR, density.density) == pytest.approx(expected, rel=1e-2)
+    with pytest.warns(T2DWarning, match=r"phase noise leaves up to .* rad rms within the range axis"):
+        through(silence(4), phase_noise={"kind": "mask", "points": [[1e6, -55]]})
+
+
 # --- interference ---
 
 OTHER = {"position_m": (30.0, 0.0, 1.0), "carrier_hz": 77.0e9, "duration_s": 60e-6, "interval_s": 200e-6}
@@ -485,9 +497,34 @@ def test_levels_are_those_of_the_samples() -> None:
     assert coarse.noise_floor_dbm > noisy.noise_floor_dbm + 1
     assert abs(db(power(np.asarray(coarse.cube) - np.asarray(clean.cube))) + 30 - coarse.noise_floor_dbm) < 0.2
     moving = np.asarray(clean.cube) - np.asarray(clean.cube).mean(axis=0)
-    assert noisy.snr_db == pytest.approx(db(power(moving)) + 30 - noisy.noise_floor_dbm, abs=0.01)
+    assert noisy.snr_db == pytest.approx(db(power(moving)) + 30 - noisy.noise_floor_dbm, abs=0.1)
     assert "SNR" in repr(noisy)
     assert "thermal noise" in noisy._repr_html_()
+
+
+EFFECTS = {
+    "flicker_corner_hz": 1e6,
+    "phase_noise": {"kind": "mask", "points": [[1e5, -90]]},
+    "interferers": [{**OTHER, "slope_hz_per_s": 0.0, "carrier_hz": 77.18e9, "interval_s": 61e-6}],
+    "iq_imbalance": {"gain_db": 3.0},
+    "adc": {"bits": 3, "full_scale_dbm": -85.0},
+}
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_the_snr_counts_every_effect_and_no_constant(effect: str) -> None:
+    """One effect at a time, without the thermal noise that was once all that counted."""
+    clean = fan()
+    fields = {"temperature_k": None, effect: EFFECTS[effect]}
+    found = t2d.add_noise(clean, fields)
+    added = np.asarray(found.cube) - np.asarray(clean.cube)
+    noise_w = power(added - added.mean(axis=0))
+    moving_w = power(np.asarray(clean.cube) - np.asarray(clean.cube).mean(axis=0))
+    assert found.noise_dbm == pytest.approx(db(noise_w) + 30, abs=1e-3)
+    assert found.snr_db == pytest.approx(db(moving_w / noise_w), abs=1e-3)
+    if effect != "adc":  # which rounds the constant too
+        shifted = t2d.add_noise(clean, {**fields, "dc_offset_dbm": -60.0})
+        assert shifted.snr_db == pytest.approx(found.snr_db, abs=1e-2)
 
 
 def test_noise_can_be_added_later_and_once() -> None:
@@ -497,7 +534,7 @@ def test_noise_can_be_added_later_and_once() -> None:
     direct = fan(noise="receiver")
     np.testing.assert_array_equal(later.cube, direct.cube)
     assert later.experiment == direct.experiment
-    names = ("noise", "noise_floor_dbm", "snr_db", "adc_peak_dbfs", "clipped")
+    names = ("noise", "noise_dbm", "noise_floor_dbm", "snr_db", "adc_peak_dbfs", "clipped")
     assert [later.settings[name] for name in names] == [direct.settings[name] for name in names]
     np.testing.assert_array_equal(clean.cube, before)
     other = t2d.add_noise(clean, receiver, seed=2**80)

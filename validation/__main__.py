@@ -16,7 +16,7 @@ SECTIONS = {
     "accuracy": "methods",
     "accuracy_rooms": "methods", "refinement": "methods", "rates": "methods", "arrays": "physics", "body_fit": "physics",
     "rooms": "physics", "edges": "physics", "ghosts": "physics", "movers": "physics", "ellipsoid_model": "physics",
-    "human_rcs": "physics", "receiver": "physics", "background": "physics", "stability": "methods",
+    "human_rcs": "physics", "receiver": "physics", "background": "physics", "blockage": "physics", "stability": "methods",
     "working_directories": "robustness", "results": "robustness", "datasets": "robustness", "memory": "robustness",
     "fuzz": "robustness", "soak": "robustness",
     "nearest_centroid": "datasets",

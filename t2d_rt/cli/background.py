@@ -141,6 +141,12 @@ def _sample(options: Namespace, source: str) -> None:
     model = load_background(source)
     duration_s, count = positive("duration_s", options.duration_s, 86_400, unit="s"), integer("count", options.count, 1)
     folder = _folder(options)
+    names = {f"background_{number:04d}" for number in range(count)}
+    older = sorted(each.name for each in folder.glob("background_*.npz") if each.stem not in names)
+    if older:
+        raise InputError(
+            f"{folder} holds {older[0]} of an earlier call, which would be mixed with these; remove it or choose another folder"
+        )
     for number in range(count):
         found = model.sample(duration_s, seed=options.seed + number)
         power = found.power * 10 ** (found.level_db / 10)

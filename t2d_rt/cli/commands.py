@@ -58,7 +58,7 @@ def simulate_command(options: Namespace) -> None:
         result = _recorded(_motion(options, source, radar), options, radar, options.method, added)
     if options.background is not None:
         result = result.with_background(
-            options.background, seed=options.background_seed, level_db=options.background_level_db
+            options.background, seed=options.background_seed or 0, level_db=options.background_level_db
         )
     where = "" if result.settings["scene"] == "free_space" else f", {result.settings['scene']}"
     figure = _drawn(result, f"{source.name}, {result.settings['method']}{where}")
@@ -66,7 +66,7 @@ def simulate_command(options: Namespace) -> None:
     if result.error_db is not None:
         say(f"measured error {result.error_db:.1f} dB")
     if result.snr_db is not None:
-        say(f"SNR {result.snr_db:.1f} dB over white noise, noise floor {result.noise_floor_dbm:.1f} dBm")
+        say(f"SNR {result.snr_db:.1f} dB over all noise of the receiver, {result.noise_dbm:.1f} dBm in an ADC sample")
     say(f"wrote {target}" + (f" and {picture}" if figure is not None else ""))
 
 
@@ -75,8 +75,12 @@ def _check_background(options: Namespace) -> None:
     from t2d_rt.added_background import background_settings, check_axes
 
     if options.background is None:
+        for name in ("background_seed", "background_level_db"):
+            if options[name] is not None:
+                word = name.replace("_", "-")
+                raise InputError(f"--{word} is of a background and there is none; give --background, or leave it out")
         return
-    background_settings(options.background, seed=options.background_seed, level_db=options.background_level_db)
+    background_settings(options.background, seed=options.background_seed or 0, level_db=options.background_level_db)
     if not is_experiment(Path(options.file)):
         check_axes(options.background, _radar(options), options.signal.as_dict())
 

@@ -217,7 +217,7 @@ def _add_background(parser: ArgumentParser) -> None:
     group = parser.add_argument_group("background of the spectrogram")
     told = "Background that is added: default, or a model (.safetensors) that t2d-rt background train wrote; none by default."
     group.add_argument("--background", type=str | None, help=told)
-    group.add_argument("--background_seed", type=int, default=0, help="Seed of the background.")
+    group.add_argument("--background_seed", type=int | None, help="Seed of the background; 0 by default.")
     told = "Level of its noise floor [dB re 1 W]; by default that of one of the recordings that it was learned from."
     group.add_argument("--background_level_db", type=float | None, help=told)
 

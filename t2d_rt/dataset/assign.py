@@ -22,7 +22,7 @@ SOFT = 1e-12
 """Samples that an empty side counts as: its logarithm is finite, and any other division is better."""
 
 
-def worth(placed: np.ndarray, fractions: np.ndarray, totals: np.ndarray) -> float:
+def objective(placed: np.ndarray, fractions: np.ndarray, totals: np.ndarray) -> float:
     """How good `placed` (sides, classes) is, of `totals` (classes,) samples; see above."""
     return float(fractions @ np.log(placed + SOFT) @ totals)
 
@@ -47,14 +47,14 @@ def assigned(options: np.ndarray, fractions: np.ndarray, rng: np.random.Generato
             side = int(np.argmax(fractions * (gains @ totals)))
             sides[group] = side
             placed[side] += options[group, side]
-        value = worth(placed, fractions, totals)
+        value = objective(placed, fractions, totals)
         if best is None or value > best[0]:
             best = value, sides
     assert best is not None, "there is at least one order"
     return best[1]
 
 
-def touched(
+def clip_sides(
     labels: np.ndarray,
     clips: Sequence[frozenset[str]],
     groups: Sequence[Sequence[int]],
@@ -96,13 +96,13 @@ def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np
     best: tuple[float, np.ndarray] | None = None
     for _ in range(TRIES):
         sides = np.asarray(rng.choice(len(fractions), size=holds.shape[1], p=fractions / fractions.sum()))
-        value = worth(_placed(holds @ unit[sides] > 0, sums), fractions, totals)
+        value = objective(_placed(holds @ unit[sides] > 0, sums), fractions, totals)
         for _ in range(SWEEPS):
             before = value
             for clips in _moves(holds, rng):
                 on = holds @ unit[sides] - holds[:, clips] @ unit[sides[clips]]
                 weight = holds[:, clips].sum(axis=1, keepdims=True)
-                values = [worth(_placed(on + weight * each > 0, sums), fractions, totals) for each in unit]
+                values = [objective(_placed(on + weight * each > 0, sums), fractions, totals) for each in unit]
                 side = int(np.argmax(values))
                 if values[side] > value + 1e-9:
                     sides[clips], value = side, values[side]

@@ -100,7 +100,7 @@ def _arrays(dataset: Dataset, products: Sequence[Product]) -> str:
     lines += [
         "- `label`: number of the class; `sentence`: what the person does; `description`: its number in the class",
         "- `seed`, `provider`, `body`, `distance_m`, `angle_deg` (of the motion against the line to the radar), `condition`",
-        "- `snr_db`: what moves over white noise in an ADC sample; `error_db`: error of the simulated field, where it was measured",
+        "- `snr_db`: what moves in the echoes over all noise of an ADC sample; `error_db`: error of the field, where measured",
         "- `passed`: whether the filter of motions takes the motion for one of its class",
         "- `record`: all of this and the origin of the motion, as JSON; of a map its `peak_db` [dB re 1 W] and edges of axes",
     ]

@@ -66,6 +66,9 @@ def export_dataset(
         name: source.positions(indices)
         for name, indices in ({ALL: source.indices.tolist()} if split is None else split.sides).items()
     }
+    for name, positions in sides.items():
+        if not len(positions):
+            raise InputError(f"side {name} of the split has no samples; split anew, or take that side out of the split")
     if to == "parquet":
         pyarrow()
     if target.is_file():

@@ -17,22 +17,9 @@ LOCK = ".lock"
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Holds a folder's lock, a file that tells process and machine; that of a process which is gone is taken over."""
-    import fcntl
-
     path, host = folder / LOCK, socket.gethostname()
+    file = _locked_file(folder)
     try:
-        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise InputError(f"cannot write to {folder}: {error.strerror or error}; choose a writable place") from None
-    try:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise _in_use(folder, _holder(file)) from None
-        except OSError:  # a file system without locks: process and machine tell
-            holder = _holder(file)
-            if holder.get("host") == host and _alive(holder.get("pid")):
-                raise _in_use(folder, holder) from None
         holder = _holder(file)
         if holder and holder.get("host") != host:  # its lock may not be seen here
             raise _in_use(folder, holder)
@@ -45,6 +32,34 @@ def locked(folder: Path) -> Iterator[None]:
             with suppress(OSError):
                 path.unlink()
     finally:
+        os.close(file)
+
+
+def _locked_file(folder: Path) -> int:
+    """The lock's file, opened and locked; opened anew where the run that held it took it away in between."""
+    import fcntl
+
+    path = folder / LOCK
+    while True:
+        try:
+            file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise InputError(f"cannot write to {folder}: {error.strerror or error}; choose a writable place") from None
+        try:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise _in_use(folder, _holder(file)) from None
+            except OSError:  # a file system without locks: process and machine tell
+                holder = _holder(file)
+                if holder.get("host") == socket.gethostname() and _alive(holder.get("pid")):
+                    raise _in_use(folder, holder) from None
+            with suppress(OSError):
+                if os.path.samestat(os.fstat(file), path.stat()):
+                    return file
+        except BaseException:
+            os.close(file)
+            raise
         os.close(file)
 
 

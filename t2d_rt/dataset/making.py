@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from t2d_rt.added_background import background_settings, check_axes
 from t2d_rt.checks import file_path, integer
 from t2d_rt.dataset.lock import locked
 from t2d_rt.dataset.planning import make_plans
@@ -105,6 +106,7 @@ def _prepare(folder: Path, recipe: Recipe) -> None:
         raise InputError(
             f"recipe {recipe.name} names {missing[0]}, which is no file; correct its name, or put the file there"
         )
+    _check_background(recipe)
     place = folder / RECIPE
     if place.is_file():
         there = Recipe.read(place)
@@ -131,6 +133,15 @@ def _prepare(folder: Path, recipe: Recipe) -> None:
     write_whole(place, recipe.to_yaml().encode())
 
 
+def _check_background(recipe: Recipe) -> None:
+    """Refuses a background model that a radar of the recipe cannot have, before anything is made."""
+    if recipe.background is None or recipe.products.spectrogram is None:
+        return
+    background_settings(recipe.background, level_db=recipe.background_level_db)
+    for each in recipe.conditions:
+        check_axes(recipe.background, each.radar or recipe.radar, {})
+
+
 class _Run:
     """The shards that are there, and those that are being made."""
 
@@ -143,6 +154,8 @@ class _Run:
         self.failures: list[tuple[int, str]] = []
         self.made = 0
         self._done = 0
+        self._counts: dict[int, tuple[int, int]] = {}
+        """Samples of each shard that there is, and how many of them failed."""
         self.tasks: list[list[int]] = []
         """Indices of the samples that are missing, in batches of one shard each."""
         finished = self._finished()
@@ -172,6 +185,7 @@ class _Run:
                     )
             records = read_records(self._folder, number)
             self._check_records(number, records)
+            self._count_records(number, records)
             if len(records) >= len(self._indices(number)):  # one of an earlier limit may lack samples
                 found.add(number)
                 self._done += len(records)
@@ -193,6 +207,9 @@ class _Run:
                     "files of the shard and run it again, which makes it anew"
                 )
 
+    def _count_records(self, number: int, records: Sequence[dict[str, Any]]) -> None:
+        self._counts[number] = len(records), sum(each["failure"] is not None for each in records)
+
     def add(self, made: Sequence[Made]) -> None:
         """Takes what a worker has made, and writes the shard that it completes."""
         number = made[0].record["index"] // self._recipe.samples_per_shard
@@ -203,7 +220,9 @@ class _Run:
         self.made += len(made)
         self._done += len(made)
         if len(waiting) == len(self._indices(number)):
-            self._files |= write_shard(self._folder, number, [waiting[index] for index in sorted(waiting)])
+            shard = [waiting[index] for index in sorted(waiting)]
+            self._files |= write_shard(self._folder, number, shard)
+            self._count_records(number, [each.record for each in shard])
             del self._waiting[number]
             self.write_manifest()
         if self._progress is not None:
@@ -220,13 +239,12 @@ class _Run:
 
     def write_manifest(self) -> None:
         """Writes which files there are: the same bytes for the same recipe and the same samples."""
-        shards = list(numbers(self._folder))
-        names = [f"{shard_name(number)}.{kind}" for number in shards for kind in ("npz", "jsonl")]
-        records = [each for number in shards for each in read_records(self._folder, number)]
+        names = [f"{shard_name(number)}.{kind}" for number in sorted(self._counts) for kind in ("npz", "jsonl")]
+        samples, failed = (sum(each[place] for each in self._counts.values()) for place in (0, 1))
         found = {
             "recipe": self._recipe.name, "recipe_hash": self._recipe.hash, "versions": versions(), "inputs": self._inputs,
-            "samples": len(records),
-            "failed": sum(each["failure"] is not None for each in records),
+            "samples": samples,
+            "failed": failed,
             "files": {name: self._files[name] for name in names},
         }  # fmt: skip
         write_whole(self._folder / MANIFEST, (json.dumps(found, indent=1) + "\n").encode())

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 ROWS = 2000
 """Samples of a file."""
-GROUP = 64
-"""Samples of a row group, which readers take into memory at once."""
+GROUP, GROUP_BYTES = 64, 64_000_000
+"""Samples of a row group, which readers take into memory at once, and their bytes as far as one sample has no more."""
 
 COLUMNS = {
     "index": "int64", "label": "class", "condition": "string", "description": "int64", "sentence": "string", "provider": "string",
@@ -41,15 +41,23 @@ def write_parquet(dataset: Dataset, folder: Path, name: str, positions: np.ndarr
     """Writes samples as NAME-00000-of-00001.parquet and so on; the number of files."""
     pa, pq = pyarrow()
     files = max(1, -(-len(positions) // ROWS))
-    schema = None
+    schema, group = None, _group_samples(dataset, positions, products)
     for number in range(files):
         rows = positions[number * ROWS : (number + 1) * ROWS]
         path = folder / f"{name}-{number:05d}-of-{files:05d}.parquet"
         schema = schema or _schema(pa, dataset, products)
         with pq.ParquetWriter(path, schema, compression="zstd") as writer:
-            for first in range(0, len(rows), GROUP):
-                writer.write_table(_table(pa, dataset, rows[first : first + GROUP], products, schema))
+            for first in range(0, len(rows), group):
+                writer.write_table(_table(pa, dataset, rows[first : first + group], products, schema))
     return files
+
+
+def _group_samples(dataset: Dataset, positions: np.ndarray, products: Sequence[Product]) -> int:
+    """Samples of a row group, by the size of the first one: ADC samples have tens of MB each."""
+    if not len(positions):
+        return GROUP
+    size = sum(dataset.array(int(positions[0]), product).nbytes for product in products)
+    return max(1, min(GROUP, GROUP_BYTES // max(1, size)))
 
 
 class ParquetReader:

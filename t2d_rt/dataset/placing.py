@@ -34,7 +34,7 @@ class Place:
     aside_m: float
     height_m: float
     """Of the radar."""
-    lacking_m: float
+    overlap_m: float
     """How far the motion goes into walls, furniture or the surroundings of the radar at most."""
 
 
@@ -52,17 +52,17 @@ def placing(recipe: Recipe, number: int, scene: str, motion: Motion) -> Place:
         distance_m = round(float(rng.uniform(*recipe.distances_m)), 4)
         angle_deg = round(float(rng.uniform(*recipe.angles_deg)), 3)
         aside_m = 0.0 if scene == "free_space" else round(float(rng.uniform(-WIDTH_M, WIDTH_M)), 4)
-        lacking_m = _lacking(_moved(track, distance_m, angle_deg, aside_m), low, high, boxes)
+        overlap_m = _overlap(_moved(track, distance_m, angle_deg, aside_m), low, high, boxes)
         found = Place(
             distance_m=distance_m,
             angle_deg=angle_deg,
             aside_m=aside_m,
             height_m=height_m,
-            lacking_m=round(lacking_m, 3),
+            overlap_m=round(overlap_m, 3),
         )
-        if found.lacking_m == 0:
+        if found.overlap_m == 0:
             return found
-        if best is None or found.lacking_m < best.lacking_m:
+        if best is None or found.overlap_m < best.overlap_m:
             best = found
     assert best is not None, "places were drawn"
     return best
@@ -78,7 +78,7 @@ def _moved(track: np.ndarray, distance_m: float, angle_deg: float, aside_m: floa
     return np.stack([x, y, local[..., 2]], axis=-1)
 
 
-def _lacking(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.ndarray) -> float:
+def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.ndarray) -> float:
     """How far (T, J, 3) goes at most beyond the walls, into boxes (B, 2, 3) or to within reach of the radar [m]."""
     outside = np.maximum(low + CLEARANCE_M - track, track - high + CLEARANCE_M)[..., :2].max()
     near = NEAREST_M - np.linalg.norm(track[..., :2], axis=-1).min()

@@ -18,7 +18,7 @@ FLOOR_DB = -200.0
 """Least level that is written, relative to the greatest one: a noise-free recording has cells of any smallness."""
 
 Size = Annotated[Count, Field(ge=2, le=4096)]
-Levels = Literal["float16", "uint8"]
+MapDtype = Literal["float16", "uint8"]
 
 POINT_COLUMNS = "time_s", "range_m", "azimuth_rad", "elevation_rad", "speed_mps", "snr_db"
 """Columns of a point cloud."""
@@ -32,7 +32,7 @@ class View:
     """[W], float64 (speed, time)."""
     velocity_mps: np.ndarray
     time_s: np.ndarray
-    told: dict[str, Any] = field(default_factory=dict)
+    details: dict[str, Any] = field(default_factory=dict)
     """What goes into the record."""
 
 
@@ -44,7 +44,7 @@ class _Product(Fields):
 class _Map(_Product):
     """Power of cells, in decibels below the greatest one."""
 
-    dtype: Levels = "float16"
+    dtype: MapDtype = "float16"
     """"float16" [dB, 0 at the greatest cell], or "uint8" as of a picture: 255 at the greatest cell, 0 at the end of the dynamic
     range and below."""
     dynamic_range_db: Annotated[Number, Field(gt=0, le=200)] = 60.0
@@ -82,12 +82,12 @@ class SpectrogramProduct(_Map):
     size: tuple[Size, Size] = (128, 128)
     """Cells of speed and of time; powers are averaged over what a cell covers."""
 
-    def made(self, seen: View) -> tuple[np.ndarray, dict[str, Any]]:
+    def made(self, view: View) -> tuple[np.ndarray, dict[str, Any]]:
         """The array (speed, time), and what goes into the record."""
-        rows = self.rows(seen.velocity_mps)
-        array, peak_db = self.encoded(resized(seen.power[rows], self.size))
-        axes = {"velocity_mps": edges(seen.velocity_mps[rows]), "time_s": edges(seen.time_s)}
-        return array, {"peak_db": peak_db, **axes, **seen.told}
+        rows = self.rows(view.velocity_mps)
+        array, peak_db = self.encoded(resized(view.power[rows], self.size))
+        axes = {"velocity_mps": edges(view.velocity_mps[rows]), "time_s": edges(view.time_s)}
+        return array, {"peak_db": peak_db, **axes, **view.details}
 
 
 class RangeDopplerProduct(_Map):
@@ -176,9 +176,9 @@ class Products(_Product):
         """The products that are kept, by name."""
         return {name: value for name, value in self if value is not None}
 
-    def made(self, recording: Recording, seen: View | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Arrays by name, and what goes into the record of each, of a recording and of its spectrogram as it is seen."""
-        found = {name: each.made(seen if name == "spectrogram" else recording) for name, each in self.kept.items()}
+    def made(self, recording: Recording, view: View | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays by name, and what goes into the record of each, of a recording and of its spectrogram as it is kept."""
+        found = {name: each.made(view if name == "spectrogram" else recording) for name, each in self.kept.items()}
         return {name: array for name, (array, _) in found.items()}, {name: told for name, (_, told) in found.items()}
 
 

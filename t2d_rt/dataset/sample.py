@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2d_rt.checks import integer
-from t2d_rt.dataset.company import company
+from t2d_rt.dataset.beside import moving_beside
+from t2d_rt.dataset.motions import SampleMotion, descriptions, sample_motion
 from t2d_rt.dataset.placing import Place, placing
 from t2d_rt.dataset.recipe import Condition, Recipe
-from t2d_rt.dataset.seeds import whole
-from t2d_rt.dataset.takes import Take, descriptions, take
+from t2d_rt.dataset.seeds import integer_seed
 from t2d_rt.experiment import Experiment
 from t2d_rt.motion.descriptions.slots import Activity, Description
 from t2d_rt.types import Radar
@@ -38,7 +38,7 @@ class Sample:
 
     cell: Cell
     description: Description
-    take: Take
+    cut: SampleMotion
     place: Place
     experiment: Experiment
     measured: bool
@@ -76,23 +76,23 @@ def description_of(recipe: Recipe, cell: Cell) -> Description:
 def sample(recipe: Recipe, index: int) -> Sample:
     """A sample by its index; its motion is made on the way, to know how long it is and where it has room."""
     cell = cell_of(recipe, index)
-    found = take(recipe, cell.activity, cell.description, cell.number)
+    found = sample_motion(recipe, cell.activity, cell.description, cell.number)
     condition = cell.condition
     place = placing(recipe, cell.number, condition.scene, found.motion)
     radar = _raised(recipe.radar if condition.radar is None else condition.radar, place.height_m)
     source = found.source.model_copy(
         update={"distance_m": place.distance_m, "angle_deg": place.angle_deg, "aside_m": place.aside_m}
     )
-    beside = company(condition.beside, recipe, cell.number)
+    beside = moving_beside(condition.beside, recipe, cell.number)
     experiment = Experiment(
         targets=(source,) if beside is None else (source, beside), radar=radar, scene=condition.scene,
         reflections=condition.reflections, clutter=condition.clutter, method=condition.method,
-        body=source.body or "adult", seed=whole(recipe.seeds(index, "diffuse points and noise")),
+        body=source.body or "adult", seed=integer_seed(recipe.seeds(index, "diffuse points and noise")),
         noise=recipe.noise,
     )  # fmt: skip
     chance = float(np.random.default_rng(recipe.seeds(index, "error")).random())
     return Sample(
-        cell=cell, description=description_of(recipe, cell), take=found, place=place, experiment=experiment,
+        cell=cell, description=description_of(recipe, cell), cut=found, place=place, experiment=experiment,
         measured=chance < recipe.error_fraction,
     )  # fmt: skip
 

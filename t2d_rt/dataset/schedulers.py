@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 from t2d_rt.dataset.work import Made
@@ -63,10 +64,23 @@ def on_this_machine(tasks: Sequence[Task], workers: int) -> Iterator[list[Made]]
         yield from results
 
 
+@contextmanager
+def _silent(name: str) -> Iterator[None]:
+    """Without what a logger has to say, as a page of traceback on what one sentence tells."""
+    logger = logging.getLogger(name)
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
 def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> Iterator[list[Made]]:
     """On a cluster of dask: one that runs at an address, or one of so many processes of this machine."""
     try:
-        from distributed import Client, LocalCluster, as_completed
+        from distributed import CancelledError, Client, KilledWorker, LocalCluster, as_completed
+        from distributed.comm import CommClosedError
     except ImportError:
         raise InputError("a scheduler needs dask.distributed; install it with pip install 't2d-rt[cluster]'") from None
     from t2d_rt.dataset.work import make_samples
@@ -83,8 +97,14 @@ def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> It
         for future in as_completed(futures):
             yield future.result()
             future.release()
+    except (CancelledError, CommClosedError, KilledWorker) as error:
+        reason = getattr(error, "reason", None) or type(error).__name__
+        raise InputError(
+            f"the cluster {address or 'of this machine'} is lost ({reason}); run the recipe again, here or on another one: what is "
+            "finished stays"
+        ) from None
     finally:
-        with suppress(Exception):  # of a scheduler that is lost
+        with suppress(Exception), _silent("distributed.client"):  # of a scheduler that is lost
             client.close()
         if cluster is not None:
             cluster.close()

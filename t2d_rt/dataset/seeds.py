@@ -11,6 +11,6 @@ def seeds(recipe_seed: int, recipe_hash: str, number: int, purpose: str) -> np.r
     return np.random.SeedSequence([recipe_seed, *words, number, *purpose.encode()])
 
 
-def whole(sequence: np.random.SeedSequence) -> int:
+def integer_seed(sequence: np.random.SeedSequence) -> int:
     """A seed below 2^31, for what takes whole numbers."""
     return int(sequence.generate_state(1, np.uint32)[0] >> 1)

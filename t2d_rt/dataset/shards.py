@@ -61,9 +61,14 @@ def archive(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def write_shard(folder: Path, number: int, made: Sequence[Made]) -> dict[str, str]:
-    """Writes a shard and gives the SHA-256 of its files by their names; the records come last, and a shard without them is none."""
+    """Writes a shard and gives the SHA-256 of its files by their names; the records come last, and a shard without them is none.
+
+    Records of a smaller shard that it replaces go first: a process that is killed between the two files leaves no shard, not half
+    of each.
+    """
     data, records = packed(made)
     name = shard_name(number)
+    (folder / SHARDS / f"{name}.jsonl").unlink(missing_ok=True)
     write_whole(folder / SHARDS / f"{name}.npz", data)
     write_whole(folder / SHARDS / f"{name}.jsonl", records)
     return {f"{name}.npz": sha256(data), f"{name}.jsonl": sha256(records)}

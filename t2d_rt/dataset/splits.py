@@ -19,7 +19,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from t2d_rt.checks import flag, integer, number, shown, unknown_name
-from t2d_rt.dataset.assign import assigned, touched
+from t2d_rt.dataset.assign import assigned, clip_sides
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 
@@ -91,15 +91,19 @@ def read_split(path: str | Path, records: Records) -> Split:
 
 
 def source_clips(record: Mapping[str, Any]) -> frozenset[str]:
-    """The recordings that a sample's motion was made of; none of one that was composed by rules or by physics."""
-    found = (CLIP.match(each) or FILE.match(each) for each in record["sources"])
+    """The recordings that a sample's motions were made of, that of a second person with them; none of one that was composed by
+    rules or by physics."""
+    sources = [*record["sources"], *((record.get("second_person") or {}).get("sources", ()))]
+    found = (CLIP.match(each) or FILE.match(each) for each in sources)
     return frozenset(each["file"] for each in found if each is not None)
 
 
 def traits(record: Mapping[str, Any], apart: Collection[Kind]) -> frozenset[tuple[Kind, str]]:
     """What a sample may share with others."""
+    second = record.get("second_person")  # whose sentences are no sample's label
+    seeds = [record["seed"], *([] if second is None else [second["seed"]])]
     found: dict[Kind, Iterable[str]] = {
-        "description": (str(record["sentence"]),), "clip": source_clips(record), "seed": (str(record["seed"]),),
+        "description": (str(record["sentence"]),), "clip": source_clips(record), "seed": map(str, seeds),
     }  # fmt: skip
     return frozenset((kind, value) for kind in apart for value in found[kind])
 
@@ -236,7 +240,7 @@ def _sides(
     groups = grouped(records, [kind for kind in kinds if not (divided and kind == "clip")])
     labels, fractions = _labels(records), np.array(list(wanted.values()))
     if divided:
-        return touched(labels, [source_clips(each) for each in records], groups, fractions, rng)
+        return clip_sides(labels, [source_clips(each) for each in records], groups, fractions, rng)
     counts = np.array([np.bincount(labels[group], minlength=labels.max() + 1) for group in groups], dtype=np.float64)
     options = np.repeat(counts[:, None], len(fractions), axis=1)
     found = np.zeros((len(records), len(fractions)), dtype=bool)

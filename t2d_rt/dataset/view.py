@@ -9,7 +9,8 @@ import numpy as np
 from t2d_rt.added_background import background, background_settings
 from t2d_rt.dataset.products import View
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.seeds import whole
+from t2d_rt.dataset.seeds import integer_seed
+from t2d_rt.errors import InputError
 from t2d_rt.noise.masks import occlude
 from t2d_rt.result import Recording
 
@@ -24,26 +25,32 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
     velocity, time_s = image.velocity_mps.values, image.time_s.values
     power = _power(image.values)
     added: np.ndarray | None = None
-    told: dict[str, Any] = {}
+    details: dict[str, Any] = {}
     if recipe.background is not None:
-        seed = whole(recipe.seeds(index, "background"))
+        seed = integer_seed(recipe.seeds(index, "background"))
         settings = background_settings(
             recipe.background,
             seed=seed,
             level_db=recipe.background_level_db,
             noisy=recording.noise_floor_dbm is not None,
+            carrier_hz=recording.radar.carrier_hz,
         )
         added = background(velocity, time_s, settings).power_w(settings["level_db"]).astype(np.float64)
         power = power + added
-        told["background"] = settings
+        details["background"] = settings
     if recipe.masks is not None:
         occluded = occlude(
-            power, time_s, recipe.masks, seed=whole(recipe.seeds(index, "masks")),
+            power, time_s, recipe.masks, seed=integer_seed(recipe.seeds(index, "masks")),
             fill="zeros" if added is None else "background", background_power=added,
         )  # fmt: skip
+        if added is None and occluded.columns.all():
+            raise InputError(
+                "occluded windows cover the whole record and there is no background to show; give the recipe a background, or "
+                "fewer or shorter windows"
+            )
         power = occluded.power
-        told["masks_s"] = np.round(occluded.windows_s, 6).tolist()
-    return View(power, velocity, time_s, told)
+        details["masks_s"] = np.round(occluded.windows_s, 6).tolist()
+    return View(power, velocity, time_s, details)
 
 
 def _power(level_db: np.ndarray) -> np.ndarray:

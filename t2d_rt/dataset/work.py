@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import limit_threads
+from t2d_rt.dataset.motions import provenance
 from t2d_rt.dataset.products import record_length_s
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, sample
-from t2d_rt.dataset.takes import provenance
 from t2d_rt.dataset.view import view
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.simulate import run
+from t2d_rt.sources import MotionText
 from t2d_rt.types import Accuracy
 
 Plans = Mapping[str, Accuracy]
@@ -91,13 +92,21 @@ def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
 
 def _described(found: Sample) -> dict[str, Any]:
     """What a record tells of a sample before it is simulated."""
-    source, place = found.take.source, found.place
+    source, place = found.cut.source, found.place
     return {
         "provider": source.provider, "body": found.experiment.body, "stature_m": source.stature_m, "seed": source.seed,
         "gait_factor": source.gait_factor, "angle_deg": place.angle_deg, "distance_m": place.distance_m,
-        "aside_m": place.aside_m, "height_m": place.height_m, "lacking_m": place.lacking_m,
-        **provenance(found.take), "experiment": found.experiment.hash,
+        "aside_m": place.aside_m, "height_m": place.height_m, "overlap_m": place.overlap_m,
+        **provenance(found.cut), "second_person": _second_person(found), "experiment": found.experiment.hash,
     }  # fmt: skip
+
+
+def _second_person(found: Sample) -> dict[str, Any] | None:
+    """What a record tells of a person beside the one who is labelled: sentence, seed, and clips."""
+    others = [each for each in found.experiment.targets[1:] if isinstance(each, MotionText)]
+    if not others:
+        return None
+    return {"sentence": others[0].text, "seed": others[0].seed, "sources": list(others[0].made().origin)}
 
 
 def _recorded(

@@ -79,7 +79,7 @@ def occlude(
     background_power: [W], of the same shape, for the fill "background": the one that was added to the spectrogram, so that its
         level and what moves in it go on through the window.
     """
-    power = array("spectrogram_power", spectrogram_power, ("velocity", "time"), limit=1e60, unit="W")
+    power = _power("spectrogram_power", spectrogram_power, ("velocity", "time"))
     times = array("time_s", time_s, (power.shape[1],), unit="s")
     choice("fill", fill, ("background", "zeros"))
     if (fill == "background") != (background_power is not None):
@@ -94,5 +94,13 @@ def occlude(
     columns = np.asarray(within.any(axis=1))
     filled = np.zeros_like(power)
     if fill == "background":
-        filled = array("background_power", background_power, power.shape, limit=1e60, unit="W")
+        filled = _power("background_power", background_power, power.shape)
     return Occluded(power=np.where(columns, filled, power), windows_s=windows, columns=columns)
+
+
+def _power(name: str, values: Any, shape: tuple[int | str, ...]) -> np.ndarray:
+    """Powers [W] of a shape, none of them below 0."""
+    found = array(name, values, shape, limit=1e60, unit="W")
+    if found.size and found.min() < 0:
+        raise InputError(f"{name} must be 0 W or more, got {found.min():g}; give powers, not decibels or amplitudes")
+    return found

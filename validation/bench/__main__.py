@@ -52,7 +52,7 @@ def main(*, quick: bool) -> int:
         add("peers", peers.peers())
         section, _ = sections.streamed(run)
         add("streamed", section)
-        add("datasets", datasets())
+        add("datasets", datasets(folder))
         section, found = sections.presets(run)
         shown = shown + [each for each in found if each["method"] == "mesh"]
         add("presets", section)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from t2d_rt.dataset import Recipe, make_dataset
-from validation.report import Check, Section
+from validation.report import Check, Section, new_figure, save_chart
 
 PAPER_SAMPLES = 19_165
 """Samples that the Text2Doppler paper kept."""
@@ -39,6 +39,53 @@ KINDS = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """What the chart shows of one kind."""
+
+    name: str
+    seconds: dict[str, float]
+    """Of one core, by stage."""
+    rate: float
+    """Samples a second on two cores."""
+    paper_s: dict[int, float]
+    """Time for a set of the paper's size, by the number of cores."""
+
+
+def throughput_chart(bars: Sequence[Bar], folder: Path) -> str:
+    """Seconds of one core for a sample by stage, and the time that a set of the paper's size takes."""
+    figure, axes = new_figure(figsize=(11, 1.4 + 0.8 * len(bars)), ncols=2, width_ratios=(3, 2), sharey=True)
+    rows = range(len(bars))
+    for number, stage in enumerate(STAGES):
+        share = [100 * each.seconds[stage] / sum(each.seconds.values()) for each in bars]
+        before = [
+            100 * sum(each.seconds[name] for name in STAGES[:number]) / sum(each.seconds.values()) for each in bars
+        ]
+        axes[0].barh(rows, share, left=before, color=f"C{number}", label=stage)
+        for row, each in zip(rows, bars, strict=True):
+            if share[row] > 8:
+                axes[0].text(
+                    before[row] + share[row] / 2, row, f"{each.seconds[stage]:.2g} s", ha="center", va="center"
+                )
+    labels = [f"{each.name}\n{each.rate:.2g} samples/s on {WORKERS} cores" for each in bars]
+    axes[0].set_yticks(rows, labels)
+    axes[0].set(xlabel="Share of the time of a sample of 5 s (%)", xlim=(0, 100))
+    axes[0].legend(ncols=len(STAGES), loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+    height = 0.35
+    for place, (count, colour) in enumerate(((WORKERS, "C7"), (CORES, "C4"))):
+        hours = [each.paper_s[count] / 3600 for each in bars]
+        where = [row + (place - 0.5) * height for row in rows]
+        axes[1].barh(where, hours, height=height, color=colour, label=f"{count} cores")
+        for y, hour in zip(where, hours, strict=True):
+            told = f"{hour:.1f} h" if hour >= 1 else f"{60 * hour:.0f} min"
+            axes[1].text(1.1 * hour, y, told, va="center")
+    axes[1].set(xscale="log", xlabel=f"Time for {PAPER_SAMPLES} samples (h)")
+    axes[1].margins(x=0.2)
+    axes[1].legend(ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+    axes[0].invert_yaxis()
+    return save_chart(figure, "datasets.png", folder)
+
+
 def recipe_of(kind: Kind) -> Recipe:
     """Eight classes under one condition."""
     return Recipe(
@@ -58,21 +105,25 @@ def measured(kind: Kind, workers: int) -> dict[str, float]:
     return {"rate": outcome.made / outcome.seconds, **mean}
 
 
-def datasets(kinds: Sequence[Kind] = KINDS) -> Section:
-    """Throughput, where the time goes, and what that means for a set of the paper's size."""
-    table, checks = [], []
+def datasets(folder: Path, kinds: Sequence[Kind] = KINDS) -> Section:
+    """Throughput, where the time goes, and what that means for a set of the paper's size; its chart goes to a folder."""
+    table, checks, bars = [], [], []
     for kind in kinds:
         one, two = measured(kind, 1), measured(kind, WORKERS)
         efficiency = two["rate"] / (WORKERS * one["rate"])
         total = sum(two[stage] for stage in STAGES)
         print(f"     {kind.name}: {two['rate']:.2f} samples/s, {two['cpu']:.2f} s of one core each", flush=True)
+        paper_s = {
+            WORKERS: PAPER_SAMPLES / two["rate"], CORES: PAPER_SAMPLES / (one["rate"] * CORES * min(efficiency, 1.0)),
+        }  # fmt: skip
+        bars.append(Bar(kind.name, {stage: two[stage] for stage in STAGES}, two["rate"], paper_s))
         table.append({
             "samples of 5 s": kind.name, "samples/s, 2 cores": f"{two['rate']:.2f}",
             "s of one core each": f"{two['cpu']:.2f}",
             **{stage: f"{two[stage] / total:.0%}" for stage in STAGES},
             "2 workers over 1": f"{efficiency:.0%}",
-            f"{PAPER_SAMPLES} on 2 cores": f"{PAPER_SAMPLES / two['rate'] / 3600:.1f} h",
-            f"on {CORES}": f"{PAPER_SAMPLES / (one['rate'] * CORES * min(efficiency, 1.0)) / 60:.0f} min",
+            f"{PAPER_SAMPLES} on 2 cores": f"{paper_s[WORKERS] / 3600:.1f} h",
+            f"on {CORES}": f"{paper_s[CORES] / 60:.0f} min",
         })  # fmt: skip
         checks += [
             Check(what=f"{kind.name}, samples made", measured=two["rate"], limit=kind.least, unit="/s", at_least=True),
@@ -88,4 +139,4 @@ def datasets(kinds: Sequence[Kind] = KINDS) -> Section:
         "Samples of 5 s, from the sentence to the shard: motion, filter, simulation with the receiver's noise, spectrogram. Each "
         "worker has one thread; workers have begun, kernels are compiled. The time on 64 cores is that by the efficiency of two."
     )
-    return Section(title="Data sets", note=note, checks=checks, table=table)
+    return Section(title="Data sets", note=note, checks=checks, table=table, charts=[throughput_chart(bars, folder)])

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from t2d_rt.decibels import decibel
 from t2d_rt.empty_rooms import empty_room_record
 from t2d_rt.noise.background import BackgroundModel, BackgroundRecord, Grid, load_background
 from t2d_rt.noise.background.evaluate import Distances, distances, evaluation, gaussian_noise
 from t2d_rt.noise.background.learn import learn_background
-from t2d_rt.noise.background.records import decibel
 from validation.report import Check, Section, new_figure, save_chart
 
 HELD_OUT = range(36, 48)
@@ -172,7 +172,8 @@ def _chart(name: str, model: BackgroundModel, held_out: Sequence[BackgroundRecor
     for row, index in zip(axes, shown, strict=True):
         level = held_out[index].relative_db
         prior, uniform = (
-            decibel(model.columns(level.shape[1], seed=SEED + index, codes=each).power) for each in ("prior", "uniform")
+            decibel(model.columns(level.shape[1], seed=SEED + index, codes=each).power.astype(np.float64))
+            for each in ("prior", "uniform")
         )
         noise = gaussian_noise([each.relative_db for each in held_out], np.random.default_rng(index))[index]
         speeds, step_s = model.grid.velocity_mps, model.grid.time_step_s

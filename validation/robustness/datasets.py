@@ -1,7 +1,8 @@
-"""Data sets under adversity: runs killed at random moments, a worker of a cluster killed, and the memory of a long run."""
+"""Data sets under adversity: runs killed at random moments, worker and scheduler of a cluster killed, the memory of a long run."""
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -10,6 +11,7 @@ import sys
 import tempfile
 import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ from t2d_rt.memory import resident_bytes
 from validation.report import Check, Section
 
 KILLS, LONG, SETTLED, CLUSTER_KILL_S = 20, 1000, 100, 25.0
+LOST_LIMIT_S = 60.0
 GROWTH_LIMIT, MEMORY_LIMIT_GB = 0.05, 2.0
 SAMPLES, SEED = 24, 0
 
@@ -50,6 +53,8 @@ def run() -> Section:
         differing = contents(folder / "killed") != wanted
         cluster = cluster_killed(recipe, folder)
         other = contents(folder / "cluster") != wanted
+        lost = scheduler_lost(folder)
+        after = contents(folder / "lost") != wanted
         memory = held(recipe)
     settled = memory[SETTLED - 1]
     return Section(
@@ -59,6 +64,10 @@ def run() -> Section:
             Check(what="killed and resumed: files that differ", measured=float(differing), limit=0, unit=""),
             Check(what="workers of a cluster killed", measured=cluster, limit=1, unit="", at_least=True),
             Check(what="worker of a cluster killed: files that differ", measured=float(other), limit=0, unit=""),
+            Check(what="scheduler lost: exit code 2 (1: yes)", measured=float(lost.code == 2), limit=1, unit="", at_least=True),
+            Check(what="scheduler lost: sentences told", measured=float(lost.sentences), limit=1, unit=""),
+            Check(what="scheduler lost: time until the run ended", measured=lost.seconds, limit=LOST_LIMIT_S, unit="s"),
+            Check(what="scheduler lost and resumed: files that differ", measured=float(after), limit=0, unit=""),
             Check(
                 what=f"memory of a worker, growth after the first {SETTLED} of {LONG} samples",
                 measured=float(memory[SETTLED:].max() / settled - 1), limit=GROWTH_LIMIT, unit="",
@@ -67,7 +76,9 @@ def run() -> Section:
         ],
         note=f"{SAMPLES} samples of 1 s by ellipsoids, in shards of 4. A run is killed (SIGKILL), with its workers, at a random "
         "moment of the time that a whole one takes; the next one goes on, and the last is left alone. All files but the logs are "
-        f"compared. A cluster of two processes loses one after {CLUSTER_KILL_S:g} s.",
+        f"compared. A cluster of two processes loses one after {CLUSTER_KILL_S:g} s."
+        " Another, of two workers and a scheduler that the run connects to, loses its scheduler once the first shard is written; "
+        "processes of this machine complete the set.",
     )  # fmt: skip
 
 
@@ -118,6 +129,52 @@ def cluster_killed(recipe: Recipe, folder: Path) -> int:
     make_dataset(recipe, folder / "cluster", scheduler="local:2", limit=SAMPLES)
     thread.join()
     return len(done)
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """How a run ended whose scheduler was killed."""
+
+    code: int
+    sentences: int
+    seconds: float
+    """From there to the end."""
+
+
+def scheduler_lost(folder: Path) -> Lost:
+    """Kills the scheduler of a run, and lets processes of this machine complete the set."""
+    out, address = folder / "lost", folder / "scheduler.json"
+    options = ["--scheduler-file", str(address), "--no-dashboard"]
+    begin = [sys.executable, "-m"]
+    scheduler = [*begin, "distributed.cli.dask_scheduler", *options, "--host", "127.0.0.1", "--port", "0"]
+    worker = [*begin, "distributed.cli.dask_worker", *options, "--nthreads", "1", "--no-nanny", "--death-timeout", "10"]
+    command = [
+        *begin, "t2d_rt.cli", "dataset", str(folder / "recipe.yaml"), "-o", str(out), "--limit", str(SAMPLES),
+    ]  # fmt: skip
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    processes = [subprocess.Popen(scheduler, **quiet)]
+    try:
+        while not address.exists() or not address.read_text().strip():
+            time.sleep(0.2)
+        processes += [subprocess.Popen(worker, **quiet) for _ in range(2)]
+        where = json.loads(address.read_text())["address"]
+        run = subprocess.Popen(
+            [*command, "--scheduler", where], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+        )
+        processes.append(run)
+        while run.poll() is None and not any(out.glob("shards/*.jsonl")):
+            time.sleep(0.1)
+        processes[0].kill()
+        killed_s = time.perf_counter()
+        _, told = run.communicate(timeout=10 * LOST_LIMIT_S)
+        took_s = time.perf_counter() - killed_s
+    finally:
+        for each in processes:
+            each.kill()
+            each.wait()
+    subprocess.run([*command, "--workers", "2"], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    lines = [line for line in told.replace("\r", "\n").splitlines() if line.strip() and "%|" not in line]
+    return Lost(run.returncode, len(lines), took_s)
 
 
 def worker_processes() -> list[int]:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.decibels import decibel
 from t2d_rt.errors import InputError
 from t2d_rt.noise.background.model import BackgroundModel
-from t2d_rt.noise.background.records import BackgroundRecord, common_grid, decibel
+from t2d_rt.noise.background.records import BackgroundRecord, common_grid
 
 PATCH_COLUMNS = 32
 """Columns of a patch that the classifier judges."""
@@ -75,7 +76,7 @@ def evaluation(
             for number, each in enumerate(levels * SAMPLES)
         ]
         used = perplexity(np.concatenate([each.codes for each in some]), model.architecture.codes)
-        found[name] = distances(levels, [decibel(each.power) for each in some]), used
+        found[name] = distances(levels, [decibel(each.power.astype(np.float64)) for each in some]), used
     noise = gaussian_noise(levels * SAMPLES, np.random.default_rng(seed))
     return {**found, "Gaussian noise": (distances(levels, noise), None)}
 

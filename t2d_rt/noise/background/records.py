@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.checks import array, flag, number, positive, text
+from t2d_rt.decibels import decibel
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 
 LARGEST_BYTES = 2 * 2**30
 """Largest file of a record."""
-LEAST_DB = -300.0
-"""What silence reads, as in every spectrogram of the project."""
 SAME = 1e-3
 """Greatest relative difference of steps, and greatest difference of speeds in units of a bin, of axes that count as the same."""
 NEEDED = "velocity_mps, time_step_s, carrier_hz, calibrated and power_w"
@@ -112,13 +111,13 @@ class BackgroundRecord:
 
     @property
     def level_db(self) -> float:
-        """Level of the noise floor: the median over all cells [dB re 1 W], which interferers hardly change."""
-        return float(np.median(decibel(self.power)))
+        """Level of the noise floor: the median over all cells [dB re 1 W], which fans and pets hardly change."""
+        return float(np.median(decibel(self.power.astype(np.float64))))
 
     @property
     def relative_db(self) -> np.ndarray:
         """Power relative to that level [dB], float32 (velocity, time)."""
-        return (decibel(self.power) - self.level_db).astype(np.float32)
+        return (decibel(self.power.astype(np.float64)) - self.level_db).astype(np.float32)
 
     def save(self, path: Path) -> None:
         """Writes the record as an .npz file."""
@@ -146,11 +145,6 @@ class BackgroundRecord:
                 f"{path} is not a background record ({type(error).__name__}: {error}); it must hold {NEEDED}, as "
                 "t2d-rt background simulate writes it"
             ) from None
-
-
-def decibel(power: np.ndarray) -> np.ndarray:
-    """Power [dB re 1 W], float64."""
-    return np.asarray(10 * np.log10(np.maximum(np.asarray(power, np.float64), 10 ** (LEAST_DB / 10))))
 
 
 def common_grid(records: list[BackgroundRecord]) -> Grid:

@@ -17,7 +17,7 @@ from t2d_rt.noise.receiver.draws import Draws, group_rows
 from t2d_rt.noise.receiver.flicker import Flicker
 from t2d_rt.noise.receiver.front_end import dc_offsets, imbalanced
 from t2d_rt.noise.receiver.interference import Interference
-from t2d_rt.noise.receiver.phase_noise import PhaseNoise
+from t2d_rt.noise.receiver.phase_noise import SMALL_ANGLE_RAD, PhaseNoise, residual_rms_rad
 from t2d_rt.rows import ScratchRows, block_rows
 from t2d_rt.types import Radar, Receiver
 
@@ -28,27 +28,49 @@ SILENT = 1e-13
 
 
 @dataclass(slots=True)
-class Levels:
-    """Powers of the samples before and after a receiver."""
+class Power:
+    """Mean power of samples, in all and of their mean over the rows."""
+
+    count: int = 0
+    rows: int = 0
+    energy_w: float = 0.0
+    total: Any = 0.0
+    """Sum over the rows, complex128 (antenna, sample)."""
+
+    def add(self, samples: np.ndarray) -> None:
+        """Counts samples (row, antenna, sample), complex64."""
+        self.rows += len(samples)
+        self.count += samples.size
+        parts = np.ascontiguousarray(samples).view(np.float32).ravel().astype(np.float64)
+        self.energy_w += float(np.einsum("i,i->", parts, parts))  # BLAS would round by the number of its threads
+        self.total = self.total + samples.sum(axis=0, dtype=np.complex128)
+
+    @property
+    def static_w(self) -> float:
+        """Power of the mean over the rows [W]; 0 where it is rounding."""
+        found = float(np.mean(np.abs(self.total / self.rows) ** 2))
+        return found if found > SILENT * self.energy_w / self.count else 0.0
+
+    @property
+    def moving_w(self) -> float:
+        """Power of what changes from row to row [W]; 0 where it is rounding, or nothing can."""
+        mean_w = self.energy_w / self.count
+        found = mean_w - float(np.mean(np.abs(self.total / self.rows) ** 2))
+        return found if found > SILENT * mean_w and self.rows > 1 else 0.0
+
+
+@dataclass(slots=True)
+class ReceiverLevels:
+    """Powers of the samples before a receiver, and of what it adds to them."""
 
     receiver: Receiver
     radar: Radar
-    samples: int = 0
-    energy_w: float = 0.0
+    clean: Power = field(default_factory=Power)
+    added: Power = field(default_factory=Power)
+    """Of the samples after the receiver less those before it."""
     clipped: int = 0
     peak: float = 0.0
     """Greatest |I| or |Q| before the converters [sqrt(W)]."""
-    total: Any = field(default=0.0)
-    """Sum over the rows, complex128 (antenna, sample)."""
-    rows: int = 0
-
-    def add(self, clean: np.ndarray) -> None:
-        """Counts samples before the receiver."""
-        self.rows += len(clean)
-        self.samples += clean.size
-        parts = np.ascontiguousarray(clean).view(np.float32).ravel().astype(np.float64)
-        self.energy_w += float(np.einsum("i,i->", parts, parts))  # BLAS would round by the number of its threads
-        self.total = self.total + clean.sum(axis=0, dtype=np.complex128)
 
     def described(self) -> dict[str, Any]:
         """For a recording's settings."""
@@ -56,17 +78,21 @@ class Levels:
         floor_w = self.receiver.noise_floor_w(self.radar)
         if floor_w > 0:
             found["noise_floor_dbm"] = _db(floor_w) + 30
-        if self.samples and floor_w > 0:
-            mean_w = self.energy_w / self.samples
-            static_w = float(np.mean(np.abs(self.total / self.rows) ** 2))
-            moving_w = mean_w - static_w
-            if moving_w > SILENT * mean_w and self.rows > 1:
-                found["snr_db"] = _db(moving_w / floor_w)
-            if static_w > SILENT * mean_w:
-                found["clutter_to_noise_db"] = _db(static_w / floor_w)
-        if self.receiver.adc and self.samples:
+        if not self.clean.count:
+            return found
+        noise_w, moving_w, static_w = self.added.moving_w, self.clean.moving_w, self.clean.static_w
+        if noise_w > 0:
+            found["noise_dbm"] = _db(noise_w) + 30
+            if moving_w > 0:
+                found["snr_db"] = _db(moving_w / noise_w)
+            if static_w > 0:
+                found["clutter_to_noise_db"] = _db(static_w / noise_w)
+        if self.receiver.adc:
             peak_w = self.peak**2 / self.receiver.adc.full_scale_w
-            found |= {"adc_peak_dbfs": _db(peak_w) if peak_w > 0 else None, "clipped": self.clipped / self.samples}
+            found |= {
+                "adc_peak_dbfs": _db(peak_w) if peak_w > 0 else None,
+                "clipped": self.clipped / self.clean.count,
+            }
         return found
 
     def warn(self) -> None:
@@ -74,7 +100,7 @@ class Levels:
         if self.clipped:
             over_db = 20 * math.log10(self.peak / math.sqrt(self.receiver.adc.full_scale_w))  # type: ignore[union-attr]
             warnings.warn(
-                f"the ADC is saturated: {100 * self.clipped / self.samples:.3g} % of the samples are clipped, the highest by "
+                f"the ADC is saturated: {100 * self.clipped / self.clean.count:.3g} % of the samples are clipped, the highest by "
                 f"{max(over_db, 0.0):.1f} dB; lower adc.gain_db or raise adc.full_scale_dbm, or move what is strongest away",
                 T2DWarning,
                 stacklevel=4,
@@ -93,21 +119,38 @@ def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cu
     seed: of what is drawn, where the receiver has none of its own.
     """
     draws = Draws(seed if receiver.seed is None else receiver.seed)
-    levels = Levels(receiver, radar)
+    levels = ReceiverLevels(receiver, radar)
     effects = list(_effects(radar, receiver, draws))
     result: Cube = DiskCube(ScratchRows(cube.shape)) if isinstance(cube, DiskCube) else cube
     rows = group_rows(math.prod(cube.shape[1:]))
     blocks = -(-block_rows(cube.shape) // rows) * rows
     for start in range(0, len(cube), blocks):
         block = np.asarray(cube[start : start + blocks], np.complex64)
-        levels.add(block)
+        levels.clean.add(block)
         received = [
             _group(block[first : first + rows], (start + first) // rows, effects, levels)
             for first in range(0, len(block), rows)
         ]
-        result[start : start + len(block)] = np.concatenate(received)
+        noisy = np.concatenate(received)
+        levels.added.add(noisy - block)
+        result[start : start + len(block)] = noisy
     levels.warn()
+    _warn_of_angles(radar, receiver)
     return result, levels.described()
+
+
+def _warn_of_angles(radar: Radar, receiver: Receiver) -> None:
+    """Tells of phase noise that is too much for its mask to be one of small angles."""
+    if receiver.phase_noise is None:
+        return
+    rms_rad = residual_rms_rad(radar, receiver.phase_noise.density)
+    if rms_rad > SMALL_ANGLE_RAD:
+        warnings.warn(
+            f"phase noise leaves up to {rms_rad:.2g} rad rms within the range axis, and its levels L(f) hold for small angles, "
+            f"up to {SMALL_ANGLE_RAD:g} rad; lower phase_noise, or take its side bands for estimates",
+            T2DWarning,
+            stacklevel=3,
+        )
 
 
 def _greatest(samples: np.ndarray) -> float:
@@ -116,7 +159,7 @@ def _greatest(samples: np.ndarray) -> float:
     return max(float(parts.max(initial=0.0)), -float(parts.min(initial=0.0)))
 
 
-def _group(samples: np.ndarray, number: int, effects: list[Effect], levels: Levels) -> np.ndarray:
+def _group(samples: np.ndarray, number: int, effects: list[Effect], levels: ReceiverLevels) -> np.ndarray:
     for effect in effects:
         samples = effect(samples, number)
     adc = levels.receiver.adc

@@ -7,7 +7,7 @@ from scipy import fft
 
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.processes import Fast, Slow
-from t2d_rt.noise.receiver.slots import Slots
+from t2d_rt.noise.receiver.time_slots import TimeSlots
 from t2d_rt.types import Radar
 
 
@@ -18,7 +18,7 @@ class Flicker:
         def density(frequency_hz: np.ndarray) -> np.ndarray:
             return np.asarray(density_w * corner_hz / np.maximum(np.abs(frequency_hz), 1e-9))
 
-        self._slots, self._draws = Slots(radar), draws
+        self._slots, self._draws = TimeSlots(radar), draws
         fast = Fast(density, radar.samples, radar.sample_rate_hz)
         self._amplitudes = fast.amplitudes().astype(np.float32)
         self._slow = [

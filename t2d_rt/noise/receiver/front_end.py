@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from t2d_rt.noise.receiver.draws import Draws
-from t2d_rt.noise.receiver.slots import Slots
+from t2d_rt.noise.receiver.time_slots import TimeSlots
 from t2d_rt.types import Radar
 from t2d_rt.types.receiver import IqImbalance
 
@@ -20,7 +20,7 @@ def imbalanced(samples: np.ndarray, imbalance: IqImbalance) -> np.ndarray:
 
 def dc_offsets(radar: Radar, level_dbm: float, draws: Draws) -> np.ndarray:
     """A constant for each antenna, complex64 (antenna, 1): one of each receive channel, whose phase is drawn."""
-    slots = Slots(radar)
+    slots = TimeSlots(radar)
     phase = 2 * math.pi * draws.of("DC offset").random(slots.channels)
     constant = math.sqrt(10 ** ((level_dbm - 30) / 10)) * np.exp(1j * phase)
     return np.tile(constant, slots.per_row)[:, None].astype(np.complex64)

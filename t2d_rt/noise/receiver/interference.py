@@ -10,7 +10,7 @@ from scipy.special import fresnel
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
-from t2d_rt.noise.receiver.slots import Slots
+from t2d_rt.noise.receiver.time_slots import TimeSlots
 from t2d_rt.types import Radar
 from t2d_rt.types.receiver import Interferer
 
@@ -27,7 +27,7 @@ class Interference:
 
     def __init__(self, radar: Radar, other: Interferer, draws: Draws, number: int) -> None:
         self._radar, self._other, self._draws = radar, other, draws
-        self._slots, self._name = Slots(radar), f"interferer {number}"
+        self._slots, self._name = TimeSlots(radar), f"interferer {number}"
         apart = np.array(other.position_m) - radar.rx_positions_m
         ranges = np.linalg.norm(apart, axis=1)
         if ranges.min() < 1e-3:

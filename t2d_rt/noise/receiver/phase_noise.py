@@ -16,7 +16,7 @@ from scipy import fft
 from t2d_rt.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.processes import Density, Fast, Slow
-from t2d_rt.noise.receiver.slots import Slots
+from t2d_rt.noise.receiver.time_slots import TimeSlots
 from t2d_rt.types import Radar
 
 INTERPOLATION = 1e-3
@@ -27,6 +27,8 @@ MOST_NODES, MOST_WEIGHTS = 128, 20_000_000
 """Delays at which phase noise may be worked out, and these times the samples of a chirp."""
 RETURN = 1 / 8
 """Fraction of the range bins, the farthest ones, over which the delay returns to 0: they hold what leaks from the nearest ones."""
+SMALL_ANGLE_RAD = 0.3
+"""Greatest rms of the residual phase for which side bands are those of small angles: the carrier has lost 0.4 dB to them."""
 TRIED = 200
 """Frequencies, and delays, at which the interpolation and the level of phase noise are worked out."""
 NEGLIGIBLE = 1e-3
@@ -42,7 +44,7 @@ class PhaseNoise:
                 f"phase noise is sorted by range, for which chirps need {LEAST_SAMPLES} samples or more, got {radar.samples}; take "
                 "more, or leave phase_noise out"
             )
-        self._slots, self._draws = Slots(radar), draws
+        self._slots, self._draws = TimeSlots(radar), draws
         fast = Fast(density, radar.samples, radar.sample_rate_hz)
         self._powers = fast.amplitudes()[: radar.samples + 1] ** 2
         self._powers[-1] = 0.0  # of half the rate, at which a delay is not defined
@@ -106,6 +108,14 @@ class PhaseNoise:
         # Sums, not a product of matrices: of the same bits whatever other rows there are.
         levels = (np.abs(spectrum) ** 2 * (self._greatest / spectrum.shape[2] ** 2)).sum(axis=2)
         return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
+
+
+def residual_rms_rad(radar: Radar, density: Density) -> float:
+    """Greatest rms of phi(t) - phi(t - tau) over the delays tau of the range axis [rad], from 2 L(f) 4 sin^2(pi f tau) (eq. 34)."""
+    offset = np.geomspace(radar.prf_hz / 8192, radar.sample_rate_hz / 2, 4000)
+    delays = np.linspace(0, float(np.abs(bin_delays_s(radar)).max()), 50)[:, None]
+    values = 8 * density(offset) * np.sin(np.pi * offset * delays) ** 2
+    return math.sqrt(float(np.trapezoid(values * offset, np.log(offset), axis=1).max()))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from t2d_rt.dataset.recipe import OWN_BODY, Recipe
-from t2d_rt.dataset.seeds import whole
+from t2d_rt.dataset.seeds import integer_seed
 from t2d_rt.errors import T2DError
 from t2d_rt.motion import trim
 from t2d_rt.motion.check import check_motion
@@ -28,7 +28,7 @@ STEP_S = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Take:
+class SampleMotion:
     """A motion and how it came about."""
 
     source: MotionText
@@ -51,10 +51,10 @@ def descriptions(activity: Activity, count: int, seed: int) -> tuple[Description
 
 
 @functools.lru_cache(maxsize=16)
-def take(recipe: Recipe, activity: Activity, description: int, number: int) -> Take:
+def sample_motion(recipe: Recipe, activity: Activity, description: int, number: int) -> SampleMotion:
     """The motion of a number: the first one that passes the filter within the recipe's attempts, or the first that can be made."""
     wanted = descriptions(activity, recipe.descriptions_per_class, recipe.seed)[description]
-    first: Take | None = None
+    first: SampleMotion | None = None
     failure: T2DError | None = None
     for attempt in range(recipe.attempts):
         source = _drawn(recipe, activity, wanted, number, attempt)
@@ -89,10 +89,10 @@ def _drawn(recipe: Recipe, activity: Activity, wanted: Description, number: int,
         values |= {"body": body, "stature_m": round(stature_m, 4)}
         if activity in LASTING:
             values["duration_s"] = round(recipe.duration_s * max(1.0, factor), 4)
-    return MotionText(text=wanted.sentence, seed=whole(motion), provider=provider_name, **values)
+    return MotionText(text=wanted.sentence, seed=integer_seed(motion), provider=provider_name, **values)
 
 
-def _fitted(source: MotionText, recipe: Recipe, activity: Activity, attempts: int) -> Take:
+def _fitted(source: MotionText, recipe: Recipe, activity: Activity, attempts: int) -> SampleMotion:
     """Cut or held to the length of a record, and judged.
 
     A motion that is too long is cut to its liveliest piece that the filter takes for one of the class: the greatest mean square of
@@ -105,12 +105,12 @@ def _fitted(source: MotionText, recipe: Recipe, activity: Activity, attempts: in
         source = source.model_copy(update={"hold_s": round(lacking_s + 1.0 / made.rate_hz, 6), "stop_s": length_s})
         motion = trim(hold(made, source.hold_s), 0.0, length_s)
         verdict = check_motion(motion, expected=activity)
-        return _take(source, motion, verdict.reasons, attempts, made)
-    liveliest: Take | None = None
+        return _cut(source, motion, verdict.reasons, attempts, made)
+    liveliest: SampleMotion | None = None
     for start_s in _starts(made, length_s):
         cut = source.model_copy(update={"start_s": start_s, "stop_s": start_s + length_s})
         motion = trim(made, start_s, start_s + length_s)
-        found = _take(cut, motion, check_motion(motion, expected=activity).reasons, attempts, made)
+        found = _cut(cut, motion, check_motion(motion, expected=activity).reasons, attempts, made)
         if found.passed:
             return found
         liveliest = liveliest or found
@@ -118,8 +118,8 @@ def _fitted(source: MotionText, recipe: Recipe, activity: Activity, attempts: in
     return liveliest
 
 
-def _take(source: MotionText, motion: Motion, reasons: tuple[str, ...], attempts: int, made: Motion) -> Take:
-    return Take(source, motion, not reasons, reasons, attempts, made.duration_s, made.origin)
+def _cut(source: MotionText, motion: Motion, reasons: tuple[str, ...], attempts: int, made: Motion) -> SampleMotion:
+    return SampleMotion(source, motion, not reasons, reasons, attempts, made.duration_s, made.origin)
 
 
 def _starts(motion: Motion, length_s: float) -> list[float]:
@@ -132,7 +132,7 @@ def _starts(motion: Motion, length_s: float) -> list[float]:
     return [float(starts[at]) for at in np.argsort(-energy, kind="stable")]
 
 
-def provenance(found: Take) -> Mapping[str, object]:
+def provenance(found: SampleMotion) -> Mapping[str, object]:
     """What a record tells of it."""
     return {
         "passed": found.passed, "reasons": list(found.reasons), "attempts": found.attempts, "made_s": round(found.made_s, 6),

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from t2d_rt.dataset.company import company
+from t2d_rt.dataset.beside import moving_beside, reserved_walks
+from t2d_rt.dataset.motions import _starts, descriptions, sample_motion
 from t2d_rt.dataset.placing import CLEARANCE_M, placing, surroundings
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import sample
-from t2d_rt.dataset.takes import _starts, take
 from t2d_rt.motion import aside, place
 from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.vary import hold
@@ -70,16 +70,16 @@ def test_the_liveliest_piece_comes_first(walk: Motion) -> None:
 
 def test_takes_are_as_long_as_the_records_and_what_was_asked_for(recipe: Recipe) -> None:
     for number, activity in enumerate(("bending", "falling")):
-        found = take(recipe, activity, 0, number)
+        found = sample_motion(recipe, activity, 0, number)
         assert found.motion.duration_s == pytest.approx(3.0, abs=1e-9)
         assert found.passed
         assert check_motion(found.motion, expected=activity).passed
-        again = take.__wrapped__(recipe, activity, 0, number)
+        again = sample_motion.__wrapped__(recipe, activity, 0, number)
         np.testing.assert_array_equal(again.motion.joints, found.motion.joints)
 
 
 def test_the_source_of_a_take_makes_the_same_motion(recipe: Recipe) -> None:
-    found = take(recipe, "falling", 0, 1)
+    found = sample_motion(recipe, "falling", 0, 1)
     source = MotionText(**found.source.model_dump())
     radar = recipe.radar
     np.testing.assert_array_equal(source.placed(source.made(), radar).joints, place(found.motion).joints)
@@ -93,10 +93,10 @@ def test_in_a_room_motions_keep_clear_of_walls_and_furniture(recipe: Recipe) -> 
         source = made.experiment.targets[0]
         assert isinstance(source, MotionText)
         joints = source.placed(source.made(), made.experiment.radar).joints
-        if made.place.lacking_m == 0:
+        if made.place.overlap_m == 0:
             inside = (joints[..., :2] > low[:2] + 0.9 * CLEARANCE_M) & (joints[..., :2] < high[:2] - 0.9 * CLEARANCE_M)
             assert inside.all()
-    assert sum(sample(recipe, index).place.lacking_m == 0 for index in range(4)) >= 2
+    assert sum(sample(recipe, index).place.overlap_m == 0 for index in range(4)) >= 2
 
 
 def test_in_free_space_the_first_place_that_is_drawn_is_taken(recipe: Recipe, walk: Motion) -> None:
@@ -109,14 +109,29 @@ def test_in_free_space_the_first_place_that_is_drawn_is_taken(recipe: Recipe, wa
     ("beside", "kind"), [("fan", "fan"), ("curtain", "curtain"), ("pet", "pet"), ("person", "text")]
 )
 def test_what_moves_beside_the_person(recipe: Recipe, beside: str, kind: str) -> None:
-    first, again, other = (company(beside, recipe, number) for number in (0, 0, 1))  # type: ignore[arg-type]
+    first, again, other = (moving_beside(beside, recipe, number) for number in (0, 0, 1))  # type: ignore[arg-type]
     assert first is not None
     assert other is not None
     assert first.kind == kind
     assert first == again != other
-    assert company("none", recipe, 0) is None
+    assert moving_beside("none", recipe, 0) is None
 
 
 def test_dogs_and_cats_walk_beside_the_person(recipe: Recipe) -> None:
-    pets = [company("pet", recipe, number) for number in range(12)]
+    pets = [moving_beside("pet", recipe, number) for number in range(12)]
     assert {pet.animal for pet in pets if isinstance(pet, t2d.Pet)} == {"dog", "cat"}
+
+
+def test_sentences_of_second_persons_are_nobodys_label(recipe: Recipe, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even where they are drawn with the same seed."""
+    monkeypatch.setattr("t2d_rt.dataset.beside.RESERVED_SEED", 0)
+    reserved_walks.cache_clear()
+    many = recipe.model_copy(update={"classes": ("walking",), "descriptions_per_class": 300})
+    labels = {each.sentence for each in descriptions("walking", 300, many.seed)}
+    walks = reserved_walks(many)
+    assert len({each.sentence for each in walks}) == 20
+    assert not labels & {each.sentence for each in walks}
+    found = moving_beside("person", many, 3)
+    assert isinstance(found, MotionText)
+    assert found.text in {each.sentence for each in walks}
+    reserved_walks.cache_clear()

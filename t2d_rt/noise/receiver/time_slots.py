@@ -11,14 +11,14 @@ from t2d_rt.types import Radar
 
 
 @dataclass(frozen=True, slots=True)
-class Slots:
+class TimeSlots:
     """The slots of a radar; a receive channel is a receiver, or with "simultaneous" each virtual antenna by itself."""
 
     radar: Radar
 
     @property
     def per_row(self) -> int:
-        """Slots of one row."""
+        """TimeSlots of one row."""
         return self.radar.loop_chirps
 
     @property
