@@ -12,7 +12,8 @@ ABOUT = ModelCard(
     least_size=48,
     counted_at=(3, 96, 101),
     printed=Printed(simple=99.65, hard=86.95, gflops=0.415, mparams=0.895),
-    note="Its operations were counted at 96 x 101 cells, the size that the comments of the published code name; at 224 x 224 they are more.",
+    note="Its operations were counted at 96 x 101 cells, the size in the comments of the published code."
+    " At 224 x 224 they are more.",
 )
 WIDTH, HIDDEN = 128, 32
 

@@ -12,7 +12,7 @@ ABOUT = ModelCard(
     title="ViT-Tiny",
     source="Dosovitskiy et al. 2021 at the width of DeiT-Ti (Touvron et al. 2021), by MONAI",
     printed=Printed(simple=99.48, hard=79.64, gflops=1.433, mparams=7.261),
-    note="The printed parameters contain 1.77 M of cross-attention that MONAI 1.4 made in each layer and that is never used, and the "
+    note="The printed parameters contain 1.77 M of cross-attention that MONAI 1.4 made in each layer and never uses, and the "
     "printed operations count the products of attention twice.",
 )
 IDLE_PARAMETERS = 12 * (4 * 192 * 192 + 192)
