@@ -41,7 +41,10 @@ def parser() -> ArgumentParser:
         "-o", "--output", type=str | None, help="Folder of the report, its data and its cells; a stopped run goes on."
     )
     found.add_argument(
-        "--scale", type=str, default="laptop", help="tiny, laptop or paper, which is planned and not run."
+        "--scale",
+        type=str,
+        default="laptop",
+        help="How large it is: tiny, laptop or paper, which is planned and not run.",
     )
     found.add_argument(
         "--simple", type=str | None, help="Folder of a data set to take as Simple, in place of one that is made."

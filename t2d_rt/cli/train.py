@@ -39,7 +39,7 @@ def parser() -> ArgumentParser:
         "--model",
         type=str,
         default="resnet18",
-        help="vgg-7, resnet18, vit-tiny, crnn, conv1d-lstm, conv1d-alstm-fcn or streaming, which is small and causal.",
+        help="One of vgg-7, resnet18, vit-tiny, crnn, conv1d-lstm, conv1d-alstm-fcn or streaming, which is small and causal.",
     )
     add_split(found)
     found.add_argument("--size", type=int, default=64, help="Cells of speed and of time: 64, 128 or 224 are usual.")
@@ -54,7 +54,7 @@ def parser() -> ArgumentParser:
     found.add_argument("--rate", type=float, default=1e-3, help="Learning rate of Adam.")
     found.add_argument("--seed", type=int, default=0, help="Seed of the split, the weights and the order.")
     found.add_argument("--threads", type=int, default=1, help="Of torch; the same weights, bit for bit, with one.")
-    found.add_argument("--device", type=str, default="cpu", help="cpu or gpu.")
+    found.add_argument("--device", type=str, default="cpu", help="Where it runs: cpu or gpu.")
     return found
 
 

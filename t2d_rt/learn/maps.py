@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from t2d_rt.checks import array, instance, integer, positive, shown
 from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.products import resized
 from t2d_rt.dataset.splits import grouped
-from t2d_rt.dataset.stored import Product, axis
+from t2d_rt.dataset.stored import axis
 from t2d_rt.errors import InputError
 
 SIZE = 64, 64
@@ -164,7 +164,7 @@ def maps_of(
     if product != "spectrogram":
         raise InputError(f"product must be 'spectrogram', a map of speed and time, got {shown(product)}")
     wanted, range_db = checked_size(size), positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")
-    kind = cast(Product, dataset.checked(product))
+    kind = dataset.checked(product)
     for record in dataset.records:
         if record["class"] not in dataset.classes:
             raise InputError(

@@ -77,7 +77,8 @@ def _profile(above: np.ndarray, power: np.ndarray, velocity: np.ndarray) -> dict
     found = {}
     for low, high in pairwise(SPEEDS_MPS):
         rows = (np.abs(velocity) >= low) & (np.abs(velocity) < high)
-        found[f"cells from {low} m/s"] = _log(above[rows].mean(), 0.01)
+        occupied = above[rows].mean() if rows.any() else 0.0  # the map may end before these speeds
+        found[f"cells from {low} m/s"] = _log(occupied, 0.01)
         found[f"power from {low} m/s"] = _log(power[rows].sum() / max(power.sum(), 1e-12), 1e-4)
     return found
 

@@ -154,7 +154,7 @@ def _pairs(results: Sequence[Result]) -> Claim:
     if not rows or not {name for pair in PAIRS for name in pair} <= set(rows[0]["classes"]):
         return Claim(title, "undecided", "the data set lacks these classes")
     classes = rows[0]["classes"]
-    ranked = confused_pairs(sum(np.array(each["confusion"]) for each in rows), classes)
+    ranked = confused_pairs(np.sum([each["confusion"] for each in rows], axis=0), classes)
     names = [frozenset(pair) for pair, _ in ranked]
     ranks = [names.index(frozenset(pair)) + 1 for pair in PAIRS]
     found = "held" if max(ranks) <= FIRST else "refuted" if max(ranks) > LAST else "undecided"

@@ -51,13 +51,14 @@ def _head(scale: Scale, results: Sequence[Result], total: int) -> str:
     sizes = {
         each["set"]: sum(each["samples"].values()) for each in results if "samples" in each and each["by"] == "file"
     }
+    seeds = ", ".join(str(each) for each in sorted({row["seed"] for row in results}))
+    samples = ", ".join(f"{name} {number}" for name, number in sizes.items())
     return (
         f"{len(results)} of {total} cells are done, {seconds / 60:.1f} minutes of training on one thread. Maps of {scale.size} x "
-        f"{scale.size} cells, at most {scale.epochs} epochs, batches of {scale.batch}, Adam 1e-3; seeds "
-        f"{', '.join(str(each) for each in sorted({row['seed'] for row in results}))}, each with a split, weights and an order of its "
-        f"own; samples: {', '.join(f'{name} {number}' for name, number in sizes.items())}, half of them to train on, a quarter to "
-        f"choose the epoch by, a quarter to test on. Intervals are 95 % of the mean over seeds by Student's t. Machine: "
-        f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, torch {torch.__version__}."
+        f"{scale.size} cells, at most {scale.epochs} epochs, batches of {scale.batch}, Adam 1e-3; seeds {seeds}, each with its own "
+        f"split, weights and order. Samples: {samples}; half of them to train on, a quarter to choose the epoch by, a quarter to "
+        f"test on. Intervals are 95 % of the mean over seeds by Student's t. {platform.machine()}, {os.cpu_count()} cores, Python "
+        f"{platform.python_version()}, torch {torch.__version__}."
     )
 
 
@@ -104,10 +105,19 @@ def _sizes(models: Sequence[str]) -> str:
         channels, *size = about.counted_at
         found = count(build(model, 8, (size[0], size[1]), channels), about.counted_at)
         printed = about.printed
-        rows.append((
-            about.title, f"{found.parameters / 1e6:.3f}", "-" if printed is None else f"{printed.mparams:.3f}", f"{found.gflops:.4f}",
-            "-" if printed is None else f"{printed.gflops:.3f}", " x ".join(map(str, about.counted_at)), about.source,
-        ))  # fmt: skip
+        told = ("-", "-") if printed is None else (f"{printed.mparams:.3f}", f"{printed.gflops:.3f}")
+        counted_at = " x ".join(map(str, about.counted_at))
+        rows.append(
+            (
+                about.title,
+                f"{found.parameters / 1e6:.3f}",
+                told[0],
+                f"{found.gflops:.4f}",
+                told[1],
+                counted_at,
+                about.source,
+            )
+        )
         if about.note:
             notes.append(f"{about.title}: {about.note}")
     head = ("model", "parameters [M]", "printed", "operations [G]", "printed", "counted at", "source")
@@ -173,5 +183,5 @@ def _confusion_figure(results: Sequence[Result]) -> Figure | None:
     if not rows:
         return None
     figure = NotebookFigure(figsize=(7.6, 6.8), layout="constrained")
-    draw_confusion(figure.subplots(), sum(np.array(each["confusion"]) for each in rows), rows[0]["classes"])
+    draw_confusion(figure.subplots(), np.sum([each["confusion"] for each in rows], axis=0), rows[0]["classes"])
     return figure

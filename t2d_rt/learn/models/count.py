@@ -33,12 +33,14 @@ def count(network: nn.Module, size: tuple[int, int, int]) -> Count:
 
     before = network.training
     network.eval()
-    # Without oneDNN recurrent layers run as matrix products, which are counted; with it as one operation, which is not.
+    # Without oneDNN an LSTM runs as matrix products, which are counted; with it as one operation, which is not.
     with warnings.catch_warnings(), torch.no_grad(), FlopCounterMode(display=False) as counter:
         warnings.filterwarnings(
             "ignore", message="TF32 acceleration"
         )  # of switching oneDNN, on any machine without Intel's GPU
-        with torch.backends.mkldnn.flags(enabled=False):
+        with torch.backends.mkldnn.flags(
+            enabled=not any(isinstance(each, torch.nn.LSTM) for each in network.modules())
+        ):
             network(torch.zeros(1, *size))
     network.train(before)
     found = {str(kind): value for kind, value in counter.get_flop_counts()["Global"].items()}

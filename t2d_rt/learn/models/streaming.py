@@ -21,7 +21,7 @@ WIDTH, TAPS, DILATIONS = 64, 3, (1, 2, 4)
 class StreamState:
     """What the network keeps between two columns."""
 
-    past: tuple[Tensor, ...]
+    before: tuple[Tensor, ...]
     """Inputs of each convolution over time, (N, WIDTH, (TAPS - 1) x dilation)."""
     hidden: Tensor
     """Of the GRU, (1, N, WIDTH)."""
@@ -56,26 +56,26 @@ class Streaming(nn.Module):
     def begun(self, count: int, like: Tensor | None = None) -> StreamState:
         """The state before the first column of so many maps."""
         base = self.head.weight if like is None else like
-        past = tuple(base.new_zeros(count, WIDTH, (TAPS - 1) * each) for each in DILATIONS)
+        before = tuple(base.new_zeros(count, WIDTH, (TAPS - 1) * each) for each in DILATIONS)
         return StreamState(
-            past, base.new_zeros(1, count, WIDTH), base.new_zeros(count, WIDTH),
+            before, base.new_zeros(1, count, WIDTH), base.new_zeros(count, WIDTH),
             base.new_full((count, WIDTH), -torch.inf), 0,
         )  # fmt: skip
 
     def step(self, columns: Tensor, state: StreamState) -> tuple[Tensor, StreamState]:
         """Scores after one or more further columns (N, channels, speed, T), and the state there."""
         sequence = self.mixed(self.column(columns).flatten(1, 2))
-        past = []
-        for convolution, norm, before in zip(self.causal, self.norms, state.past, strict=True):
-            whole = torch.cat([before, sequence], dim=2)
-            past.append(whole[:, :, whole.shape[2] - before.shape[2] :])
+        before = []
+        for convolution, norm, earlier in zip(self.causal, self.norms, state.before, strict=True):
+            whole = torch.cat([earlier, sequence], dim=2)
+            before.append(whole[:, :, whole.shape[2] - earlier.shape[2] :])
             sequence = sequence + torch.relu(norm(convolution(whole)))
         outputs, hidden = self.recurrent(sequence.transpose(1, 2), state.hidden)
         total = state.total + outputs.sum(dim=1)
         greatest = torch.maximum(state.greatest, outputs.amax(dim=1))
         count = state.count + outputs.shape[1]
         scores = self.head(torch.cat([total / count, greatest], dim=1))
-        return scores, StreamState(tuple(past), hidden, total, greatest, count)
+        return scores, StreamState(tuple(before), hidden, total, greatest, count)
 
 
 def build(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
