@@ -65,13 +65,14 @@ def test_verdicts_follow_from_intervals() -> None:
             rows.append(result("hard", "file", model, seed, 0.92 - 0.02 * number + shift))
             rows.append(result("hard", "description", model, seed, 0.60 - 0.05 * number + shift))
     verdicts = [each.verdict for each in claims(rows)]
+    assert {each.verdict for each in claims([row for row in rows if row["seed"] < 2])} == {"undecided"}
     # alike; the mean of VGG-7 and ResNet-18 leads by 7.5 points; VGG-7 loses 6 +- 2.5 points; 38 +- 2.5; leak; pairs 1 and 3
     assert verdicts == ["held", "held", "undecided", "held", "held", "held"]
 
 
 def test_intervals_and_pairs_in_closed_form() -> None:
     assert interval([1.0, 2.0, 3.0]) == pytest.approx((2.0, 4.302653 / 3**0.5), rel=1e-5)
-    assert interval([1.0])[1] == float("inf")
+    assert interval([1.0, 1.0])[1] == float("inf")
     assert [verdict(*each, 0.0) for each in ((1, 2), (-2, -1), (-1, 1))] == ["held", "refuted", "undecided"]
     (first, part), *_ = confused_pairs(np.array([[8, 2, 0], [4, 6, 0], [0, 0, 10]]), "abc")
     assert (set(first), part) == ({"a", "b"}, 0.3)

@@ -20,6 +20,9 @@ PAIRS = (("walking", "abnormal_walking"), ("falling", "dancing"))
 FIRST, LAST = 3, 6
 """A pair counts as separating where it is among the first so many of all pairs, and as not where it comes after the latter."""
 
+LEAST_SEEDS = 3
+"""For an interval: two values that agree by chance would make one of no width."""
+
 Result = dict[str, Any]
 
 
@@ -34,11 +37,11 @@ class Claim:
 
 
 def interval(values: Sequence[float]) -> tuple[float, float]:
-    """Mean, and half of the 95 % interval of the mean by Student's t; infinite for fewer than two values."""
+    """Mean, and half of the 95 % interval of the mean by Student's t; infinite for fewer values than LEAST_SEEDS."""
     from scipy.stats import t
 
     count = len(values)
-    if count < 2:
+    if count < LEAST_SEEDS:
         return float(np.mean(values)), float("inf")
     spread = float(np.std(values, ddof=1)) / count**0.5
     return float(np.mean(values)), float(t.ppf(0.975, count - 1)) * spread
@@ -158,6 +161,8 @@ def _pairs(results: Sequence[Result]) -> Claim:
     names = [frozenset(pair) for pair, _ in ranked]
     ranks = [names.index(frozenset(pair)) + 1 for pair in PAIRS]
     found = "held" if max(ranks) <= FIRST else "refuted" if max(ranks) > LAST else "undecided"
+    if len({each["seed"] for each in rows}) < LEAST_SEEDS:
+        found = "undecided"
     told = ", ".join(f"{a} and {b} {100 * part:.0f} %" for (a, b), part in ranked[:FIRST])
     return Claim(
         title, found,
@@ -179,4 +184,8 @@ def confused_pairs(confusion: np.ndarray, classes: Sequence[str]) -> list[tuple[
 def _points(mean: float, half: float, count: int) -> str:
     if count == 0:
         return "not run"
-    return f"{mean:.1f} points, one seed" if count == 1 else f"{mean:.1f} +- {half:.1f} points ({count} seeds)"
+    return (
+        f"{mean:.1f} points ({count} of {LEAST_SEEDS} seeds)"
+        if count < LEAST_SEEDS
+        else f"{mean:.1f} +- {half:.1f} points ({count} seeds)"
+    )

@@ -53,12 +53,17 @@ def _head(scale: Scale, results: Sequence[Result], total: int) -> str:
     }
     seeds = ", ".join(str(each) for each in sorted({row["seed"] for row in results}))
     samples = ", ".join(f"{name} {number}" for name, number in sizes.items())
+    lengths = [each["epochs"] for each in results if "epochs" in each]
+    capped = sum(each == scale.epochs for each in lengths)
     return (
         f"{len(results)} of {total} cells are done, {seconds / 60:.1f} minutes of training on one thread. Maps of {scale.size} x "
         f"{scale.size} cells, at most {scale.epochs} epochs, batches of {scale.batch}, Adam 1e-3; seeds {seeds}, each with its own "
         f"split, weights and order. Samples: {samples}; half of them to train on, a quarter to choose the epoch by, a quarter to "
         f"test on. Intervals are 95 % of the mean over seeds by Student's t. {platform.machine()}, {os.cpu_count()} cores, Python "
-        f"{platform.python_version()}, torch {torch.__version__}."
+        f"{platform.python_version()}, torch {torch.__version__}.\n\n"
+        f"**What this size can tell.** {capped} of {len(lengths)} trainings ended at the limit of epochs, before the early stop, so "
+        "that networks may be undertrained. The paper trained on thousands of samples: a verdict is of this size, and one that refutes "
+        "a claim here does not refute it there. With fewer than three seeds there is no interval, and nothing is decided."
     )
 
 
@@ -82,7 +87,7 @@ def percent(values: Sequence[float]) -> str:
     if not values:
         return "-"
     mean, half = interval(values)
-    return f"{mean:.1f}" if len(values) < 2 else f"{mean:.1f} +- {half:.1f}"
+    return f"{mean:.1f}" if not np.isfinite(half) else f"{mean:.1f} +- {half:.1f}"
 
 
 def _printed(results: Sequence[Result], models: Sequence[str]) -> str:
