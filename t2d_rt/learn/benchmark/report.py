@@ -61,8 +61,8 @@ def _head(scale: Scale, results: Sequence[Result], total: int) -> str:
         f"split, weights and order. Samples: {samples}; half of them to train on, a quarter to choose the epoch by, a quarter to "
         f"test on. Intervals are 95 % of the mean over seeds by Student's t. {platform.machine()}, {os.cpu_count()} cores, Python "
         f"{platform.python_version()}, torch {torch.__version__}.\n\n"
-        f"**What this size can tell.** {capped} of {len(lengths)} trainings ended at the limit of epochs, before the early stop, so "
-        "that networks may be undertrained. The paper trained on thousands of samples: a verdict is of this size, and one that refutes "
+        f"**What this size can tell.** {capped} of {len(lengths)} trainings reached the limit of epochs, without an early stop: "
+        "networks may be undertrained. The paper trained on thousands of samples: a verdict is of this size; one that refutes "
         "a claim here does not refute it there. With fewer than three seeds there is no interval, and nothing is decided."
     )
 
@@ -163,7 +163,7 @@ def accuracy_figure(results: Sequence[Result], models: Sequence[str]) -> Figure:
             found = [[*accuracies(results, name, by, model).values()] for model in models]
             places = np.arange(len(models)) + 0.27 * (number - 1)
             pairs = [interval(each) if each else (0.0, 0.0) for each in found]
-            halves = [half if np.isfinite(half) else 0.0 for _, half in pairs]
+            halves = [half if half > 0 and np.isfinite(half) else np.nan for _, half in pairs]
             ax.bar(
                 places, [mean for mean, _ in pairs], 0.25, yerr=halves, capsize=2, color=f"C{number}", label=f"by {by}"
             )
@@ -173,10 +173,10 @@ def accuracy_figure(results: Sequence[Result], models: Sequence[str]) -> Figure:
                 value = about.simple if name == "simple" else about.hard
                 ax.plot(place, value, "k_", markersize=14, label="printed" if place == 0 else None)
         ax.set_xticks(range(len(models)), models, rotation=40, ha="right")
-        ax.set(title=name.capitalize(), ylim=(0, 102))
+        ax.set(title=name.capitalize(), ylim=(0, 112))
         ax.grid(axis="y", alpha=0.3)
     axes[0].set_ylabel("test accuracy [%]")
-    axes[1].legend(fontsize=8, loc="lower right")
+    axes[1].legend(fontsize=8, loc="upper right", ncols=4)
     return figure
 
 
