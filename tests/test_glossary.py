@@ -11,6 +11,7 @@ import pytest
 
 import t2d_rt as t2d
 import t2d_rt.dataset
+import t2d_rt.learn
 from t2d_rt.cli import COMMANDS
 from t2d_rt.types.fields import Fields
 
@@ -48,6 +49,10 @@ def test_functions_that_are_gone_are_not_explained() -> None:
 
 def test_names_of_data_sets() -> None:
     assert explained("Functions and classes of `t2d_rt.dataset`") == set(t2d_rt.dataset.__all__)
+
+
+def test_names_of_learning() -> None:
+    assert explained("Functions and classes of `t2d_rt.learn`") == set(t2d_rt.learn.__all__)
 
 
 def test_options_of_simulate() -> None:

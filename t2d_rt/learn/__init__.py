@@ -1,0 +1,44 @@
+"""Classifiers of micro-Doppler spectrograms: models, training, evaluation and benchmarks. Most of it needs the extra [learn]."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from t2d_rt.learn.maps import LabelledMaps, maps_of
+    from t2d_rt.learn.models import build, count, model_names
+    from t2d_rt.learn.train import (
+        Augment,
+        SavedModel,
+        Scores,
+        TrainOptions,
+        load_model,
+        scores_of,
+        sides_of,
+        train_model,
+    )
+    from t2d_rt.learn.windows import Prediction, predict
+
+# Everything loads when first used: PyTorch takes seconds.
+_HOMES = {
+    "t2d_rt.learn.maps": ("LabelledMaps", "maps_of"),
+    "t2d_rt.learn.models": ("build", "count", "model_names"),
+    "t2d_rt.learn.train": (
+        *("Augment", "SavedModel", "Scores", "TrainOptions"),
+        *("load_model", "scores_of", "sides_of", "train_model"),
+    ),
+    "t2d_rt.learn.windows": ("Prediction", "predict"),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Augment", "LabelledMaps", "Prediction", "SavedModel", "Scores", "TrainOptions", "build", "count", "load_model", "maps_of",
+    "model_names", "predict", "scores_of", "sides_of", "train_model",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 't2d_rt.learn' has no attribute '{name}'")
+    return getattr(import_module(_HOME[name]), name)

@@ -1,0 +1,234 @@
+"""`LabelledMaps`: spectrograms of one size with their labels, simulated or measured, as classifiers are trained on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.checks import array, instance, integer, positive, shown
+from t2d_rt.dataset import Dataset
+from t2d_rt.dataset.products import resized
+from t2d_rt.dataset.splits import grouped
+from t2d_rt.dataset.stored import axis
+from t2d_rt.errors import InputError
+
+SIZE = 64, 64
+"""Cells of speed and of time by default."""
+DYNAMIC_RANGE_DB = 60.0
+"""As the authors of Text2Doppler have it."""
+LARGEST = 4096
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelledMaps:
+    """Spectrograms (N, speed, time) of the same axes, each with its class."""
+
+    levels: np.ndarray
+    """(N, speed, time) float32 [dB below the greatest cell of each map], 0 at most, clipped at the dynamic range, finite."""
+    labels: np.ndarray
+    """(N,) int64, numbers of the classes."""
+    classes: tuple[str, ...]
+    groups: Mapping[str, np.ndarray]
+    """What must not stand on two sides of a split, as "description", "clip" or "event": (N,) of str each."""
+    velocity_mps: np.ndarray
+    """(speed,), ascending, positive = approaching."""
+    duration_s: float
+    """Time that a map covers."""
+    names: tuple[str, ...]
+    """Of the samples."""
+
+    def __post_init__(self) -> None:
+        levels = array("levels", self.levels, ("sample", "speed", "time"), hint="remove damaged samples first")
+        count, speeds, times = levels.shape
+        if count == 0 or speeds < 2 or times < 2:
+            raise InputError(f"levels must hold a sample and two cells or more along each axis, got {levels.shape}")
+        if levels.max() > 1e-3:
+            raise InputError(f"levels are in dB below each map's greatest cell, got {levels.max():.4g} dB; subtract it")
+        _check_classes(self.classes)
+        labels = np.asarray(self.labels)
+        if labels.shape != (count,) or not np.issubdtype(labels.dtype, np.integer):
+            raise InputError(f"labels must be {count} integers, got {shown(labels)}; give one for each map")
+        if labels.min() < 0 or labels.max() >= len(self.classes):
+            wrong = labels[(labels < 0) | (labels >= len(self.classes))][0]
+            raise InputError(f"label {wrong} is of no class; the labels of {len(self.classes)} classes begin with 0")
+        velocity = array("velocity_mps", self.velocity_mps, (speeds,), unit="m/s")
+        if np.any(np.diff(velocity) <= 0):
+            raise InputError("velocity_mps must ascend; reverse the axis and the maps")
+        groups = {name: np.asarray(each).astype(str) for name, each in self.groups.items()}
+        for name, each in groups.items():
+            if each.shape != (count,):
+                raise InputError(f"group {shown(name)} must name each of {count} samples, got {each.shape}")
+        if len(self.names) != count:
+            raise InputError(f"names must be {count}, one for each map, got {len(self.names)}")
+        positive("duration_s", self.duration_s, unit="s")
+        object.__setattr__(self, "levels", np.ascontiguousarray(levels, dtype=np.float32))
+        object.__setattr__(self, "labels", labels.astype(np.int64))
+        object.__setattr__(self, "velocity_mps", velocity)
+        object.__setattr__(self, "groups", groups)
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def __repr__(self) -> str:
+        speeds, times = self.size
+        return f"LabelledMaps({len(self)} maps of {speeds} x {times} cells, {len(self.classes)} classes)"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Cells of speed and of time."""
+        return self.levels.shape[1], self.levels.shape[2]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Samples of each class, (K,)."""
+        return np.bincount(self.labels, minlength=len(self.classes))
+
+    def checked_for_training(self) -> LabelledMaps:
+        """These maps, if each of two classes or more has a sample."""
+        if len(self.classes) < 2:
+            raise InputError(
+                f"there is one class only, {shown(self.classes[0])}; a classifier needs samples of two or more"
+            )
+        lacking = [name for name, count in zip(self.classes, self.counts, strict=True) if count == 0]
+        if lacking:
+            raise InputError(
+                f"class {shown(lacking[0])} has no sample to train on; make samples of it, or take it out of the recipe"
+            )
+        return self
+
+    def take(self, indices: Sequence[int] | np.ndarray) -> LabelledMaps:
+        """The samples at these positions, in this order."""
+        chosen = np.asarray(indices)
+        if chosen.dtype == bool and chosen.shape == (len(self),):
+            chosen = np.flatnonzero(chosen)
+        if chosen.ndim != 1 or chosen.size == 0 or not np.issubdtype(chosen.dtype, np.integer):
+            raise InputError(f"indices must be one or more positions of samples, got {shown(chosen)}")
+        if chosen.min() < 0 or chosen.max() >= len(self):
+            raise InputError(f"indices must lie in 0..{len(self) - 1}, got {chosen.min()}..{chosen.max()}")
+        return replace(
+            self, levels=self.levels[chosen], labels=self.labels[chosen],
+            groups={name: each[chosen] for name, each in self.groups.items()},
+            names=tuple(self.names[place] for place in chosen),
+        )  # fmt: skip
+
+    def resized(self, size: tuple[int, int]) -> LabelledMaps:
+        """Maps of another size: powers are averaged over what a cell covers, 0 dB is their greatest cell again."""
+        wanted = checked_size(size)
+        if wanted == self.size:
+            return self
+        floor_db = float(self.levels.min())
+        levels = np.stack([relative_levels(10.0 ** (each / 10.0), wanted, -floor_db) for each in self.levels])
+        first, last = _edges(self.velocity_mps)
+        return replace(self, levels=levels, velocity_mps=axis((first, last), wanted[0]))
+
+    def joined(self, *others: LabelledMaps) -> LabelledMaps:
+        """These maps and those of others of the same classes and axes; a group that some lack holds each of their samples alone."""
+        for other in others:
+            instance("maps to join", other, LabelledMaps, "LabelledMaps")
+            if other.classes != self.classes:
+                raise InputError(
+                    f"maps of classes {self.classes} and of {other.classes} cannot be joined; map one to the other"
+                )
+            if other.size != self.size:
+                raise InputError(f"maps of {self.size} and of {other.size} cells cannot be joined; resize one of them")
+            cell = float(self.velocity_mps[1] - self.velocity_mps[0])
+            away = float(np.abs(other.velocity_mps - self.velocity_mps).max())
+            if away > 0.5 * cell + 1e-9 or abs(other.duration_s - self.duration_s) > 0.05 * self.duration_s:
+                raise InputError(
+                    f"maps to join must cover the same speeds and time: speeds differ by {away:.3g} m/s, durations are "
+                    f"{self.duration_s:g} and {other.duration_s:g} s; cut them to the same axes"
+                )
+        every = (self, *others)
+        kinds = sorted(frozenset[str]().union(*(each.groups for each in every)))
+        return replace(
+            self, levels=np.concatenate([each.levels for each in every]),
+            labels=np.concatenate([each.labels for each in every]),
+            groups={kind: np.concatenate([_group(each, kind, part) for part, each in enumerate(every)]) for kind in kinds},
+            names=tuple(name for each in every for name in each.names),
+        )  # fmt: skip
+
+
+def maps_of(
+    dataset: Dataset, product: str = "spectrogram", size: tuple[int, int] = SIZE, dynamic_range_db: float = DYNAMIC_RANGE_DB
+) -> LabelledMaps:  # fmt: skip
+    """The maps of a data set, in the order of its records.
+
+    product: "spectrogram".
+    size: cells of speed and of time.
+    dynamic_range_db: levels are clipped so far below each map's greatest cell.
+    """
+    instance("dataset", dataset, Dataset, "a Dataset", hint="Dataset(folder) reads one")
+    if product != "spectrogram":
+        raise InputError(f"product must be 'spectrogram', a map of speed and time, got {shown(product)}")
+    wanted, range_db = checked_size(size), positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")
+    kind = dataset.checked(product)
+    for record in dataset.records:
+        if record["class"] not in dataset.classes:
+            raise InputError(
+                f"sample {record['index']} of {dataset.path} is of class {shown(record['class'])}, which its recipe does not have; "
+                "put back the recipe that it was made of"
+            )
+    levels, axes = [], []
+    for place, record in enumerate(dataset.records):
+        values = dataset.values(place, kind)
+        if not np.isfinite(values).all():
+            raise InputError(f"the spectrogram of sample {record['index']} has NaN or infinite cells; make it anew")
+        levels.append(relative_levels(10.0 ** (values.astype(np.float64) / 10.0), wanted, range_db))
+        axes.append(axis(record["products"][kind]["velocity_mps"], wanted[0]))
+    velocity = np.stack(axes)
+    if np.ptp(velocity, axis=0).max() > 0.5 * (velocity[0, 1] - velocity[0, 0]):
+        raise InputError(f"the samples of {dataset.path} have different axes of speed; give the recipe one speed_mps")
+    first, last = dataset.records[0]["products"][kind]["time_s"]
+    return LabelledMaps(
+        levels=np.stack(levels), labels=dataset.labels, classes=dataset.classes, groups=groups_of(dataset.records),
+        velocity_mps=velocity[0], duration_s=float(last - first), names=tuple(str(each) for each in dataset.indices),
+    ).checked_for_training()  # fmt: skip
+
+
+def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    """What samples share: sentence, seed of the motion, and recordings that it was made of, those joined by a sample as one."""
+    clips = np.empty(len(records), dtype="U24")
+    for number, members in enumerate(grouped(records, ["clip"])):
+        clips[members] = f"clips {number}"
+    return {
+        "description": np.array([str(each["sentence"]) for each in records]),
+        "seed": np.array([str(each["seed"]) for each in records]), "clip": clips,
+    }  # fmt: skip
+
+
+def relative_levels(power: np.ndarray, size: tuple[int, int], dynamic_range_db: float) -> np.ndarray:
+    """Powers (speed, time) of any unit as levels of a map of that size [dB below its greatest cell], float32."""
+    cells = resized(power, size)
+    greatest = max(float(cells.max()), 1e-300)
+    levels = 10.0 * np.log10(np.maximum(cells / greatest, 1e-30))
+    return np.asarray(np.maximum(levels, -dynamic_range_db), dtype=np.float32)
+
+
+def checked_size(size: Any) -> tuple[int, int]:
+    """Cells of speed and of time; one number stands for both."""
+    pair = (size, size) if isinstance(size, (int, np.integer)) else size
+    if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+        raise InputError(f"size must be two numbers of cells, of speed and of time, got {shown(size)}")
+    speed, time = (integer("size", each, 8, LARGEST) for each in pair)
+    return speed, time
+
+
+def _check_classes(classes: Any) -> None:
+    if not isinstance(classes, tuple) or not classes or not all(isinstance(each, str) and each for each in classes):
+        raise InputError(f"classes must be a tuple of names, got {shown(classes)}")
+    if len(set(classes)) < len(classes):
+        raise InputError(f"classes names one of them twice, got {shown(classes)}; give each once")
+
+
+def _edges(centres: np.ndarray) -> tuple[float, float]:
+    half = 0.5 * float(centres[-1] - centres[0]) / (len(centres) - 1)
+    return float(centres[0]) - half, float(centres[-1]) + half
+
+
+def _group(maps: LabelledMaps, kind: str, part: int) -> np.ndarray:
+    if kind in maps.groups:
+        return maps.groups[kind]
+    return np.array([f"{name} of part {part}" for name in maps.names])

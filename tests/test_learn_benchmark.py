@@ -1,0 +1,106 @@
+"""The benchmark goes on where it stopped; its verdicts follow from intervals; train, evaluate and predict by their commands."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from command_line import Command
+from dataset_folder import recipe, write_dataset
+from t2d_rt.dataset import Dataset
+from t2d_rt.errors import InputError
+from t2d_rt.learn.benchmark import SCALES, Scale, cells_of, claims, run_cells, write_report
+from t2d_rt.learn.benchmark.claims import confused_pairs, interval, verdict
+
+pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
+
+SMALL = Scale(
+    name="tiny", recipes={}, size=16, epochs=1, batch=4, seeds=(0, 1), models=("streaming", "nearest-centroid")
+)
+
+
+def many(**changes: Any) -> Any:
+    return recipe(
+        descriptions_per_class=4, samples_per_description=2, products={"spectrogram": {"size": [24, 24]}}, **changes
+    )
+
+
+def test_a_stopped_benchmark_goes_on(tmp_path: Path) -> None:
+    datasets = {
+        "simple": Dataset(write_dataset(tmp_path / "simple", many())),
+        "hard": Dataset(write_dataset(tmp_path / "hard", many(seed=1))),
+    }
+    some = run_cells(SMALL, datasets, tmp_path / "cells", minutes=1e-4)
+    assert len(some) < len(cells_of(SMALL)) == 24
+    results = run_cells(SMALL, datasets, tmp_path / "cells")
+    assert len(results) == 24
+    assert results[: len(some)] == some
+    networks = [each for each in results if each["model"] == "streaming" and "accuracy" in each]
+    assert all(each["maps_per_s"] > 0 and np.sum(each["confusion"]) == each["samples"]["test"] for each in networks)
+    text = write_report(SMALL, results, 24, tmp_path).read_text()
+    assert "| streaming | 0.081 |" in text
+    assert (tmp_path / "accuracy.png").stat().st_size > 10_000
+    other = Scale(name="tiny", recipes={}, size=16, epochs=2, batch=4, seeds=(0,), models=("streaming",))
+    with pytest.raises(InputError, match="of other data or of another scale"):
+        run_cells(other, datasets, tmp_path / "cells")
+
+
+def result(set_: str, by: str, model: str, seed: int, accuracy: float) -> dict[str, Any]:
+    confusion = [[8, 2, 0, 0], [3, 7, 0, 0], [0, 0, 9, 1], [0, 1, 0, 9]]
+    names = ["walking", "abnormal_walking", "falling", "dancing"]
+    return {
+        "set": set_, "by": by, "model": model, "seed": seed, "accuracy": accuracy, "confusion": confusion, "classes": names,
+    }  # fmt: skip
+
+
+def test_verdicts_follow_from_intervals() -> None:
+    rows = []
+    for seed, shift in enumerate((0.0, 0.01, -0.01)):
+        for number, model in enumerate(("vgg-7", "resnet18", "crnn", "vit-tiny")):
+            rows.append(result("simple", "file", model, seed, 0.98 + 0.001 * number))
+            rows.append(result("hard", "file", model, seed, 0.92 - 0.02 * number + shift))
+            rows.append(result("hard", "description", model, seed, 0.60 - 0.05 * number + shift))
+    verdicts = [each.verdict for each in claims(rows)]
+    assert {each.verdict for each in claims([row for row in rows if row["seed"] < 2])} == {"undecided"}
+    # alike; the mean of VGG-7 and ResNet-18 leads by 7.5 points; VGG-7 loses 6 +- 2.5 points; 38 +- 2.5; leak; pairs 1 and 3
+    assert verdicts == ["held", "held", "undecided", "held", "held", "held"]
+
+
+def test_intervals_and_pairs_in_closed_form() -> None:
+    assert interval([1.0, 2.0, 3.0]) == pytest.approx((2.0, 4.302653 / 3**0.5), rel=1e-5)
+    assert interval([1.0, 1.0])[1] == float("inf")
+    assert [verdict(*each, 0.0) for each in ((1, 2), (-2, -1), (-1, 1))] == ["held", "refuted", "undecided"]
+    (first, part), *_ = confused_pairs(np.array([[8, 2, 0], [4, 6, 0], [0, 0, 10]]), "abc")
+    assert (set(first), part) == ({"a", "b"}, 0.3)
+
+
+def test_scales_name_recipes_that_are_there() -> None:
+    for scale in SCALES.values():
+        assert scale.recipe("simple").classes == scale.recipe("hard").classes
+    assert len(cells_of(SCALES["laptop"])) == 9 * 2 * 3 * 3
+
+
+def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:
+    data, model = str(write_dataset(tmp_path / "data", many())), str(tmp_path / "m")
+    done = run("train", data, "--model", "streaming", "-o", model, "--epochs", "2", "--batch", "4", "--size", "16")
+    assert "split by description, 2 epochs: test accuracy" in done.out
+    names = {each.name for each in Path(model).iterdir()}
+    assert names >= {"curves.png", "confusion.png", "reliability.png", "card.json", "weights.safetensors"}
+    about = json.loads((tmp_path / "m" / "card.json").read_text())["about"]
+    assert about["recipe_hash"] == Dataset(data).recipe.hash
+    again = run("evaluate", data, "--model", model)
+    assert done.out.split("test accuracy")[1].split(",")[0] == again.out.split("accuracy")[1].split(",")[0]
+    for words, sentence in (
+        (("train", data), "train needs -o"),
+        (("evaluate", data), "evaluate needs --model"),
+        (("predict", "walk.zarr", "--model", data), "holds no trained model"),
+        (("benchmark", "cells", "-o", "x"), "benchmark compares models"),
+        (("train", str(tmp_path), "-o", "x"), "is no data set"),
+    ):
+        refused = run(*words)
+        assert refused.code == 2, words
+        assert sentence in refused.err

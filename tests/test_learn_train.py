@@ -1,0 +1,206 @@
+"""Training: the same bits for a seed and after a stop; files without pickles; augmentations; sides; windows of a recording."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dataset_folder import write_dataset
+from learn_maps import CLASSES, ridges
+from t2d_rt.dataset import Dataset
+from t2d_rt.errors import InputError
+from t2d_rt.learn.train import Augment, SavedModel, TrainOptions, load_model, scores_of, sides_of, train_model
+from t2d_rt.learn.train.augment import Augmenter
+from t2d_rt.learn.train.saved import CARD, STATE, WEIGHTS
+from t2d_rt.learn.windows import predict
+from t2d_rt.result import Recording
+from t2d_rt.types import Radar
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
+
+OPTIONS = TrainOptions(epochs=4, batch=8, augment=Augment(shift=0.1, gain_db=3.0))
+
+
+class Killed(Exception):
+    """In place of kill -9, once an epoch is kept."""
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[SavedModel, Path]:
+    folder = tmp_path_factory.mktemp("model") / "whole"
+    return train_model("streaming", ridges(48), ridges(12, seed=1), OPTIONS, output=folder), folder
+
+
+def weights(model: SavedModel) -> np.ndarray:
+    return np.concatenate([each.detach().numpy().ravel() for each in model.network.state_dict().values()])
+
+
+def test_a_stopped_training_goes_on_to_the_same_bits(trained: tuple[SavedModel, Path], tmp_path: Path) -> None:
+    def stopping(fraction: float) -> None:
+        if fraction >= 0.5:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train_model("streaming", ridges(48), ridges(12, seed=1), OPTIONS, output=tmp_path / "part", progress=stopping)
+    assert not (tmp_path / "part" / WEIGHTS).exists()
+    went_on = train_model("streaming", ridges(48), ridges(12, seed=1), OPTIONS, output=tmp_path / "part")
+    assert went_on.card.about["history"] == trained[0].card.about["history"]
+    np.testing.assert_array_equal(weights(went_on), weights(trained[0]))
+    assert (tmp_path / "part" / WEIGHTS).read_bytes() == (trained[1] / WEIGHTS).read_bytes()
+    with pytest.raises(InputError, match="another model, data or options"):
+        train_model(
+            "streaming",
+            ridges(48),
+            ridges(12, seed=1),
+            OPTIONS.model_copy(update={"seed": 1}),
+            output=tmp_path / "part",
+        )
+
+
+def test_it_learns_and_what_is_read_is_what_was_written(trained: tuple[SavedModel, Path]) -> None:
+    model, folder = trained
+    test = ridges(30, seed=2)
+    found = model.probabilities(test.levels)
+    assert scores_of(found, test.labels).accuracy > 0.6
+    read = load_model(folder)
+    np.testing.assert_array_equal(read.probabilities(test.levels), found)
+    assert read.card.classes == CLASSES
+    np.testing.assert_allclose(read.card.axis_mps, test.velocity_mps)
+
+
+def test_pickles_and_damaged_files_are_refused(trained: tuple[SavedModel, Path], tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    folder.mkdir()
+    for name in (WEIGHTS, CARD):
+        (folder / name).write_bytes((trained[1] / name).read_bytes())
+    torch.save({"a": torch.zeros(2)}, tmp_path / "model.pt")
+    with pytest.raises(InputError, match="is a pickle, which could run anything"):
+        load_model(tmp_path / "model.pt")
+    (folder / WEIGHTS).write_bytes((tmp_path / "model.pt").read_bytes())
+    with pytest.raises(InputError, match=r"safetensors is a pickle"):
+        load_model(folder)
+    (folder / WEIGHTS).write_bytes((trained[1] / WEIGHTS).read_bytes()[:2000])
+    with pytest.raises(InputError, match="does not hold the weights"):
+        load_model(folder)
+    (folder / CARD).write_text("{}")
+    with pytest.raises(InputError, match="no card of a model"):
+        load_model(folder)
+    with pytest.raises(InputError, match="holds no trained model"):
+        load_model(tmp_path)
+    (trained[1] / STATE).replace(tmp_path / "kept")
+    torch.save({"t2d_rt": {"history": [Path]}}, trained[1] / STATE)  # a class, which weights_only does not make
+    try:
+        with pytest.raises(InputError, match="no state of a training that can be read safely"):
+            train_model("streaming", ridges(48), ridges(12, seed=1), OPTIONS, output=trained[1])
+    finally:
+        (tmp_path / "kept").replace(trained[1] / STATE)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"train": ridges(12).take([0, 3])}, "class 'middle' has no sample to train on"),
+        ({"val": ridges(12, size=(32, 24))}, "must be like those of the training"),
+    ],
+)
+def test_what_cannot_be_trained_on(change: dict[str, Any], sentence: str) -> None:
+    maps = {"train": ridges(12), "val": ridges(6), **change}
+    with pytest.raises(InputError, match=sentence):
+        train_model("streaming", maps["train"], maps["val"], OPTIONS)
+
+
+def test_foreign_maps_are_refused(trained: tuple[SavedModel, Path]) -> None:
+    with pytest.raises(InputError, match="32 x 32 cells"):
+        trained[0].probabilities(np.zeros((2, 16, 16), np.float32))
+    with pytest.raises(InputError, match="must be finite"):
+        trained[0].probabilities(np.full((1, 32, 32), np.nan, np.float32))
+
+
+def test_augmentations_keep_what_they_should() -> None:
+    levels = ridges(1).levels[0]
+
+    def made(seed: int = 0, **options: Any) -> np.ndarray:
+        return Augmenter(Augment(**options), (32, 32), 5.0, -60.0, seed=0)(levels, np.random.default_rng(seed))
+
+    np.testing.assert_array_equal(made(), levels)
+    np.testing.assert_array_equal(made(3, shift=0.3, doppler=0.2), made(3, shift=0.3, doppler=0.2))
+    assert not np.array_equal(made(3, shift=0.3), made(4, shift=0.3))
+    shifted = made(2, shift=0.3)
+    by = next(k for k in range(-10, 11) if np.array_equal(np.roll(levels, k, axis=1)[:, 10:22], shifted[:, 10:22]))
+    assert by != 0
+    assert made(2, gain_db=10).max() < 0
+    faster = made(5, doppler=0.3)
+    rows = [np.mean(each.argmax(axis=0)) - 15.5 for each in (levels, faster)]
+    assert 0.65 < rows[1] / rows[0] < 1.35
+    assert rows[1] != pytest.approx(rows[0], abs=0.1)
+    louder = made(6, background_db=-5.0)
+    assert np.median(louder) > np.median(levels) + 3
+    assert louder.max() <= 0
+    masked = made(7, masks={"windows": 5.0, "shortest_s": 1.0, "longest_s": 2.0})
+    assert np.any(np.all(masked == -60, axis=0))
+
+
+def test_sides_by_file_leak_and_by_description_do_not(tmp_path: Path) -> None:
+    records = Dataset(write_dataset(tmp_path / "tiny")).records
+    sentences = [each["sentence"] for each in records]
+
+    def shared(by: str) -> int:
+        sides = sides_of(records, by, fractions=(0.5, 0.5) if by != "file" else (0.5, 0.25, 0.25))
+        names = [{sentences[k] for k in places} for places in sides.values()]
+        return len(names[0] & set().union(*names[1:]))
+
+    assert shared("file") > 0
+    assert shared("description") == 0
+    sides = sides_of(records, "file")
+    assert sorted(np.concatenate([*sides.values()])) == list(range(len(records)))
+
+
+def test_scores_in_closed_form() -> None:
+    found = scores_of(np.array([[0.9, 0.1], [0.6, 0.4], [0.2, 0.8], [0.3, 0.7]]), np.array([0, 1, 1, 1]))
+    np.testing.assert_array_equal(found.confusion, [[1, 0], [1, 2]])
+    assert found.accuracy == 0.75
+    assert found.macro_f1 == pytest.approx((2 / 3 + 4 / 5) / 2)
+    assert found.calibration_error == pytest.approx((0.1 + 0.6 + 0.2 + 0.3) / 4)
+
+
+def test_a_recording_is_brought_to_the_axes_of_the_training(trained: tuple[SavedModel, Path]) -> None:
+    radar = Radar.preset("table2-uniform")
+    model = SavedModel(replace(trained[0].card, velocity_mps=(-1.0, 1.0), duration_s=1.0), trained[0].network)
+    chirps = int(2.2 * radar.prf_hz)
+    times = np.arange(chirps) / radar.prf_hz
+    speed = np.where(times < 1.1, 0.3, 0.8)
+    phase = -4 * np.pi / radar.wavelength_m * np.cumsum(speed) / radar.prf_hz
+    rng = np.random.default_rng(0)
+    cube = np.exp(1j * (phase[:, None] + 0.3 * np.arange(radar.samples)))[:, None] + 0.05 * rng.normal(
+        size=(chirps, 1, radar.samples)
+    )
+    recording = Recording(cube.astype(np.complex64), radar)
+    seen: list[np.ndarray] = []
+
+    class Spy(SavedModel):
+        def probabilities(self, levels: np.ndarray) -> np.ndarray:
+            seen.append(levels)
+            return np.ones((len(levels), 3)) / 3
+
+    found = predict(Spy(model.card, model.network), recording, step_s=0.25)
+    assert found.starts_s[-1] + found.duration_s == pytest.approx(2.2, abs=0.2)
+    axis = model.card.axis_mps
+    assert axis[seen[0][0].mean(axis=1).argmax()] == pytest.approx(0.3, abs=0.07)
+    assert axis[seen[0][-1].mean(axis=1).argmax()] == pytest.approx(0.8, abs=0.07)
+    with pytest.raises(InputError, match="record longer"):
+        predict(model, Recording(cube[: chirps // 4].astype(np.complex64), radar))
+    with pytest.raises(InputError, match="higher chirp rate"):
+        predict(trained[0], recording)
+
+
+def test_a_card_is_plain_json(trained: tuple[SavedModel, Path]) -> None:
+    told = json.loads((trained[1] / CARD).read_text())
+    assert told["model"] == "streaming"
+    assert told["classes"] == list(CLASSES)
+    assert told["seed"] == 0
+    assert len(told["about"]["history"]) == told["about"]["epochs"] <= 4
