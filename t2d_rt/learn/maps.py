@@ -180,9 +180,7 @@ def maps_of(
         axes.append(axis(record["products"][kind]["velocity_mps"], wanted[0]))
     velocity = np.stack(axes)
     if np.ptp(velocity, axis=0).max() > 0.5 * (velocity[0, 1] - velocity[0, 0]):
-        raise InputError(
-            f"the samples of {dataset.path} have different axes of speed; give the recipe one speed_mps"
-        )
+        raise InputError(f"the samples of {dataset.path} have different axes of speed; give the recipe one speed_mps")
     first, last = dataset.records[0]["products"][kind]["time_s"]
     return LabelledMaps(
         levels=np.stack(levels), labels=dataset.labels, classes=dataset.classes, groups=groups_of(dataset.records),

@@ -52,7 +52,9 @@ def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> 
 
     for name in ("levels", "labels"):
         if name not in found:
-            raise InputError(f"{path} has no array '{name}'; it needs levels (sample, speed, time) and labels (sample,)")
+            raise InputError(
+                f"{path} has no array '{name}'; it needs levels (sample, speed, time) and labels (sample,)"
+            )
     levels = numeric(f"levels of {path}", found["levels"]).astype(np.float64)
     labels = [each.decode() if isinstance(each, bytes) else str(each) for each in np.atleast_1d(found["labels"])]
     if levels.ndim != 3 or len(labels) != len(levels) or len(levels) == 0:
@@ -62,10 +64,14 @@ def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> 
     velocity = found.get("velocity_mps")
     if velocity is not None:
         if velocity.shape != levels.shape[1:2] or np.any(np.diff(velocity) <= 0):
-            raise InputError(f"{path}: velocity_mps must ascend over {levels.shape[1]} speeds, got shape {velocity.shape}")
+            raise InputError(
+                f"{path}: velocity_mps must ascend over {levels.shape[1]} speeds, got shape {velocity.shape}"
+            )
         half = 0.5 * (velocity[-1] - velocity[0]) / (len(velocity) - 1)
         if abs(velocity[0] + velocity[-1]) > 2.01 * half:
-            raise InputError(f"{path}: velocity_mps must reach as far below 0 as above, got {velocity[0]:g}..{velocity[-1]:g} m/s")
+            raise InputError(
+                f"{path}: velocity_mps must reach as far below 0 as above, got {velocity[0]:g}..{velocity[-1]:g} m/s"
+            )
         options = replace(options, speed_mps=float(max(-velocity[0], velocity[-1])))
     if "duration_s" in found:
         options = replace(options, duration_s=float(found["duration_s"]))

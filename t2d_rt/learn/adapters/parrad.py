@@ -121,18 +121,26 @@ def _loaded(path: Path) -> dict[str, np.ndarray]:
         with np.load(path, allow_pickle=False) as file:
             found = {name: file[name] for name in (*RADARS, "starts", "stops", "labels")}
     except KeyError as error:
-        raise InputError(f"{path} is no PARrad file: it lacks {error}; it needs wr14, wr68, starts, stops and labels") from None
+        raise InputError(
+            f"{path} is no PARrad file: it lacks {error}; it needs wr14, wr68, starts, stops and labels"
+        ) from None
     except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
-        raise InputError(f"cannot read PARrad file {path}: {error or type(error).__name__}; give an .npz file") from None
+        raise InputError(
+            f"cannot read PARrad file {path}: {error or type(error).__name__}; give an .npz file"
+        ) from None
     rows = len(found[RADARS[0]])
     for radar in RADARS:
         if found[radar].shape != (rows, BINS) or rows < ROWS + LATEST_ROW:
-            raise InputError(f"{path}: {radar} must have shape (row, {BINS}), got {found[radar].shape}; both radars see the same")
+            raise InputError(
+                f"{path}: {radar} must have shape (row, {BINS}), got {found[radar].shape}; both radars see the same"
+            )
         if not np.isfinite(found[radar]).all():
             raise InputError(f"{path}: {radar} has NaN or infinite cells; repair or cut the recording")
     count = len(found["labels"])
     if count == 0 or found["starts"].shape != (count,) or found["stops"].shape != (count,):
-        raise InputError(f"{path} must tell a start and a stop for each label, got {len(found['starts'])} starts of {count} labels")
+        raise InputError(
+            f"{path} must tell a start and a stop for each label, got {len(found['starts'])} starts of {count} labels"
+        )
     if np.any(np.diff(found["starts"]) <= 0) or found["starts"].min() < 0 or found["stops"].max() > rows:
         raise InputError(f"{path}: starts must ascend within its {rows} rows; give commands in order")
     return found

@@ -53,7 +53,9 @@ def _fractions(path: Path, colours: str) -> np.ndarray:
     table = matplotlib.colormaps[colours](np.linspace(0.0, 1.0, 256))[:, :3] * 255.0
     distance, index = KDTree(table).query(pixels)
     if float(distance.mean()) > COLOUR_ERROR:
-        raise InputError(f"the colours of {path} are not those of the colour map {colours}; read grey pictures with png")
+        raise InputError(
+            f"the colours of {path} are not those of the colour map {colours}; read grey pictures with png"
+        )
     return np.asarray(index, dtype=np.float64) / 255.0
 
 
