@@ -21,17 +21,19 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
 COMMANDS = (
-    "simulate", "plan", "compare", "scene", "describe", "motion", "check-motion", "library", "dataset", "background", "info",
-    "export", "list",
+    "simulate", "plan", "compare", "scene", "describe", "motion", "check-motion", "library", "dataset", "background", "train",
+    "evaluate", "predict", "benchmark", "info", "export", "list",
 )  # fmt: skip
 
-OWN_MODULES = "describe", "motion", "check-motion", "library", "dataset", "background"
+OWN_MODULES = (
+    "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark",
+)  # fmt: skip
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
 CONFIGURABLE = "simulate", "plan", "compare", "scene"
 """Those that take --config and --radar."""
 
-SEVERAL_FILES = "check-motion", "library", "dataset", "background"
+SEVERAL_FILES = "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark"
 """Those that take more than one file."""
 
 
@@ -145,6 +147,10 @@ def _overview() -> str:
         "  t2d-rt library DO WHAT Adds motion files of your own to those that motions are made of, lists and removes them.\n"
         "  t2d-rt dataset RECIPE  Makes a data set: thousands of labelled samples from one recipe, in shards.\n"
         "  t2d-rt background DO   Learns the background of empty rooms or of your recordings, samples and evaluates it.\n"
+        "  t2d-rt train DATA      Trains a classifier on a data set's spectrograms.\n"
+        "  t2d-rt evaluate DATA   Tests a trained classifier on a data set.\n"
+        "  t2d-rt predict FILE    Tells what a person does in a recording, over time, with probabilities.\n"
+        "  t2d-rt benchmark models  Compares all models on Simple and Hard by splits that leak and that do not.\n"
         "  t2d-rt info FILE       Tells what a motion, a result or a radar file holds.\n"
         "  t2d-rt export FILE     Writes a result as one file for MATLAB (.mat), HDF5 (.h5), NetCDF (.nc) or NumPy (.npz).\n"
         "  t2d-rt list [WHAT]     Lists names that the commands take: presets, scenes, bodies, movers and motions.\n\n"

@@ -9,12 +9,12 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from t2d_rt.dataset import Dataset, Recipe, dataset_sheet, folds, make_dataset
+from t2d_rt.learn.baselines import SHRINKAGE, Centroids
 from validation.datasets.features import features
 from validation.report import Check, Section, save_chart
 
@@ -23,36 +23,6 @@ LIMIT = 0.6
 BY_CHANCE = 0.2
 """Of 8 classes 1/8 are right by chance, in 320 samples with a standard deviation of 0.02."""
 FOLDS, REPEATS = 10, 5
-SHRINKAGE = 0.3
-"""Of the covariance within classes towards a multiple of the unit matrix: there are more features than samples of a class."""
-
-
-@dataclass(frozen=True, slots=True)
-class Centroids:
-    """Mean features of each class, in a metric in which samples of one class scatter alike in all directions."""
-
-    mean: np.ndarray
-    scale: np.ndarray
-    whitening: np.ndarray
-    centroids: np.ndarray
-
-    @classmethod
-    def of(cls, values: np.ndarray, labels: np.ndarray, *, shrinkage: float) -> Centroids:
-        """From samples (N, F); with a shrinkage of 1 the metric is that of standardised features."""
-        mean, scale = values.mean(axis=0), values.std(axis=0) + 1e-9
-        plain = (values - mean) / scale
-        centroids = np.stack([plain[labels == label].mean(axis=0) for label in range(labels.max() + 1)])
-        within = plain - centroids[labels]
-        covariance = within.T @ within / len(within)
-        count = len(covariance)
-        shrunk = (1 - shrinkage) * covariance + shrinkage * np.trace(covariance) / count * np.eye(count)
-        whitening = np.linalg.cholesky(np.linalg.inv(shrunk))
-        return cls(mean, scale, whitening, centroids @ whitening)
-
-    def labels(self, values: np.ndarray) -> np.ndarray:
-        """Class of the nearest centroid."""
-        placed = (values - self.mean) / self.scale @ self.whitening
-        return np.argmin(((placed[:, None] - self.centroids) ** 2).sum(axis=-1), axis=1)
 
 
 def confusion(dataset: Dataset, values: np.ndarray, labels: np.ndarray, *, shrinkage: float) -> np.ndarray:

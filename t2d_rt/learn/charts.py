@@ -1,0 +1,102 @@
+"""Pictures of a training: learning curves, confusion, reliability; and of a prediction under its spectrogram."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.figures import NotebookFigure
+from t2d_rt.learn.train.scores import Scores
+from t2d_rt.learn.windows import Prediction
+from t2d_rt.result import Recording
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def curves_figure(history: Sequence[dict[str, float]], *, title: str) -> Figure:
+    """Loss and accuracy over the epochs, of training and validation."""
+    figure = NotebookFigure(figsize=(9, 3.6), layout="constrained")
+    axes = figure.subplots(1, 2)
+    epochs = np.arange(1, len(history) + 1)
+    best = int(np.argmin([each["val_loss"] for each in history])) + 1
+    for ax, what, label in ((axes[0], "loss", "cross entropy [nat]"), (axes[1], "accuracy", "accuracy [%]")):
+        scale = 100.0 if what == "accuracy" else 1.0
+        for side, name in (("train", "training"), ("val", "validation")):
+            ax.plot(
+                epochs,
+                [scale * each[f"{side}_{what}"] for each in history],
+                marker="." if len(epochs) < 30 else "",
+                label=name,
+            )
+        ax.axvline(best, color="0.6", linestyle=":", label="weights that are kept")
+        ax.set(xlabel="epoch", ylabel=label)
+        ax.grid(alpha=0.3)
+    axes[1].set_ylim(0, 100)
+    axes[0].legend()
+    figure.suptitle(title)
+    return figure
+
+
+def confusion_figure(scores: Scores, classes: Sequence[str], *, title: str) -> Figure:
+    """Confusion in percent of each class, with the numbers of samples."""
+    size = 2.6 + 0.62 * len(classes)
+    figure = NotebookFigure(figsize=(size + 0.8, size), layout="constrained")
+    draw_confusion(figure.subplots(), scores.confusion, classes)
+    figure.suptitle(title)
+    return figure
+
+
+def draw_confusion(ax: Axes, confusion: np.ndarray, classes: Sequence[str]) -> Any:
+    """Rows are the classes, columns what they are taken for; what `imshow` drew."""
+    part = 100.0 * confusion / np.maximum(confusion.sum(axis=1, keepdims=True), 1)
+    drawn = ax.imshow(part, vmin=0, vmax=100, cmap="Blues")
+    for row in range(len(classes)):
+        for column in range(len(classes)):
+            if confusion[row, column]:
+                colour = "white" if part[row, column] > 55 else "black"
+                ax.text(column, row, f"{part[row, column]:.0f}", ha="center", va="center", color=colour, fontsize=9)
+    ax.set_xticks(range(len(classes)), classes, rotation=45, ha="right")
+    ax.set_yticks(range(len(classes)), classes)
+    ax.set(xlabel="taken for [% of the class]", ylabel="class")
+    return drawn
+
+
+def reliability_figure(scores: Scores, *, title: str) -> Figure:
+    """Accuracy over confidence; the diagonal is a calibrated classifier."""
+    figure = NotebookFigure(figsize=(4.8, 4.6), layout="constrained")
+    ax = figure.subplots()
+    used = scores.reliability[scores.reliability[:, 2] > 0]
+    ax.plot([0, 100], [0, 100], color="0.6", linestyle=":", label="calibrated")
+    ax.bar(100 * used[:, 0], 100 * used[:, 1], width=6, color="C0", alpha=0.6, label="found")
+    for confidence, right, count in used:
+        ax.text(100 * confidence, min(100 * right + 1.5, 96), f"{count:.0f}", ha="center", fontsize=8)
+    ax.set(
+        xlim=(0, 104), ylim=(0, 104), xlabel="confidence [%]", ylabel="accuracy [%]",
+        title=f"calibration error {100 * scores.calibration_error:.0f} points; numbers are samples",
+    )  # fmt: skip
+    ax.title.set_fontsize(9)
+    ax.legend(loc="upper left")
+    figure.suptitle(title)
+    return figure
+
+
+def prediction_figure(recording: Recording, found: Prediction, *, title: str) -> Figure:
+    """The spectrogram, and below it the probability of each class over time."""
+    figure = NotebookFigure(figsize=(10, 6.4), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+    recording.processed(mti="mean").plot(title, ax=upper)
+    upper.set_xlabel("")
+    middles = found.middles_s
+    if len(middles) == 1:
+        middles = np.array([found.starts_s[0], found.starts_s[0] + found.duration_s])
+    levels = np.broadcast_to(100 * found.probabilities, (len(middles), len(found.classes)))
+    lower.stackplot(
+        middles, levels.T, labels=found.classes, colors=[f"C{number}" for number in range(len(found.classes))]
+    )
+    lower.set(xlabel="time [s]", ylabel="probability [%]", ylim=(0, 100))
+    lower.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8)
+    return figure

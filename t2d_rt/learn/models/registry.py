@@ -1,0 +1,80 @@
+"""Models by name: the files of this folder that have an ABOUT."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from t2d_rt.checks import integer, unknown_name
+from t2d_rt.errors import InputError
+from t2d_rt.learn.maps import checked_size
+from t2d_rt.learn.require import require_learning
+
+if TYPE_CHECKING:
+    from torch import nn
+
+OTHERS = "__init__", "registry", "count", "parts"
+"""Files of the folder that are no models."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Printed:
+    """What Table III of Text2Doppler prints of a model; the headers of its last two columns are exchanged there."""
+
+    simple: float
+    """Accuracy on Simple [%]."""
+    hard: float
+    """Accuracy on Hard [%]."""
+    gflops: float
+    """Multiplications with their additions [1e9]."""
+    mparams: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelCard:
+    """What a model is."""
+
+    title: str
+    source: str
+    """Where its structure is from."""
+    least_size: int = 16
+    """Cells of speed and of time at least."""
+    counted_at: tuple[int, int, int] = (3, 224, 224)
+    """Channels, speed and time at which it is counted beside the table."""
+    printed: Printed | None = None
+    note: str = ""
+    """Why its figures differ from the printed ones, where they do."""
+
+
+def model_names() -> list[str]:
+    """Names of the models."""
+    folder = Path(__file__).parent
+    return sorted(each.stem.replace("_", "-") for each in folder.glob("*.py") if each.stem not in OTHERS)
+
+
+def card(name: str) -> ModelCard:
+    """What a model is, by its name."""
+    found: ModelCard = _module(name).ABOUT
+    return found
+
+
+def build(name: str, classes: int, size: tuple[int, int] = (64, 64), channels: int = 1) -> nn.Module:
+    """An untrained model of so many classes, for maps of so many cells of speed and time."""
+    module, wanted = _module(name), checked_size(size)
+    integer("classes", classes, 2, 10_000)
+    if min(wanted) < module.ABOUT.least_size:
+        least = module.ABOUT.least_size
+        raise InputError(
+            f"{name} needs maps of {least} x {least} cells or more, got {wanted[0]} x {wanted[1]}; resize them"
+        )
+    network: nn.Module = module.build(classes, wanted, integer("channels", channels, 1, 16))
+    return network
+
+
+def _module(name: str) -> Any:
+    if str(name).lower().replace("_", "-") not in model_names():
+        raise unknown_name("model", name, model_names())
+    require_learning()
+    return import_module(f"t2d_rt.learn.models.{name.lower().replace('-', '_')}")

@@ -1,0 +1,83 @@
+"""A small causal network for a radar that runs on: it takes one column of a spectrogram at a time and tells the class so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from t2d_rt.learn.models.registry import ModelCard
+
+ABOUT = ModelCard(
+    title="streaming",
+    source="of this project: dilated causal convolutions (van den Oord et al. 2016) and a GRU (Cho et al. 2014)",
+    counted_at=(1, 64, 64),
+)
+WIDTH, TAPS, DILATIONS = 64, 3, (1, 2, 4)
+
+
+@dataclass(frozen=True, slots=True)
+class StreamState:
+    """What the network keeps between two columns."""
+
+    past: tuple[Tensor, ...]
+    """Inputs of each convolution over time, (N, WIDTH, (TAPS - 1) x dilation)."""
+    hidden: Tensor
+    """Of the GRU, (1, N, WIDTH)."""
+    total: Tensor
+    """Sum of its outputs, (N, WIDTH)."""
+    greatest: Tensor
+    """Greatest of them, (N, WIDTH)."""
+    count: int
+    """Columns so far."""
+
+
+class Streaming(nn.Module):
+    """Speeds of a column to 64 features, convolutions over the past, a GRU; mean and greatest of its outputs make the scores."""
+
+    def __init__(self, classes: int, speeds: int, channels: int) -> None:
+        super().__init__()
+        self.column = nn.Sequential(
+            nn.Conv2d(channels, 8, (5, 1), stride=(2, 1), padding=(2, 0)), nn.BatchNorm2d(8), nn.ReLU(),
+            nn.Conv2d(8, 16, (5, 1), stride=(2, 1), padding=(2, 0)), nn.BatchNorm2d(16), nn.ReLU(),
+        )  # fmt: skip
+        self.mixed = nn.Sequential(nn.Conv1d(16 * (-(-speeds // 4)), WIDTH, 1), nn.BatchNorm1d(WIDTH), nn.ReLU())
+        self.causal = nn.ModuleList(nn.Conv1d(WIDTH, WIDTH, TAPS, dilation=each) for each in DILATIONS)
+        self.norms = nn.ModuleList(nn.BatchNorm1d(WIDTH) for _ in DILATIONS)
+        self.recurrent = nn.GRU(WIDTH, WIDTH, batch_first=True)
+        self.head = nn.Linear(2 * WIDTH, classes)
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """Scores (N, classes) after the last column."""
+        scores, _ = self.step(maps, self.begun(len(maps), maps))
+        return scores
+
+    def begun(self, count: int, like: Tensor | None = None) -> StreamState:
+        """The state before the first column of so many maps."""
+        base = self.head.weight if like is None else like
+        past = tuple(base.new_zeros(count, WIDTH, (TAPS - 1) * each) for each in DILATIONS)
+        return StreamState(
+            past, base.new_zeros(1, count, WIDTH), base.new_zeros(count, WIDTH),
+            base.new_full((count, WIDTH), -torch.inf), 0,
+        )  # fmt: skip
+
+    def step(self, columns: Tensor, state: StreamState) -> tuple[Tensor, StreamState]:
+        """Scores after one or more further columns (N, channels, speed, T), and the state there."""
+        sequence = self.mixed(self.column(columns).flatten(1, 2))
+        past = []
+        for convolution, norm, before in zip(self.causal, self.norms, state.past, strict=True):
+            whole = torch.cat([before, sequence], dim=2)
+            past.append(whole[:, :, whole.shape[2] - before.shape[2] :])
+            sequence = sequence + torch.relu(norm(convolution(whole)))
+        outputs, hidden = self.recurrent(sequence.transpose(1, 2), state.hidden)
+        total = state.total + outputs.sum(dim=1)
+        greatest = torch.maximum(state.greatest, outputs.amax(dim=1))
+        count = state.count + outputs.shape[1]
+        scores = self.head(torch.cat([total / count, greatest], dim=1))
+        return scores, StreamState(tuple(past), hidden, total, greatest, count)
+
+
+def build(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
+    """The network; it takes maps of any duration."""
+    return Streaming(classes, size[0], channels)

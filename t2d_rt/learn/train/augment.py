@@ -1,0 +1,106 @@
+"""Augmentations of spectrograms on the fly: a background, masks, shifts in time, Doppler jitter, gain."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from t2d_rt.dataset.products import resized
+from t2d_rt.noise.background import load_background
+from t2d_rt.noise.masks import OcclusionMask
+from t2d_rt.types.fields import Fields, Number
+
+BANK = 16
+"""Backgrounds that are drawn once and then taken in turn, each shifted in time."""
+
+
+class Augment(Fields):
+    """Which changes, and how large they are; each sample of each epoch has draws of its own."""
+
+    noun: ClassVar[str] = "augmentation"
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    background_db: Annotated[Number, Field(ge=-100, le=0)] | None = None
+    """Greatest level of the noise floor of a learned background, relative to the map's greatest cell [dB]; it is drawn from 20 dB
+    below that on. None adds none."""
+    masks: OcclusionMask | None = None
+    """Time windows in which the map shows the background, or nothing where there is none."""
+    shift: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
+    """Greatest shift in time, as a fraction of the duration; what comes in mirrors what is beside it."""
+    doppler: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
+    """Greatest relative change of all speeds."""
+    gain_db: Annotated[Number, Field(ge=0, le=40)] = 0.0
+    """Greatest decrease of the map's levels [dB], as by a stronger echo elsewhere."""
+
+    @classmethod
+    def usual(cls) -> Augment:
+        """All five, of moderate size."""
+        return cls(background_db=-20.0, masks=OcclusionMask(windows=0.5), shift=0.1, doppler=0.1, gain_db=6.0)
+
+    @property
+    def some(self) -> bool:
+        """Whether anything is changed."""
+        return self != Augment()
+
+
+class Augmenter:
+    """Augments maps of one size, for a sample's own seed."""
+
+    def __init__(
+        self, augment: Augment, size: tuple[int, int], duration_s: float, floor_db: float, *, seed: int
+    ) -> None:
+        self._augment, self._duration_s, self._floor_db = augment, duration_s, floor_db
+        self._bank = None
+        if augment.background_db is not None:
+            model = load_background()
+            found = [model.sample(duration_s, seed=seed * BANK + number).power for number in range(BANK)]
+            # The model's bins are stretched over the map's: it stands for clutter and noise, not for another radar's.
+            self._bank = np.stack([resized(each.astype(np.float64), size) for each in found])
+
+    def __call__(self, levels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Levels (speed, time) [dB, 0 at the greatest cell], changed."""
+        told = self._augment
+        if told.shift > 0:
+            levels = _shifted(levels, round(rng.uniform(-told.shift, told.shift) * levels.shape[1]))
+        if told.doppler > 0:
+            levels = _stretched(levels, 1.0 + rng.uniform(-told.doppler, told.doppler))
+        if told.gain_db > 0:
+            levels = levels - np.float32(rng.uniform(0, told.gain_db))
+        background = None
+        if self._bank is not None and told.background_db is not None:
+            power = np.roll(self._bank[rng.integers(BANK)], rng.integers(levels.shape[1]), axis=1)
+            background = power * 10.0 ** (rng.uniform(told.background_db - 20.0, told.background_db) / 10.0)
+            levels = 10.0 * np.log10(10.0 ** (levels / 10.0) + background)
+        if told.masks is not None:
+            levels = self._masked(levels, background, told.masks, rng)
+        return np.clip(levels, self._floor_db, 0.0).astype(np.float32)
+
+    def _masked(
+        self, levels: np.ndarray, background: np.ndarray | None, masks: OcclusionMask, rng: np.random.Generator
+    ) -> np.ndarray:
+        count = levels.shape[1]
+        middles = (np.arange(count) + 0.5) * self._duration_s / count
+        windows = masks.draw(self._duration_s, seed=int(rng.integers(2**31)))
+        within = ((middles[:, None] >= windows[:, 0]) & (middles[:, None] < windows[:, 1])).any(axis=1)
+        filled = np.full_like(levels, self._floor_db) if background is None else 10.0 * np.log10(background + 1e-30)
+        return np.where(within, filled, levels)
+
+
+def _shifted(levels: np.ndarray, by: int) -> np.ndarray:
+    """Moved by so many columns; the end that comes in is mirrored."""
+    if by == 0:
+        return levels
+    padded = np.pad(levels, ((0, 0), (max(by, 0), max(-by, 0))), mode="symmetric")
+    start = 0 if by > 0 else -by
+    return padded[:, start : start + levels.shape[1]]
+
+
+def _stretched(levels: np.ndarray, factor: float) -> np.ndarray:
+    """All speeds multiplied by a factor; what comes in from beyond the axis is its end."""
+    count = len(levels)
+    at = np.clip((np.arange(count) - 0.5 * (count - 1)) / factor + 0.5 * (count - 1), 0, count - 1)
+    low = np.minimum(at.astype(int), count - 2)
+    weight = (at - low)[:, None].astype(np.float32)
+    return np.asarray(levels[low] * (1 - weight) + levels[low + 1] * weight)

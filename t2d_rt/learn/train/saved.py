@@ -1,0 +1,172 @@
+"""Trained networks as files: weights in safetensors, a card in JSON. Nothing is unpickled."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.checks import file_path
+from t2d_rt.errors import InputError
+from t2d_rt.files import read_bytes
+from t2d_rt.learn.maps import LabelledMaps, checked_size
+from t2d_rt.learn.models import build
+from t2d_rt.learn.require import require_learning
+
+if TYPE_CHECKING:
+    from torch import nn
+
+WEIGHTS, CARD, STATE = "weights.safetensors", "card.json", "state.ckpt"
+FORMAT = "t2d-rt model 1"
+MOST_BYTES = 2_000_000_000
+PICKLES = b"PK", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"
+"""How files of torch.save and of pickle begin."""
+BATCH = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Card:
+    """What a trained network is for: the axes of its maps and its classes."""
+
+    model: str
+    classes: tuple[str, ...]
+    size: tuple[int, int]
+    velocity_mps: tuple[float, float]
+    """Centres of the first and last cell of speed."""
+    duration_s: float
+    dynamic_range_db: float
+    seed: int
+    about: Mapping[str, Any] = field(default_factory=dict)
+    """How it was trained."""
+
+    @classmethod
+    def of(
+        cls, model: str, maps: LabelledMaps, dynamic_range_db: float, *, seed: int, about: Mapping[str, Any]
+    ) -> Card:
+        """The card of a network for such maps."""
+        ends = float(maps.velocity_mps[0]), float(maps.velocity_mps[-1])
+        return cls(
+            model=model, classes=maps.classes, size=maps.size, velocity_mps=ends, duration_s=maps.duration_s,
+            dynamic_range_db=dynamic_range_db, seed=seed, about=dict(about),
+        )  # fmt: skip
+
+    def with_about(self, **more: Any) -> Card:
+        """The same card that tells more."""
+        return replace(self, about={**self.about, **more})
+
+    def to_plain(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "format": FORMAT, "model": self.model, "classes": list(self.classes), "size": list(self.size),
+            "velocity_mps": list(self.velocity_mps), "duration_s": self.duration_s,
+            "dynamic_range_db": self.dynamic_range_db, "seed": self.seed, "about": dict(self.about),
+        }  # fmt: skip
+
+    @property
+    def axis_mps(self) -> np.ndarray:
+        """Centres of the cells of speed."""
+        return np.linspace(*self.velocity_mps, self.size[0])
+
+
+@dataclass(frozen=True, slots=True)
+class SavedModel:
+    """A trained network and its card."""
+
+    card: Card
+    network: nn.Module
+
+    def probabilities(self, levels: np.ndarray) -> np.ndarray:
+        """Of each class, (N, K), of maps (N, speed, time) [dB below the greatest cell of each]."""
+        import torch
+
+        from t2d_rt.learn.train.batches import as_input
+
+        if levels.ndim != 3 or levels.shape[1:] != self.card.size:
+            wanted = " x ".join(map(str, self.card.size))
+            raise InputError(f"maps must have {wanted} cells, as in training, got shape {levels.shape}; resize them")
+        if not np.isfinite(levels).all():
+            raise InputError("maps must be finite, got NaN or infinite levels; remove damaged samples first")
+        self.network.eval()
+        with torch.no_grad():
+            found = [
+                torch.softmax(self.network(as_input(levels[start : start + BATCH], self.card.dynamic_range_db)), dim=1)
+                for start in range(0, len(levels), BATCH)
+            ]
+        return np.asarray(torch.cat(found).numpy())
+
+
+def write_model(folder: Path, saved: SavedModel) -> None:
+    """Weights and card; the same training writes the same bytes of weights."""
+    from safetensors.torch import save
+
+    arrays = {name: each.detach().contiguous().clone() for name, each in saved.network.state_dict().items()}
+    for name, data in (
+        (WEIGHTS, save(arrays)),
+        (CARD, json.dumps(saved.card.to_plain(), indent=1).encode() + b"\n"),
+    ):
+        new = folder / f"{name}.new"
+        new.write_bytes(data)
+        new.replace(folder / name)
+
+
+def load_model(path: str | Path) -> SavedModel:
+    """A trained network by the folder that training wrote."""
+    folder = file_path("the folder of a model", path)
+    refuse_pickle(folder)
+    if not (folder / WEIGHTS).is_file() or not (folder / CARD).is_file():
+        raise InputError(f"{folder} holds no trained model ({WEIGHTS} and {CARD}); t2d-rt train writes one")
+    require_learning()
+    refuse_pickle(folder / WEIGHTS)
+    try:
+        told = json.loads(read_bytes(folder / CARD, limit=50_000_000, noun="card of a model"))
+        if told["format"] != FORMAT:
+            raise InputError(f"it is of format {told['format']!r}, this program reads {FORMAT!r}")
+        first, last = (float(each) for each in told["velocity_mps"])
+        card = Card(
+            model=str(told["model"]), classes=tuple(str(each) for each in told["classes"]),
+            size=checked_size(list(told["size"])), velocity_mps=(first, last), duration_s=float(told["duration_s"]),
+            dynamic_range_db=float(told["dynamic_range_db"]), seed=int(told["seed"]), about=dict(told["about"]),
+        )  # fmt: skip
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{folder / CARD} is no card of a model ({error}); train it again") from None
+    network = build(card.model, len(card.classes), card.size)
+    try:
+        from safetensors.torch import load
+
+        network.load_state_dict(load(read_bytes(folder / WEIGHTS, limit=MOST_BYTES, noun="file of weights")))
+    except Exception as error:  # a damaged file may hold anything
+        raise InputError(
+            f"{folder / WEIGHTS} does not hold the weights of {card.model} ({error}); train it again"
+        ) from None
+    return SavedModel(card, network.eval())
+
+
+def refuse_pickle(path: Path) -> None:
+    """Raises where a file is a pickle, as torch.save writes: reading it could run anything."""
+    if path.is_file():
+        with path.open("rb") as file:
+            head = file.read(2)
+        if head in PICKLES:
+            raise InputError(
+                f"{path} is a pickle, which could run anything when it is read; give the folder of a model in safetensors"
+            )
+
+
+def read_state(path: Path) -> dict[str, Any]:
+    """The state of a training that was stopped: plain numbers and tensors, nothing else."""
+    import torch
+
+    try:
+        found = torch.load(path, map_location="cpu", weights_only=True)
+        assert isinstance(found["t2d_rt"]["history"], list)
+    except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, TypeError, AssertionError, ValueError) as error:
+        reason = str(error).split(".")[0][:100]
+        raise InputError(
+            f"{path} is no state of a training that can be read safely ({reason}); remove it to begin anew"
+        ) from None
+    return dict(found)

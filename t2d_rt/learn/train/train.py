@@ -1,0 +1,120 @@
+"""`train_model`: from maps to a folder with weights, card, curves and pictures."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps
+from t2d_rt.learn.models import build
+from t2d_rt.learn.require import require_learning
+from t2d_rt.learn.train.options import TrainOptions
+from t2d_rt.learn.train.saved import STATE, Card, SavedModel, read_state, write_model
+
+if TYPE_CHECKING:
+    from torch import nn
+
+Progress = Callable[[float], None]
+
+
+def train_model(
+    name: str,
+    train: LabelledMaps,
+    val: LabelledMaps,
+    options: TrainOptions | None = None,
+    *,
+    output: str | Path | None = None,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+    about: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> SavedModel:
+    """A network trained on maps of all classes; the weights of the epoch whose validation had the least loss.
+
+    output: folder to write to. A run that was stopped there goes on; one of another model, data or options is refused.
+    about: what else the card tells, as the hash of the recipe.
+    """
+    require_learning()
+    import torch
+
+    options = TrainOptions() if options is None else options
+    train.checked_for_training()
+    if val.classes != train.classes or val.size != train.size:
+        raise InputError(f"the maps of the validation must be like those of the training, got {val!r} and {train!r}")
+    before = torch.get_num_threads()
+    random_state = torch.random.get_rng_state()
+    torch.set_num_threads(options.threads)
+    torch.manual_seed(options.seed)
+    try:
+        network = build(name, len(train.classes), train.size)
+        told = {**(about or {}), "options": options.model_dump(mode="json")}
+        card = Card.of(name, train, dynamic_range_db, seed=options.seed, about=told)
+        folder = None if output is None else _begun(Path(output), card, train, val)
+        history, seconds = _fitted(network, (train, val), options, dynamic_range_db, folder, progress)
+    finally:
+        torch.set_num_threads(before)
+        torch.random.set_rng_state(random_state)
+    card = card.with_about(history=history, epochs=len(history), seconds_per_epoch=round(seconds, 3))
+    saved = SavedModel(card, network.eval())
+    if folder is not None:
+        write_model(folder, saved)
+    return saved
+
+
+def _begun(folder: Path, card: Card, train: LabelledMaps, val: LabelledMaps) -> Path:
+    """The folder, with a note of what is trained in it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    data = hashlib.sha256()
+    for each in (train, val):
+        data.update(each.levels.tobytes() + each.labels.tobytes())
+    plain = json.dumps({"card": card.to_plain(), "data": data.hexdigest()}, sort_keys=True)
+    note, digest = folder / "training.txt", hashlib.sha256(plain.encode()).hexdigest()
+    if note.exists() and note.read_text("utf-8").strip() != digest:
+        raise InputError(f"{folder} holds a training of another model, data or options; choose another folder")
+    if not note.exists() and any(folder.iterdir()):
+        raise InputError(f"{folder} holds other files; choose an empty or a new folder")
+    note.write_text(digest + "\n", "utf-8")
+    return folder
+
+
+def _fitted(
+    network: nn.Module, maps: tuple[LabelledMaps, LabelledMaps], options: TrainOptions, dynamic_range_db: float,
+    folder: Path | None, progress: Progress | None,
+) -> tuple[list[dict[str, float]], float]:  # fmt: skip
+    """Trains it in place; what the epochs were like, and how long one took [s]."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of Lightning, on loggers and workers that are not used
+        from lightning import Trainer
+
+        from t2d_rt.learn.train.module import Training
+
+        for each in ("lightning.pytorch", "lightning.fabric"):  # their import sets a level of their own
+            logging.getLogger(each).setLevel(logging.ERROR)
+        keep_at = None if folder is None else folder / STATE
+        module = Training(network, maps, options, dynamic_range_db, keep_at=keep_at, progress=progress)
+        kept = None if keep_at is None or not keep_at.exists() else read_state(keep_at)
+        first = 0 if kept is None else len(kept["t2d_rt"]["history"])
+        started = time.perf_counter()
+        if kept is not None:
+            module.on_load_checkpoint(kept)
+        if first < options.epochs and not module.stopped:
+            trainer = Trainer(
+                max_epochs=options.epochs, accelerator=options.device, devices=1, logger=False, enable_checkpointing=False,
+                enable_progress_bar=False, enable_model_summary=False, num_sanity_val_steps=0,
+                reload_dataloaders_every_n_epochs=1, barebones=False,
+            )  # fmt: skip
+            trainer.fit(module, ckpt_path=None if kept is None else str(keep_at), weights_only=True)
+    seconds = (time.perf_counter() - started) / max(1, len(module.history) - first)
+    network.load_state_dict(module.best)
+    network.to("cpu")
+    if not all(np.isfinite(each["val_loss"]) for each in module.history):
+        raise InputError("the loss became infinite; lower the learning rate")
+    return module.history, seconds

@@ -1,0 +1,102 @@
+"""A recording as a classifier sees it: windows over time, on the axes of the maps that it was trained on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.checks import positive
+from t2d_rt.errors import InputError
+from t2d_rt.learn.maps import relative_levels
+from t2d_rt.learn.train.saved import SavedModel
+from t2d_rt.result import Recording
+
+STEPS = 5
+"""Windows that begin within the duration of one, by default."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """Classes over the time of a recording."""
+
+    classes: tuple[str, ...]
+    starts_s: np.ndarray
+    """Where each window begins, (W,)."""
+    duration_s: float
+    """Of a window."""
+    probabilities: np.ndarray
+    """Of each class in each window, (W, K)."""
+
+    @property
+    def middles_s(self) -> np.ndarray:
+        """Middle of each window, (W,)."""
+        return self.starts_s + 0.5 * self.duration_s
+
+    def at(self, times_s: np.ndarray) -> np.ndarray:
+        """Number of the class at each time, that of the window whose middle is nearest."""
+        nearest = np.argmin(np.abs(np.asarray(times_s)[:, None] - self.middles_s), axis=1)
+        return np.asarray(self.probabilities.argmax(axis=1)[nearest])
+
+
+def predict(model: SavedModel, recording: Recording, *, step_s: float | None = None) -> Prediction:
+    """The classes of a recording over sliding windows, each as long as the maps of the training.
+
+    step_s: from one window to the next; a fifth of a window by default.
+    """
+    step_s = model.card.duration_s / STEPS if step_s is None else positive("step_s", step_s, 1e4, unit="s")
+    starts_s, levels = windows_of(model, recording, step_s)
+    return Prediction(
+        classes=model.card.classes, starts_s=starts_s, duration_s=model.card.duration_s,
+        probabilities=model.probabilities(levels),
+    )  # fmt: skip
+
+
+def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Starts of the windows [s] and their maps (W, speed, time), static echoes taken away as they are for data sets.
+
+    Cells of the maps are means over what they cover of the recording's cells.
+    """
+    card = model.card
+    image = recording.processed(mti="mean").spectrogram
+    power = 10.0 ** (image.values.astype(np.float64) / 10.0)
+    old, new = _edges(image.velocity_mps.values), _edges(card.axis_mps)
+    bin_mps = old[1] - old[0]
+    if new[0] < old[0] - bin_mps or new[-1] > old[-1] + bin_mps:
+        raise InputError(
+            f"the recording shows {old[0]:.3g} to {old[-1]:.3g} m/s the model was trained on {new[0]:.3g} to {new[-1]:.3g} m/s; "
+            "record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
+        )
+    columns = _edges(image.time_s.values)
+    length_s = float(columns[-1] - columns[0])
+    if length_s < card.duration_s * 0.999:
+        raise InputError(
+            f"the recording has {length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s; record longer"
+        )
+    last = max(length_s - card.duration_s, 0.0)
+    starts = np.unique(np.append(np.arange(0.0, last, step_s), last)) + columns[0]
+    rows = _weights(old, new) @ power
+    maps = [
+        relative_levels(
+            rows @ _weights(columns, np.linspace(start, start + card.duration_s, card.size[1] + 1)).T, card.size,
+            card.dynamic_range_db,
+        )
+        for start in starts
+    ]  # fmt: skip
+    return starts, np.stack(maps)
+
+
+def _edges(centres: np.ndarray) -> np.ndarray:
+    """Edges of cells between their centres, (N + 1,)."""
+    middles = 0.5 * (centres[1:] + centres[:-1])
+    first, last = centres[0] - (middles[0] - centres[0]), centres[-1] + (centres[-1] - middles[-1])
+    return np.concatenate([[first], middles, [last]])
+
+
+def _weights(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Weights (new, old) of old cells in each new one, by edges; cells at the ends of the axis may reach a little beyond it."""
+    overlap = np.minimum(new[1:, None], old[None, 1:]) - np.maximum(new[:-1, None], old[None, :-1])
+    weights = np.maximum(overlap, 0.0)
+    total = weights.sum(axis=1, keepdims=True)
+    nearest = np.abs(0.5 * (new[1:] + new[:-1])[:, None] - 0.5 * (old[1:] + old[:-1])).argmin(axis=1)
+    return np.where(total > 0, weights / np.maximum(total, 1e-300), np.eye(len(old) - 1)[nearest])
