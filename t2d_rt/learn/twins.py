@@ -48,6 +48,8 @@ SENTENCES: Mapping[str, tuple[str, ...]] = {
     "get up": ("a person gets up from the floor", "a person stands up from the floor"),
 }  # fmt: skip
 """What is asked for in each class. The eight classes of the data sets have neither standing up nor getting up."""
+MERGED = {label: "sit or stand" if label in ("sit down", "stand up") else label for label in SENTENCES}
+"""Class of each label where sitting down and standing up are one."""
 CENTRE_M = 2.5
 """Middle of the room, along the first radar's boresight."""
 HALF_ROOM_M = 2.1, 1.8
@@ -131,14 +133,15 @@ def twin(recipe: TwinRecipe, index: int) -> Twin:
             )  # fmt: skip
             levels.append(range_mean_levels(np.asarray(recording.adc.values)[:, 0]))
     told = {
-        "sentence": sentence, "slope_hz_per_s": radars[0].slope_hz_per_s, "prf_hz": radars[0].prf_hz, "gain_db": radars[0].rx_gain_dbi - 9.0,
+        "sentence": sentence, "slope_hz_per_s": radars[0].slope_hz_per_s, "prf_hz": radars[0].prf_hz,
+        "gain_db": radars[0].rx_gain_dbi - 9.0,
         "second_m": list(radars[1].position_m),
     }  # fmt: skip
     return Twin(label=label, levels_db=np.stack(levels), told=told)
 
 
 def range_mean_levels(chirps: np.ndarray) -> np.ndarray:
-    """Rows of an ADC cube (chirp, sample): for each burst of 128 chirps the mean over ranges of its range-Doppler map [dB], (row, bin).
+    """Rows of an ADC cube (chirp, sample): of each burst of 128 the mean over ranges of the range-Doppler map [dB], (row, bin).
 
     Approaching is positive, as everywhere in this package: an approaching target has a negative Doppler frequency at IF.
     """
@@ -156,7 +159,7 @@ def _made(label: str, sentence: str, rng: np.random.Generator) -> Motion:
 
 
 def _spanned(motion: Motion, label: str) -> Motion:
-    """Held or cut to the span of a map: what leads to sitting ends the map, standing up begins it, of others the piece that moves most."""
+    """Held or cut to the span of a map: sitting ends the map, standing up begins it, of others the liveliest piece."""
     lacking_s = SPAN_S - motion.duration_s
     if lacking_s > 0:
         return trim(hold(motion, lacking_s + 2.0 / motion.rate_hz), 0.0, SPAN_S)

@@ -1,7 +1,7 @@
 """Maps in one file of arrays: .npz, or HDF5 with the extra [hdf5].
 
-`levels` (sample, speed, time) [dB] and `labels` (sample,) of texts; where they are told, `velocity_mps` (speed,), `duration_s` and groups
-`group_NAME` (sample,) of texts.
+`levels` (sample, speed, time) [dB] and `labels` (sample,) of texts; where they are told, `velocity_mps` (speed,), `duration_s` and
+groups `group_NAME` (sample,) of texts.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> 
     labels = [each.decode() if isinstance(each, bytes) else str(each) for each in np.atleast_1d(found["labels"])]
     if levels.ndim != 3 or len(labels) != len(levels) or len(levels) == 0:
         raise InputError(
-            f"{path}: levels must have shape (sample, speed, time) and labels one text for each, got {levels.shape} and {len(labels)}"
+            f"{path}: levels must have shape (sample, speed, time) and labels one text for each, "
+            f"got {levels.shape} and {len(labels)}"
         )
     velocity = found.get("velocity_mps")
     if velocity is not None:

@@ -66,7 +66,10 @@ class RealMaps:
 
     def __str__(self) -> str:
         counts = ", ".join(f"{name} {count}" for name, count in zip(self.maps.classes, self.maps.counts, strict=True))
-        return f"{len(self.maps)} maps ({counts}) of {self.files} files by {self.adapter}, SHA-256 {self.sha256[:16]}. {self.licence}"
+        return (
+            f"{len(self.maps)} maps ({counts}) of {self.files} files by {self.adapter}, SHA-256 {self.sha256[:16]}. "
+            f"{self.licence}"
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,10 @@
 The file holds for each radar a map of (row, Doppler bin), a row every 0.09 s, bin 64 at rest, and spoken commands by row.
 
 - Unit. A value is the sum of decibels over the 64 range cells of a range-Doppler map; so says the noise: divided by 64 it has a
-  standard deviation of 1.08 dB and no skewness, where that of simulated noise, of a Hann window and a mean of decibels over 64 cells,
-  is 0.96 dB, while single cells would have 5.57 dB and a skewness of -1.1 (logarithm of an exponential distribution).
-- Doppler bin. It is not told. The strongest moving cells of walks lie near bin 10 to 12 in both radars, and people walk 1.0 to 1.2 m/s
-  in rooms: 0.10 m/s a bin, +-6.4 m/s in all, with an uncertainty of 25 %.
+  standard deviation of 1.08 dB and no skewness, where that of simulated noise, of a Hann window and a mean of decibels over 64
+  cells, is 0.96 dB, while single cells would have 5.57 dB and a skewness of -1.1 (logarithm of an exponential distribution).
+- Doppler bin. It is not told. The strongest moving cells of walks lie near bin 10 to 12 in both radars, and people walk 1.0 to
+  1.2 m/s in rooms: 0.10 m/s a bin, +-6.4 m/s in all, with an uncertainty of 25 %.
 - Sign. It is not told which side approaches. Classifiers are trained on both.
 - Alignment. A command is spoken 1 to 3 s before the motion: an event begins at the row of least moving power in that time.
 """
@@ -14,6 +14,7 @@ The file holds for each radar a map of (row, Doppler bin), a row every 0.09 s, b
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -103,7 +104,7 @@ def aligned(starts: np.ndarray, stops: np.ndarray, above_db: Mapping[str, np.nda
         borders.append(first + int(np.argmin(smooth[first : min(start + LATEST_ROW, rows)])))
     totals = np.concatenate([[0.0], np.cumsum(power)])
     begins = []
-    for first, last in zip(borders[:-1], borders[1:], strict=True):
+    for first, last in pairwise(borders):
         places = np.arange(first, max(last - ROWS, first) + 1)
         places = np.minimum(places, rows - ROWS)
         begins.append(int(places[np.argmax(totals[places + ROWS] - totals[places])]))

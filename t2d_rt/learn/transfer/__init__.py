@@ -1,4 +1,4 @@
-"""Transfer: a network that learned from simulated events, tuned on few real ones, beside networks and trees that know no simulation."""
+"""Transfer: a network that learned from simulated events, tuned on few real ones, beside others that know none."""
 
 from __future__ import annotations
 

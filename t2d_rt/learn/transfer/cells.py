@@ -1,4 +1,4 @@
-"""The cells of a transfer study: each a method, a number of real events and a repetition; kept as JSON, so that a stopped study goes on."""
+"""The cells of a transfer study: each a method, a number of real events and a repetition; kept as JSON, to go on from."""
 
 from __future__ import annotations
 

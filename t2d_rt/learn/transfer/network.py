@@ -1,4 +1,4 @@
-"""The network that is pre-trained on simulation and tuned on real events: one encoder for all radars, whose features are averaged."""
+"""The network that is pre-trained on simulation and tuned on real events: one encoder for all radars, features averaged."""
 
 from __future__ import annotations
 

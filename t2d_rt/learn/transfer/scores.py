@@ -8,7 +8,7 @@ RESAMPLINGS = 1000
 
 
 def macro_f1(truth: np.ndarray, predicted: np.ndarray, classes: int) -> np.ndarray:
-    """Mean over the classes of F1, for predictions (..., E) of labels (..., E); a class that is neither there nor predicted is left out."""
+    """Mean over the classes of F1, for predictions (..., E) of labels (..., E); a class that neither has is left out."""
     scores, present = [], []
     for label in range(classes):
         hits = np.sum((truth == label) & (predicted == label), axis=-1)
