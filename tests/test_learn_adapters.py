@@ -37,16 +37,20 @@ def parrad(path: Path, **changes: np.ndarray) -> Path:
 def test_parrad_gives_each_event_by_both_radars_aligned_with_its_motion(tmp_path: Path) -> None:
     found = read_real(parrad(tmp_path / "real.npz"), "parrad", AdapterOptions(classes=CLASSES))
     maps = found.maps
-    assert maps.classes == ("walk", "sit or stand", "fall") and maps.counts.tolist() == [4, 2, 2]
-    assert maps.levels.shape == (8, BINS, ROWS) and maps.levels.max() == 0.0
+    assert maps.classes == ("walk", "sit or stand", "fall")
+    assert maps.counts.tolist() == [4, 2, 2]
+    assert maps.levels.shape == (8, BINS, ROWS)
+    assert maps.levels.max() == 0.0
     assert maps.groups["event"].tolist() == [f"event {n}" for n in (0, 0, 1, 1, 2, 2, 3, 3)]
     assert maps.groups["radar"].tolist() == ["wr14", "wr68"] * 4
-    assert len(found.sha256) == 64 and "imec" in found.licence
+    assert len(found.sha256) == 64
+    assert "imec" in found.licence
     for place in range(8):
         speed, time = np.unravel_index(np.argmax(maps.levels[place]), maps.levels[place].shape)
         assert speed == ZERO_BIN + (1, -1)[place % 2] * (8 + 2 * (place // 2))  # of this event, not of its neighbour
         lit = maps.levels[place][speed] > -6
-        assert lit.sum() >= 38 and 0 <= time < ROWS
+        assert lit.sum() >= 38
+        assert 0 <= time < ROWS
     # Static echoes are 50 dB above the noise, and no greatest cell.
     assert maps.levels[:, ZERO_BIN].max() < -10
 
@@ -94,7 +98,8 @@ def test_point_clouds_give_windows_of_power_over_speed_and_time(tmp_path: Path) 
     radhar(tmp_path / "jack", "b.txt", 2.0)
     options = AdapterOptions(size=(32, 16), speed_mps=4.0, duration_s=2.0)
     maps = read_real(tmp_path, "radhar", options).maps
-    assert maps.classes == ("jack", "walk") and maps.counts.tolist() == [2, 2]
+    assert maps.classes == ("jack", "walk")
+    assert maps.counts.tolist() == [2, 2]
     assert set(maps.groups["event"]) == {"walk/a.txt", "jack/b.txt"}
     for level, label in zip(maps.levels, maps.labels, strict=True):
         speed = maps.velocity_mps[np.unravel_index(np.argmax(level), level.shape)[0]]
@@ -116,7 +121,8 @@ def test_pictures_are_read_by_colour(tmp_path: Path, adapter: str) -> None:
         Image.fromarray((table * 255).astype(np.uint8)[:, :, :3]).save(tmp_path / name / "0.png")
     options = AdapterOptions(size=(24, 16), dynamic_range_db=45.0)
     maps = read_real(tmp_path, adapter, options).maps
-    assert maps.classes == ("fall", "walk") and len(maps) == 2
+    assert maps.classes == ("fall", "walk")
+    assert len(maps) == 2
     expected = 45.0 * (levels[::-1] - 1.0)
     assert np.abs(maps.levels[0] - expected).max() < 0.5
     if adapter == "ci4r":
@@ -132,8 +138,8 @@ def test_folders_without_files_and_with_one_class_are_refused(tmp_path: Path) ->
     (tmp_path / "walk" / "0.png").write_bytes(b"no picture")
     with pytest.raises(InputError, match="cannot read picture"):
         read_real(tmp_path, "png")
+    np.savez(tmp_path / "x.npz", levels=np.zeros((2, 8, 8)), labels=["a", "b"])
     with pytest.raises(InputError, match="has no class 'run'"):
-        np.savez(tmp_path / "x.npz", levels=np.zeros((2, 8, 8)), labels=["a", "b"])
         read_real(tmp_path / "x.npz", "npz", AdapterOptions(classes={"run": "run"}))
 
 
@@ -148,7 +154,8 @@ def arrays() -> dict[str, np.ndarray]:
 def test_npz_keeps_groups_and_axes(tmp_path: Path) -> None:
     np.savez(tmp_path / "maps.npz", **arrays())
     maps = read_real(tmp_path / "maps.npz", "npz", AdapterOptions(size=(16, 12))).maps
-    assert maps.groups["event"].tolist() == ["1", "1", "2", "3"] and maps.duration_s == 2.0
+    assert maps.groups["event"].tolist() == ["1", "1", "2", "3"]
+    assert maps.duration_s == 2.0
     wanted = arrays()["levels"]
     assert np.abs(maps.levels - (wanted - wanted.max(axis=(1, 2), keepdims=True))).max() < 1e-4
 
@@ -181,4 +188,5 @@ def test_hdf5_reads_the_same_or_names_the_extra(tmp_path: Path) -> None:
         for name, each in arrays().items():
             file[name] = each.astype("S") if each.dtype.kind == "U" else each
     maps = read_real(tmp_path / "maps.h5", "hdf5", AdapterOptions(size=(16, 12))).maps
-    assert maps.classes == ("a", "b") and maps.groups["event"].tolist() == ["1", "1", "2", "3"]
+    assert maps.classes == ("a", "b")
+    assert maps.groups["event"].tolist() == ["1", "1", "2", "3"]

@@ -29,7 +29,7 @@ MEASURES = {
 MARGIN_DB = 6.0
 CADENCE_HZ = 0.6, 4.0
 WIDTH_HZ = 0.25
-FOLDS = 5
+FOLDS, TREES = 5, 200
 RESAMPLINGS = 1000
 FEWEST = 10
 """Maps of a class on each side, to compare them."""
@@ -84,8 +84,8 @@ class DomainGap:
         for each in self.classes:
             low, middle, high = each.told_apart[1], each.told_apart[0], each.told_apart[2]
             lines += [
-                "", f"## {each.name}", "", f"{each.counts[0]} simulated and {each.counts[1]} real maps. A classifier tells them apart "
-                f"with a balanced accuracy of {middle:.2f} [{low:.2f}, {high:.2f}]; chance is 0.50.", "",
+                "", f"## {each.name}", "", f"{each.counts[0]} simulated and {each.counts[1]} real maps. A classifier tells them "
+                f"apart with a balanced accuracy of {middle:.2f} [{low:.2f}, {high:.2f}]; chance is 0.50.", "",
                 "| measure | simulated: quartiles | real: quartiles | distance |", "|---|---|---|---|",
             ]  # fmt: skip
             for found in each.differences:
@@ -187,7 +187,7 @@ def _told_apart(sides: list[np.ndarray], events: list[np.ndarray], seed: int) ->
         test = fold[group] == number
         if not test.any():
             continue
-        trees = ExtraTreesClassifier(200, random_state=seed, class_weight="balanced", n_jobs=1)
+        trees = ExtraTreesClassifier(TREES, random_state=seed, class_weight="balanced", n_jobs=1)
         right[test] = trees.fit(values[~test], truth[~test]).predict(values[test]) == truth[test]
     by_event = np.bincount(group, right) / np.bincount(group)
     both = [np.flatnonzero(origin == side) for side in (0, 1)]

@@ -56,7 +56,7 @@ HALF_ROOM_M = 2.1, 1.8
 """How far from there joints may go, along and across [m]."""
 NEAREST_M = 0.8
 """Of a joint to a radar, horizontally."""
-PLACES, ATTEMPTS = 200, 6
+PLACES, ATTEMPTS = 200, 40
 SPAN_S = ROWS * ROW_S
 STEP_S = 0.25
 
@@ -77,7 +77,7 @@ class TwinRecipe:
     """Between which the range cell is drawn [m]."""
     gain_db: tuple[float, float] = (5.0, 30.0)
     """Between which the gain of antennas and of their number is drawn, beyond one antenna of 9 dBi [dB]."""
-    around_deg: tuple[float, float] = (-120.0, 120.0)
+    bearing_deg: tuple[float, float] = (-120.0, 120.0)
     """Between which the second radar stands, seen from the room's middle; the first stands at 180."""
 
     def __post_init__(self) -> None:
@@ -179,7 +179,7 @@ def _spanned(motion: Motion, label: str) -> Motion:
 def _radars(recipe: TwinRecipe, rng: np.random.Generator) -> tuple[Radar, Radar]:
     """Two radars on the walls, which face the middle of the room."""
     bin_mps, gain_db = float(rng.uniform(*recipe.bin_mps)), float(rng.uniform(*recipe.gain_db))
-    height_m, angle = float(rng.uniform(0.9, 2.0)), np.radians(rng.uniform(*recipe.around_deg))
+    height_m, angle = float(rng.uniform(0.9, 2.0)), np.radians(rng.uniform(*recipe.bearing_deg))
     range_cell_m = float(rng.uniform(*recipe.range_cell_m))
     sweep_hz = SPEED_OF_LIGHT / (2.0 * range_cell_m)
     wavelength_m = SPEED_OF_LIGHT / (77e9 + sweep_hz / 2.0)  # at mid-sweep

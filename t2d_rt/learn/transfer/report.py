@@ -144,7 +144,7 @@ def findings(rows: list[Row], classes: int) -> list[str]:
         gain = best.score - scratch.score
         said = "beats" if gain > FINEST and best.score > scratch.high else "does not surely beat"
         found.append(
-            f"{'All' if count is None else count} real events per class: the best pre-trained method ({best.method}, {_shown(best)}) "
+            f"{'All' if count is None else count} real events per class: the best pre-trained ({best.method}, {_shown(best)}) "
             f"{said} from scratch ({_shown(scratch)}): {gain:+.2f}."
         )
     trees, tuned = table.get(("extra trees", None)), table.get(("full fine-tuning", None))
