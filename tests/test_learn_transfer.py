@@ -17,8 +17,8 @@ from t2d_rt.learn.transfer import Events, StudyOptions, methods, run_transfer
 from t2d_rt.learn.transfer.cells import Cell, Study
 from t2d_rt.learn.transfer.classical import bin_features, extra_trees
 from t2d_rt.learn.transfer.network import EventNet, SkipTuned
-from t2d_rt.learn.transfer.report import Row, findings
-from t2d_rt.learn.transfer.scores import at_most, grouped_folds, macro_f1, with_interval
+from t2d_rt.learn.transfer.report import findings
+from t2d_rt.learn.transfer.scores import at_most, gain, grouped_folds, macro_f1, with_interval
 from t2d_rt.learn.twins import MERGED, SENTENCES, TwinRecipe, make_twins, range_mean_levels, read_twins
 from t2d_rt.simulate import simulate
 from t2d_rt.types import Ellipsoids, Radar
@@ -191,22 +191,29 @@ def test_no_event_is_tuned_on_and_tested(tmp_path: Path, monkeypatch: pytest.Mon
     assert set().union(*(test for _, test in seen)) == set(real.names)
 
 
-def test_findings_claim_nothing_finer_than_eight_points() -> None:
-    def row(method: str, score: float, per_class: int | None = 5) -> Row:
-        return Row(
-            method=method, per_class=per_class, radars="both", score=score, low=score - 0.1, high=score + 0.1, repeats=3
-        )
+def test_findings_claim_nothing_finer_than_eight_points_or_within_the_interval() -> None:
+    truth = np.repeat([0, 1], 50)
 
-    close = findings([row("from scratch", 0.60), row("full fine-tuning", 0.67)], 4)
-    assert "does not surely beat" in close[0]
-    assert "+0.07" in close[0]
-    far = findings([row("from scratch", 0.40), row("full fine-tuning", 0.67)], 4)
-    assert "beats from scratch" in far[0]
-    trees = findings([row("extra trees", 0.86, None), row("full fine-tuning", 0.80, None)], 4)
-    assert "no better and no worse than extra trees" in trees[0]
-    zero = findings([row("zero-shot", 0.45, 0)], 4)
-    assert "above chance" in zero[0]
+    def said(wrong: int) -> np.ndarray:
+        """Predictions of which so many in a hundred are wrong, half in each class."""
+        found = truth.copy()
+        found[: wrong // 2] = 1
+        found[50 : 50 + (wrong + 1) // 2] = 0
+        return np.stack([truth[None], found[None]])
+
+    def told(first: str, wrong: int, second: str, others: int, count: int | None = 5) -> str:
+        return findings({f"{first}, both, {count}": said(wrong), f"{second}, both, {count}": said(others)}, 2)[0]
+
+    assert "+0.06 [+0.02, +0.11], undecided" in told("last layer", 20, "from scratch", 26)  # too fine
+    assert "+0.20" in (far := told("last layer", 20, "from scratch", 40))
+    assert far.endswith("better.")
+    assert told("full fine-tuning", 40, "extra trees", 20, None).endswith("worse.")
+    zero = findings({"zero-shot, both, 0": said(44)}, 2)
+    assert "Zero-shot: 0.56" in zero[0]
+    assert "not surely above chance (0.50)" in zero[0]
     assert "missed" in zero[0]
+    score, low, high = gain(truth, said(20)[1], said(20)[1], 2)
+    assert (score, low, high) == (0.0, 0.0, 0.0)
 
 
 def test_gap_finds_what_differs_and_does_not_tell_equal_sets_apart(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -132,7 +132,7 @@ def last_layer(net: EventNet, train: Events, test: Events, seed: int) -> np.ndar
 
 
 def skip_connection(net: EventNet, train: Events, test: Events, seed: int) -> np.ndarray:
-    """A new layer and the head learn; a skip connection adds the new layer to the frozen penultimate one."""
+    """Two new layers and the head learn; a skip connection passes the frozen penultimate features on beside them."""
     layers = SkipTuned(net)
     _frozen(layers.frozen.parameters())
     return _over_encoder(net, layers, train, test, seed)

@@ -43,16 +43,21 @@ class EventNet(nn.Module):
 
 
 class SkipTuned(nn.Module):
-    """A tuned layer beside the frozen penultimate one, to which a skip connection adds it, and a tuned head."""
+    """Tuned layers on top of the frozen penultimate one, which a skip connection passes on beside them, and a tuned head.
+
+    It begins as the pre-trained network: the last of the tuned layers has weights of zero. (A tuned layer that is added before the
+    nonlinearity would be the same as to tune the penultimate layer itself.)
+    """
 
     def __init__(self, net: EventNet) -> None:
         super().__init__()
         self.frozen = net.penultimate
-        self.tuned = nn.Linear(net.penultimate.in_features, FEATURES)
-        nn.init.zeros_(self.tuned.weight)
-        nn.init.zeros_(self.tuned.bias)  # it begins as the pre-trained network
+        self.tuned = nn.Sequential(nn.Linear(FEATURES, FEATURES), nn.ReLU(), nn.Linear(FEATURES, FEATURES))
+        nn.init.zeros_(self.tuned[2].weight)
+        nn.init.zeros_(self.tuned[2].bias)
         self.head = net.head
 
     def forward(self, encoded: Tensor) -> Tensor:
         """Scores (B, K) of what the encoder told, (B, V, F)."""
-        return self.head(torch.relu(self.frozen(encoded) + self.tuned(encoded)).mean(dim=1))
+        features = torch.relu(self.frozen(encoded))
+        return self.head((features + self.tuned(features)).mean(dim=1))

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from t2d_rt.errors import InputError
-from t2d_rt.learn.transfer.scores import with_interval
+from t2d_rt.learn.transfer.cells import EVENTS_PER_CLASS
+from t2d_rt.learn.transfer.methods import METHODS
+from t2d_rt.learn.transfer.scores import gain, with_interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,7 +79,7 @@ def report_text(folder: Path, sources: dict[str, str] | None = None) -> str:
         "",
         *_confusion(labels.get("zero-shot, both, 0"), classes),
     ]
-    lines += ["", "## What holds", "", *[f"- {each}" for each in findings(rows, len(classes))], ""]
+    lines += ["", "## What holds", "", *[f"- {each}" for each in findings(labels, len(classes))], ""]
     return "\n".join(lines)
 
 
@@ -123,38 +125,40 @@ def _confusion(pair: np.ndarray | None, classes: list[str]) -> list[str]:
     return found
 
 
-def findings(rows: list[Row], classes: int) -> list[str]:
-    """What the figures say of the questions of the study, a sentence each."""
-    table = {(row.method, row.per_class): row for row in rows if row.radars == "both"}
+def findings(labels: dict[str, np.ndarray], classes: int) -> list[str]:
+    """What the predictions say of the questions of the study, a sentence each; labels as `read_rows` gives them."""
     found = []
-    zero = table.get(("zero-shot", 0))
-    if zero is not None:
-        above = "above" if zero.low > 1.0 / classes else "not surely above"
+    if (zero := labels.get("zero-shot, both, 0")) is not None:
+        score, low, high = with_interval(zero[0][0], zero[1], classes)
+        above = "above" if low > 1.0 / classes else "not surely above"
         found.append(
-            f"Zero-shot: {_shown(zero)}, {above} chance ({1 / classes:.2f}); the aim of {AIM:.2f} is "
-            f"{'met' if zero.score >= AIM else 'missed'}."
+            f"Zero-shot: {score:.2f} [{low:.2f}, {high:.2f}], {above} chance ({1 / classes:.2f}); the aim of {AIM:.2f} is "
+            f"{'met' if score >= AIM else 'missed'}."
         )
-    simulated = ("full fine-tuning", "last layer", "skip connection", "linear probing")
-    for count in (5, 10, 20, None):
-        scratch = table.get(("from scratch", count))
-        known = [table[method, count] for method in simulated if (method, count) in table]
-        if scratch is None or not known:
-            continue
-        best = max(known, key=lambda row: row.score)
-        gain = best.score - scratch.score
-        said = "beats" if gain > FINEST and best.score > scratch.high else "does not surely beat"
-        found.append(
-            f"{'All' if count is None else count} real events per class: the best pre-trained ({best.method}, {_shown(best)}) "
-            f"{said} from scratch ({_shown(scratch)}): {gain:+.2f}."
-        )
-    trees, tuned = table.get(("extra trees", None)), table.get(("full fine-tuning", None))
-    if trees is not None and tuned is not None:
-        gain = tuned.score - trees.score
-        said = "beats" if gain > FINEST else ("is no better and no worse than" if gain > -FINEST else "falls behind")
-        found.append(
-            f"Full fine-tuning on all real events ({_shown(tuned)}) {said} extra trees on the same events ({_shown(trees)})."
-        )
+    for count in EVENTS_PER_CLASS:
+        told = [
+            f"{name} {_gained(labels, name, 'from scratch', count, classes)}"
+            for name, method in METHODS.items()
+            if method.knows_simulation
+            and {f"{each}, both, {count}" for each in (name, "from scratch")} <= labels.keys()
+        ]
+        if told:
+            found.append(
+                f"{'All' if count is None else count} real events per class, against from scratch: {'; '.join(told)}."
+            )
+    if {"full fine-tuning, both, None", "extra trees, both, None"} <= labels.keys():
+        said = _gained(labels, "full fine-tuning", "extra trees", None, classes)
+        found.append(f"All real events, full fine-tuning against extra trees on the same events: {said}.")
     return found
+
+
+def _gained(labels: dict[str, np.ndarray], name: str, other: str, count: int | None, classes: int) -> str:
+    """The gain of one method over another, and what may be claimed of it."""
+    mine, its = labels[f"{name}, both, {count}"], labels[f"{other}, both, {count}"]
+    found, low, high = gain(mine[0][0], mine[1], its[1], classes)
+    sure = abs(found) >= FINEST and (low > 0 or high < 0)
+    said = ("better" if found > 0 else "worse") if sure else "undecided"
+    return f"{found:+.2f} [{low:+.2f}, {high:+.2f}], {said}"
 
 
 def plot_curves(folder: Path) -> Figure:
