@@ -169,6 +169,9 @@ def test_a_study_writes_its_report_goes_on_and_refuses_other_data(
     run_transfer(real, simulated, tmp_path / "study", options=options)
     assert lost.read_bytes() == kept
     assert files[0].stat().st_mtime_ns == stamp
+    run_transfer(real, simulated, tmp_path / "study", options=StudyOptions(repeats=2, folds=2))  # more of the same
+    assert len(list((tmp_path / "study" / "cells").glob("*.json"))) == 2 * len(files)
+    assert files[0].stat().st_mtime_ns == stamp
     with pytest.raises(InputError, match="holds another study"):
         run_transfer(real, maps(5, seed=5), tmp_path / "study", options=options)
     with pytest.raises(InputError, match="5 folds need as many real events"):

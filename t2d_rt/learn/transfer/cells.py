@@ -84,9 +84,10 @@ class Study:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What the results follow from, beside versions."""
+        """What each cell follows from, beside versions; a study of more repetitions goes on from one of fewer."""
         return {
-            "options": asdict(self.options), "classes": list(self.real.classes), "radars": list(self.real.radars),
+            "folds": self.options.folds,
+            "seed": self.options.seed, "classes": list(self.real.classes), "radars": list(self.real.radars),
             "real": _hash(self.real), "simulated": _hash(self.simulated), "real_events": len(self.real),
             "simulated_events": len(self.simulated),
         }  # fmt: skip

@@ -68,7 +68,7 @@ def report_text(folder: Path, sources: dict[str, str] | None = None) -> str:
         f"{about['real_events']} real events by {len(about['radars'])} radars ({', '.join(about['radars'])}), classes "
         f"{', '.join(classes)}; {about['simulated_events']} simulated events.",
         *[f"- {name}: {text}" for name, text in (sources or {}).items()], "",
-        f"Macro-F1, mean of {max(row.repeats for row in rows)} repetitions of {about['options']['folds']}-fold cross-validation; "
+        f"Macro-F1, mean of {max(row.repeats for row in rows)} repetitions of {about['folds']}-fold cross-validation; "
         f"an event is on one side with both radars' maps. In brackets the 95 % interval over events. Guessing gives about "
         f"{chance:.2f}. With so few events no difference below {FINEST:.2f} is claimed.", "",
     ]  # fmt: skip
