@@ -22,18 +22,21 @@ if TYPE_CHECKING:
 
 COMMANDS = (
     "simulate", "plan", "compare", "scene", "describe", "motion", "check-motion", "library", "dataset", "background", "train",
-    "evaluate", "predict", "benchmark", "info", "export", "list",
+    "evaluate", "predict", "benchmark", "transfer", "gap", "info", "export", "list",
 )  # fmt: skip
 
 OWN_MODULES = (
     "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark",
+    "transfer", "gap",
 )  # fmt: skip
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
 CONFIGURABLE = "simulate", "plan", "compare", "scene"
 """Those that take --config and --radar."""
 
-SEVERAL_FILES = "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark"
+SEVERAL_FILES = (
+    "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap",
+)  # fmt: skip
 """Those that take more than one file."""
 
 
@@ -151,6 +154,8 @@ def _overview() -> str:
         "  t2d-rt evaluate DATA   Tests a trained classifier on a data set.\n"
         "  t2d-rt predict FILE    Tells what a person does in a recording, over time, with probabilities.\n"
         "  t2d-rt benchmark models  Compares all models on Simple and Hard by splits that leak and that do not.\n"
+        "  t2d-rt transfer DO     Makes simulated twins of real recordings, and tells what learning from them first is worth.\n"
+        "  t2d-rt gap TWINS REAL  Tells how simulated maps differ from real ones, before any training.\n"
         "  t2d-rt info FILE       Tells what a motion, a result or a radar file holds.\n"
         "  t2d-rt export FILE     Writes a result as one file for MATLAB (.mat), HDF5 (.h5), NetCDF (.nc) or NumPy (.npz).\n"
         "  t2d-rt list [WHAT]     Lists names that the commands take: presets, scenes, bodies, movers and motions.\n\n"

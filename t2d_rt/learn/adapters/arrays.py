@@ -1,0 +1,101 @@
+"""Maps in one file of arrays: .npz, or HDF5 with the extra [hdf5].
+
+`levels` (sample, speed, time) [dB] and `labels` (sample,) of texts; where they are told, `velocity_mps` (speed,), `duration_s` and
+groups `group_NAME` (sample,) of texts.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.checks import numeric
+from t2d_rt.errors import InputError
+from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, Piece, class_of, maps_from
+from t2d_rt.learn.maps import LabelledMaps
+
+GROUP = "group_"
+
+
+def read_npz(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
+    """Maps of an .npz file."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = {name: file[name] for name in file.files}
+    except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
+        raise InputError(f"cannot read {path}: {error or type(error).__name__}; give an .npz file of arrays") from None
+    return _maps(path, found, options), [path]
+
+
+def read_hdf5(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
+    """Maps of an HDF5 file."""
+    try:
+        import h5py
+    except ImportError:
+        raise InputError('HDF5 files need h5py: pip install "t2d-rt[hdf5]"; or give an .npz file') from None
+    try:
+        with h5py.File(path, "r") as file:
+            found = {name: _array(file[name]) for name in file if isinstance(file[name], h5py.Dataset)}
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error}; give an HDF5 file") from None
+    return _maps(path, found, options), [path]
+
+
+def _array(stored: Any) -> np.ndarray:
+    return np.asarray(stored.asstr()[()] if stored.dtype.kind == "O" else stored[()])
+
+
+def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> LabelledMaps:
+    from dataclasses import replace
+
+    for name in ("levels", "labels"):
+        if name not in found:
+            raise InputError(
+                f"{path} has no array '{name}'; it needs levels (sample, speed, time) and labels (sample,)"
+            )
+    levels = numeric(f"levels of {path}", found["levels"]).astype(np.float64)
+    labels = [each.decode() if isinstance(each, bytes) else str(each) for each in np.atleast_1d(found["labels"])]
+    if levels.ndim != 3 or len(labels) != len(levels) or len(levels) == 0:
+        raise InputError(
+            f"{path}: levels must have shape (sample, speed, time) and labels one text for each, "
+            f"got {levels.shape} and {len(labels)}"
+        )
+    velocity = found.get("velocity_mps")
+    if velocity is not None:
+        if velocity.shape != levels.shape[1:2] or np.any(np.diff(velocity) <= 0):
+            raise InputError(
+                f"{path}: velocity_mps must ascend over {levels.shape[1]} speeds, got shape {velocity.shape}"
+            )
+        half = 0.5 * (velocity[-1] - velocity[0]) / (len(velocity) - 1)
+        if abs(velocity[0] + velocity[-1]) > 2.01 * half:
+            raise InputError(
+                f"{path}: velocity_mps must reach as far below 0 as above, got {velocity[0]:g}..{velocity[-1]:g} m/s"
+            )
+        options = replace(options, speed_mps=float(max(-velocity[0], velocity[-1])))
+    if "duration_s" in found:
+        options = replace(options, duration_s=float(found["duration_s"]))
+    groups = {name[len(GROUP) :]: each for name, each in found.items() if name.startswith(GROUP)}
+    for name, each in groups.items():
+        if each.shape != (len(levels),):
+            raise InputError(f"{path}: {GROUP}{name} must name each of {len(levels)} samples, got shape {each.shape}")
+    pieces = [
+        Piece(
+            10.0 ** (levels[place] / 10.0), label, f"{path.name} {place}",
+            {"event": f"{path.name} {place}"} | {name: str(each[place]) for name, each in groups.items()},
+        )
+        for place, label in enumerate(labels)
+        if class_of(label, options) is not None
+    ]  # fmt: skip
+    return maps_from(pieces, options, path, labels)
+
+
+NPZ = Adapter(
+    name="npz", about="An .npz file of levels and labels.", licence="Terms of the data are those of whoever recorded it.",
+    read=read_npz,
+)  # fmt: skip
+HDF5 = Adapter(
+    name="hdf5", about="An HDF5 file of levels and labels.", licence="Terms of the data are those of whoever recorded it.",
+    read=read_hdf5,
+)  # fmt: skip

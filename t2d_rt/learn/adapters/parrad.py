@@ -1,0 +1,155 @@
+"""PARrad: two 77 GHz radars in one room that see the same person walk, sit down, stand up, fall and get up.
+
+The file holds for each radar a map of (row, Doppler bin), a row every 0.09 s, bin 64 at rest, and spoken commands by row.
+
+- Unit. A value is the sum of decibels over the 64 range cells of a range-Doppler map; so says the noise: divided by 64 it has a
+  standard deviation of 1.08 dB and no skewness, where that of simulated noise, of a Hann window and a mean of decibels over 64
+  cells, is 0.96 dB, while single cells would have 5.57 dB and a skewness of -1.1 (logarithm of an exponential distribution).
+- Doppler bin. It is not told. The strongest moving cells of walks lie near bin 10 to 12 in both radars, and people walk 1.0 to
+  1.2 m/s in rooms: 0.10 m/s a bin, +-6.4 m/s in all, with an uncertainty of 25 %.
+- Sign. It is not told which side approaches. Classifiers are trained on both.
+- Alignment. A command is spoken 1 to 3 s before the motion: an event begins at the row of least moving power in that time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from t2d_rt.errors import InputError
+from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, class_names, class_of
+from t2d_rt.learn.maps import LabelledMaps
+
+RADARS = "wr14", "wr68"
+RANGE_CELLS = 64
+"""Over which decibels are summed."""
+ROW_S = 0.09
+BINS, ZERO_BIN = 128, 64
+BIN_MPS = 0.10
+"""Estimate, +-25 %; see the module."""
+NOTCH_BINS = 3
+"""Bins on both sides of zero that static echoes fill: the Hann window's main lobe and its skirts."""
+EARLIEST_ROW, LATEST_ROW = 11, 34
+"""Between which after the command a motion begins: 1 and 3 s."""
+ROWS = 56
+"""Of a map: 5.04 s."""
+SMOOTHED_ROWS = 9
+DETECTION_DB = 1.25
+"""Mean level over ranges above the noise that counts as moving power."""
+
+FIVE = {
+    "walk to bed": "walk", "walk to room": "walk", "walk to chair": "walk", "sit down on bed": "sit down",
+    "sit down on chair": "sit down", "stand up from bed": "stand up", "stand up from chair": "stand up",
+    "fall on floor of room": "fall", "stand up from floor of room": "get up",
+}  # fmt: skip
+"""Class of each command, five classes."""
+FOUR = {label: "sit or stand" if name in ("sit down", "stand up") else name for label, name in FIVE.items()}
+"""Four classes: sitting down and standing up are one."""
+
+
+def read_parrad(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
+    """Maps of both radars of every command that has a class; an event's two maps follow one another.
+
+    Size, speeds and duration of the options are left aside: maps are (128, 56), of the radar's own bins and rows.
+    """
+    chosen = options if options.classes is not None else AdapterOptions(classes=FIVE)
+    found = _loaded(path)
+    labels = [str(each) for each in found["labels"]]
+    classes = class_names(labels, chosen, path)
+    floors = {radar: _above_floor(found[radar]) for radar in RADARS}
+    begins = aligned(found["starts"], found["stops"], floors)
+    levels, numbers, events, radars, names = [], [], [], [], []
+    for number, label in enumerate(labels):
+        name = class_of(label, chosen)
+        if name is None:
+            continue
+        for radar in RADARS:
+            piece = floors[radar][begins[number] : begins[number] + ROWS].T
+            levels.append(np.maximum(piece - piece.max(), -options.dynamic_range_db))
+            numbers.append(classes.index(name))
+            events.append(f"event {number}")
+            radars.append(radar)
+            names.append(f"{number} {radar} {label}")
+    maps = LabelledMaps(
+        levels=np.stack(levels), labels=np.array(numbers), classes=classes,
+        groups={"event": np.array(events), "radar": np.array(radars)}, velocity_mps=(np.arange(BINS) - ZERO_BIN) * BIN_MPS,
+        duration_s=ROWS * ROW_S, names=tuple(names),
+    )  # fmt: skip
+    return maps, [path]
+
+
+def notched(levels_db: np.ndarray) -> np.ndarray:
+    """Maps (..., row, bin) whose bins near zero are at the median of all others, so that static echoes are no greatest cell."""
+    found = np.array(levels_db, dtype=np.float64)
+    near = np.abs(np.arange(found.shape[-1]) - ZERO_BIN) <= NOTCH_BINS
+    found[..., near] = np.median(found[..., ~near], axis=(-2, -1))[..., None, None]
+    return found
+
+
+def aligned(starts: np.ndarray, stops: np.ndarray, above_db: Mapping[str, np.ndarray]) -> np.ndarray:
+    """First row of each event's map, (E,).
+
+    Motions meet where the moving power of both radars together is least, 1 to 3 s after each command. An event that is longer than
+    a map gives its most powerful `ROWS` rows.
+    """
+    power = sum(np.maximum(each - DETECTION_DB, 0.0).sum(axis=1) for each in above_db.values())
+    smooth = np.convolve(power, np.ones(SMOOTHED_ROWS) / SMOOTHED_ROWS, mode="same")
+    rows = len(smooth)
+    borders = []
+    for start in [*starts, stops[-1]]:
+        first = min(start + EARLIEST_ROW, rows - 1)
+        borders.append(first + int(np.argmin(smooth[first : min(start + LATEST_ROW, rows)])))
+    totals = np.concatenate([[0.0], np.cumsum(power)])
+    begins = []
+    for first, last in pairwise(borders):
+        places = np.arange(first, max(last - ROWS, first) + 1)
+        places = np.minimum(places, rows - ROWS)
+        begins.append(int(places[np.argmax(totals[places + ROWS] - totals[places])]))
+    return np.array(begins)
+
+
+def _above_floor(values: np.ndarray) -> np.ndarray:
+    """Mean level over ranges [dB above the noise], (row, bin), without the bins of static echoes."""
+    found = notched(values / RANGE_CELLS)
+    return found - np.median(found)
+
+
+def _loaded(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = {name: file[name] for name in (*RADARS, "starts", "stops", "labels")}
+    except KeyError as error:
+        raise InputError(
+            f"{path} is no PARrad file: it lacks {error}; it needs wr14, wr68, starts, stops and labels"
+        ) from None
+    except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
+        raise InputError(
+            f"cannot read PARrad file {path}: {error or type(error).__name__}; give an .npz file"
+        ) from None
+    rows = len(found[RADARS[0]])
+    for radar in RADARS:
+        if found[radar].shape != (rows, BINS) or rows < ROWS + LATEST_ROW:
+            raise InputError(
+                f"{path}: {radar} must have shape (row, {BINS}), got {found[radar].shape}; both radars see the same"
+            )
+        if not np.isfinite(found[radar]).all():
+            raise InputError(f"{path}: {radar} has NaN or infinite cells; repair or cut the recording")
+    count = len(found["labels"])
+    if count == 0 or found["starts"].shape != (count,) or found["stops"].shape != (count,):
+        raise InputError(
+            f"{path} must tell a start and a stop for each label, got {len(found['starts'])} starts of {count} labels"
+        )
+    if np.any(np.diff(found["starts"]) <= 0) or found["starts"].min() < 0 or found["stops"].max() > rows:
+        raise InputError(f"{path}: starts must ascend within its {rows} rows; give commands in order")
+    return found
+
+
+PARRAD = Adapter(
+    name="parrad",
+    about="Two 77 GHz radars in one room; spoken commands (.npz of wr14, wr68, starts, stops, labels).",
+    licence="PARrad set 1 of imec, terms of the source unchecked: for studies, not to be passed on.",
+    read=read_parrad,
+)

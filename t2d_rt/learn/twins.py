@@ -1,0 +1,259 @@
+"""Simulated twins of a recorded set: its radar, rows and Doppler bins, two radars in one room, its activities.
+
+The twin of PARrad: 128 chirps at the start of every 0.09 s, a range-Doppler map of Hann windows, and decibels averaged over its 64
+range cells (see `adapters.parrad`, which says what of this is told by the set and what is estimated). The carrier is
+77 GHz. Doppler bin, range cell, gain and places of the radars are not known: they are drawn for each twin between limits.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.checks import file_path, integer
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.errors import InputError, T2DError, T2DWarning
+from t2d_rt.learn.adapters.parrad import BIN_MPS, BINS, RADARS, RANGE_CELLS, ROW_S, ROWS, ZERO_BIN, notched
+from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps
+from t2d_rt.motion import aside, place, trim
+from t2d_rt.motion.generate import motion_from_text
+from t2d_rt.motion.vary import hold
+from t2d_rt.radar.synthesize import Progress
+from t2d_rt.simulate import simulate
+from t2d_rt.store import replacing
+from t2d_rt.types import Motion, Radar, Receiver
+from t2d_rt.types.target import Method
+
+SENTENCES: Mapping[str, tuple[str, ...]] = {
+    "walk": (
+        "a person walks forward", "a person walks slowly forward", "a person walks quickly forward",
+        "a person walks forward and turns around",
+    ),
+    "sit down": (
+        "a person sits down on a chair", "a person sits down on a bed", "a person turns around and sits down on a chair",
+    ),
+    "stand up": (
+        "a person stands up from a chair", "a person stands up from a bed", "a person stands up from a chair and turns around",
+    ),
+    "fall": (
+        "a person stands still and collapses to the floor", "a person falls down on the floor",
+        "a person walks forward, slips and falls", "a person trips and falls forward",
+    ),
+    "get up": ("a person gets up from the floor", "a person stands up from the floor"),
+}  # fmt: skip
+"""What is asked for in each class. The eight classes of the data sets have neither standing up nor getting up."""
+MERGED = {label: "sit or stand" if label in ("sit down", "stand up") else label for label in SENTENCES}
+"""Class of each label where sitting down and standing up are one."""
+CENTRE_M = 2.5
+"""Middle of the room, along the first radar's boresight."""
+HALF_ROOM_M = 2.1, 1.8
+"""How far from there joints may go, along and across [m]."""
+NEAREST_M = 0.8
+"""Of a joint to a radar, horizontally."""
+PLACES, ATTEMPTS = 200, 40
+SPAN_S = ROWS * ROW_S
+STEP_S = 0.25
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinRecipe:
+    """What the twins of PARrad follow from."""
+
+    per_class: int = 60
+    seed: int = 0
+    scene: str = "empty_room"
+    """Or "free_space"; walls answer with one reflection, static echoes are left out, as the notch takes them away."""
+    method: Method = "ellipsoid"
+    classes: tuple[str, ...] = tuple(SENTENCES)
+    bin_mps: tuple[float, float] = (0.8 * BIN_MPS, 1.25 * BIN_MPS)
+    """Between which the Doppler bin is drawn [m/s]."""
+    range_cell_m: tuple[float, float] = (0.08, 0.15)
+    """Between which the range cell is drawn [m]."""
+    gain_db: tuple[float, float] = (5.0, 30.0)
+    """Between which the gain of antennas and of their number is drawn, beyond one antenna of 9 dBi [dB]."""
+    bearing_deg: tuple[float, float] = (-120.0, 120.0)
+    """Between which the second radar stands, seen from the room's middle; the first stands at 180."""
+
+    def __post_init__(self) -> None:
+        integer("per_class", self.per_class, 1, 100_000)
+        integer("seed", self.seed, 0)
+        for name in self.classes:
+            if name not in SENTENCES:
+                raise InputError(f"twins have no class '{name}'; choose from {', '.join(SENTENCES)}")
+
+    @property
+    def count(self) -> int:
+        """Twins in all; each is seen by two radars."""
+        return self.per_class * len(self.classes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Twin:
+    """One simulated event as both radars see it."""
+
+    label: str
+    levels_db: np.ndarray
+    """(radar, row, bin): mean over ranges [dB re 1 W]."""
+    told: Mapping[str, Any] = field(default_factory=dict)
+
+
+def twin(recipe: TwinRecipe, index: int) -> Twin:
+    """The event of an index: a pure function of both."""
+    label = recipe.classes[index % len(recipe.classes)]
+    failure: T2DError | None = None
+    for attempt in range(ATTEMPTS):
+        rng = np.random.default_rng((recipe.seed, index, attempt))
+        sentence = str(rng.choice(SENTENCES[label]))
+        try:
+            motion = _spanned(_made(label, sentence, rng), label)
+        except T2DError as error:  # of falls, some do not come to one
+            failure = error
+            continue
+        radars = _radars(recipe, rng)
+        placed = _placed(motion, radars, rng)
+        if placed is not None:
+            break
+    else:
+        raise failure or InputError(
+            f"twin {index} ({label}) finds no place in the room in {ATTEMPTS} attempts; take another seed"
+        )
+    levels = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", T2DWarning)
+        for number, radar in enumerate(radars):
+            recording = simulate(
+                placed, radar=radar, scene=recipe.scene, method=recipe.method, noise=Receiver(), reflections=1,
+                clutter="none", seed=2 * index + number, progress=False,
+            )  # fmt: skip
+            levels.append(range_mean_levels(np.asarray(recording.adc.values)[:, 0]))
+    told = {
+        "sentence": sentence, "slope_hz_per_s": radars[0].slope_hz_per_s, "prf_hz": radars[0].prf_hz,
+        "gain_db": radars[0].rx_gain_dbi - 9.0,
+        "second_m": list(radars[1].position_m),
+    }  # fmt: skip
+    return Twin(label=label, levels_db=np.stack(levels), told=told)
+
+
+def range_mean_levels(chirps: np.ndarray) -> np.ndarray:
+    """Rows of an ADC cube (chirp, sample): of each burst of 128 the mean over ranges of the range-Doppler map [dB], (row, bin).
+
+    Approaching is positive, as everywhere in this package: an approaching target has a negative Doppler frequency at IF.
+    """
+    bursts = chirps[: len(chirps) // BINS * BINS].reshape(-1, BINS, RANGE_CELLS)
+    window = np.hanning(BINS + 2)[1:-1, None] * np.hanning(RANGE_CELLS + 2)[1:-1]
+    spectrum = np.fft.fft2(bursts * window, axes=(1, 2))
+    levels = 10.0 * np.log10(np.abs(spectrum) ** 2 + 1e-30).mean(axis=2)
+    # Bin k of the transform is the Doppler frequency k; its speed has the other sign, so k becomes -k.
+    return np.asarray(np.roll(levels[:, ::-1], 1 + ZERO_BIN, axis=1), dtype=np.float32)
+
+
+def _made(label: str, sentence: str, rng: np.random.Generator) -> Motion:
+    duration_s = round(float(rng.uniform(2.0, 4.5)), 2) if label == "walk" and "turns" not in sentence else None
+    return motion_from_text(sentence, seed=int(rng.integers(2**31)), duration_s=duration_s)
+
+
+def _spanned(motion: Motion, label: str) -> Motion:
+    """Held or cut to the span of a map: sitting ends the map, standing up begins it, of others the liveliest piece."""
+    lacking_s = SPAN_S - motion.duration_s
+    if lacking_s > 0:
+        return trim(hold(motion, lacking_s + 2.0 / motion.rate_hz), 0.0, SPAN_S)
+    if label == "sit down":
+        return trim(motion, -lacking_s, motion.duration_s)
+    if label == "stand up":
+        return trim(motion, 0.0, SPAN_S)
+    speeds = np.diff(motion.joints, axis=0) * motion.rate_hz
+    total = np.concatenate([[0.0], np.cumsum((speeds**2).sum(axis=(1, 2)))])
+    starts_s = np.arange(0.0, 1e-9 - lacking_s, STEP_S)
+    first = np.round(starts_s * motion.rate_hz).astype(int)
+    last = np.minimum(first + round(SPAN_S * motion.rate_hz), len(total) - 1)
+    start_s = float(starts_s[int(np.argmax(total[last] - total[first]))])
+    return trim(motion, start_s, min(start_s + SPAN_S, motion.duration_s))
+
+
+def _radars(recipe: TwinRecipe, rng: np.random.Generator) -> tuple[Radar, Radar]:
+    """Two radars on the walls, which face the middle of the room."""
+    bin_mps, gain_db = float(rng.uniform(*recipe.bin_mps)), float(rng.uniform(*recipe.gain_db))
+    height_m, angle = float(rng.uniform(0.9, 2.0)), np.radians(rng.uniform(*recipe.bearing_deg))
+    range_cell_m = float(rng.uniform(*recipe.range_cell_m))
+    sweep_hz = SPEED_OF_LIGHT / (2.0 * range_cell_m)
+    wavelength_m = SPEED_OF_LIGHT / (77e9 + sweep_hz / 2.0)  # at mid-sweep
+    first = Radar(
+        carrier_hz=77e9, slope_hz_per_s=round(sweep_hz / (RANGE_CELLS / 2e6), -6), sample_rate_hz=2e6, samples=RANGE_CELLS,
+        prf_hz=round(2.0 * bin_mps * BINS / wavelength_m, 3), chirps_per_frame=BINS, frame_interval_s=ROW_S,
+        rx_gain_dbi=round(9.0 + gain_db, 3), position_m=(0.0, 0.0, round(height_m, 3)), boresight=(1.0, 0.0, 0.0),
+    )  # fmt: skip
+    cos, sin = float(np.cos(angle)), float(np.sin(angle))
+    position = (round(CENTRE_M + 2.3 * cos, 3), round(2.3 * sin, 3), round(height_m, 3))
+    return first, first.model_copy(update={"position_m": position, "boresight": (-cos, -sin, 0.0)})
+
+
+def _placed(motion: Motion, radars: tuple[Radar, Radar], rng: np.random.Generator) -> Motion | None:
+    """The motion somewhere in the room; None where none of the places drawn has room for it."""
+    first = radars[0]
+    for _ in range(PLACES):
+        moved = place(
+            motion, distance_m=float(rng.uniform(0.8, 4.4)), angle_deg=float(rng.uniform(-180.0, 180.0)),
+            radar_position_m=first.position_m, boresight=first.boresight,
+        )  # fmt: skip
+        moved = aside(moved, float(rng.uniform(-1.5, 1.5)), first.boresight)
+        track = moved.joints[:: max(1, round(motion.rate_hz / 10.0)), :, :2]
+        inside = np.all(np.abs(track - [CENTRE_M, 0.0]) <= HALF_ROOM_M)
+        if inside and all(np.linalg.norm(track - each.position_m[:2], axis=-1).min() >= NEAREST_M for each in radars):
+            return moved
+    return None
+
+
+def make_twins(recipe: TwinRecipe, folder: str | Path, *, progress: Progress | None = None) -> Path:
+    """Writes the twins of a recipe, a file each; those of the same recipe that are there stay, so that a stopped run goes on."""
+    target = file_path("the folder of twins", folder)
+    target.mkdir(parents=True, exist_ok=True)
+    told = json.dumps(asdict(recipe), indent=1)
+    known = target / "twins.json"
+    if known.exists() and known.read_text(encoding="utf-8") != told:
+        raise InputError(f"{target} holds twins of another recipe; give another folder")
+    known.write_text(told, encoding="utf-8")
+    for index in range(recipe.count):
+        path = target / f"{index:05d}.npz"
+        if not path.exists():
+            made = twin(recipe, index)
+            with replacing(path, lambda: None) as new, new.open("wb") as file:
+                np.savez(
+                    file, levels=made.levels_db.astype(np.float16), label=made.label, told=json.dumps(dict(made.told))
+                )
+        if progress is not None:
+            progress((index + 1) / recipe.count)
+    return target
+
+
+def read_twins(folder: str | Path, merged: Mapping[str, str] | None = None) -> LabelledMaps:
+    """The twins of a folder as maps of the radar's own bins and rows, an event's two maps one after another.
+
+    merged: class of each label, as `adapters.parrad.FOUR` has it; by default each label is a class.
+    """
+    target = file_path("the folder of twins", folder)
+    files = sorted(target.glob("[0-9]*.npz"))
+    if not files:
+        raise InputError(f"{target} holds no twins; make them with t2d-rt transfer twins")
+    levels, labels, events = [], [], []
+    for path in files:
+        with np.load(path, allow_pickle=False) as file:
+            found = notched(file["levels"])[:, :ROWS]
+            label = str(file["label"])
+        for each in found:
+            levels.append(np.maximum(each.T - each.max(), -DYNAMIC_RANGE_DB))
+            labels.append(label)
+            events.append(path.stem)
+    names = [label if merged is None else merged[label] for label in labels]
+    order = tuple(dict.fromkeys(name if merged is None else merged[name] for name in SENTENCES if name in labels))
+    return LabelledMaps(
+        levels=np.stack(levels), labels=np.array([order.index(each) for each in names]), classes=order,
+        groups={"event": np.array(events), "radar": np.array(RADARS * len(files))},
+        velocity_mps=(np.arange(BINS) - ZERO_BIN) * BIN_MPS, duration_s=ROWS * ROW_S,
+        names=tuple(f"{event} {radar}" for event, radar in zip(events, RADARS * len(files), strict=True)),
+    )  # fmt: skip

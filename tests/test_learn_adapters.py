@@ -1,0 +1,194 @@
+"""Adapters of real data, on small files that are made here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from t2d_rt.errors import InputError
+from t2d_rt.learn.adapters import AdapterOptions, read_real
+from t2d_rt.learn.adapters.parrad import BINS, FOUR, ROWS, ZERO_BIN
+
+COMMANDS = ["walk to bed", "sit down on bed", "walk to room", "fall on floor of room"]
+CLASSES = {label: FOUR[label] for label in COMMANDS}
+DELAY = 20
+"""Rows from a command to the motion."""
+
+
+def parrad(path: Path, **changes: np.ndarray) -> Path:
+    """Four commands 50 rows apart; each motion lights one bin of its own for 30 rows, 24 rows after the command."""
+    rng = np.random.default_rng(0)
+    starts = 50 * np.arange(4)
+    found = {name: 64 * (77.0 + rng.normal(0, 1, (400, BINS))) for name in ("wr14", "wr68")}
+    for number, start in enumerate(starts):
+        for name, sign in (("wr14", 1), ("wr68", -1)):
+            found[name][start + DELAY + 4 : start + DELAY + 34, ZERO_BIN + sign * (8 + 2 * number)] += 64 * 20
+    for each in found.values():
+        each[:, ZERO_BIN - 1 : ZERO_BIN + 2] += 64 * 50  # static echoes
+    values = {
+        **found, "starts": starts, "stops": starts + 50, "labels": np.array(COMMANDS), "row_s": np.array(0.09), **changes,
+    }  # fmt: skip
+    np.savez(path, **values)
+    return path
+
+
+def test_parrad_gives_each_event_by_both_radars_aligned_with_its_motion(tmp_path: Path) -> None:
+    found = read_real(parrad(tmp_path / "real.npz"), "parrad", AdapterOptions(classes=CLASSES))
+    maps = found.maps
+    assert maps.classes == ("walk", "sit or stand", "fall")
+    assert maps.counts.tolist() == [4, 2, 2]
+    assert maps.levels.shape == (8, BINS, ROWS)
+    assert maps.levels.max() == 0.0
+    assert maps.groups["event"].tolist() == [f"event {n}" for n in (0, 0, 1, 1, 2, 2, 3, 3)]
+    assert maps.groups["radar"].tolist() == ["wr14", "wr68"] * 4
+    assert len(found.sha256) == 64
+    assert "imec" in found.licence
+    for place in range(8):
+        speed, time = np.unravel_index(np.argmax(maps.levels[place]), maps.levels[place].shape)
+        assert speed == ZERO_BIN + (1, -1)[place % 2] * (8 + 2 * (place // 2))  # of this event, not of its neighbour
+        lit = maps.levels[place][speed] > -6
+        assert lit.sum() >= 28
+        assert 0 <= time < ROWS
+        before = ZERO_BIN + (1, -1)[place % 2] * (6 + 2 * (place // 2))
+        assert maps.levels[place][before].max() < -6  # nothing of the motion before
+    # Static echoes are 50 dB above the noise, and no greatest cell.
+    assert maps.levels[:, ZERO_BIN].max() < -10
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"labels": np.array(COMMANDS[:3])}, "a start and a stop for each label"),
+        ({"wr14": np.full((400, BINS), np.nan)}, "NaN or infinite"),
+        ({"wr68": np.zeros((300, BINS))}, "wr68 must have shape"),
+        ({"starts": np.array([0, 70, 70, 210])}, "starts must ascend"),
+    ],
+)
+def test_parrad_refuses(tmp_path: Path, changes: dict[str, np.ndarray], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        read_real(parrad(tmp_path / "real.npz", **changes), "parrad", AdapterOptions(classes=CLASSES))
+
+
+def test_parrad_refuses_unknown_classes_and_other_files(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no class 'stand up from bed'"):
+        read_real(parrad(tmp_path / "real.npz"), "parrad", AdapterOptions(classes={"stand up from bed": "stand up"}))
+    np.savez(tmp_path / "other.npz", x=1)
+    with pytest.raises(InputError, match="lacks 'wr14"):
+        read_real(tmp_path / "other.npz", "parrad")
+    with pytest.raises(InputError, match="does not exist"):
+        read_real(tmp_path / "none.npz", "parrad")
+    with pytest.raises(InputError, match="unknown adapter 'parad'; did you mean parrad"):
+        read_real(tmp_path / "other.npz", "parad")
+
+
+def radhar(folder: Path, name: str, speed: float, frames: int = 45) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = []
+    for frame in range(frames):
+        for point in range(2):
+            lines += [
+                "header: ", "  stamp: ", f"    secs: {1000 + frame // 10}", f"    nsecs: {frame % 10 * 100_000_000}",
+                f"point_id: {point}", "x: 1.0", f"velocity: {speed}", "intensity: 12.0", "---",
+            ]  # fmt: skip
+    (folder / name).write_text("\n".join(lines))
+
+
+def test_point_clouds_give_windows_of_power_over_speed_and_time(tmp_path: Path) -> None:
+    radhar(tmp_path / "walk", "a.txt", -1.0)  # the range falls: it approaches
+    radhar(tmp_path / "jack", "b.txt", 2.0)
+    options = AdapterOptions(size=(32, 16), speed_mps=4.0, duration_s=2.0)
+    maps = read_real(tmp_path, "radhar", options).maps
+    assert maps.classes == ("jack", "walk")
+    assert maps.counts.tolist() == [2, 2]
+    assert set(maps.groups["event"]) == {"walk/a.txt", "jack/b.txt"}
+    for level, label in zip(maps.levels, maps.labels, strict=True):
+        speed = maps.velocity_mps[np.unravel_index(np.argmax(level), level.shape)[0]]
+        assert abs(speed - (1.0 if label == 1 else -2.0)) <= 0.25
+    (tmp_path / "jack" / "b.txt").write_text("point_id: 0\nvelocity: nan\n")
+    with pytest.raises(InputError, match="must hold records"):
+        read_real(tmp_path, "radhar", options)
+
+
+@pytest.mark.parametrize("adapter", ["png", "ci4r"])
+def test_pictures_are_read_by_colour(tmp_path: Path, adapter: str) -> None:
+    import matplotlib
+    from PIL import Image
+
+    levels = np.linspace(0, 1, 24)[:, None] * np.ones((24, 16))  # the top row is black: the fastest are least
+    for name in ("walk", "fall"):
+        (tmp_path / name).mkdir()
+        table = matplotlib.colormaps["jet" if adapter == "ci4r" else "gray"](levels)
+        Image.fromarray((table * 255).astype(np.uint8)[:, :, :3]).save(tmp_path / name / "0.png")
+    options = AdapterOptions(size=(24, 16), dynamic_range_db=45.0)
+    maps = read_real(tmp_path, adapter, options).maps
+    assert maps.classes == ("fall", "walk")
+    assert len(maps) == 2
+    expected = 45.0 * (levels[::-1] - 1.0)
+    assert np.abs(maps.levels[0] - expected).max() < 0.5
+    if adapter == "ci4r":
+        Image.fromarray(np.full((24, 16, 3), 255, np.uint8)).save(tmp_path / "walk" / "1.png")
+        with pytest.raises(InputError, match="not those of the colour map jet"):
+            read_real(tmp_path, adapter, options)
+
+
+def test_folders_without_files_and_with_one_class_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "walk").mkdir()
+    with pytest.raises(InputError, match=r"holds no \.png or .* files"):
+        read_real(tmp_path, "png")
+    (tmp_path / "walk" / "0.png").write_bytes(b"no picture")
+    with pytest.raises(InputError, match="cannot read picture"):
+        read_real(tmp_path, "png")
+    np.savez(tmp_path / "x.npz", levels=np.zeros((2, 8, 8)), labels=["a", "b"])
+    with pytest.raises(InputError, match="has no class 'run'"):
+        read_real(tmp_path / "x.npz", "npz", AdapterOptions(classes={"run": "run"}))
+
+
+def arrays() -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(0)
+    return {
+        "levels": -40 * rng.random((4, 16, 12)), "labels": np.array(["a", "b", "a", "b"]),
+        "group_event": np.array(["1", "1", "2", "3"]), "velocity_mps": np.linspace(-3, 3, 16), "duration_s": np.array(2.0),
+    }  # fmt: skip
+
+
+def test_npz_keeps_groups_and_axes(tmp_path: Path) -> None:
+    np.savez(tmp_path / "maps.npz", **arrays())
+    maps = read_real(tmp_path / "maps.npz", "npz", AdapterOptions(size=(16, 12))).maps
+    assert maps.groups["event"].tolist() == ["1", "1", "2", "3"]
+    assert maps.duration_s == 2.0
+    wanted = arrays()["levels"]
+    assert np.abs(maps.levels - (wanted - wanted.max(axis=(1, 2), keepdims=True))).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("levels", np.full((4, 16, 12), np.nan), "NaN or infinite"),
+        ("levels", np.zeros((4, 16)), "levels must have shape"),
+        ("labels", np.array(["a", "b"]), "one text for each"),
+        ("group_event", np.array(["1"]), "must name each"),
+        ("velocity_mps", np.linspace(3, -3, 16), "must ascend"),
+    ],
+)
+def test_npz_refuses(tmp_path: Path, name: str, value: np.ndarray, told: str) -> None:
+    np.savez(tmp_path / "maps.npz", **{**arrays(), name: value})
+    with pytest.raises(InputError, match=told):
+        read_real(tmp_path / "maps.npz", "npz")
+
+
+def test_hdf5_reads_the_same_or_names_the_extra(tmp_path: Path) -> None:
+    try:
+        import h5py
+    except ImportError:
+        (tmp_path / "maps.h5").write_bytes(b"")
+        with pytest.raises(InputError, match=r"t2d-rt\[hdf5\]"):
+            read_real(tmp_path / "maps.h5", "hdf5")
+        return
+    with h5py.File(tmp_path / "maps.h5", "w") as file:
+        for name, each in arrays().items():
+            file[name] = each.astype("S") if each.dtype.kind == "U" else each
+    maps = read_real(tmp_path / "maps.h5", "hdf5", AdapterOptions(size=(16, 12))).maps
+    assert maps.classes == ("a", "b")
+    assert maps.groups["event"].tolist() == ["1", "1", "2", "3"]
