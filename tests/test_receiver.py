@@ -643,3 +643,13 @@ def test_a_receiver_that_the_radar_cannot_have_is_refused_before_the_simulation(
     radar = t2d.Radar.preset("table2", samples=8)
     with pytest.raises(InputError, match="phase noise is sorted by range"):
         t2d.simulate(t2d.trim(t2d.example("walk"), 1, 1.1), radar=radar, method="ellipsoid", noise="receiver")
+
+
+def test_phases_become_factors_without_the_loss_of_digits() -> None:
+    from t2d_rt.noise.receiver.phase_noise import SMALL_RAD, _turned
+
+    rows = np.array(
+        [[1e-6, -3e-4], [0.9 * SMALL_RAD, -0.9 * SMALL_RAD], [1.1 * SMALL_RAD, 1e-5], [2.0, -1.0]], np.float32
+    )
+    exact = np.expm1(1j * rows.astype(np.complex128))
+    assert np.abs(_turned(rows) / exact - 1).max() < 3e-6

@@ -31,8 +31,10 @@ SMALL_ANGLE_RAD = 0.3
 """Greatest rms of the residual phase for which side bands are those of small angles: the carrier has lost 0.4 dB to them."""
 TRIED = 200
 """Frequencies, and delays, at which the interpolation and the level of phase noise are worked out."""
-NEGLIGIBLE = 1e-3
-"""Rows in which phase noise lies that far below thermal noise, at every frequency, stay as they are."""
+NEGLIGIBLE = 1e-2
+"""Rows in which phase noise lies that far below thermal noise, at every frequency, stay as they are: 0.04 dB of the noise."""
+SMALL_RAD = 0.05
+"""Up to such phases exp(j phase) - 1 is its series up to the fourth power, as exact as float32."""
 
 
 class PhaseNoise:
@@ -69,11 +71,7 @@ class PhaseNoise:
         view = self._slots.by_slot(noisy)
         for weights, phase in zip(self._nodes.weights, self._phases(number, rows), strict=True):
             part = fft.ifft(spectrum * weights.astype(np.float32), axis=2, overwrite_x=True)
-            half = phase / 2
-            sine, cosine = np.sin(half), np.cos(half)
-            # exp(j phase) - 1, without the loss of digits
-            factor = (-2 * sine * sine) + 1j * (2 * sine * cosine)
-            view += factor[:, :, None] * self._slots.by_slot(part)
+            view += _turned(phase)[:, :, None] * self._slots.by_slot(part)
         found[rows] = noisy
         return found
 
@@ -116,6 +114,21 @@ def residual_rms_rad(radar: Radar, density: Density) -> float:
     delays = np.linspace(0, float(np.abs(bin_delays_s(radar)).max()), 50)[:, None]
     values = 8 * density(offset) * np.sin(np.pi * offset * delays) ** 2
     return math.sqrt(float(np.trapezoid(values * offset, np.log(offset), axis=1).max()))
+
+
+def _turned(phase: np.ndarray) -> np.ndarray:
+    """exp(j phase) - 1 of phases (row, ...) [rad], complex64, without the loss of digits; a row is the same bits whatever others
+    there are."""
+    found = np.empty(phase.shape, np.complex64)
+    square = phase * phase
+    found.real = square * (square * np.float32(1 / 24) - np.float32(0.5))
+    found.imag = phase * (1 - square * np.float32(1 / 6))
+    large = np.flatnonzero(square.reshape(len(phase), -1).max(axis=1, initial=0.0) > SMALL_RAD**2)
+    if len(large):
+        half = phase[large] / 2
+        sine = np.sin(half)
+        found.real[large], found.imag[large] = -2 * sine * sine, 2 * sine * np.cos(half)
+    return found
 
 
 @dataclass(frozen=True, slots=True)
