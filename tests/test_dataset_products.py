@@ -65,10 +65,12 @@ def test_an_occluded_window_shows_the_background_alone() -> None:
     recipe = Recipe.model_validate(Recipe.read("small-hard").model_dump() | asked)
     seen = view(recording, recipe, 0)
     assert seen is not None
-    told = seen.told["background"]
+    told = seen.details["background"]
     image = recording.processed(mti="mean").spectrogram
     alone = background(image.velocity_mps.values, image.time_s.values, told).power_w(-140.0)
-    hidden = np.any([(image.time_s.values >= a) & (image.time_s.values < b) for a, b in seen.told["masks_s"]], axis=0)
+    hidden = np.any(
+        [(image.time_s.values >= a) & (image.time_s.values < b) for a, b in seen.details["masks_s"]], axis=0
+    )
     assert hidden.any()
     np.testing.assert_allclose(seen.power[:, hidden], alone[:, hidden], rtol=1e-6)
 
