@@ -646,10 +646,10 @@ def test_a_receiver_that_the_radar_cannot_have_is_refused_before_the_simulation(
 
 
 def test_phases_become_factors_without_the_loss_of_digits() -> None:
-    from t2d_rt.noise.receiver.phase_noise import SMALL_RAD, _turned
+    from t2d_rt.noise.receiver.phase_noise import SMALL_RAD, _factors
 
     rows = np.array(
         [[1e-6, -3e-4], [0.9 * SMALL_RAD, -0.9 * SMALL_RAD], [1.1 * SMALL_RAD, 1e-5], [2.0, -1.0]], np.float32
     )
     exact = np.expm1(1j * rows.astype(np.complex128))
-    assert np.abs(_turned(rows) / exact - 1).max() < 3e-6
+    assert np.abs(_factors(rows) / exact - 1).max() < 3e-6

@@ -71,7 +71,7 @@ class PhaseNoise:
         view = self._slots.by_slot(noisy)
         for weights, phase in zip(self._nodes.weights, self._phases(number, rows), strict=True):
             part = fft.ifft(spectrum * weights.astype(np.float32), axis=2, overwrite_x=True)
-            view += _turned(phase)[:, :, None] * self._slots.by_slot(part)
+            view += _factors(phase)[:, :, None] * self._slots.by_slot(part)
         found[rows] = noisy
         return found
 
@@ -116,7 +116,7 @@ def residual_rms_rad(radar: Radar, density: Density) -> float:
     return math.sqrt(float(np.trapezoid(values * offset, np.log(offset), axis=1).max()))
 
 
-def _turned(phase: np.ndarray) -> np.ndarray:
+def _factors(phase: np.ndarray) -> np.ndarray:
     """exp(j phase) - 1 of phases (row, ...) [rad], complex64, without the loss of digits; a row is the same bits whatever others
     there are."""
     found = np.empty(phase.shape, np.complex64)
