@@ -227,6 +227,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("validation/report"))
     parser.add_argument("--seed", type=int, default=2)
     options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
     jobs = [(options.leads, kind, seed) for kind in TYPES for seed in range(options.falls)]
     with ProcessPoolExecutor(2) as pool:
         found = list(pool.map(one, jobs, chunksize=5))
