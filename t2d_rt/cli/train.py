@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from t2d_rt.cli.learning import add_split, one_word, sides, told, write_scores
+from t2d_rt.cli.learning import add_split, check_sides, mti_of, one_word, sides, told, write_scores
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say, write_picture
 from t2d_rt.errors import InputError
@@ -80,9 +80,13 @@ def run(options: Namespace) -> None:
     dataset = Dataset(source)
     maps = maps_of(dataset, size=(options.size, options.size), dynamic_range_db=options.dynamic_range_db)
     parts = sides(dataset, options)
+    check_sides(parts)
     by = options.by if options.split is None else Path(options.split).name
-    about = {"recipe": dataset.recipe.name, "recipe_hash": dataset.recipe.hash, "split": by, "indices": {
-        name: dataset.indices[places].tolist() for name, places in parts.items()}}  # fmt: skip
+    about = {
+        "recipe": dataset.recipe.name, "recipe_hash": dataset.recipe.hash, "split": by, "mti": mti_of(dataset),
+        "indices": {name: dataset.indices[places].tolist() for name, places in parts.items()},
+        "descriptions": sorted({str(dataset.records[place]["sentence"]) for name in ("train", "val") for place in parts[name]}),
+    }  # fmt: skip
     folder = Path(options.output)
     with ProgressBar(options.model) as progress:
         model = train_model(

@@ -47,7 +47,7 @@ class LabelledMaps:
             raise InputError(f"levels must hold a sample and two cells or more along each axis, got {levels.shape}")
         if levels.max() > 1e-3:
             raise InputError(f"levels are in dB below each map's greatest cell, got {levels.max():.4g} dB; subtract it")
-        _check_classes(self.classes)
+        checked_classes(self.classes)
         labels = np.asarray(self.labels)
         if labels.shape != (count,) or not np.issubdtype(labels.dtype, np.integer):
             raise InputError(f"labels must be {count} integers, got {shown(labels)}; give one for each map")
@@ -165,6 +165,12 @@ def maps_of(
         raise InputError(f"product must be 'spectrogram', a map of speed and time, got {shown(product)}")
     wanted, range_db = checked_size(size), positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")
     kind = dataset.checked(product)
+    stored = dataset.recipe.products.spectrogram
+    if stored is not None and stored.dtype == "uint8" and range_db > stored.dynamic_range_db:
+        raise InputError(
+            f"{dataset.path} keeps {stored.dynamic_range_db:g} dB below the greatest cell (uint8), got a dynamic range of "
+            f"{range_db:g} dB; take as much at most"
+        )
     for record in dataset.records:
         if record["class"] not in dataset.classes:
             raise InputError(
@@ -177,6 +183,7 @@ def maps_of(
         if not np.isfinite(values).all():
             raise InputError(f"the spectrogram of sample {record['index']} has NaN or infinite cells; make it anew")
         levels.append(relative_levels(10.0 ** (values.astype(np.float64) / 10.0), wanted, range_db))
+        check_varied(levels[-1], f"sample {record['index']} of {dataset.path}")
         axes.append(axis(record["products"][kind]["velocity_mps"], wanted[0]))
     velocity = np.stack(axes)
     if np.ptp(velocity, axis=0).max() > 0.5 * (velocity[0, 1] - velocity[0, 0]):
@@ -207,6 +214,12 @@ def relative_levels(power: np.ndarray, size: tuple[int, int], dynamic_range_db: 
     return np.asarray(np.maximum(levels, -dynamic_range_db), dtype=np.float32)
 
 
+def check_varied(levels: np.ndarray, name: str) -> None:
+    """Refuses a map of one level, as of a recording without a signal: relative to its greatest cell it would be all echo."""
+    if levels.min() == levels.max():
+        raise InputError(f"{name} has the same level in all cells, which shows nothing; leave it out or make it anew")
+
+
 def checked_size(size: Any) -> tuple[int, int]:
     """Cells of speed and of time; one number stands for both."""
     pair = (size, size) if isinstance(size, (int, np.integer)) else size
@@ -216,11 +229,13 @@ def checked_size(size: Any) -> tuple[int, int]:
     return speed, time
 
 
-def _check_classes(classes: Any) -> None:
+def checked_classes(classes: Any) -> tuple[str, ...]:
+    """Names of classes, each once."""
     if not isinstance(classes, tuple) or not classes or not all(isinstance(each, str) and each for each in classes):
         raise InputError(f"classes must be a tuple of names, got {shown(classes)}")
     if len(set(classes)) < len(classes):
         raise InputError(f"classes names one of them twice, got {shown(classes)}; give each once")
+    return classes
 
 
 def _edges(centres: np.ndarray) -> tuple[float, float]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
 from t2d_rt.checks import positive
-from t2d_rt.errors import InputError
-from t2d_rt.learn.maps import relative_levels
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.learn.maps import check_varied, relative_levels
 from t2d_rt.learn.train.saved import SavedModel
 from t2d_rt.result import Recording
 
@@ -53,19 +54,26 @@ def predict(model: SavedModel, recording: Recording, *, step_s: float | None = N
 
 
 def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Starts of the windows [s] and their maps (W, speed, time), static echoes taken away as they are for data sets.
+    """Starts of the windows [s] and their maps (W, speed, time), static echoes taken away as they were for the training.
 
     Cells of the maps are means over what they cover of the recording's cells.
     """
     card = model.card
-    image = recording.processed(mti="mean").spectrogram
+    image = recording.processed(mti="none" if card.about.get("mti") == "none" else "mean").spectrogram
     power = 10.0 ** (image.values.astype(np.float64) / 10.0)
     old, new = _edges(image.velocity_mps.values), _edges(card.axis_mps)
     bin_mps = old[1] - old[0]
     if new[0] < old[0] - bin_mps or new[-1] > old[-1] + bin_mps:
         raise InputError(
-            f"the recording shows {old[0]:.3g} to {old[-1]:.3g} m/s the model was trained on {new[0]:.3g} to {new[-1]:.3g} m/s; "
+            f"the recording shows {old[0]:.3g} to {old[-1]:.3g} m/s, the model was trained on {new[0]:.3g} to {new[-1]:.3g} m/s; "
             "record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
+        )
+    if bin_mps > 2.0 * (new[1] - new[0]):
+        warnings.warn(
+            f"the recording tells speeds {bin_mps:.2g} m/s apart, the maps of the training {new[1] - new[0]:.2g} m/s; the classes "
+            "may be wrong, for it lacks their detail",
+            T2DWarning,
+            stacklevel=3,
         )
     columns = _edges(image.time_s.values)
     length_s = float(columns[-1] - columns[0])
@@ -83,6 +91,8 @@ def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[
         )
         for start in starts
     ]  # fmt: skip
+    for start, each in zip(starts, maps, strict=True):
+        check_varied(each, f"the window of the recording from {start:.3g} s")
     return starts, np.stack(maps)
 
 
