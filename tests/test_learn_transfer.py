@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.learn import gap
 from t2d_rt.learn.gap import domain_gap
 from t2d_rt.learn.maps import LabelledMaps
@@ -264,10 +264,33 @@ def test_twins_are_made_resumed_and_read(tmp_path: Path) -> None:
     assert found.levels.max() == 0
     assert Events.of(found).radars == ("wr14", "wr68")
     assert read_twins(folder, MERGED).classes == ("sit or stand",)
+    for stored in (
+        {"levels": np.zeros((2, 9, 128)), "label": "fall"},
+        {"levels": np.zeros((2, 56, 128)), "label": "hop"},
+        {},
+    ):
+        np.savez(folder / "00001.npz", **stored)  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=r"00001\.npz is no twin .*; remove it and make it again"):
+            read_twins(folder)
+    (folder / "00001.npz").unlink()
+    with pytest.warns(T2DWarning, match="holds 1 of 2 twins"):
+        read_twins(folder)
     with pytest.raises(InputError, match="twins of another recipe"):
         make_twins(TwinRecipe(per_class=1, seed=1), folder)
     with pytest.raises(InputError, match="holds no twins"):
         read_twins(tmp_path)
     with pytest.raises(InputError, match="no class 'hop'"):
         TwinRecipe(classes=("hop",))
+    (folder / "twins.json").write_text("{}")
+    with pytest.raises(InputError, match="is no recipe of twins"):
+        read_twins(folder)
+
+
+def test_twins_that_could_not_be_made_do_not_take_the_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="unknown scene 'nosuch'"):
+        make_twins(TwinRecipe(per_class=1, classes=("sit down",), scene="nosuch"), tmp_path / "twins")
+    make_twins(TwinRecipe(per_class=1, classes=("sit down",), scene="free_space"), tmp_path / "twins")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot make the folder"):
+        make_twins(TwinRecipe(per_class=1), tmp_path / "file")
     assert set(MERGED) == set(SENTENCES)

@@ -54,14 +54,14 @@ def run(options: Namespace) -> None:
     source = one_word(options, "evaluate", "the folder of a data set")
     if options.model is None:
         raise InputError("evaluate needs --model, the folder that t2d-rt train wrote")
-    for name in PICTURES if options.output is not None else ():
-        check_picture(Path(options.output) / name, overwrite=options.overwrite)
+    if options.output is not None:
+        _check_output(Path(options.output), overwrite=options.overwrite)
     model = load_model(options.model)
     dataset = Dataset(source)
     maps = maps_of(dataset, size=model.card.size, dynamic_range_db=model.card.dynamic_range_db)
     _check_like(source, maps, dataset, model.card)
     if model.card.about.get("recipe_hash") == dataset.recipe.hash:
-        maps = maps.take(dataset.positions(kept_apart(model.card, options.model)))
+        maps = maps.take(dataset.positions(_kept_apart(model.card, options.model)))
         what = f"the test of the split by {model.card.about.get('split', 'unknown')}"
     else:
         _warn_of_seen(source, maps, model.card)
@@ -81,7 +81,16 @@ def run(options: Namespace) -> None:
         say(f"wrote {folder}")
 
 
-def kept_apart(card: Card, folder: str) -> list[int]:
+def _check_output(folder: Path, *, overwrite: bool) -> None:
+    """Refuses a place that cannot be a folder, and pictures that are there."""
+    if folder.is_dir():
+        for name in PICTURES:
+            check_picture(folder / name, overwrite=overwrite)
+    elif folder.exists():
+        raise InputError(f"{folder} is no folder; give one for the pictures")
+
+
+def _kept_apart(card: Card, folder: str) -> list[int]:
     """Indices of the samples that were kept apart for the test."""
     try:
         found = [int(each) for each in card.about["indices"]["test"]]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from t2d_rt.cli.learning import add_split, check_sides, mti_of, one_word, sides, told, write_scores
 from t2d_rt.cli.options import command_parser
@@ -13,6 +16,8 @@ from t2d_rt.progress import ProgressBar
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
+
+    from t2d_rt.dataset import Dataset
 
 EXAMPLES = """examples:
   t2d-rt train small --model resnet18 -o resnet              # by description; the same command goes on where it stopped
@@ -82,11 +87,7 @@ def run(options: Namespace) -> None:
     parts = sides(dataset, options)
     check_sides(parts)
     by = options.by if options.split is None else Path(options.split).name
-    about = {
-        "recipe": dataset.recipe.name, "recipe_hash": dataset.recipe.hash, "split": by, "mti": mti_of(dataset),
-        "indices": {name: dataset.indices[places].tolist() for name, places in parts.items()},
-        "descriptions": sorted({str(dataset.records[place]["sentence"]) for name in ("train", "val") for place in parts[name]}),
-    }  # fmt: skip
+    about = _about(dataset, parts, by)
     folder = Path(options.output)
     with ProgressBar(options.model) as progress:
         model = train_model(
@@ -103,3 +104,15 @@ def run(options: Namespace) -> None:
     write_scores(folder, scores, model.card.classes, f"{title} by {by}", overwrite=True)
     say(f"{title}, split by {by}, {model.card.about['epochs']} epochs: test {told(scores)}")
     say(f"wrote {folder}")
+
+
+def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[str, Any]:
+    """What the card tells of the data, for evaluation and prediction to compare with."""
+    recipe, known = dataset.recipe, np.concatenate([parts["train"], parts["val"]])
+    radars = [recipe.radar if each.radar is None else each.radar for each in recipe.conditions]
+    return {
+        "recipe": recipe.name, "recipe_hash": recipe.hash, "split": by, "mti": mti_of(dataset),
+        "carriers_hz": sorted({each.carrier_hz for each in radars}),
+        "indices": {name: dataset.indices[places].tolist() for name, places in parts.items()},
+        "descriptions": sorted({str(dataset.records[place]["sentence"]) for place in known}),
+    }  # fmt: skip

@@ -136,10 +136,11 @@ def _twins(names: list[str], options: Namespace) -> None:
 
 def _study(names: list[str], options: Namespace) -> None:
     from t2d_rt.learn.require import require_learning
+
+    require_learning()
     from t2d_rt.learn.transfer import StudyOptions, run_transfer
     from t2d_rt.learn.twins import RECIPE
 
-    require_learning()
     real, simulated = compared(names[0], names[1], options)
     settings = StudyOptions(
         repeats=int(chosen(options, "repeats")), folds=int(chosen(options, "folds")), seed=options.seed or 0

@@ -20,6 +20,8 @@ SIZE = 64, 64
 DYNAMIC_RANGE_DB = 60.0
 """As the authors of Text2Doppler have it."""
 LARGEST = 4096
+LEAST_SPAN_DB = 1e-3
+"""Between least and greatest level of a map that shows anything; rounding makes less [dB]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,7 +218,7 @@ def relative_levels(power: np.ndarray, size: tuple[int, int], dynamic_range_db: 
 
 def check_varied(levels: np.ndarray, name: str) -> None:
     """Refuses a map of one level, as of a recording without a signal: relative to its greatest cell it would be all echo."""
-    if levels.min() == levels.max():
+    if np.ptp(levels) < LEAST_SPAN_DB:
         raise InputError(f"{name} has the same level in all cells, which shows nothing; leave it out or make it anew")
 
 

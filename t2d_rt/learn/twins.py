@@ -258,8 +258,9 @@ def _read_twin(path: Path) -> tuple[str, np.ndarray]:
 def _check_complete(target: Path, count: int) -> None:
     """Warns where twins of the recipe are not there yet."""
     known = target / RECIPE
+    stored = read_bytes(known, limit=1_000_000, noun="recipe of twins")
     try:
-        told = json.loads(read_bytes(known, limit=1_000_000, noun="recipe of twins"))
+        told = json.loads(stored)
         wanted = int(told["per_class"]) * len(told["classes"])
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(

@@ -10,11 +10,13 @@ import numpy as np
 from t2d_rt.checks import positive
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.learn.maps import check_varied, relative_levels
-from t2d_rt.learn.train.saved import SavedModel
+from t2d_rt.learn.train.saved import Card, SavedModel
 from t2d_rt.result import Recording
 
 STEPS = 5
 """Windows that begin within the duration of one, by default."""
+BAND = 0.1
+"""Relative difference of carriers from which a recording counts as of another band."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +61,7 @@ def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[
     Cells of the maps are means over what they cover of the recording's cells.
     """
     card = model.card
+    _warn_of_carrier(recording.radar.carrier_hz, card)
     image = recording.processed(mti="none" if card.about.get("mti") == "none" else "mean").spectrogram
     power = 10.0 ** (image.values.astype(np.float64) / 10.0)
     old, new = _edges(image.velocity_mps.values), _edges(card.axis_mps)
@@ -67,13 +70,6 @@ def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[
         raise InputError(
             f"the recording shows {old[0]:.3g} to {old[-1]:.3g} m/s, the model was trained on {new[0]:.3g} to {new[-1]:.3g} m/s; "
             "record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
-        )
-    if bin_mps > 2.0 * (new[1] - new[0]):
-        warnings.warn(
-            f"the recording tells speeds {bin_mps:.2g} m/s apart, the maps of the training {new[1] - new[0]:.2g} m/s; the classes "
-            "may be wrong, for it lacks their detail",
-            T2DWarning,
-            stacklevel=3,
         )
     columns = _edges(image.time_s.values)
     length_s = float(columns[-1] - columns[0])
@@ -94,6 +90,19 @@ def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[
     for start, each in zip(starts, maps, strict=True):
         check_varied(each, f"the window of the recording from {start:.3g} s")
     return starts, np.stack(maps)
+
+
+def _warn_of_carrier(carrier_hz: float, card: Card) -> None:
+    """Warns of another band than the training's: at the same speeds it has another Doppler resolution and other scattering."""
+    known = [float(each) for each in card.about.get("carriers_hz", [])]
+    if known and min(abs(carrier_hz - each) / each for each in known) > BAND:
+        told = ", ".join(f"{each / 1e9:g}" for each in known)
+        warnings.warn(
+            f"the recording is of {carrier_hz / 1e9:g} GHz, the model was trained on {told} GHz; its maps differ in Doppler "
+            "resolution, so do not trust the classes before a test at this carrier",
+            T2DWarning,
+            stacklevel=4,
+        )
 
 
 def _edges(centres: np.ndarray) -> np.ndarray:
