@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import signal
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -223,3 +224,31 @@ def test_learning_without_torch_names_the_extra(
         code, err = run(capsys, *words, "-o", str(tmp_path / "out.md"))
         assert code == 2, words
         assert "pip install 't2d-rt[learn]'" in err, words
+
+
+def test_an_interrupt_in_training_stays_one(tmp_path: Path) -> None:
+    def stop(_: float) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        train_model("streaming", ridges(12), ridges(6), TrainOptions(epochs=2), output=tmp_path / "mine", progress=stop)
+    assert signal.getsignal(signal.SIGINT) is before
+    assert {each.name for each in (tmp_path / "mine").iterdir()} == {"training.txt", STATE}
+
+
+def test_splits_that_are_not_there_or_leave_a_side_empty(
+    tiny: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("train", str(tiny[0]), "--model", "streaming", "--size", "16", "-o", str(tmp_path / "out"))
+    code, err = run(capsys, *words, "--split", str(tmp_path / "none.json"))
+    assert code == 2
+    assert "No such file" in err
+    sides = {"train": [0, 1, 6, 7], "val": [], "test": [4]}
+    (tmp_path / "split.json").write_text(
+        json.dumps({"sides": sides, "apart": ["seed"], "left_out": [2, 3, 5, 8, 9, 10, 11], "shared": {}})
+    )
+    code, err = run(capsys, *words, "--split", str(tmp_path / "split.json"))
+    assert code == 2
+    assert "the split leaves val empty" in err
+    assert not (tmp_path / "out").exists()

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import signal
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,10 @@ from t2d_rt.learn.train.options import TrainOptions
 from t2d_rt.learn.train.saved import STATE, WEIGHTS, Card, SavedModel, read_state, write_model
 
 if TYPE_CHECKING:
+    from lightning import Trainer
     from torch import nn
+
+    from t2d_rt.learn.train.module import Training
 
 Progress = Callable[[float], None]
 NOTE = "training.txt"
@@ -129,8 +133,21 @@ def _fitted(
                 enable_progress_bar=False, enable_model_summary=False, num_sanity_val_steps=0,
                 reload_dataloaders_every_n_epochs=1, barebones=False,
             )  # fmt: skip
-            trainer.fit(module, ckpt_path=None if kept is None else str(keep_at), weights_only=True)
+            _run(trainer, module, None if kept is None else str(keep_at))
     seconds = (time.perf_counter() - started) / max(1, len(module.history) - first)
     network.load_state_dict(module.best)
     network.to("cpu")
     return module.history, seconds
+
+
+def _run(trainer: Trainer, module: Training, kept: str | None) -> None:
+    """Runs it; Ctrl-C comes out as it went in, where Lightning would end the process without a word."""
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        trainer.fit(module, ckpt_path=kept, weights_only=True)
+    except SystemExit as stopped:
+        if not isinstance(stopped.__context__, KeyboardInterrupt):
+            raise
+        with suppress(ValueError):  # only the main thread may set it
+            signal.signal(signal.SIGINT, before)
+        raise KeyboardInterrupt from None
