@@ -151,6 +151,14 @@ def test_point_clouds_give_windows_of_power_over_speed_and_time(tmp_path: Path) 
     for level, label in zip(maps.levels, maps.labels, strict=True):
         speed = maps.velocity_mps[np.unravel_index(np.argmax(level), level.shape)[0]]
         assert abs(speed - (1.0 if label == 1 else -2.0)) <= 0.25
+    later = (tmp_path / "walk" / "a.txt").read_text().replace("secs: 1004", "secs: 1009")
+    (tmp_path / "walk" / "a.txt").write_text(later)  # five seconds without a point: two windows show nothing
+    gapped = read_real(tmp_path, "radhar", options).maps
+    assert gapped.counts.tolist() == [2, 2]
+    assert gapped.levels.min(axis=(1, 2)).max() < -10
+    (tmp_path / "walk" / "a.txt").write_text(later.replace("secs: 1009", "secs: 1e12"))
+    with pytest.raises(InputError, match="by its stamps, 86400 s are read at most"):
+        read_real(tmp_path, "radhar", options)
     (tmp_path / "jack" / "b.txt").write_text("point_id: 0\nvelocity: nan\n")
     with pytest.raises(InputError, match="must hold records"):
         read_real(tmp_path, "radhar", options)

@@ -60,6 +60,8 @@ NEAREST_M = 0.8
 PLACES, ATTEMPTS = 200, 40
 SPAN_S = ROWS * ROW_S
 STEP_S = 0.25
+MOST_RECORDS = 1_000_000
+"""Of a recipe: recordings of two seeds have no noise in common."""
 RECIPE, FILES = "twins.json", "[0-9]*.npz"
 """Of a folder: what its twins follow from, and the twins."""
 
@@ -132,7 +134,7 @@ def twin(recipe: TwinRecipe, index: int) -> Twin:
         for number, radar in enumerate(radars):
             recording = simulate(
                 placed, radar=radar, scene=recipe.scene, method=recipe.method, noise=Receiver(), reflections=1,
-                clutter="none", seed=2 * index + number, progress=False,
+                clutter="none", seed=MOST_RECORDS * recipe.seed + 2 * index + number, progress=False,
             )  # fmt: skip
             levels.append(range_mean_levels(np.asarray(recording.adc.values)[:, 0]))
     told = {

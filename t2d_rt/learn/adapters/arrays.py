@@ -39,8 +39,8 @@ def read_hdf5(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[P
     try:
         with h5py.File(path, "r") as file:
             found = {name: _array(file[name]) for name in file if isinstance(file[name], h5py.Dataset)}
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error}; give an HDF5 file") from None
+    except Exception as error:  # h5py raises what it likes of a damaged file
+        raise InputError(f"cannot read {path}: {error or type(error).__name__}; give an HDF5 file of arrays") from None
     return _maps(path, found, options), [path]
 
 
