@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -172,6 +173,22 @@ def test_a_study_writes_its_report_goes_on_and_refuses_other_data(
     run_transfer(real, simulated, tmp_path / "study", options=StudyOptions(repeats=2, folds=2))  # more of the same
     assert len(list((tmp_path / "study" / "cells").glob("*.json"))) == 2 * len(files)
     assert files[0].stat().st_mtime_ns == stamp
+    weights, stored = tmp_path / "study" / "pretrained_0.safetensors", lost.read_bytes()
+    lost.write_bytes(stored[:30])
+    with pytest.raises(InputError, match="is not what a study wrote there; remove it"):
+        run_transfer(real, simulated, tmp_path / "study", options=options)
+    lost.unlink()
+    weights.write_bytes(weights.read_bytes()[:500])
+    with pytest.raises(InputError, match=r"holds no weights of this study .*; remove it"):
+        run_transfer(real, simulated, tmp_path / "study", options=options)
+    slower = replace(simulated, velocity_mps=0.5 * simulated.velocity_mps)
+    for compare in (
+        lambda: run_transfer(real, slower, tmp_path / "other", options=options),
+        lambda: domain_gap(slower, real),
+    ):
+        with pytest.raises(InputError, match="must cover the same speeds and time"):
+            compare()
+    assert not (tmp_path / "other").exists()
     with pytest.raises(InputError, match="holds another study"):
         run_transfer(real, maps(5, seed=5), tmp_path / "study", options=options)
     with pytest.raises(InputError, match="5 folds need as many real events"):

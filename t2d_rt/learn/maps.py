@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from t2d_rt.checks import array, instance, integer, positive, shown
 from t2d_rt.dataset import Dataset
-from t2d_rt.dataset.products import resized
+from t2d_rt.dataset.products import edges, resized
 from t2d_rt.dataset.splits import grouped
 from t2d_rt.dataset.stored import axis
 from t2d_rt.errors import InputError
@@ -123,8 +123,7 @@ class LabelledMaps:
             return self
         floor_db = float(self.levels.min())
         levels = np.stack([relative_levels(10.0 ** (each / 10.0), wanted, -floor_db) for each in self.levels])
-        first, last = _edges(self.velocity_mps)
-        return replace(self, levels=levels, velocity_mps=axis((first, last), wanted[0]))
+        return replace(self, levels=levels, velocity_mps=axis(edges(self.velocity_mps), wanted[0]))
 
     def joined(self, *others: LabelledMaps) -> LabelledMaps:
         """These maps and those of others of the same classes and axes; a group that some lack holds each of their samples alone."""
@@ -136,13 +135,7 @@ class LabelledMaps:
                 )
             if other.size != self.size:
                 raise InputError(f"maps of {self.size} and of {other.size} cells cannot be joined; resize one of them")
-            cell = float(self.velocity_mps[1] - self.velocity_mps[0])
-            away = float(np.abs(other.velocity_mps - self.velocity_mps).max())
-            if away > 0.5 * cell + 1e-9 or abs(other.duration_s - self.duration_s) > 0.05 * self.duration_s:
-                raise InputError(
-                    f"maps to join must cover the same speeds and time: speeds differ by {away:.3g} m/s, durations are "
-                    f"{self.duration_s:g} and {other.duration_s:g} s; cut them to the same axes"
-                )
+            check_axes(self, other)
         every = (self, *others)
         kinds = sorted(frozenset[str]().union(*(each.groups for each in every)))
         return replace(
@@ -216,6 +209,24 @@ def relative_levels(power: np.ndarray, size: tuple[int, int], dynamic_range_db: 
     return np.asarray(np.maximum(levels, -dynamic_range_db), dtype=np.float32)
 
 
+class _Axes(Protocol):
+    @property
+    def velocity_mps(self) -> np.ndarray: ...
+    @property
+    def duration_s(self) -> float: ...
+
+
+def check_axes(first: _Axes, second: _Axes) -> None:
+    """Refuses maps of as many cells that cover other speeds or another time."""
+    cell = float(first.velocity_mps[1] - first.velocity_mps[0])
+    away = float(np.abs(second.velocity_mps - first.velocity_mps).max())
+    if away > 0.5 * cell + 1e-9 or abs(second.duration_s - first.duration_s) > 0.05 * first.duration_s:
+        raise InputError(
+            f"maps must cover the same speeds and time: speeds differ by {away:.3g} m/s, durations are "
+            f"{first.duration_s:g} and {second.duration_s:g} s; cut them to the same axes"
+        )
+
+
 def check_varied(levels: np.ndarray, name: str) -> None:
     """Refuses a map of one level, as of a recording without a signal: relative to its greatest cell it would be all echo."""
     if np.ptp(levels) < LEAST_SPAN_DB:
@@ -238,11 +249,6 @@ def checked_classes(classes: Any) -> tuple[str, ...]:
     if len(set(classes)) < len(classes):
         raise InputError(f"classes names one of them twice, got {shown(classes)}; give each once")
     return classes
-
-
-def _edges(centres: np.ndarray) -> tuple[float, float]:
-    half = 0.5 * float(centres[-1] - centres[0]) / (len(centres) - 1)
-    return float(centres[0]) - half, float(centres[-1]) + half
 
 
 def _group(maps: LabelledMaps, kind: str, part: int) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from t2d_rt.checks import file_path
 from t2d_rt.dataset.lock import LOCK, locked
 from t2d_rt.errors import InputError
-from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps
+from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_axes
 from t2d_rt.learn.models import build
 from t2d_rt.learn.require import require_learning
 from t2d_rt.learn.train.options import TrainOptions
@@ -56,6 +56,7 @@ def train_model(
     train.checked_for_training()
     if val.classes != train.classes or val.size != train.size:
         raise InputError(f"the maps of the validation must be like those of the training, got {val!r} and {train!r}")
+    check_axes(train, val)
     if options.device == "gpu" and not (torch.cuda.is_available() or torch.backends.mps.is_available()):
         raise InputError("device is gpu, but PyTorch finds none here; take device cpu")
     before = torch.get_num_threads()
