@@ -60,10 +60,19 @@ def test_parrad_gives_each_event_by_both_radars_aligned_with_its_motion(tmp_path
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"labels": np.array(COMMANDS[:3])}, "a start and a stop for each label"),
+        ({"labels": np.array(COMMANDS[:3])}, "give one row for each label"),
         ({"wr14": np.full((400, BINS), np.nan)}, "NaN or infinite"),
-        ({"wr68": np.zeros((300, BINS))}, "wr68 must have shape"),
+        ({"wr68": np.zeros((300, BINS))}, "400 and 300 rows of its radars"),
         ({"starts": np.array([0, 70, 70, 210])}, "starts must ascend"),
+        ({"starts": np.array([0.5, 50, 100, 150])}, "starts must be numbers of rows"),
+        ({"stops": np.array([0, 50, 100, 150])}, "each before its stop"),
+        ({"wr14": np.array(1.0)}, "wr14 of .* must have shape"),
+        ({"wr14": np.full((400, BINS), 1j)}, "must hold real numbers"),
+        ({"wr14": np.full((400, BINS), "x")}, "wr14 of .* must"),
+        ({"wr14": np.zeros((400, BINS))}, "same level in all cells"),
+        ({"wr14": np.zeros((50, BINS)), "wr68": np.zeros((50, BINS))}, "50 and 50 rows"),
+        ({"labels": np.array("walk to bed")}, "labels must be texts"),
+        ({"labels": np.arange(4)}, "labels must be texts"),
     ],
 )
 def test_parrad_refuses(tmp_path: Path, changes: dict[str, np.ndarray], told: str) -> None:
@@ -75,12 +84,48 @@ def test_parrad_refuses_unknown_classes_and_other_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no class 'stand up from bed'"):
         read_real(parrad(tmp_path / "real.npz"), "parrad", AdapterOptions(classes={"stand up from bed": "stand up"}))
     np.savez(tmp_path / "other.npz", x=1)
-    with pytest.raises(InputError, match="lacks 'wr14"):
+    with pytest.raises(InputError, match="lacks wr14"):
         read_real(tmp_path / "other.npz", "parrad")
     with pytest.raises(InputError, match="does not exist"):
         read_real(tmp_path / "none.npz", "parrad")
     with pytest.raises(InputError, match="unknown adapter 'parad'; did you mean parrad"):
         read_real(tmp_path / "other.npz", "parad")
+
+
+def test_parrad_reads_labels_that_are_bytes(tmp_path: Path) -> None:
+    path = parrad(tmp_path / "real.npz", labels=np.array(COMMANDS).astype("S"))
+    assert read_real(path, "parrad", AdapterOptions(classes=CLASSES)).maps.counts.tolist() == [4, 2, 2]
+
+
+def npz_file(path: Path, **changes: object) -> Path:
+    levels = -40 * np.random.default_rng(0).random((4, 16, 16))
+    np.savez(path, **{"levels": levels, "labels": ["walk", "fall"] * 2, **changes})  # type: ignore[arg-type]
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"velocity_mps": np.r_[-8:0:8j, 1:9:8j]}, "must ascend by equal steps"),
+        ({"velocity_mps": np.linspace(-1, 5, 16)}, "as far below 0 as above"),
+        ({"velocity_mps": np.full(16, "x")}, "velocity_mps of .* must"),
+        ({"velocity_mps": np.full(16, np.nan)}, "velocity_mps of .* must be finite"),
+        ({"duration_s": np.ones(3)}, "duration_s of .* must have shape"),
+        ({"duration_s": "x"}, "duration_s of .* must"),
+        ({"levels": np.zeros((4, 16, 16))}, "same level in all cells"),
+        ({"levels": np.full((4, 16, 16), -np.inf)}, "levels of .* must be finite"),
+        ({"levels": np.full((4, 16, 16), 5000.0)}, "must not exceed 1000 dB"),
+    ],
+)
+def test_arrays_of_wrong_shapes_and_values_are_refused(tmp_path: Path, changes: dict[str, object], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        read_real(npz_file(tmp_path / "mine.npz", **changes), "npz", AdapterOptions(size=(16, 16)))
+
+
+def test_arrays_keep_their_axis_of_speed(tmp_path: Path) -> None:
+    velocity = np.linspace(-6, 6, 16)
+    found = read_real(npz_file(tmp_path / "mine.npz", velocity_mps=velocity), "npz", AdapterOptions(size=(16, 16)))
+    np.testing.assert_allclose(found.maps.velocity_mps, velocity)
 
 
 def radhar(folder: Path, name: str, speed: float, frames: int = 45) -> None:
@@ -106,6 +151,14 @@ def test_point_clouds_give_windows_of_power_over_speed_and_time(tmp_path: Path) 
     for level, label in zip(maps.levels, maps.labels, strict=True):
         speed = maps.velocity_mps[np.unravel_index(np.argmax(level), level.shape)[0]]
         assert abs(speed - (1.0 if label == 1 else -2.0)) <= 0.25
+    later = (tmp_path / "walk" / "a.txt").read_text().replace("secs: 1004", "secs: 1009")
+    (tmp_path / "walk" / "a.txt").write_text(later)  # five seconds without a point: two windows show nothing
+    gapped = read_real(tmp_path, "radhar", options).maps
+    assert gapped.counts.tolist() == [2, 2]
+    assert gapped.levels.min(axis=(1, 2)).max() < -10
+    (tmp_path / "walk" / "a.txt").write_text(later.replace("secs: 1009", "secs: 1e12"))
+    with pytest.raises(InputError, match="by its stamps, 86400 s are read at most"):
+        read_real(tmp_path, "radhar", options)
     (tmp_path / "jack" / "b.txt").write_text("point_id: 0\nvelocity: nan\n")
     with pytest.raises(InputError, match="must hold records"):
         read_real(tmp_path, "radhar", options)

@@ -13,6 +13,7 @@ from command_line import Command
 from dataset_folder import recipe, write_dataset
 from t2d_rt.dataset import Dataset
 from t2d_rt.errors import InputError
+from t2d_rt.learn.baselines import Centroids
 from t2d_rt.learn.benchmark import SCALES, Scale, cells_of, claims, run_cells, write_report
 from t2d_rt.learn.benchmark.claims import confused_pairs, interval, verdict
 
@@ -44,6 +45,13 @@ def test_a_stopped_benchmark_goes_on(tmp_path: Path) -> None:
     text = write_report(SMALL, results, 24, tmp_path).read_text()
     assert "| streaming | 0.081 |" in text
     assert (tmp_path / "accuracy.png").stat().st_size > 10_000
+    path = tmp_path / "cells" / "simple_file_streaming_0.json"
+    stored = path.read_text()
+    for damaged in (stored[:50], "[]", json.dumps({"stamp": results[0]["stamp"]}), stored.replace("streaming", "crnn")):
+        path.write_text(damaged)
+        with pytest.raises(InputError, match="is not what a benchmark wrote there; remove it"):
+            run_cells(SMALL, datasets, tmp_path / "cells")
+    path.write_text(stored)
     other = Scale(name="tiny", recipes={}, size=16, epochs=2, batch=4, seeds=(0,), models=("streaming",))
     with pytest.raises(InputError, match="of other data or of another scale"):
         run_cells(other, datasets, tmp_path / "cells")
@@ -104,3 +112,8 @@ def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:
         refused = run(*words)
         assert refused.code == 2, words
         assert sentence in refused.err
+
+
+def test_a_centroid_of_one_sample_per_class_is_still_one() -> None:
+    found = Centroids.of(np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([0, 1]))
+    np.testing.assert_array_equal(found.labels(np.array([[0.1, 1.0], [0.9, 1.0]])), [0, 1])

@@ -106,6 +106,7 @@ def test_pickles_and_damaged_files_are_refused(trained: tuple[SavedModel, Path],
     [
         ({"train": ridges(12).take([0, 3])}, "class 'middle' has no sample to train on"),
         ({"val": ridges(12, size=(32, 24))}, "must be like those of the training"),
+        ({"val": replace(ridges(12), duration_s=3.0)}, "must cover the same speeds and time"),
     ],
 )
 def test_what_cannot_be_trained_on(change: dict[str, Any], sentence: str) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.learn import gap
 from t2d_rt.learn.gap import domain_gap
 from t2d_rt.learn.maps import LabelledMaps
@@ -172,6 +173,22 @@ def test_a_study_writes_its_report_goes_on_and_refuses_other_data(
     run_transfer(real, simulated, tmp_path / "study", options=StudyOptions(repeats=2, folds=2))  # more of the same
     assert len(list((tmp_path / "study" / "cells").glob("*.json"))) == 2 * len(files)
     assert files[0].stat().st_mtime_ns == stamp
+    weights, stored = tmp_path / "study" / "pretrained_0.safetensors", lost.read_bytes()
+    lost.write_bytes(stored[:30])
+    with pytest.raises(InputError, match="is not what a study wrote there; remove it"):
+        run_transfer(real, simulated, tmp_path / "study", options=options)
+    lost.unlink()
+    weights.write_bytes(weights.read_bytes()[:500])
+    with pytest.raises(InputError, match=r"holds no weights of this study .*; remove it"):
+        run_transfer(real, simulated, tmp_path / "study", options=options)
+    slower = replace(simulated, velocity_mps=0.5 * simulated.velocity_mps)
+    for compare in (
+        lambda: run_transfer(real, slower, tmp_path / "other", options=options),
+        lambda: domain_gap(slower, real),
+    ):
+        with pytest.raises(InputError, match="must cover the same speeds and time"):
+            compare()
+    assert not (tmp_path / "other").exists()
     with pytest.raises(InputError, match="holds another study"):
         run_transfer(real, maps(5, seed=5), tmp_path / "study", options=options)
     with pytest.raises(InputError, match="5 folds need as many real events"):
@@ -264,10 +281,33 @@ def test_twins_are_made_resumed_and_read(tmp_path: Path) -> None:
     assert found.levels.max() == 0
     assert Events.of(found).radars == ("wr14", "wr68")
     assert read_twins(folder, MERGED).classes == ("sit or stand",)
+    for stored in (
+        {"levels": np.zeros((2, 9, 128)), "label": "fall"},
+        {"levels": np.zeros((2, 56, 128)), "label": "hop"},
+        {},
+    ):
+        np.savez(folder / "00001.npz", **stored)  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=r"00001\.npz is no twin .*; remove it and make it again"):
+            read_twins(folder)
+    (folder / "00001.npz").unlink()
+    with pytest.warns(T2DWarning, match="holds 1 of 2 twins"):
+        read_twins(folder)
     with pytest.raises(InputError, match="twins of another recipe"):
         make_twins(TwinRecipe(per_class=1, seed=1), folder)
     with pytest.raises(InputError, match="holds no twins"):
         read_twins(tmp_path)
     with pytest.raises(InputError, match="no class 'hop'"):
         TwinRecipe(classes=("hop",))
+    (folder / "twins.json").write_text("{}")
+    with pytest.raises(InputError, match="is no recipe of twins"):
+        read_twins(folder)
+
+
+def test_twins_that_could_not_be_made_do_not_take_the_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="unknown scene 'nosuch'"):
+        make_twins(TwinRecipe(per_class=1, classes=("sit down",), scene="nosuch"), tmp_path / "twins")
+    make_twins(TwinRecipe(per_class=1, classes=("sit down",), scene="free_space"), tmp_path / "twins")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot make the folder"):
+        make_twins(TwinRecipe(per_class=1), tmp_path / "file")
     assert set(MERGED) == set(SENTENCES)

@@ -64,16 +64,19 @@ def run(options: Namespace) -> None:
     if options.output is None:
         raise InputError("benchmark needs -o, the folder to write")
     require_learning()
+    from t2d_rt.dataset import Dataset
     from t2d_rt.learn.benchmark import SCALES, cells_of, paper_plan, run_cells, write_report
+    from t2d_rt.learn.benchmark.scales import SETS
 
     scale = SCALES[choice("--scale", options.scale, tuple(SCALES))]
     minutes = None if options.minutes is None else positive("--minutes", options.minutes, 1e5)
     folder = Path(options.output)
-    folder.mkdir(parents=True, exist_ok=True)
     if scale.name == "paper":
+        folder.mkdir(parents=True, exist_ok=True)
         say(f"wrote {paper_plan(scale, folder)}")
         return
-    datasets = {name: _data(name, scale, options) for name in ("simple", "hard")}
+    given = {name: Dataset(options[name]) for name in SETS if options[name] is not None}
+    datasets = {name: given[name] if name in given else _data(name, scale, options) for name in SETS}
     with ProgressBar(f"benchmark {scale.name}") as progress:
         results = run_cells(scale, datasets, folder / "cells", minutes=minutes, progress=progress)
     total = len(cells_of(scale))
@@ -83,12 +86,9 @@ def run(options: Namespace) -> None:
 
 
 def _data(name: str, scale: Scale, options: Namespace) -> Dataset:
-    """A data set that is there, or one that is made."""
+    """A data set that is made."""
     from t2d_rt.dataset import Dataset, make_dataset
 
-    given = options[name]
-    if given is not None:
-        return Dataset(given)
     folder = Path(options.output) / "data" / name
     folder.parent.mkdir(parents=True, exist_ok=True)
     with ProgressBar(f"{name} set") as progress:

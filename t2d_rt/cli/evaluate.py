@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from t2d_rt.cli.learning import one_word, told, write_scores
+import numpy as np
+
+from t2d_rt.cli.learning import PICTURES, mti_of, one_word, told, write_scores
 from t2d_rt.cli.options import command_parser
-from t2d_rt.cli.output import say
-from t2d_rt.errors import InputError
+from t2d_rt.cli.output import check_picture, say
+from t2d_rt.errors import InputError, T2DWarning
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
+
+    from t2d_rt.dataset import Dataset
+    from t2d_rt.learn.maps import LabelledMaps
+    from t2d_rt.learn.train.saved import Card
 
 EXAMPLES = """examples:
   t2d-rt evaluate small --model resnet -o figures            # on the samples that were kept apart when it was trained
@@ -47,24 +54,17 @@ def run(options: Namespace) -> None:
     source = one_word(options, "evaluate", "the folder of a data set")
     if options.model is None:
         raise InputError("evaluate needs --model, the folder that t2d-rt train wrote")
+    if options.output is not None:
+        _check_output(Path(options.output), overwrite=options.overwrite)
     model = load_model(options.model)
     dataset = Dataset(source)
     maps = maps_of(dataset, size=model.card.size, dynamic_range_db=model.card.dynamic_range_db)
-    if maps.classes != model.card.classes:
-        raise InputError(
-            f"{source} has the classes {', '.join(maps.classes)}, the model {', '.join(model.card.classes)}; take a like data set"
-        )
-    cell = model.card.axis_mps[1] - model.card.axis_mps[0]
-    if abs(maps.velocity_mps - model.card.axis_mps).max() > cell:
-        raise InputError(
-            f"{source} shows {maps.velocity_mps[0]:.3g} to {maps.velocity_mps[-1]:.3g} m/s, the model was trained on "
-            f"{model.card.axis_mps[0]:.3g} to {model.card.axis_mps[-1]:.3g} m/s; make it with the same speed_mps"
-        )
-    about = model.card.about
-    if about.get("recipe_hash") == dataset.recipe.hash:
-        maps = maps.take(dataset.positions(about["indices"]["test"]))
-        what = f"the test of the split by {about['split']}"
+    _check_like(source, maps, dataset, model.card)
+    if model.card.about.get("recipe_hash") == dataset.recipe.hash:
+        maps = maps.take(dataset.positions(_kept_apart(model.card, options.model)))
+        what = f"the test of the split by {model.card.about.get('split', 'unknown')}"
     else:
+        _warn_of_seen(source, maps, model.card)
         what = "all samples, of another recipe than it was trained on"
     scores = scores_of(model.probabilities(maps.levels), maps.labels)
     say(f"{model.card.model} on {what}: {told(scores)}")
@@ -79,3 +79,62 @@ def run(options: Namespace) -> None:
             folder, scores, maps.classes, f"{model.card.model} on {dataset.recipe.name}", overwrite=options.overwrite
         )
         say(f"wrote {folder}")
+
+
+def _check_output(folder: Path, *, overwrite: bool) -> None:
+    """Refuses a place that cannot be a folder, and pictures that are there."""
+    if folder.is_dir():
+        for name in PICTURES:
+            check_picture(folder / name, overwrite=overwrite)
+    elif folder.exists():
+        raise InputError(f"{folder} is no folder; give one for the pictures")
+
+
+def _kept_apart(card: Card, folder: str) -> list[int]:
+    """Indices of the samples that were kept apart for the test."""
+    try:
+        found = [int(each) for each in card.about["indices"]["test"]]
+    except (KeyError, TypeError, ValueError):
+        found = []
+    if not found:
+        raise InputError(
+            f"the card of {folder} does not tell which samples of this recipe it was trained on; train it with t2d-rt train, "
+            "or evaluate it on a data set of another recipe"
+        )
+    return found
+
+
+def _check_like(source: str, maps: LabelledMaps, dataset: Dataset, card: Card) -> None:
+    """Refuses maps of other classes, speeds, duration or treatment of static echoes than those of the training."""
+    if maps.classes != card.classes:
+        raise InputError(
+            f"{source} has the classes {', '.join(maps.classes)}, the model {', '.join(card.classes)}; take a like data set"
+        )
+    cell = card.axis_mps[1] - card.axis_mps[0]
+    if abs(maps.velocity_mps - card.axis_mps).max() > cell:
+        raise InputError(
+            f"{source} shows {maps.velocity_mps[0]:.3g} to {maps.velocity_mps[-1]:.3g} m/s, the model was trained on "
+            f"{card.axis_mps[0]:.3g} to {card.axis_mps[-1]:.3g} m/s; make it with the same speed_mps"
+        )
+    if abs(maps.duration_s - card.duration_s) > 0.05 * card.duration_s:
+        raise InputError(
+            f"the maps of {source} cover {maps.duration_s:.3g} s, those of the training {card.duration_s:.3g} s; "
+            "make it with the same duration_s"
+        )
+    mti, known = mti_of(dataset), card.about.get("mti")
+    if known is not None and mti != known:
+        raise InputError(
+            f"{source} was made with mti {mti}, the model was trained with {known}; make it with the same mti"
+        )
+
+
+def _warn_of_seen(source: str, maps: LabelledMaps, card: Card) -> None:
+    """Warns where descriptions of a data set are among those of the training."""
+    seen = np.isin(maps.groups["description"], card.about.get("descriptions", []))
+    if seen.any():
+        warnings.warn(
+            f"{seen.sum()} of {len(maps)} samples of {source} are of descriptions that the model was trained on; "
+            "its scores are better than for new ones",
+            T2DWarning,
+            stacklevel=2,
+        )

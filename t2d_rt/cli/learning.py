@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,15 @@ if TYPE_CHECKING:
 
     from t2d_rt.dataset import Dataset
     from t2d_rt.learn.train import Scores
+
+
+PICTURES = "confusion.png", "reliability.png"
+
+
+def mti_of(dataset: Dataset) -> str | None:
+    """How static echoes were taken away from the spectrograms of a data set."""
+    kept = dataset.recipe.products.spectrogram
+    return None if kept is None else kept.mti
 
 
 def one_word(options: Namespace, command: str, what: str) -> str:
@@ -53,13 +63,21 @@ def sides(dataset: Dataset, options: Namespace) -> dict[str, np.ndarray]:
     return {name: dataset.positions(indices) for name, indices in found.sides.items()}
 
 
+def check_sides(parts: Mapping[str, np.ndarray]) -> None:
+    """Refuses a split that leaves a side empty."""
+    empty = [name for name, places in parts.items() if len(places) == 0]
+    if empty:
+        counts = ", ".join(f"{name} {len(places)}" for name, places in parts.items())
+        raise InputError(f"the split leaves {empty[0]} empty ({counts} samples); make more samples, or split otherwise")
+
+
 def write_scores(folder: Path, scores: Scores, classes: tuple[str, ...], title: str, *, overwrite: bool) -> None:
     """Confusion and reliability as pictures."""
     from t2d_rt.learn.charts import confusion_figure, reliability_figure
 
     title = f"{title}, accuracy {100 * scores.accuracy:.0f} %"
-    write_picture(confusion_figure(scores, classes, title=title), folder / "confusion.png", overwrite=overwrite)
-    write_picture(reliability_figure(scores, title=title), folder / "reliability.png", overwrite=overwrite)
+    write_picture(confusion_figure(scores, classes, title=title), folder / PICTURES[0], overwrite=overwrite)
+    write_picture(reliability_figure(scores, title=title), folder / PICTURES[1], overwrite=overwrite)
 
 
 def told(scores: Scores) -> str:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from t2d_rt.cli.learning import add_split, one_word, sides, told, write_scores
+import numpy as np
+
+from t2d_rt.cli.learning import add_split, check_sides, mti_of, one_word, sides, told, write_scores
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say, write_picture
 from t2d_rt.errors import InputError
@@ -13,6 +16,8 @@ from t2d_rt.progress import ProgressBar
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
+
+    from t2d_rt.dataset import Dataset
 
 EXAMPLES = """examples:
   t2d-rt train small --model resnet18 -o resnet              # by description; the same command goes on where it stopped
@@ -80,9 +85,9 @@ def run(options: Namespace) -> None:
     dataset = Dataset(source)
     maps = maps_of(dataset, size=(options.size, options.size), dynamic_range_db=options.dynamic_range_db)
     parts = sides(dataset, options)
+    check_sides(parts)
     by = options.by if options.split is None else Path(options.split).name
-    about = {"recipe": dataset.recipe.name, "recipe_hash": dataset.recipe.hash, "split": by, "indices": {
-        name: dataset.indices[places].tolist() for name, places in parts.items()}}  # fmt: skip
+    about = _about(dataset, parts, by)
     folder = Path(options.output)
     with ProgressBar(options.model) as progress:
         model = train_model(
@@ -99,3 +104,15 @@ def run(options: Namespace) -> None:
     write_scores(folder, scores, model.card.classes, f"{title} by {by}", overwrite=True)
     say(f"{title}, split by {by}, {model.card.about['epochs']} epochs: test {told(scores)}")
     say(f"wrote {folder}")
+
+
+def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[str, Any]:
+    """What the card tells of the data, for evaluation and prediction to compare with."""
+    recipe, known = dataset.recipe, np.concatenate([parts["train"], parts["val"]])
+    radars = [recipe.radar if each.radar is None else each.radar for each in recipe.conditions]
+    return {
+        "recipe": recipe.name, "recipe_hash": recipe.hash, "split": by, "mti": mti_of(dataset),
+        "carriers_hz": sorted({each.carrier_hz for each in radars}),
+        "indices": {name: dataset.indices[places].tolist() for name, places in parts.items()},
+        "descriptions": sorted({str(dataset.records[place]["sentence"]) for place in known}),
+    }  # fmt: skip

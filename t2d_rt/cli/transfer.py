@@ -136,9 +136,11 @@ def _twins(names: list[str], options: Namespace) -> None:
 
 def _study(names: list[str], options: Namespace) -> None:
     from t2d_rt.learn.require import require_learning
-    from t2d_rt.learn.transfer import StudyOptions, run_transfer
 
     require_learning()
+    from t2d_rt.learn.transfer import StudyOptions, run_transfer
+    from t2d_rt.learn.twins import RECIPE
+
     real, simulated = compared(names[0], names[1], options)
     settings = StudyOptions(
         repeats=int(chosen(options, "repeats")), folds=int(chosen(options, "folds")), seed=options.seed or 0
@@ -146,7 +148,7 @@ def _study(names: list[str], options: Namespace) -> None:
     say(real)
     sources = {
         "real": str(real),
-        "simulated": (Path(names[1]) / "twins.json").read_text(encoding="utf-8").replace("\n", ""),
+        "simulated": (Path(names[1]) / RECIPE).read_text(encoding="utf-8").replace("\n", ""),
     }
     with ProgressBar("transfer") as progress:
         run_transfer(real.maps, simulated, options.output, options=settings, sources=sources, progress=progress)

@@ -75,8 +75,9 @@ class Split:
 
 def read_split(path: str | Path, records: Records) -> Split:
     """A split of these records from a file, checked for leaks as it was when it was made."""
+    stored = read_bytes(path, limit=MOST_BYTES, noun="split file")
     try:
-        values = json.loads(read_bytes(path, limit=MOST_BYTES, noun="split file"))
+        values = json.loads(stored)
         sides = {str(name): tuple(int(each) for each in indices) for name, indices in values["sides"].items()}
         found = Split(
             MappingProxyType(sides),

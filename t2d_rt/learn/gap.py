@@ -10,7 +10,7 @@ import numpy as np
 
 from t2d_rt.dataset.envelope import NOTCH_MPS, envelope
 from t2d_rt.errors import InputError
-from t2d_rt.learn.maps import LabelledMaps
+from t2d_rt.learn.maps import LabelledMaps, check_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,6 +102,7 @@ def domain_gap(simulated: LabelledMaps, real: LabelledMaps, *, seed: int = 0) ->
             f"simulated maps of {simulated.classes}, {simulated.size} cells, and real ones of {real.classes}, {real.size} cells, "
             "cannot be compared; bring them to the same classes and size"
         )
+    check_axes(simulated, real)
     found = []
     values = [
         np.array([_measured(each, maps.velocity_mps, maps.duration_s) for each in maps.levels])

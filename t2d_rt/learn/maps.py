@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from t2d_rt.checks import array, instance, integer, positive, shown
 from t2d_rt.dataset import Dataset
-from t2d_rt.dataset.products import resized
+from t2d_rt.dataset.products import edges, resized
 from t2d_rt.dataset.splits import grouped
 from t2d_rt.dataset.stored import axis
 from t2d_rt.errors import InputError
@@ -20,6 +20,8 @@ SIZE = 64, 64
 DYNAMIC_RANGE_DB = 60.0
 """As the authors of Text2Doppler have it."""
 LARGEST = 4096
+LEAST_SPAN_DB = 1e-3
+"""Between least and greatest level of a map that shows anything; rounding makes less [dB]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +49,7 @@ class LabelledMaps:
             raise InputError(f"levels must hold a sample and two cells or more along each axis, got {levels.shape}")
         if levels.max() > 1e-3:
             raise InputError(f"levels are in dB below each map's greatest cell, got {levels.max():.4g} dB; subtract it")
-        _check_classes(self.classes)
+        checked_classes(self.classes)
         labels = np.asarray(self.labels)
         if labels.shape != (count,) or not np.issubdtype(labels.dtype, np.integer):
             raise InputError(f"labels must be {count} integers, got {shown(labels)}; give one for each map")
@@ -121,8 +123,7 @@ class LabelledMaps:
             return self
         floor_db = float(self.levels.min())
         levels = np.stack([relative_levels(10.0 ** (each / 10.0), wanted, -floor_db) for each in self.levels])
-        first, last = _edges(self.velocity_mps)
-        return replace(self, levels=levels, velocity_mps=axis((first, last), wanted[0]))
+        return replace(self, levels=levels, velocity_mps=axis(edges(self.velocity_mps), wanted[0]))
 
     def joined(self, *others: LabelledMaps) -> LabelledMaps:
         """These maps and those of others of the same classes and axes; a group that some lack holds each of their samples alone."""
@@ -134,13 +135,7 @@ class LabelledMaps:
                 )
             if other.size != self.size:
                 raise InputError(f"maps of {self.size} and of {other.size} cells cannot be joined; resize one of them")
-            cell = float(self.velocity_mps[1] - self.velocity_mps[0])
-            away = float(np.abs(other.velocity_mps - self.velocity_mps).max())
-            if away > 0.5 * cell + 1e-9 or abs(other.duration_s - self.duration_s) > 0.05 * self.duration_s:
-                raise InputError(
-                    f"maps to join must cover the same speeds and time: speeds differ by {away:.3g} m/s, durations are "
-                    f"{self.duration_s:g} and {other.duration_s:g} s; cut them to the same axes"
-                )
+            check_axes(self, other)
         every = (self, *others)
         kinds = sorted(frozenset[str]().union(*(each.groups for each in every)))
         return replace(
@@ -165,6 +160,12 @@ def maps_of(
         raise InputError(f"product must be 'spectrogram', a map of speed and time, got {shown(product)}")
     wanted, range_db = checked_size(size), positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")
     kind = dataset.checked(product)
+    stored = dataset.recipe.products.spectrogram
+    if stored is not None and stored.dtype == "uint8" and range_db > stored.dynamic_range_db:
+        raise InputError(
+            f"{dataset.path} keeps {stored.dynamic_range_db:g} dB below the greatest cell (uint8), got a dynamic range of "
+            f"{range_db:g} dB; take as much at most"
+        )
     for record in dataset.records:
         if record["class"] not in dataset.classes:
             raise InputError(
@@ -177,6 +178,7 @@ def maps_of(
         if not np.isfinite(values).all():
             raise InputError(f"the spectrogram of sample {record['index']} has NaN or infinite cells; make it anew")
         levels.append(relative_levels(10.0 ** (values.astype(np.float64) / 10.0), wanted, range_db))
+        check_varied(levels[-1], f"sample {record['index']} of {dataset.path}")
         axes.append(axis(record["products"][kind]["velocity_mps"], wanted[0]))
     velocity = np.stack(axes)
     if np.ptp(velocity, axis=0).max() > 0.5 * (velocity[0, 1] - velocity[0, 0]):
@@ -207,6 +209,30 @@ def relative_levels(power: np.ndarray, size: tuple[int, int], dynamic_range_db: 
     return np.asarray(np.maximum(levels, -dynamic_range_db), dtype=np.float32)
 
 
+class _Axes(Protocol):
+    @property
+    def velocity_mps(self) -> np.ndarray: ...
+    @property
+    def duration_s(self) -> float: ...
+
+
+def check_axes(first: _Axes, second: _Axes) -> None:
+    """Refuses maps of as many cells that cover other speeds or another time."""
+    cell = float(first.velocity_mps[1] - first.velocity_mps[0])
+    away = float(np.abs(second.velocity_mps - first.velocity_mps).max())
+    if away > 0.5 * cell + 1e-9 or abs(second.duration_s - first.duration_s) > 0.05 * first.duration_s:
+        raise InputError(
+            f"maps must cover the same speeds and time: speeds differ by {away:.3g} m/s, durations are "
+            f"{first.duration_s:g} and {second.duration_s:g} s; cut them to the same axes"
+        )
+
+
+def check_varied(levels: np.ndarray, name: str) -> None:
+    """Refuses a map of one level, as of a recording without a signal: relative to its greatest cell it would be all echo."""
+    if np.ptp(levels) < LEAST_SPAN_DB:
+        raise InputError(f"{name} has the same level in all cells, which shows nothing; leave it out or make it anew")
+
+
 def checked_size(size: Any) -> tuple[int, int]:
     """Cells of speed and of time; one number stands for both."""
     pair = (size, size) if isinstance(size, (int, np.integer)) else size
@@ -216,16 +242,13 @@ def checked_size(size: Any) -> tuple[int, int]:
     return speed, time
 
 
-def _check_classes(classes: Any) -> None:
+def checked_classes(classes: Any) -> tuple[str, ...]:
+    """Names of classes, each once."""
     if not isinstance(classes, tuple) or not classes or not all(isinstance(each, str) and each for each in classes):
         raise InputError(f"classes must be a tuple of names, got {shown(classes)}")
     if len(set(classes)) < len(classes):
         raise InputError(f"classes names one of them twice, got {shown(classes)}; give each once")
-
-
-def _edges(centres: np.ndarray) -> tuple[float, float]:
-    half = 0.5 * float(centres[-1] - centres[0]) / (len(centres) - 1)
-    return float(centres[0]) - half, float(centres[-1]) + half
+    return classes
 
 
 def _group(maps: LabelledMaps, kind: str, part: int) -> np.ndarray:

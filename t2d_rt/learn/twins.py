@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import file_path, integer
+from t2d_rt.checks import array, file_path, integer
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError, T2DError, T2DWarning
+from t2d_rt.files import read_bytes
 from t2d_rt.learn.adapters.parrad import BIN_MPS, BINS, RADARS, RANGE_CELLS, ROW_S, ROWS, ZERO_BIN, notched
-from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps
+from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_varied
 from t2d_rt.motion import aside, place, trim
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.vary import hold
@@ -59,6 +60,10 @@ NEAREST_M = 0.8
 PLACES, ATTEMPTS = 200, 40
 SPAN_S = ROWS * ROW_S
 STEP_S = 0.25
+MOST_RECORDS = 1_000_000
+"""Of a recipe: recordings of two seeds have no noise in common."""
+RECIPE, FILES = "twins.json", "[0-9]*.npz"
+"""Of a folder: what its twins follow from, and the twins."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +134,7 @@ def twin(recipe: TwinRecipe, index: int) -> Twin:
         for number, radar in enumerate(radars):
             recording = simulate(
                 placed, radar=radar, scene=recipe.scene, method=recipe.method, noise=Receiver(), reflections=1,
-                clutter="none", seed=2 * index + number, progress=False,
+                clutter="none", seed=MOST_RECORDS * recipe.seed + 2 * index + number, progress=False,
             )  # fmt: skip
             levels.append(range_mean_levels(np.asarray(recording.adc.values)[:, 0]))
     told = {
@@ -212,12 +217,18 @@ def _placed(motion: Motion, radars: tuple[Radar, Radar], rng: np.random.Generato
 def make_twins(recipe: TwinRecipe, folder: str | Path, *, progress: Progress | None = None) -> Path:
     """Writes the twins of a recipe, a file each; those of the same recipe that are there stay, so that a stopped run goes on."""
     target = file_path("the folder of twins", folder)
-    target.mkdir(parents=True, exist_ok=True)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"cannot make the folder {target}: {error.strerror or error}; choose a writable place"
+        ) from None
     told = json.dumps(asdict(recipe), indent=1)
-    known = target / "twins.json"
-    if known.exists() and known.read_text(encoding="utf-8") != told:
+    known = target / RECIPE
+    if any(target.glob(FILES)) and (not known.is_file() or known.read_text(encoding="utf-8") != told):
         raise InputError(f"{target} holds twins of another recipe; give another folder")
-    known.write_text(told, encoding="utf-8")
+    with replacing(known, lambda: None) as new:
+        new.write_text(told, encoding="utf-8")
     for index in range(recipe.count):
         path = target / f"{index:05d}.npz"
         if not path.exists():
@@ -231,22 +242,56 @@ def make_twins(recipe: TwinRecipe, folder: str | Path, *, progress: Progress | N
     return target
 
 
+def _read_twin(path: Path) -> tuple[str, np.ndarray]:
+    """Label and levels (radar, row, bin) of a twin's file."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            label, levels = (
+                str(file["label"]),
+                array("its levels", file["levels"], (len(RADARS), "row", BINS), limit=1e6),
+            )
+        if label not in SENTENCES or levels.shape[1] < ROWS:
+            raise InputError(f"it has {levels.shape[1]} rows of '{label}'")
+    except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
+        raise InputError(f"{path} is no twin ({error or type(error).__name__}); remove it and make it again") from None
+    return label, levels
+
+
+def _check_complete(target: Path, count: int) -> None:
+    """Warns where twins of the recipe are not there yet."""
+    known = target / RECIPE
+    stored = read_bytes(known, limit=1_000_000, noun="recipe of twins")
+    try:
+        told = json.loads(stored)
+        wanted = int(told["per_class"]) * len(told["classes"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{known} is no recipe of twins ({error}); make the twins with t2d-rt transfer twins"
+        ) from None
+    if count < wanted:
+        warnings.warn(
+            f"{target} holds {count} of {wanted} twins; make the others with t2d-rt transfer twins",
+            T2DWarning,
+            stacklevel=3,
+        )
+
+
 def read_twins(folder: str | Path, merged: Mapping[str, str] | None = None) -> LabelledMaps:
     """The twins of a folder as maps of the radar's own bins and rows, an event's two maps one after another.
 
     merged: class of each label, as `adapters.parrad.FOUR` has it; by default each label is a class.
     """
     target = file_path("the folder of twins", folder)
-    files = sorted(target.glob("[0-9]*.npz"))
+    files = sorted(target.glob(FILES))
     if not files:
         raise InputError(f"{target} holds no twins; make them with t2d-rt transfer twins")
+    _check_complete(target, len(files))
     levels, labels, events = [], [], []
     for path in files:
-        with np.load(path, allow_pickle=False) as file:
-            found = notched(file["levels"])[:, :ROWS]
-            label = str(file["label"])
-        for each in found:
+        label, stored = _read_twin(path)
+        for each in notched(stored)[:, :ROWS]:
             levels.append(np.maximum(each.T - each.max(), -DYNAMIC_RANGE_DB))
+            check_varied(levels[-1], str(path))
             labels.append(label)
             events.append(path.stem)
     names = [label if merged is None else merged[label] for label in labels]

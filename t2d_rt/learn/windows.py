@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
 from t2d_rt.checks import positive
-from t2d_rt.errors import InputError
-from t2d_rt.learn.maps import relative_levels
-from t2d_rt.learn.train.saved import SavedModel
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.learn.maps import check_varied, relative_levels
+from t2d_rt.learn.train.saved import Card, SavedModel
 from t2d_rt.result import Recording
 
 STEPS = 5
 """Windows that begin within the duration of one, by default."""
+BAND = 0.1
+"""Relative difference of carriers from which a recording counts as of another band."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,18 +56,19 @@ def predict(model: SavedModel, recording: Recording, *, step_s: float | None = N
 
 
 def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Starts of the windows [s] and their maps (W, speed, time), static echoes taken away as they are for data sets.
+    """Starts of the windows [s] and their maps (W, speed, time), static echoes taken away as they were for the training.
 
     Cells of the maps are means over what they cover of the recording's cells.
     """
     card = model.card
-    image = recording.processed(mti="mean").spectrogram
+    _warn_of_carrier(recording.radar.carrier_hz, card)
+    image = recording.processed(mti="none" if card.about.get("mti") == "none" else "mean").spectrogram
     power = 10.0 ** (image.values.astype(np.float64) / 10.0)
     old, new = _edges(image.velocity_mps.values), _edges(card.axis_mps)
     bin_mps = old[1] - old[0]
     if new[0] < old[0] - bin_mps or new[-1] > old[-1] + bin_mps:
         raise InputError(
-            f"the recording shows {old[0]:.3g} to {old[-1]:.3g} m/s the model was trained on {new[0]:.3g} to {new[-1]:.3g} m/s; "
+            f"the recording shows {old[0]:.3g} to {old[-1]:.3g} m/s, the model was trained on {new[0]:.3g} to {new[-1]:.3g} m/s; "
             "record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
         )
     columns = _edges(image.time_s.values)
@@ -83,7 +87,22 @@ def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[
         )
         for start in starts
     ]  # fmt: skip
+    for start, each in zip(starts, maps, strict=True):
+        check_varied(each, f"the window of the recording from {start:.3g} s")
     return starts, np.stack(maps)
+
+
+def _warn_of_carrier(carrier_hz: float, card: Card) -> None:
+    """Warns of another band than the training's: at the same speeds it has another Doppler resolution and other scattering."""
+    known = [float(each) for each in card.about.get("carriers_hz", [])]
+    if known and min(abs(carrier_hz - each) / each for each in known) > BAND:
+        told = ", ".join(f"{each / 1e9:g}" for each in known)
+        warnings.warn(
+            f"the recording is of {carrier_hz / 1e9:g} GHz, the model was trained on {told} GHz; its maps differ in Doppler "
+            "resolution, so do not trust the classes before a test at this carrier",
+            T2DWarning,
+            stacklevel=4,
+        )
 
 
 def _edges(centres: np.ndarray) -> np.ndarray:

@@ -6,12 +6,13 @@ groups `group_NAME` (sample,) of texts.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from t2d_rt.checks import numeric
+from t2d_rt.checks import array, numeric
 from t2d_rt.errors import InputError
 from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, Piece, class_of, maps_from
 from t2d_rt.learn.maps import LabelledMaps
@@ -38,8 +39,8 @@ def read_hdf5(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[P
     try:
         with h5py.File(path, "r") as file:
             found = {name: _array(file[name]) for name in file if isinstance(file[name], h5py.Dataset)}
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error}; give an HDF5 file") from None
+    except Exception as error:  # h5py raises what it likes of a damaged file
+        raise InputError(f"cannot read {path}: {error or type(error).__name__}; give an HDF5 file of arrays") from None
     return _maps(path, found, options), [path]
 
 
@@ -48,34 +49,25 @@ def _array(stored: Any) -> np.ndarray:
 
 
 def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> LabelledMaps:
-    from dataclasses import replace
-
     for name in ("levels", "labels"):
         if name not in found:
             raise InputError(
                 f"{path} has no array '{name}'; it needs levels (sample, speed, time) and labels (sample,)"
             )
-    levels = numeric(f"levels of {path}", found["levels"]).astype(np.float64)
+    levels = numeric(f"levels of {path}", found["levels"])
     labels = [each.decode() if isinstance(each, bytes) else str(each) for each in np.atleast_1d(found["labels"])]
     if levels.ndim != 3 or len(labels) != len(levels) or len(levels) == 0:
         raise InputError(
             f"{path}: levels must have shape (sample, speed, time) and labels one text for each, "
             f"got {levels.shape} and {len(labels)}"
         )
-    velocity = found.get("velocity_mps")
-    if velocity is not None:
-        if velocity.shape != levels.shape[1:2] or np.any(np.diff(velocity) <= 0):
-            raise InputError(
-                f"{path}: velocity_mps must ascend over {levels.shape[1]} speeds, got shape {velocity.shape}"
-            )
-        half = 0.5 * (velocity[-1] - velocity[0]) / (len(velocity) - 1)
-        if abs(velocity[0] + velocity[-1]) > 2.01 * half:
-            raise InputError(
-                f"{path}: velocity_mps must reach as far below 0 as above, got {velocity[0]:g}..{velocity[-1]:g} m/s"
-            )
-        options = replace(options, speed_mps=float(max(-velocity[0], velocity[-1])))
+    levels = array(
+        f"levels of {path}", levels, ("sample", "speed", "time"), limit=1e3, unit="dB", hint="leave damaged maps out"
+    )
+    if "velocity_mps" in found:
+        options = replace(options, speed_mps=_greatest_speed(path, found["velocity_mps"], levels.shape[1]))
     if "duration_s" in found:
-        options = replace(options, duration_s=float(found["duration_s"]))
+        options = replace(options, duration_s=float(array(f"duration_s of {path}", found["duration_s"], ())))
     groups = {name[len(GROUP) :]: each for name, each in found.items() if name.startswith(GROUP)}
     for name, each in groups.items():
         if each.shape != (len(levels),):
@@ -89,6 +81,22 @@ def _maps(path: Path, found: dict[str, np.ndarray], options: AdapterOptions) -> 
         if class_of(label, options) is not None
     ]  # fmt: skip
     return maps_from(pieces, options, path, labels)
+
+
+def _greatest_speed(path: Path, value: np.ndarray, count: int) -> float:
+    """Edge of an axis of equal cells about 0, by their middles [m/s]."""
+    velocity = array(f"velocity_mps of {path}", value, (count,), unit="m/s")
+    cells = np.diff(velocity)
+    if count < 2 or cells.min() <= 0 or np.ptp(cells) > 0.01 * cells.mean():
+        raise InputError(
+            f"{path}: velocity_mps must ascend by equal steps over {count} speeds, got steps of "
+            f"{cells.min():g}..{cells.max():g} m/s; resample the maps"
+        )
+    if abs(velocity[0] + velocity[-1]) > 1.005 * cells.mean():
+        raise InputError(
+            f"{path}: velocity_mps must reach as far below 0 as above, got {velocity[0]:g}..{velocity[-1]:g} m/s; cut the maps"
+        )
+    return float(0.5 * (velocity[-1] - velocity[0] + cells.mean()))
 
 
 NPZ = Adapter(

@@ -13,7 +13,7 @@ from t2d_rt.checks import file_path, positive
 from t2d_rt.dataset.stored import axis
 from t2d_rt.errors import InputError
 from t2d_rt.files import regular_file
-from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, SIZE, LabelledMaps, checked_size
+from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, SIZE, LabelledMaps, check_varied, checked_size, relative_levels
 
 MAX_BYTES = 2_000_000_000
 """Of one file of real data."""
@@ -112,8 +112,6 @@ def class_names(labels: list[str], options: AdapterOptions, path: Path) -> tuple
 
 def maps_from(pieces: list[Piece], options: AdapterOptions, path: Path, all_labels: list[str]) -> LabelledMaps:
     """Pieces of the user's axes, brought to one size, as labelled maps."""
-    from t2d_rt.learn.maps import relative_levels
-
     classes = class_names(all_labels, options, path)
     if not pieces:
         raise InputError(f"{path} holds no map of the classes {', '.join(classes)}; check the path and the classes")
@@ -126,6 +124,7 @@ def maps_from(pieces: list[Piece], options: AdapterOptions, path: Path, all_labe
         if not np.isfinite(each.power).all():
             raise InputError(f"{path}: map {each.name} has NaN or infinite cells; leave it out or repair it")
         levels.append(relative_levels(each.power, options.size, options.dynamic_range_db))
+        check_varied(levels[-1], f"{path}: map {each.name}")
     numbers = [classes.index(str(class_of(each.label, options))) for each in pieces]
     kinds = sorted({kind for each in pieces for kind in each.groups})
     return LabelledMaps(

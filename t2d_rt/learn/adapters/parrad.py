@@ -19,9 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
+from t2d_rt.checks import array
 from t2d_rt.errors import InputError
 from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, class_names, class_of
-from t2d_rt.learn.maps import LabelledMaps
+from t2d_rt.learn.maps import LabelledMaps, check_varied
 
 RADARS = "wr14", "wr68"
 RANGE_CELLS = 64
@@ -69,6 +70,7 @@ def read_parrad(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list
         for radar in RADARS:
             piece = floors[radar][begins[number] : begins[number] + ROWS].T
             levels.append(np.maximum(piece - piece.max(), -options.dynamic_range_db))
+            check_varied(levels[-1], f"{path}: {radar} in event {number}")
             numbers.append(classes.index(name))
             events.append(f"event {number}")
             radars.append(radar)
@@ -122,29 +124,47 @@ def _loaded(path: Path) -> dict[str, np.ndarray]:
         with np.load(path, allow_pickle=False) as file:
             found = {name: file[name] for name in (*RADARS, "starts", "stops", "labels")}
     except KeyError as error:
+        lacks = str(error.args[0]).split(" ")[0]
         raise InputError(
-            f"{path} is no PARrad file: it lacks {error}; it needs wr14, wr68, starts, stops and labels"
+            f"{path} is no PARrad file: it lacks {lacks}; it needs wr14, wr68, starts, stops and labels"
         ) from None
     except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
         raise InputError(
             f"cannot read PARrad file {path}: {error or type(error).__name__}; give an .npz file"
         ) from None
-    rows = len(found[RADARS[0]])
     for radar in RADARS:
-        if found[radar].shape != (rows, BINS) or rows < ROWS + LATEST_ROW:
-            raise InputError(
-                f"{path}: {radar} must have shape (row, {BINS}), got {found[radar].shape}; both radars see the same"
-            )
-        if not np.isfinite(found[radar]).all():
-            raise InputError(f"{path}: {radar} has NaN or infinite cells; repair or cut the recording")
-    count = len(found["labels"])
-    if count == 0 or found["starts"].shape != (count,) or found["stops"].shape != (count,):
-        raise InputError(
-            f"{path} must tell a start and a stop for each label, got {len(found['starts'])} starts of {count} labels"
+        found[radar] = array(
+            f"{radar} of {path}", found[radar], ("row", BINS), limit=1e6, hint="give the recording as it was published"
         )
-    if np.any(np.diff(found["starts"]) <= 0) or found["starts"].min() < 0 or found["stops"].max() > rows:
-        raise InputError(f"{path}: starts must ascend within its {rows} rows; give commands in order")
+    rows = len(found[RADARS[0]])
+    if rows < ROWS + LATEST_ROW or len(found[RADARS[1]]) != rows:
+        raise InputError(
+            f"{path} has {rows} and {len(found[RADARS[1]])} rows of its radars; both must have as many, "
+            f"{ROWS + LATEST_ROW} or more"
+        )
+    _check_commands(path, found, rows)
     return found
+
+
+def _check_commands(path: Path, found: dict[str, np.ndarray], rows: int) -> None:
+    """Texts, and a first and a last row for each, in ascending order."""
+    labels = found["labels"]
+    if labels.ndim != 1 or len(labels) == 0 or labels.dtype.kind not in "US":
+        raise InputError(
+            f"{path}: labels must be texts, one for each command, got {labels.dtype} of shape {labels.shape}"
+        )
+    if labels.dtype.kind == "S":
+        found["labels"] = np.char.decode(labels, "utf-8", "replace")
+    for name in ("starts", "stops"):
+        rowed = array(f"{name} of {path}", found[name], (len(labels),), hint="give one row for each label")
+        if np.any(rowed != np.rint(rowed)):
+            raise InputError(f"{path}: {name} must be numbers of rows, got fractions; round them")
+        found[name] = rowed.astype(np.int64)
+    starts, stops = found["starts"], found["stops"]
+    if np.any(np.diff(starts) <= 0) or np.any(stops <= starts) or starts[0] < 0 or stops.max() > rows:
+        raise InputError(
+            f"{path}: starts must ascend within its {rows} rows, each before its stop; give commands in order"
+        )
 
 
 PARRAD = Adapter(

@@ -43,7 +43,7 @@ def _fractions(path: Path, colours: str) -> np.ndarray:
             if colours == "grey":
                 return np.asarray(picture.convert("L"), dtype=np.float64) / 255.0
             pixels = np.asarray(picture.convert("RGB"), dtype=np.float64)
-    except (OSError, SyntaxError, ValueError) as error:
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"cannot read picture {path}: {error or type(error).__name__}; leave it out") from None

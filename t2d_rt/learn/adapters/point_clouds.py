@@ -13,12 +13,14 @@ from t2d_rt.learn.adapters.interface import MAX_BYTES, Adapter, AdapterOptions, 
 from t2d_rt.learn.maps import LabelledMaps
 
 FIELD = re.compile(r"^\s*(point_id|velocity|intensity|secs|nsecs):\s*(\S+)", re.MULTILINE)
+LONGEST_S = 86_400.0
+"""That the stamps of one file may span; a wrong one would make millions of empty windows."""
 FLOOR = 1e-6
 """Power of a cell without points, relative to a point of 0 dB: no logarithm of zero."""
 
 
 def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
-    """A map for every `duration_s` of every file: power of the points over speed and time. The class is the file's folder.
+    """A map for every `duration_s` of every file that has points: their power over speed and time. The class is the file's folder.
 
     Speed is taken as positive = receding, as the devices of these files tell the rate of range, and turned round.
     """
@@ -36,6 +38,8 @@ def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps
                 speed[inside], time_s[inside] - first, bins=options.size, weights=power[inside],
                 range=((-options.speed_mps, options.speed_mps), (0.0, options.duration_s)),
             )  # fmt: skip
+            if not cells.any():
+                continue
             name = f"{each.relative_to(path).as_posix()} {number}"
             pieces.append(Piece(cells + FLOOR, label, name, {"event": each.relative_to(path).as_posix()}))
     return maps_from(pieces, options, path, [each.parent.name for each in files]), files
@@ -60,6 +64,10 @@ def _points(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if not all(np.isfinite(each).all() for each in values.values()):
         raise InputError(f"{path} has NaN or infinite fields; repair the file")
     time_s = values["secs"] + 1e-9 * values["nsecs"]
+    if np.ptp(time_s) > LONGEST_S:
+        raise InputError(
+            f"{path} spans {np.ptp(time_s):.3g} s by its stamps, {LONGEST_S:g} s are read at most; repair the stamps"
+        )
     order = np.argsort(time_s, kind="stable")
     return time_s[order], -values["velocity"][order], 10.0 ** (values["intensity"][order] / 10.0)
 

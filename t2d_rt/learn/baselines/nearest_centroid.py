@@ -28,7 +28,8 @@ class Centroids:
         within = plain - centroids[labels]
         covariance = within.T @ within / len(within)
         count = len(covariance)
-        shrunk = (1 - shrinkage) * covariance + shrinkage * np.trace(covariance) / count * np.eye(count)
+        mean_variance = float(np.trace(covariance)) / count or 1.0  # of classes of one sample each nothing is known
+        shrunk = (1 - shrinkage) * covariance + shrinkage * mean_variance * np.eye(count)
         whitening = np.linalg.cholesky(np.linalg.inv(shrunk))
         return cls(mean, scale, whitening, centroids @ whitening)
 

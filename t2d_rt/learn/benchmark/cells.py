@@ -68,7 +68,7 @@ def run_cells(
     for number, cell in enumerate(cells):
         path = folder / f"{cell.name}.json"
         if path.exists():
-            told = _read(path, stamp)
+            told = _read(path, cell, stamp)
         elif time.monotonic() < until:
             told = {**asdict(cell), "stamp": stamp, **_outcome(cell, scale, datasets[cell.set], maps[cell.set])}
             new = path.with_suffix(".new")
@@ -90,12 +90,14 @@ def _stamp(scale: Scale, maps: dict[str, LabelledMaps]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _read(path: Path, stamp: str) -> dict[str, Any]:
+def _read(path: Path, cell: Cell, stamp: str) -> dict[str, Any]:
     try:
         told = json.loads(path.read_text("utf-8"))
         found = told["stamp"]
-    except (ValueError, KeyError, TypeError):
-        raise InputError(f"{path} is no cell of a benchmark; remove it") from None
+        if {name: told[name] for name in asdict(cell)} != asdict(cell) or not ({"refused", "confusion"} & told.keys()):
+            raise ValueError
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"{path} is not what a benchmark wrote there; remove it, and it is computed again") from None
     if found != stamp:
         raise InputError(f"{path} is of other data or of another scale; choose another folder")
     return dict(told)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from lightning import LightningModule
 from torch import Tensor, nn
 from torchmetrics.classification import MulticlassAccuracy, MulticlassF1Score
 
+from t2d_rt.errors import InputError
 from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.learn.train.augment import Augmenter
 from t2d_rt.learn.train.batches import Batches
@@ -103,6 +105,11 @@ class Training(LightningModule):  # type: ignore[misc]
             row[f"{side}_loss"] = sum(loss * number for loss, number in losses) / count
             row[f"{side}_accuracy"] = float(self._accuracy[f"of_{side}"].compute())
             self._accuracy[f"of_{side}"].reset()
+        if not (math.isfinite(row["train_loss"]) and math.isfinite(row["val_loss"])):
+            raise InputError(
+                f"the loss is no longer finite in epoch {self.current_epoch + 1}, at a rate of {row['rate']:g}; "
+                "lower the learning rate"
+            )
         row["val_f1"] = float(self._f1.compute())
         self._f1.reset()
         before = min((each["val_loss"] for each in self.history), default=float("inf"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import pickle
 from collections.abc import Mapping
@@ -11,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.checks import file_path
+from t2d_rt.checks import file_path, interval, positive
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
-from t2d_rt.learn.maps import LabelledMaps, checked_size
+from t2d_rt.learn.maps import LabelledMaps, checked_classes, checked_size
 from t2d_rt.learn.models import build
 from t2d_rt.learn.require import require_learning
 
@@ -105,10 +106,9 @@ def write_model(folder: Path, saved: SavedModel) -> None:
     from safetensors.torch import save
 
     arrays = {name: each.detach().contiguous().clone() for name, each in saved.network.state_dict().items()}
-    for name, data in (
-        (WEIGHTS, save(arrays)),
-        (CARD, json.dumps(saved.card.to_plain(), indent=1).encode() + b"\n"),
-    ):
+    weights = save(arrays)
+    plain = {**saved.card.to_plain(), "weights_sha256": hashlib.sha256(weights).hexdigest()}
+    for name, data in ((WEIGHTS, weights), (CARD, json.dumps(plain, indent=1).encode() + b"\n")):
         new = folder / f"{name}.new"
         new.write_bytes(data)
         new.replace(folder / name)
@@ -122,28 +122,41 @@ def load_model(path: str | Path) -> SavedModel:
         raise InputError(f"{folder} holds no trained model ({WEIGHTS} and {CARD}); t2d-rt train writes one")
     require_learning()
     refuse_pickle(folder / WEIGHTS)
-    try:
-        told = json.loads(read_bytes(folder / CARD, limit=50_000_000, noun="card of a model"))
-        if told["format"] != FORMAT:
-            raise InputError(f"it is of format {told['format']!r}, this program reads {FORMAT!r}")
-        first, last = (float(each) for each in told["velocity_mps"])
-        card = Card(
-            model=str(told["model"]), classes=tuple(str(each) for each in told["classes"]),
-            size=checked_size(list(told["size"])), velocity_mps=(first, last), duration_s=float(told["duration_s"]),
-            dynamic_range_db=float(told["dynamic_range_db"]), seed=int(told["seed"]), about=dict(told["about"]),
-        )  # fmt: skip
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{folder / CARD} is no card of a model ({error}); train it again") from None
+    card, checksum = _read_card(folder / CARD)
     network = build(card.model, len(card.classes), card.size)
+    weights = read_bytes(folder / WEIGHTS, limit=MOST_BYTES, noun="file of weights")
     try:
         from safetensors.torch import load
 
-        network.load_state_dict(load(read_bytes(folder / WEIGHTS, limit=MOST_BYTES, noun="file of weights")))
+        network.load_state_dict(load(weights))
     except Exception as error:  # a damaged file may hold anything
+        reason = " ".join(str(error).split())[:200]
         raise InputError(
-            f"{folder / WEIGHTS} does not hold the weights of {card.model} ({error}); train it again"
+            f"{folder / WEIGHTS} does not hold the weights of {card.model} ({reason}); train it again"
         ) from None
+    if hashlib.sha256(weights).hexdigest() != checksum:
+        raise InputError(f"{folder / WEIGHTS} is not the file that {folder / CARD} was written with; train it again")
     return SavedModel(card, network.eval())
+
+
+def _read_card(path: Path) -> tuple[Card, str]:
+    """A card, and the SHA-256 of the weights that it belongs to."""
+    try:
+        told = json.loads(read_bytes(path, limit=50_000_000, noun="card of a model"))
+        if told["format"] != FORMAT:
+            raise InputError(f"it is of format {told['format']!r}, this program reads {FORMAT!r}")
+        card = Card(
+            model=str(told["model"]), classes=checked_classes(tuple(told["classes"])), size=checked_size(list(told["size"])),
+            velocity_mps=interval("velocity_mps", told["velocity_mps"], unit="m/s"),
+            duration_s=positive("duration_s", told["duration_s"], unit="s"),
+            dynamic_range_db=positive("dynamic_range_db", told["dynamic_range_db"], 200, unit="dB"), seed=int(told["seed"]),
+            about=dict(told["about"]),
+        )  # fmt: skip
+        return card, str(told["weights_sha256"])
+    except KeyError as error:
+        raise InputError(f"{path} is no card of a model (it lacks {error}); train it again") from None
+    except (ValueError, TypeError, AttributeError) as error:
+        raise InputError(f"{path} is no card of a model ({error}); train it again") from None
 
 
 def refuse_pickle(path: Path) -> None:
@@ -163,9 +176,12 @@ def read_state(path: Path) -> dict[str, Any]:
 
     try:
         found = torch.load(path, map_location="cpu", weights_only=True)
-        assert isinstance(found["t2d_rt"]["history"], list)
-    except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, TypeError, AssertionError, ValueError) as error:
-        reason = str(error).split(".")[0][:100]
+        kept = found["t2d_rt"]
+        complete = isinstance(kept["history"], list) and {"best", "plateau"} <= kept.keys() and "state_dict" in found
+        if not complete:
+            raise ValueError("it lacks a part")
+    except (pickle.UnpicklingError, RuntimeError, OSError, EOFError, LookupError, TypeError, ValueError) as error:
+        reason = str(error).split(".")[0][:100] or type(error).__name__
         raise InputError(
             f"{path} is no state of a training that can be read safely ({reason}); remove it to begin anew"
         ) from None

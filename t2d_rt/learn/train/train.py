@@ -5,25 +5,32 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import signal
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from t2d_rt.checks import file_path
+from t2d_rt.dataset.lock import LOCK, locked
 from t2d_rt.errors import InputError
-from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps
+from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_axes
 from t2d_rt.learn.models import build
 from t2d_rt.learn.require import require_learning
 from t2d_rt.learn.train.options import TrainOptions
-from t2d_rt.learn.train.saved import STATE, Card, SavedModel, read_state, write_model
+from t2d_rt.learn.train.saved import STATE, WEIGHTS, Card, SavedModel, read_state, write_model
 
 if TYPE_CHECKING:
+    from lightning import Trainer
     from torch import nn
 
+    from t2d_rt.learn.train.module import Training
+
 Progress = Callable[[float], None]
+NOTE = "training.txt"
+"""Hash of what a training follows from; before its first epoch is kept, another may take its place."""
 
 
 def train_model(
@@ -49,6 +56,9 @@ def train_model(
     train.checked_for_training()
     if val.classes != train.classes or val.size != train.size:
         raise InputError(f"the maps of the validation must be like those of the training, got {val!r} and {train!r}")
+    check_axes(train, val)
+    if options.device == "gpu" and not (torch.cuda.is_available() or torch.backends.mps.is_available()):
+        raise InputError("device is gpu, but PyTorch finds none here; take device cpu")
     before = torch.get_num_threads()
     random_state = torch.random.get_rng_state()
     torch.set_num_threads(options.threads)
@@ -57,32 +67,45 @@ def train_model(
         network = build(name, len(train.classes), train.size)
         told = {**(about or {}), "options": options.model_dump(mode="json")}
         card = Card.of(name, train, dynamic_range_db, seed=options.seed, about=told)
-        folder = None if output is None else _begun(Path(output), card, train, val)
-        history, seconds = _fitted(network, (train, val), options, dynamic_range_db, folder, progress)
+        with _begun(output, card, train, val) as folder:
+            history, seconds = _fitted(network, (train, val), options, dynamic_range_db, folder, progress)
+            card = card.with_about(history=history, epochs=len(history), seconds_per_epoch=round(seconds, 3))
+            saved = SavedModel(card, network.eval())
+            if folder is not None:
+                write_model(folder, saved)
+            return saved
     finally:
         torch.set_num_threads(before)
         torch.random.set_rng_state(random_state)
-    card = card.with_about(history=history, epochs=len(history), seconds_per_epoch=round(seconds, 3))
-    saved = SavedModel(card, network.eval())
-    if folder is not None:
-        write_model(folder, saved)
-    return saved
 
 
-def _begun(folder: Path, card: Card, train: LabelledMaps, val: LabelledMaps) -> Path:
-    """The folder, with a note of what is trained in it."""
-    folder.mkdir(parents=True, exist_ok=True)
+@contextmanager
+def _begun(output: str | Path | None, card: Card, train: LabelledMaps, val: LabelledMaps) -> Iterator[Path | None]:
+    """The folder, held against other runs, with a note of what is trained in it; None where nothing is written."""
+    if output is None:
+        yield None
+        return
+    folder = file_path("the folder of a model", output)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"cannot make the folder {folder}: {reason}; choose a writable place for the model") from None
     data = hashlib.sha256()
     for each in (train, val):
         data.update(each.levels.tobytes() + each.labels.tobytes())
     plain = json.dumps({"card": card.to_plain(), "data": data.hexdigest()}, sort_keys=True)
-    note, digest = folder / "training.txt", hashlib.sha256(plain.encode()).hexdigest()
-    if note.exists() and note.read_text("utf-8").strip() != digest:
-        raise InputError(f"{folder} holds a training of another model, data or options; choose another folder")
-    if not note.exists() and any(folder.iterdir()):
-        raise InputError(f"{folder} holds other files; choose an empty or a new folder")
-    note.write_text(digest + "\n", "utf-8")
-    return folder
+    digest = hashlib.sha256(plain.encode()).hexdigest()
+    with locked(folder):
+        note, new = folder / NOTE, folder / f"{NOTE}.new"
+        others = {each.name for each in folder.iterdir()} - {LOCK, note.name, new.name}
+        if others and not note.exists():
+            raise InputError(f"{folder} holds other files; choose an empty or a new folder")
+        if others & {STATE, WEIGHTS} and note.read_text("utf-8").strip() != digest:
+            raise InputError(f"{folder} holds a training of another model, data or options; choose another folder")
+        new.write_text(digest + "\n", "utf-8")
+        new.replace(note)
+        yield folder
 
 
 def _fitted(
@@ -111,10 +134,21 @@ def _fitted(
                 enable_progress_bar=False, enable_model_summary=False, num_sanity_val_steps=0,
                 reload_dataloaders_every_n_epochs=1, barebones=False,
             )  # fmt: skip
-            trainer.fit(module, ckpt_path=None if kept is None else str(keep_at), weights_only=True)
+            _run(trainer, module, None if kept is None else str(keep_at))
     seconds = (time.perf_counter() - started) / max(1, len(module.history) - first)
     network.load_state_dict(module.best)
     network.to("cpu")
-    if not all(np.isfinite(each["val_loss"]) for each in module.history):
-        raise InputError("the loss became infinite; lower the learning rate")
     return module.history, seconds
+
+
+def _run(trainer: Trainer, module: Training, kept: str | None) -> None:
+    """Runs it; Ctrl-C comes out as it went in, where Lightning would end the process without a word."""
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        trainer.fit(module, ckpt_path=kept, weights_only=True)
+    except SystemExit as stopped:
+        if not isinstance(stopped.__context__, KeyboardInterrupt):
+            raise
+        with suppress(ValueError):  # only the main thread may set it
+            signal.signal(signal.SIGINT, before)
+        raise KeyboardInterrupt from None

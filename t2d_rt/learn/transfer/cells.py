@@ -144,7 +144,11 @@ class Study:
             seeded(seed)
             if path.exists():
                 net = network(len(self.real.classes), seed)
-                net.load_state_dict(load_file(path))
+                try:
+                    net.load_state_dict(load_file(path))
+                except Exception as error:  # a damaged file may hold anything
+                    reason = " ".join(str(error).split())[:200]
+                    raise InputError(f"{path} holds no weights of this study ({reason}); remove it") from None
                 self._known[repeat] = net.eval()
             else:
                 net = pretrained(self.simulated, seed)

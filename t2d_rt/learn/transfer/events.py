@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.errors import InputError
-from t2d_rt.learn.maps import LabelledMaps
+from t2d_rt.learn.maps import LabelledMaps, check_axes
 
 SPEED_CELLS = 64
 """Speeds of a network's input; bins are joined by the mean of their levels."""
@@ -92,9 +92,10 @@ class Events:
         return np.asarray(np.clip(joined / SCALE_DB, 0.0, GREATEST), dtype=np.float32)
 
     def same_axes(self, other: Events) -> None:
-        """Refuses events of other classes or cells."""
+        """Refuses events of other classes, cells, speeds or duration."""
         if other.classes != self.classes or other.levels.shape[2:] != self.levels.shape[2:]:
             raise InputError(
                 f"simulated events of {other.classes}, {other.levels.shape[2:]} cells, do not fit real ones of {self.classes}, "
-                f"{self.levels.shape[2:]} cells"
+                f"{self.levels.shape[2:]} cells; bring them to the same classes and size"
             )
+        check_axes(self, other)

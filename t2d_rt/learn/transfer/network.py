@@ -33,13 +33,9 @@ class EventNet(nn.Module):
         both = torch.cat([found.mean(dim=3), found.amax(dim=3)], dim=1)
         return both.flatten(1).unflatten(0, (batch, views))
 
-    def from_encoded(self, encoded: Tensor) -> Tensor:
-        """Scores (B, K) of what the encoder told."""
-        return self.head(torch.relu(self.penultimate(encoded)).mean(dim=1))
-
     def forward(self, inputs: Tensor) -> Tensor:
         """Scores (B, K) of inputs (B, V, speed, time)."""
-        return self.from_encoded(self.encoded(inputs))
+        return self.head(torch.relu(self.penultimate(self.encoded(inputs))).mean(dim=1))
 
 
 class SkipTuned(nn.Module):

@@ -43,8 +43,14 @@ def read_rows(folder: Path) -> tuple[list[Row], dict[str, Any], dict[str, np.nda
     about = json.loads((folder / "study.json").read_text(encoding="utf-8"))
     gathered: dict[tuple[str, int | None, str], list[dict[str, Any]]] = {}
     for path in sorted((folder / "cells").glob("*.json")):
-        cell = json.loads(path.read_text(encoding="utf-8"))
-        gathered.setdefault((cell["method"], cell["per_class"], cell["radars"]), []).append(cell)
+        try:
+            cell = json.loads(path.read_text(encoding="utf-8"))
+            gathered.setdefault((cell["method"], cell["per_class"], cell["radars"]), []).append(cell)
+            sound = len(cell["truth"]) == len(cell["predicted"]) == about["real_events"]
+        except (ValueError, KeyError, TypeError):
+            sound = False
+        if not sound:
+            raise InputError(f"{path} is not what a study wrote there; remove it, and it is computed again")
     if not gathered:
         raise InputError(f"{folder} has no finished cell yet; run t2d-rt transfer first")
     rows, labels = [], {}
