@@ -126,7 +126,8 @@ class Recording:
     def snr_db(self) -> float | None:
         """Power of what changes from chirp to chirp in the echoes over that in what the receiver added (`noise_dbm`), in the mean
         over all samples [dB]; None without noise. Processing raises it by the number of samples that it adds coherently."""
-        return self.settings.get("snr_db")
+        # Recordings of earlier versions have a value over white noise alone, and no noise_dbm.
+        return None if self.noise_dbm is None else self.settings.get("snr_db")
 
     @property
     def noise_dbm(self) -> float | None:
@@ -239,7 +240,7 @@ class Recording:
         """
         changed = self.processed()
         changed.settings["background"] = background_settings(
-            model, seed=seed, level_db=level_db, noisy=self.noise_floor_dbm is not None, carrier_hz=self.radar.carrier_hz
+            model, seed=seed, level_db=level_db, noisy=self.noise_dbm is not None, carrier_hz=self.radar.carrier_hz
         )  # fmt: skip
         return changed
 

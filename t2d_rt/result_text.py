@@ -23,7 +23,9 @@ def made_with(settings: Mapping[str, Any], *, measured: bool) -> str:
     known = [str(settings[name]) for name in ("method", "scene") if name in settings]
     if settings.get("error_db") is not None:
         known.append(f"measured error {settings['error_db']:.1f} dB")
-    if settings.get("snr_db") is not None:
+    if (
+        settings.get("snr_db") is not None and settings.get("noise_dbm") is not None
+    ):  # earlier versions had one over white noise
         known.append(f"SNR {settings['snr_db']:.1f} dB")
     return printable(", ".join(known)) or ("measured" if measured else "simulated")
 

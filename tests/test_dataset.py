@@ -185,6 +185,22 @@ def test_samples_that_fail_are_recorded(monkeypatch: pytest.MonkeyPatch, tmp_pat
     )  # what is there tells, too
 
 
+def test_failures_of_a_larger_run_do_not_stop_a_smaller_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from t2d_rt.dataset import making, work
+
+    real = work.sample
+
+    def some_fail(recipe: Recipe, index: int) -> Any:
+        if index >= 2:
+            raise InputError("the person stayed at home")
+        return real(recipe, index)
+
+    monkeypatch.setattr(work, "sample", some_fail)
+    monkeypatch.setattr(making, "MOST_FAILED", 0.5)
+    assert len(make_dataset(tiny(), tmp_path / "out", workers=1).failures) == 2
+    assert make_dataset(tiny(), tmp_path / "out", workers=1, limit=2).failures == ()
+
+
 def test_too_many_failures_stop_the_run(tmp_path: Path) -> None:
     clips_make_no_falls = tiny(classes=["falling"], providers=["library"], descriptions_per_class=4)
     with pytest.raises(InputError, match=r"3 of 4 samples failed, more than 5%.*provider library does not make fall"):
@@ -386,6 +402,19 @@ def test_a_background_that_fits_no_radar_is_told_before_anything_is_made(tmp_pat
     assert not (tmp_path / "set").exists()
 
 
+def test_a_background_of_another_band_is_told_before_anything_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("t2d_rt.dataset.making.check_axes", lambda *_: None)
+    other = t2d.Radar.preset("table2", carrier_hz=60e9)
+    (tmp_path / "taken").write_text("")  # the run ends there
+    with (
+        pytest.warns(t2d.errors.T2DWarning, match="was learned at .* and the recording is of 60 GHz"),
+        pytest.raises(InputError, match="is no data set"),
+    ):
+        make_dataset(tiny(background="default", radar=other), tmp_path, workers=1)
+
+
 def test_a_record_that_is_occluded_all_along_without_background_fails(made: Path) -> None:
     covered = tiny(masks={"windows": 400.0, "shortest_s": 0.5, "longest_s": 0.8})
     found = make_sample(covered, {}, 0)
@@ -413,7 +442,11 @@ def test_a_lock_that_was_taken_away_while_it_was_opened_is_taken_anew(
     assert not (tmp_path / LOCK).exists()
 
 
-def test_a_larger_shard_that_is_killed_half_way_leaves_none(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("last", ["00000.npz", "00000.jsonl"])
+def test_a_run_that_is_killed_while_it_replaces_a_smaller_shard_goes_on(
+    copy: Path, monkeypatch: pytest.MonkeyPatch, last: str
+) -> None:
+    """After its arrays there is no shard; after its records the manifest does not hold the smaller one's checksums against it."""
     before = contents(copy)
     shutil.rmtree(copy)
     make_dataset(tiny(), copy, workers=1, limit=2)
@@ -421,7 +454,7 @@ def test_a_larger_shard_that_is_killed_half_way_leaves_none(copy: Path, monkeypa
 
     def killed(path: Path, data: bytes) -> None:
         write(path, data)
-        if path.name == "00000.npz":
+        if path.name == last and path.parent.name == "shards":
             raise KeyboardInterrupt
 
     monkeypatch.setattr(shards, "write_whole", killed)

@@ -68,7 +68,7 @@ def test_the_liveliest_piece_comes_first(walk: Motion) -> None:
     assert _starts(at_rest, 3.0)[-1] == max(_starts(at_rest, 3.0))
 
 
-def test_takes_are_as_long_as_the_records_and_what_was_asked_for(recipe: Recipe) -> None:
+def test_motions_are_as_long_as_the_records_and_what_was_asked_for(recipe: Recipe) -> None:
     for number, activity in enumerate(("bending", "falling")):
         found = sample_motion(recipe, activity, 0, number)
         assert found.motion.duration_s == pytest.approx(3.0, abs=1e-9)
@@ -78,7 +78,7 @@ def test_takes_are_as_long_as_the_records_and_what_was_asked_for(recipe: Recipe)
         np.testing.assert_array_equal(again.motion.joints, found.motion.joints)
 
 
-def test_the_source_of_a_take_makes_the_same_motion(recipe: Recipe) -> None:
+def test_the_source_of_a_motion_makes_the_same_motion(recipe: Recipe) -> None:
     found = sample_motion(recipe, "falling", 0, 1)
     source = MotionText(**found.source.model_dump())
     radar = recipe.radar

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import t2d_rt as t2d
 from t2d_rt.dataset import Recipe, recipe_names
 from t2d_rt.dataset.sample import cell_of
 from t2d_rt.errors import InputError
@@ -153,6 +154,20 @@ def test_files_that_a_recipe_names_are_found_from_its_folder_and_stay_so(tmp_pat
     assert set(first.files().values()) == {None}
     (tmp_path / "own.safetensors").write_bytes(b"weights")
     assert len(first.files()[str(tmp_path / "own.safetensors")] or "") == 64
+
+
+def test_meshes_of_a_scene_are_among_the_files_that_samples_follow_from(tmp_path: Path) -> None:
+    """An editor writes the same XML file and other meshes; mutation: take the XML file alone."""
+    path = t2d.save_scene(t2d.Room(name="hall", size_m=(4.0, 4.0, 2.5)).scene(), tmp_path / "hall")
+    found = recipe(conditions=[{"name": "own", "scene": str(path)}])
+    before = found.files()
+    (mesh, *_) = sorted((tmp_path / "hall" / "meshes").glob("*.ply"))
+    mesh.write_bytes(mesh.read_bytes() + b"\0")
+    after = found.files()
+    assert [name for name in before if before[name] != after[name]] == [str(mesh.resolve())]
+    mesh.unlink()
+    with pytest.raises(InputError, match=r"hall.xml: it names .* which does not exist"):
+        found.files()
 
 
 def test_one_seed_of_noise_for_all_samples_is_refused() -> None:

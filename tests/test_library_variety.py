@@ -56,6 +56,13 @@ def test_dances_are_as_lively_as_the_recordings() -> None:
     assert (spectrum_difference_db(made, recorded) > -3).all()  # chosen by duration: 4 to 6 dB below
 
 
+def test_a_dance_that_ends_early_tells_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("t2d_rt.motion.generate.library.dances._continued", lambda whole, _: (whole, np.inf))
+    made = motion_from_text("a person dances for 12 seconds", seed=0)
+    assert made.duration_s < 11
+    assert any("the dance ends early" in each for each in made.origin)
+
+
 def test_a_foot_goes_on_standing() -> None:
     jump = clip("jumping_train_5.0")
     last = int(np.flatnonzero(~jump.planted.any(axis=(1, 2)))[0]) - 1

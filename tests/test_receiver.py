@@ -554,8 +554,10 @@ def test_noise_of_cubes_on_disk_is_that_of_cubes_in_memory(monkeypatch: pytest.M
     assert isinstance(noisy.cube, DiskCube)
     assert noisy.experiment is not None
     assert isinstance(noisy.experiment.noise, t2d.Receiver)
-    expected, _ = receive(np.asarray(clean.cube), clean.radar, noisy.experiment.noise, 0)
+    expected, levels = receive(np.asarray(clean.cube), clean.radar, noisy.experiment.noise, 0)
     np.testing.assert_array_equal(np.asarray(noisy.cube), expected)
+    assert levels["snr_db"] is not None
+    assert {name: noisy.settings[name] for name in levels} == levels
 
 
 def test_cubes_without_chirps_and_figures_below_zero() -> None:
@@ -653,3 +655,21 @@ def test_phases_become_factors_without_the_loss_of_digits() -> None:
     )
     exact = np.expm1(1j * rows.astype(np.complex128))
     assert np.abs(_factors(rows) / exact - 1).max() < 3e-6
+
+
+def test_an_snr_over_white_noise_alone_is_not_told() -> None:
+    """Earlier versions saved one, without the power of all noise."""
+    recording = t2d.Recording(np.ones((8, 1, 64), np.complex64), t2d.Radar.preset("table2", samples=64))
+    recording.settings["snr_db"] = 30.0
+    assert recording.snr_db is None
+    assert "SNR" not in str(recording)
+    recording.settings["noise_dbm"] = -90.0
+    assert recording.snr_db == 30.0
+    assert "SNR 30.0 dB" in str(recording)
+
+
+def test_a_background_beside_any_noise_of_a_receiver_is_told() -> None:
+    recording = t2d.Recording(np.ones((600, 1, 256), np.complex64), t2d.Radar.preset("table2"))
+    recording.settings["noise_dbm"] = -90.0  # of 1/f noise alone there is no white floor
+    with pytest.warns(t2d.T2DWarning, match="noise"):
+        recording.with_background("default")

@@ -18,7 +18,6 @@ from t2d_rt.sources import MotionText
 WALKS = 20
 """Descriptions of walks that a second person may follow."""
 
-
 RESERVED_SEED = 1 << 40
 """Added to a recipe's seed for the descriptions that no sample of a class has."""
 

@@ -101,7 +101,8 @@ def _warn_of_versions(manifest: Path) -> None:
 
 def _prepare(folder: Path, recipe: Recipe) -> None:
     """Makes the folder of a data set, or checks that it is one of the same recipe."""
-    missing = [name for name, checksum in recipe.files().items() if checksum is None]
+    inputs = recipe.files()
+    missing = [name for name, checksum in inputs.items() if checksum is None]
     if missing:
         raise InputError(
             f"recipe {recipe.name} names {missing[0]}, which is no file; correct its name, or put the file there"
@@ -116,9 +117,8 @@ def _prepare(folder: Path, recipe: Recipe) -> None:
                 f"{recipe.hash[:8]}); choose another folder"
             )
         _warn_of_versions(folder / MANIFEST)
-        begun, now = read_manifest(folder).get("inputs", {}), recipe.files()
-        for name, checksum in begun.items():
-            if now.get(name) != checksum:
+        for name, checksum in read_manifest(folder).get("inputs", {}).items():
+            if inputs.get(name) != checksum:
                 raise InputError(
                     f"{name} has changed since {folder} was begun; put it back as it was, or choose another folder"
                 )
@@ -134,12 +134,12 @@ def _prepare(folder: Path, recipe: Recipe) -> None:
 
 
 def _check_background(recipe: Recipe) -> None:
-    """Refuses a background model that a radar of the recipe cannot have, before anything is made."""
+    """Refuses a background model that a radar of the recipe cannot have, and warns of another band, before anything is made."""
     if recipe.background is None or recipe.products.spectrogram is None:
         return
-    background_settings(recipe.background, level_db=recipe.background_level_db)
-    for each in recipe.conditions:
-        check_axes(recipe.background, each.radar or recipe.radar, {})
+    for radar in dict.fromkeys(each.radar or recipe.radar for each in recipe.conditions):
+        background_settings(recipe.background, level_db=recipe.background_level_db, carrier_hz=radar.carrier_hz)
+        check_axes(recipe.background, radar, {})
 
 
 class _Run:
@@ -188,8 +188,10 @@ class _Run:
             self._count_records(number, records)
             if len(records) >= len(self._indices(number)):  # one of an earlier limit may lack samples
                 found.add(number)
-                self._done += len(records)
-                self._note_failures([Made(each) for each in records])
+                # Of a larger run there may be more, whose failures count for that one.
+                asked = [Made(each) for each in records if each["index"] < self._count]
+                self._done += len(asked)
+                self._note_failures(asked)
         return found
 
     def _check_records(self, number: int, records: Sequence[dict[str, Any]]) -> None:
@@ -221,6 +223,8 @@ class _Run:
         self._done += len(made)
         if len(waiting) == len(self._indices(number)):
             shard = [waiting[index] for index in sorted(waiting)]
+            if self._counts.pop(number, None) is not None:
+                self.write_manifest()  # without the smaller shard that is replaced, whose checksums the new one does not have
             self._files |= write_shard(self._folder, number, shard)
             self._count_records(number, [each.record for each in shard])
             del self._waiting[number]

@@ -21,6 +21,7 @@ from t2d_rt.files import read_yaml
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.named import bodies
 from t2d_rt.noise.masks import OcclusionMask
+from t2d_rt.propagation.scene_xml import SceneFile
 from t2d_rt.room import Clutter
 from t2d_rt.types import Accuracy, Radar, Receiver
 from t2d_rt.types.fields import Count, Decibel, Fields, Number
@@ -175,6 +176,7 @@ class Recipe(Fields):
     def files(self) -> dict[str, str | None]:
         """Checksums of the files that samples follow from beside the recipe; None of one that is not there."""
         names = {each.scene for each in self.conditions if each.scene.lower().endswith(".xml")}
+        names |= {str(mesh) for scene in names for mesh in _meshes(Path(scene))}
         if self.background is not None and self.background.lower().endswith(".safetensors"):
             names.add(self.background)
         return {
@@ -234,6 +236,18 @@ class Recipe(Fields):
         conditions = tuple(each.model_copy(update={"scene": whole(each.scene, ".xml")}) for each in self.conditions)
         background = None if self.background is None else whole(self.background, ".safetensors")
         return self.model_copy(update={"conditions": conditions, "background": background})
+
+
+def _meshes(scene: Path) -> list[Path]:
+    """Files of the meshes that a scene's XML file names; none where it is not there."""
+    if not scene.is_file():
+        return []
+    file = SceneFile(scene)
+    try:
+        named = [each.get("value", "") for element in file.read() for each in element.iter("string")]
+        return [file.inside(name) for name in named if name.lower().endswith((".ply", ".obj"))]
+    except InputError as error:
+        raise InputError(f"{scene}: {error}") from None
 
 
 LIMITS = {

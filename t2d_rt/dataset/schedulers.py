@@ -66,7 +66,7 @@ def on_this_machine(tasks: Sequence[Task], workers: int) -> Iterator[list[Made]]
 
 @contextmanager
 def _silent(name: str) -> Iterator[None]:
-    """Without what a logger has to say, as a page of traceback on what one sentence tells."""
+    """Silences a logger, whose page of traceback would stand beside the one sentence of the error."""
     logger = logging.getLogger(name)
     level = logger.level
     logger.setLevel(logging.CRITICAL)

@@ -32,7 +32,7 @@ def view(recording: Recording, recipe: Recipe, index: int) -> View | None:
             recipe.background,
             seed=seed,
             level_db=recipe.background_level_db,
-            noisy=recording.noise_floor_dbm is not None,
+            noisy=recording.noise_dbm is not None,
             carrier_hz=recording.radar.carrier_hz,
         )
         added = background(velocity, time_s, settings).power_w(settings["level_db"]).astype(np.float64)

@@ -49,7 +49,7 @@ def run() -> Section:
     step_s = float(times[1] - times[0])
     rows = [_row(each, speeds, step_s) for each in cases]
     table = {each["blocked by"]: each for each in rows}
-    cupboard, legs = table["cupboard, direct path"], table["table, direct path"]
+    cupboard, legs, person = (table[name] for name in ("cupboard, direct path", "table, direct path", "second person"))
     hidden_s = step_s * float(hidden(walk, times).sum())
     checks = [
         Check(what="cupboard, direct path: deepest", measured=cupboard["deepest [dB]"], limit=DEEP_DB, unit="dB"),
@@ -60,6 +60,11 @@ def run() -> Section:
         Check(
             what="table: attenuation of the whole body", measured=legs["deepest [dB]"], limit=DEEP_DB, unit="dB", at_least=True
         ),
+        Check(
+            what=f"table: time in which speeds above {FAST_MPS:g} m/s are below {HALF_DB:g} dB",
+            measured=legs["fast below -6 dB [s]"], limit=0.1, unit="s", at_least=True,
+        ),
+        Check(what="second person: deepest", measured=person["deepest [dB]"], limit=HALF_DB, unit="dB"),
     ]  # fmt: skip
     mask = OcclusionMask()
     return Section(

@@ -155,6 +155,8 @@ def scheduler_lost(folder: Path) -> Lost:
     processes = [subprocess.Popen(scheduler, **quiet)]
     try:
         while not address.exists() or not address.read_text().strip():
+            if processes[0].poll() is not None:
+                raise RuntimeError(f"the scheduler ended with {processes[0].returncode} before it told its address")
             time.sleep(0.2)
         processes += [subprocess.Popen(worker, **quiet) for _ in range(2)]
         where = json.loads(address.read_text())["address"]

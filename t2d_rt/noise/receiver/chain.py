@@ -29,11 +29,13 @@ SILENT = 1e-13
 
 @dataclass(slots=True)
 class Power:
-    """Mean power of samples, in all and of their mean over the rows."""
+    """Running sums for the mean power of samples (row, antenna, sample) [sqrt(W)], and for that of their mean over the rows."""
 
     count: int = 0
+    """Samples."""
     rows: int = 0
-    energy_w: float = 0.0
+    sum_w: float = 0.0
+    """Sum of |sample|^2 [W]."""
     total: Any = 0.0
     """Sum over the rows, complex128 (antenna, sample)."""
 
@@ -42,19 +44,19 @@ class Power:
         self.rows += len(samples)
         self.count += samples.size
         parts = np.ascontiguousarray(samples).view(np.float32).ravel().astype(np.float64)
-        self.energy_w += float(np.einsum("i,i->", parts, parts))  # BLAS would round by the number of its threads
+        self.sum_w += float(np.einsum("i,i->", parts, parts))  # BLAS would round by the number of its threads
         self.total = self.total + samples.sum(axis=0, dtype=np.complex128)
 
     @property
     def static_w(self) -> float:
         """Power of the mean over the rows [W]; 0 where it is rounding."""
         found = float(np.mean(np.abs(self.total / self.rows) ** 2))
-        return found if found > SILENT * self.energy_w / self.count else 0.0
+        return found if found > SILENT * self.sum_w / self.count else 0.0
 
     @property
     def moving_w(self) -> float:
         """Power of what changes from row to row [W]; 0 where it is rounding, or nothing can."""
-        mean_w = self.energy_w / self.count
+        mean_w = self.sum_w / self.count
         found = mean_w - float(np.mean(np.abs(self.total / self.rows) ** 2))
         return found if found > SILENT * mean_w and self.rows > 1 else 0.0
 

@@ -18,7 +18,7 @@ class TimeSlots:
 
     @property
     def per_row(self) -> int:
-        """TimeSlots of one row."""
+        """Time slots of one row."""
         return self.radar.loop_chirps
 
     @property

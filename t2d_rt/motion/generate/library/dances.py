@@ -71,7 +71,8 @@ def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
             found.append(_continued(whole, _phrase(maker, maker.draw(segments, weights))))
         longer, rough = min(found, key=lambda each: each[1])
         if not np.isfinite(rough):
-            break  # nothing of the clips goes on from here: the dance ends sooner
+            whole = whole.noted("the dance ends early: no phrase goes on smoothly from its last one")
+            break
         whole = longer
     whole = edits.paced(_from_rest_to_rest(whole, count), pace)
     if step.direction in ("clockwise", "counterclockwise"):

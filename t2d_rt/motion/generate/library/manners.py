@@ -65,9 +65,8 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
         piece = edits.strided(piece, change.stride**pace)
     arms = change.arms**strength
     if step.action == "dance":
-        arms = min(
-            arms, 1.0
-        )  # a dancer's arms reach as far as they can: farther, they would go faster than recorded ones
+        # A dancer's arms reach as far as they can: farther, they would go faster than recorded ones.
+        arms = min(arms, 1.0)
     local = piece.poses.local.copy()
     for joint, part in (("spine1", 0.4), ("spine2", 0.3), ("spine3", 0.3)):
         _turned(local, joint, [0.0, np.radians(change.trunk_deg) * strength * part, 0.0])
