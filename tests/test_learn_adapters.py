@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.learn.adapters import AdapterOptions, read_real
 from t2d_rt.learn.adapters.parrad import BINS, FOUR, ROWS, ZERO_BIN
 
@@ -151,6 +152,12 @@ def test_point_clouds_give_windows_of_power_over_speed_and_time(tmp_path: Path) 
     for level, label in zip(maps.levels, maps.labels, strict=True):
         speed = maps.velocity_mps[np.unravel_index(np.argmax(level), level.shape)[0]]
         assert abs(speed - (1.0 if label == 1 else -2.0)) <= 0.25
+    with pytest.raises(InputError, match=r"points of up to 2 m/s, the axis ends at 1\.5 m/s; raise speed_mps"):
+        read_real(tmp_path, "radhar", replace(options, speed_mps=1.5))
+    radhar(tmp_path / "walk", "c.txt", -1.0, frames=15)
+    with pytest.warns(T2DWarning, match=r"1 of 3 files of .* are shorter than a map of 2 s and give none"):
+        assert read_real(tmp_path, "radhar", options).maps.counts.tolist() == [2, 2]
+    (tmp_path / "walk" / "c.txt").unlink()
     later = (tmp_path / "walk" / "a.txt").read_text().replace("secs: 1004", "secs: 1009")
     (tmp_path / "walk" / "a.txt").write_text(later)  # five seconds without a point: two windows show nothing
     gapped = read_real(tmp_path, "radhar", options).maps

@@ -14,7 +14,7 @@ from dataset_folder import recipe, write_dataset
 from t2d_rt.dataset import Dataset
 from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines import Centroids
-from t2d_rt.learn.benchmark import SCALES, Scale, cells_of, claims, run_cells, write_report
+from t2d_rt.learn.benchmark import SCALES, Scale, cells, cells_of, claims, run_cells, write_report
 from t2d_rt.learn.benchmark.claims import confused_pairs, interval, verdict
 
 pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
@@ -55,6 +55,25 @@ def test_a_stopped_benchmark_goes_on(tmp_path: Path) -> None:
     other = Scale(name="tiny", recipes={}, size=16, epochs=2, batch=4, seeds=(0,), models=("streaming",))
     with pytest.raises(InputError, match="of other data or of another scale"):
         run_cells(other, datasets, tmp_path / "cells")
+    moved = Dataset(tmp_path / "simple")
+    moved.records[0]["sentence"] = moved.records[-1]["sentence"]  # the same maps, of which a split takes others
+    with pytest.raises(InputError, match="of other data or of another scale"):
+        run_cells(SMALL, datasets | {"simple": moved}, tmp_path / "cells")
+
+
+def test_a_split_that_leaves_a_side_empty_is_refused_and_the_others_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = cells.sides_of
+    monkeypatch.setattr(
+        cells, "sides_of", lambda *given, **seed: whole(*given, **seed) | ({"val": []} if given[1] == "file" else {})
+    )
+    dataset = Dataset(write_dataset(tmp_path / "data", many()))
+    quick = Scale(name="tiny", recipes={}, size=16, epochs=1, batch=4, seeds=(0,), models=("nearest-centroid",))
+    found = run_cells(quick, {"simple": dataset, "hard": dataset}, tmp_path / "cells")
+    refused = {each["by"]: each["refused"] for each in found if "refused" in each}
+    assert "the split leaves val empty" in refused["file"]
+    assert "accuracy" in next(each for each in found if each["by"] == "description")
 
 
 def result(set_: str, by: str, model: str, seed: int, accuracy: float) -> dict[str, Any]:
@@ -76,6 +95,14 @@ def test_verdicts_follow_from_intervals() -> None:
     assert {each.verdict for each in claims([row for row in rows if row["seed"] < 2])} == {"undecided"}
     # alike; the mean of VGG-7 and ResNet-18 leads by 7.5 points; VGG-7 loses 6 +- 2.5 points; 38 +- 2.5; leak; pairs 1 and 3
     assert verdicts == ["held", "held", "undecided", "held", "held", "held"]
+    level = [
+        result(name, by, "nearest-centroid", seed, 0.7)
+        for seed in range(3)
+        for name, by in (("simple", "file"), ("hard", "file"), ("hard", "description"))
+    ]
+    assert claims(rows + level) == claims(rows)  # the paper claims nothing of our baselines
+    two = [row for row in rows if row["model"] in ("vgg-7", "resnet18")]
+    assert claims(two)[1].figures.endswith("not run")
 
 
 def test_intervals_and_pairs_in_closed_form() -> None:

@@ -38,6 +38,13 @@ def test_of_a_data_set(tmp_path: Path) -> None:
     assert set(found.groups) == {"description", "clip", "seed"}
 
 
+def test_samples_of_different_durations_are_refused(tmp_path: Path) -> None:
+    dataset = Dataset(write_dataset(tmp_path / "tiny"))
+    dataset.records[3]["products"]["spectrogram"]["time_s"] = [0.0, 4.0]
+    with pytest.raises(InputError, match="cover 4 to 5 s; give all samples one duration"):
+        maps_of(dataset, size=(8, 8))
+
+
 def test_taken_resized_joined() -> None:
     some = maps()
     part = some.take([4, 1])

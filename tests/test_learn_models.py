@@ -101,3 +101,10 @@ sys.exit(main(["train", "somewhere", "-o", "out"]))
     assert run.returncode == 2
     assert "run pip install 't2d-rt[learn]'" in run.stderr
     assert len(run.stderr.splitlines()) == 1
+    program = """
+import sys
+sys.modules["torch"] = None
+from t2d_rt.learn.transfer import run_transfer
+"""
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert "InputError: transfer needs PyTorch, which is not installed" in run.stderr

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from dataset_folder import write_dataset
 from learn_maps import CLASSES, ridges
 from t2d_rt.dataset import Dataset
 from t2d_rt.errors import InputError
+from t2d_rt.learn.charts import prediction_figure
 from t2d_rt.learn.train import Augment, SavedModel, TrainOptions, load_model, scores_of, sides_of, train_model
 from t2d_rt.learn.train.augment import Augmenter
 from t2d_rt.learn.train.saved import CARD, STATE, WEIGHTS
@@ -60,6 +62,18 @@ def test_a_stopped_training_goes_on_to_the_same_bits(trained: tuple[SavedModel, 
             OPTIONS.model_copy(update={"seed": 1}),
             output=tmp_path / "part",
         )
+
+
+def test_a_finished_training_tells_no_time_that_it_did_not_take(
+    trained: tuple[SavedModel, Path], tmp_path: Path
+) -> None:
+    shutil.copytree(trained[1], tmp_path / "copy")
+    threads, drawn = torch.get_num_threads(), torch.random.get_rng_state()
+    again = train_model("streaming", ridges(48), ridges(12, seed=1), OPTIONS, output=tmp_path / "copy")
+    assert trained[0].card.about["seconds_per_epoch"] > 0
+    assert again.card.about["seconds_per_epoch"] is None
+    assert torch.get_num_threads() == threads
+    assert torch.equal(torch.random.get_rng_state(), drawn)
 
 
 def test_it_learns_and_what_is_read_is_what_was_written(trained: tuple[SavedModel, Path]) -> None:
@@ -169,7 +183,9 @@ def test_scores_in_closed_form() -> None:
     assert found.calibration_error == pytest.approx((0.1 + 0.6 + 0.2 + 0.3) / 4)
 
 
-def test_a_recording_is_brought_to_the_axes_of_the_training(trained: tuple[SavedModel, Path]) -> None:
+def test_a_recording_is_brought_to_the_axes_of_the_training(
+    trained: tuple[SavedModel, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     radar = Radar.preset("table2-uniform")
     model = SavedModel(replace(trained[0].card, velocity_mps=(-1.0, 1.0), duration_s=1.0), trained[0].network)
     chirps = int(2.2 * radar.prf_hz)
@@ -193,6 +209,17 @@ def test_a_recording_is_brought_to_the_axes_of_the_training(trained: tuple[Saved
     axis = model.card.axis_mps
     assert axis[seen[0][0].mean(axis=1).argmax()] == pytest.approx(0.3, abs=0.07)
     assert axis[seen[0][-1].mean(axis=1).argmax()] == pytest.approx(0.8, abs=0.07)
+    assert found.mti == "mean"
+    kept = SavedModel(replace(model.card, about={"mti": "none"}), model.network)
+    still = Recording(recording.cube[:] + np.complex64(30), radar)  # a strong static echo
+    shown: list[Any] = []
+    monkeypatch.setattr(Recording, "plot", lambda self, *_, **__: shown.append(self.processing["mti"]))
+    for each, level in ((model, False), (kept, True)):
+        found = predict(Spy(each.card, each.network), still)
+        rest = np.abs(axis).argmin()
+        assert (abs(int(seen[-1][0].mean(axis=1).argmax()) - rest) <= 1) == level
+        prediction_figure(still, found, title="")
+    assert shown == ["mean", "none"]
     with pytest.raises(InputError, match="record longer"):
         predict(model, Recording(cube[: chirps // 4].astype(np.complex64), radar))
     with pytest.raises(InputError, match="higher chirp rate"):

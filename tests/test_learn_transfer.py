@@ -155,7 +155,9 @@ def test_a_study_writes_its_report_goes_on_and_refuses_other_data(
     real, simulated = maps(4), maps(5, seed=4)
     options = StudyOptions(repeats=1, folds=2)
     monkeypatch.setattr("t2d_rt.learn.transfer.cells.EVENTS_PER_CLASS", (2, None))
+    torch.use_deterministic_algorithms(False)
     text = run_transfer(real, simulated, tmp_path / "study", options=options, sources={"real": "made here"})
+    assert not torch.are_deterministic_algorithms_enabled()  # as it was
     assert "| zero-shot (no real event) | both |" in text
     assert "made here" in text
     assert "full fine-tuning" in text
@@ -175,6 +177,9 @@ def test_a_study_writes_its_report_goes_on_and_refuses_other_data(
     assert files[0].stat().st_mtime_ns == stamp
     weights, stored = tmp_path / "study" / "pretrained_0.safetensors", lost.read_bytes()
     lost.write_bytes(stored[:30])
+    with pytest.raises(InputError, match="is not what a study wrote there; remove it"):
+        run_transfer(real, simulated, tmp_path / "study", options=options)
+    lost.write_bytes(files[0].read_bytes())  # another cell's
     with pytest.raises(InputError, match="is not what a study wrote there; remove it"):
         run_transfer(real, simulated, tmp_path / "study", options=options)
     lost.unlink()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,14 +60,6 @@ def sides(dataset: Dataset, options: Namespace) -> dict[str, np.ndarray]:
     if lacking:
         raise InputError(f"{options.split} has no side {lacking[0]}; make a split with train, val and test")
     return {name: dataset.positions(indices) for name, indices in found.sides.items()}
-
-
-def check_sides(parts: Mapping[str, np.ndarray]) -> None:
-    """Refuses a split that leaves a side empty."""
-    empty = [name for name, places in parts.items() if len(places) == 0]
-    if empty:
-        counts = ", ".join(f"{name} {len(places)}" for name, places in parts.items())
-        raise InputError(f"the split leaves {empty[0]} empty ({counts} samples); make more samples, or split otherwise")
 
 
 def write_scores(folder: Path, scores: Scores, classes: tuple[str, ...], title: str, *, overwrite: bool) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.cli.learning import add_split, check_sides, mti_of, one_word, sides, told, write_scores
+from t2d_rt.cli.learning import add_split, mti_of, one_word, sides, told, write_scores
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say, write_picture
 from t2d_rt.errors import InputError
@@ -73,6 +73,7 @@ def run(options: Namespace) -> None:
     from t2d_rt.learn.maps import maps_of
     from t2d_rt.learn.models import card
     from t2d_rt.learn.train import Augment, TrainOptions, scores_of, train_model
+    from t2d_rt.learn.train.sides import check_sides
 
     source = one_word(options, "train", "the folder of a data set")
     if options.output is None:

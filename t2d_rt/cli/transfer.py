@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from t2d_rt.checks import choice
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say
 from t2d_rt.errors import InputError
@@ -113,15 +114,11 @@ def compared(real_path: str, twins: str, options: Namespace) -> tuple[RealMaps, 
         "four": (FOUR, MERGED),
         "five": (FIVE, None),
     }
-    name = chosen(options, "classes")
-    if name not in kinds:
-        raise InputError(f"--classes must be four or five, got {name}")
-    labels, merged = kinds[name]
+    labels, merged = kinds[choice("--classes", chosen(options, "classes"), tuple(kinds))]
     return read_real(real_path, "parrad", AdapterOptions(classes=labels)), read_twins(twins, merged)
 
 
 def _twins(names: list[str], options: Namespace) -> None:
-    from t2d_rt.checks import choice
     from t2d_rt.learn.twins import TwinRecipe, make_twins
 
     method = choice("--method", chosen(options, "method"), ("ellipsoid", "mesh"))

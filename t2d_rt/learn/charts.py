@@ -85,10 +85,10 @@ def reliability_figure(scores: Scores, *, title: str) -> Figure:
 
 
 def prediction_figure(recording: Recording, found: Prediction, *, title: str) -> Figure:
-    """The spectrogram, and below it the probability of each class over time."""
+    """The spectrogram with static echoes as the network sees them, and below it the probability of each class over time."""
     figure = NotebookFigure(figsize=(10, 6.4), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    recording.processed(mti="mean").plot(title, ax=upper)
+    recording.processed(mti=found.mti).plot(title, ax=upper)
     upper.set_xlabel("")
     middles = found.middles_s
     if len(middles) == 1:

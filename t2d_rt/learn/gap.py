@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from t2d_rt.dataset.envelope import NOTCH_MPS, envelope
+from t2d_rt.dataset.products import edges
 from t2d_rt.errors import InputError
 from t2d_rt.learn.maps import LabelledMaps, check_axes
+from t2d_rt.learn.markdown import table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,19 +81,23 @@ class DomainGap:
     classes: tuple[ClassGap, ...]
 
     def __str__(self) -> str:
-        lines = ["# Domain gap: simulation against real recordings", "", "| measure | what it is |", "|---|---|"]
-        lines += [f"| {name} | {text} |" for name, text in MEASURES.items()]
+        lines = [
+            "# Domain gap: simulation against real recordings",
+            "",
+            table(["measure", "what it is"], [*MEASURES.items()]),
+        ]
         for each in self.classes:
             low, middle, high = each.told_apart[1], each.told_apart[0], each.told_apart[2]
             lines += [
                 "", f"## {each.name}", "", f"{each.counts[0]} simulated and {each.counts[1]} real maps. A classifier tells them "
                 f"apart with a balanced accuracy of {middle:.2f} [{low:.2f}, {high:.2f}]; chance is 0.50.", "",
-                "| measure | simulated: quartiles | real: quartiles | distance |", "|---|---|---|---|",
             ]  # fmt: skip
+            rows = []
             for found in each.differences:
                 quartiles = [" / ".join(f"{value:.3g}" for value in side) for side in (found.simulated, found.real)]
-                lines.append(f"| {found.measure} | {quartiles[0]} | {quartiles[1]} | {found.distance:.2f} |")
-            lines += ["", f"The simulation has: {each.lacking}."]
+                rows.append((found.measure, *quartiles, f"{found.distance:.2f}"))
+            head = "measure", "simulated: quartiles", "real: quartiles", "distance"
+            lines += [table(head, rows), "", f"The simulation has: {each.lacking}."]
         return "\n".join([*lines, ""])
 
 
@@ -204,6 +210,7 @@ def plot_gap(simulated: LabelledMaps, real: LabelledMaps, *, examples: int = 4) 
     from t2d_rt.canvas import blank_figure
 
     columns = 2 * examples
+    lowest, highest = edges(real.velocity_mps)
     figure = blank_figure(1.5 * columns, 1.5 * len(real.classes))
     axes = figure.subplots(len(real.classes), columns, sharex=True, sharey=True, squeeze=False)
     for row, name in enumerate(real.classes):
@@ -215,7 +222,7 @@ def plot_gap(simulated: LabelledMaps, real: LabelledMaps, *, examples: int = 4) 
                 levels = maps.levels[place]
                 ax.imshow(
                     levels - np.median(levels), origin="lower", aspect="auto", vmin=0.0, vmax=20.0,
-                    extent=(0.0, maps.duration_s, float(maps.velocity_mps[0]), float(maps.velocity_mps[-1])),
+                    extent=(0.0, maps.duration_s, lowest, highest),
                 )  # fmt: skip
                 ax.set_title(f"{'simulated' if side else 'real'}: {name}", fontsize=7)
                 ax.tick_params(labelsize=6)

@@ -13,6 +13,7 @@ from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.products import edges, resized
 from t2d_rt.dataset.splits import grouped
 from t2d_rt.dataset.stored import axis
+from t2d_rt.decibels import decibel
 from t2d_rt.errors import InputError
 
 SIZE = 64, 64
@@ -183,10 +184,14 @@ def maps_of(
     velocity = np.stack(axes)
     if np.ptp(velocity, axis=0).max() > 0.5 * (velocity[0, 1] - velocity[0, 0]):
         raise InputError(f"the samples of {dataset.path} have different axes of speed; give the recipe one speed_mps")
-    first, last = dataset.records[0]["products"][kind]["time_s"]
+    durations = np.ptp([record["products"][kind]["time_s"] for record in dataset.records], axis=1)
+    if np.ptp(durations) > 0.05 * durations[0]:
+        raise InputError(
+            f"the maps of {dataset.path} cover {durations.min():.3g} to {durations.max():.3g} s; give all samples one duration"
+        )
     return LabelledMaps(
         levels=np.stack(levels), labels=dataset.labels, classes=dataset.classes, groups=groups_of(dataset.records),
-        velocity_mps=velocity[0], duration_s=float(last - first), names=tuple(str(each) for each in dataset.indices),
+        velocity_mps=velocity[0], duration_s=float(durations[0]), names=tuple(str(each) for each in dataset.indices),
     ).checked_for_training()  # fmt: skip
 
 
@@ -205,8 +210,7 @@ def relative_levels(power: np.ndarray, size: tuple[int, int], dynamic_range_db: 
     """Powers (speed, time) of any unit as levels of a map of that size [dB below its greatest cell], float32."""
     cells = resized(power, size)
     greatest = max(float(cells.max()), 1e-300)
-    levels = 10.0 * np.log10(np.maximum(cells / greatest, 1e-30))
-    return np.asarray(np.maximum(levels, -dynamic_range_db), dtype=np.float32)
+    return np.asarray(np.maximum(decibel(cells / greatest), -dynamic_range_db), dtype=np.float32)
 
 
 class _Axes(Protocol):

@@ -18,6 +18,7 @@ import numpy as np
 
 from t2d_rt.checks import array, file_path, integer
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.decibels import decibel
 from t2d_rt.errors import InputError, T2DError, T2DWarning
 from t2d_rt.files import read_bytes
 from t2d_rt.learn.adapters.parrad import BIN_MPS, BINS, RADARS, RANGE_CELLS, ROW_S, ROWS, ZERO_BIN, notched
@@ -153,7 +154,7 @@ def range_mean_levels(chirps: np.ndarray) -> np.ndarray:
     bursts = chirps[: len(chirps) // BINS * BINS].reshape(-1, BINS, RANGE_CELLS)
     window = np.hanning(BINS + 2)[1:-1, None] * np.hanning(RANGE_CELLS + 2)[1:-1]
     spectrum = np.fft.fft2(bursts * window, axes=(1, 2))
-    levels = 10.0 * np.log10(np.abs(spectrum) ** 2 + 1e-30).mean(axis=2)
+    levels = decibel(np.abs(spectrum) ** 2).mean(axis=2)
     # Bin k of the transform is the Doppler frequency k; its speed has the other sign, so k becomes -k.
     return np.asarray(np.roll(levels[:, ::-1], 1 + ZERO_BIN, axis=1), dtype=np.float32)
 

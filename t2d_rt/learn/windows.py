@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -30,6 +31,8 @@ class Prediction:
     """Of a window."""
     probabilities: np.ndarray
     """Of each class in each window, (W, K)."""
+    mti: Literal["mean", "none"] = "mean"
+    """How static echoes were taken away, as for the training."""
 
     @property
     def middles_s(self) -> np.ndarray:
@@ -37,7 +40,7 @@ class Prediction:
         return self.starts_s + 0.5 * self.duration_s
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
-        """Number of the class at each time, that of the window whose middle is nearest."""
+        """Number of the class at each of the times (T,), that of the window whose middle is nearest: (T,)."""
         nearest = np.argmin(np.abs(np.asarray(times_s)[:, None] - self.middles_s), axis=1)
         return np.asarray(self.probabilities.argmax(axis=1)[nearest])
 
@@ -51,7 +54,7 @@ def predict(model: SavedModel, recording: Recording, *, step_s: float | None = N
     starts_s, levels = windows_of(model, recording, step_s)
     return Prediction(
         classes=model.card.classes, starts_s=starts_s, duration_s=model.card.duration_s,
-        probabilities=model.probabilities(levels),
+        probabilities=model.probabilities(levels), mti=_mti(model.card),
     )  # fmt: skip
 
 
@@ -62,7 +65,7 @@ def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[
     """
     card = model.card
     _warn_of_carrier(recording.radar.carrier_hz, card)
-    image = recording.processed(mti="none" if card.about.get("mti") == "none" else "mean").spectrogram
+    image = recording.processed(mti=_mti(card)).spectrogram
     power = 10.0 ** (image.values.astype(np.float64) / 10.0)
     old, new = _edges(image.velocity_mps.values), _edges(card.axis_mps)
     bin_mps = old[1] - old[0]
@@ -90,6 +93,11 @@ def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[
     for start, each in zip(starts, maps, strict=True):
         check_varied(each, f"the window of the recording from {start:.3g} s")
     return starts, np.stack(maps)
+
+
+def _mti(card: Card) -> Literal["mean", "none"]:
+    """How static echoes were taken away for the training; the mean, where the card does not tell."""
+    return "none" if card.about.get("mti") == "none" else "mean"
 
 
 def _warn_of_carrier(carrier_hz: float, card: Card) -> None:

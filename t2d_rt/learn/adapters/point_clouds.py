@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.files import read_bytes
 from t2d_rt.learn.adapters.interface import MAX_BYTES, Adapter, AdapterOptions, Piece, class_of, files_below, maps_from
 from t2d_rt.learn.maps import LabelledMaps
@@ -26,11 +27,18 @@ def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps
     """
     files = files_below(path, (".txt",), "point clouds")
     pieces: list[Piece] = []
+    short = 0
     for each in files:
         label = each.parent.name
         if class_of(label, options) is None:
             continue
         time_s, speed, power = _points(each)
+        beyond = float(np.abs(speed).max())
+        if beyond > options.speed_mps:
+            raise InputError(
+                f"{each} has points of up to {beyond:.3g} m/s, the axis ends at {options.speed_mps:g} m/s; raise speed_mps"
+            )
+        short += int(time_s[-1] - time_s[0] < options.duration_s)
         for number in range(int((time_s[-1] - time_s[0]) / options.duration_s)):
             first = time_s[0] + number * options.duration_s
             inside = (time_s >= first) & (time_s < first + options.duration_s)
@@ -42,6 +50,13 @@ def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps
                 continue
             name = f"{each.relative_to(path).as_posix()} {number}"
             pieces.append(Piece(cells + FLOOR, label, name, {"event": each.relative_to(path).as_posix()}))
+    if short:
+        warnings.warn(
+            f"{short} of {len(files)} files of {path} are shorter than a map of {options.duration_s:g} s and give none; "
+            "lower duration_s",
+            T2DWarning,
+            stacklevel=3,
+        )
     return maps_from(pieces, options, path, [each.parent.name for each in files]), files
 
 

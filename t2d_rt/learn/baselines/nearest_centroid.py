@@ -15,9 +15,13 @@ class Centroids:
     """Mean features of each class, in a metric in which samples of one class scatter alike in all directions."""
 
     mean: np.ndarray
+    """Of each feature, (F,)."""
     scale: np.ndarray
+    """Standard deviation of each feature, (F,)."""
     whitening: np.ndarray
+    """Factor of the inverse covariance within classes, (F, F)."""
     centroids: np.ndarray
+    """In that metric, (K, F)."""
 
     @classmethod
     def of(cls, values: np.ndarray, labels: np.ndarray, *, shrinkage: float = SHRINKAGE) -> Centroids:
@@ -34,7 +38,7 @@ class Centroids:
         return cls(mean, scale, whitening, centroids @ whitening)
 
     def labels(self, values: np.ndarray) -> np.ndarray:
-        """Class of the nearest centroid."""
+        """Class of the nearest centroid, (N,)."""
         return np.asarray(np.argmin(self.distances(values), axis=1))
 
     def distances(self, values: np.ndarray) -> np.ndarray:

@@ -13,12 +13,16 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.dataset import Dataset
+from t2d_rt.dataset.splits import KINDS, traits
 from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines import BASELINES, baseline_probabilities
 from t2d_rt.learn.benchmark.scales import SETS, Scale
 from t2d_rt.learn.maps import LabelledMaps, maps_of
+from t2d_rt.learn.threads import torch_threads
 from t2d_rt.learn.train import SPLITS, TrainOptions, scores_of, sides_of, train_model
 from t2d_rt.learn.train.saved import SavedModel
+from t2d_rt.learn.train.sides import check_sides
+from t2d_rt.store import replacing
 
 REPEATS = 15
 """Runs of one map, of which the median is the latency."""
@@ -62,7 +66,7 @@ def run_cells(
     """
     folder.mkdir(parents=True, exist_ok=True)
     maps = {name: maps_of(each, size=(scale.size, scale.size)) for name, each in datasets.items()}
-    stamp = _stamp(scale, maps)
+    stamp = _stamp(scale, datasets, maps)
     until = float("inf") if minutes is None else time.monotonic() + 60.0 * minutes
     found, cells = [], cells_of(scale)
     for number, cell in enumerate(cells):
@@ -71,9 +75,8 @@ def run_cells(
             told = _read(path, cell, stamp)
         elif time.monotonic() < until:
             told = {**asdict(cell), "stamp": stamp, **_outcome(cell, scale, datasets[cell.set], maps[cell.set])}
-            new = path.with_suffix(".new")
-            new.write_text(json.dumps(told) + "\n", "utf-8")
-            new.replace(path)
+            with replacing(path, lambda: None) as new:
+                new.write_text(json.dumps(told) + "\n", "utf-8")
         else:
             continue
         found.append(told)
@@ -82,11 +85,14 @@ def run_cells(
     return found
 
 
-def _stamp(scale: Scale, maps: dict[str, LabelledMaps]) -> str:
-    """What every cell follows from beside its name: files of other data or another scale are refused."""
+def _stamp(scale: Scale, datasets: dict[str, Dataset], maps: dict[str, LabelledMaps]) -> str:
+    """What every cell follows from beside its name, splits included: files of other data or another scale are refused."""
     digest = hashlib.sha256(f"{scale.size} {scale.epochs} {scale.batch}".encode())
     for name in SETS:
-        digest.update(maps[name].levels.tobytes() + maps[name].labels.tobytes())
+        found = maps[name]
+        digest.update(found.levels.tobytes() + found.labels.tobytes() + found.velocity_mps.tobytes())
+        shared = [sorted(traits(record, KINDS)) for record in datasets[name].records]
+        digest.update(json.dumps([found.classes, found.duration_s, found.names, shared]).encode())
     return digest.hexdigest()[:16]
 
 
@@ -106,7 +112,8 @@ def _read(path: Path, cell: Cell, stamp: str) -> dict[str, Any]:
 def _outcome(cell: Cell, scale: Scale, dataset: Dataset, maps: LabelledMaps) -> dict[str, Any]:
     try:
         places = sides_of(dataset.records, cell.by, seed=cell.seed)
-    except InputError as error:  # of clips that join all samples
+        check_sides(places)
+    except InputError as error:  # of clips that join all samples, or of too few samples
         return {"refused": str(error)}
     train, val, test = (maps.take(places[name]) for name in ("train", "val", "test"))
     started = time.perf_counter()
@@ -130,18 +137,12 @@ def _outcome(cell: Cell, scale: Scale, dataset: Dataset, maps: LabelledMaps) -> 
 
 def speed_of(model: SavedModel) -> dict[str, float]:
     """Latency of one map [ms], the median, and maps a second where several come together, by one thread."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with torch_threads(1):
         rng = np.random.default_rng(0)
         maps = rng.uniform(-model.card.dynamic_range_db, 0, (TOGETHER, *model.card.size)).astype(np.float32)
         model.probabilities(maps[:1])
         times = [_seconds(model, maps[:1]) for _ in range(REPEATS)]
         together = min(_seconds(model, maps) for _ in range(3))
-    finally:
-        torch.set_num_threads(before)
     return {"latency_ms": round(1e3 * float(np.median(times)), 4), "maps_per_s": round(TOGETHER / together, 1)}
 
 

@@ -109,7 +109,7 @@ def _lead(results: Sequence[Result]) -> Claim:
         if found is None or not set(CONVOLUTIONAL) <= found.keys():
             return None
         others = [value for name, value in found.items() if name not in (*CONVOLUTIONAL, "streaming")]
-        return float(np.mean([found[name] for name in CONVOLUTIONAL])) - max(others)
+        return float(np.mean([found[name] for name in CONVOLUTIONAL])) - max(others) if others else None
 
     mean, half, count = _over_seeds(results, lead)
     return Claim(
@@ -120,7 +120,7 @@ def _lead(results: Sequence[Result]) -> Claim:
 
 def _loss(results: Sequence[Result], by: str) -> Claim:
     rows, verdicts = [], []
-    for model in dict.fromkeys(each["model"] for each in results):
+    for model in dict.fromkeys(each["model"] for each in results if each["model"] in NETWORKS):
         simple, hard = (accuracies(results, *each, model) for each in (("simple", "file"), ("hard", by)))
         both = sorted(simple.keys() & hard.keys())
         if not both:
@@ -130,7 +130,7 @@ def _loss(results: Sequence[Result], by: str) -> Claim:
         rows.append(f"{model} {_points(mean, half, len(both))}")
     found = "refuted" if "refuted" in verdicts else "held" if verdicts and set(verdicts) == {"held"} else "undecided"
     return Claim(
-        f"Every model loses {LOSS:g} points or more from Simple by file to Hard by {by}.", found, "; ".join(rows)
+        f"Every network loses {LOSS:g} points or more from Simple by file to Hard by {by}.", found, "; ".join(rows)
     )
 
 

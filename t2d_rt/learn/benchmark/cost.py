@@ -9,10 +9,11 @@ import numpy as np
 
 from t2d_rt.learn.baselines import BASELINES
 from t2d_rt.learn.benchmark.cells import cells_of
-from t2d_rt.learn.benchmark.report import table
 from t2d_rt.learn.benchmark.scales import SETS, Scale
+from t2d_rt.learn.markdown import table
 from t2d_rt.learn.models import build
 from t2d_rt.learn.require import require_learning
+from t2d_rt.learn.threads import torch_threads
 from t2d_rt.learn.train.sides import FRACTIONS
 
 EPOCHS = 40
@@ -53,9 +54,7 @@ def seconds_per_sample(model: str, size: int) -> float:
     require_learning()
     import torch
 
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with torch_threads(1):
         network = build(model, 8, (size, size)).train()
         optimizer = torch.optim.Adam(network.parameters())
         maps, labels = torch.rand(BATCH, 1, size, size), torch.arange(BATCH) % 8
@@ -66,6 +65,4 @@ def seconds_per_sample(model: str, size: int) -> float:
             torch.nn.functional.cross_entropy(network(maps), labels).backward()
             optimizer.step()
             times.append(time.perf_counter() - started)
-    finally:
-        torch.set_num_threads(before)
     return float(np.min(times)) / BATCH

@@ -15,6 +15,7 @@ from t2d_rt.learn.baselines import BASELINES
 from t2d_rt.learn.benchmark.claims import accuracies, claims, interval
 from t2d_rt.learn.benchmark.scales import NETWORKS, SETS, Scale
 from t2d_rt.learn.charts import draw_confusion
+from t2d_rt.learn.markdown import table
 from t2d_rt.learn.models import build, card, count
 from t2d_rt.learn.train import SPLITS
 
@@ -146,12 +147,6 @@ def _speeds(results: Sequence[Result], models: Sequence[str]) -> str:
 def _refused(results: Sequence[Result]) -> str:
     found = {(each["set"], each["by"]): each["refused"] for each in results if "refused" in each}
     return "\n".join(f"- {name} by {by}: {told}." for (name, by), told in found.items()) or "Nothing."
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(str(each).replace('|', '/') for each in line)} |" for line in lines)
 
 
 def accuracy_figure(results: Sequence[Result], models: Sequence[str]) -> Figure:

@@ -25,15 +25,23 @@ class Scores:
     """Of each bin of confidence: mean confidence, accuracy, samples, (10, 3)."""
 
 
+def macro_f1(truth: np.ndarray, predicted: np.ndarray, classes: int) -> np.ndarray:
+    """Mean over the classes of F1, for predictions (..., E) of labels (..., E); a class that neither has is left out."""
+    scores, present = [], []
+    for label in range(classes):
+        hits = np.sum((truth == label) & (predicted == label), axis=-1)
+        either = np.sum(truth == label, axis=-1) + np.sum(predicted == label, axis=-1)
+        scores.append(np.where(either > 0, 2.0 * hits / np.maximum(either, 1), 0.0))
+        present.append(either > 0)
+    return np.asarray(np.sum(scores, axis=0) / np.maximum(np.sum(present, axis=0), 1))
+
+
 def scores_of(probabilities: np.ndarray, labels: np.ndarray) -> Scores:
     """Scores of probabilities (N, K) and labels (N,)."""
     count = probabilities.shape[1]
     told = probabilities.argmax(axis=1)
     confusion = np.zeros((count, count), dtype=np.int64)
     np.add.at(confusion, (labels, told), 1)
-    right = np.diag(confusion)
-    both = confusion.sum(axis=0) + confusion.sum(axis=1)
-    f1 = (2 * right[both > 0] / both[both > 0]).mean()
     confidence = probabilities.max(axis=1)
     which = np.minimum((confidence * BINS).astype(int), BINS - 1)
     rows = []
@@ -46,6 +54,6 @@ def scores_of(probabilities: np.ndarray, labels: np.ndarray) -> Scores:
     reliability = np.array(rows)
     error = (np.abs(reliability[:, 0] - reliability[:, 1]) * reliability[:, 2]).sum() / len(labels)
     return Scores(
-        accuracy=float(right.sum() / len(labels)), macro_f1=float(f1), confusion=confusion, calibration_error=float(error),
-        reliability=reliability,
+        accuracy=float(np.mean(told == labels)), macro_f1=float(macro_f1(labels, told, count)), confusion=confusion,
+        calibration_error=float(error), reliability=reliability,
     )  # fmt: skip

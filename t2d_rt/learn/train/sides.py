@@ -9,6 +9,7 @@ import numpy as np
 
 from t2d_rt.checks import choice, integer
 from t2d_rt.dataset.splits import NAMES, split
+from t2d_rt.errors import InputError
 
 SPLITS = "file", "description", "clip"
 """By file, samples of one description stand on all sides, as in the code of Text2Doppler; by description no sentence and no motion
@@ -36,3 +37,11 @@ def sides_of(
         for side, part in zip(NAMES, np.split(members, cuts), strict=True):
             sides[side] += part.tolist()
     return {name: np.sort(np.array(each, dtype=np.int64)) for name, each in sides.items()}
+
+
+def check_sides(parts: Mapping[str, np.ndarray]) -> None:
+    """Refuses a split that leaves a side empty."""
+    empty = [name for name, places in parts.items() if len(places) == 0]
+    if empty:
+        counts = ", ".join(f"{name} {len(places)}" for name, places in parts.items())
+        raise InputError(f"the split leaves {empty[0]} empty ({counts} samples); make more samples, or split otherwise")

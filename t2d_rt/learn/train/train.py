@@ -19,6 +19,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_axes
 from t2d_rt.learn.models import build
 from t2d_rt.learn.require import require_learning
+from t2d_rt.learn.threads import torch_threads
 from t2d_rt.learn.train.options import TrainOptions
 from t2d_rt.learn.train.saved import STATE, WEIGHTS, Card, SavedModel, read_state, write_model
 
@@ -59,24 +60,18 @@ def train_model(
     check_axes(train, val)
     if options.device == "gpu" and not (torch.cuda.is_available() or torch.backends.mps.is_available()):
         raise InputError("device is gpu, but PyTorch finds none here; take device cpu")
-    before = torch.get_num_threads()
-    random_state = torch.random.get_rng_state()
-    torch.set_num_threads(options.threads)
-    torch.manual_seed(options.seed)
-    try:
+    with torch_threads(options.threads):
+        torch.manual_seed(options.seed)
         network = build(name, len(train.classes), train.size)
         told = {**(about or {}), "options": options.model_dump(mode="json")}
         card = Card.of(name, train, dynamic_range_db, seed=options.seed, about=told)
         with _begun(output, card, train, val) as folder:
             history, seconds = _fitted(network, (train, val), options, dynamic_range_db, folder, progress)
-            card = card.with_about(history=history, epochs=len(history), seconds_per_epoch=round(seconds, 3))
+            card = card.with_about(history=history, epochs=len(history), seconds_per_epoch=seconds)
             saved = SavedModel(card, network.eval())
             if folder is not None:
                 write_model(folder, saved)
             return saved
-    finally:
-        torch.set_num_threads(before)
-        torch.random.set_rng_state(random_state)
 
 
 @contextmanager
@@ -111,8 +106,8 @@ def _begun(output: str | Path | None, card: Card, train: LabelledMaps, val: Labe
 def _fitted(
     network: nn.Module, maps: tuple[LabelledMaps, LabelledMaps], options: TrainOptions, dynamic_range_db: float,
     folder: Path | None, progress: Progress | None,
-) -> tuple[list[dict[str, float]], float]:  # fmt: skip
-    """Trains it in place; what the epochs were like, and how long one took [s]."""
+) -> tuple[list[dict[str, float]], float | None]:  # fmt: skip
+    """Trains it in place; what the epochs were like, and how long one took [s], None where all were done before."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of Lightning, on loggers and workers that are not used
         from lightning import Trainer
@@ -135,7 +130,8 @@ def _fitted(
                 reload_dataloaders_every_n_epochs=1, barebones=False,
             )  # fmt: skip
             _run(trainer, module, None if kept is None else str(keep_at))
-    seconds = (time.perf_counter() - started) / max(1, len(module.history) - first)
+    done = len(module.history) - first
+    seconds = round((time.perf_counter() - started) / done, 3) if done else None
     network.load_state_dict(module.best)
     network.to("cpu")
     return module.history, seconds

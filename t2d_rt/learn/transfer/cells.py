@@ -13,9 +13,10 @@ import numpy as np
 
 from t2d_rt.checks import integer
 from t2d_rt.errors import InputError
+from t2d_rt.learn.threads import torch_threads
 from t2d_rt.learn.transfer.classical import extra_trees
 from t2d_rt.learn.transfer.events import Events
-from t2d_rt.learn.transfer.methods import METHODS, EventNet, network, predicted, pretrained, seeded, tuned_labels
+from t2d_rt.learn.transfer.methods import METHODS, EventNet, network, predicted, pretrained, tuned_labels
 from t2d_rt.learn.transfer.scores import at_most, grouped_folds
 from t2d_rt.store import replacing
 
@@ -98,7 +99,9 @@ class Study:
         path, text = self.folder / "study.json", json.dumps(self.about, indent=1)
         if path.exists() and path.read_text(encoding="utf-8") != text:
             raise InputError(f"{self.folder} holds another study: other data or options; give another folder")
-        path.write_text(text, encoding="utf-8")
+        if not path.exists():
+            with replacing(path, lambda: None) as new:
+                new.write_text(text, encoding="utf-8")
 
     def run(self, progress: Callable[[float], None] | None = None) -> None:
         """Computes the cells that are not there yet."""
@@ -107,7 +110,9 @@ class Study:
         for number, cell in enumerate(every, 1):
             path = self.folder / "cells" / f"{cell.name}.json"
             if not path.exists():
-                found = {**asdict(cell), "truth": self.real.labels.tolist(), "predicted": self.labels(cell).tolist()}
+                with torch_threads(1):
+                    said = self.labels(cell).tolist()
+                found = {**asdict(cell), "truth": self.real.labels.tolist(), "predicted": said}
                 with replacing(path, lambda: None) as new:
                     new.write_text(json.dumps(found), encoding="utf-8")
             if progress is not None:
@@ -141,7 +146,6 @@ class Study:
             from safetensors.torch import load_file, save_file
 
             path, seed = self.folder / f"pretrained_{repeat}.safetensors", self.options.seed + repeat
-            seeded(seed)
             if path.exists():
                 net = network(len(self.real.classes), seed)
                 try:

@@ -29,7 +29,9 @@ class Events:
     names: tuple[str, ...]
     radars: tuple[str, ...]
     velocity_mps: np.ndarray
+    """(speed,), ascending, positive = approaching."""
     duration_s: float
+    """Time that a map covers."""
 
     def __len__(self) -> int:
         return len(self.labels)

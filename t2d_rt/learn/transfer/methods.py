@@ -7,11 +7,17 @@ from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from torch import Tensor, nn
 
+from t2d_rt.errors import InputError
 from t2d_rt.learn.transfer.events import Events
-from t2d_rt.learn.transfer.network import EventNet, SkipTuned
+
+try:
+    import torch
+    from torch import Tensor, nn
+
+    from t2d_rt.learn.transfer.network import EventNet, SkipTuned
+except ImportError:
+    raise InputError("transfer needs PyTorch, which is not installed; run pip install 't2d-rt[learn]'") from None
 
 SHIFT_ROWS = 8
 """Greatest shift in time of an augmented event."""

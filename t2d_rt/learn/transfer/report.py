@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from t2d_rt.errors import InputError
-from t2d_rt.learn.transfer.cells import EVENTS_PER_CLASS
+from t2d_rt.learn.markdown import table
+from t2d_rt.learn.transfer.cells import EVENTS_PER_CLASS, Cell
 from t2d_rt.learn.transfer.methods import METHODS
 from t2d_rt.learn.transfer.scores import gain, with_interval
 
@@ -46,7 +47,8 @@ def read_rows(folder: Path) -> tuple[list[Row], dict[str, Any], dict[str, np.nda
         try:
             cell = json.loads(path.read_text(encoding="utf-8"))
             gathered.setdefault((cell["method"], cell["per_class"], cell["radars"]), []).append(cell)
-            sound = len(cell["truth"]) == len(cell["predicted"]) == about["real_events"]
+            named = Cell(**{each.name: cell[each.name] for each in fields(Cell)}).name
+            sound = named == path.stem and len(cell["truth"]) == len(cell["predicted"]) == about["real_events"]
         except (ValueError, KeyError, TypeError):
             sound = False
         if not sound:
@@ -78,57 +80,43 @@ def report_text(folder: Path, sources: dict[str, str] | None = None) -> str:
         f"an event is on one side with both radars' maps. In brackets the 95 % interval over events. Guessing gives about "
         f"{chance:.2f}. With so few events no difference below {FINEST:.2f} is claimed.", "",
     ]  # fmt: skip
-    lines += _table(rows)
     lines += [
+        _table(rows),
         "",
         "## Zero-shot: trained on simulation alone",
         "",
-        *_confusion(labels.get("zero-shot, both, 0"), classes),
+        _confusion(labels.get("zero-shot, both, 0"), classes),
     ]
     lines += ["", "## What holds", "", *[f"- {each}" for each in findings(labels, len(classes))], ""]
     return "\n".join(lines)
 
 
-def _table(rows: list[Row]) -> list[str]:
+def _table(rows: list[Row]) -> str:
     counts = sorted({row.per_class for row in rows if row.per_class}) + [None]
-    found = [
-        "| method | radars | " + " | ".join("all" if each is None else f"{each} per class" for each in counts) + " |"
-    ]
-    found.append("|---|---|" + "---|" * len(counts))
+    found = []
     for method, radars in dict.fromkeys((row.method, row.radars) for row in rows):
         mine = {row.per_class: row for row in rows if (row.method, row.radars) == (method, radars)}
         if 0 in mine:
-            found.append(
-                f"| {method} (no real event) | {radars} | "
-                + " | ".join([_shown(mine[0])] + [""] * (len(counts) - 1))
-                + " |"
-            )
-            continue
-        found.append(
-            f"| {method} | {radars} | "
-            + " | ".join(_shown(mine[each]) if each in mine else "" for each in counts)
-            + " |"
-        )
-    return found
+            found.append([f"{method} (no real event)", radars, _shown(mine[0]), *[""] * (len(counts) - 1)])
+        else:
+            found.append([method, radars, *(_shown(mine[each]) if each in mine else "" for each in counts)])
+    head = ["method", "radars", *("all" if each is None else f"{each} per class" for each in counts)]
+    return table(head, found)
 
 
 def _shown(row: Row) -> str:
     return f"{row.score:.2f} [{row.low:.2f}, {row.high:.2f}]"
 
 
-def _confusion(pair: np.ndarray | None, classes: list[str]) -> list[str]:
+def _confusion(pair: np.ndarray | None, classes: list[str]) -> str:
     if pair is None:
-        return ["Not computed yet."]
-    found = [
-        "Fractions of each class's events, over all repetitions:",
-        "",
-        "| is | " + " | ".join(f"said {each}" for each in classes) + " |",
-    ]
-    found.append("|---|" + "---|" * len(classes))
+        return "Not computed yet."
+    found = []
     for number, name in enumerate(classes):
         said = pair[1][pair[0] == number]
-        found.append(f"| {name} | " + " | ".join(f"{np.mean(said == each):.2f}" for each in range(len(classes))) + " |")
-    return found
+        found.append([name, *(f"{np.mean(said == each):.2f}" for each in range(len(classes)))])
+    head = ["is", *(f"said {each}" for each in classes)]
+    return f"Fractions of each class's events, over all repetitions:\n\n{table(head, found)}"
 
 
 def findings(labels: dict[str, np.ndarray], classes: int) -> list[str]:

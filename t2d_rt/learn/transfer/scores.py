@@ -4,18 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from t2d_rt.learn.train.scores import macro_f1
+
 RESAMPLINGS = 1000
-
-
-def macro_f1(truth: np.ndarray, predicted: np.ndarray, classes: int) -> np.ndarray:
-    """Mean over the classes of F1, for predictions (..., E) of labels (..., E); a class that neither has is left out."""
-    scores, present = [], []
-    for label in range(classes):
-        hits = np.sum((truth == label) & (predicted == label), axis=-1)
-        either = np.sum(truth == label, axis=-1) + np.sum(predicted == label, axis=-1)
-        scores.append(np.where(either > 0, 2.0 * hits / np.maximum(either, 1), 0.0))
-        present.append(either > 0)
-    return np.asarray(np.sum(scores, axis=0) / np.maximum(np.sum(present, axis=0), 1))
 
 
 def with_interval(

@@ -1,0 +1,23 @@
+"""Threads and random state of PyTorch, which are one setting of the process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """PyTorch on so many threads; afterwards their number, its random state and its choice of algorithms are as before."""
+    import torch
+
+    threads, random_state = torch.get_num_threads(), torch.random.get_rng_state()
+    deterministic = torch.are_deterministic_algorithms_enabled()
+    warn_only = torch.is_deterministic_algorithms_warn_only_enabled()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.random.set_rng_state(random_state)
+        torch.use_deterministic_algorithms(deterministic, warn_only=warn_only)
