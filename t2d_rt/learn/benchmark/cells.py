@@ -16,7 +16,7 @@ from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.splits import KINDS, traits
 from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines import BASELINES, baseline_probabilities
-from t2d_rt.learn.benchmark.scales import SETS, Scale
+from t2d_rt.learn.benchmark.scales import JUDGED, SETS, Scale
 from t2d_rt.learn.maps import LabelledMaps, maps_of
 from t2d_rt.learn.threads import torch_threads
 from t2d_rt.learn.train import SPLITS, TrainOptions, scores_of, sides_of, train_model
@@ -46,13 +46,16 @@ class Cell:
 
 
 def cells_of(scale: Scale) -> list[Cell]:
-    """All cells, seed by seed, so that a run that is stopped has whole seeds."""
+    """All cells: where claims are judged first, and there seed by seed, so that a run that is stopped has whole seeds."""
+    columns = [(each, by) for each in SETS for by in SPLITS]
     return [
         Cell(set=each, by=by, model=model, seed=seed)
+        for judged in (True, False)
         for seed in scale.seeds
-        for each in SETS
-        for by in SPLITS
+        for each, by in columns
+        if ((each, by) in JUDGED) == judged
         for model in scale.models
+        if judged or model not in scale.once or seed == scale.seeds[0]
     ]
 
 
