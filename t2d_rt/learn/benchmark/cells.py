@@ -65,15 +65,16 @@ def run_cells(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Runs the cells that have no file yet; what all that have one found.
 
+    datasets: "simple" and "hard", or one of them, whose cells alone are run.
     minutes: after which no further cell is begun.
     """
     folder.mkdir(parents=True, exist_ok=True)
     maps = {name: maps_of(each, size=(scale.size, scale.size)) for name, each in datasets.items()}
-    stamp = _stamp(scale, datasets, maps)
+    stamps = {name: _stamp(scale, each, maps[name]) for name, each in datasets.items()}
     until = float("inf") if minutes is None else time.monotonic() + 60.0 * minutes
-    found, cells = [], cells_of(scale)
+    found, cells = [], [each for each in cells_of(scale) if each.set in datasets]
     for number, cell in enumerate(cells):
-        path = folder / f"{cell.name}.json"
+        path, stamp = folder / f"{cell.name}.json", stamps[cell.set]
         if path.exists():
             told = _read(path, cell, stamp)
         elif time.monotonic() < until:
@@ -88,14 +89,12 @@ def run_cells(
     return found
 
 
-def _stamp(scale: Scale, datasets: dict[str, Dataset], maps: dict[str, LabelledMaps]) -> str:
-    """What every cell follows from beside its name, splits included: files of other data or another scale are refused."""
+def _stamp(scale: Scale, dataset: Dataset, maps: LabelledMaps) -> str:
+    """What a set's cells follow from beside their names, splits included: files of other data or another scale are refused."""
     digest = hashlib.sha256(f"{scale.size} {scale.epochs} {scale.batch}".encode())
-    for name in SETS:
-        found = maps[name]
-        digest.update(found.levels.tobytes() + found.labels.tobytes() + found.velocity_mps.tobytes())
-        shared = [sorted(traits(record, KINDS)) for record in datasets[name].records]
-        digest.update(json.dumps([found.classes, found.duration_s, found.names, shared]).encode())
+    digest.update(maps.levels.tobytes() + maps.labels.tobytes() + maps.velocity_mps.tobytes())
+    shared = [sorted(traits(record, KINDS)) for record in dataset.records]
+    digest.update(json.dumps([maps.classes, maps.duration_s, maps.names, shared]).encode())
     return digest.hexdigest()[:16]
 
 
