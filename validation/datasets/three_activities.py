@@ -102,8 +102,8 @@ def evaluated(dataset: Dataset) -> Section:
                 measured=means[SLIDING], limit=LIMIT, unit="", at_least=True,
             ),
         ],
-        note=f"{RECORDINGS} recordings of {TOGETHER} x {recipe.duration_s:g} s, the streaming network trained on {len(sides['train'])} "
-        f"samples of {recipe.name}, changes left out by {AWAY_S:g} s. Means: "
+        note=f"{RECORDINGS} recordings of {TOGETHER} x {recipe.duration_s:g} s, the streaming network trained on "
+        f"{len(sides['train'])} samples of {recipe.name}, changes left out by {AWAY_S:g} s. Means: "
         + "; ".join(f"trained {name} {value:.0%}" for name, value in means.items())
         + ". Single samples of the same descriptions: "
         + "; ".join(f"trained {name} {value:.0%}" for name, value in plain.items()) + ".",
