@@ -137,6 +137,10 @@ def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:
     assert done.out.split("test accuracy")[1].split(",")[0] == again.out.split("accuracy")[1].split(",")[0]
     for words, sentence in (
         (("train", data), "train needs -o"),
+        (
+            ("train", data, "--augment", "--sliding", "-o", "x"),
+            "--augment and --sliding are two ways to change samples",
+        ),
         (("evaluate", data), "evaluate needs --model"),
         (("predict", "walk.zarr", "--model", data), "holds no trained model"),
         (("benchmark", "cells", "-o", "x"), "benchmark compares models"),
