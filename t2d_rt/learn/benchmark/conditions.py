@@ -111,7 +111,7 @@ def _report(dataset: Dataset, conditions: Sequence[str], classes: Sequence[str],
 
     parts = [
         f"# Conditions of {dataset.recipe.name}",
-        f"{len(dataset)} samples, by description, seeds {', '.join(map(str, SEEDS))}, {MODEL}; 95 % intervals of the mean over seeds.",
+        f"{len(dataset)} samples, by description, seeds {', '.join(map(str, SEEDS))}, {MODEL}; 95 % intervals over seeds.",
         "## Accuracy [%]", matrix(lambda confusion: 100.0 * np.trace(confusion) / confusion.sum()),
     ]  # fmt: skip
     if ALARM in classes:
