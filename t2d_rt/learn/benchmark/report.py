@@ -57,7 +57,7 @@ def _head(scale: Scale, results: Sequence[Result], total: int) -> str:
     lengths = [each["epochs"] for each in results if "epochs" in each]
     capped = sum(each == scale.epochs for each in lengths)
     return (
-        f"{len(results)} of {total} cells are done, {seconds / 60:.1f} minutes of the processor, on one thread. Maps of {scale.size} x "
+        f"{len(results)} of {total} cells are done, {seconds / 60:.1f} minutes of one processor. Maps of {scale.size} x "
         f"{scale.size} cells, at most {scale.epochs} epochs, batches of {scale.batch}, Adam 1e-3; seeds {seeds}, each with its own "
         f"split, weights and order. Samples: {samples}; half of them to train on, a quarter to choose the epoch by, a quarter to "
         f"test on. Intervals are 95 % of the mean over seeds by Student's t. {platform.machine()}, {os.cpu_count()} cores, Python "
