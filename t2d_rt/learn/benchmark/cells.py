@@ -55,7 +55,7 @@ def cells_of(scale: Scale) -> list[Cell]:
         for each, by in columns
         if ((each, by) in JUDGED) == judged
         for model in scale.models
-        if judged or model not in scale.once or seed == scale.seeds[0]
+        if judged or model not in scale.once or (seed == scale.seeds[0] and by != "clip")
     ]
 
 

@@ -30,7 +30,7 @@ class Scale:
     """Each has a split, weights and an order of its own."""
     models: tuple[str, ...] = (*NETWORKS, *BASELINES)
     once: tuple[str, ...] = ()
-    """Models that have the first seed alone where no claim is judged, to save time."""
+    """Models that have, to save time, the first seed alone where no claim is judged, and are not split by clip."""
 
     def recipe(self, name: str) -> Recipe:
         """The recipe of a set."""

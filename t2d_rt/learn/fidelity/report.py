@@ -33,6 +33,7 @@ STEPS = (
 )
 """What is gained by what, the better rung first."""
 FILES = "fidelity.md", "fidelity.png"
+TICKS_S = 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0
 
 Score = tuple[float, float, float]
 
@@ -142,10 +143,14 @@ def fidelity_figure(found: Findings) -> Figure:
                     rung.name, (found.seconds[rung.name], 0.02), rotation=90, fontsize=7, ha="center", va="bottom"
                 )
         ax.set_xscale("log")
+        ax.set_xticks(TICKS_S, [f"{each:g}" for each in TICKS_S])
+        ax.minorticks_off()
+        times_s = [*found.seconds.values()]
         ax.set(title=learner, xlabel="simulation of 5 s, one radar [CPU s]", ylim=(0, 1))
+        ax.set_xlim(0.7 * min(times_s), 1.4 * max(times_s))
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("macro-F1, four classes")
-    axes[0].legend(fontsize=8, loc="upper left")
+    axes[1].legend(fontsize=8, loc="upper left")
     figure.suptitle("Trained on simulation alone; hollow: without noise")
     return figure
 
