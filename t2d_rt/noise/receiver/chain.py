@@ -17,7 +17,7 @@ from t2d_rt.noise.receiver.front_end import dc_offsets
 from t2d_rt.noise.receiver.interference import Interference
 from t2d_rt.noise.receiver.levels import ReceiverLevels
 from t2d_rt.noise.receiver.phase_noise import SMALL_ANGLE_RAD, PhaseNoise, residual_rms_rad
-from t2d_rt.noise.receiver.samples import Passed, Stages, passed
+from t2d_rt.noise.receiver.samples import Received, Stages, through
 from t2d_rt.rows import ScratchRows, block_rows
 from t2d_rt.types import Radar, Receiver
 
@@ -44,7 +44,7 @@ def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cu
     blocks = -(-block_rows(cube.shape) // rows) * rows
     for start in range(0, len(cube), blocks):
         block = np.ascontiguousarray(cube[start : start + blocks], np.complex64)
-        found = effects.passed(block, start, levels.reference(block))
+        found = effects.received(block, start, levels.reference(block))
         levels.add(block, found)
         result[start : start + len(block)] = found.samples
     levels.warn()
@@ -70,7 +70,7 @@ class _Receiver:
             flicker_w=self._flicker.power_w if self._flicker else 0.0,
         )  # fmt: skip
 
-    def passed(self, block: np.ndarray, first_row: int, reference: np.ndarray) -> Passed:
+    def received(self, block: np.ndarray, first_row: int, reference: np.ndarray) -> Received:
         """A block of rows, from the first one of a group on, after all effects."""
         changed = block
         for effect in self._first:
@@ -78,7 +78,7 @@ class _Receiver:
         slow = np.zeros(block.shape[:2], np.complex64)
         if self._flicker:
             slow = self._flicker.slow(first_row, len(block))
-        return passed(self._stages, first_row, block, changed, slow, self.offsets, reference)
+        return through(self._stages, first_row, block, changed, slow, self.offsets, reference)
 
 
 def _warn_of_angles(radar: Radar, receiver: Receiver) -> None:

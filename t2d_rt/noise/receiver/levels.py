@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.errors import T2DWarning
-from t2d_rt.noise.receiver.samples import Passed
+from t2d_rt.noise.receiver.samples import Received
 from t2d_rt.types import Radar, Receiver
 
 SILENT = 1e-13
@@ -93,13 +93,13 @@ class ReceiverLevels:
             self.clean.reference = clean[0].copy()
         return np.asarray(self.clean.reference)
 
-    def add(self, clean: np.ndarray, passed: Passed) -> None:
+    def add(self, clean: np.ndarray, received: Received) -> None:
         """Counts rows before and after the receiver."""
-        before, after = column_sums(clean), column_sums(passed.samples)
-        self.clean.add(clean.shape, passed.clean_w, before)
-        self.added.add(clean.shape, passed.added_w, after - before)
-        self.peak = max(self.peak, float(passed.peak.max()))
-        self.clipped += int(passed.clipped.sum(dtype=np.float64))
+        before, after = column_sums(clean), column_sums(received.samples)
+        self.clean.add(clean.shape, received.clean_w, before)
+        self.added.add(clean.shape, received.added_w, after - before)
+        self.peak = max(self.peak, float(received.peak.max()))
+        self.clipped += int(received.clipped.sum(dtype=np.float64))
 
     def described(self) -> dict[str, Any]:
         """For a recording's settings."""

@@ -45,9 +45,9 @@ def complex_normal(backend: Backend, radius: Any, angle: Any) -> tuple[Any, Any]
     z = mantissa - 1
     power = dr.fma(24.0 - Float32(exponent), math.log(2), -z * _horner(logarithm, z))
     length = dr.sqrt(dr.maximum(power, 1e-9))
-    turn = Float32(Int32(angle)) * 2.0**-32  # -1/2..1/2
-    square = turn * turn
-    return length * _horner(cosine, square), length * turn * _horner(sine, square)
+    cycles = Float32(Int32(angle)) * 2.0**-32  # -1/2..1/2
+    square = cycles * cycles
+    return length * _horner(cosine, square), length * cycles * _horner(sine, square)
 
 
 @cache

@@ -38,7 +38,7 @@ class Stages:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Passed:
+class Received:
     """Samples after the stages, and sums over those of each row and antenna."""
 
     samples: np.ndarray
@@ -54,10 +54,10 @@ class Passed:
 
 
 @one_thread_at_a_time
-def passed(
+def through(
     stages: Stages, first_row: int, clean: np.ndarray, changed: np.ndarray, constants: np.ndarray, offsets: np.ndarray,
     reference: np.ndarray,
-) -> Passed:  # fmt: skip
+) -> Received:  # fmt: skip
     """Samples of rows from the first on (row, antenna, sample), complex64, after the stages; a row is the same bits whatever others
     there are.
 
@@ -107,7 +107,7 @@ def passed(
     dr.eval(out, sums)
     clean_w, added_w, peak, clipped = (np.array(each.numpy()).reshape(rows, antennas) for each in sums)
     samples = np.asarray(out.numpy()).view(np.complex64).reshape(clean.shape)
-    return Passed(samples=samples, clean_w=clean_w, added_w=added_w, peak=peak, clipped=clipped)
+    return Received(samples=samples, clean_w=clean_w, added_w=added_w, peak=peak, clipped=clipped)
 
 
 class _Work:
@@ -121,7 +121,7 @@ class _Work:
         """Samples that are read and written at once."""
         self.packet = (backend.arrays.Array2f, backend.arrays.Array4f)[self.size - 1]
         # All numbers come in as arrays: one in the code would compile a new kernel.
-        self._keys = [dr.opaque(backend.UInt32, word) for word in stages.draws.words("samples")]
+        self._seeds = [dr.opaque(backend.UInt32, word) for word in stages.draws.words("samples")]
         self._thermal = self._opaque(math.sqrt(stages.thermal_w))
         if stages.imbalance is not None:
             direct, image = stages.imbalance.coefficients
@@ -155,7 +155,7 @@ class _Work:
 
     def _drawn(self, sample: Any, place: Any) -> tuple[list[Any], list[Any]]:
         """Words for two normal numbers."""
-        words = hashed([sample, place, *self._keys])
+        words = hashed([sample, place, *self._seeds])
         return words[:2], words[2:]
 
     def beginning(self, place: Any) -> list[Pair]:
