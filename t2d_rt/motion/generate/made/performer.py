@@ -172,8 +172,10 @@ def step_to(
     yaw: float,
     duration_s: float,
     lift_m: float = 0.05,
+    leaves: float = 0.65,
 ) -> None:
-    """One foot goes to a point of the action's place while the other carries."""
+    """One foot goes to a point of the action's place while the other carries; `leaves` is the part of `duration_s` after which the
+    centre of mass sets off to where it then belongs."""
     there, home = middle(score, who, OTHER[side]), middle(score, who)
     score.put(
         -0.25 * duration_s,
@@ -186,7 +188,12 @@ def step_to(
     score.hump(begin, swing, **{f"{side}_z": lift_m})
     score.hump(begin - 0.08, 0.7 * swing, **{f"{side}_tip": who.u(14, 24) * DEG})
     score.wait(duration_s)
-    score.put(-0.35 * duration_s, 0.95 * duration_s, com=middle(score, who))
+    score.put((leaves - 1) * duration_s, 0.95 * duration_s, com=middle(score, who))
+
+
+WITH_THE_FOOT = 0.2
+"""`leaves` of a step that goes on, as in walking: the pelvis is half-way between the feet when the foot lands, and not over the
+one behind, so that it need not sink."""
 
 
 def shift(score: Score, who: Performer) -> None:
@@ -199,10 +206,11 @@ def shift(score: Score, who: Performer) -> None:
     for side in (first, OTHER[first]):
         x, y = stance_foot(who, side)
         yaw = score.place.yaw_rad + SIGN[side] * who.traits["toe_out"]
-        step_to(score, who, side, (x + ahead, y + aside), yaw=yaw, duration_s=period, lift_m=lift_m)
+        step_to(score, who, side, (x + ahead, y + aside), yaw=yaw, duration_s=period, lift_m=lift_m, leaves=WITH_THE_FOOT)
     x, y, _ = score.place.world(ahead, aside)
     score.place = replace(score.place, x_m=x, y_m=y)
-    score.put(0.0, 0.4, com=middle(score, who))
+    # Hips, too, which balance places now: what leaves balance for a seat or the floor begins from there.
+    score.put(0.0, 0.4, com=middle(score, who), hips=(0.0, 0.0))
 
 
 def turn_on_the_spot(score: Score, who: Performer, angle_rad: float) -> None:
