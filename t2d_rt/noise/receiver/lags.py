@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import aligned, one_thread_at_a_time, select
+from t2d_rt.backend import flat_on_device, one_thread_at_a_time, select
 
 Pair = tuple[Any, Any]
 
@@ -24,7 +24,7 @@ def lags(samples: np.ndarray, greatest: int) -> np.ndarray:
     rows, antennas, count = samples.shape
     size = 1 if count % 2 else 2  # samples that are read at once
     Packet = (backend.arrays.Array2f, backend.arrays.Array4f)[size - 1]
-    flat = Float32(aligned(np.ascontiguousarray(samples, np.complex64).view(np.float32), np.float32))
+    flat = flat_on_device(samples, Float32)
     lanes, packets = dr.arange(UInt32, rows * antennas), dr.opaque(UInt32, count // size)
 
     def read(packet: Any) -> list[Pair]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend, aligned, one_thread_at_a_time, select
+from t2d_rt.backend import Backend, flat_on_device, one_thread_at_a_time, select
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.flicker import Filter
 from t2d_rt.noise.receiver.normals import complex_normal, hashed
@@ -144,7 +144,7 @@ class _Work:
 
     def flat(self, values: np.ndarray) -> Any:
         """Complex numbers on the device."""
-        return self.backend.Float32(aligned(np.ascontiguousarray(values, np.complex64).view(np.float32), np.float32))
+        return flat_on_device(values, self.backend.Float32)
 
     def read(self, values: Any, place: Any) -> list[Pair]:
         """The samples of a packet."""
