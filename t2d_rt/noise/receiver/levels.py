@@ -11,12 +11,11 @@ import numpy as np
 
 from t2d_rt.errors import T2DWarning
 from t2d_rt.noise.receiver.samples import Received
+from t2d_rt.sums import column_sums
 from t2d_rt.types import Radar, Receiver
 
 SILENT = 1e-13
 """Fraction of the power of all samples below which a power is rounding."""
-ADDED_ROWS = 16
-"""Rows that are added in float32; their sums are added in float64."""
 
 
 @dataclass(slots=True)
@@ -55,15 +54,6 @@ class Power:
     def mean_w(self) -> float:
         """Power of all [W]."""
         return self.static_w + max(self.moving_w, 0.0)
-
-
-def column_sums(samples: np.ndarray) -> np.ndarray:
-    """Sum over the rows of samples (row, antenna, sample), complex128 (antenna, sample)."""
-    parts = samples.reshape(len(samples), -1).view(np.float32)
-    whole = len(parts) // ADDED_ROWS * ADDED_ROWS
-    some = parts[:whole].reshape(-1, ADDED_ROWS, parts.shape[1]).sum(axis=1)
-    found = some.sum(axis=0, dtype=np.float64) + parts[whole:].sum(axis=0, dtype=np.float64)
-    return np.asarray(found.view(np.complex128).reshape(samples.shape[1:]))
 
 
 @dataclass(slots=True)
