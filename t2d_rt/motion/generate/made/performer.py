@@ -206,7 +206,9 @@ def shift(score: Score, who: Performer) -> None:
     for side in (first, OTHER[first]):
         x, y = stance_foot(who, side)
         yaw = score.place.yaw_rad + SIGN[side] * who.traits["toe_out"]
-        step_to(score, who, side, (x + ahead, y + aside), yaw=yaw, duration_s=period, lift_m=lift_m, leaves=WITH_THE_FOOT)
+        step_to(
+            score, who, side, (x + ahead, y + aside), yaw=yaw, duration_s=period, lift_m=lift_m, leaves=WITH_THE_FOOT
+        )
     x, y, _ = score.place.world(ahead, aside)
     score.place = replace(score.place, x_m=x, y_m=y)
     # Hips, too, which balance places now: what leaves balance for a seat or the floor begins from there.
