@@ -122,9 +122,9 @@ def _continued(whole: Piece, found: Piece) -> tuple[Piece, float]:
 
 
 def roughness(seam: Piece) -> float:
-    """The largest of what a seam and the phrase after it show, each over its limit: deviation of a joint from its neighbours in time,
-    how deep limbs go into one another, how long the body hovers and how far a planted foot slides; the latter three once feet are
-    planted, where it is smooth."""
+    """The largest of what a seam and the phrase after it show, each over its limit: how far a joint deviates from its neighbours in
+    time, how deep limbs go into one another, how long the body hovers and how far a planted foot slides; the latter three once feet
+    are planted, where it is smooth."""
     rough = jump_m(seam.poses.world()[0]) / SMOOTH_M
     if rough >= 1.0:
         return 1.0 + rough  # a smooth seam is better, even if limbs touch
