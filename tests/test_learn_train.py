@@ -138,9 +138,13 @@ def test_foreign_maps_are_refused(trained: tuple[SavedModel, Path]) -> None:
 
 def test_augmentations_keep_what_they_should() -> None:
     levels = ridges(1).levels[0]
+    other = np.full_like(levels, -20.0)
+    other[0] = np.linspace(-40.0, -35.0, 32)
 
     def made(seed: int = 0, **options: Any) -> np.ndarray:
-        return Augmenter(Augment(**options), (32, 32), 5.0, -60.0, seed=0)(levels, np.random.default_rng(seed))
+        return Augmenter(Augment(**options), (32, 32), 5.0, -60.0, seed=0)(
+            levels, np.random.default_rng(seed), other[None]
+        )
 
     np.testing.assert_array_equal(made(), levels)
     np.testing.assert_array_equal(made(3, shift=0.3, doppler=0.2), made(3, shift=0.3, doppler=0.2))
@@ -149,6 +153,17 @@ def test_augmentations_keep_what_they_should() -> None:
     by = next(k for k in range(-10, 11) if np.array_equal(np.roll(levels, k, axis=1)[:, 10:22], shifted[:, 10:22]))
     assert by != 0
     assert made(2, gain_db=10).max() < 0
+    for seed in (0, 2, 3):
+        joined = made(seed, follow=0.4)
+        by = int(np.sum(np.ptp(joined[1:], axis=0) == 0))  # columns of the other, in which all rows but one are alike
+        assert 0 < by <= 13
+        before = np.ptp(joined[1:, 0]) == 0  # the window is early, or late
+        parts = (slice(by, None), slice(None, -by)) if before else (slice(None, -by), slice(by, None))
+        moved = (joined[:, parts[0]] - levels[:, parts[1]])[levels[:, parts[1]] > -50]
+        assert np.ptp(moved) < 1e-3
+        its = joined[:, :by] if before else joined[:, -by:]
+        expected = other[0, -by:] if before else other[0, :by]  # its end comes before, its beginning after
+        np.testing.assert_allclose(its[0] - its[1], expected + 20.0, atol=1e-3)
     faster = made(5, doppler=0.3)
     rows = [np.mean(each.argmax(axis=0)) - 15.5 for each in (levels, faster)]
     assert 0.65 < rows[1] / rows[0] < 1.35
@@ -210,6 +225,11 @@ def test_a_recording_is_brought_to_the_axes_of_the_training(
     assert axis[seen[0][0].mean(axis=1).argmax()] == pytest.approx(0.3, abs=0.07)
     assert axis[seen[0][-1].mean(axis=1).argmax()] == pytest.approx(0.8, abs=0.07)
     assert found.mti == "mean"
+    later, part = recording.cube[:].copy(), 3 * chirps // 4
+    later[part:] += np.complex64(30)  # a static echo that comes later changes no window before it
+    for each in (Recording(later, radar), Recording(recording.cube[:part], radar)):
+        predict(Spy(model.card, model.network), each, step_s=0.25)
+        np.testing.assert_allclose(seen[-1][0], seen[0][0], atol=0.2)  # pieces may differ by less than a hop
     kept = SavedModel(replace(model.card, about={"mti": "none"}), model.network)
     still = Recording(recording.cube[:] + np.complex64(30), radar)  # a strong static echo
     shown: list[Any] = []

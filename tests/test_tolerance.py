@@ -27,7 +27,7 @@ RADAR = Radar.preset("table2")
 
 @pytest.fixture(scope="module")
 def walk() -> Motion:
-    return t2d.place(t2d.trim(builders.walk(), 2.0, 2.25), distance_m=3.0)
+    return t2d.place(t2d.trim(builders.walk(), 2.0, 2.15), distance_m=3.0)
 
 
 def balls(*places_m: tuple[float, float, float], speed_mps: float = 1.0) -> list[MovingMesh]:

@@ -1,9 +1,9 @@
-"""`t2d-rt benchmark models`: Table III of the paper, with splits that do not leak, seeds and intervals."""
+"""`t2d-rt benchmark`: Table III of the paper by splits that do not leak, with intervals; and what fidelity is worth."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from t2d_rt.checks import choice, positive
 from t2d_rt.cli.learning import one_word
@@ -22,7 +22,13 @@ EXAMPLES = """examples:
   t2d-rt benchmark models --scale tiny -o report             # two classes, one epoch: whether everything runs
   t2d-rt benchmark models --scale laptop -o report           # an hour of training; the same command goes on where it stopped
   t2d-rt benchmark models --scale laptop --minutes 20 -o report   # begins no further training after 20 minutes
-  t2d-rt benchmark models --scale paper -o plan              # what it would take; nothing is trained"""
+  t2d-rt benchmark models --scale paper -o plan              # what it would take; nothing is trained
+  t2d-rt benchmark fidelity --real parrad_part1.npz -o fidelity   # ellipsoids, mesh, noise, room: what each is worth
+  t2d-rt benchmark fidelity --per-class 20 -o fidelity       # more events than before, and no real ones"""
+
+TAKES = {"models": {"scale", "simple", "hard", "minutes", "workers"}, "fidelity": {"real", "per_class", "seed"}}
+DEFAULTS = {"scale": "laptop", "per_class": 12, "seed": 0}
+"""Of options that only some of the words take."""
 
 
 def parser() -> ArgumentParser:
@@ -30,10 +36,12 @@ def parser() -> ArgumentParser:
     found = command_parser(
         "benchmark",
         "Trains and tests all models on Simple and Hard, split by file, by description and by clip, and writes report.md with "
-        "pictures: accuracy with intervals, size and speed, and the paper's claims one by one. Needs the extra [learn].",
+        "pictures: accuracy with intervals, size and speed, and the paper's claims one by one. Or trains on the same events by "
+        "several fidelities, tests on the highest and on real events, and writes fidelity.md with its chart. "
+        "Needs the extra [learn].",
         config=False,
-        noun="models -o DIR",
-        file="What is compared: models.",
+        noun="models | fidelity -o DIR",
+        file="What is compared: models or fidelity.",
         examples=EXAMPLES,
         several=True,
     )
@@ -42,33 +50,57 @@ def parser() -> ArgumentParser:
     )
     found.add_argument(
         "--scale",
-        type=str,
-        default="laptop",
-        help="How large it is: tiny, laptop or paper, which is planned and not run.",
+        type=str | None,
+        help="Of models: how large it is, tiny, laptop (by default) or paper, which is planned and not run.",
     )
     found.add_argument(
-        "--simple", type=str | None, help="Folder of a data set to take as Simple, in place of one that is made."
+        "--simple",
+        type=str | None,
+        help="Of models: folder of a data set to take as Simple, in place of one that is made.",
     )
     found.add_argument("--hard", type=str | None, help="The same for Hard.")
-    found.add_argument("--minutes", type=float | None, help="After which no further training is begun.")
-    found.add_argument("--workers", type=int | None, help="Processes that make the data; by default one for each core.")
+    found.add_argument("--minutes", type=float | None, help="Of models: after which no further training is begun.")
+    found.add_argument(
+        "--workers", type=int | None, help="Of models: processes that make the data; by default one for each core."
+    )
+    found.add_argument(
+        "--real", type=str | None, help="Of fidelity: file of real events (PARrad) to test on, beside simulated ones."
+    )
+    found.add_argument(
+        "--per_class", type=int | None, help="Of fidelity: simulated events of each of five activities; 12 by default."
+    )
+    found.add_argument("--seed", type=int | None, help="Of fidelity: seed of the events; 0 by default.")
     return found
 
 
 def run(options: Namespace) -> None:
-    """Makes the data, runs the cells, writes the report."""
+    """Does what the first word says."""
     from t2d_rt.learn.require import require_learning
 
-    if one_word(options, "benchmark", "the word models") != "models":
-        raise InputError(f"benchmark compares models, got {options.file[0]}; t2d-rt benchmark --help shows examples")
+    verb = one_word(options, "benchmark", "one of the words models and fidelity")
+    if verb not in TAKES:
+        raise InputError(f"benchmark compares models or fidelity, got {verb}; t2d-rt benchmark --help shows examples")
     if options.output is None:
         raise InputError("benchmark needs -o, the folder to write")
+    for name in sorted(set().union(*TAKES.values()) - TAKES[verb]):
+        if options[name] is not None:
+            raise InputError(f"benchmark {verb} takes no --{name.replace('_', '-')}; leave it out")
     require_learning()
+    {"models": _models, "fidelity": _fidelity}[verb](options)
+
+
+def chosen(options: Namespace, name: str) -> Any:
+    """An option, or its default."""
+    return DEFAULTS[name] if options[name] is None else options[name]
+
+
+def _models(options: Namespace) -> None:
+    """Makes the data, runs the cells, writes the report."""
     from t2d_rt.dataset import Dataset
     from t2d_rt.learn.benchmark import SCALES, cells_of, paper_plan, run_cells, write_report
     from t2d_rt.learn.benchmark.scales import SETS
 
-    scale = SCALES[choice("--scale", options.scale, tuple(SCALES))]
+    scale = SCALES[choice("--scale", chosen(options, "scale"), tuple(SCALES))]
     minutes = None if options.minutes is None else positive("--minutes", options.minutes, 1e5)
     folder = Path(options.output)
     if scale.name == "paper":
@@ -83,6 +115,26 @@ def run(options: Namespace) -> None:
     say(f"wrote {write_report(scale, results, total, folder)}: {len(results)} of {total} cells")
     if len(results) < total:
         say("the same command runs the others")
+
+
+def _fidelity(options: Namespace) -> None:
+    """Simulates the events by all rungs, trains and tests, writes the report."""
+    from t2d_rt.learn.adapters import AdapterOptions, read_real
+    from t2d_rt.learn.adapters.parrad import FOUR
+    from t2d_rt.learn.fidelity import make_rungs, read_rungs, run_study, write_fidelity
+    from t2d_rt.learn.twins import TwinRecipe
+
+    real = None if options.real is None else read_real(options.real, "parrad", AdapterOptions(classes=FOUR))
+    recipe = TwinRecipe(per_class=chosen(options, "per_class"), seed=chosen(options, "seed"))
+    folder = Path(options.output)
+    with ProgressBar("events") as progress:
+        events = make_rungs(recipe, folder / "events", progress=progress)
+    with ProgressBar("training") as progress:
+        found = run_study(
+            read_rungs(events, recipe.count), None if real is None else real.maps, folder / "cells", progress=progress
+        )
+    told = "No real events were at hand." if real is None else f"Real: {real}"
+    say(f"wrote {write_fidelity(found, folder, told)}")
 
 
 def _data(name: str, scale: Scale, options: Namespace) -> Dataset:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -109,8 +109,19 @@ class Twin:
     told: Mapping[str, Any] = field(default_factory=dict)
 
 
-def twin(recipe: TwinRecipe, index: int) -> Twin:
-    """The event of an index: a pure function of both."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Staged:
+    """One event before it is simulated."""
+
+    label: str
+    sentence: str
+    motion: Motion
+    """In its place in the room."""
+    radars: tuple[Radar, Radar]
+
+
+def staged(recipe: TwinRecipe, index: int) -> Staged:
+    """Motion and radars of an index; the same for all scenes and methods."""
     label = recipe.classes[index % len(recipe.classes)]
     failure: T2DError | None = None
     for attempt in range(ATTEMPTS):
@@ -124,26 +135,36 @@ def twin(recipe: TwinRecipe, index: int) -> Twin:
         radars = _radars(recipe, rng)
         placed = _placed(motion, radars, rng)
         if placed is not None:
-            break
-    else:
-        raise failure or InputError(
-            f"twin {index} ({label}) finds no place in the room in {ATTEMPTS} attempts; take another seed"
-        )
+            return Staged(label=label, sentence=sentence, motion=placed, radars=radars)
+    raise failure or InputError(
+        f"twin {index} ({label}) finds no place in the room in {ATTEMPTS} attempts; take another seed"
+    )
+
+
+def noise_seed(recipe: TwinRecipe, index: int, radar: int) -> int:
+    """Of the recording of one radar."""
+    return MOST_RECORDS * recipe.seed + 2 * index + radar
+
+
+def twin(recipe: TwinRecipe, index: int) -> Twin:
+    """The event of an index: a pure function of both."""
+    found = staged(recipe, index)
     levels = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", T2DWarning)
-        for number, radar in enumerate(radars):
+        for number, radar in enumerate(found.radars):
             recording = simulate(
-                placed, radar=radar, scene=recipe.scene, method=recipe.method, noise=Receiver(), reflections=1,
-                clutter="none", seed=MOST_RECORDS * recipe.seed + 2 * index + number, progress=False,
+                found.motion, radar=radar, scene=recipe.scene, method=recipe.method, noise=Receiver(), reflections=1,
+                clutter="none", seed=noise_seed(recipe, index, number), progress=False,
             )  # fmt: skip
             levels.append(range_mean_levels(np.asarray(recording.adc.values)[:, 0]))
+    first, second = found.radars
     told = {
-        "sentence": sentence, "slope_hz_per_s": radars[0].slope_hz_per_s, "prf_hz": radars[0].prf_hz,
-        "gain_db": radars[0].rx_gain_dbi - 9.0,
-        "second_m": list(radars[1].position_m),
+        "sentence": found.sentence, "slope_hz_per_s": first.slope_hz_per_s, "prf_hz": first.prf_hz,
+        "gain_db": first.rx_gain_dbi - 9.0,
+        "second_m": list(second.position_m),
     }  # fmt: skip
-    return Twin(label=label, levels_db=np.stack(levels), told=told)
+    return Twin(label=found.label, levels_db=np.stack(levels), told=told)
 
 
 def range_mean_levels(chirps: np.ndarray) -> np.ndarray:
@@ -287,19 +308,29 @@ def read_twins(folder: str | Path, merged: Mapping[str, str] | None = None) -> L
     if not files:
         raise InputError(f"{target} holds no twins; make them with t2d-rt transfer twins")
     _check_complete(target, len(files))
-    levels, labels, events = [], [], []
-    for path in files:
-        label, stored = _read_twin(path)
+    found = [_read_twin(path) for path in files]
+    labels = [label if merged is None else merged[label] for label, _ in found]
+    order = [name if merged is None else merged[name] for name in SENTENCES]
+    return maps_of_events([levels for _, levels in found], labels, [path.stem for path in files], order)
+
+
+def maps_of_events(
+    levels_db: Sequence[np.ndarray], labels: Sequence[str], names: Sequence[str], order: Sequence[str] = tuple(MERGED.values())
+) -> LabelledMaps:  # fmt: skip
+    """Events of levels (radar, row, bin) [dB] as maps of the radar's own bins and rows, an event's two maps one after another.
+
+    order: classes, of which those that no event has are left out.
+    """
+    classes = tuple(dict.fromkeys(name for name in order if name in labels))
+    levels = []
+    for name, stored in zip(names, levels_db, strict=True):
         for each in notched(stored)[:, :ROWS]:
             levels.append(np.maximum(each.T - each.max(), -DYNAMIC_RANGE_DB))
-            check_varied(levels[-1], str(path))
-            labels.append(label)
-            events.append(path.stem)
-    names = [label if merged is None else merged[label] for label in labels]
-    order = tuple(dict.fromkeys(name if merged is None else merged[name] for name in SENTENCES if name in labels))
+            check_varied(levels[-1], f"event {name}")
+    events = np.repeat(np.array(names), len(RADARS))
     return LabelledMaps(
-        levels=np.stack(levels), labels=np.array([order.index(each) for each in names]), classes=order,
-        groups={"event": np.array(events), "radar": np.array(RADARS * len(files))},
+        levels=np.stack(levels), labels=np.repeat([classes.index(each) for each in labels], len(RADARS)), classes=classes,
+        groups={"event": events, "radar": np.array(RADARS * len(names))},
         velocity_mps=(np.arange(BINS) - ZERO_BIN) * BIN_MPS, duration_s=ROWS * ROW_S,
-        names=tuple(f"{event} {radar}" for event, radar in zip(events, RADARS * len(files), strict=True)),
+        names=tuple(f"{event} {radar}" for event, radar in zip(events, RADARS * len(names), strict=True)),
     )  # fmt: skip

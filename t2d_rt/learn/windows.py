@@ -61,38 +61,80 @@ def predict(model: SavedModel, recording: Recording, *, step_s: float | None = N
 def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Starts of the windows [s] and their maps (W, speed, time), static echoes taken away as they were for the training.
 
-    Cells of the maps are means over what they cover of the recording's cells.
+    Where the mean is taken away it is that of each window, as it was that of each record of the training: somebody who rests in one
+    part of a long recording would be a static echo in all of it. Cells of the maps are means over what they cover of the
+    recording's cells.
     """
     card = model.card
     _warn_of_carrier(recording.radar.carrier_hz, card)
-    image = recording.processed(mti=_mti(card)).spectrogram
-    power = 10.0 ** (image.values.astype(np.float64) / 10.0)
-    old, new = _edges(image.velocity_mps.values), _edges(card.axis_mps)
-    bin_mps = old[1] - old[0]
-    if new[0] < old[0] - bin_mps or new[-1] > old[-1] + bin_mps:
+    whole = _Columns.of(recording.processed(mti=_mti(card)))
+    new = _edges(card.axis_mps)
+    bin_mps = whole.speeds[1] - whole.speeds[0]
+    if new[0] < whole.speeds[0] - bin_mps or new[-1] > whole.speeds[-1] + bin_mps:
         raise InputError(
-            f"the recording shows {old[0]:.3g} to {old[-1]:.3g} m/s, the model was trained on {new[0]:.3g} to {new[-1]:.3g} m/s; "
-            "record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
+            f"the recording shows {whole.speeds[0]:.3g} to {whole.speeds[-1]:.3g} m/s, the model was trained on {new[0]:.3g} to "
+            f"{new[-1]:.3g} m/s; record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
         )
-    columns = _edges(image.time_s.values)
-    length_s = float(columns[-1] - columns[0])
-    if length_s < card.duration_s * 0.999:
+    if whole.length_s < card.duration_s * 0.999:
         raise InputError(
-            f"the recording has {length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s; record longer"
+            f"the recording has {whole.length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s; record longer"
         )
-    last = max(length_s - card.duration_s, 0.0)
-    starts = np.unique(np.append(np.arange(0.0, last, step_s), last)) + columns[0]
-    rows = _weights(old, new) @ power
-    maps = [
-        relative_levels(
-            rows @ _weights(columns, np.linspace(start, start + card.duration_s, card.size[1] + 1)).T, card.size,
-            card.dynamic_range_db,
-        )
-        for start in starts
-    ]  # fmt: skip
-    for start, each in zip(starts, maps, strict=True):
-        check_varied(each, f"the window of the recording from {start:.3g} s")
-    return starts, np.stack(maps)
+    last = max(whole.length_s - card.duration_s, 0.0)
+    starts = np.unique(np.append(np.arange(0.0, last, step_s), last))
+    maps = []
+    for start in starts:
+        if _mti(card) == "none":
+            columns, begin_s = whole, whole.times[0] + start
+        else:
+            columns = _Columns.of(_piece(recording, start, card.duration_s, whole.length_s))
+            begin_s = columns.times[0]
+        cells = np.linspace(begin_s, begin_s + card.duration_s, card.size[1] + 1)
+        power = _weights(columns.speeds, new) @ columns.power @ _weights(columns.times, cells).T
+        maps.append(relative_levels(power, card.size, card.dynamic_range_db))
+        check_varied(maps[-1], f"the window of the recording from {start + whole.times[0]:.3g} s")
+    return starts + whole.times[0], np.stack(maps)
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """A spectrogram by the edges of its cells."""
+
+    power: np.ndarray
+    """(speed, time)."""
+    speeds: np.ndarray
+    """Edges [m/s], (speed + 1,)."""
+    times: np.ndarray
+    """Edges [s], (time + 1,)."""
+
+    @classmethod
+    def of(cls, recording: Recording) -> _Columns:
+        image = recording.spectrogram
+        power = 10.0 ** (image.values.astype(np.float64) / 10.0)
+        return cls(power, _edges(image.velocity_mps.values), _edges(image.time_s.values))
+
+    @property
+    def length_s(self) -> float:
+        return float(self.times[-1] - self.times[0])
+
+
+def _piece(recording: Recording, start_s: float, duration_s: float, length_s: float) -> Recording:
+    """The recording from `start_s` on, so long that its spectrogram covers the duration; whole bursts of chirps.
+
+    length_s: that the spectrogram of the whole recording covers.
+    """
+    begins = recording.radar.chirp_starts_s(len(recording.cube))
+    begins = begins - begins[0]
+    # What windows of the transform take away at the ends, or pauses between bursts add: the same for a piece as for the whole.
+    beyond_s = float(begins[-1]) + recording.radar.loop_interval_s - length_s
+    half_s = 0.5 * recording.radar.loop_interval_s
+    burst = recording.radar.loops_per_frame or 1
+    first = int(np.searchsorted(begins, start_s - half_s)) // burst * burst
+    stop = int(np.searchsorted(begins, begins[first] + duration_s + beyond_s - half_s))
+    stop = min(-(-(stop - first) // burst) * burst + first, len(begins))
+    return Recording(
+        np.asarray(recording.cube[first:stop]), recording.radar, settings=recording.settings,
+        processing={**recording.processing, "mti": "mean"},
+    )  # fmt: skip
 
 
 def _mti(card: Card) -> Literal["mean", "none"]:

@@ -27,6 +27,8 @@ REFINING_BYTES = 1_700
 """What a facet takes while it is made (measured with 110 000 to 1 000 000 facets of a body)."""
 MOST_FACETS = 1_000_000
 """Of one mesh, unless a run may take more memory."""
+RANGE_STEP = 1.25
+"""Facets that recordings share are those of the nearest range rounded down to a power of it."""
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many instants fit the cache."""
 _kept: OrderedDict[str, Refinement] = OrderedDict()
@@ -59,13 +61,17 @@ def refined(
 ) -> list[Refinement]:
     """`refinements` of a mesh, each kept for the next recording of the same body, on disk too; those that are missing are made
     together."""
-    common = surface.rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
+    rest = surface.rest
+    if surface.refined_as is not None:
+        # Of a like shape and a like range, so that recordings share it.
+        rest, range_m = surface.refined_as, RANGE_STEP ** math.floor(math.log(range_m, RANGE_STEP))
+    common = rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
     keys = [disk_cache.key("geometry", ("refinement", *common, np.asarray(each, float))) for each in sagittas_rad]
     missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
     if missing:
         make = curved_refinements if surface.curved else partial(refinements, crease_deg=surface.crease_deg)
         made = make(
-            surface.rest,
+            rest,
             surface.faces,
             wavenumber=wavenumber,
             range_m=range_m,

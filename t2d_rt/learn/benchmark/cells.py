@@ -16,7 +16,7 @@ from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.splits import KINDS, traits
 from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines import BASELINES, baseline_probabilities
-from t2d_rt.learn.benchmark.scales import SETS, Scale
+from t2d_rt.learn.benchmark.scales import JUDGED, SETS, Scale
 from t2d_rt.learn.maps import LabelledMaps, maps_of
 from t2d_rt.learn.threads import torch_threads
 from t2d_rt.learn.train import SPLITS, TrainOptions, scores_of, sides_of, train_model
@@ -46,13 +46,16 @@ class Cell:
 
 
 def cells_of(scale: Scale) -> list[Cell]:
-    """All cells, seed by seed, so that a run that is stopped has whole seeds."""
+    """All cells: where claims are judged first, and there seed by seed, so that a run that is stopped has whole seeds."""
+    columns = [(each, by) for each in SETS for by in SPLITS]
     return [
         Cell(set=each, by=by, model=model, seed=seed)
+        for judged in (True, False)
         for seed in scale.seeds
-        for each in SETS
-        for by in SPLITS
+        for each, by in columns
+        if ((each, by) in JUDGED) == judged
         for model in scale.models
+        if judged or model not in scale.once or seed == scale.seeds[0]
     ]
 
 
@@ -62,15 +65,16 @@ def run_cells(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Runs the cells that have no file yet; what all that have one found.
 
+    datasets: "simple" and "hard", or one of them, whose cells alone are run.
     minutes: after which no further cell is begun.
     """
     folder.mkdir(parents=True, exist_ok=True)
     maps = {name: maps_of(each, size=(scale.size, scale.size)) for name, each in datasets.items()}
-    stamp = _stamp(scale, datasets, maps)
+    stamps = {name: _stamp(scale, each, maps[name]) for name, each in datasets.items()}
     until = float("inf") if minutes is None else time.monotonic() + 60.0 * minutes
-    found, cells = [], cells_of(scale)
+    found, cells = [], [each for each in cells_of(scale) if each.set in datasets]
     for number, cell in enumerate(cells):
-        path = folder / f"{cell.name}.json"
+        path, stamp = folder / f"{cell.name}.json", stamps[cell.set]
         if path.exists():
             told = _read(path, cell, stamp)
         elif time.monotonic() < until:
@@ -85,14 +89,12 @@ def run_cells(
     return found
 
 
-def _stamp(scale: Scale, datasets: dict[str, Dataset], maps: dict[str, LabelledMaps]) -> str:
-    """What every cell follows from beside its name, splits included: files of other data or another scale are refused."""
+def _stamp(scale: Scale, dataset: Dataset, maps: LabelledMaps) -> str:
+    """What a set's cells follow from beside their names, splits included: files of other data or another scale are refused."""
     digest = hashlib.sha256(f"{scale.size} {scale.epochs} {scale.batch}".encode())
-    for name in SETS:
-        found = maps[name]
-        digest.update(found.levels.tobytes() + found.labels.tobytes() + found.velocity_mps.tobytes())
-        shared = [sorted(traits(record, KINDS)) for record in datasets[name].records]
-        digest.update(json.dumps([found.classes, found.duration_s, found.names, shared]).encode())
+    digest.update(maps.levels.tobytes() + maps.labels.tobytes() + maps.velocity_mps.tobytes())
+    shared = [sorted(traits(record, KINDS)) for record in dataset.records]
+    digest.update(json.dumps([maps.classes, maps.duration_s, maps.names, shared]).encode())
     return digest.hexdigest()[:16]
 
 

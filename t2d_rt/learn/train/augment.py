@@ -1,4 +1,4 @@
-"""Augmentations of spectrograms on the fly: a background, masks, shifts in time, Doppler jitter, gain."""
+"""Augmentations of spectrograms on the fly: background, masks, shifts, Doppler jitter, gain, what comes before or after."""
 
 from __future__ import annotations
 
@@ -31,18 +31,30 @@ class Augment(Fields):
     """Greatest shift in time, as a fraction of the duration; what comes in mirrors what is beside it."""
     doppler: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
     """Greatest relative change of all speeds."""
+    follow: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
+    """Greatest part of the duration, at its beginning or its end, in which another sample of the training is seen in place of this
+    one, as in a window over a change of activities; the class is that of the window's middle."""
     gain_db: Annotated[Number, Field(ge=0, le=40)] = 0.0
     """Greatest decrease of the map's levels [dB], as by a stronger echo elsewhere."""
 
     @classmethod
     def usual(cls) -> Augment:
-        """All five, of moderate size."""
+        """All but `follow`, of moderate size."""
         return cls(background_db=-20.0, masks=OcclusionMask(windows=0.5), shift=0.1, doppler=0.1, gain_db=6.0)
+
+    @classmethod
+    def sliding(cls) -> Augment:
+        """For windows that slide over a recording of several activities."""
+        return cls(follow=0.4, doppler=0.1)
 
     @property
     def some(self) -> bool:
         """Whether anything is changed."""
         return self != Augment()
+
+
+FOLLOW_DB = 10.0
+"""Greatest difference of level between activities that follow one another, as of ranges that differ by a factor of 1.8."""
 
 
 class Augmenter:
@@ -59,9 +71,11 @@ class Augmenter:
             # The model's bins are stretched over the map's: it stands for clutter and noise, not for another radar's.
             self._bank = np.stack([resized(each.astype(np.float64), size) for each in found])
 
-    def __call__(self, levels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Levels (speed, time) [dB, 0 at the greatest cell], changed."""
+    def __call__(self, levels: np.ndarray, rng: np.random.Generator, others: np.ndarray) -> np.ndarray:
+        """Levels (speed, time) [dB, 0 at the greatest cell], changed; others (N, speed, time) may come before or after."""
         told = self._augment
+        if told.follow > 0:
+            levels = _followed(levels, others[rng.integers(len(others))], rng.uniform(-told.follow, told.follow), rng)
         if told.shift > 0:
             levels = _shifted(levels, round(rng.uniform(-told.shift, told.shift) * levels.shape[1]))
         if told.doppler > 0:
@@ -95,6 +109,17 @@ def _shifted(levels: np.ndarray, by: int) -> np.ndarray:
     padded = np.pad(levels, ((0, 0), (max(by, 0), max(-by, 0))), mode="symmetric")
     start = 0 if by > 0 else -by
     return padded[:, start : start + levels.shape[1]]
+
+
+def _followed(levels: np.ndarray, other: np.ndarray, part: float, rng: np.random.Generator) -> np.ndarray:
+    """The map as a window sees it that is moved by a part of its length, to where another activity is seen, too."""
+    by = round(part * levels.shape[1])
+    if by == 0:
+        return levels
+    other = other + np.float32(rng.uniform(-FOLLOW_DB, FOLLOW_DB))
+    both = [other[:, -by:], levels[:, :-by]] if by > 0 else [levels[:, -by:], other[:, :-by]]
+    joined = np.concatenate(both, axis=1)
+    return np.asarray(joined - joined.max())
 
 
 def _stretched(levels: np.ndarray, factor: float) -> np.ndarray:

@@ -42,7 +42,9 @@ class Batches:
             levels = self._maps.levels[part]
             if self._augmenter is not None:
                 made = [
-                    self._augmenter(each, np.random.default_rng([self._seed, self._epoch, 1, int(place)]))
+                    self._augmenter(
+                        each, np.random.default_rng([self._seed, self._epoch, 1, int(place)]), self._maps.levels
+                    )
                     for each, place in zip(levels, part, strict=True)
                 ]
                 levels = np.stack(made)
