@@ -153,7 +153,7 @@ def _overview() -> str:
         "  t2d-rt train DATA      Trains a classifier on a data set's spectrograms.\n"
         "  t2d-rt evaluate DATA   Tests a trained classifier on a data set.\n"
         "  t2d-rt predict FILE    Tells what a person does in a recording, over time, with probabilities.\n"
-        "  t2d-rt benchmark models  Compares all models on Simple and Hard by splits that leak and that do not.\n"
+        "  t2d-rt benchmark WHAT  Compares all models on Simple and Hard, or what ellipsoids, mesh, noise and room are worth.\n"
         "  t2d-rt transfer DO     Makes simulated twins of real recordings, and tells what learning from them first is worth.\n"
         "  t2d-rt gap TWINS REAL  Tells how simulated maps differ from real ones, before any training.\n"
         "  t2d-rt info FILE       Tells what a motion, a result or a radar file holds.\n"

@@ -40,7 +40,7 @@ class Rung:
     noise: bool = True
 
     @property
-    def simulation(self) -> tuple[str, str, str]:
+    def simulation(self) -> tuple[Method, PhaseFrom, str]:
         """What rungs with and without noise share."""
         return self.method, self.phase_from, self.scene
 
