@@ -26,7 +26,7 @@ MADE: Mapping[str, Callable[[Score, Performer, Step], None]] = {
 CLIMBS = "climb", "walk", "run"
 """Those that go up or down a stair."""
 
-STEPS_AWAY = 0.7
+STEPS_AWAY = 0.8
 """Chance of a step afterwards by who ends up standing."""
 
 SLOWEST, FASTEST = 0.4, 2.0

@@ -29,7 +29,7 @@ SWAY_SLOPE, MOTOR_SLOPE = 1.2, 1.8
 """Powers of frequency with which displacements fall; the latter so that spectra of joint speeds between 3 and 12 Hz and their jerk
 are those of recorded bends."""
 
-HAND_SWAY_M, HAND_MOTOR_M = 0.006, 0.004
+HAND_SWAY_M, HAND_MOTOR_M = 0.006, 0.0032
 BREATH_RAD = 0.7 * DEG
 
 
