@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 
 # Before NumPy is loaded: two processes share two cores, and waiting threads of BLAS and OpenMP take a core from the other.
-for library in ("OPENBLAS", "OMP"):
-    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from collections.abc import Callable
 from pathlib import Path
