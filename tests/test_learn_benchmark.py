@@ -14,9 +14,10 @@ from dataset_folder import recipe, write_dataset
 from t2d_rt.dataset import Dataset
 from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines import Centroids
-from t2d_rt.learn.benchmark import SCALES, Scale, cells, cells_of, claims, run_cells, write_report
+from t2d_rt.learn.benchmark import SCALES, Scale, cells, cells_of, claims, conditions, run_cells, write_report
 from t2d_rt.learn.benchmark.claims import confused_pairs, interval, verdict
 from t2d_rt.learn.benchmark.scales import JUDGED
+from t2d_rt.learn.train import TrainOptions
 
 pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
 
@@ -125,6 +126,40 @@ def test_scales_name_recipes_that_are_there() -> None:
     assert {(each.set, each.by) for each in cells[: 9 * 3 * 3]} == {*JUDGED}
 
 
+def test_conditions_are_trained_and_tested_one_by_one(
+    tmp_path: Path, run: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(conditions, "OPTIONS", TrainOptions(epochs=1, batch=8))
+    monkeypatch.setattr(conditions, "SEEDS", (0, 1, 2))
+    assert conditions.trainings(("a", "b")) == {"a": ("a",), "b": ("b",), "all": ("a", "b")}
+    assert conditions.trainings(("a", "b", "c"))["all but b"] == ("a", "c")
+    two = [{"name": "ellipsoids", "method": "ellipsoid"}, {"name": "mesh", "method": "mesh"}]
+    data = write_dataset(tmp_path / "data", many(conditions=two, each_condition=True, classes=["walking", "falling"]))
+    done = run("benchmark", "conditions", str(data), "-o", str(tmp_path / "found"))
+    assert done.code == 0, done.err
+    text = (tmp_path / "found" / "conditions.md").read_text()
+    assert "| trained on | tested on ellipsoids | tested on mesh |" in text
+    assert text.count("| all | ") == 3  # accuracy, false alarms, missed falls
+    cells = sorted((tmp_path / "found" / "cells").iterdir())
+    assert len(cells) == 9
+    told = json.loads(cells[0].read_text())["confusion"]
+    assert {name: np.sum(each) for name, each in told.items()} == {"ellipsoids": 4, "mesh": 4}
+    before = cells[0].stat().st_mtime_ns
+    cells[1].unlink()
+    assert run("benchmark", "conditions", str(data), "-o", str(tmp_path / "found")).code == 0
+    assert cells[0].stat().st_mtime_ns == before
+    cells[1].write_text("{}")
+    assert (
+        "is not what a benchmark wrote there"
+        in run("benchmark", "conditions", str(data), "-o", str(tmp_path / "found")).err
+    )
+    one = write_dataset(tmp_path / "one", many())
+    assert (
+        "has one condition only, ellipsoids" in run("benchmark", "conditions", str(one), "-o", str(tmp_path / "x")).err
+    )
+    assert "takes the folder of a data set, got none" in run("benchmark", "conditions", "-o", str(tmp_path / "x")).err
+
+
 def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:
     data, model = str(write_dataset(tmp_path / "data", many())), str(tmp_path / "m")
     done = run("train", data, "--model", "streaming", "-o", model, "--epochs", "2", "--batch", "4", "--size", "16")
@@ -137,6 +172,10 @@ def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:
     assert done.out.split("test accuracy")[1].split(",")[0] == again.out.split("accuracy")[1].split(",")[0]
     for words, sentence in (
         (("train", data), "train needs -o"),
+        (
+            ("train", data, "--augment", "--sliding", "-o", "x"),
+            "--augment and --sliding are two ways to change samples",
+        ),
         (("evaluate", data), "evaluate needs --model"),
         (("predict", "walk.zarr", "--model", data), "holds no trained model"),
         (("benchmark", "cells", "-o", "x"), "benchmark compares models"),

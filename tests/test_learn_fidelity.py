@@ -133,7 +133,7 @@ def test_refusals(events: Path, tmp_path: Path, run: Command) -> None:
         (("benchmark", "fidelity", "--scale", "tiny", "-o", "x"), "benchmark fidelity takes no --scale; leave it out"),
         (("benchmark", "models", "--real", "x.npz", "-o", "x"), "benchmark models takes no --real; leave it out"),
         (("benchmark", "fidelity", "--real", str(tmp_path / "none.npz"), "-o", "x"), "does not exist"),
-        (("benchmark", "cells", "-o", "x"), "benchmark compares models or fidelity, got cells"),
+        (("benchmark", "cells", "-o", "x"), "benchmark compares models, fidelity, conditions, got cells"),
     ):
         refused = run(*words)
         assert refused.code == 2, words

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 SHORT = {"-o": "--output", "-n": "--count"}
 
-FLAGS = ("--overwrite", "--help", "--print_config", "--strict", "--leave_out", "--augment")
+FLAGS = ("--overwrite", "--help", "--print_config", "--strict", "--leave_out", "--augment", "--sliding")
 """Options that need no value."""
 
 PLAIN_TYPES = {

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from t2d_rt.checks import choice, positive
-from t2d_rt.cli.learning import one_word
 from t2d_rt.cli.options import command_parser
 from t2d_rt.cli.output import say
 from t2d_rt.errors import InputError
@@ -24,9 +23,16 @@ EXAMPLES = """examples:
   t2d-rt benchmark models --scale laptop --minutes 20 -o report   # begins no further training after 20 minutes
   t2d-rt benchmark models --scale paper -o plan              # what it would take; nothing is trained
   t2d-rt benchmark fidelity --real parrad_part1.npz -o fidelity   # ellipsoids, mesh, noise, room: what each is worth
-  t2d-rt benchmark fidelity --per-class 20 -o fidelity       # more events than before, and no real ones"""
+  t2d-rt benchmark fidelity --per-class 20 -o fidelity       # more events than before, and no real ones
+  t2d-rt benchmark conditions carriers -o conditions         # a folder of dataset carriers: trained at one, tested at another"""
 
-TAKES = {"models": {"scale", "simple", "hard", "minutes", "workers"}, "fidelity": {"real", "per_class", "seed"}}
+WORDS = {"models": 0, "fidelity": 0, "conditions": 1}
+"""What is compared, each with how many names follow it."""
+TAKES = {
+    "models": {"scale", "simple", "hard", "minutes", "workers"},
+    "fidelity": {"real", "per_class", "seed"},
+    "conditions": set(),
+}
 DEFAULTS = {"scale": "laptop", "per_class": 12, "seed": 0}
 """Of options that only some of the words take."""
 
@@ -37,11 +43,11 @@ def parser() -> ArgumentParser:
         "benchmark",
         "Trains and tests all models on Simple and Hard, split by file, by description and by clip, and writes report.md with "
         "pictures: accuracy with intervals, size and speed, and the paper's claims one by one. Or trains on the same events by "
-        "several fidelities, tests on the highest and on real events, and writes fidelity.md with its chart. "
-        "Needs the extra [learn].",
+        "several fidelities, tests on the highest and on real events, and writes fidelity.md with its chart; or trains under each "
+        "condition of a data set, tests under each, and writes conditions.md. Needs the extra [learn].",
         config=False,
-        noun="models | fidelity -o DIR",
-        file="What is compared: models or fidelity.",
+        noun="models | fidelity | conditions DATA -o DIR",
+        file="What is compared: models, fidelity, or conditions, which takes the folder of a data set.",
         examples=EXAMPLES,
         several=True,
     )
@@ -77,16 +83,19 @@ def run(options: Namespace) -> None:
     """Does what the first word says."""
     from t2d_rt.learn.require import require_learning
 
-    verb = one_word(options, "benchmark", "one of the words models and fidelity")
-    if verb not in TAKES:
-        raise InputError(f"benchmark compares models or fidelity, got {verb}; t2d-rt benchmark --help shows examples")
+    verb, *names = options.file or ["nothing"]
+    if verb not in WORDS:
+        raise InputError(f"benchmark compares {', '.join(WORDS)}, got {verb}; t2d-rt benchmark --help shows examples")
+    if len(names) != WORDS[verb]:
+        wanted = "the folder of a data set" if WORDS[verb] else "no further name"
+        raise InputError(f"benchmark {verb} takes {wanted}, got {' '.join(names) or 'none'}")
     if options.output is None:
         raise InputError("benchmark needs -o, the folder to write")
     for name in sorted(set().union(*TAKES.values()) - TAKES[verb]):
         if options[name] is not None:
             raise InputError(f"benchmark {verb} takes no --{name.replace('_', '-')}; leave it out")
     require_learning()
-    {"models": _models, "fidelity": _fidelity}[verb](options)
+    {"models": _models, "fidelity": _fidelity, "conditions": _conditions}[verb](options)
 
 
 def chosen(options: Namespace, name: str) -> Any:
@@ -135,6 +144,16 @@ def _fidelity(options: Namespace) -> None:
         )
     told = "No real events were at hand." if real is None else f"Real: {real}"
     say(f"wrote {write_fidelity(found, folder, told)}")
+
+
+def _conditions(options: Namespace) -> None:
+    """Trains and tests under each condition of a data set."""
+    from t2d_rt.dataset import Dataset
+    from t2d_rt.learn.benchmark import run_conditions
+
+    with ProgressBar("conditions") as progress:
+        path = run_conditions(Dataset(options.file[1]), Path(options.output), progress=progress)
+    say(f"wrote {path}")
 
 
 def _data(name: str, scale: Scale, options: Namespace) -> Dataset:

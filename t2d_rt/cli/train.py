@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
     from t2d_rt.dataset import Dataset
+    from t2d_rt.learn.train import Augment
 
 EXAMPLES = """examples:
   t2d-rt train small --model resnet18 -o resnet              # by description; the same command goes on where it stopped
   t2d-rt train small --model streaming --augment -o mine     # background, masks, shifts, Doppler and gain on the fly
+  t2d-rt train small --model streaming --sliding -o mine     # for predict, whose windows slide over changes of activities
   t2d-rt train small --model vgg-7 --size 128 --by file -o leaky   # as the paper splits: descriptions stand on two sides"""
 
 
@@ -53,6 +55,14 @@ def parser() -> ArgumentParser:
         "--augment", type=bool, default=False, nargs="?", const=True, help="Whether samples are changed on the fly."
     )
     found.add_argument(
+        "--sliding",
+        type=bool,
+        default=False,
+        nargs="?",
+        const=True,
+        help="In place of --augment: changes that suit predict, whose windows slide over changes of activities.",
+    )
+    found.add_argument(
         "--epochs", type=int, default=100, help="At most; training stops after ten without a lower loss."
     )
     found.add_argument("--batch", type=int, default=64, help="Samples of a step.")
@@ -72,7 +82,7 @@ def run(options: Namespace) -> None:
     from t2d_rt.learn.charts import curves_figure
     from t2d_rt.learn.maps import maps_of
     from t2d_rt.learn.models import card
-    from t2d_rt.learn.train import Augment, TrainOptions, scores_of, train_model
+    from t2d_rt.learn.train import TrainOptions, scores_of, train_model
     from t2d_rt.learn.train.sides import check_sides
 
     source = one_word(options, "train", "the folder of a data set")
@@ -81,7 +91,7 @@ def run(options: Namespace) -> None:
     title = card(options.model).title
     chosen = TrainOptions(
         rate=options.rate, epochs=options.epochs, batch=options.batch, seed=options.seed, threads=options.threads,
-        device=options.device, augment=Augment.usual() if options.augment else Augment(),
+        device=options.device, augment=_augment(options),
     )  # fmt: skip
     dataset = Dataset(source)
     maps = maps_of(dataset, size=(options.size, options.size), dynamic_range_db=options.dynamic_range_db)
@@ -105,6 +115,14 @@ def run(options: Namespace) -> None:
     write_scores(folder, scores, model.card.classes, f"{title} by {by}", overwrite=True)
     say(f"{title}, split by {by}, {model.card.about['epochs']} epochs: test {told(scores)}")
     say(f"wrote {folder}")
+
+
+def _augment(options: Namespace) -> Augment:
+    from t2d_rt.learn.train import Augment
+
+    if options.augment and options.sliding:
+        raise InputError("--augment and --sliding are two ways to change samples; give one of them")
+    return Augment.usual() if options.augment else Augment.sliding() if options.sliding else Augment()
 
 
 def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[str, Any]:

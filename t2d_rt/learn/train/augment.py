@@ -45,7 +45,7 @@ class Augment(Fields):
     @classmethod
     def sliding(cls) -> Augment:
         """For windows that slide over a recording of several activities."""
-        return cls(follow=0.4, doppler=0.1)
+        return cls(follow=0.25, doppler=0.1, gain_db=6.0)
 
     @property
     def some(self) -> bool:
