@@ -252,6 +252,22 @@ def test_the_bound_of_phase_noise_lies_above_it() -> None:
     assert (bounded < 3 * exact).all()
 
 
+def test_no_row_at_the_limit_is_missed_by_the_bound() -> None:
+    """Also where what the sums of float32 are wrong by is more of the level than it is of the greatest one."""
+    rng = np.random.default_rng(3)
+    values = np.minimum(np.arange(64), np.arange(64)[::-1]) ** 2.0 / 32**2
+    beats = rng.uniform(0, 3, (3000, 1, 1)) / 64 * np.arange(64)
+    samples = (rng.uniform(0.5, 2, (3000, 1, 1)) * np.exp(2j * np.pi * beats)).astype(np.complex64)
+    exact = (np.abs(np.fft.fft(samples.astype(complex), axis=2)) ** 2 * values).sum(axis=2) / 64
+    assert (lags(samples, 2) @ bounding(values) >= exact).all()
+
+
+def test_chirps_for_whose_flicker_noise_no_filter_is_fitted_are_refused() -> None:
+    radar = RADAR.replace(samples=100_001, sample_rate_hz=2e9, prf_hz=1000.0, slope_hz_per_s=1e12)
+    with pytest.raises(InputError, match="1/f noise is made for chirps of up to 100000 samples, got 100001"):
+        chain.check_receiver(radar, t2d.Receiver(flicker_corner_hz=1e5))
+
+
 # --- phase noise ---
 
 MASK = {"kind": "mask", "points": [[1e5, -75.0], [1e6, -85.0], [1e7, -95.0]]}

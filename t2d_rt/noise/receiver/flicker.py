@@ -12,12 +12,14 @@ from functools import lru_cache
 
 import numpy as np
 
+from t2d_rt.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.processes import Slow
 from t2d_rt.noise.receiver.time_slots import TimeSlots
 from t2d_rt.types import Radar
 
-FEWEST_POLES = 3
+FEWEST_POLES, MOST_SAMPLES = 3, 100_000
+"""The latter of a chirp: with more, the fit of the filter fails by 2 dB."""
 FREQUENCIES = 160
 """At which the filter is fitted."""
 OVERLAP = 2
@@ -82,6 +84,11 @@ class Flicker:
     """Density of thermal noise times corner / |f|, in each receive channel by itself (eq. 36)."""
 
     def __init__(self, radar: Radar, density_w: float, corner_hz: float, draws: Draws) -> None:
+        if radar.samples > MOST_SAMPLES:
+            raise InputError(
+                f"1/f noise is made for chirps of up to {MOST_SAMPLES} samples, got {radar.samples}; take fewer, or leave "
+                "flicker_corner_hz out"
+            )
         self.filter = filter_of(radar.samples)
         rate = radar.sample_rate_hz
         self.power_w = density_w * corner_hz

@@ -34,9 +34,9 @@ TRIED = 200
 """Frequencies, and delays, at which the interpolation and the level of phase noise are worked out."""
 NEGLIGIBLE = 1e-2
 """Rows in which phase noise lies that far below thermal noise, at every frequency, stay as they are: 0.04 dB of the noise."""
-BOUND_ORDER, BOUND_LEAST, ROUNDING = 2, 3e-3, 1e-4
+BOUND_ORDER, BOUND_LEAST, ROUNDING = 2, 3e-3, 1e-5
 """Of the sum of cosines that bounds the level: its highest order, the part of the greatest level below which it need not follow,
-and what float32 may be wrong by."""
+and the part of it that sums in float32 may be wrong by."""
 SMALL_RAD = 0.05
 """Up to such phases exp(j phase) - 1 is its series up to the fourth power, as exact as float32."""
 
@@ -121,7 +121,7 @@ class PhaseNoise:
         if self._thermal_w <= 0:
             return np.ones(len(samples), bool)
         levels = lags(samples, BOUND_ORDER) @ self._bound / samples.shape[2]
-        return np.asarray(levels.max(axis=1) > (1 - ROUNDING) * NEGLIGIBLE * self._thermal_w)
+        return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
 
     def _rows(self, spectrum: np.ndarray) -> np.ndarray:
         """Which rows of a spectrum (row, antenna, sample) have phase noise that counts."""
@@ -146,7 +146,7 @@ def bounding(values: np.ndarray) -> np.ndarray:
     matrix, greatest = np.stack(columns, axis=1), float(values.max())
     weights = greatest / (values + BOUND_LEAST * greatest)
     found = linprog(weights @ matrix, A_ub=-matrix, b_ub=-values / greatest, bounds=(None, None)).x * greatest
-    found[0] += max(0.0, float((values - matrix @ found).max()))
+    found[0] += max(0.0, float((values - matrix @ found).max())) + ROUNDING * greatest
     return np.asarray(found, np.float32)
 
 
