@@ -345,9 +345,7 @@ def test_bodies_of_like_size_share_their_facets(walk):
     one, like, tall = sizes.values()
     np.testing.assert_array_equal(one.refined_as, like.refined_as)
     np.testing.assert_array_equal(one.sagitta_rad, like.sagitta_rad)
-    found = [
-        refined(each, 1600.0, range_m, [1.0], 10**6)[0] for each, range_m in ((one, 3.2), (like, 3.3), (tall, 3.2))
-    ]
+    found = [refined(each, 1600.0, 3.05, [1.0], 10**6)[0] for each in (one, like, tall)]
     assert found[0] is found[1]
     assert len(found[2].faces) > 1.3 * len(found[0].faces)
     places = [facets.at(each.rest) for facets, each in zip(found[:2], (one, like), strict=True)]

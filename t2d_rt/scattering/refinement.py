@@ -27,8 +27,6 @@ REFINING_BYTES = 1_700
 """What a facet takes while it is made (measured with 110 000 to 1 000 000 facets of a body)."""
 MOST_FACETS = 1_000_000
 """Of one mesh, unless a run may take more memory."""
-RANGE_STEP = 1.25
-"""Facets that recordings share are those of the nearest range rounded down to a power of it."""
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many instants fit the cache."""
 _kept: OrderedDict[str, Refinement] = OrderedDict()
@@ -59,12 +57,12 @@ def facets(
 def refined(
     surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Sagitta], max_facets: int
 ) -> list[Refinement]:
-    """`refinements` of a mesh, each kept for the next recording of the same body, on disk too; those that are missing are made
-    together."""
-    rest = surface.rest
-    if surface.refined_as is not None:
-        # Of a like shape and a like range, so that recordings share it.
-        rest, range_m = surface.refined_as, RANGE_STEP ** math.floor(math.log(range_m, RANGE_STEP))
+    """`refinements` of a mesh, each kept for the next recording of the same body or of one that is refined as the same shape, on
+    disk too; those that are missing are made together.
+
+    range_m: as `least_range_m` rounds it, so that recordings at about the same distance share them.
+    """
+    rest = surface.rest if surface.refined_as is None else surface.refined_as
     common = rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
     keys = [disk_cache.key("geometry", ("refinement", *common, np.asarray(each, float))) for each in sagittas_rad]
     missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
