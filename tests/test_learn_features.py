@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from t2d_rt.learn.baselines import features
+from t2d_rt.errors import InputError
+from t2d_rt.learn.baselines import baseline_probabilities, features
 from t2d_rt.learn.baselines.course import Lines, course
+from t2d_rt.learn.maps import LabelledMaps
 
 SPEEDS_MPS = np.linspace(-9.66, 9.66, 97)
 DURATION_S, COLUMNS = 5.0, 200
@@ -63,6 +65,17 @@ def test_none_tells_approaching_from_receding() -> None:
     cell = 0.2
     for name, value in one.items():
         assert other[name] == pytest.approx(value, abs=1.5 * cell), name
+
+
+@pytest.mark.parametrize(("columns", "duration_s"), [(16, 1.0), (64, 60.0)])
+def test_maps_too_short_or_too_coarse_for_steps_are_refused(columns: int, duration_s: float) -> None:
+    noise = np.random.default_rng(0).uniform(-40, 0, (4, 16, columns)).astype(np.float32)
+    maps = LabelledMaps(
+        levels=noise - noise.max(axis=(1, 2), keepdims=True), labels=np.array([0, 0, 1, 1]), classes=("walk", "fall"),
+        groups={}, velocity_mps=np.linspace(-5, 5, 16), duration_s=duration_s, names=tuple("abcd"),
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"baselines take maps of 1\.2 s or more in cells of 0\.7 s at most"):
+        baseline_probabilities("nearest-centroid", maps, maps)
 
 
 def test_noise_alone_has_finite_features_at_any_size() -> None:
