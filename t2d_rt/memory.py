@@ -27,7 +27,7 @@ BLOCK_BYTES = 96 * 2**20
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What a run may take beyond what the process held when it began."""
+    """What a run may take beyond what the process held when it began; all that it holds tells when unused memory goes back."""
 
     limit_bytes: float
     held_bytes: float
