@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from t2d_rt.dataset import Dataset, Recipe, make_dataset
 from t2d_rt.dataset.sample import sample
 from t2d_rt.learn.maps import LabelledMaps, maps_of
 from t2d_rt.learn.train import Augment, SavedModel, TrainOptions, scores_of, sides_of, train_model
-from t2d_rt.learn.windows import predict
+from t2d_rt.learn.windows import Prediction, windows_of
 from t2d_rt.result import Recording
 from t2d_rt.simulate import run as simulate
 from validation.report import Check, Section
@@ -57,7 +57,7 @@ def joined(recipe: Recipe, indices: Sequence[int]) -> Recording:
     return Recording(np.concatenate([np.asarray(each.adc.values) for each in parts]), parts[0].radar)
 
 
-def right_of(model: SavedModel, recording: Recording, labels: Sequence[int], duration_s: float) -> float:
+def right_of(told: Prediction, labels: Sequence[int], duration_s: float) -> float:
     """Fraction of the time away from changes at which the class is right."""
     times_s = np.arange(0.05, TOGETHER * duration_s, 0.1)
     within = times_s % duration_s
@@ -67,7 +67,19 @@ def right_of(model: SavedModel, recording: Recording, labels: Sequence[int], dur
     )
     away = changes >= AWAY_S
     truth = np.asarray(labels)[np.minimum((times_s / duration_s).astype(int), TOGETHER - 1)]
-    return float(np.mean(predict(model, recording, step_s=STEP_S).at(times_s[away]) == truth[away]))
+    return float(np.mean(told.at(times_s[away]) == truth[away]))
+
+
+def told_by(nets: Mapping[str, SavedModel], recording: Recording) -> dict[str, Prediction]:
+    """What `predict` tells by each of several networks of the same axes, whose windows are made once."""
+    first = next(iter(nets.values()))
+    starts_s, levels = windows_of(first, recording, STEP_S)
+    return {
+        name: Prediction(
+            classes=net.card.classes, starts_s=starts_s, duration_s=net.card.duration_s, probabilities=net.probabilities(levels)
+        )
+        for name, net in nets.items()
+    }  # fmt: skip
 
 
 def trained(maps: LabelledMaps, sides: dict[str, np.ndarray], augment: Augment) -> SavedModel:
@@ -87,7 +99,10 @@ def evaluated(dataset: Dataset) -> Section:
     right: dict[str, list[float]] = {name: [] for name in nets}
     for places in triples(maps.labels, sides["test"], RECORDINGS):
         recording = joined(recipe, [int(dataset.indices[place]) for place in places])
-        told = {name: right_of(net, recording, maps.labels[places], recipe.duration_s) for name, net in nets.items()}
+        told = {
+            name: right_of(each, maps.labels[places], recipe.duration_s)
+            for name, each in told_by(nets, recording).items()
+        }
         for name, value in told.items():
             right[name].append(value)
         names = ", ".join(maps.classes[label] for label in maps.labels[places])

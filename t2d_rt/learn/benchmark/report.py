@@ -57,7 +57,7 @@ def _head(scale: Scale, results: Sequence[Result], total: int) -> str:
     lengths = [each["epochs"] for each in results if "epochs" in each]
     capped = sum(each == scale.epochs for each in lengths)
     return (
-        f"{len(results)} of {total} cells are done, {seconds / 60:.1f} minutes of training on one thread. Maps of {scale.size} x "
+        f"{len(results)} of {total} cells are done, {seconds / 60:.1f} minutes of one processor. Maps of {scale.size} x "
         f"{scale.size} cells, at most {scale.epochs} epochs, batches of {scale.batch}, Adam 1e-3; seeds {seeds}, each with its own "
         f"split, weights and order. Samples: {samples}; half of them to train on, a quarter to choose the epoch by, a quarter to "
         f"test on. Intervals are 95 % of the mean over seeds by Student's t. {platform.machine()}, {os.cpu_count()} cores, Python "
@@ -141,7 +141,9 @@ def _speeds(results: Sequence[Result], models: Sequence[str]) -> str:
             ]
             rows.append((model, f"{medians[0]:.2f}", f"{medians[1]:.2f}", f"{medians[2]:.0f}", f"{medians[3]:.0f}"))
     head = ("model", "seconds per epoch", "latency of one map [ms]", "maps a second", "epochs")
-    return "Medians over the cells, on one thread.\n\n" + table(head, rows)
+    return "Medians over the cells, on one thread; seconds per epoch are those of the processor.\n\n" + table(
+        head, rows
+    )
 
 
 def _refused(results: Sequence[Result]) -> str:
