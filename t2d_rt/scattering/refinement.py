@@ -62,7 +62,7 @@ def refined(
 
     range_m: as `least_range_m` rounds it, so that recordings at about the same distance share them.
     """
-    rest = surface.rest if surface.refined_as is None else surface.refined_as
+    rest = surface.refined_rest
     common = rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
     keys = [disk_cache.key("geometry", ("refinement", *common, np.asarray(each, float))) for each in sagittas_rad]
     missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}

@@ -174,6 +174,11 @@ class MovingMesh:
         )
 
     @property
+    def refined_rest(self) -> np.ndarray:
+        """The shape at rest (V, 3) [m] by which it is refined: that of `refined_as`, or its own."""
+        return self.rest if self.refined_as is None else self.refined_as
+
+    @property
     def vertices(self) -> np.ndarray:
         """Vertices at `times_s` [m], float64 (T, V, 3)."""
         return self.track(self.times_s)
