@@ -110,7 +110,8 @@ def test_a_stopped_study_goes_on_and_tells_what_each_step_gains(
         run_study(found, real, tmp_path / "cells")
 
 
-def test_a_network_learns_from_a_rung(events: Path) -> None:
+def test_a_network_learns_from_a_rung(events: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "STEPS", 30)
     found = {name: Events.of(maps) for name, maps in read_rungs(events).maps.items()}
     said = study._said(study.Cell("mesh", study.NETWORK, 0), found, None)
     assert said["real"] is None

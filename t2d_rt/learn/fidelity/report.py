@@ -103,7 +103,8 @@ def _gained(found: Findings, better: str, worse: str, learner: str, test: str) -
     if truth is None or mine is None or its is None:
         return "-"
     middle, low, high = gain(truth, mine, its, len(found.classes))
-    said = "gains" if low > 0 else "loses" if high < 0 else "undecided"
+    sure = abs(middle) >= FINEST and (low > 0 or high < 0)
+    said = ("gains" if middle > 0 else "loses") if sure else "undecided"
     return f"{said}: {middle:+.2f} [{low:+.2f}, {high:+.2f}]"
 
 

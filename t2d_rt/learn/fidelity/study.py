@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,8 @@ SEEDS = 0, 1, 2
 """Of weights and order; each has a third of the simulated events to be tested on, so that all of them are tested once."""
 NETWORK, TREES = "network", "extra trees"
 LEARNERS = NETWORK, TREES
+STEPS = 400
+"""Of the network's training, whatever the number of events."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,9 +137,12 @@ def _labels(cell: Cell, train: Events, asked: list[Events]) -> list[np.ndarray]:
         return [extra_trees(train, each, cell.seed) for each in asked]
     import torch
 
-    from t2d_rt.learn.transfer.methods import predicted, pretrained
+    from t2d_rt.learn.transfer.methods import BATCH, PRETRAINING, fitted, network, predicted
 
-    net = pretrained(train, cell.seed)
+    epochs = -(-STEPS // -(-len(train) // BATCH))
+    schedule = replace(PRETRAINING, epochs=epochs)
+    net = network(len(train.classes), cell.seed)
+    fitted(net, torch.from_numpy(train.inputs), torch.from_numpy(train.labels), schedule, cell.seed, augment=True)
     return [predicted(net, torch.from_numpy(each.inputs)) for each in asked]
 
 
