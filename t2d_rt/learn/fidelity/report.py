@@ -13,6 +13,7 @@ from t2d_rt.figures import NotebookFigure
 from t2d_rt.learn.fidelity.rungs import HIGHEST, RUNGS
 from t2d_rt.learn.fidelity.study import LEARNERS, SEEDS, Findings
 from t2d_rt.learn.markdown import table
+from t2d_rt.learn.transfer.report import FINEST
 from t2d_rt.learn.transfer.scores import gain, with_interval
 
 if TYPE_CHECKING:
@@ -92,7 +93,8 @@ def _steps(found: Findings) -> str:
             cells = [_gained(found, better, worse, learner, test) for test in TESTS]
             rows.append((title, learner, *cells))
     note = (
-        "A step gains or loses where all of the 95 % interval of the difference over events is on one side of zero.\n\n"
+        "A step gains or loses where all of the 95 % interval of the difference over events is on one side of zero, and the "
+        f"difference is {FINEST:.2f} or more.\n\n"
     )
     return note + table(("step", "learner", *TESTS.values()), rows)
 
