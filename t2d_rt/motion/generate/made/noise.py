@@ -25,7 +25,7 @@ MOTOR = {
 }  # fmt: skip
 """The same in full movement, over `MOTOR_HZ`."""
 
-SWAY_SLOPE, MOTOR_SLOPE = 1.2, 1.8
+SWAY_SLOPE, MOTOR_SLOPE = 1.2, 1.83
 """Powers of frequency with which displacements fall; the latter so that spectra of joint speeds between 3 and 12 Hz and their jerk
 are those of recorded bends."""
 
