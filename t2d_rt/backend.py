@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import functools
+import math
 import os
 import re
 import sys
@@ -100,6 +101,27 @@ def aligned(values: np.ndarray, dtype: Any) -> np.ndarray:
     out = aligned_empty(values.size, dtype)
     out[:] = values.ravel()
     return out
+
+
+def flat_on_device(values: np.ndarray, kind: Any) -> Any:
+    """Complex64 numbers as an array of Float32 `kind`, real and imaginary parts in turn.
+
+    It is their own memory where that lies as `aligned` says: they must not change before what is made of it is computed.
+    """
+    import numpy as np
+
+    parts = np.ascontiguousarray(values, np.complex64).reshape(-1).view(np.float32)
+    return kind(parts if parts.ctypes.data % ALIGNMENT == 0 else aligned(parts, np.float32))
+
+
+def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+    """Zeros in memory that lies as `aligned` says, which the system gives when they are written."""
+    import numpy as np
+
+    length = math.prod(shape) * np.dtype(dtype).itemsize
+    raw = np.zeros(length + ALIGNMENT, np.uint8)
+    skipped = -raw.ctypes.data % ALIGNMENT
+    return raw[skipped : skipped + length].view(dtype).reshape(shape)
 
 
 def aligned_empty(size: int, dtype: Any) -> np.ndarray:

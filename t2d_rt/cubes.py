@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.backend import aligned_zeros
 from t2d_rt.errors import InputError
 from t2d_rt.products import ProductRows
 from t2d_rt.rows import DTYPE, SavedRows, ScratchRows, block_rows, row_bytes
@@ -223,7 +224,7 @@ def is_large(shape: tuple[int, ...], limit_bytes: float = math.inf) -> bool:
 
 def new_cube(shape: tuple[int, ...], limit_bytes: float = math.inf) -> Cube:
     """A complex64 cube to be filled from its first row on, on disk where it is large; in memory it holds zeros."""
-    return DiskCube(ScratchRows(shape)) if is_large(shape, limit_bytes) else np.zeros(shape, DTYPE)
+    return DiskCube(ScratchRows(shape)) if is_large(shape, limit_bytes) else aligned_zeros(shape, DTYPE)
 
 
 def check_complex64(cube: np.ndarray) -> None:

@@ -27,7 +27,7 @@ BLOCK_BYTES = 96 * 2**20
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What a run may take beyond what the process held when it began."""
+    """What a run may take beyond what the process held when it began; all that it holds tells when unused memory goes back."""
 
     limit_bytes: float
     held_bytes: float
@@ -45,8 +45,11 @@ class Budget:
         return max(0.0, resident_bytes() - self.held_bytes)
 
     def release(self) -> None:
-        """Gives unused memory back to the system where the run has taken a good part of its limit."""
-        if self.taken_bytes > RELEASE_ABOVE * self.limit_bytes:
+        """Gives unused memory back to the system where the process holds a good part of the run's limit.
+
+        All of it counts, what it held before as well: a worker that makes many recordings stays below the limit.
+        """
+        if resident_bytes() > RELEASE_ABOVE * self.limit_bytes:
             release()
 
     def check(self, bytes_needed: float, what: str, remedy: str) -> None:
@@ -76,6 +79,12 @@ def release() -> None:
     if (dr := sys.modules.get("drjit")) is not None:
         dr.flush_malloc_cache()
     _trim()
+
+
+def release_above(held_bytes: float) -> None:
+    """Gives unused memory back where the process holds more."""
+    if resident_bytes() > held_bytes:
+        release()
 
 
 _calls = itertools.count(1)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 
-# Before NumPy is loaded: two processes share two cores, and waiting threads of BLAS take a core from the other.
+# Before NumPy is loaded: two processes share two cores, and waiting threads of BLAS and OpenMP take a core from the other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from collections.abc import Callable
 from pathlib import Path
@@ -30,11 +31,18 @@ settings.register_profile("same", derandomize=True, database=None)
 settings.load_profile("same")
 
 LONGEST = (
-    "test_tolerance",
     "test_examples",
-    "test_experiment",
+    "test_tolerance",
+    "test_rooms",
+    "test_library",
+    "test_dataset",
+    "test_pipeline",
     "test_synthesize",
+    "test_repetition",
+    "test_scattering_patches",
+    "test_movers",
     "test_scattering_facets",
+    "test_experiment",
     "test_cli",
     "test_api",
     "test_chart",
@@ -53,6 +61,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     """The tests' own folder for what is kept on disk; processes that they start have it, too."""
     os.environ[VARIABLE] = str(tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread_of_many() -> None:
+    """Beside other processes of tests Dr.Jit computes on one thread; `test_array_pipeline` compares one with several."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        import drjit as dr
+
+        dr.set_thread_count(1)
 
 
 @pytest.fixture(scope="session")

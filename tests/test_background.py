@@ -115,11 +115,11 @@ def test_samples_repeat_and_a_longer_one_begins_alike(model: BackgroundModel) ->
 
 
 def test_speckle_has_the_gamma_distribution_and_keeps_its_correlation() -> None:
-    time, doppler = np.array([1, 0.6, 0.2, *[0.0] * 13]), np.array([1, 0.35, 0.02, 0])
+    time, doppler = np.tile([1, 0.6, 0.2, *[0.0] * 13], (64, 1)), np.array([1, 0.35, 0.02, 0])
     field = gaussian_field(64, 20_000, time, doppler, np.random.default_rng(0))
     assert field.std() == pytest.approx(1, abs=0.02)
     found_time, found_doppler = correlations([field])
-    np.testing.assert_allclose(found_time[:3], time[:3], atol=0.03)
+    np.testing.assert_allclose(found_time[:, :3], time[:, :3], atol=0.04)
     np.testing.assert_allclose(found_doppler, doppler, atol=0.03)
     normal = np.random.default_rng(1).standard_normal(400_000)
     for looks in (1.0, 4.0, 100.0):
@@ -127,6 +127,23 @@ def test_speckle_has_the_gamma_distribution_and_keeps_its_correlation() -> None:
         assert power.mean() == pytest.approx(1, abs=0.01)
         assert power.var() * looks == pytest.approx(1, abs=0.07)  # Wilson and Hilferty's approximation at one look
     np.testing.assert_allclose(normal_scores(power, np.full_like(normal, 100.0)), normal, atol=1e-9)
+
+
+def test_each_bin_has_its_own_correlation_in_time() -> None:
+    """Near zero speed the power changes slowly, the floor's from window to window."""
+    slow, fast = 0.9 ** np.arange(16), np.array([1, 0.5, 0.1, *[0.0] * 13])
+    time = np.stack([fast] * 20 + [slow] * 4 + [fast] * 20)
+    field = gaussian_field(44, 20_000, time, np.array([1.0, 0, 0, 0]), np.random.default_rng(0))
+    found, _ = correlations([field[:, :9000], field[:, 9000:]])
+    np.testing.assert_allclose(found[:, :3], time[:, :3], atol=0.05)
+    short, _ = correlations([field[:, k : k + 40] for k in range(0, 20_000, 40)])
+    np.testing.assert_allclose(short[:, 1:3], time[:, 1:3], atol=0.12)  # no smaller in short records
+
+
+def test_correlations_of_nothing_make_a_steady_field() -> None:
+    time = np.tile([1, -0.9, -0.9, *[0.0] * 13], (4, 1))
+    field = gaussian_field(4, 5_000, time, np.array([1.0, 0, 0, 0]), np.random.default_rng(0))
+    assert np.abs(field).max() < 10
 
 
 # --- sums ---

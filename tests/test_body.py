@@ -18,6 +18,7 @@ from t2d_rt.body.skin import blend_basis, bone_weights
 from t2d_rt.errors import InputError
 from t2d_rt.motion import load_motion, track
 from t2d_rt.resources import resource
+from t2d_rt.scattering.refinement import refined
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 WALK, RUN, STYLISED = "12_01_walk.bvh", "iclone_002_03_run_jog.bvh.gz", "131_01_walk_300frames.bvh"
@@ -336,3 +337,16 @@ def test_a_motion_with_zero_bones_is_refused():
 def test_resources_do_not_lead_out_of_their_folder(name):
     with pytest.raises(InputError, match=r"is not one of the shipped meshes; choose one of .*adult\.npz"):
         resource("meshes", name)
+
+
+def test_bodies_of_like_size_share_their_facets(walk):
+    """A person 2 % taller has the same facets, on a surface of his own; one half as tall again has others."""
+    sizes = {scale: skin(moved(walk, Rotation.identity(), np.zeros(3), scale)) for scale in (1.0, 1.02, 1.5)}
+    one, like, tall = sizes.values()
+    np.testing.assert_array_equal(one.refined_as, like.refined_as)
+    np.testing.assert_array_equal(one.sagitta_rad, like.sagitta_rad)
+    found = [refined(each, 1600.0, 3.05, [1.0], 10**6)[0] for each in (one, like, tall)]
+    assert found[0] is found[1]
+    assert len(found[2].faces) > 1.3 * len(found[0].faces)
+    places = [facets.at(each.rest) for facets, each in zip(found[:2], (one, like), strict=True)]
+    assert np.ptp(places[1][:, 2]) == pytest.approx(1.02 * np.ptp(places[0][:, 2]), rel=1e-3)

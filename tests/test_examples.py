@@ -112,7 +112,7 @@ def test_room_interference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 @pytest.mark.slow
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     demo = runpy.run_path(str(ROOT / "examples" / "demo.py"))["demo"]
-    pictures = demo("12_01_walk.bvh", tmp_path / "new" / "out", duration_s=0.25)
+    pictures = demo("12_01_walk.bvh", tmp_path / "new" / "out", duration_s=0.2)
     assert [path.name for path in pictures] == [
         "12_01_walk_ellipsoid.png", "12_01_walk_mesh.png", "12_01_walk_compare.png"
     ]  # fmt: skip

@@ -32,7 +32,7 @@ def tetrahedron() -> t2d.MovingMesh:
 
 
 def step() -> t2d.Motion:
-    return t2d.trim(t2d.load_motion(MOTIONS / "12_01_walk.bvh"), 1, 1.2)
+    return t2d.trim(t2d.load_motion(MOTIONS / "12_01_walk.bvh"), 1, 1.1)
 
 
 def room() -> t2d.Room:

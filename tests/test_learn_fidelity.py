@@ -12,7 +12,7 @@ import pytest
 
 from command_line import Command
 from t2d_rt.errors import InputError
-from t2d_rt.learn import twins
+from t2d_rt.learn import fidelity, twins
 from t2d_rt.learn.adapters.parrad import BINS, RADARS, ROWS
 from t2d_rt.learn.fidelity import RUNGS, make_rungs, read_rungs, run_study, rungs, study, write_fidelity
 from t2d_rt.learn.fidelity.report import fidelity_text, score
@@ -139,3 +139,15 @@ def test_refusals(events: Path, tmp_path: Path, run: Command) -> None:
         refused = run(*words)
         assert refused.code == 2, words
         assert sentence in refused.err
+
+
+def test_more_events_or_none_that_are_real_have_cells_of_their_own(
+    events: Path, run: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that the folder of a study may be given again."""
+    used: list[str] = []
+    monkeypatch.setattr(fidelity, "run_study", lambda found, real, folder, progress: used.append(folder.name))
+    monkeypatch.setattr(fidelity, "write_fidelity", lambda found, folder, told: folder)
+    for count in ("3", "4"):
+        assert run("benchmark", "fidelity", "--per-class", count, "-o", str(events.parent)).code == 0
+    assert used == ["cells-15", "cells-20"]

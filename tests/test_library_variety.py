@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,8 @@ import pytest
 
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.check.population import spectrum_difference_db
-from t2d_rt.motion.contacts import steadying
+from t2d_rt.motion.contacts import runs, steadying
+from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.easing import minimum_jerk
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.generate.chain import Piece, from_rotation_vector
@@ -18,8 +19,11 @@ from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.dances import chances, circling, goes_on_standing, roughness
 from t2d_rt.motion.generate.library.individual import individual
 from t2d_rt.motion.generate.library.maker import Maker
+from t2d_rt.motion.generate.library.moves import jump
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, shipped
+from t2d_rt.motion.generate.made.anatomy import Anatomy
 from t2d_rt.motion.kinematics import INDEX, motion_of
+from validation.motions.limits import true_size
 
 DANCES = [each for each in shipped().segments if each.action == "dance"]
 
@@ -40,6 +44,57 @@ def test_every_recorded_dance_has_the_same_share() -> None:
         of[recording(segment)] += share
     assert len(of) >= 9
     assert list(of.values()) == pytest.approx([1.0] * len(of))
+
+
+def test_every_recorded_jump_has_the_same_chance(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a sentence says neither which way nor how fast."""
+
+    class Drawn(Exception):
+        """Ends a jump when its first recording is drawn."""
+
+    def drawn(_: Maker, segment: Segment, **__: object) -> Piece:
+        raise Drawn(recording(segment))
+
+    monkeypatch.setattr(Maker, "piece", drawn)
+    rng = np.random.default_rng(0)
+    maker = Maker(shipped(), individual("man", rng), rng)
+    found: Counter[str] = Counter()
+    for _ in range(700):
+        with pytest.raises(Drawn) as name:
+            jump(maker, Step(action="jump"), 3.0)
+        found[str(name.value)] += 1
+    wanted = {
+        recording(each) for each in shipped().segments if each.action == "jump" and each.kind in ("forward", "up")
+    }
+    assert found.keys() == wanted
+    even = 700 / len(wanted)
+    assert (
+        sum((each - even) ** 2 / even for each in found.values()) < 18.5
+    )  # chi-squared of 6 degrees of freedom, 0.5 %
+
+
+def test_recorded_jumps_fall_freely() -> None:
+    """Their centre of mass, as far as the floor is 0.4 s away; a figure too large for who was recorded falls with 11.2 m/s^2."""
+    flights = {}
+    for each in shipped().segments:
+        if each.action == "jump":
+            piece = shipped().piece(each)
+            weights = Anatomy(piece.poses.skeleton).mass_weights
+            height = np.einsum("tjk,j->tk", piece.poses.world()[0], weights)[:, 2]
+            for start, stop in runs(~piece.planted.any(axis=(1, 2))):
+                if stop - start > 0.4 * RATE_HZ:
+                    times = np.arange(start + 2, stop - 2) / RATE_HZ
+                    flights[each.name, start] = -2 * np.polyfit(times, height[start + 2 : stop - 2], 2)[0]
+    assert {name for name, _ in flights} >= {"iclone_002_04_jump_balance.0", "jumping_train_1.0", "jump.0"}
+    assert list(flights.values()) == pytest.approx([9.81] * len(flights), rel=0.04)
+
+
+def test_recordings_of_one_performer_are_brought_to_true_size() -> None:
+    motion = motion_of(clip("walking_extra_train_18.1").poses)
+    smaller = true_size(motion, "iclone_002_01_walk.bvh")
+    np.testing.assert_allclose(smaller.joints, 0.86 * motion.joints)
+    assert "0.86 of its size" in smaller.origin[-1]
+    assert true_size(motion, "iclone_005_03_modern_dance.bvh") is motion
 
 
 def test_lively_dances_ship() -> None:

@@ -240,14 +240,14 @@ def test_a_curved_sphere_returns_the_closed_form(radius_m: float) -> None:
 @pytest.mark.slow
 def test_a_body_of_few_curved_facets_and_what_half_their_edges_gain() -> None:
     """25 000 facets for -24 dB, and 12 dB or more for half the edge."""
-    motion = t2d.place(t2d.trim(builders.walk(), 1.0, 1.1), distance_m=2.5)
+    motion = t2d.place(t2d.trim(builders.walk(), 1.0, 1.04), distance_m=2.5)
     settings = {"occlusion": False, "surface_rate_hz": 150.0}
 
     def cube(scale: float) -> np.ndarray:
         found = t2d.simulate(motion, radar=Radar.preset("table2"), accuracy={"sagitta_scale": scale, **settings})
         return np.asarray(found.cube)
 
-    finest = cube(0.2)
+    finest = cube(0.3)
     coarse, default, fine = (nmse_db(cube(scale), finest) for scale in (2.4, 1.0, 0.6))
     body = skin(motion)
     assert len(refined(body.rest, body.faces, body.sagitta_rad, 2.0).faces) <= 26_000

@@ -215,6 +215,42 @@ def test_stairs_have_the_treads_that_the_notes_give() -> None:
     assert "on the" in " ".join(down.notes) or "climbs down" in down.notes[-1]
 
 
+def test_people_step_before_what_they_do_on_the_spot() -> None:
+    """Both feet go somewhere first, as in a walk: the pelvis with them, knees without a jolt; not where a duration is given."""
+    for seed in (0, 13):
+        found = made("bend left", seed)
+        points, joints = soles(found.poses), found.poses.world()[0]
+        bent = int(np.argmin(found.poses.joint("head")[:, 2]))
+        for side in range(2):
+            stands = runs(found.planted[:, side].all(axis=-1))
+            assert len([each for each in stands if each[0] < bent]) == 2
+            assert np.linalg.norm(points[bent, side, 1] - points[0, side, 1]) > 0.15
+            assert max(np.ptp(points[start:stop, side], axis=0).max() for start, stop in stands) < 0.006
+        # A step with the weight left behind sank by 0.17 m, its knees had 110 m/s^2; recorded walks reach 75 (check/limits.json).
+        assert np.ptp(joints[:, 0, 2]) < 0.11
+        assert (np.linalg.norm(np.diff(joints, 2, axis=0), axis=-1) * found.poses.rate_hz**2).max() < 105
+    given = make([Step(action="bend", direction="left", duration_s=3.0)], SKELETON, rng=np.random.default_rng(0))
+    assert given.planted.all()
+    assert np.ptp(soles(given.poses), axis=0).max() < 0.006
+
+
+def test_who_sits_on_the_floor_after_a_step_keeps_the_feet_on_it() -> None:
+    found = made("sit on the floor", 0)  # where hips set off from the first place, soles sank by 0.03 m
+    points = soles(found.poses)
+    for side in range(2):
+        assert max(np.ptp(points[a:b, side], axis=0).max() for a, b in runs(found.planted[:, side].all(-1))) < 0.006
+
+
+def test_an_elbow_at_a_handrail_does_not_whip() -> None:
+    bow = Step(action="bend", direction="down", object="handrail")
+    for seed in (16, 36):
+        joint = make([bow], SKELETON, rng=np.random.default_rng(seed)).poses.joint
+        speed = [
+            np.linalg.norm(np.diff(joint(f"{side}_elbow"), axis=0), axis=-1).max() * 60 for side in ("left", "right")
+        ]
+        assert max(speed) < 3.0  # 7 m/s where the arm lies along the way of its elbow
+
+
 def test_words_change_pace_and_duration() -> None:
     def duration(**slots: object) -> float:
         lengths = [

@@ -37,6 +37,19 @@ def test_a_limit_that_is_none(memory_gb: object) -> None:
         t2d.simulate(approaching(), radar=RADAR, memory_gb=memory_gb)
 
 
+def test_unused_memory_is_given_back_where_the_process_holds_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it held before a run counts as well."""
+    given: list[int] = []
+    monkeypatch.setattr(memory, "release", lambda: given.append(1))
+    for held, expected in ((1.3e9, 0), (1.5e9, 1)):
+        monkeypatch.setattr(memory, "resident_bytes", lambda held=held: int(held))
+        memory.Budget(limit_bytes=2e9, held_bytes=1.2e9).release()
+        assert len(given) == expected
+    memory.release_above(1.6e9)
+    memory.release_above(1.4e9)
+    assert len(given) == 2
+
+
 @pytest.mark.slow
 def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = t2d.simulate([approaching(2), approaching(2)], radar=RADAR, scene="empty_room", reflections=1).cube

@@ -23,7 +23,7 @@ from t2d_rt.scattering.paths import View
 from t2d_rt.types import PEC, Ellipsoids, Material, Motion, MovingMesh, Radar
 
 RADAR = Radar.preset("ci4r", prf_hz=8000)
-COARSE: dict[str, Any] = {"radar": RADAR, "accuracy": {"sagitta_rad": 1.0}}
+COARSE: dict[str, Any] = {"radar": RADAR, "accuracy": {"sagitta_rad": 2.0}}
 TIMES_S = np.array([0.0, 0.1, 0.2])
 ROUGH = Material(name="rough", relative_permittivity=math.inf, scattering_coefficient=0.5)
 
@@ -52,7 +52,7 @@ def test_recording_holds_its_configuration(recorded: t2d.Recording, walk: Motion
     assert recorded.cube.shape == (len(RADAR.chirp_times_s(walk.duration_s)), 1, RADAR.samples)
     assert np.isfinite(recorded.cube).all()
     assert recorded.radar == RADAR
-    assert recorded.settings["accuracy"]["sagitta_rad"] == 1.0
+    assert recorded.settings["accuracy"]["sagitta_rad"] == 2.0
     assert recorded.settings["targets"] == [t2d.place(walk, radar_position_m=RADAR.position_m).report]
     assert recorded.versions["drjit"] == "1.5.0"
 

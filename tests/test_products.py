@@ -18,8 +18,8 @@ from t2d_rt.memory import Budget
 from t2d_rt.products import Piece, Product, ProductRows
 from t2d_rt.radar.synthesize import synthesize
 from t2d_rt.signal import spectrogram
-from t2d_rt.signal.doppler import MOST_STEP, _step_of
 from t2d_rt.signal.range import taper
+from t2d_rt.signal.thinning import MOST_STEP, _step_of, weighed
 from t2d_rt.types import Radar
 from validation.echoes import random_echoes
 
@@ -168,6 +168,16 @@ def test_powers_of_few_samples_are_those_of_all(window: str, spread: int) -> Non
         kernel = np.exp(1j * np.outer(apart, x)) @ weights**2
         thin = further * (np.exp(1j * np.outer(apart, x[::further])) @ weights[::further] ** 2)
         assert step == MOST_STEP or np.abs(thin - kernel).max() > 1e-6 * np.sum(weights**2)
+
+
+@pytest.mark.parametrize("window", ["hann", "blackmanharris", "boxcar", ("kaiser", 14)])
+def test_what_the_ends_of_a_window_leave_out_is_next_to_nothing(window: str) -> None:
+    weights = taper(window, 256) ** 2
+    kept = weighed(np.sqrt(weights))
+    assert 1 - 1e-7 < weights[kept].sum() / weights.sum() <= 1
+    assert (kept == slice(0, 256)) == (window == "boxcar")
+    more = weights[kept.start + 1 : kept.stop - 1].sum() / weights.sum()
+    assert more < 1 - 1e-7  # and one more at either end would be too much
 
 
 def test_a_wide_sweep_of_echoes_far_apart_takes_little_memory() -> None:

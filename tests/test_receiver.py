@@ -20,8 +20,10 @@ from t2d_rt.cubes import DiskCube
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.noise.receiver import chain, receive
 from t2d_rt.noise.receiver.draws import Draws
+from t2d_rt.noise.receiver.flicker import filter_of
 from t2d_rt.noise.receiver.interference import RINGING, Interference, filtered_chirp
-from t2d_rt.noise.receiver.phase_noise import bin_delays_s, residual_rms_rad
+from t2d_rt.noise.receiver.lags import lags
+from t2d_rt.noise.receiver.phase_noise import bin_delays_s, bounding, residual_rms_rad
 from t2d_rt.rows import ScratchRows
 
 RADAR = t2d.Radar.preset("table2", samples=64)
@@ -177,6 +179,93 @@ def test_snr_falls_with_the_fourth_power_of_range() -> None:
         ratios.append((spectrum[:, 0, peak].mean() - noise) / noise)
         assert abs(db(ratios[-1]) - db(amplitude**2 * radar.samples / radar.noise_power_w)) < 0.1
     assert abs(db(ratios[0] / ratios[1]) - 40 * math.log10(2)) < 0.1
+
+
+# --- random numbers, sums over chirps ---
+
+
+def test_numbers_of_samples_chirps_and_effects_are_independent_and_normal() -> None:
+    radar = t2d.Radar.preset("table2")
+    thermal = through(silence(2048, radar), radar, temperature_k=290.0)[:, 0] / math.sqrt(radar.noise_power_w)
+    other = through(silence(2048, radar), radar, seed=1, temperature_k=290.0)[:, 0] / math.sqrt(radar.noise_power_w)
+    parts = thermal.view(np.float32).astype(float) * math.sqrt(2)
+    count = parts.size
+    assert abs(parts.mean()) < 4 / math.sqrt(count)
+    for order, moment, spread in (
+        (2, 1, 2),
+        (3, 0, 15),
+        (4, 3, 96),
+        (6, 15, 10170),
+    ):  # of a normal number: Kendall and Stuart
+        assert abs((parts**order).mean() - moment) < 4 * math.sqrt(spread / count), order
+    assert np.mean(np.abs(parts) > 4) == pytest.approx(6.334e-5, rel=0.35)  # 66 of them
+    # White over chirps, over samples, and over both: every cell of the spectrum is that of a part alone.
+    spectrum = np.abs(np.fft.fft2(thermal)) ** 2 / thermal.size
+    assert spectrum.max() < math.log(thermal.size) + 7
+    for axis in (0, 1):
+        line = spectrum.mean(axis=axis)
+        assert np.abs(line - 1).max() < 6 / math.sqrt(spectrum.shape[axis])
+    cross = np.abs(np.fft.ifft2(np.fft.fft2(thermal) * np.conj(np.fft.fft2(other)))) / math.sqrt(thermal.size)
+    assert (cross**2).max() < math.log(thermal.size) + 7
+    assert abs((thermal**2).mean()) < 5 / math.sqrt(thermal.size)  # I and Q
+    assert abs(np.mean(np.abs(thermal[:, 1:]) ** 2 * np.abs(thermal[:, :-1]) ** 2) - 1) < 0.02
+    assert abs(np.mean(np.abs(thermal[1:]) ** 2 * np.abs(thermal[:-1]) ** 2) - 1) < 0.02
+
+
+@pytest.mark.parametrize("samples", [16, 64, 65, 256, 1024])
+def test_the_filter_of_flicker_noise_keeps_to_its_density(samples: int) -> None:
+    found = filter_of(samples)
+    frequency = np.geomspace(0.3 / samples, 0.5, 4000)
+    assert np.abs(10 * np.log10(found.density(frequency) * frequency)).max() < 0.15
+    # The first samples have the spectrum of the last: the state begins stationary.
+    covariance = np.outer(found.gains, found.gains) / (1 - np.outer(found.poles, found.poles))
+    np.testing.assert_allclose(found.begin @ found.begin.T, covariance, rtol=1e-9)
+    lines = (np.arange(200_000) + 0.5) / 200_000 / 2
+    assert covariance.sum() == pytest.approx(found.density(lines).mean(), rel=2e-3)
+
+
+def test_flicker_noise_is_as_strong_at_a_chirps_begin_as_at_its_end() -> None:
+    found = through(silence(20_000), flicker_corner_hz=1e5)[:, 0]
+    of_samples = np.mean(np.abs(found) ** 2, axis=0)
+    assert np.abs(10 * np.log10(of_samples / of_samples.mean())).max() < 0.3
+
+
+@pytest.mark.parametrize("shape", [(9, 1, 64), (5, 3, 33)])
+def test_lags_are_those_of_the_samples(shape: tuple[int, int, int]) -> None:
+    rng = np.random.default_rng(1)
+    samples = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
+    found = lags(samples, 2)
+    expected = [(np.roll(samples, -lag, axis=2) * samples.conj()).sum(axis=2) for lag in range(3)]
+    parts = [expected[0].real, expected[1].real, expected[1].imag, expected[2].real, expected[2].imag]
+    np.testing.assert_allclose(found, np.stack(parts, axis=2), atol=1e-4)
+
+
+def test_the_bound_of_phase_noise_lies_above_it() -> None:
+    rng = np.random.default_rng(2)
+    values = np.concatenate([np.linspace(0, 1, 200) ** 2, np.linspace(1, 0, 56)])
+    bound = bounding(values)
+    samples = (rng.normal(size=(40, 1, 256)) + 1j * rng.normal(size=(40, 1, 256))).astype(np.complex64)
+    samples[:20] *= np.exp(2j * np.pi * rng.integers(256, size=(20, 1, 1)) / 256 * np.arange(256))
+    exact = (np.abs(np.fft.fft(samples, axis=2)) ** 2 * values).sum(axis=2) / 256
+    bounded = lags(samples, 2) @ bound
+    assert (bounded > 0.999 * exact).all()
+    assert (bounded < 3 * exact).all()
+
+
+def test_no_row_at_the_limit_is_missed_by_the_bound() -> None:
+    """Also where what the sums of float32 are wrong by is more of the level than it is of the greatest one."""
+    rng = np.random.default_rng(3)
+    values = np.minimum(np.arange(64), np.arange(64)[::-1]) ** 2.0 / 32**2
+    beats = rng.uniform(0, 3, (3000, 1, 1)) / 64 * np.arange(64)
+    samples = (rng.uniform(0.5, 2, (3000, 1, 1)) * np.exp(2j * np.pi * beats)).astype(np.complex64)
+    exact = (np.abs(np.fft.fft(samples.astype(complex), axis=2)) ** 2 * values).sum(axis=2) / 64
+    assert (lags(samples, 2) @ bounding(values) >= exact).all()
+
+
+def test_chirps_for_whose_flicker_noise_no_filter_is_fitted_are_refused() -> None:
+    radar = RADAR.replace(samples=100_001, sample_rate_hz=2e9, prf_hz=1000.0, slope_hz_per_s=1e12)
+    with pytest.raises(InputError, match="1/f noise is made for chirps of up to 100000 samples, got 100001"):
+        chain.check_receiver(radar, t2d.Receiver(flicker_corner_hz=1e5))
 
 
 # --- phase noise ---

@@ -74,7 +74,7 @@ def test_chirps_of_the_table_begin_at_equal_steps_of_the_period(prf_hz: float, r
 def test_a_fan_read_from_a_few_rotations_is_the_fan(changes: dict[str, Any]) -> None:
     radar = QUICK.replace(**changes)
     fine = {"surface_rate_hz": 2_500.0}  # both have surface frames at other angles
-    read, whole = (cube([FAN.mesh(3.0, 3.5)], radar, repeats=repeats, accuracy=fine) for repeats in (True, False))
+    read, whole = (cube([FAN.mesh(3.0, 3.25)], radar, repeats=repeats, accuracy=fine) for repeats in (True, False))
     assert np.any(read != whole)
     assert nmse_db(read, whole) < -45
 
@@ -82,21 +82,21 @@ def test_a_fan_read_from_a_few_rotations_is_the_fan(changes: dict[str, Any]) -> 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:panel is not watertight")
 def test_what_passes_before_a_fan_occludes_it() -> None:
-    targets = [FAN.mesh(0, 1.0), panel(1.0)]
+    targets = [FAN.mesh(0, 0.5), panel(0.5)]
     read, whole = (cube(targets, QUICK, repeats=repeats) for repeats in (True, False))
-    alone = cube([panel(1.0)], QUICK, repeats=True)
+    alone = cube([panel(0.5)], QUICK, repeats=True)
     assert np.any(read != whole)
     assert nmse_db(read - alone, whole - alone) < -30
     for each in (read, whole):
         power = np.mean(np.abs(each - alone) ** 2, axis=(1, 2))
-        assert power[1900:2100].mean() < 1e-9 * power.mean()  # the panel is in the middle of the way
+        assert power[950:1050].mean() < 1e-9 * power.mean()  # the panel is in the middle of the way
 
 
 @pytest.mark.slow
 def test_a_fan_in_a_room_is_the_fan_over_every_path() -> None:
     accuracy = {"tiers": [{"level_db": -200.0}], "least_level_db": -15.0}
     read, whole = (
-        cube([FAN.mesh(0, 0.7)], QUICK, repeats=repeats, scene="empty_room", accuracy=accuracy, clutter="none")
+        cube([FAN.mesh(0, 0.35)], QUICK, repeats=repeats, scene="empty_room", accuracy=accuracy, clutter="none")
         for repeats in (True, False)
     )
     assert np.any(read != whole)
@@ -130,5 +130,5 @@ def test_a_door_that_opens_late_has_no_period() -> None:
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits() -> None:
-    first, second = (cube([FAN.mesh(0, 0.6)], QUICK, repeats=True) for _ in range(2))
+    first, second = (cube([FAN.mesh(0, 0.3)], QUICK, repeats=True) for _ in range(2))
     assert np.array_equal(first, second)

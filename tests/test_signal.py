@@ -25,6 +25,7 @@ from t2d_rt.signal import (
     stft,
     taper,
 )
+from t2d_rt.sums import column_sums
 from t2d_rt.types.radar import Radar
 
 TABLE2 = Radar.preset("table2")
@@ -511,3 +512,11 @@ def test_the_spectrogram_of_all_bins_is_that_of_its_gates() -> None:
         whole = spectrogram(adc, radar, mti=method)
         parts = [spectrogram(adc, radar, mti=method, range_gate_m=gate) for gate in (near, far)]
         np.testing.assert_allclose(whole.power, parts[0].power + parts[1].power, rtol=1e-4)
+
+
+@pytest.mark.parametrize("rows", [3, 16, 517])
+def test_static_echoes_are_all_of_the_mean(rows):
+    """No rounding of the sums stays behind: a chirp that is always the same is the mean, to the last bit."""
+    chirp = np.random.default_rng(0).normal(size=(1, 2, 64)).astype(np.float32).view(np.complex64)
+    mean = column_sums(np.repeat(chirp, rows, axis=0)) / rows
+    np.testing.assert_array_equal(mean.astype(np.complex64), chirp[0])

@@ -17,13 +17,13 @@ from t2d_rt.backend import Backend
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.memory import Budget
-from t2d_rt.radar import multilevel
+from t2d_rt.radar import groups, multilevel
 from t2d_rt.radar.direct import direct_sum
 from t2d_rt.radar.groups import levels
 from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.radar.sweep import Sweep
 from t2d_rt.radar.synthesize import synthesize
-from t2d_rt.radar.windows import windows
+from t2d_rt.radar.windows import Window, windows
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
@@ -507,3 +507,24 @@ def test_ends_of_splines_follow_a_quartic(frames: int) -> None:
     left = -6 * rise[:-1] + 2 * slopes[:-2] + 4 * slopes[1:-1]
     right = 6 * rise[1:] - 4 * slopes[1:-1] - 2 * slopes[2:]
     assert left == pytest.approx(right, abs=1e-9 * np.abs(values).max())
+
+
+def test_few_echoes_are_asked_first_whether_groups_pay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bound says no only where no level of groups pays."""
+    said = []
+    may_pay = groups._may_pay
+    monkeypatch.setattr(groups, "_may_pay", lambda *given: said.append(may_pay(*given)) or True)
+    radar, counts = Radar.preset("table2"), []
+    sweep = Sweep.of(radar)
+    for count, spread in ((4, 1.0), (12, 0.3), (30, 0.02), (60, 1.0), (60, 0.001)):
+        rng = np.random.default_rng(count)
+        frames = np.arange(35)
+        delay = 2e-8 + spread * 1e-8 * rng.random(count) + spread * 3e-12 * frames[:, None] * rng.normal(size=count)
+        window = Window(
+            start=0, stop=32, step_s=1 / 60, delay=delay, delay_slope=np.gradient(delay, axis=0),
+            amplitude=np.ones((37, count), np.complex64), sweep=None, lit=(np.zeros(1, int), np.zeros(1, int)), apparent=None,
+        )  # fmt: skip
+        counts.append(len(levels(window, sweep, 170.0, 10**-2.5)))
+    assert all(said[number] for number, count in enumerate(counts) if count)
+    assert {bool(count) for count in counts} == {True, False}
+    assert not all(said)

@@ -18,7 +18,7 @@ SPAN_S = 0.0, 0.2
 
 
 def walk() -> t2d.Motion:
-    return t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 1.0, 1.2)
+    return t2d.trim(t2d.load_motion(resource("motions", "12_01_walk.bvh")), 1.0, 1.1)
 
 
 def limbs() -> t2d.Ellipsoids:

@@ -18,6 +18,7 @@ from t2d_rt.model import Model, resolved, sagitta_rad
 from t2d_rt.radar.repetition import table_bytes
 from t2d_rt.room import Clutter
 from t2d_rt.scattering.mesh import POINTS_PER_MESH
+from t2d_rt.scattering.patches import rounded_range_m
 from t2d_rt.scattering.refinement import POINT_SAGITTA_RAD, REFINING_BYTES
 from t2d_rt.scattering.streams import batches, most_echoes
 from t2d_rt.types import Accuracy, EchoStream, MovingMesh, PathTier
@@ -70,11 +71,12 @@ class FacetCount:
         """For the least range in the record, from the curvature of the mesh at rest."""
         middle = np.array([np.mean(model.span_s)])
         places = np.array([model.radar.tx_position_m])
-        range_m = float(lengths(mesh.at(middle)[0][:, None] - places).min())
+        range_m = rounded_range_m(float(lengths(mesh.at(middle)[0][:, None] - places).min()))
+        rest = mesh.refined_rest
         limit = np.broadcast_to(sagitta_rad(mesh, accuracy.replace(sagitta_scale=1.0)), (len(mesh.rest),))
         ends = np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2)
-        length2 = ((mesh.rest[ends[..., 0]] - mesh.rest[ends[..., 1]]) ** 2).sum(axis=2)
-        bend = curvature(mesh.rest, mesh.faces, mesh.crease_deg)[ends].mean(axis=2) + 1 / range_m
+        length2 = ((rest[ends[..., 0]] - rest[ends[..., 1]]) ** 2).sum(axis=2)
+        bend = curvature(rest, mesh.faces, mesh.crease_deg)[ends].mean(axis=2) + 1 / range_m
         wavenumber = 2 * math.pi / model.radar.wavelength_m
         of_edges = wavenumber / 3 * length2 * bend
         limits = limit[ends].mean(axis=2)

@@ -136,11 +136,13 @@ def _fidelity(options: Namespace) -> None:
     real = None if options.real is None else read_real(options.real, "parrad", AdapterOptions(classes=FOUR))
     recipe = TwinRecipe(per_class=chosen(options, "per_class"), seed=chosen(options, "seed"))
     folder = Path(options.output)
+    # More events than before, or none that are real: cells of their own, and those of before stay.
+    cells = folder / f"cells-{recipe.count}{'' if real is None else '-real'}"
     with ProgressBar("events") as progress:
         events = make_rungs(recipe, folder / "events", progress=progress)
     with ProgressBar("training") as progress:
         found = run_study(
-            read_rungs(events, recipe.count), None if real is None else real.maps, folder / "cells", progress=progress
+            read_rungs(events, recipe.count), None if real is None else real.maps, cells, progress=progress
         )
     told = "No real events were at hand." if real is None else f"Real: {real}"
     say(f"wrote {write_fidelity(found, folder, told)}")

@@ -18,9 +18,13 @@ from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, sample
 from t2d_rt.dataset.view import view
 from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.memory import release_above
 from t2d_rt.simulate import run
 from t2d_rt.sources import MotionText
 from t2d_rt.types import Accuracy
+
+HELD_BYTES = 0.8e9
+"""What a worker may hold between two samples before it gives back what nothing uses; a sample in a room takes another gigabyte."""
 
 Plans = Mapping[str, Accuracy]
 """Accuracies of groups of samples by their names."""
@@ -61,6 +65,7 @@ def _recipe(text: str) -> Recipe:
 
 def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
     """One sample; what goes wrong becomes the reason in its record."""
+    release_above(HELD_BYTES)
     cell = cell_of(recipe, index)
     wanted = description_of(recipe, cell)
     record: dict[str, Any] = {

@@ -7,8 +7,9 @@ the offset of each joint in its parent's frame (nearly constant) and the root. S
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -173,13 +174,38 @@ def decompose(joints: np.ndarray, rotations: np.ndarray, parents: tuple[int, ...
 
 def compose(offsets: np.ndarray, local: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Inverse of `decompose`: forward kinematics, all joints of one depth at a time."""
-    joints, rotations = offsets.copy(), local.copy()
+    # Components first: each is a whole array in memory, at a third of the time.
+    place, turned = (np.ascontiguousarray(np.moveaxis(each, 0, -1).swapaxes(0, 1)) for each in (offsets, local))
+    bones, own = place.copy(), turned.copy()
+    for here, above in _levels(parents):
+        x, y, z, w = turned[:, above]
+        bone, inner = bones[:, here], own[:, here]
+        u = x, y, z
+        twice = [2.0 * each for each in _cross(u, bone)]
+        aside = _cross(u, twice)
+        for k in range(3):
+            place[k, here] = place[k, above] + (bone[k] + w * twice[k] + aside[k])
+        aside, scalar = _cross(u, inner[:3]), inner[3]
+        for k in range(3):
+            turned[k, here] = w * inner[k] + scalar * u[k] + aside[k]
+        turned[3, here] = w * scalar - (x * inner[0] + y * inner[1] + z * inner[2])
+    return tuple(np.ascontiguousarray(each.transpose(2, 1, 0)) for each in (place, turned))  # type: ignore[return-value]
+
+
+@lru_cache(maxsize=16)
+def _levels(parents: tuple[int, ...]) -> list[tuple[list[int], list[int]]]:
+    """Joints of each depth below the root, and their parents."""
     depth = [0]
     for parent in parents[1:]:
         depth.append(depth[parent] + 1)
+    found = []
     for level in range(1, max(depth) + 1):
         here = [joint for joint, each in enumerate(depth) if each == level]
-        above = [parents[joint] for joint in here]
-        joints[:, here] = joints[:, above] + quaternions.rotate(rotations[:, above], offsets[:, here])
-        rotations[:, here] = quaternions.multiply(rotations[:, above], local[:, here])
-    return joints, rotations
+        found.append((here, [parents[joint] for joint in here]))
+    return found
+
+
+def _cross(first: Iterable[np.ndarray], second: Iterable[np.ndarray]) -> list[np.ndarray]:
+    """Vector products by components."""
+    (a, b, c), (d, e, f) = first, second
+    return [b * f - c * e, c * d - a * f, a * e - b * d]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class Skeleton:
         return replace(self, offsets=self.offsets * factor)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Poses:
     """A skeleton in time: the root's track and each joint's rotation in its parent's frame."""
 
@@ -77,10 +78,17 @@ class Poses:
         return len(self.root)
 
     def world(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (T, 28, 3) [m] and orientations (T, 28, 4) of all joints: forward kinematics."""
+        """Positions (T, 28, 3) [m] and orientations (T, 28, 4) of all joints, not to be changed: forward kinematics."""
+        return self._world
+
+    @cached_property
+    def _world(self) -> tuple[np.ndarray, np.ndarray]:
         offsets = np.broadcast_to(self.skeleton.offsets, (len(self), *self.skeleton.offsets.shape)).copy()
         offsets[:, 0] = self.root
-        return compose(offsets, self.local, PARENTS)
+        found = compose(offsets, self.local, PARENTS)
+        for each in found:
+            each.flags.writeable = False  # others ask for them again
+        return found
 
     def joint(self, name: str) -> np.ndarray:
         """Positions of a joint [m], (T, 3)."""

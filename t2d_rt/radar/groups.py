@@ -28,6 +28,8 @@ WIDE_GROUPS = 2.0
 USUAL_SAMPLES = 256
 WIDE = 0.25
 """Fraction of what the smallest groups may span from which the outermost antennas of an array count too."""
+FEW_ECHOES, ROUNDING = 100, 1e-4
+"""Of so few it is first asked whether groups can pay, with limits that much wider: features are float32."""
 PROBE_EVERY = 4
 """Frames between samples of the echoes' phase rates and delays."""
 
@@ -70,6 +72,8 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
         return []
     allowed = _cycles_per_step(tolerance)
     cycles, bins = _features(window, sweep, extras, (WIDE * allowed * rates[0], WIDE * FIRST_BINS))
+    if len(cycles) <= FEW_ECHOES and not _may_pay(cycles, bins, allowed, rates[0], rate, tolerance):
+        return []
     found: list[Level] = []
     samples, width = rates[0], FIRST_BINS
     low = high = np.concatenate([cycles, bins], axis=1)
@@ -95,6 +99,35 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
 
 # Measured costs of one echo and one node in a sum, relative to one another.
 WORK_ECHO, WORK_NODE = 1.0, 0.25
+
+
+def _may_pay(cycles: np.ndarray, bins: np.ndarray, allowed: float, samples: int, rate: float, tolerance: float) -> bool:
+    """Whether any level may take less work than the sum echo by echo, by the fewest groups that echoes (L, probes) can fall into:
+    False only where `levels` would find none."""
+    here, spent, width, first = len(cycles), 0.0, FIRST_BINS, True
+    alone = here * rate * WORK_ECHO
+    while samples <= rate:
+        spent += here * samples * (WORK_ECHO if first else WORK_NODE * nodes_for(0.8 * math.pi * width, tolerance))
+        if spent >= alone:
+            return False
+        here, first = max(_fewest(cycles, allowed * samples), _fewest(bins, width)), False
+        nodes = len(band_nodes(bucket_theta(NARROW_BINS, width), tolerance))
+        if spent + here * rate * WORK_NODE * nodes < alone:
+            return True
+        samples, width = 2 * samples, min(2 * width, MOST_BINS)
+    return False
+
+
+def _fewest(features: np.ndarray, limit: float) -> int:
+    """Fewest groups none of which spans more than a limit in any feature (L, C): what one feature alone asks for."""
+    most, limit = 0, limit * (1 + ROUNDING)
+    for values in np.sort(features, axis=0).T.tolist():
+        count, end = 0, -math.inf
+        for value in values:
+            if value > end:
+                count, end = count + 1, value + limit
+        most = max(most, count)
+    return most
 
 
 def bucket_bins(groups: Level, count: int, sweep: Sweep) -> float:

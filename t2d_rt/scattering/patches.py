@@ -164,7 +164,12 @@ def least_range_m(surface: MovingMesh, seen_from: Sequence[Ends], times_s: np.nd
     least = math.inf
     for times in blocks(np.linspace(times_s[0], times_s[-1], int(np.clip(20 * span, 2, 200))), len(surface.rest)):
         least = min(least, *(float(each.min()) for each in _ranges_of(surface.at(times), seen_from).values()))
-    return RANGE_STEP ** math.floor(math.log(least, RANGE_STEP)) if least > 0 else least
+    return rounded_range_m(least)
+
+
+def rounded_range_m(range_m: float) -> float:
+    """A range [m] rounded down to a power of `RANGE_STEP`."""
+    return RANGE_STEP ** math.floor(math.log(range_m, RANGE_STEP)) if range_m > 0 else range_m
 
 
 def tilts(surface: MovingMesh, fine: Refinement) -> np.ndarray:

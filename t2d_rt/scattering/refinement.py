@@ -57,15 +57,19 @@ def facets(
 def refined(
     surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Sagitta], max_facets: int
 ) -> list[Refinement]:
-    """`refinements` of a mesh, each kept for the next recording of the same body, on disk too; those that are missing are made
-    together."""
-    common = surface.rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
+    """`refinements` of a mesh, each kept for the next recording of the same body or of one that is refined as the same shape, on
+    disk too; those that are missing are made together.
+
+    range_m: as `least_range_m` rounds it, so that recordings at about the same distance share them.
+    """
+    rest = surface.refined_rest
+    common = rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
     keys = [disk_cache.key("geometry", ("refinement", *common, np.asarray(each, float))) for each in sagittas_rad]
     missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
     if missing:
         make = curved_refinements if surface.curved else partial(refinements, crease_deg=surface.crease_deg)
         made = make(
-            surface.rest,
+            rest,
             surface.faces,
             wavenumber=wavenumber,
             range_m=range_m,

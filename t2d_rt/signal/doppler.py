@@ -8,29 +8,26 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.checks import array, choice, flag, integer, number, numeric, positive
-from t2d_rt.cubes import DiskCube
 from t2d_rt.errors import InputError
 from t2d_rt.signal.maps import RangeDoppler, Spectrogram
 from t2d_rt.signal.mti import METHODS, PAPER_KERNEL
 from t2d_rt.signal.mti import mti as mti_filter
 from t2d_rt.signal.multiplex import separated
 from t2d_rt.signal.range import LONGEST_WINDOW, check_finite, check_recording, check_size, gate, range_fft, taper
+from t2d_rt.signal.thinning import sample_step, weighed
+from t2d_rt.sums import column_sums
 from t2d_rt.types.radar import Radar
 
 PIECE = 8192
 """Chirps of a long record that are worked on at once; of several antennas fewer."""
 CELLS = 256
 """Range cells that go through the STFT at once."""
-THINNED, MOST_STEP = 1e-6, 16
-"""Greatest |K_D - K| / K(0) of eq. 16a, and the greatest step D."""
-FINER = 8
-"""Numbers of beats per range bin at which K is compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,16 +152,18 @@ def spectrogram(
     slow = taper(window, n_window, periodic=True)
     powers = []
 
-    all_bins = combine == "noncoherent" and bins == slice(0, radar.samples)
+    all_bins, kept = combine == "noncoherent" and bins == slice(0, radar.samples), weighed(fast)
 
     def cells_of(part: Any, step: int = 1) -> np.ndarray:
         if all_bins:
             # Parseval: over all bins the powers add up to those of the samples, to which slow time does the same.
             part = np.asarray(part)
-            return part * (fast[::step] * np.sqrt(step * radar.samples)).astype(part.real.dtype)
+            some = slice(None, None, step) if step > 1 else kept
+            part = part if step > 1 else part[..., some]
+            return part * (fast[some] * np.sqrt(step * radar.samples)).astype(part.real.dtype)
         return range_fft(part, window=range_window, bins=bins)
 
-    step_of = partial(_sample_step, adc, range_window) if all_bins and clutter_filter.method == "none" else None
+    step_of = partial(sample_step, adc, range_window) if all_bins and clutter_filter.method == "none" else None
     for first, windows, cells in filtered(adc, radar, starts, n_window, cells_of, clutter_filter, step_of):
         if combine == "coherent":
             cells = cells.sum(axis=-1, keepdims=True)
@@ -265,35 +264,6 @@ def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_
     return power.T
 
 
-def _sample_step(adc: Any, window: str, start: int, stop: int) -> int:
-    """Greatest step of samples whose powers, times the step, add up to those of all, within `THINNED`, at chirps start..stop.
-
-    That depends on how far beats lie apart, which is known of cubes that hold products.
-    """
-    spread = adc.spread(start, stop) if isinstance(adc, DiskCube) else math.inf
-    return 1 if math.isinf(spread) else _step_of(window, adc.shape[-1], math.ceil(spread))
-
-
-@lru_cache(maxsize=256)
-def _step_of(window: str, samples: int, spread: int) -> int:
-    """The same for a spread [rad from mid-sweep to its end], by the K of eq. 16a, here an FFT of the squared window."""
-    from scipy import fft
-
-    power, count = taper(window, samples) ** 2, FINER * samples
-    apart = math.ceil(
-        spread * count / (math.pi * (samples - 1))
-    )  # what bin k holds differs by pi k (samples - 1) / count
-    if 2 * apart >= count:
-        return 1
-    whole = fft.fft(power, count)[: apart + 1]
-    for step in range(MOST_STEP, 1, -1):
-        some = np.zeros(samples)
-        some[::step] = step * power[::step]
-        if np.abs(fft.fft(some, count)[: apart + 1] - whole).max() <= THINNED * power.sum():
-            return step
-    return 1
-
-
 def _check_combine(combine: str, all_bins: bool, fast: np.ndarray) -> None:
     choice("combine", combine, ("noncoherent", "coherent"))
     if combine == "coherent" and all_bins and fast[0] < 1e-3 * fast.mean():
@@ -326,7 +296,7 @@ def filtered(
     if mti.method == "mean":
         chirp = np.zeros((1, *adc.shape[1:]), np.complex128)
         for start in range(0, adc.shape[0], piece):
-            chirp += np.sum(adc[start : start + piece], axis=0, dtype=np.complex128) / adc.shape[0]
+            chirp += column_sums(np.asarray(adc[start : start + piece])) / adc.shape[0]
         steady = cells_of(chirp).astype(adc.dtype)
     pieces = np.split(starts, np.flatnonzero(np.diff(starts // piece)) + 1)
 

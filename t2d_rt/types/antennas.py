@@ -7,6 +7,7 @@ is positive to the left, elevation positive upwards.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
@@ -153,3 +154,14 @@ def _cell(name: str, values_deg: np.ndarray, axis_deg: tuple[float, ...]) -> tup
 def one_view(tx_m: np.ndarray, rx_m: np.ndarray) -> list[np.ndarray]:
     """Both positions, or the midpoint between them where they are within `ONE_VIEW_M`."""
     return [tx_m, rx_m] if np.linalg.norm(tx_m - rx_m) > ONE_VIEW_M else [(tx_m + rx_m) / 2]
+
+
+@lru_cache(maxsize=64)
+def axes_along(boresight: tuple[float, float, float]) -> np.ndarray:
+    """Unit vectors boresight, left, up, rows of (3, 3), not to be changed."""
+    forward = np.array(boresight) / np.linalg.norm(boresight)
+    left = np.cross((0.0, 0.0, 1.0), forward)
+    if np.linalg.norm(left) < 1e-9:  # straight up or down: left is the world's y
+        left = np.array((0.0, 1.0, 0.0))
+    left /= np.linalg.norm(left)
+    return np.stack([forward, left, np.cross(forward, left)])

@@ -78,6 +78,8 @@ class MovingMesh:
     """How it was made; None where a function of the user computes it."""
     period_s: float | None
     """Time after which it is in the same place again, at any time; None where it is not [s]."""
+    refined_as: np.ndarray | None
+    """A like shape at rest (V, 3) [m] whose curved facets this one takes, as others do: they are made once; None for its own."""
 
     def __init__(
         self,
@@ -98,7 +100,9 @@ class MovingMesh:
             raise InputError(f"vertices of {name} must hold at least 3 vertices, got none")
         made = Made("arrays", {"vertices": vertices})
         self._fill(name, vertices[0], faces, material, crease_deg, sagitta_rad, curved)
-        set_fields(self, name=name, times_s=times_s, track=spline(times_s, vertices), made=made, period_s=None)
+        set_fields(
+            self, name=name, times_s=times_s, track=spline(times_s, vertices), made=made, period_s=None, refined_as=None
+        )
 
     @classmethod
     def from_track(
@@ -115,12 +119,13 @@ class MovingMesh:
         name: str = "mesh",
         made: Made | None = None,
         period_s: float | None = None,
+        refined_as: np.ndarray | None = None,
     ) -> MovingMesh:
         """A mesh whose vertices are computed when asked for: `track` gives (K, V, 3) at times (K,) within `times_s`.
 
         `rest` (V, 3) is the pose in which curvature is measured and diffuse points are spread; the first frame by default.
         `made` tells how `track` was made, where it can be made again. After each `period_s` the mesh is in the same place again;
-        one that rotates fast is then computed for a few periods only.
+        one that rotates fast is then computed for a few periods only. `refined_as`: a shape at rest whose curved facets it takes.
         """
         mesh = cls.__new__(cls)
         times_s, name = checked_times(times_s), text("name", name)
@@ -131,7 +136,11 @@ class MovingMesh:
         if period_s is not None:
             period_s = number("period_s", period_s, 1e-6, 1e6, unit="s")
             _check_period(track, times_s, len(rest), period_s, name)
-        set_fields(mesh, name=name, times_s=times_s, track=track, made=made, period_s=period_s)
+        if refined_as is not None:
+            refined_as = array("refined_as", refined_as, rest.shape, limit=LARGEST_M, unit="m")
+        set_fields(
+            mesh, name=name, times_s=times_s, track=track, made=made, period_s=period_s, refined_as=refined_as
+        )  # fmt: skip
         return mesh
 
     def _fill(
@@ -163,6 +172,11 @@ class MovingMesh:
             sagitta_rad=sagitta_rad,
             curved=flag("curved", curved),
         )
+
+    @property
+    def refined_rest(self) -> np.ndarray:
+        """The shape at rest (V, 3) [m] by which it is refined: that of `refined_as`, or its own."""
+        return self.rest if self.refined_as is None else self.refined_as
 
     @property
     def vertices(self) -> np.ndarray:

@@ -19,7 +19,7 @@ from t2d_rt.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.store import replacing
 from t2d_rt.tables import html_table
-from t2d_rt.types.antennas import Isotropic, Pattern, one_view, polarization_product
+from t2d_rt.types.antennas import Isotropic, Pattern, axes_along, one_view, polarization_product
 from t2d_rt.types.fields import Count, Decibel, Fields, Number, Vector, Vectors
 from t2d_rt.types.presets import preset_path, read_radar
 from t2d_rt.types.radar_text import described, one_line
@@ -289,12 +289,7 @@ class Radar(Fields):
     @property
     def axes(self) -> np.ndarray:
         """Unit vectors boresight, left, up of the radar in the world, rows of (3, 3)."""
-        forward = np.array(self.boresight) / np.linalg.norm(self.boresight)
-        left = np.cross((0.0, 0.0, 1.0), forward)
-        if np.linalg.norm(left) < 1e-9:  # straight up or down: left is the world's y
-            left = np.array((0.0, 1.0, 0.0))
-        left /= np.linalg.norm(left)
-        return np.stack([forward, left, np.cross(forward, left)])
+        return axes_along(self.boresight).copy()
 
     @property
     def tx_positions_m(self) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
@@ -190,7 +191,7 @@ class Receiver(_Part):
         for name, (low, high) in BANDS.items():
             if low <= radar.mid_frequency_hz <= high:
                 # By path, not as a package: data of the noise stage, none of its code.
-                return cls.from_yaml(Path(str(files("t2d_rt"))) / "noise" / "receiver" / "presets" / f"{name}.yaml")
+                return _shipped(Path(str(files("t2d_rt"))) / "noise" / "receiver" / "presets" / f"{name}.yaml")
         bands = ", ".join(f"{low / 1e9:g} to {high / 1e9:g}" for low, high in BANDS.values())
         raise InputError(
             f"no receiver is shipped for {radar.mid_frequency_hz / 1e9:.4g} GHz (there are those for {bands} GHz); give its "
@@ -250,3 +251,8 @@ class Receiver(_Part):
             "ADC": self.adc,
         }  # fmt: skip
         return [name for name, value in on.items() if value is not None]
+
+
+@cache
+def _shipped(path: Path) -> Receiver:
+    return Receiver.from_yaml(path)

@@ -25,6 +25,7 @@ from t2d_rt.motion.generate.chain import Piece, heading_rad, moved, rotation_vec
 from t2d_rt.motion.generate.library.store import FOLDER, RATE_HZ, Segment, Source, packed, unpacked
 from t2d_rt.motion.kinematics import INDEX, NAMES, Poses, poses_of
 from validation.motions.clip_labels import labelled
+from validation.motions.limits import true_size
 
 CMU, MIT, APACHE = "CMU", "MIT (DeepMimic)", "Apache-2.0 (Kimodo)"
 
@@ -116,7 +117,7 @@ def main() -> None:
 
 def clean(path: Path, contact_mps: float) -> list[Piece]:
     """A recording's parts without defects, at 60 Hz, the level of the balls of the feet at 0."""
-    motion = load_motion(path)
+    motion = true_size(load_motion(path), path.name)
     if motion.rate_hz != RATE_HZ:
         motion = resample(motion, RATE_HZ)
     poses = poses_of(motion)

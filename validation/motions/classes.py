@@ -20,6 +20,7 @@ from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion.check import Verdict, check_motion
 from t2d_rt.motion.check.limits import limits
 from t2d_rt.motion.check.population import BANDS_HZ, diversity, spectrum_difference_db
+from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.motion.generate import motion_from_text
@@ -64,15 +65,40 @@ PLAIN = {"before": (), "after": (), "manner": None, "speed": "normal"}
 """What makes a description one of the class's action alone, which recordings are of."""
 
 
+SHOWN: dict[str, dict[str, tuple[str | None, ...]]] = {
+    "bending": {"action": ("bend",), "direction": ("forward", "down")}
+}
+"""What recordings of a class show where it has more: the only one of bending is of a person who scoops from the floor ahead."""
+
+IN_PLACE = ("bending",)
+"""Classes whose recordings show no step; ours mostly have one before and after."""
+
+STANDS_MPS = 0.1
+"""Speed up to which the ball of a foot stands."""
+
+
 def plain(activity: Activity, count: int, seed: int, longest_s: float) -> list[Motion]:
-    """The middle of motions of the main step alone, at its normal speed and in no manner, as long as recordings are."""
+    """The middle of motions of the main step alone, at its normal speed and in no manner, as long as recordings are; of a class
+    of several movements those that recordings show."""
+    shown = SHOWN.get(activity, {})
+    drawn = grammar_descriptions(activity, (4 if shown else 1) * count, seed=seed)
+    alike = [each for each in drawn if all(getattr(each, name) in values for name, values in shown.items())]
     found = []
-    for number, description in enumerate(grammar_descriptions(activity, count, seed=seed)):
+    for number, description in enumerate(alike[:count]):
         with suppress(InputError):
             motion = motion_from_text(description.model_copy(update=PLAIN), seed=seed + number)
+            motion = in_place(motion) if activity in IN_PLACE else motion
             before = max(0.0, 0.5 * (motion.duration_s - longest_s))
             found.append(trim(motion, before, motion.duration_s - before))
     return found
+
+
+def in_place(motion: Motion) -> Motion:
+    """The longest stretch of a motion in which both feet stand."""
+    balls = motion.joints[:, [motion.names.index(f"{side}_foot") for side in ("left", "right")]]
+    speed = np.linalg.norm(np.gradient(balls, 1 / motion.rate_hz, axis=0), axis=-1).max(axis=1)
+    start, stop = max(runs(speed < STANDS_MPS), key=lambda each: each[1] - each[0])
+    return trim(motion, start / motion.rate_hz, (stop - 1) / motion.rate_hz)
 
 
 def compare(
@@ -141,7 +167,7 @@ def main() -> None:
         verdicts = judge(activity, motions, sentences)
         own = [each for name, each in recordings.items() if class_of(name) == activity]
         longest_s = float(np.median([each.duration_s for each in own])) if own else 0.0
-        alone = plain(activity, options.n // 2, options.seed, longest_s) if own else []
+        alone = plain(activity, options.n, options.seed, longest_s) if own else []
         compare(activity, motions, verdicts, own, alone)
         if options.sheets is not None:
             from t2d_rt.contact_sheet import contact_sheet

@@ -30,6 +30,7 @@ from t2d_rt.motion.generate.made.anatomy import Anatomy
 from t2d_rt.motion.kinematics import INDEX, motion_of, poses_of
 from t2d_rt.motion.read import load_motion
 from t2d_rt.types.motion import Motion
+from validation.motions.limits import true_size
 
 CASES: dict[str, tuple[tuple[Step, ...], Activity | None]] = {
     "sit": ((Step(action="sit"),), "sitting"),
@@ -148,7 +149,8 @@ def distances(samples: list[np.ndarray]) -> np.ndarray:
 
 def recorded_bends(folder: Path) -> None:
     """Spectrum of the recorded bends and distances between them."""
-    motion = load_motion(folder / "iclone_002_06_bend_scoop_up.bvh.gz")
+    path = folder / "iclone_002_06_bend_scoop_up.bvh.gz"
+    motion = true_size(load_motion(path), path.name)
     low, _ = find_peaks(-motion.joints[:, 0, 2], prominence=0.2)
     cuts = [slice(at - 110, at + 110) for at in low if 110 <= at < len(motion.joints) - 110]
     bends = [

@@ -68,7 +68,7 @@ def run() -> Section:
         title="Background",
         checks=checks,
         note="Distances from held-out recordings, 0 is best; of the classifier's accuracy 0.5, which two halves of the recordings "
-        "reach by chance. Profile: root mean square difference of the mean Doppler spectra. Profiles: "
+        "reach by chance. Profile: root mean square difference of the mean levels of the Doppler bins. Profiles: "
         "Wasserstein-1 distance of the mean levels of a bin in patches of 32 columns, mean over the bins; a set whose patches all "
         "show the mean has a good profile and poor profiles. Levels: Wasserstein-1 distance of the "
         "levels of cells, mean over Doppler bands. Autocorrelation: root mean square difference of that of the levels in time. "

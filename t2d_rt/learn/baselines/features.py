@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from t2d_rt.dataset.envelope import NOTCH_MPS, envelope
+from t2d_rt.learn.baselines.course import course
 
 SPEEDS_MPS = (NOTCH_MPS, 0.3, 0.6, 1.0, 1.5, 2.2, 3.2, 4.5, 10.0)
 """Edges of the bands in which a Doppler profile is told."""
@@ -39,6 +40,7 @@ def features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: float)
         **_profile(levels > found.threshold_db, power, velocity),
         **_modulation(lines, step_s),
         **_periodicity(np.where(fast, np.clip(levels - found.threshold_db, 0, 15), 0.0), step_s),
+        **course(levels, velocity, duration_s),
     }
 
 

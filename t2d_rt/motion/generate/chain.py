@@ -206,10 +206,7 @@ FEATURE_JOINTS = (
 
 def best_seam(first: Poses, second: Poses, after: range, before: range) -> tuple[int, int, float]:
     """Frames, one in `after` of the first, one in `before` of the second, where pose and velocity differ least; how much [m]."""
-    a, b = (
-        features(first)[after.start : after.stop : after.step],
-        features(second)[before.start : before.stop : before.step],
-    )
+    a, b = _features_in(first, after), _features_in(second, before)
     squares = (a**2).sum(1)[:, None] + (b**2).sum(1) - 2 * a @ b.T
     i, j = np.unravel_index(int(squares.argmin()), squares.shape)
     return after[int(i)], before[int(j)], float(np.sqrt(max(squares[i, j], 0.0)))

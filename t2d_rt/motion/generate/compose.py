@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.errors import InputError
-from t2d_rt.motion.check import detect_fall
+from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import contacts, plant
 from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Description, Step
 from t2d_rt.motion.generate import LONGEST_S
@@ -43,6 +43,9 @@ ATTEMPTS = 8
 
 DIRECTED_ATTEMPTS = 4
 """Falls that are tried until the body topples where the description says, head away from the feet."""
+
+DANCES = 3
+"""Dances that are made until the filter lets one pass; the last is taken as it is."""
 
 TOPPLES: dict[str, str] = {
     "forward": "forward",
@@ -217,10 +220,9 @@ def _continued(whole: Piece, piece: Piece) -> Piece:
 def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
     """A step by clips, planted, a gait of a type changed."""
     if step.type not in GAIT_TYPES:
-        who = maker.person
         if step.action == "dance":
-            who = replace(who, vigour=min(who.vigour, 1.0))  # a dancer's arms reach as far as they can already
-        piece = lively(made_of_clips(maker, step, alone=alone), who, maker.rng)
+            return _danced(maker, step, alone)
+        piece = lively(made_of_clips(maker, step, alone=alone), maker.person, maker.rng)
         return replace(piece, poses=plant(piece.poses, piece.planted, floor_m=0.0))
     from t2d_rt.motion.vary.abnormal import abnormal_walk
 
@@ -234,6 +236,19 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
     piece = Piece(poses=poses, planted=contacts(poses), notes=(*walk.notes, note))
     piece = directed(maker, lively(piece, maker.person, maker.rng, quiet=0.5), step)
     return replace(piece, poses=plant(piece.poses, piece.planted, level=False, floor_m=0.0))
+
+
+def _danced(maker: Maker, step: Step, alone: bool) -> Piece:
+    """A dance, planted; phrases that go ill together are drawn again."""
+    who = replace(
+        maker.person, vigour=min(maker.person.vigour, 1.0)
+    )  # a dancer's arms reach as far as they can already
+    for _ in range(DANCES):
+        piece = lively(made_of_clips(maker, step, alone=alone), who, maker.rng)
+        piece = replace(piece, poses=plant(piece.poses, piece.planted, floor_m=0.0))
+        if check_motion(motion_of(piece.poses)).passed:
+            break
+    return piece
 
 
 def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> tuple[Motion, float]:

@@ -30,7 +30,8 @@ class Distances:
     """How far one set of spectrograms is from another."""
 
     profile_db: float
-    """Root mean square over Doppler bins of the difference of mean powers [dB]."""
+    """Root mean square over Doppler bins of the difference of mean levels [dB]. Mean powers would tell which few
+    records have a mover of just that speed."""
     profiles_db: float
     """Wasserstein-1 distance of the distributions of a bin's mean level in patches, mean over the bins [dB]: profiles vary."""
     levels_db: float
@@ -98,8 +99,8 @@ def gaussian_noise(like: Sequence[np.ndarray], rng: np.random.Generator) -> list
 
 
 def _profile(records: Sequence[np.ndarray]) -> np.ndarray:
-    """Mean power of each bin [dB]."""
-    return np.asarray(10 * np.log10(np.mean([np.mean(10 ** (each / 10), axis=1) for each in records], axis=0)))
+    """Mean level of each bin [dB], records counting alike."""
+    return np.asarray(np.mean([each.mean(axis=1) for each in records], axis=0))
 
 
 def _profiles_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:

@@ -226,7 +226,7 @@ def _sizes(architecture: Architecture) -> dict[str, tuple[int, ...]]:
         "prior.among": (size.heads, size.codes, size.heads, size.mixed),
         "prior.readout": (size.heads, size.codes, size.mixed),
         "prior.readout_bias": (size.heads, size.codes),
-        "speckle.time": (LAGS,),
+        "speckle.time": (size.bins, LAGS),
         "speckle.doppler": (BINS,),
     }
     for block in range(size.blocks):

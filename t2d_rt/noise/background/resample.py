@@ -35,7 +35,9 @@ def resampled(
     at = np.arange(columns) * wanted.time_step_s / own.time_step_s
     speeds = np.clip((wanted.velocity_mps - own.velocity_mps[0]) / own.bin_mps, 0, len(mean) - 1)
     both = np.stack([_between(_between(each, at, 1), speeds, 0) for each in (mean, looks)])
-    lags = np.interp(np.arange(len(time)) * wanted.time_step_s / own.time_step_s, np.arange(len(time)), time, right=0.0)
+    steps = np.arange(time.shape[1]) * wanted.time_step_s / own.time_step_s
+    ending = np.pad(time, ((0, 0), (0, 1)))  # beyond the lags that are kept there is no correlation
+    lags = _between(_between(ending, np.minimum(steps, time.shape[1]), 1), speeds, 0)
     bins = np.interp(
         np.arange(len(doppler)) * wanted.bin_mps / own.bin_mps, np.arange(len(doppler)), doppler, right=0.0
     )

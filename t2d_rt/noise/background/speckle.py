@@ -19,6 +19,8 @@ WARM_UP = 64
 """Columns that the filter runs before the first one that is used."""
 LEAST_RATIO = 1e-3
 """Least power of a cell relative to its mean."""
+RIDGE = 1e-3
+"""On the correlation at lag 0."""
 
 
 def speckle(normal: np.ndarray, looks: np.ndarray) -> np.ndarray:
@@ -33,24 +35,25 @@ def normal_scores(ratio: np.ndarray, looks: np.ndarray) -> np.ndarray:
 
 
 def correlations(scores: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Correlation of scores (velocity, time) over LAGS columns and over BINS bins, each with 1 at lag 0.
+    """Correlation of scores (velocity, time) over LAGS columns, of each bin (velocity, LAGS), and over BINS bins, 1 at lag 0.
 
-    The median over the bins, about each bin's mean in its record: what the codes do not tell of the few bins of interferers is no
-    speckle.
+    Mean over the records by their lengths: near zero speed the power changes more slowly than the floor's. Over the bins it is the
+    median of all, about each bin's mean in its record: what the codes do not tell of the few bins of interferers is no speckle.
     """
-    time, doppler, weight = np.zeros(LAGS), np.zeros(BINS), 0
+    time, doppler, weight = np.zeros((len(scores[0]), LAGS)), np.zeros(BINS), 0
     for each in scores:
         values = np.clip(each, -4, 4).astype(np.float64)
-        values -= values.mean(axis=1, keepdims=True)
         size = values.shape[1]
-        variance = np.mean(values**2, axis=1) + 1e-12
+        total = np.sum(values**2, axis=1) + 1e-12
         for lag in range(min(LAGS, size - 1)):
-            along = np.mean(values[:, : size - lag] * values[:, lag:], axis=1)
-            time[lag] += size * np.median(along / variance)
+            along = np.sum(values[:, : size - lag] * values[:, lag:], axis=1)
+            time[:, lag] += size * along / total * size / (size - lag)
+        values -= values.mean(axis=1, keepdims=True)
+        total = np.sum(values**2, axis=1) + 1e-12
         for lag in range(BINS):
             first, second = slice(0, len(values) - lag), slice(lag, len(values))
-            across = np.mean(values[first] * values[second], axis=1)
-            doppler[lag] += size * np.median(across / np.sqrt(variance[first] * variance[second]))
+            across = np.sum(values[first] * values[second], axis=1)
+            doppler[lag] += size * np.median(across / np.sqrt(total[first] * total[second]))
         weight += size
     return time / weight, doppler / weight
 
@@ -58,20 +61,30 @@ def correlations(scores: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 def gaussian_field(
     bins: int, columns: int, time: np.ndarray, doppler: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Unit Gaussian numbers (bins, columns), float32, of about these correlations over lags of one column and one bin.
+    """Unit Gaussian numbers (bins, columns), float32, of about these correlations over lags of a column (bins, LAGS) and of a bin.
 
     The first columns do not depend on how many there are.
     """
-    from scipy.linalg import solve_toeplitz
     from scipy.signal import lfilter
 
-    lags = time[: ORDER + 1]
-    ridge = 1e-3
-    predictor = solve_toeplitz(np.r_[lags[0] + ridge, lags[1:-1]], lags[1:])
-    innovation = np.sqrt(max(1e-6, lags[0] + ridge - predictor @ lags[1:]) / (lags[0] + ridge))
-    white = rng.standard_normal((columns + WARM_UP, bins), np.float32)
-    field = lfilter([innovation], np.r_[1, -predictor], white @ _root(bins, tuple(doppler.tolist())).T, axis=0)
-    return np.asarray(field[WARM_UP:].T, np.float32)
+    white = rng.standard_normal((columns + WARM_UP, bins), np.float32) @ _root(bins, tuple(doppler.tolist())).T
+    field = [
+        lfilter([innovation], np.r_[1, -predictor], row)[WARM_UP:]
+        for row, (predictor, innovation) in zip(white.T, map(_filter, time.astype(np.float64)), strict=True)
+    ]
+    return np.asarray(field, np.float32)
+
+
+def _filter(lags: np.ndarray) -> tuple[np.ndarray, float]:
+    """Coefficients of the values before, and of the white numbers, of the autoregressive filter for these correlations."""
+    from scipy.linalg import eigvalsh, solve_toeplitz, toeplitz
+
+    # Estimates that are no correlation of anything would make an unstable filter: as much as they lack is added at lag 0.
+    lacking = -float(eigvalsh(toeplitz(lags[: ORDER + 1]))[0])
+    given = np.r_[lags[0] + RIDGE + max(0.0, lacking), lags[1:ORDER]]
+    wanted = lags[1 : ORDER + 1]
+    predictor = solve_toeplitz(given, wanted)
+    return predictor, float(np.sqrt(max(1e-6, 1 - predictor @ wanted / given[0])))
 
 
 @lru_cache(maxsize=16)

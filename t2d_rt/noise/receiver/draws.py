@@ -35,5 +35,10 @@ class Draws:
         parts = normal_numbers(2 * math.prod(shape), key=key, scale=math.sqrt(0.5))
         return parts.view(np.complex64).reshape(shape)
 
+    def words(self, name: str) -> tuple[int, int]:
+        """A key of an effect, two words of 32 bits."""
+        found = self._digest(name, 0)
+        return int.from_bytes(found[:4], "little"), int.from_bytes(found[4:8], "little")
+
     def _digest(self, name: str, number: int) -> bytes:
         return hashlib.sha256(f"{self.seed}/{name}/{number}".encode()).digest()

@@ -1,37 +1,114 @@
-"""1/f noise at IF, which falls by 10 dB per decade and meets thermal noise at its corner."""
+"""1/f noise at IF, which falls by 10 dB per decade and meets thermal noise at its corner.
+
+Within a chirp it is white noise through a filter of a few poles, which the samples go through one after the other; what is slower
+than a chirp is one value for each.
+"""
 
 from __future__ import annotations
 
-import numpy as np
-from scipy import fft
+import math
+from dataclasses import dataclass
+from functools import lru_cache
 
+import numpy as np
+
+from t2d_rt.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
-from t2d_rt.noise.receiver.processes import Fast, Slow
+from t2d_rt.noise.receiver.processes import Slow
 from t2d_rt.noise.receiver.time_slots import TimeSlots
 from t2d_rt.types import Radar
+
+FEWEST_POLES, MOST_SAMPLES = 3, 100_000
+"""The latter of a chirp: with more, the fit of the filter fails by 2 dB."""
+FREQUENCIES = 160
+"""At which the filter is fitted."""
+OVERLAP = 2
+"""Times the lowest frequency of the filter up to which noise is that of the chirps, as far as the filter lacks it."""
+
+
+@dataclass(frozen=True)
+class Filter:
+    """A sum of one-pole filters, y = sum s_i with s_i[n] = p_i s_i[n - 1] + c_i w[n], w white of power 1, and where it begins."""
+
+    poles: np.ndarray
+    """Real, (pole,)."""
+    gains: np.ndarray
+    """The c_i, (pole,)."""
+    begin: np.ndarray
+    """Lower triangle (pole, pole) that makes independent numbers of power 1 the stationary state before the first sample."""
+
+    def density(self, frequency: np.ndarray) -> np.ndarray:
+        """Of the filter's noise, over frequency [cycles per sample] (K,): |sum c_i / (1 - p_i e^(-2 pi j f))|^2."""
+        delay = np.exp(-2j * np.pi * frequency)[:, None]
+        return np.asarray(np.abs((self.gains / (1 - self.poles * delay)).sum(axis=1)) ** 2)
+
+
+@lru_cache(maxsize=16)
+def filter_of(samples: int) -> Filter:
+    """The filter whose noise has the density 1 / |f| [1 / (cycles per sample)] from a quarter of a cycle in so many samples to half
+    a cycle per sample, within 0.15 dB, and levels off below."""
+    from scipy.optimize import least_squares
+
+    lowest = 1 / (4 * samples)
+    count = max(FEWEST_POLES, math.ceil(math.log2(samples) / 2))
+    near_half = 0.5 - np.geomspace(1e-3, 0.2, FREQUENCIES // 8)
+    frequency = np.unique(np.concatenate([np.geomspace(lowest, 0.5, FREQUENCIES), near_half]))
+    cosine = np.cos(2 * np.pi * frequency)[:, None]
+
+    def roots(fitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poles and zeros: ever farther from 1, and one pair near -1 that holds the slope up to half a cycle."""
+        falling, pair = np.exp(-np.exp(fitted[1:-2])), np.tanh(fitted[-2:])
+        return np.append(falling[:count], pair[0]), np.append(falling[count:], pair[1])
+
+    def error(fitted: np.ndarray) -> np.ndarray:
+        """ln of the density over 1 / f."""
+        poles, zeros = (np.log(1 - 2 * each * cosine + each**2).sum(axis=1) for each in roots(fitted))
+        return np.asarray(fitted[0] + zeros - poles + np.log(frequency))
+
+    first = np.geomspace(1.2 * lowest, 0.3, count)
+    start = np.concatenate(
+        [[0.0], np.log(2 * np.pi * first), np.log(2 * np.pi * np.sqrt(first[1:] * first[:-1])), [-0.3, -0.5]]
+    )
+    start[0] -= error(start).mean()
+    # Rounded: the last bits of a fit are not those of the next machine.
+    found = np.round(least_squares(error, start, method="lm").x, 6)
+    poles, zeros = roots(found)
+    # Partial fractions: there is one zero less than there are poles.
+    apart = poles[:, None] - poles + np.eye(len(poles))
+    gains = math.exp(found[0] / 2) * (poles[:, None] - zeros).prod(axis=1) / apart.prod(axis=1)
+    covariance = np.outer(gains, gains) / (1 - np.outer(poles, poles))
+    return Filter(poles, gains, np.linalg.cholesky(covariance))
 
 
 class Flicker:
     """Density of thermal noise times corner / |f|, in each receive channel by itself (eq. 36)."""
 
     def __init__(self, radar: Radar, density_w: float, corner_hz: float, draws: Draws) -> None:
-        def density(frequency_hz: np.ndarray) -> np.ndarray:
-            return np.asarray(density_w * corner_hz / np.maximum(np.abs(frequency_hz), 1e-9))
+        if radar.samples > MOST_SAMPLES:
+            raise InputError(
+                f"1/f noise is made for chirps of up to {MOST_SAMPLES} samples, got {radar.samples}; take fewer, or leave "
+                "flicker_corner_hz out"
+            )
+        self.filter = filter_of(radar.samples)
+        rate = radar.sample_rate_hz
+        self.power_w = density_w * corner_hz
+        """Of the filter's noise over that of `filter` [W]: a density over f [Hz] of 1 / f is one over f / rate, times the rate."""
 
-        self._slots, self._draws = TimeSlots(radar), draws
-        fast = Fast(density, radar.samples, radar.sample_rate_hz)
-        self._amplitudes = fast.amplitudes().astype(np.float32)
+        def slower(frequency_hz: np.ndarray) -> np.ndarray:
+            """What the filter lacks."""
+            frequency = np.maximum(np.abs(frequency_hz), 1e-9) / rate
+            found = 1 / frequency - self.filter.density(frequency.ravel()).reshape(frequency.shape)
+            return np.asarray(self.power_w / rate * np.maximum(found, 0.0))
+
+        self._slots = TimeSlots(radar)
+        limit_hz = OVERLAP * rate / (4 * radar.samples)
         self._slow = [
-            Slow(density, radar.prf_hz, fast.lowest_hz, draws, f"flicker of slots {channel}")
+            Slow(slower, radar.prf_hz, limit_hz, draws, f"flicker of slots {channel}")
             for channel in range(self._slots.channels)
         ]
 
-    def __call__(self, samples: np.ndarray, number: int) -> np.ndarray:
-        """Samples (row, antenna, sample) of a group and its 1/f noise."""
-        rows, antennas, count = samples.shape
-        spectrum = self._draws.normal("flicker", number, (rows, antennas, 2 * count)) * self._amplitudes
-        found = samples + fft.fft(spectrum, axis=2, overwrite_x=True)[:, :, :count]
-        places, view = self._slots.numbers(number, rows), self._slots.by_slot(found)
-        for channel, slow in enumerate(self._slow):
-            view[:, :, channel] += slow.at(places)[:, :, None].astype(np.complex64)
-        return found
+    def slow(self, first_row: int, rows: int) -> np.ndarray:
+        """What changes from chirp to chirp alone, complex64 (row, antenna), of rows from the first on."""
+        places = self._slots.numbers(first_row, rows)
+        found = np.stack([slow.at(places) for slow in self._slow], axis=2)  # (row, slot, channel)
+        return found.reshape(rows, -1).astype(np.complex64)

@@ -41,11 +41,11 @@ class Interference:
         self._first_s = other.interval_s * draws.of(f"{self._name} start").random()
         self._phases: dict[int, np.ndarray] = {}
 
-    def __call__(self, samples: np.ndarray, number: int) -> np.ndarray:
-        """Samples (row, antenna, sample) of a group and the bursts in them."""
+    def __call__(self, samples: np.ndarray, first_row: int) -> np.ndarray:
+        """Samples (row, antenna, sample), from a row on, and the bursts in them."""
         found = samples.astype(np.complex64)
         view = self._slots.by_slot(found)
-        starts = self._slots.starts_s(number, len(samples))
+        starts = self._slots.starts_s(first_row, len(samples))
         other, length = self._other, self._radar.sweep_time_s
         low = np.floor((starts - self._first_s - other.duration_s) / other.interval_s).astype(np.int64)
         high = np.floor((starts + length - self._first_s) / other.interval_s).astype(np.int64)

@@ -15,6 +15,7 @@ from scipy import fft
 
 from t2d_rt.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
+from t2d_rt.noise.receiver.lags import lags
 from t2d_rt.noise.receiver.processes import Density, Fast, Slow
 from t2d_rt.noise.receiver.time_slots import TimeSlots
 from t2d_rt.types import Radar
@@ -33,6 +34,9 @@ TRIED = 200
 """Frequencies, and delays, at which the interpolation and the level of phase noise are worked out."""
 NEGLIGIBLE = 1e-2
 """Rows in which phase noise lies that far below thermal noise, at every frequency, stay as they are: 0.04 dB of the noise."""
+BOUND_ORDER, BOUND_LEAST, ROUNDING = 2, 3e-3, 1e-5
+"""Of the sum of cosines that bounds the level: its highest order, the part of the greatest level below which it need not follow,
+and the part of it that sums in float32 may be wrong by."""
 SMALL_RAD = 0.05
 """Up to such phases exp(j phase) - 1 is its series up to the fourth power, as exact as float32."""
 
@@ -59,21 +63,33 @@ class PhaseNoise:
         self._delayed = np.exp(-2j * np.pi * np.outer(self._nodes.delays_s, self._frequencies))
         self._thermal_w = thermal_w
         self._greatest = self._greatest_level(radar)
+        self._bound = bounding(self._greatest)
 
-    def __call__(self, samples: np.ndarray, number: int) -> np.ndarray:
-        """Samples (row, antenna, sample) of a group of echoes with the phase noise of the oscillator."""
-        found = samples.astype(np.complex64)
-        spectrum = fft.fft(found, axis=2)
-        rows = self._rows(spectrum)
-        if not rows.any():
-            return found
-        spectrum, noisy = spectrum[rows], found[rows]
-        view = self._slots.by_slot(noisy)
-        for weights, phase in zip(self._nodes.weights, self._phases(number, rows), strict=True):
+    def __call__(self, samples: np.ndarray, first_row: int) -> np.ndarray:
+        """Samples (row, antenna, sample) of echoes, from the first row of a group on, with the phase noise of the oscillator; the
+        same array where none counts."""
+        found, rows = samples, self._slots.group_rows
+        may_count = self._may_count(samples)
+        for start in range(0, len(samples), rows):
+            group = slice(start, start + rows)
+            some = np.flatnonzero(may_count[group])
+            spectrum = fft.fft(samples[group][some], axis=2)
+            counts = self._rows(spectrum)
+            if counts.any():
+                found = samples.astype(np.complex64) if found is samples else found
+                chosen = np.zeros(len(samples[group]), bool)
+                chosen[some[counts]] = True
+                noisy = found[group][chosen]
+                self._add(noisy, spectrum[counts], self._phases((first_row + start) // rows, chosen))
+                found[group][chosen] = noisy
+        return found
+
+    def _add(self, samples: np.ndarray, spectrum: np.ndarray, phases: np.ndarray) -> None:
+        """Adds to samples of this spectrum (row, antenna, sample) what phases (node, row, slot, sample) make of them."""
+        view = self._slots.by_slot(samples)
+        for weights, phase in zip(self._nodes.weights, phases, strict=True):
             part = fft.ifft(spectrum * weights.astype(np.float32), axis=2, overwrite_x=True)
             view += _factors(phase)[:, :, None] * self._slots.by_slot(part)
-        found[rows] = noisy
-        return found
 
     def _phases(self, number: int, rows: np.ndarray) -> np.ndarray:
         """phi(t) - phi(t - tau) [rad] for each of the nodes' delays, float32 (node, row, slot, sample), of some rows of a group."""
@@ -81,7 +97,8 @@ class PhaseNoise:
         drawn = self._draws.normal("phase noise", number, (len(rows), self._slots.per_row, len(self._powers)))[rows]
         drawn *= (2 * count * np.sqrt(self._powers)).astype(np.float32)
         # The real part of a complex process of a symmetric spectrum has half its power.
-        rate = math.sqrt(2) * self._slow.at(self._slots.numbers(number, len(rows))[rows]).real
+        places = self._slots.numbers(number * self._slots.group_rows, len(rows))[rows]
+        rate = math.sqrt(2) * self._slow.at(places).real
         found = np.empty((len(self._nodes.delays_s), *drawn.shape[:2], count), np.float32)
         for each, delayed, delay_s in zip(found, self._delayed, self._nodes.delays_s, strict=True):
             each[:] = fft.irfft(drawn * (1 - delayed).astype(np.complex64), axis=2, overwrite_x=True)[:, :, :count]
@@ -99,6 +116,13 @@ class PhaseNoise:
         slow = delays**2 * self._slow.greatest() * radar.samples
         return np.interp(np.abs(self._delays), delays, np.maximum(fast, slow))
 
+    def _may_count(self, samples: np.ndarray) -> np.ndarray:
+        """Rows (row, antenna, sample) that `_rows` may choose, by a bound of their levels that takes no spectra."""
+        if self._thermal_w <= 0:
+            return np.ones(len(samples), bool)
+        levels = lags(samples, BOUND_ORDER) @ self._bound / samples.shape[2]
+        return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
+
     def _rows(self, spectrum: np.ndarray) -> np.ndarray:
         """Which rows of a spectrum (row, antenna, sample) have phase noise that counts."""
         if self._thermal_w <= 0:
@@ -106,6 +130,24 @@ class PhaseNoise:
         # Sums, not a product of matrices: of the same bits whatever other rows there are.
         levels = (np.abs(spectrum) ** 2 * (self._greatest / spectrum.shape[2] ** 2)).sum(axis=2)
         return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
+
+
+def bounding(values: np.ndarray) -> np.ndarray:
+    """Coefficients a_0, a_1, b_1, ... of a sum of a_m cos(2 pi m k / K) + b_m sin(2 pi m k / K) that bounds values (K,) from above.
+
+    It lies above them by as small a part of them as it can.
+    """
+    from scipy.optimize import linprog
+
+    angle = 2 * np.pi * np.arange(len(values)) / len(values)
+    columns = [np.ones(len(values))]
+    for order in range(1, BOUND_ORDER + 1):
+        columns += [np.cos(order * angle), np.sin(order * angle)]
+    matrix, greatest = np.stack(columns, axis=1), float(values.max())
+    weights = greatest / (values + BOUND_LEAST * greatest)
+    found = linprog(weights @ matrix, A_ub=-matrix, b_ub=-values / greatest, bounds=(None, None)).x * greatest
+    found[0] += max(0.0, float((values - matrix @ found).max())) + ROUNDING * greatest
+    return np.asarray(found, np.float32)
 
 
 def residual_rms_rad(radar: Radar, density: Density) -> float:

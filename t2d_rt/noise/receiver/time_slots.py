@@ -31,13 +31,13 @@ class TimeSlots:
         """Rows of the cube in a group."""
         return group_rows(self.radar.antennas * self.radar.samples)
 
-    def numbers(self, group: int, rows: int) -> np.ndarray:
-        """Numbers of the slots on a grid of the PRF, (row, slot)."""
-        return np.rint(self.starts_s(group, rows) * self.radar.prf_hz).astype(np.int64)
+    def numbers(self, first: int, rows: int) -> np.ndarray:
+        """Numbers of the slots of rows from the first on, on a grid of the PRF, (row, slot)."""
+        return np.rint(self.starts_s(first, rows) * self.radar.prf_hz).astype(np.int64)
 
-    def starts_s(self, group: int, rows: int) -> np.ndarray:
+    def starts_s(self, first: int, rows: int) -> np.ndarray:
         """Their first ADC samples [s], (row, slot)."""
-        first, radar = group * self.group_rows, self.radar
+        radar = self.radar
         row = np.arange(first, first + rows)
         if radar.loops_per_frame is None or radar.frame_interval_s is None:
             starts = row * radar.loop_interval_s

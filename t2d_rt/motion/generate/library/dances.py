@@ -9,7 +9,7 @@ import numpy as np
 
 from t2d_rt.motion.check.anatomy import self_penetration_m
 from t2d_rt.motion.check.measures import jump_m
-from t2d_rt.motion.check.support import floating_s
+from t2d_rt.motion.check.support import contacts, floating_s
 from t2d_rt.motion.check.tracks import tracks
 from t2d_rt.motion.contacts import plant
 from t2d_rt.motion.descriptions.slots import Step
@@ -37,15 +37,15 @@ SMOOTH_M = 0.03
 """Deviation of a joint's step from its neighbours' at a seam, at 60 Hz, up to which a phrase goes on smoothly; of recorded
 motions it is 0.042 at most (99th percentile)."""
 
-DEEP_M, HOVERS_S = 0.08, 0.12
-"""How deep limbs may go into one another at a seam, and how much longer than a flight the body may be off the floor: of recorded
-motions these are 0.093 m and 0.18 s at most."""
+DEEP_M, HOVERS_S, SLIDES_M = 0.07, 0.12, 0.07
+"""How deep limbs may go into one another from a seam on, how much longer than a flight the body may be off the floor, and how far a
+planted foot may slide: of recorded motions these are 0.081 m, 0.18 s and 0.089 m at most."""
 
 SEAM_S = 0.6
 """Time in which a difference between phrases dies out."""
 
-AFTER_S = 0.3
-"""Time after that which shows whether the feet have come to where the phrase has them."""
+BEFORE_S = 2.0
+"""Time before a seam in which a foot may have come down that slides in it."""
 
 STANDS_S = 0.3
 """Time after a seam in which a foot stands: half of that in which a difference dies out, when most of it has."""
@@ -118,17 +118,19 @@ def _continued(whole: Piece, found: Piece) -> tuple[Piece, float]:
         return whole, np.inf
     kept = first + int(cut)
     after = joined([whole.part(0, kept), found.part(int(start) + 1, len(found))], blend_s=SEAM_S)
-    return after, roughness(after.part(max(0, kept - 3), min(len(after), kept + round((SEAM_S + AFTER_S) * RATE_HZ))))
+    return after, roughness(after.part(max(0, kept - round(BEFORE_S * RATE_HZ)), len(after)))
 
 
 def roughness(seam: Piece) -> float:
-    """The largest of what a seam shows, each over its limit: a joint's deviation from its neighbours in time, how deep limbs go
-    into one another and how long the body hovers; the latter two once feet are planted, where it is smooth."""
+    """The largest of what a seam and the phrase after it show, each over its limit: how far a joint deviates from its neighbours in
+    time, how deep limbs go into one another, how long the body hovers and how far a planted foot slides; the latter three once feet
+    are planted, where it is smooth."""
     rough = jump_m(seam.poses.world()[0]) / SMOOTH_M
     if rough >= 1.0:
         return 1.0 + rough  # a smooth seam is better, even if limbs touch
     body = tracks(motion_of(plant(seam.poses, seam.planted, level=False)))
-    return max(rough, float(self_penetration_m(body).max()) / DEEP_M, floating_s(body) / HOVERS_S)
+    slide_m = max((each.skate_m for each in contacts(body)), default=0.0)
+    return max(rough, float(self_penetration_m(body).max()) / DEEP_M, floating_s(body) / HOVERS_S, slide_m / SLIDES_M)
 
 
 def goes_on_standing(piece: Piece) -> np.ndarray:

@@ -64,8 +64,8 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
     if travels:
         piece = edits.strided(piece, change.stride**pace)
     arms = change.arms**strength
-    if step.action == "dance":
-        # A dancer's arms reach as far as they can: farther, they would go faster than recorded ones.
+    if step.action in ("dance", "jump"):
+        # Arms of dancers and jumpers swing as far as they can: farther, they would go faster than recorded ones.
         arms = min(arms, 1.0)
     local = piece.poses.local.copy()
     for joint, part in (("spine1", 0.4), ("spine2", 0.3), ("spine3", 0.3)):

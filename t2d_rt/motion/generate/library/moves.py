@@ -220,20 +220,25 @@ def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
 
 def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
     """Jumps one after another: forward, up, on one leg, or jumping jacks."""
-    ahead = step.direction in ("forward", "straight", None) and (step.direction is not None or maker.rng.random() < 0.4)
-    kinds = ("forward",) if ahead else ("up",)
+    kinds: tuple[str, ...] = ("forward",) if step.direction in ("forward", "straight") else ("up",)
+    if step.direction is None:
+        # Which way is left open: every recording has the same chance.
+        kinds = (maker.draw(maker.segments("jump", "forward", "up")).kind,)
     if step.direction is None and step.body_part in ("foot", "leg"):
         kinds = ("hop",) if any(each.kind == "hop" for each in maker.store.segments) else kinds
     if step.direction is None and step.body_part in ("arm", "hand"):
         kinds = ("jacks",)
     segments = maker.segments("jump", *kinds)
-    pace = {"slow": 0.85, "normal": 1.0, "fast": 1.12}[step.speed] * maker.person.tempo
+    pace = {"slow": 0.85, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
+    # Who jumps quickly takes jumps that follow one another, who jumps slowly those with standing and balancing about them.
+    often = {"slow": -1.0, "normal": 0.0, "fast": 1.0}[step.speed]
     count, total = step.count or 0, 0.0
     pieces: list[Piece] = []
     done = 0
     while done < max(1, count) or (not count and total < 0.75 * duration_s):
         fitting = [each for each in segments if each.count <= max(count - done, 1)] if count else segments
-        segment = maker.draw(fitting or segments)
+        fitting = fitting or segments
+        segment = maker.draw(fitting, [(max(each.count, 1) / each.duration_s) ** often for each in fitting])
         done += max(segment.count, 1)
         piece = edits.paced(maker.piece(segment), pace * float(np.exp(0.03 * maker.rng.standard_normal())))
         pieces.append(_thrown(maker, _begun_late(maker, piece) if not pieces else piece, step))

@@ -31,12 +31,12 @@ def sit_on_floor(score: Score, who: Performer, step: Step) -> None:
     score.put(0.05, down_s, com=(x - 0.1 * body.foot_m, y))
     for side in SIDES:
         score.move(0.0, down_s, **{f"{side}_splay": who.u(6, 14) * DEG})
-    hips = x - who.u(0.50, 0.60) * body.leg_m
+    hips = x - who.u(0.53, 0.62) * body.leg_m
     _hands_behind(score, who, hips, 0.45 * down_s, 0.5 * down_s + drop_s)
     score.wait(0.86 * down_s)
     score.put(0.0, drop_s, hips=(hips, y, body.seat_m))
     score.move(0.0, 0.8 * drop_s, balanced=0.0)
-    score.move(0.05, drop_s * 1.1, pitch=-who.u(20, 27) * DEG, flex=who.u(26, 34) * DEG)
+    score.move(0.0, drop_s, pitch=-who.u(20, 27) * DEG, flex=who.u(22, 30) * DEG)
     score.wait(drop_s)
     score.posture = "sitting on the floor"
     score.notes.append("sits on the floor")

@@ -12,7 +12,7 @@ from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate.made import ground, seat, stairs, standing, stretch
 from t2d_rt.motion.generate.made.anatomy import Anatomy
 from t2d_rt.motion.generate.made.hands import InSpace
-from t2d_rt.motion.generate.made.performer import Performer, performer, stance, tempo_of
+from t2d_rt.motion.generate.made.performer import AFTER_S, Performer, performer, shift, stance, tempo_of
 from t2d_rt.motion.generate.made.render import render
 from t2d_rt.motion.generate.made.score import INDEX, SIDES, SIGN, Grasp, Posture, Score
 from t2d_rt.motion.kinematics import Poses, Skeleton
@@ -22,6 +22,12 @@ MADE: Mapping[str, Callable[[Score, Performer, Step], None]] = {
     "stretch": stretch.stretch, "climb": stairs.climb, "walk": stairs.climb, "run": stairs.climb,
 }  # fmt: skip
 """What writes each action; walking and running are made where they go up or down a stair."""
+
+CLIMBS = "climb", "walk", "run"
+"""Those that go up or down a stair."""
+
+STEPS_AWAY = 0.8
+"""Chance of a step afterwards by who ends up standing."""
 
 SLOWEST, FASTEST = 0.4, 2.0
 """Factors on the pace by which a wanted duration may be met; longer ones rest at the end."""
@@ -68,14 +74,20 @@ def make(
     who = performer(anatomy, rng, handed=handed, step=steps[0])
     score = _start(who, steps[0], begins)
     first = score.posture
+    if begins is None and first == "standing" and steps[0].duration_s is None and steps[0].action not in CLIMBS:
+        shift(score, who)
     for step in steps:
         score.tempo = tempo_of(step, rng, tempo)
         before = len(score.moves), {side: len(score.grasps[side]) for side in SIDES}, score.now_s
         MADE[step.action](score, who, step)
-        if step.object == "handrail" and step.action not in ("climb", "walk", "run"):
+        if step.object == "handrail" and step.action not in CLIMBS:
             _hold_rail(score, who, before)
         if step.duration_s is not None:
             _lasting(score, before, step.duration_s)
+    if steps[-1].duration_s is None:
+        if score.posture == "standing" and steps[-1].action not in CLIMBS and who.chance(STEPS_AWAY):
+            shift(score, who)
+        score.wait(who.u(*AFTER_S))
     poses, table = render(score, anatomy, rng=rng, rate_hz=rate_hz)
     # Root heights of skeletons count from the balls of the feet, those of a score from the floor.
     poses = replace(poses, root=poses.root - [0.0, 0.0, anatomy.sole_m])
@@ -108,7 +120,8 @@ def _hold_rail(score: Score, who: Performer, before: tuple[int, dict[str, int], 
     start_s = before[2]
     tall = who.tall / 1.72
     point = score.place.world(who.u(-0.02, 0.12), SIGN[side] * who.u(0.34, 0.40) * tall, RAIL_M * tall)
-    goal = InSpace(point=point, elbow=(-0.8, 0.5, -0.6), fingers=(0.9, 0.0, 0.1), yaw_rad=score.place.yaw_rad)
+    # Standing, seated or bowed, the arm never lies along this way of the elbow, where it would whip round.
+    goal = InSpace(point=point, elbow=(-0.7, 0.1, -0.7), fingers=(0.9, 0.0, 0.1), yaw_rad=score.place.yaw_rad)
     end_s = max(score.now_s - 0.7, start_s + 0.8)
     score.grasps[side][before[1][side] :] = [
         Grasp(goal=goal, start_s=max(0.0, start_s - 0.3), duration_s=0.75, aside_m=0.03)

@@ -23,9 +23,13 @@ MOTOR = {
     "side": 0.3 * DEG, "twist": 0.35 * DEG, "gaze": 0.6 * DEG, "look": 0.5 * DEG, "tilt": 0.35 * DEG,
     "left_shrug": 0.3 * DEG, "right_shrug": 0.3 * DEG,
 }  # fmt: skip
-"""The same in full movement, over `MOTOR_HZ`: so that spectra of joint speeds between 3 and 12 Hz are those of recorded bends."""
+"""The same in full movement, over `MOTOR_HZ`."""
 
-HAND_SWAY_M, HAND_MOTOR_M = 0.006, 0.004
+SWAY_SLOPE, MOTOR_SLOPE = 1.2, 1.83
+"""Powers of frequency with which displacements fall; the latter so that spectra of joint speeds between 3 and 12 Hz and their jerk
+are those of recorded bends."""
+
+HAND_SWAY_M, HAND_MOTOR_M = 0.006, 0.0032
 BREATH_RAD = 0.7 * DEG
 
 
@@ -60,8 +64,8 @@ def shaken(
 ) -> np.ndarray:
     """Channels (T, C) with sway and with noise of movement; feet, hips' height and seat stay as they are."""
     found = values.copy()
-    slow = wander(rng, times_s, len(SWAY), SWAY_HZ, 1.2)
-    fast = wander(rng, times_s, len(MOTOR), MOTOR_HZ, 1.2)
+    slow = wander(rng, times_s, len(SWAY), SWAY_HZ, SWAY_SLOPE)
+    fast = wander(rng, times_s, len(MOTOR), MOTOR_HZ, MOTOR_SLOPE)
     for number, (name, size) in enumerate(SWAY.items()):
         found[:, INDEX[name]] += amount * size * slow[:, number]
     for number, (name, size) in enumerate(MOTOR.items()):
@@ -75,6 +79,6 @@ def shaken(
 
 def hand_noise(times_s: np.ndarray, moving: np.ndarray, rng: np.random.Generator, amount: float) -> np.ndarray:
     """Shifts (T, 3) [m] of a hand that is free."""
-    slow = wander(rng, times_s, 3, (0.15, 1.2), 1.2)
-    fast = wander(rng, times_s, 3, MOTOR_HZ, 1.2)
+    slow = wander(rng, times_s, 3, (0.15, 1.2), SWAY_SLOPE)
+    fast = wander(rng, times_s, 3, MOTOR_HZ, MOTOR_SLOPE)
     return amount * (HAND_SWAY_M * slow + HAND_MOTOR_M * moving[:, None] * fast)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,6 +18,13 @@ MANNER = {None: 1.0, "careful": 0.78, "happy": 1.10, "angry": 1.28, "sad": 0.82}
 SLUMP = {None: 0.0, "careful": 2.0, "happy": -3.0, "angry": 3.0, "sad": 13.0}
 """Flexion [degrees] that a manner adds to the spine, and half of it to the gaze; sad people hold the thorax flexed and the
 head down (Michalak 2009)."""
+
+BEFORE_S, AFTER_S = (0.2, 1.4), (0.0, 1.0)
+"""Time at rest before a motion and after it: recordings begin and end at no fixed instant, and motions differ by it."""
+
+SHIFT, SHIFT_ASIDE, SHIFT_BACK = (0.12, 0.34), 0.12, 0.3
+"""How far one steps ahead or back, and at most aside, before and after what is done on the spot, over stature: half a step to a
+step; and the chance that it is back."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +122,7 @@ def stance(who: Performer) -> Score:
     values["tilt"] = who.about(0, 1.5) * DEG
     score = Score(values=values)
     score.starts = {side: who.hang() for side in SIDES}
-    score.wait(who.u(0.2, 0.7))
+    score.wait(who.u(*BEFORE_S))
     return score
 
 
@@ -165,8 +172,10 @@ def step_to(
     yaw: float,
     duration_s: float,
     lift_m: float = 0.05,
+    leaves: float = 0.65,
 ) -> None:
-    """One foot goes to a point of the action's place while the other carries."""
+    """One foot goes to a point of the action's place while the other carries; `leaves` is the part of `duration_s` after which the
+    centre of mass sets off to where it then belongs."""
     there, home = middle(score, who, OTHER[side]), middle(score, who)
     score.put(
         -0.25 * duration_s,
@@ -179,7 +188,31 @@ def step_to(
     score.hump(begin, swing, **{f"{side}_z": lift_m})
     score.hump(begin - 0.08, 0.7 * swing, **{f"{side}_tip": who.u(14, 24) * DEG})
     score.wait(duration_s)
-    score.put(-0.35 * duration_s, 0.95 * duration_s, com=middle(score, who))
+    score.put((leaves - 1) * duration_s, 0.95 * duration_s, com=middle(score, who))
+
+
+WITH_THE_FOOT = 0.2
+"""`leaves` of a step that goes on, as in walking: the pelvis is half-way between the feet when the foot lands, and not over the
+one behind, so that it need not sink."""
+
+
+def shift(score: Score, who: Performer) -> None:
+    """A step of each foot to a place near by: people seldom do a thing just where they happen to stand."""
+    ahead, aside = who.u(*SHIFT) * who.tall, who.u(-SHIFT_ASIDE, SHIFT_ASIDE) * who.tall
+    if who.chance(SHIFT_BACK):
+        ahead = -0.7 * ahead  # steps back are shorter
+    first = "left" if aside > 0 else "right"
+    period, lift_m = who.u(0.55, 0.72), who.u(0.05, 0.08)
+    for side in (first, OTHER[first]):
+        x, y = stance_foot(who, side)
+        yaw = score.place.yaw_rad + SIGN[side] * who.traits["toe_out"]
+        step_to(
+            score, who, side, (x + ahead, y + aside), yaw=yaw, duration_s=period, lift_m=lift_m, leaves=WITH_THE_FOOT
+        )
+    x, y, _ = score.place.world(ahead, aside)
+    score.place = replace(score.place, x_m=x, y_m=y)
+    # Hips, too, which balance places now: what leaves balance for a seat or the floor begins from there.
+    score.put(0.0, 0.4, com=middle(score, who), hips=(0.0, 0.0))
 
 
 def turn_on_the_spot(score: Score, who: Performer, angle_rad: float) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate.made.hands import Goal, InSpace, OnBone
-from t2d_rt.motion.generate.made.performer import Performer, middle, stance, stand_tall, turn_on_the_spot
+from t2d_rt.motion.generate.made.performer import BEFORE_S, Performer, middle, stance, stand_tall, turn_on_the_spot
 from t2d_rt.motion.generate.made.render import still
 from t2d_rt.motion.generate.made.score import DEG, INDEX, OTHER, SIDES, SIGN, Score
 
@@ -120,7 +120,7 @@ def begun(score: Score, who: Performer) -> Score:
         values=dict(score.values), place=score.place, home=score.home, notes=list(score.notes), posture=score.posture
     )
     found.starts = {side: score.goal(side) for side in SIDES}
-    found.wait(who.u(0.4, 0.9))
+    found.wait(who.u(*BEFORE_S))
     return found
 
 

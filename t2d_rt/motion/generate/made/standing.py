@@ -48,7 +48,7 @@ def bend_down(score: Score, who: Performer, step: Step) -> None:
         _bend_arms_out(score, who, step)
         return
     picks = step.object == "ball" or (step.body_part is None and not touch and who.chance(0.5))
-    down_s, up_s, rest_s = who.u(0.95, 1.35), who.u(0.95, 1.3), who.u(0.1, 0.35)
+    down_s, up_s, rest_s = who.u(0.95, 1.3), who.u(0.98, 1.3), who.u(0.1, 0.35)
     stoops = step.body_part in ("waist", "foot", "leg") or who.chance(0.22)
     knees = who.u(8, 24) * DEG if stoops else who.u(45, 100) * DEG
     both = (touch and who.chance(0.5)) or (not picks and who.chance(0.5))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -28,6 +28,8 @@ UNQUANTIZED, FIRST_BATCHES = 0.3, 16
 encoder's vectors hardly differ, and code books that begin with them end with one code in use."""
 DROPOUT = 0.2
 CHECK_EVERY = 25
+SAMPLES = 96
+"""By which the profile is set, each as long as a record."""
 Progress = Callable[[float], None]
 
 
@@ -67,8 +69,7 @@ def train(
     arrays |= {f"prior.{name}": each for name, each in prior.arrays().items()}
     arrays["codebook"] = codebook(codec, architecture)
     plain = {name: np.ascontiguousarray(each.detach().numpy(), np.float32) for name, each in arrays.items()}
-    time_correlation, doppler_correlation = _residuals(architecture, plain, levels, codes)
-    plain["speckle.time"], plain["speckle.doppler"] = time_correlation, doppler_correlation
+    plain["speckle.time"], plain["speckle.doppler"] = _residuals(architecture, plain, levels, codes)
     about = {
         "records": len(records),
         "duration_s": round(sum(each.duration_s for each in records), 1),
@@ -77,10 +78,11 @@ def train(
         "seed": training.seed,
         "prior_nats": round(loss, 4),
     }
-    return BackgroundModel.of(
+    model = BackgroundModel.of(
         architecture, plain, grid, levels_db=[round(each.level_db, 3) for each in records],
         carrier_hz=records[0].carrier_hz, calibrated=all(each.calibrated for each in records), about=about,
     )  # fmt: skip
+    return _calibrated(model, levels)
 
 
 def _codec(
@@ -187,10 +189,28 @@ def _residuals(
     return time_correlation.astype(np.float32), doppler_correlation.astype(np.float32)
 
 
+def _calibrated(model: BackgroundModel, levels: list[np.ndarray], samples: int = SAMPLES) -> BackgroundModel:
+    """The model whose samples have the records' mean level in each bin: its prior draws codes not just as often as they are.
+
+    Levels and not powers: the mean power of a bin is that of the few records in which a mover has just that speed.
+    """
+    length = round(np.mean([each.shape[1] for each in levels]))
+    drawn = [np.log(model.columns(length, seed=seed).power).mean(axis=1) for seed in range(samples)]
+    profile = model.arrays["decoder.profile"].copy()
+    profile[0, : model.architecture.bins] += np.mean([each.mean(axis=1) for each in levels], axis=0) - np.mean(
+        drawn, axis=0
+    )
+    return replace(model, arrays={**model.arrays, "decoder.profile": profile})
+
+
 def _profile(padded: list[np.ndarray]) -> np.ndarray:
-    """Where the decoder begins: the mean power of each bin [nat] and the logarithm of the levels' variance, (2, padded bins)."""
-    cells = np.concatenate(padded, axis=1)
-    return np.stack([np.log(np.mean(np.exp(cells), axis=1)), np.log(cells.var(axis=1) + 1e-4)]).astype(np.float32)
+    """Where the decoder begins: level [nat] and logarithm of its variance, of each bin the median of the records, (2, padded bins).
+
+    Not those of all cells: the few records with a mover have most of the variance, and the floor of the others would stay unsteady.
+    """
+    level = np.median([each.mean(axis=1) for each in padded], axis=0)
+    variance = np.median([each.var(axis=1) for each in padded], axis=0)
+    return np.stack([level, np.log(variance + 1e-4)]).astype(np.float32)
 
 
 def _padded(levels: np.ndarray, architecture: Architecture) -> np.ndarray:

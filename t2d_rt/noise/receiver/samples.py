@@ -1,0 +1,214 @@
+"""What is done to each sample by itself or with those before it in its chirp: one kernel, whose lanes are the chirps of antennas.
+
+Thermal noise, I/Q imbalance, 1/f noise, constants, quantisation and saturation, and sums for the levels of all that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from t2d_rt.backend import Backend, flat_on_device, one_thread_at_a_time, select
+from t2d_rt.noise.receiver.draws import Draws
+from t2d_rt.noise.receiver.flicker import Filter
+from t2d_rt.noise.receiver.normals import complex_normal, hashed
+from t2d_rt.types.receiver import Adc, IqImbalance
+
+Pair = tuple[Any, Any]
+"""Real and imaginary part."""
+BEGINNINGS = 1 << 30
+"""Numbers of samples from which the states before a chirp are drawn: no chirp has so many."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stages:
+    """What is on, from the antenna to the converters; None leaves it out."""
+
+    draws: Draws
+    thermal_w: float = 0.0
+    """Power of a complex sample [W]."""
+    imbalance: IqImbalance | None = None
+    flicker: Filter | None = None
+    flicker_w: float = 0.0
+    """Factor of the filter's power [W]."""
+    adc: Adc | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Received:
+    """Samples after the stages, and sums over those of each row and antenna."""
+
+    samples: np.ndarray
+    """complex64 (row, antenna, sample)."""
+    clean_w: np.ndarray
+    """Sum of |sample before - reference|^2 [W], float32 (row, antenna)."""
+    added_w: np.ndarray
+    """Sum of |sample after - sample before - constant|^2 [W], likewise."""
+    peak: np.ndarray
+    """Greatest |I| or |Q| before the converters [sqrt(W)]."""
+    clipped: np.ndarray
+    """Samples that were clipped in I or Q."""
+
+
+@one_thread_at_a_time
+def through(
+    stages: Stages, first_row: int, clean: np.ndarray, changed: np.ndarray, constants: np.ndarray, offsets: np.ndarray,
+    reference: np.ndarray,
+) -> Received:  # fmt: skip
+    """Samples of rows from the first on (row, antenna, sample), complex64, after the stages; a row is the same bits whatever others
+    there are.
+
+    clean, changed: samples as they were and as earlier effects have left them, the same array where there are none.
+    constants: added to every sample of a row and antenna beside `offsets`, complex64 (row, antenna).
+    offsets: complex64 (antenna,), which the levels do not count.
+    reference: samples that `clean` hardly departs from, (antenna, sample).
+    """
+    import drjit as dr
+
+    backend = select("cpu")  # the same bits on a machine with a GPU
+    rows, antennas, count = clean.shape
+    work = _Work(backend, stages, count)
+    UInt32 = backend.UInt32
+    lanes = dr.arange(UInt32, rows * antennas)
+    antenna = lanes % dr.opaque(UInt32, antennas)
+    inputs = [work.flat(each) for each in ([clean] if changed is clean else [clean, changed])]
+    fixed = work.flat(reference)
+    each_row, each_antenna = (
+        dr.gather(backend.arrays.Array2f, work.flat(a), i) for a, i in ((constants, lanes), (offsets, antenna))
+    )
+    place = lanes + dr.opaque(UInt32, first_row * antennas)
+    out = dr.zeros(backend.Float32, 2 * clean.size)
+    packets = dr.opaque(UInt32, count // work.size)
+
+    def step(i: Any, state: list[Pair], sums: list[Any]) -> tuple[Any, list[Pair], list[Any]]:
+        here, sums = lanes * packets + i, list(sums)
+        before, *after = (work.read(values, here) for values in inputs)
+        level = work.read(fixed, antenna * packets + i)
+        made: list[Any] = []
+        for k in range(work.size):
+            sample, state = work.stage(i * work.size + k, place, (after or [before])[0][k], state)
+            sample = tuple(a + (b + c) for a, b, c in zip(sample, each_row, each_antenna, strict=True))
+            final = work.converted(sample, sums)
+            made += final
+            sums[0] += _power(a - b for a, b in zip(before[k], level[k], strict=True))
+            sums[1] += _power(a - b - c for a, b, c in zip(final, before[k], each_antenna, strict=True))
+        dr.scatter(out, work.packet(*made), here)
+        return i + 1, state, sums
+
+    state = work.beginning(place)
+    zeros = [dr.zeros(backend.Float32, rows * antennas) for _ in range(4)]
+    _, _, sums = dr.while_loop(
+        state=(dr.zeros(UInt32, rows * antennas), state, zeros), cond=lambda i, state, sums: i < packets, body=step,
+        labels=("i", "state", "sums"), mode="symbolic",
+    )  # fmt: skip
+    dr.eval(out, sums)
+    clean_w, added_w, peak, clipped = (np.array(each.numpy()).reshape(rows, antennas) for each in sums)
+    samples = np.asarray(out.numpy()).view(np.complex64).reshape(clean.shape)
+    return Received(samples=samples, clean_w=clean_w, added_w=added_w, peak=peak, clipped=clipped)
+
+
+class _Work:
+    """Stages as expressions of a kernel."""
+
+    def __init__(self, backend: Backend, stages: Stages, count: int) -> None:
+        import drjit as dr
+
+        self.backend, self._stages = backend, stages
+        self.size = 1 if count % 2 else 2
+        """Samples that are read and written at once."""
+        self.packet = (backend.arrays.Array2f, backend.arrays.Array4f)[self.size - 1]
+        # All numbers come in as arrays: one in the code would compile a new kernel.
+        self._seeds = [dr.opaque(backend.UInt32, word) for word in stages.draws.words("samples")]
+        self._thermal = self._opaque(math.sqrt(stages.thermal_w))
+        if stages.imbalance is not None:
+            direct, image = stages.imbalance.coefficients
+            self._factors = [self._opaque(x) for x in (direct.real, direct.imag, image.real, image.imag)]
+        if stages.flicker is not None:
+            scale = math.sqrt(stages.flicker_w)
+            self._poles = [self._opaque(each) for each in stages.flicker.poles]
+            self._gains = [self._opaque(each) for each in scale * stages.flicker.gains]
+            self._begin = [
+                [self._opaque(x) for x in row[: k + 1]] for k, row in enumerate(scale * stages.flicker.begin)
+            ]
+        if stages.adc is not None:
+            half = 2.0 ** (stages.adc.bits - 1)
+            self._steps = [self._opaque(x) for x in (stages.adc.step, 1 / stages.adc.step, -half, half - 1)]
+
+    def _opaque(self, value: float) -> Any:
+        import drjit as dr
+
+        return dr.opaque(self.backend.Float32, float(value))
+
+    def flat(self, values: np.ndarray) -> Any:
+        """Complex numbers on the device."""
+        return flat_on_device(values, self.backend.Float32)
+
+    def read(self, values: Any, place: Any) -> list[Pair]:
+        """The samples of a packet."""
+        import drjit as dr
+
+        found = dr.gather(self.packet, values, place)
+        return [(found[2 * k], found[2 * k + 1]) for k in range(self.size)]
+
+    def _drawn(self, sample: Any, place: Any) -> tuple[list[Any], list[Any]]:
+        """Words for two normal numbers."""
+        words = hashed([sample, place, *self._seeds])
+        return words[:2], words[2:]
+
+    def beginning(self, place: Any) -> list[Pair]:
+        """State of the 1/f noise before the first sample."""
+        if self._stages.flicker is None:
+            return []
+        drawn = []
+        for k in range(len(self._poles)):
+            words = self._drawn(self.backend.UInt32(BEGINNINGS + k), place)[1]
+            drawn.append(complex_normal(self.backend, *words))
+        return [
+            tuple(sum(weight * pair[part] for weight, pair in zip(row, drawn, strict=False)) for part in (0, 1))  # type: ignore[misc]
+            for row in self._begin
+        ]
+
+    def stage(self, number: Any, place: Any, sample: Pair, state: list[Pair]) -> tuple[Pair, list[Pair]]:
+        """A sample with thermal noise, image and 1/f noise; and the state of the latter."""
+        stages = self._stages
+        real, imag = sample
+        if stages.thermal_w > 0 or stages.flicker is not None:
+            first, second = self._drawn(number, place)
+        if stages.thermal_w > 0:
+            noise = complex_normal(self.backend, *first)
+            real, imag = real + self._thermal * noise[0], imag + self._thermal * noise[1]
+        if stages.imbalance is not None:
+            a, b, c, d = self._factors
+            real, imag = (a + c) * real + (d - b) * imag, (b + d) * real + (a - c) * imag
+        if stages.flicker is not None:
+            noise = complex_normal(self.backend, *second)
+            state = [
+                (pole * pair[0] + gain * noise[0], pole * pair[1] + gain * noise[1])
+                for pole, gain, pair in zip(self._poles, self._gains, state, strict=True)
+            ]
+            real, imag = real + sum(pair[0] for pair in state), imag + sum(pair[1] for pair in state)
+        return (real, imag), state
+
+    def converted(self, sample: Pair, sums: list[Any]) -> Pair:
+        """A sample after the converters; the sums get its peak, and whether it is clipped.
+
+        A full-scale tone keeps 6.02 bits + 1.76 dB over the quantisation noise of each channel (eq. 38).
+        """
+        import drjit as dr
+
+        if self._stages.adc is None:
+            return sample
+        step, per_step, lowest, highest = self._steps
+        sums[2] = dr.maximum(sums[2], dr.maximum(abs(sample[0]), abs(sample[1])))
+        codes = [dr.round(each * per_step) for each in sample]
+        inside = [dr.clip(each, lowest, highest) for each in codes]
+        clipped = (codes[0] != inside[0]) | (codes[1] != inside[1])
+        sums[3] += dr.select(clipped, self.backend.Float32(1), self.backend.Float32(0))
+        return inside[0] * step + 0.0, inside[1] * step + 0.0  # no -0
+
+
+def _power(parts: Any) -> Any:
+    return sum(part * part for part in parts)
