@@ -1,19 +1,17 @@
 """`predict` on recordings of three activities in a row, of descriptions that the network was not trained on.
 
 Samples of the test side are simulated anew, their ADC samples put one after another, and told by sliding windows.
-`python -m validation.datasets.three_activities DIR` evaluates a folder that is there.
+`python -m validation.datasets.three_activities DIR` evaluates a folder of the recipe small-hard.
 """
 
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.dataset import Dataset, Recipe, make_dataset
+from t2d_rt.dataset import Dataset, Recipe
 from t2d_rt.dataset.sample import sample
 from t2d_rt.learn.maps import LabelledMaps, maps_of
 from t2d_rt.learn.train import Augment, SavedModel, TrainOptions, scores_of, sides_of, train_model
@@ -22,7 +20,6 @@ from t2d_rt.result import Recording
 from t2d_rt.simulate import run as simulate
 from validation.report import Check, Section
 
-RECIPE = "small-hard"
 TOGETHER, RECORDINGS = 3, 12
 AWAY_S = 1.0
 """From a change of activities, from where on it counts."""
@@ -126,13 +123,6 @@ def evaluated(dataset: Dataset) -> Section:
     )  # fmt: skip
 
 
-def run() -> Section:
-    """Makes the data set and evaluates it."""
-    with tempfile.TemporaryDirectory() as folder:
-        make_dataset(Recipe.read(RECIPE), Path(folder) / RECIPE)
-        return evaluated(Dataset(Path(folder) / RECIPE))
-
-
 if __name__ == "__main__":
     section = evaluated(Dataset(sys.argv[1]))
-    print(section.note, *section.table, sep="\n")
+    print(*section.checks, section.note, *section.table, sep="\n")
