@@ -140,7 +140,6 @@ def _fidelity(options: Namespace) -> None:
     cells = folder / f"cells-{recipe.count}{'' if real is None else '-real'}"
     with ProgressBar("events") as progress:
         events = make_rungs(recipe, folder / "events", progress=progress)
-    cells = folder / f"cells_{recipe.count}{'' if real is None else '_real'}"
     with ProgressBar("training") as progress:
         found = run_study(
             read_rungs(events, recipe.count), None if real is None else real.maps, cells, progress=progress
