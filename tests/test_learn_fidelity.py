@@ -69,7 +69,6 @@ def test_the_specular_rung_is_the_twin_bit_for_bit(monkeypatch: pytest.MonkeyPat
     assert np.median(noisy) > np.median(clean) + 10
     assert not np.array_equal(centre, clean)
     assert np.all(found["seconds"] > 0)
-    assert found["seconds"][2] > found["seconds"][1]
 
 
 def test_a_stopped_study_goes_on_and_tells_what_each_step_gains(
