@@ -34,6 +34,8 @@ STEPS = (
 """What is gained by what, the better rung first."""
 FILES = "fidelity.md", "fidelity.png"
 TICKS_S = 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0
+NAMES_POINTS = 58.0
+"""Height of the names of the rungs above a panel."""
 
 Score = tuple[float, float, float]
 
@@ -121,8 +123,11 @@ def _told(value: Score | None) -> str:
 
 
 def fidelity_figure(found: Findings) -> Figure:
-    """Macro-F1 over the seconds of simulation of each rung, a panel for each learner; hollow marks have no noise."""
-    figure = NotebookFigure(figsize=(11, 5.0), layout="constrained")
+    """Macro-F1 over the seconds of simulation of each rung, a panel for each learner; hollow marks have no noise.
+
+    Names stand above the panels and the legend below them, where no mark and no interval can be.
+    """
+    figure = NotebookFigure(figsize=(11, 5.8), layout="constrained")
     axes = figure.subplots(1, len(LEARNERS), sharey=True)
     for ax, learner in zip(axes, LEARNERS, strict=True):
         for colour, (test, title) in enumerate(TESTS.items()):
@@ -139,18 +144,20 @@ def fidelity_figure(found: Findings) -> Figure:
         ax.axhline(1.0 / len(found.classes), color="0.6", linestyle=":", label="guessing")
         for rung in RUNGS:
             if rung.noise:
-                ax.annotate(
-                    rung.name, (found.seconds[rung.name], 0.02), rotation=90, fontsize=7, ha="center", va="bottom"
-                )
+                ax.text(
+                    found.seconds[rung.name], 1.02, rung.name, transform=ax.get_xaxis_transform(), rotation=90,
+                    fontsize=7, ha="center", va="bottom",
+                )  # fmt: skip
         ax.set_xscale("log")
         ax.set_xticks(TICKS_S, [f"{each:g}" for each in TICKS_S])
         ax.minorticks_off()
         times_s = [*found.seconds.values()]
-        ax.set(title=learner, xlabel="simulation of 5 s, one radar [CPU s]", ylim=(0, 1))
+        ax.set_title(learner, pad=NAMES_POINTS)
+        ax.set(xlabel="simulation of 5 s, one radar [CPU s]", ylim=(0, 1))
         ax.set_xlim(0.7 * min(times_s), 1.4 * max(times_s))
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("macro-F1, four classes")
-    axes[1].legend(fontsize=8, loc="upper left")
+    figure.legend(*axes[0].get_legend_handles_labels(), fontsize=8, ncols=3, loc="outside lower center")
     figure.suptitle("Trained on simulation alone; hollow: without noise")
     return figure
 
