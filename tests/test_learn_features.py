@@ -7,6 +7,7 @@ import pytest
 
 from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines import baseline_probabilities, features
+from t2d_rt.learn.baselines.bands import EDGES_MPS, RATES_HZ, band_features
 from t2d_rt.learn.baselines.course import Lines, course
 from t2d_rt.learn.maps import LabelledMaps
 
@@ -60,11 +61,53 @@ def test_turning_back_counts() -> None:
 
 def test_none_tells_approaching_from_receding() -> None:
     image = levels(1.5 + 1.2 * np.sin(2 * np.pi * TIME_S) * (TIME_S < 3), seed=3)
-    one, other = (features(each, SPEEDS_MPS, DURATION_S) for each in (image, image[::-1]))
-    assert len(one) > 100
-    cell = 0.2
-    for name, value in one.items():
-        assert other[name] == pytest.approx(value, abs=1.5 * cell), name
+    for kind in (features, band_features):
+        one, other = (kind(each, SPEEDS_MPS, DURATION_S) for each in (image, image[::-1]))
+        assert len(one) > 100
+        cell = 0.2
+        for name, value in one.items():
+            assert other[name] == pytest.approx(value, abs=1.5 * cell), name
+
+
+def banded(speed_mps: np.ndarray, **options: object) -> dict[str, float]:
+    return band_features(levels(speed_mps, **options), SPEEDS_MPS, DURATION_S)  # type: ignore[arg-type]
+
+
+def test_levels_of_bands_are_those_of_the_body() -> None:
+    found = banded(np.full(COLUMNS, 2.4), width_mps=0.15)
+    count = len(EDGES_MPS) - 1
+    middle = [found[f"levels of both sides {2 * count + band}"] for band in range(count)]
+    assert int(np.argmax(middle)) == EDGES_MPS.index(2.2)
+    assert middle[0] < 4 < 20 < max(middle)  # two sides without anything are 3 dB
+
+
+def test_the_way_is_that_of_the_body() -> None:
+    steady = banded(np.full(COLUMNS, 1.5))
+    assert steady["way"] == pytest.approx(7.5, rel=0.05)
+    assert steady["length of the way"] == pytest.approx(7.5, rel=0.05)
+    assert steady["behind the start"] == pytest.approx(0, abs=0.1)
+    back = banded(1.5 * np.sign(2.0 - TIME_S))  # 3 m ahead, then 4.5 m back
+    assert back["way"] == pytest.approx(1.5, abs=0.2)
+    assert back["length of the way"] == pytest.approx(7.5, rel=0.05)
+    assert back["span of the way"] == pytest.approx(4.5, rel=0.05)
+    assert back["behind the start"] == pytest.approx(3.0, rel=0.1)
+
+
+def test_modulation_has_the_rate_that_it_has() -> None:
+    rate_hz = 1.8
+    found = banded(2.6 + 0.8 * np.sin(2 * np.pi * rate_hz * TIME_S))
+    for name, first in (("modulation", 5 * (len(RATES_HZ) - 1)), ("modulation of the mean speed", 0)):
+        lines = [found[f"{name} {first + number}"] for number in range(len(RATES_HZ) - 1)]
+        assert RATES_HZ[int(np.argmax(lines))] == 1.6
+
+
+def test_a_shift_in_time_changes_bands_little() -> None:
+    speed = 1.0 + 0.8 * np.sin(2 * np.pi * 1.6 * TIME_S)
+    one, other = (levels(np.roll(speed, by), shown=np.roll(TIME_S < 2.5, by), seed=5) for by in (0, 60))
+    told_one, told_other = (band_features(each, SPEEDS_MPS, DURATION_S) for each in (one, other))
+    for name, value in told_one.items():
+        if name.startswith(("levels", "one-sided", "difference", "way")):
+            assert told_other[name] == pytest.approx(value, abs=1.6), name
 
 
 @pytest.mark.parametrize(("columns", "duration_s"), [(16, 1.0), (64, 60.0)])
@@ -81,8 +124,10 @@ def test_maps_too_short_or_too_coarse_for_steps_are_refused(columns: int, durati
 def test_noise_alone_has_finite_features_at_any_size() -> None:
     for size in ((97, 200), (16, 24), (8, 8)):
         noise = 10 * np.log10(np.random.default_rng(0).exponential(size=size))
-        found = features(noise - noise.max(), np.linspace(-5, 5, size[0]), 2.0)
-        assert np.isfinite([*found.values()]).all()
+        for kind in (features, band_features):
+            found = kind(noise - noise.max(), np.linspace(-5, 5, size[0]), 2.0)
+            assert np.isfinite([*found.values()]).all()
     silent = np.full((16, 24), -60.0)
     silent[8, 0] = 0
-    assert np.isfinite([*features(silent, np.linspace(-5, 5, 16), 2.0).values()]).all()
+    for kind in (features, band_features):
+        assert np.isfinite([*kind(silent, np.linspace(-5, 5, 16), 2.0).values()]).all()

@@ -10,10 +10,12 @@ from pydantic import ConfigDict, Field
 from t2d_rt.dataset.products import resized
 from t2d_rt.noise.background import load_background
 from t2d_rt.noise.masks import OcclusionMask
-from t2d_rt.types.fields import Fields, Number
+from t2d_rt.types.fields import Count, Fields, Number
 
 BANK = 16
 """Backgrounds that are drawn once and then taken in turn, each shifted in time."""
+VARIANTS = 8
+"""Changes of each sample for windows that slide."""
 
 
 class Augment(Fields):
@@ -36,6 +38,11 @@ class Augment(Fields):
     one, as in a window over a change of activities; the class is that of the window's middle."""
     gain_db: Annotated[Number, Field(ge=0, le=40)] = 0.0
     """Greatest decrease of the map's levels [dB], as by a stronger echo elsewhere."""
+    mirror: Annotated[Number, Field(ge=0, le=1)] = 0.0
+    """How often approaching and receding are exchanged, as by a person who turned round."""
+    variants: Annotated[Count, Field(ge=1, le=10_000)] | None = None
+    """How many different changes of each sample there are, one in an epoch, in turn; None draws new ones in each epoch. A model whose
+    features take long learns from few of them."""
 
     @classmethod
     def usual(cls) -> Augment:
@@ -45,12 +52,16 @@ class Augment(Fields):
     @classmethod
     def sliding(cls) -> Augment:
         """For windows that slide over a recording of several activities."""
-        return cls(follow=0.25, doppler=0.1, gain_db=6.0)
+        return cls(follow=0.4, doppler=0.1, gain_db=6.0, mirror=0.5, variants=VARIANTS)
 
     @property
     def some(self) -> bool:
         """Whether anything is changed."""
-        return self != Augment()
+        return self.model_copy(update={"variants": None}) != Augment()
+
+    def turn(self, epoch: int) -> int:
+        """Number of the changes of an epoch."""
+        return epoch if self.variants is None else epoch % self.variants
 
 
 FOLLOW_DB = 10.0
@@ -63,7 +74,7 @@ class Augmenter:
     def __init__(
         self, augment: Augment, size: tuple[int, int], duration_s: float, floor_db: float, *, seed: int
     ) -> None:
-        self._augment, self._duration_s, self._floor_db = augment, duration_s, floor_db
+        self.augment, self._duration_s, self._floor_db = augment, duration_s, floor_db
         self._bank = None
         if augment.background_db is not None:
             model = load_background()
@@ -73,13 +84,15 @@ class Augmenter:
 
     def __call__(self, levels: np.ndarray, rng: np.random.Generator, others: np.ndarray) -> np.ndarray:
         """Levels (speed, time) [dB, 0 at the greatest cell], changed; others (N, speed, time) may come before or after."""
-        told = self._augment
+        told = self.augment
         if told.follow > 0:
             levels = _followed(levels, others[rng.integers(len(others))], rng.uniform(-told.follow, told.follow), rng)
         if told.shift > 0:
             levels = _shifted(levels, round(rng.uniform(-told.shift, told.shift) * levels.shape[1]))
         if told.doppler > 0:
             levels = _stretched(levels, 1.0 + rng.uniform(-told.doppler, told.doppler))
+        if told.mirror > 0 and rng.random() < told.mirror:
+            levels = levels[::-1]
         if told.gain_db > 0:
             levels = levels - np.float32(rng.uniform(0, told.gain_db))
         background = None

@@ -41,10 +41,9 @@ class Batches:
         for part in self._parts:
             levels = self._maps.levels[part]
             if self._augmenter is not None:
+                turn = self._augmenter.augment.turn(self._epoch)
                 made = [
-                    self._augmenter(
-                        each, np.random.default_rng([self._seed, self._epoch, 1, int(place)]), self._maps.levels
-                    )
+                    self._augmenter(each, np.random.default_rng([self._seed, turn, 1, int(place)]), self._maps.levels)
                     for each, place in zip(levels, part, strict=True)
                 ]
                 levels = np.stack(made)

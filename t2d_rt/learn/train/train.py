@@ -63,6 +63,8 @@ def train_model(
     with torch_threads(options.threads):
         torch.manual_seed(options.seed)
         network = build(name, len(train.classes), train.size)
+        if hasattr(network, "set_axes"):  # its features are of speeds and times
+            network.set_axes(train.velocity_mps, train.duration_s)
         told = {**(about or {}), "options": options.model_dump(mode="json")}
         card = Card.of(name, train, dynamic_range_db, seed=options.seed, about=told)
         with _begun(output, card, train, val) as folder:

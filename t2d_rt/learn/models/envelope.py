@@ -1,0 +1,86 @@
+"""A perceptron on features of a map's Doppler envelope, of its course and of bands of speed: what learns most of few samples."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from t2d_rt.learn.baselines.bands import band_features
+from t2d_rt.learn.baselines.features import features
+from t2d_rt.learn.models.registry import ModelCard
+
+ABOUT = ModelCard(
+    title="envelope",
+    source="of this project: features as radar work has them since Kim and Ling (2009), a perceptron of two hidden layers",
+    counted_at=(1, 128, 128),
+    note="Features are no layers: they are not counted, nor are gradients taken through them.",
+)
+WIDTH = 192
+DROPPED_FEATURES, DROPPED = 0.1, 0.4
+FARTHEST = 4.0
+"""Standard deviations at which a feature is clipped."""
+RANGE_DB = 60.0
+"""What an input of 0 stands for, below the greatest cell; of a training with another range levels are stretched alike in use."""
+HELD = 50_000
+"""Maps whose features are kept: in training the same ones come again in each epoch."""
+AXIS = 9.8598, 5.0
+"""Greatest speed [m/s] and duration [s] where no training has set them."""
+
+
+class Envelope(nn.Module):
+    """Maps to features, and those to scores."""
+
+    velocity_mps: Tensor
+    duration_s: Tensor
+
+    def __init__(self, classes: int, size: tuple[int, int], channels: int) -> None:
+        super().__init__()
+        greatest, duration_s = AXIS
+        self.register_buffer("velocity_mps", torch.linspace(-greatest, greatest, size[0], dtype=torch.float64))
+        self.register_buffer("duration_s", torch.tensor(duration_s, dtype=torch.float64))
+        self._kept: dict[bytes, np.ndarray] = {}
+        count = channels * len(self._features(np.linspace(-RANGE_DB, 0.0, size[0] * size[1]).reshape(size)))
+        self.scaled = nn.BatchNorm1d(count, affine=False, momentum=None)
+        self.layers = nn.Sequential(
+            nn.Dropout(DROPPED_FEATURES), nn.Linear(count, WIDTH), nn.BatchNorm1d(WIDTH), nn.ReLU(),
+            nn.Dropout(DROPPED), nn.Linear(WIDTH, WIDTH), nn.BatchNorm1d(WIDTH), nn.ReLU(),
+            nn.Dropout(DROPPED), nn.Linear(WIDTH, classes),
+        )  # fmt: skip
+
+    def set_axes(self, velocity_mps: np.ndarray, duration_s: float) -> None:
+        """Speeds of the rows [m/s] and what a map covers [s], which are kept with the weights."""
+        self.velocity_mps.copy_(torch.from_numpy(np.asarray(velocity_mps, dtype=np.float64)))
+        self.duration_s.fill_(duration_s)
+        self._kept.clear()
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """Scores (N, classes)."""
+        levels = (maps.detach().cpu().numpy() - 1.0) * RANGE_DB
+        rows = [np.concatenate([self._known(channel) for channel in each]) for each in levels]
+        table = torch.from_numpy(np.stack(rows)).to(maps.device)
+        scores: Tensor = self.layers(self.scaled(table).clamp(-FARTHEST, FARTHEST))
+        return scores
+
+    def _known(self, levels: np.ndarray) -> np.ndarray:
+        if not self.training and not self._kept:
+            return self._features(levels)
+        key = hashlib.blake2b(levels.tobytes(), digest_size=16).digest()
+        if key not in self._kept:
+            if len(self._kept) >= HELD:
+                self._kept.clear()
+            self._kept[key] = self._features(levels)
+        return self._kept[key]
+
+    def _features(self, levels: np.ndarray) -> np.ndarray:
+        """Features of a map [dB], float32, finite."""
+        velocity, duration_s = self.velocity_mps.cpu().numpy(), float(self.duration_s)
+        found = {**features(levels, velocity, duration_s), **band_features(levels, velocity, duration_s)}
+        return np.nan_to_num(np.array([*found.values()], dtype=np.float32))
+
+
+def build(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
+    """The network."""
+    return Envelope(classes, size, channels)
