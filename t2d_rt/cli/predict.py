@@ -32,7 +32,12 @@ def parser() -> ArgumentParser:
     found.add_argument("--model", type=str | None, help="Folder that t2d-rt train wrote.")
     found.add_argument("--radar_file", type=str | None, help="Radar of a .npy file: a preset's name or a .yaml file.")
     found.add_argument(
-        "--step_s", type=float | None, help="From one window to the next [s]; a fifth of a window by default."
+        "--step_s", type=float | None, help="From one window to the next [s]; a tenth of a window by default."
+    )
+    found.add_argument(
+        "--least_s",
+        type=float | None,
+        help="What an activity lasts at least [s]; 0.8 of a window by default, 0 takes each window for itself.",
     )
     found.add_argument(
         "-o", "--output", type=str | None, help="Picture; by default it has RECORDING's name and ends in _classes.png."
@@ -43,7 +48,7 @@ def parser() -> ArgumentParser:
 
 
 def run(options: Namespace) -> None:
-    """Prints a line for each window and draws them."""
+    """Prints a line for each window and for each activity of the likeliest course, and draws them."""
     from t2d_rt.learn.train import load_model
     from t2d_rt.recordings import load_recording
 
@@ -57,10 +62,13 @@ def run(options: Namespace) -> None:
     from t2d_rt.learn.windows import predict
 
     recording = load_recording(source, options.radar_file)
-    found = predict(model, recording, step_s=options.step_s)
+    found = predict(model, recording, step_s=options.step_s, least_s=options.least_s)
     for start, row in zip(found.starts_s, found.probabilities, strict=True):
         best = int(row.argmax())
         say(f"{start:7.2f} to {start + found.duration_s:6.2f} s  {found.classes[best]:18}{100 * row[best]:4.0f} %")
+    say(f"likeliest course, where each activity lasts {found.least_s:g} s or more:")
+    for begin, end, number in found.pieces():
+        say(f"{begin:7.2f} to {end:6.2f} s  {found.classes[number]}")
     title = f"{source.name}, {model.card.model}"
     write_picture(prediction_figure(recording, found, title=title), picture, overwrite=options.overwrite)
     say(f"wrote {picture}")

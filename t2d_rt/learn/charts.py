@@ -85,7 +85,8 @@ def reliability_figure(scores: Scores, *, title: str) -> Figure:
 
 
 def prediction_figure(recording: Recording, found: Prediction, *, title: str) -> Figure:
-    """The spectrogram with static echoes as the network sees them, and below it the probability of each class over time."""
+    """The spectrogram with static echoes as the network sees them, and below it the probability of each class over time; the
+    names are those of the likeliest course."""
     figure = NotebookFigure(figsize=(10, 6.4), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     recording.processed(mti=found.mti).plot(title, ax=upper)
@@ -97,6 +98,11 @@ def prediction_figure(recording: Recording, found: Prediction, *, title: str) ->
     lower.stackplot(
         middles, levels.T, labels=found.classes, colors=[f"C{number}" for number in range(len(found.classes))]
     )
+    for begin, end, number in found.pieces():
+        lower.axvline(begin, color="black", linewidth=1)
+        lower.text(
+            0.5 * (begin + end), 104, found.classes[number], ha="center", va="bottom", fontsize=8, color=f"C{number}"
+        )
     lower.set(xlabel="time [s]", ylabel="probability [%]", ylim=(0, 100))
     lower.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8)
     return figure

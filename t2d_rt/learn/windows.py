@@ -8,14 +8,17 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.checks import positive
+from t2d_rt.checks import number, positive
 from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.learn.lasting import likeliest_course
 from t2d_rt.learn.maps import check_varied, relative_levels
 from t2d_rt.learn.train.saved import Card, SavedModel
 from t2d_rt.result import Recording
 
-STEPS = 5
+STEPS = 10
 """Windows that begin within the duration of one, by default."""
+LEAST = 0.8
+"""Of a window: what an activity lasts at least, by default."""
 BAND = 0.1
 """Relative difference of carriers from which a recording counts as of another band."""
 
@@ -33,6 +36,8 @@ class Prediction:
     """Of each class in each window, (W, K)."""
     mti: Literal["mean", "none"] = "mean"
     """How static echoes were taken away, as for the training."""
+    least_s: float = 0.0
+    """What an activity lasts at least."""
 
     @property
     def middles_s(self) -> np.ndarray:
@@ -40,21 +45,55 @@ class Prediction:
         return self.starts_s + 0.5 * self.duration_s
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
-        """Number of the class at each of the times (T,), that of the window whose middle is nearest: (T,)."""
-        nearest = np.argmin(np.abs(np.asarray(times_s)[:, None] - self.middles_s), axis=1)
-        return np.asarray(self.probabilities.argmax(axis=1)[nearest])
+        """Number of the class at each of the times (T,), by the likeliest course: (T,)."""
+        instants_s, found = self.course()
+        nearest = np.argmin(np.abs(np.asarray(times_s)[:, None] - instants_s), axis=1)
+        return np.asarray(found[nearest])
+
+    def course(self) -> tuple[np.ndarray, np.ndarray]:
+        """Instants from the beginning of the first window to the end of the last [s], (T,), and the number of the class at each.
+
+        An instant has the probabilities of the window whose middle is nearest. The course is that of the greatest product of
+        probabilities among those in which every activity lasts for `least_s` or more.
+        """
+        first, last = self.starts_s[0], self.starts_s[-1] + self.duration_s
+        step_s = float(np.median(np.diff(self.starts_s))) if len(self.starts_s) > 1 else self.duration_s
+        count = max(1, round((last - first) / step_s))
+        instants_s = first + (np.arange(count) + 0.5) * (last - first) / count
+        nearest = np.argmin(np.abs(instants_s[:, None] - self.middles_s), axis=1)
+        least = round(self.least_s * count / (last - first))
+        return instants_s, likeliest_course(self.probabilities[nearest], least)
+
+    def pieces(self) -> list[tuple[float, float, int]]:
+        """Beginning and end [s] of each activity of the course, and the number of its class."""
+        instants_s, found = self.course()
+        changes = np.flatnonzero(np.diff(found)) + 1
+        edges_s = [
+            self.starts_s[0],
+            *(0.5 * (instants_s[changes] + instants_s[changes - 1])),
+            self.starts_s[-1] + self.duration_s,
+        ]
+        return [
+            (float(begin), float(end), int(found[at]))
+            for begin, end, at in zip(edges_s[:-1], edges_s[1:], [0, *changes], strict=True)
+        ]
 
 
-def predict(model: SavedModel, recording: Recording, *, step_s: float | None = None) -> Prediction:
+def predict(
+    model: SavedModel, recording: Recording, *, step_s: float | None = None, least_s: float | None = None
+) -> Prediction:  # fmt: skip
     """The classes of a recording over sliding windows, each as long as the maps of the training.
 
-    step_s: from one window to the next; a fifth of a window by default.
+    step_s: from one window to the next; a tenth of a window by default.
+    least_s: what an activity lasts at least; 0.8 of a window by default, and 0 takes each window for itself.
     """
-    step_s = model.card.duration_s / STEPS if step_s is None else positive("step_s", step_s, 1e4, unit="s")
+    duration_s = model.card.duration_s
+    step_s = duration_s / STEPS if step_s is None else positive("step_s", step_s, 1e4, unit="s")
+    least_s = LEAST * duration_s if least_s is None else number("least_s", least_s, 0.0, 1e4, unit="s")
     starts_s, levels = windows_of(model, recording, step_s)
     return Prediction(
         classes=model.card.classes, starts_s=starts_s, duration_s=model.card.duration_s,
-        probabilities=model.probabilities(levels), mti=_mti(model.card),
+        probabilities=model.probabilities(levels), mti=_mti(model.card), least_s=least_s,
     )  # fmt: skip
 
 

@@ -124,4 +124,7 @@ def _body(above: np.ndarray, velocity_mps: np.ndarray, step_s: float) -> dict[st
 
 def _activity(bands: np.ndarray) -> dict[str, float]:
     active = bands[3:].max(axis=0) > ACTIVE_DB
-    return {"time of activity": float(active.mean()), "starts of activity": float(np.abs(np.diff(active.astype(int))).sum())}
+    return {
+        "time of activity": float(active.mean()),
+        "starts of activity": float(np.abs(np.diff(active.astype(int))).sum()),
+    }
