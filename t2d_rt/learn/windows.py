@@ -12,7 +12,7 @@ from t2d_rt.checks import number, positive
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.learn.lasting import likeliest_course
 from t2d_rt.learn.maps import check_varied, relative_levels
-from t2d_rt.learn.train.saved import Card, SavedModel
+from t2d_rt.learn.train.saved import Card, Ensemble, SavedModel
 from t2d_rt.result import Recording
 
 STEPS = 10
@@ -80,7 +80,7 @@ class Prediction:
 
 
 def predict(
-    model: SavedModel, recording: Recording, *, step_s: float | None = None, least_s: float | None = None
+    model: SavedModel | Ensemble, recording: Recording, *, step_s: float | None = None, least_s: float | None = None
 ) -> Prediction:  # fmt: skip
     """The classes of a recording over sliding windows, each as long as the maps of the training.
 
@@ -97,7 +97,7 @@ def predict(
     )  # fmt: skip
 
 
-def windows_of(model: SavedModel, recording: Recording, step_s: float) -> tuple[np.ndarray, np.ndarray]:
+def windows_of(model: SavedModel | Ensemble, recording: Recording, step_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Starts of the windows [s] and their maps (W, speed, time), static echoes taken away as they were for the training.
 
     Where the mean is taken away it is that of each window, as it was that of each record of the training: somebody who rests in one

@@ -6,6 +6,8 @@ them little. None tells approaching from receding.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from t2d_rt.dataset.envelope import NOTCH_MPS
@@ -65,7 +67,7 @@ def _above_noise(levels_db: np.ndarray, velocity_mps: np.ndarray) -> np.ndarray:
 def _cuts(axis: np.ndarray, edges: tuple[float, ...]) -> list[slice]:
     """Places of each band on an ascending axis; a band that has no cell of its own takes the nearest one."""
     at = np.minimum(np.searchsorted(axis, edges), len(axis) - 1)
-    return [slice(int(low), int(max(high, low + 1))) for low, high in zip(at[:-1], at[1:], strict=True)]
+    return [slice(int(low), int(max(high, low + 1))) for low, high in pairwise(at)]
 
 
 def _bands(side: np.ndarray, speed: np.ndarray, edges: tuple[float, ...]) -> np.ndarray:

@@ -14,12 +14,12 @@ from t2d_rt.learn.models.registry import ModelCard
 
 ABOUT = ModelCard(
     title="envelope",
-    source="of this project: features as radar work has them since Kim and Ling (2009), a perceptron of two hidden layers",
+    source="of this project: features as radar work has them since Kim and Ling (2009), a perceptron of one hidden layer",
     counted_at=(1, 128, 128),
     note="Features are no layers: they are not counted, nor are gradients taken through them.",
 )
-WIDTH = 192
-DROPPED_FEATURES, DROPPED = 0.1, 0.4
+WIDTH = 512
+DROPPED_FEATURES, DROPPED = 0.2, 0.5
 FARTHEST = 4.0
 """Standard deviations at which a feature is clipped."""
 RANGE_DB = 60.0
@@ -46,7 +46,6 @@ class Envelope(nn.Module):
         self.scaled = nn.BatchNorm1d(count, affine=False, momentum=None)
         self.layers = nn.Sequential(
             nn.Dropout(DROPPED_FEATURES), nn.Linear(count, WIDTH), nn.BatchNorm1d(WIDTH), nn.ReLU(),
-            nn.Dropout(DROPPED), nn.Linear(WIDTH, WIDTH), nn.BatchNorm1d(WIDTH), nn.ReLU(),
             nn.Dropout(DROPPED), nn.Linear(WIDTH, classes),
         )  # fmt: skip
 

@@ -14,7 +14,7 @@ from t2d_rt.types.fields import Count, Fields, Number
 
 BANK = 16
 """Backgrounds that are drawn once and then taken in turn, each shifted in time."""
-VARIANTS = 8
+VARIANTS = 6
 """Changes of each sample for windows that slide."""
 
 
@@ -41,8 +41,8 @@ class Augment(Fields):
     mirror: Annotated[Number, Field(ge=0, le=1)] = 0.0
     """How often approaching and receding are exchanged, as by a person who turned round."""
     variants: Annotated[Count, Field(ge=1, le=10_000)] | None = None
-    """How many different changes of each sample there are, one in an epoch, in turn; None draws new ones in each epoch. A model whose
-    features take long learns from few of them."""
+    """How many different changes of each sample there are, one in an epoch, in turn with the sample as it is; None draws new ones
+    in each epoch. Models whose features take long to find learn from few of them."""
 
     @classmethod
     def usual(cls) -> Augment:
@@ -59,9 +59,12 @@ class Augment(Fields):
         """Whether anything is changed."""
         return self.model_copy(update={"variants": None}) != Augment()
 
-    def turn(self, epoch: int) -> int:
-        """Number of the changes of an epoch."""
-        return epoch if self.variants is None else epoch % self.variants
+    def turn(self, epoch: int) -> int | None:
+        """Number of the changes of an epoch; None where samples are as they are."""
+        if self.variants is None:
+            return epoch
+        turn = epoch % (self.variants + 1)
+        return turn - 1 if turn else None
 
 
 FOLLOW_DB = 10.0

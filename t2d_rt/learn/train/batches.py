@@ -44,6 +44,8 @@ class Batches:
                 turn = self._augmenter.augment.turn(self._epoch)
                 made = [
                     self._augmenter(each, np.random.default_rng([self._seed, turn, 1, int(place)]), self._maps.levels)
+                    if turn is not None
+                    else each
                     for each, place in zip(levels, part, strict=True)
                 ]
                 levels = np.stack(made)

@@ -63,8 +63,9 @@ class Training(LightningModule):  # type: ignore[misc]
         return Batches(self._val, BATCH_OF_VALIDATION, self.dynamic_range_db, seed=0, epoch=0, shuffled=False)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
-        """Adam; the rate falls in `on_train_epoch_end`, before the state is kept."""
-        optimizer = torch.optim.Adam(self.network.parameters(), lr=self.options.rate)
+        """Adam; on a plateau the rate falls in `on_train_epoch_end`, before the state is kept."""
+        options = self.options
+        optimizer = torch.optim.AdamW(self.network.parameters(), lr=options.rate, weight_decay=options.decay)
         self._plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(
             optimizer, factor=self.options.factor, patience=self.options.plateau
         )
@@ -74,6 +75,9 @@ class Training(LightningModule):  # type: ignore[misc]
         """Whatever a network draws follows from the epoch."""
         torch.manual_seed(self.options.seed * 100_003 + self.current_epoch)
         self._losses["train"].clear()
+        if self.options.schedule == "cosine":
+            for group in self._plateau.optimizer.param_groups:
+                group["lr"] = self.options.rate_of(self.current_epoch)
 
     def on_validation_epoch_start(self) -> None:
         """Begins the sums anew."""
@@ -90,7 +94,8 @@ class Training(LightningModule):  # type: ignore[misc]
     def _loss(self, batch: tuple[Tensor, Tensor], side: str) -> Tensor:
         maps, labels = batch
         scores = self.network(maps)
-        loss = nn.functional.cross_entropy(scores, labels)
+        smoothing = self.options.smoothing if side == "train" else 0.0
+        loss = nn.functional.cross_entropy(scores, labels, label_smoothing=smoothing)
         self._losses[side].append((float(loss.detach()), len(labels)))
         self._accuracy[f"of_{side}"].update(scores.detach(), labels)
         if side == "val":
@@ -116,7 +121,8 @@ class Training(LightningModule):  # type: ignore[misc]
         self.history.append(row)
         if row["val_loss"] < before or not self.best:
             self.best = {name: each.detach().clone() for name, each in self.network.state_dict().items()}
-        self._plateau.step(row["val_loss"])
+        if self.options.schedule == "plateau":
+            self._plateau.step(row["val_loss"])
         if self.stopped:
             self.trainer.should_stop = True
         if self._keep_at is not None:
@@ -128,7 +134,9 @@ class Training(LightningModule):  # type: ignore[misc]
 
     @property
     def stopped(self) -> bool:
-        """Whether the loss has not fallen for as many epochs as the patience is."""
+        """Whether the loss on a plateau has not fallen for as many epochs as the patience is."""
+        if self.options.schedule == "cosine":
+            return False
         losses = [each["val_loss"] for each in self.history]
         return bool(losses) and len(losses) - 1 - losses.index(min(losses)) >= self.options.patience
 

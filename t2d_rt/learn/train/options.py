@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
@@ -24,6 +25,13 @@ class TrainOptions(Fields):
     """Epochs without a lower loss after which it falls; with 10, as the early stop has, it would fall in the last epoch only."""
     patience: Annotated[Count, Field(ge=1, le=10_000)] = 10
     """Epochs without a lower loss after which training stops."""
+    schedule: Literal["plateau", "cosine"] = "plateau"
+    """"plateau" lets the rate fall where the loss of the validation no longer does, and stops; "cosine" lets it rise over a seventh
+    of the epochs and fall to nothing along a cosine over the others, all of which are run (Loshchilov and Hutter 2017)."""
+    smoothing: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
+    """Part of the probability that the classes share, so that no network becomes certain (Szegedy et al. 2016)."""
+    decay: Annotated[Number, Field(ge=0, le=10)] = 0.0
+    """By which weights shrink in each step, relative to the rate (Loshchilov and Hutter 2019)."""
     epochs: Annotated[Count, Field(ge=1, le=10_000)] = 100
     """At most."""
     batch: Annotated[Count, Field(ge=2, le=100_000)] = 64
@@ -36,3 +44,10 @@ class TrainOptions(Fields):
     """Where it runs."""
     augment: Augment = Augment()
     """How samples are changed on the fly; by default they are not."""
+
+    def rate_of(self, epoch: int) -> float:
+        """Learning rate of an epoch of the schedule "cosine"."""
+        rising = max(1, round(self.epochs / 7))
+        if epoch < rising:
+            return self.rate * (epoch + 1) / (rising + 1)
+        return self.rate * 0.5 * (1.0 + math.cos(math.pi * (epoch - rising) / (self.epochs - rising)))

@@ -101,6 +101,40 @@ class SavedModel:
         return np.asarray(torch.cat(found).numpy())
 
 
+@dataclass(frozen=True, slots=True)
+class Ensemble:
+    """Several trained networks for the same maps and classes, whose probabilities are averaged."""
+
+    members: tuple[SavedModel, ...]
+
+    def __post_init__(self) -> None:
+        if not self.members:
+            raise InputError("an ensemble needs a trained network or more; give their folders")
+        first = self.members[0].card
+        for each in self.members[1:]:
+            card = each.card
+            for what, one, other in (
+                ("classes", first.classes, card.classes), ("size", first.size, card.size),
+                ("speeds", first.velocity_mps, card.velocity_mps), ("duration", first.duration_s, card.duration_s),
+                ("dynamic range", first.dynamic_range_db, card.dynamic_range_db),
+                ("treatment of static echoes", first.about.get("mti", "mean"), card.about.get("mti", "mean")),
+            ):  # fmt: skip
+                if one != other:
+                    raise InputError(
+                        f"networks that are averaged must be trained on maps alike, got {what} {one} and {other}; train them on "
+                        "the same data set"
+                    )
+
+    @property
+    def card(self) -> Card:
+        """That of the first network."""
+        return self.members[0].card
+
+    def probabilities(self, levels: np.ndarray) -> np.ndarray:
+        """Means over the networks, (N, K), of maps (N, speed, time) [dB below the greatest cell of each]."""
+        return np.asarray(np.mean([each.probabilities(levels) for each in self.members], axis=0))
+
+
 def write_model(folder: Path, saved: SavedModel) -> None:
     """Weights and card; the same training writes the same bytes of weights."""
     from safetensors.torch import save
