@@ -107,7 +107,7 @@ def test_a_training_without_an_epoch_does_not_take_the_folder(tmp_path: Path, mo
         )
     assert not (tmp_path / "gpu").exists()
     with monkeypatch.context() as patch:
-        patch.setattr("torch.nn.functional.cross_entropy", lambda scores, _: scores.sum() * float("nan"))
+        patch.setattr("torch.nn.functional.cross_entropy", lambda scores, _, **__: scores.sum() * float("nan"))
         with pytest.raises(InputError, match=r"no longer finite in epoch 1, at a rate of 0\.001; lower"):
             train_model("streaming", ridges(12), ridges(6), OPTIONS, output=tmp_path / "mine")
     assert {each.name for each in (tmp_path / "mine").iterdir()} == {"training.txt"}

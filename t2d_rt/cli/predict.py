@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   t2d-rt predict walk.zarr --model resnet                    # a class and its probability for each window; draws walk_classes.png
+  t2d-rt predict walk.zarr --model one,two,three              # probabilities are means over several networks
   t2d-rt predict capture.npy --radar_file my_radar.yaml --model resnet --step-s 0.5 -o capture.png"""
 
 
@@ -29,7 +30,7 @@ def parser() -> ArgumentParser:
         examples=EXAMPLES,
         several=True,
     )
-    found.add_argument("--model", type=str | None, help="Folder that t2d-rt train wrote.")
+    found.add_argument("--model", type=str | None, help="Folder that t2d-rt train wrote, or several by commas.")
     found.add_argument("--radar_file", type=str | None, help="Radar of a .npy file: a preset's name or a .yaml file.")
     found.add_argument(
         "--step_s", type=float | None, help="From one window to the next [s]; a tenth of a window by default."
@@ -49,7 +50,7 @@ def parser() -> ArgumentParser:
 
 def run(options: Namespace) -> None:
     """Prints a line for each window and for each activity of the likeliest course, and draws them."""
-    from t2d_rt.learn.train import load_model
+    from t2d_rt.learn.train import Ensemble, load_model
     from t2d_rt.recordings import load_recording
 
     source = Path(one_word(options, "predict", "a recording"))
@@ -57,7 +58,7 @@ def run(options: Namespace) -> None:
         raise InputError("predict needs --model, the folder that t2d-rt train wrote")
     picture = Path(options.output) if options.output else source.with_name(f"{source.stem}_classes.png")
     check_picture(picture, overwrite=options.overwrite)
-    model = load_model(options.model)
+    model = Ensemble(tuple(load_model(each) for each in options.model.split(",")))
     from t2d_rt.learn.charts import prediction_figure
     from t2d_rt.learn.windows import predict
 
@@ -69,6 +70,6 @@ def run(options: Namespace) -> None:
     say(f"likeliest course, where each activity lasts {found.least_s:g} s or more:")
     for begin, end, number in found.pieces():
         say(f"{begin:7.2f} to {end:6.2f} s  {found.classes[number]}")
-    title = f"{source.name}, {model.card.model}"
+    title = f"{source.name}, {', '.join(each.card.model for each in model.members)}"
     write_picture(prediction_figure(recording, found, title=title), picture, overwrite=options.overwrite)
     say(f"wrote {picture}")

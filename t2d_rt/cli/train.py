@@ -24,6 +24,7 @@ EXAMPLES = """examples:
   t2d-rt train small --model resnet18 -o resnet              # by description; the same command goes on where it stopped
   t2d-rt train small --model streaming --augment -o mine     # background, masks, shifts, Doppler and gain on the fly
   t2d-rt train small --model streaming --sliding -o mine     # for predict, whose windows slide over changes of activities
+  t2d-rt train hard --model envelope --size 128 --sliding --schedule cosine --rate 2e-3 --smoothing 0.1 --decay 0.05 -o mine
   t2d-rt train small --model vgg-7 --size 128 --by file -o leaky   # as the paper splits: descriptions stand on two sides"""
 
 
@@ -46,7 +47,8 @@ def parser() -> ArgumentParser:
         "--model",
         type=str,
         default="resnet18",
-        help="One of vgg-7, resnet18, vit-tiny, crnn, conv1d-lstm, conv1d-alstm-fcn or streaming, which is small and causal.",
+        help="One of vgg-7, resnet18, vit-tiny, crnn, conv1d-lstm, conv1d-alstm-fcn, streaming, which is small and causal, or "
+        "envelope, which learns most of few samples.",
     )
     add_split(found)
     found.add_argument("--size", type=int, default=64, help="Cells of speed and of time: 64, 128 or 224 are usual.")
@@ -67,6 +69,14 @@ def parser() -> ArgumentParser:
     )
     found.add_argument("--batch", type=int, default=64, help="Samples of a step.")
     found.add_argument("--rate", type=float, default=1e-3, help="Learning rate of Adam.")
+    found.add_argument(
+        "--schedule",
+        type=str,
+        default="plateau",
+        help="How the rate falls: plateau, which stops early, or cosine, which runs all epochs.",
+    )
+    found.add_argument("--smoothing", type=float, default=0.0, help="Part of the probability that the classes share.")
+    found.add_argument("--decay", type=float, default=0.0, help="By which weights shrink, relative to the rate.")
     found.add_argument("--seed", type=int, default=0, help="Seed of the split, the weights and the order.")
     found.add_argument("--threads", type=int, default=1, help="Of torch; the same weights, bit for bit, with one.")
     found.add_argument("--device", type=str, default="cpu", help="Where it runs: cpu or gpu.")
@@ -91,7 +101,8 @@ def run(options: Namespace) -> None:
     title = card(options.model).title
     chosen = TrainOptions(
         rate=options.rate, epochs=options.epochs, batch=options.batch, seed=options.seed, threads=options.threads,
-        device=options.device, augment=_augment(options),
+        device=options.device, augment=_augment(options), schedule=options.schedule, smoothing=options.smoothing,
+        decay=options.decay,
     )  # fmt: skip
     dataset = Dataset(source)
     maps = maps_of(dataset, size=(options.size, options.size), dynamic_range_db=options.dynamic_range_db)

@@ -1,0 +1,121 @@
+"""The perceptron on features, the cosine schedule, changes that come in turn, and networks that are averaged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from learn_maps import ridges
+from t2d_rt.errors import InputError
+from t2d_rt.learn.models import build
+from t2d_rt.learn.train import Augment, Ensemble, SavedModel, TrainOptions, load_model, scores_of, train_model
+from t2d_rt.learn.train.augment import Augmenter
+from t2d_rt.learn.train.batches import Batches
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
+
+SLIDING = Augment(follow=0.3, mirror=0.5, variants=2)
+OPTIONS = TrainOptions(
+    epochs=6, batch=16, rate=3e-3, schedule="cosine", smoothing=0.1, decay=0.05, augment=SLIDING
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[SavedModel, Path]:
+    folder = tmp_path_factory.mktemp("model") / "whole"
+    return train_model("envelope", ridges(60), ridges(12, seed=1), OPTIONS, output=folder), folder
+
+
+def test_it_learns_and_its_axes_are_kept_with_the_weights(trained: tuple[SavedModel, Path]) -> None:
+    model, folder = trained
+    test = ridges(30, seed=2)
+    found = model.probabilities(test.levels)
+    assert scores_of(found, test.labels).accuracy > 0.85
+    read = load_model(folder)
+    np.testing.assert_array_equal(read.probabilities(test.levels), found)
+    network = read.network
+    np.testing.assert_array_equal(network.velocity_mps.numpy(), test.velocity_mps)
+    assert float(network.duration_s) == test.duration_s
+    network.set_axes(1.7 * test.velocity_mps, test.duration_s)  # the same maps of a faster radar
+    assert np.abs(read.probabilities(test.levels) - found).max() > 0.1
+
+
+def test_a_stopped_training_goes_on_to_the_same_bits(trained: tuple[SavedModel, Path], tmp_path: Path) -> None:
+    class Killed(Exception):
+        pass
+
+    def stopping(fraction: float) -> None:
+        if fraction >= 0.5:
+            raise Killed
+
+    with pytest.raises(Killed):
+        train_model("envelope", ridges(60), ridges(12, seed=1), OPTIONS, output=tmp_path, progress=stopping)
+    went_on = train_model("envelope", ridges(60), ridges(12, seed=1), OPTIONS, output=tmp_path)
+    assert went_on.card.about["history"] == trained[0].card.about["history"]
+    for one, other in zip(went_on.network.state_dict().values(), trained[0].network.state_dict().values(), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_features_are_found_once_for_each_map() -> None:
+    network = build("envelope", 3, (32, 32)).train()
+    calls: list[int] = []
+    whole = network._features
+    network._features = lambda levels: calls.append(1) or whole(levels)
+    maps = torch.rand(4, 1, 32, 32)
+    for _ in range(3):
+        network(maps)
+    assert len(calls) == 4
+
+
+def test_the_rate_rises_and_falls_to_nothing(trained: tuple[SavedModel, Path]) -> None:
+    options = TrainOptions(rate=0.01, epochs=70, schedule="cosine")
+    rates = np.array([options.rate_of(epoch) for epoch in range(70)])
+    assert int(rates.argmax()) == 10
+    assert rates[10] == pytest.approx(0.01)
+    assert rates[40] == pytest.approx(0.005)  # half of the cosine
+    assert rates[-1] < 1e-4
+    assert rates[0] == pytest.approx(0.01 / 11)
+    history = trained[0].card.about["history"]
+    assert [each["rate"] for each in history] == pytest.approx([OPTIONS.rate_of(epoch) for epoch in range(6)])
+
+
+def test_changes_come_in_turn_with_the_sample_as_it_is() -> None:
+    maps = ridges(6)
+    augmenter = Augmenter(SLIDING, maps.size, maps.duration_s, -60.0, seed=0)
+
+    def epoch(number: int) -> np.ndarray:
+        parts = Batches(maps, 6, 60.0, seed=0, epoch=number, augmenter=augmenter, shuffled=False)
+        return next(iter(parts))[0].numpy()[:, 0]
+
+    plain = np.clip(1 + maps.levels / 60, 0, 1)
+    np.testing.assert_allclose(epoch(0), plain, atol=1e-6)
+    np.testing.assert_array_equal(epoch(3), epoch(0))
+    np.testing.assert_array_equal(epoch(1), epoch(4))
+    assert not np.array_equal(epoch(1), epoch(2))
+    assert not np.array_equal(epoch(1), epoch(0))
+
+
+def test_a_mirrored_map_recedes_where_it_approached() -> None:
+    levels = ridges(1).levels[0]
+    always = Augmenter(Augment(mirror=1.0), levels.shape, 5.0, -60.0, seed=0)
+    np.testing.assert_array_equal(always(levels, np.random.default_rng(0), levels[None]), levels[::-1])
+    assert not Augment(variants=3).some
+
+
+def test_an_ensemble_has_the_mean_of_the_probabilities(trained: tuple[SavedModel, Path]) -> None:
+    model, test = trained[0], ridges(5, seed=3)
+
+    class Even(SavedModel):
+        def probabilities(self, levels: np.ndarray) -> np.ndarray:
+            return np.full((len(levels), 3), 1 / 3)
+
+    even = Even(model.card, model.network)
+    found = Ensemble((model, even)).probabilities(test.levels)
+    np.testing.assert_allclose(found, 0.5 * (model.probabilities(test.levels) + 1 / 3), atol=1e-6)
+    with pytest.raises(InputError, match=r"must be trained on maps alike, got duration 5\.0 and 4\.0"):
+        Ensemble((model, SavedModel(replace(model.card, duration_s=4.0), model.network)))
+    with pytest.raises(InputError, match="needs a trained network or more"):
+        Ensemble(())
