@@ -81,15 +81,15 @@ def test_levels_of_bands_are_those_of_the_body() -> None:
     assert middle[0] < 4 < 20 < max(middle)  # two sides without anything are 3 dB
 
 
-def test_the_way_is_that_of_the_body() -> None:
+def test_the_track_is_that_of_the_body() -> None:
     steady = banded(np.full(COLUMNS, 1.5))
-    assert steady["way"] == pytest.approx(7.5, rel=0.05)
-    assert steady["length of the way"] == pytest.approx(7.5, rel=0.05)
+    assert steady["track"] == pytest.approx(7.5, rel=0.05)
+    assert steady["length of the track"] == pytest.approx(7.5, rel=0.05)
     assert steady["behind the start"] == pytest.approx(0, abs=0.1)
     back = banded(1.5 * np.sign(2.0 - TIME_S))  # 3 m ahead, then 4.5 m back
-    assert back["way"] == pytest.approx(1.5, abs=0.2)
-    assert back["length of the way"] == pytest.approx(7.5, rel=0.05)
-    assert back["span of the way"] == pytest.approx(4.5, rel=0.05)
+    assert back["track"] == pytest.approx(1.5, abs=0.2)
+    assert back["length of the track"] == pytest.approx(7.5, rel=0.05)
+    assert back["span of the track"] == pytest.approx(4.5, rel=0.05)
     assert back["behind the start"] == pytest.approx(3.0, rel=0.1)
 
 
@@ -106,7 +106,7 @@ def test_a_shift_in_time_changes_bands_little() -> None:
     one, other = (levels(np.roll(speed, by), shown=np.roll(TIME_S < 2.5, by), seed=5) for by in (0, 60))
     told_one, told_other = (band_features(each, SPEEDS_MPS, DURATION_S) for each in (one, other))
     for name, value in told_one.items():
-        if name.startswith(("levels", "one-sided", "difference", "way")):
+        if name.startswith(("levels", "one-sided", "difference", "track")):
             assert told_other[name] == pytest.approx(value, abs=1.6), name
 
 

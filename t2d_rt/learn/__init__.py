@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from t2d_rt.learn.models import build, count, model_names
     from t2d_rt.learn.train import (
         Augment,
+        Ensemble,
         SavedModel,
         Scores,
         TrainOptions,
@@ -25,7 +26,7 @@ _HOMES = {
     "t2d_rt.learn.maps": ("LabelledMaps", "maps_of"),
     "t2d_rt.learn.models": ("build", "count", "model_names"),
     "t2d_rt.learn.train": (
-        *("Augment", "SavedModel", "Scores", "TrainOptions"),
+        *("Augment", "Ensemble", "SavedModel", "Scores", "TrainOptions"),
         *("load_model", "scores_of", "sides_of", "train_model"),
     ),
     "t2d_rt.learn.windows": ("Prediction", "predict"),
@@ -33,8 +34,8 @@ _HOMES = {
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "Augment", "LabelledMaps", "Prediction", "SavedModel", "Scores", "TrainOptions", "build", "count", "load_model", "maps_of",
-    "model_names", "predict", "scores_of", "sides_of", "train_model",
+    "Augment", "Ensemble", "LabelledMaps", "Prediction", "SavedModel", "Scores", "TrainOptions", "build", "count", "load_model",
+    "maps_of", "model_names", "predict", "scores_of", "sides_of", "train_model",
 ]  # fmt: skip
 
 

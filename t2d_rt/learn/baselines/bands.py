@@ -32,7 +32,7 @@ LAGS_S = 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4
 SLOW = 6
 """Bands of the torso; the others are of limbs."""
 ACTIVE_DB = 6.0
-CLEAR_DB = 15.0
+BODY_DB = 15.0
 """Sum of the cells of a column, above which its mean speed is that of a body."""
 
 
@@ -110,17 +110,17 @@ def _modulation(sides: tuple[np.ndarray, np.ndarray], speed: np.ndarray, step_s:
 
 
 def _body(above: np.ndarray, velocity_mps: np.ndarray, step_s: float) -> dict[str, float]:
-    """Modulation of the mean speed, and the way that it goes."""
+    """Modulation of the mean speed, and the track of its integral [m]."""
     power = np.where((above > 3.0) & (np.abs(velocity_mps)[:, None] > NOTCH_MPS), 10.0 ** (above / 10.0), 0.0)
     total = power.sum(axis=0) + 1.0
     mean = (power * velocity_mps[:, None]).sum(axis=0) / total
-    way = np.cumsum(np.where(decibel(total) > CLEAR_DB, mean, 0.0)) * step_s
-    last = float(way[-1])
-    ahead = way if last >= 0 else -way
+    track = np.cumsum(np.where(decibel(total) > BODY_DB, mean, 0.0)) * step_s
+    last = float(track[-1])
+    ahead = track if last >= 0 else -track
     return {
         **_numbered("modulation of the mean speed", np.log(_spectrum(mean, step_s) + 0.002)),
-        "way": abs(last), "span of the way": float(np.ptp(way)), "beyond the end": float(ahead.max() - ahead[-1]),
-        "behind the start": float(-min(ahead.min(), 0.0)), "length of the way": float(np.abs(np.diff(way)).sum()),
+        "track": abs(last), "span of the track": float(np.ptp(track)), "beyond the end": float(ahead.max() - ahead[-1]),
+        "behind the start": float(-min(ahead.min(), 0.0)), "length of the track": float(np.abs(np.diff(track)).sum()),
     }  # fmt: skip
 
 

@@ -59,12 +59,12 @@ class Augment(Fields):
         """Whether anything is changed."""
         return self.model_copy(update={"variants": None}) != Augment()
 
-    def turn(self, epoch: int) -> int | None:
+    def variant(self, epoch: int) -> int | None:
         """Number of the changes of an epoch; None where samples are as they are."""
         if self.variants is None:
             return epoch
-        turn = epoch % (self.variants + 1)
-        return turn - 1 if turn else None
+        number = epoch % (self.variants + 1)
+        return number - 1 if number else None
 
 
 FOLLOW_DB = 10.0

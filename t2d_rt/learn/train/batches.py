@@ -41,10 +41,12 @@ class Batches:
         for part in self._parts:
             levels = self._maps.levels[part]
             if self._augmenter is not None:
-                turn = self._augmenter.augment.turn(self._epoch)
+                variant = self._augmenter.augment.variant(self._epoch)
                 made = [
-                    self._augmenter(each, np.random.default_rng([self._seed, turn, 1, int(place)]), self._maps.levels)
-                    if turn is not None
+                    self._augmenter(
+                        each, np.random.default_rng([self._seed, variant, 1, int(place)]), self._maps.levels
+                    )
+                    if variant is not None
                     else each
                     for each, place in zip(levels, part, strict=True)
                 ]
