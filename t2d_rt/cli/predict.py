@@ -67,7 +67,7 @@ def run(options: Namespace) -> None:
     for start, row in zip(found.starts_s, found.probabilities, strict=True):
         best = int(row.argmax())
         say(f"{start:7.2f} to {start + found.duration_s:6.2f} s  {found.classes[best]:18}{100 * row[best]:4.0f} %")
-    say(f"likeliest course, where each activity lasts {found.least_s:g} s or more:")
+    say(f"likeliest course, where each activity lasts {found.least_s:.3g} s or more:")
     for begin, end, number in found.pieces():
         say(f"{begin:7.2f} to {end:6.2f} s  {found.classes[number]}")
     title = f"{source.name}, {', '.join(each.card.model for each in model.members)}"
