@@ -9,6 +9,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,14 @@ def one_thread_of_many() -> None:
 @pytest.fixture(scope="session")
 def backend() -> Backend:
     return select("cpu")
+
+
+@pytest.fixture
+def coarse_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quarter of a body's facets and a tenth of its diffuse points' places, for tests of what is done with a recording: programs
+    run as they are written, in less time."""
+    monkeypatch.setattr(import_module("t2d_rt.body.skin"), "SAGITTA_RAD", 6.0)
+    monkeypatch.setattr(import_module("t2d_rt.scattering.mesh"), "POINT_SAGITTA_RAD", 6.0)
 
 
 @pytest.fixture(scope="session")
