@@ -59,9 +59,9 @@ def ball(
     level: int = 3,
     frames: int = 5,
     material: str | Material = "pec",
-    sagitta_rad: float | None = 0.3,
+    sagitta_rad: float = 0.3,
 ) -> MovingMesh:
-    """A sphere in straight flight, of a quarter of the facets that a mesh has by itself (which None gives)."""
+    """A sphere in straight flight, of a quarter of the facets that a mesh has by itself (0.07 rad)."""
     times = np.linspace(0, time_s, frames)
     track = np.array(start_m) + np.array(velocity_mps) * times[:, None]
     return moving(icosphere(level, radius_m), track, times, material=material, sagitta_rad=sagitta_rad)
