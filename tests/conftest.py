@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
+
+# Modules are imported and tests collected without looking for garbage among them (`pytest_collection_finish`).
+gc.disable()
 
 # Before NumPy is loaded: two processes share two cores, and waiting threads of BLAS and OpenMP take a core from the other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -58,10 +62,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
 
 
+def pytest_collection_finish() -> None:
+    """What is there by now stays, and is not looked through again and again."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """The tests' own folder for what is kept on disk; processes that they start have it, too."""
-    os.environ[VARIABLE] = str(tmp_path_factory.mktemp("cache"))
+    """The tests' own folder for what is kept on disk; all processes of a run and those that they start have it."""
+    home = tmp_path_factory.getbasetemp()
+    os.environ[VARIABLE] = str((home.parent if "PYTEST_XDIST_WORKER" in os.environ else home) / "cache")
 
 
 @pytest.fixture(scope="session", autouse=True)
