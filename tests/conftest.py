@@ -5,9 +5,6 @@ from __future__ import annotations
 import gc
 import os
 
-# Modules are imported and tests collected without looking for garbage among them (`pytest_collection_finish`).
-gc.disable()
-
 # Before NumPy is loaded: two processes share two cores, and waiting threads of BLAS and OpenMP take a core from the other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -27,6 +24,9 @@ from t2d_rt.cli import main
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.disk_cache import VARIABLE
 from t2d_rt.types import Radar
+
+# Tests are collected without looking for garbage among them (`pytest_collection_finish`).
+gc.disable()
 
 ReadField = Callable[..., np.ndarray]
 Make = Callable[..., Path]

@@ -55,7 +55,9 @@ MADE: dict[str, Callable[[Path], t2d.Recording]] = {
     "room": lambda _: t2d.simulate(tetrahedron(), scene=room(), reflections=1, **FAST),
     "movers": lambda _: t2d.simulate([FAN, tetrahedron(), FAN.mesh(0, 1)], **FAST),
     "array radar": lambda _: t2d.simulate(
-        t2d.skin(t2d.place(step())), radar=t2d.Radar.preset("array-3x4", carrier_hz=24e9, samples=64), accuracy={"sagitta_rad": 1.5}
+        t2d.skin(t2d.place(step())),
+        radar=t2d.Radar.preset("array-3x4", carrier_hz=24e9, samples=64),
+        accuracy={"sagitta_rad": 1.5},
     ),
     "tolerance": lambda _: t2d.simulate(
         tetrahedron(), radar=RADAR, scene="empty_room", reflections=1, tolerance_db=-12

@@ -216,7 +216,10 @@ def _children(corners: np.ndarray, places: np.ndarray, split: np.ndarray) -> tup
     # Corners are turned so that the split edges come first: one split edge at 0, two at 0 and 1.
     first = np.where(count == 1, split.argmax(axis=1), np.where(count == 2, (split.argmin(axis=1) + 1) % 3, 0))
     order, rows = (first[:, None] + np.arange(3)) % 3, np.arange(len(parents))[:, None]
-    nodes, places = _with_middles(corners[parents[:, None], order]), places[rows, np.concatenate([order, 3 + order], axis=1)]
+    nodes, places = (
+        _with_middles(corners[parents[:, None], order]),
+        places[rows, np.concatenate([order, 3 + order], axis=1)],
+    )
     from_2 = lengths(places[:, 3] - places[:, 2]) < lengths(places[:, 4] - places[:, 0])
     case = np.select([count < 2, count == 3, from_2], [count, 4, 3], 2)
     made = [(np.flatnonzero(case == kind), codes) for kind, all_of in enumerate(_SPLITS) for codes in all_of]

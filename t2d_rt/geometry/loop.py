@@ -185,7 +185,9 @@ def _box_spline(mesh: Topology, face: np.ndarray, weights: np.ndarray) -> Csr:
     """Places in faces whose corners all have six neighbours, (N, V)."""
     from scipy import sparse
 
-    u, v, w = (np.take(weights, [(k + i) % 3 for i in range(3)], axis=1) for k in range(3))  # of each corner, of the next one and of the one before
+    u, v, w = (
+        np.take(weights, [(k + i) % 3 for i in range(3)], axis=1) for k in range(3)
+    )  # of each corner, of the next one and of the one before
     u2, v2, w2 = u * u, v * v, w * w
     corner = (
         6 * u2 * u2 + 24 * u2 * u * (v + w) + u2 * (24 * v2 + 60 * v * w + 24 * w2)

@@ -71,9 +71,9 @@ def _sionna_table() -> Any:
     for folder in (package and package.submodule_search_locations) or ():
         spec = spec_from_file_location("_itu_of_sionna", Path(folder) / "rt" / "radio_materials" / "itu.py")
         if spec is not None and spec.loader is not None and Path(str(spec.origin)).is_file():
-            itu = module_from_spec(spec)
-            spec.loader.exec_module(itu)
-            return itu
+            table = module_from_spec(spec)
+            spec.loader.exec_module(table)
+            return table
     from sionna.rt.radio_materials import itu  # a Sionna with other files
 
     return itu
