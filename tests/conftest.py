@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 # Before NumPy is loaded: two processes share two cores, and waiting threads of BLAS and OpenMP take a core from the other.
@@ -9,6 +10,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,9 @@ from t2d_rt.cli import main
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.disk_cache import VARIABLE
 from t2d_rt.types import Radar
+
+# Tests are collected without looking for garbage among them (`pytest_collection_finish`).
+gc.disable()
 
 ReadField = Callable[..., np.ndarray]
 Make = Callable[..., Path]
@@ -57,10 +62,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
 
 
+def pytest_collection_finish() -> None:
+    """What is there by now stays, and is not looked through again and again."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """The tests' own folder for what is kept on disk; processes that they start have it, too."""
-    os.environ[VARIABLE] = str(tmp_path_factory.mktemp("cache"))
+    """The tests' own folder for what is kept on disk; all processes of a run and those that they start have it."""
+    home = tmp_path_factory.getbasetemp()
+    os.environ[VARIABLE] = str((home.parent if "PYTEST_XDIST_WORKER" in os.environ else home) / "cache")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -75,6 +88,14 @@ def one_thread_of_many() -> None:
 @pytest.fixture(scope="session")
 def backend() -> Backend:
     return select("cpu")
+
+
+@pytest.fixture
+def coarse_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quarter of a body's facets and a tenth of its diffuse points' places, for tests of what is done with a recording: programs
+    run as they are written, in less time."""
+    monkeypatch.setattr(import_module("t2d_rt.body.skin"), "SAGITTA_RAD", 6.0)
+    monkeypatch.setattr(import_module("t2d_rt.scattering.mesh"), "POINT_SAGITTA_RAD", 6.0)
 
 
 @pytest.fixture(scope="session")

@@ -45,7 +45,7 @@ def records() -> list[BackgroundRecord]:
 
 @pytest.fixture(scope="module")
 def model(records: list[BackgroundRecord]) -> BackgroundModel:
-    return learn_background(records, codes=8, heads=2, codec_steps=120, prior_steps=40, seed=1)
+    return learn_background(records, codes=8, heads=2, codec_steps=80, prior_steps=30, seed=1)
 
 
 def level(found: Background) -> np.ndarray:
@@ -100,7 +100,7 @@ def test_decoder_and_prior_without_torch_are_those_that_were_trained(model: Back
 
 
 def test_training_repeats_bit_for_bit(records: list[BackgroundRecord]) -> None:
-    short = [learn_background(records[:2], codes=4, heads=1, codec_steps=3, prior_steps=2, seed=2) for _ in range(2)]
+    short = [learn_background(records[:1], codes=4, heads=1, codec_steps=3, prior_steps=2, seed=2) for _ in range(2)]
     for name, values in short[0].arrays.items():
         np.testing.assert_array_equal(values, short[1].arrays[name], err_msg=name)
 

@@ -324,7 +324,7 @@ def test_a_weak_corner_beside_a_strong_one_is_kept(backend: Backend, corner: Mov
 
 def test_surfaces_too_large_for_the_memory_are_refused(corner: MovingMesh) -> None:
     square = np.array([[4.0, -4, -4], [4, 4, -4], [4, 4, 4], [4, -4, 4]])
-    wall = static_mesh(square, np.array([[0, 2, 1], [0, 3, 2]]), until_s=0.1)
+    wall = static_mesh(square, np.array([[0, 2, 1], [0, 3, 2]]), until_s=0.1, sagitta_rad=1.0)
     with pytest.raises(
         InputError, match=r"tracing rays from .* GB of memory, more than the limit .* or take bounces=1"
     ):

@@ -27,6 +27,8 @@ from t2d_rt import backend, summation
 from t2d_rt.compare import compare
 from t2d_rt.radar.synthesize import synthesize
 
+pytestmark = pytest.mark.usefixtures("coarse_bodies")
+
 QUICK = ("--method", "ellipsoid", "--radar", "ci4r", "--stop-s", "0.3")
 
 

@@ -7,7 +7,6 @@ import runpy
 import shlex
 import sys
 import warnings
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,8 @@ from builders import ROOT, WALK
 from measures import check_picture, nmse_db
 from t2d_rt.cli import main
 from t2d_rt.errors import T2DWarning
+
+pytestmark = pytest.mark.usefixtures("coarse_bodies")
 
 FRAMES, DOCS_FRAMES = 20, 200
 README = ROOT / "README.md"
@@ -46,12 +47,6 @@ def commands(page: Path, line: int, text: str) -> list[tuple[str, list[str]]]:
         for offset, each in enumerate(text.splitlines())
         if each.startswith("t2d-rt ")
     ]
-
-
-@pytest.fixture(autouse=True)
-def coarse_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A quarter of the facets: programs run as they are written, in less time."""
-    monkeypatch.setattr(import_module("t2d_rt.body.skin"), "SAGITTA_RAD", 6.0)
 
 
 def write_walk(path: Path, frame_count: int) -> None:

@@ -20,7 +20,7 @@ from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.scene import Slab
 from validation.robustness.api_arguments import FACES, TETRAHEDRON, TIMES_S, egg, walk
 
-RADAR = t2d.Radar.preset("ci4r", prf_hz=2000, samples=32)
+RADAR = t2d.Radar.preset("ci4r", carrier_hz=24e9, prf_hz=2000, samples=32)
 MOTIONS = Path(__file__).parents[1] / "examples" / "motions"
 FAN = t2d.TableFan(position_m=(3, -1, 1), rpm=120)
 FAST = {"radar": RADAR, "accuracy": {"sagitta_rad": 1.5}}
@@ -55,7 +55,9 @@ MADE: dict[str, Callable[[Path], t2d.Recording]] = {
     "room": lambda _: t2d.simulate(tetrahedron(), scene=room(), reflections=1, **FAST),
     "movers": lambda _: t2d.simulate([FAN, tetrahedron(), FAN.mesh(0, 1)], **FAST),
     "array radar": lambda _: t2d.simulate(
-        t2d.skin(step()), radar=t2d.Radar.preset("array-3x4", samples=64), accuracy={"sagitta_rad": 1.5}
+        t2d.skin(t2d.place(step())),
+        radar=t2d.Radar.preset("array-3x4", carrier_hz=24e9, samples=64),
+        accuracy={"sagitta_rad": 1.5},
     ),
     "tolerance": lambda _: t2d.simulate(
         tetrahedron(), radar=RADAR, scene="empty_room", reflections=1, tolerance_db=-12

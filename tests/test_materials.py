@@ -8,7 +8,7 @@ import pytest
 
 from t2d_rt.body.materials import BODY_MATERIALS, resolve_material, skin_permittivity
 from t2d_rt.errors import InputError
-from t2d_rt.propagation.materials import itu_material, itu_names
+from t2d_rt.propagation.materials import _sionna_table, itu_material, itu_names
 from t2d_rt.types import PEC, Material
 
 CARRIER_HZ = 77e9
@@ -94,3 +94,12 @@ def test_unknown_itu_material_lists_the_names() -> None:
 def test_itu_names_depend_on_frequency() -> None:
     assert "brick" in itu_names(28e9)
     assert "brick" not in itu_names(CARRIER_HZ)
+
+
+def test_the_table_is_sionnas_and_sionna_is_not_imported_for_it() -> None:
+    from sionna.rt.radio_materials import itu
+
+    found = _sionna_table()
+    assert found.ITU_MATERIALS_PROPERTIES == itu.ITU_MATERIALS_PROPERTIES
+    assert found.itu_material("concrete", CARRIER_HZ) == itu.itu_material("concrete", CARRIER_HZ)
+    assert found is not itu, "all of Sionna RT takes a second to import"

@@ -207,7 +207,7 @@ def test_scene_radar_and_target_may_be_moved_together() -> None:
             for s in room.surfaces
         ),
     )
-    target = ball((3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05)
+    target = ball((3.0, 0.2, 1.1), (-1.0, 0.3, 0.2), 0.05, sagitta_rad=0.07)
     # Patches are cut in the pose at rest, which a body brings with it.
     there = MovingMesh.from_track(
         lambda t: target.at(t) @ rotation.T + shift, target.faces, target.times_s, material="pec", rest=target.rest

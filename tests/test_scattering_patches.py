@@ -60,7 +60,7 @@ def spreads(values: np.ndarray, parts: Patches) -> np.ndarray:
     return np.array([np.ptp(values[a:b], axis=0) for a, b in zip(parts.starts, parts.starts[1:], strict=False)])
 
 
-def path_speeds(mesh: MovingMesh, fine: Refinement, parts: Patches, radar: Radar, count: int = 61) -> np.ndarray:
+def path_speeds(mesh: MovingMesh, fine: Refinement, parts: Patches, radar: Radar, count: int = 31) -> np.ndarray:
     """How fast the path over each facet's centroid grows, by central differences at instants of this test's own, (F, count)."""
     step = 1e-5
     times_s = np.linspace(step, mesh.times_s[-1] - step, count)

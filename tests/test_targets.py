@@ -32,7 +32,7 @@ def limbs() -> t2d.Ellipsoids:
 
 TARGETS: dict[str, Callable[[], Any]] = {
     "motion": walk,
-    "body": lambda: t2d.skin(walk()),
+    "body": lambda: t2d.skin(t2d.place(walk())),
     "segments": lambda: t2d.segments(walk()),
     "mesh": lambda: ball((3.0, 0.2, 1.0), (-1.0, 0, 0), SPAN_S[1]),
     "ellipsoids": limbs,

@@ -73,8 +73,8 @@ class _Surface:
         limits = np.broadcast_to(limit_rad, (len(self.points),))[self.mesh.faces]
         face, corners = np.arange(count), np.tile(PARTS * np.eye(3, dtype=np.int64), (count, 1, 1))
         known = _Nodes(self)
+        nodes = known.numbers(face, corners)
         for _ in range(MOST_LEVELS):
-            nodes = known.numbers(face, corners)
             places = known.places[nodes]
             limit = (corners.mean(axis=1) / PARTS * limits[face]).sum(axis=1)
             wanted = _split(_edge_sagittas(nodes, known.places, wavenumber, range_m) / limit[:, None])
@@ -86,10 +86,13 @@ class _Surface:
             split = flagged[nodes[:, 3:]]
             if not split.any():
                 break
-            face, corners = _children(face, corners, places, split)
+            same, parent, corners = _children(corners, places, split)
+            face = face[parent]
             if len(face) > max_faces:
                 raise too_many_faces(len(face), max_faces)
-        used, nodes = np.unique(known.numbers(face, corners), return_inverse=True)
+            # Facets that stay have numbers for all of their nodes.
+            nodes = np.concatenate([nodes[parent[:same]], known.numbers(face[same:], corners[same:])])
+        used, nodes = np.unique(nodes, return_inverse=True)
         nodes = nodes.reshape(-1, 6).astype(np.int32)
         operator, linear = known.rows(used)
         return Refinement(
@@ -100,18 +103,20 @@ class _Surface:
     def ids(self, face: np.ndarray, place: np.ndarray) -> np.ndarray:
         """A number for each place, the same from all faces that it lies in: of the vertex, edge or face, and where in it."""
         mesh, zeros = self.mesh, place == 0
-        vertices, rows = mesh.faces[face], np.arange(len(face))
-        on_vertex, on_edge = (zeros.sum(axis=1) == n for n in (2, 1))
-        corner, beyond = place.argmax(axis=1), zeros.argmax(axis=1)
+        count = zeros[:, 0].astype(np.int8) + zeros[:, 1] + zeros[:, 2]
+        owner = mesh.vertex_count + len(mesh.edges) + face
+        first, second = place[:, 0].copy(), np.where(count, 0, place[:, 1])
+        on_vertex = np.flatnonzero(count == 2)
+        # The corner is the one part that is not zero.
+        owner[on_vertex] = mesh.faces[face[on_vertex], 2 - 2 * ~zeros[on_vertex, 0] - ~zeros[on_vertex, 1]]
+        first[on_vertex] = 0
+        on_edge = np.flatnonzero(count == 1)
+        beyond = 2 - 2 * zeros[on_edge, 0] - zeros[on_edge, 1]
         one, two = (beyond + 1) % 3, (beyond + 2) % 3
-        smaller = np.where(vertices[rows, one] < vertices[rows, two], one, two)
-        owner = np.select(
-            [on_vertex, on_edge],
-            [vertices[rows, corner], mesh.vertex_count + mesh.face_edges[face, one]],
-            mesh.vertex_count + len(mesh.edges) + face,
-        )
-        first = np.select([on_vertex, on_edge], [0, place[rows, smaller]], place[:, 0])
-        second = np.where(on_vertex | on_edge, 0, place[:, 1])
+        here = face[on_edge]
+        smaller = np.where(mesh.faces[here, one] < mesh.faces[here, two], one, two)
+        owner[on_edge] = mesh.vertex_count + mesh.face_edges[here, one]
+        first[on_edge] = place[on_edge, smaller]
         return (owner * (PARTS + 1) + first) * (PARTS + 1) + second
 
 
@@ -130,7 +135,7 @@ class _Nodes:
         """Numbers (N, 6) of the nodes of facets with `corners` (N, 3, 3) in faces (N,), corners first."""
         six = _with_middles(corners).reshape(-1, 3)
         face = np.repeat(face, 6)
-        ids, first, inverse = np.unique(self._surface.ids(face, six), return_index=True, return_inverse=True)
+        ids, first, inverse = _unique(self._surface.ids(face, six))
         at = np.minimum(np.searchsorted(self._ids, ids), max(len(self._ids) - 1, 0))
         new = np.ones(len(ids), bool) if not len(self._ids) else self._ids[at] != ids
         if new.any():
@@ -162,6 +167,19 @@ class _Nodes:
         self._ids, self._numbers = ids[order], numbers[order]
 
 
+def _unique(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values (N,) once each and in order, where each occurs first, and the place of each value among them (N,).
+
+    `np.unique` sorts stably, which takes several times as long.
+    """
+    order = np.argsort(values)
+    ordered = values[order]
+    new = np.diff(ordered, prepend=ordered[:1] - 1) > 0
+    starts, inverse = np.flatnonzero(new), np.empty_like(order)
+    inverse[order] = np.cumsum(new) - 1
+    return ordered[starts], np.minimum.reduceat(order, starts), inverse
+
+
 def _with_middles(corners: np.ndarray) -> np.ndarray:
     """Corners (N, 3, 3) and the middles of their edges, (N, 6, 3)."""
     return np.concatenate([corners, (corners + np.roll(corners, -1, axis=1)) // 2], axis=1)
@@ -175,8 +193,9 @@ def _edge_sagittas(nodes: np.ndarray, places: np.ndarray, wavenumber: float, ran
     corners, middles = places[nodes[:, :3]], places[nodes[:, 3:]]
     ends = np.roll(corners, -1, axis=1)
     across = np.repeat(edge_cross(corners), 3, axis=0)
-    sums = np.stack([np.bincount(nodes[:, :3].ravel(), each, len(places)) for each in across.T], axis=1)[nodes[:, :3]]
-    normal = unit(unit(sums) + unit(np.roll(sums, -1, axis=1)))
+    sums = np.stack([np.bincount(nodes[:, :3].ravel(), each, len(places)) for each in across.T], axis=1)
+    at_corners = unit(sums)[nodes[:, :3]]
+    normal = unit(at_corners + np.roll(at_corners, -1, axis=1))
     depth = np.abs(np.einsum("nij,nij->ni", middles - (corners + ends) / 2, normal))
     return 2 * wavenumber / 6 * (8 * depth + ((ends - corners) ** 2).sum(axis=2) / range_m)
 
@@ -186,18 +205,26 @@ def _split(sagitta: np.ndarray) -> np.ndarray:
     return (sagitta.mean(axis=1, keepdims=True) > 1) & (sagitta > LEAST_SPLIT)
 
 
-def _children(
-    face: np.ndarray, corners: np.ndarray, places: np.ndarray, split: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Facets that others (N,), (N, 3, 3) fall into by their split edges (N, 3); nodes are at `places` (N, 6, 3)."""
-    rows, count = np.arange(len(face))[:, None], split.sum(axis=1)
+def _children(corners: np.ndarray, places: np.ndarray, split: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+    """Facets that others with `corners` (N, 3, 3) fall into by their split edges (N, 3); nodes are at `places` (N, 6, 3).
+
+    How many are not split, which come first; the facet that each lies in (M,); their corners (M, 3, 3).
+    """
+    count = split[:, 0].astype(np.int8) + split[:, 1] + split[:, 2]
+    same, parents = np.flatnonzero(count == 0), np.flatnonzero(count)
+    count, split, places = count[parents], split[parents], places[parents]
     # Corners are turned so that the split edges come first: one split edge at 0, two at 0 and 1.
     first = np.where(count == 1, split.argmax(axis=1), np.where(count == 2, (split.argmin(axis=1) + 1) % 3, 0))
-    order = (first[:, None] + np.arange(3)) % 3
-    nodes, places = _with_middles(corners[rows, order]), places[rows, np.concatenate([order, 3 + order], axis=1)]
+    order, rows = (first[:, None] + np.arange(3)) % 3, np.arange(len(parents))[:, None]
+    nodes, places = (
+        _with_middles(corners[parents[:, None], order]),
+        places[rows, np.concatenate([order, 3 + order], axis=1)],
+    )
     from_2 = lengths(places[:, 3] - places[:, 2]) < lengths(places[:, 4] - places[:, 0])
     case = np.select([count < 2, count == 3, from_2], [count, 4, 3], 2)
     made = [(np.flatnonzero(case == kind), codes) for kind, all_of in enumerate(_SPLITS) for codes in all_of]
-    return np.concatenate([face[pick] for pick, _ in made]), np.concatenate(
-        [nodes[pick][:, codes] for pick, codes in made]
+    return (
+        len(same),
+        np.concatenate([same, *(parents[pick] for pick, _ in made)]),
+        np.concatenate([corners[same], *(nodes[pick][:, codes] for pick, codes in made)]),
     )

@@ -21,8 +21,14 @@ def cross(a: Any, b: Any) -> tuple[Any, Any, Any]:
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors of length one along the last axis; zero stays zero."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    """Vectors of length one along the last axis; zero stays zero.
+
+    `np.linalg.norm` takes several times as long, and adds the squares in the same order.
+    """
+    squares = vectors[..., 0] * vectors[..., 0]
+    for k in range(1, vectors.shape[-1]):
+        squares = squares + vectors[..., k] * vectors[..., k]
+    return np.asarray(vectors / np.maximum(np.sqrt(squares), 1e-12)[..., None])
 
 
 def lengths(vectors: np.ndarray) -> np.ndarray:
@@ -35,5 +41,6 @@ def lengths(vectors: np.ndarray) -> np.ndarray:
 
 def edge_cross(corners: np.ndarray) -> np.ndarray:
     """Cross product (..., 3) of two edges of triangles (..., 3, 3): along the normal, twice as long as the area is large."""
-    a, b, c = np.moveaxis(corners, -2, 0)
-    return np.cross(b - a, c - a)
+    a = corners[..., 0, :]
+    one, two = corners[..., 1, :] - a, corners[..., 2, :] - a
+    return np.stack(cross(np.moveaxis(one, -1, 0), np.moveaxis(two, -1, 0)), axis=-1)

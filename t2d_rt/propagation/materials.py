@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from functools import cache
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import Any
 
 from t2d_rt.backend import select
@@ -58,11 +61,19 @@ def itu_names(frequency_hz: float) -> list[str]:
     return sorted(name for name, ranges in table.items() if any(low <= ghz <= high for low, high in ranges))
 
 
+@cache
 def _sionna_table() -> Any:
-    """Sionna's module with the ITU table; Sionna picks a Mitsuba variant on import unless there is one already."""
+    """Sionna's module with the ITU table, read from its file: all of Sionna RT, none of which it needs, takes 1.5 s to import."""
     mi = imported()
     if mi.variant() is None:
         mi.set_variant(select().mitsuba_variant)
-    from sionna.rt.radio_materials import itu
+    package = find_spec("sionna")
+    for folder in (package and package.submodule_search_locations) or ():
+        spec = spec_from_file_location("_itu_of_sionna", Path(folder) / "rt" / "radio_materials" / "itu.py")
+        if spec is not None and spec.loader is not None and Path(str(spec.origin)).is_file():
+            table = module_from_spec(spec)
+            spec.loader.exec_module(table)
+            return table
+    from sionna.rt.radio_materials import itu  # a Sionna with other files
 
     return itu

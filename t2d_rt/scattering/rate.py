@@ -131,7 +131,8 @@ def _mean_squares(
         return float(phase), 0.0
 
     def squares(faces: np.ndarray) -> tuple[float, float]:
-        edges = points[:, faces[:, 1]] - points[:, faces[:, 0]]
+        edges = points.take(faces[:, 1], axis=1)
+        edges -= points.take(faces[:, 0], axis=1)  # `take` is several times as fast as an index
         rotation = np.diff(edges.reshape(len(begin_s), PROBE_FRAMES, -1, 3), axis=1)
         return float(np.vdot(rotation, rotation)) / rotation.size, float(np.vdot(edges, edges)) / edges.size
 
