@@ -17,7 +17,7 @@ from t2d_rt.learn.baselines import Centroids
 from t2d_rt.learn.benchmark import SCALES, Scale, cells, cells_of, claims, conditions, run_cells, write_report
 from t2d_rt.learn.benchmark.claims import confused_pairs, interval, verdict
 from t2d_rt.learn.benchmark.scales import JUDGED
-from t2d_rt.learn.train import TrainOptions
+from t2d_rt.learn.train import TrainOptions, train_model
 
 pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
 
@@ -159,7 +159,35 @@ def test_conditions_are_trained_and_tested_one_by_one(
     assert (
         "has one condition only, ellipsoids" in run("benchmark", "conditions", str(one), "-o", str(tmp_path / "x")).err
     )
-    assert "takes the folder of a data set, got none" in run("benchmark", "conditions", "-o", str(tmp_path / "x")).err
+    assert "takes the folder of a data set, or several" in run("benchmark", "conditions", "-o", str(tmp_path / "x")).err
+
+
+def test_data_sets_are_conditions_too(tmp_path: Path, run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conditions, "OPTIONS", TrainOptions(epochs=1, batch=8))
+    monkeypatch.setattr(conditions, "SEEDS", (0,))
+    seen = []
+    monkeypatch.setattr(
+        conditions,
+        "train_model",
+        lambda name, train, val, options: seen.append((train, val)) or train_model(name, train, val, options),
+    )
+    clean, noisy = (
+        str(write_dataset(tmp_path / name, many(classes=["walking", "falling"], noise=noise)))
+        for name, noise in (("clean", "none"), ("noisy", "receiver"))
+    )
+    done = run("benchmark", "conditions", clean, noisy, "-o", str(tmp_path / "found"))
+    assert done.code == 0, done.err
+    text = (tmp_path / "found" / "conditions.md").read_text()
+    assert "# Conditions of clean, noisy" in text
+    assert "| trained on | tested on clean | tested on noisy |" in text
+    for train, val in seen:  # a sentence of both sets stands on one side
+        assert not set(train.groups["description"]) & set(val.groups["description"])
+    assert len(seen[2][0]) == len(seen[0][0]) + len(seen[1][0])
+    twice = run("benchmark", "conditions", clean, clean, "-o", str(tmp_path / "x"))
+    assert "two data sets are in folders that are called clean" in twice.err
+    other = str(write_dataset(tmp_path / "other", many(classes=["walking", "sitting"])))
+    assert "cannot be joined" in run("benchmark", "conditions", clean, other, "-o", str(tmp_path / "x")).err
+    assert not (tmp_path / "x").exists()
 
 
 def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:

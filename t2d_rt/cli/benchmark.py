@@ -24,10 +24,11 @@ EXAMPLES = """examples:
   t2d-rt benchmark models --scale paper -o plan              # what it would take; nothing is trained
   t2d-rt benchmark fidelity --real parrad_part1.npz -o fidelity   # ellipsoids, mesh, noise, room: what each is worth
   t2d-rt benchmark fidelity --per-class 20 -o fidelity       # more events than before, and no real ones
-  t2d-rt benchmark conditions carriers -o conditions         # a folder of dataset carriers: trained at one, tested at another"""
+  t2d-rt benchmark conditions carriers -o conditions         # a folder of dataset carriers: trained at one, tested at another
+  t2d-rt benchmark conditions clean noisy masked -o noise    # several data sets, each a condition"""
 
-WORDS = {"models": 0, "fidelity": 0, "conditions": 1}
-"""What is compared, each with how many names follow it."""
+WORDS = "models", "fidelity", "conditions"
+"""What is compared."""
 TAKES = {
     "models": {"scale", "simple", "hard", "minutes", "workers"},
     "fidelity": {"real", "per_class", "seed"},
@@ -44,10 +45,10 @@ def parser() -> ArgumentParser:
         "Trains and tests all models on Simple and Hard, split by file, by description and by clip, and writes report.md with "
         "pictures: accuracy with intervals, size and speed, and the paper's claims one by one. Or trains on the same events by "
         "several fidelities, tests on the highest and on real events, and writes fidelity.md with its chart; or trains under each "
-        "condition of a data set, tests under each, and writes conditions.md. Needs the extra [learn].",
+        "condition of a data set or several, tests under each, and writes conditions.md. Needs the extra [learn].",
         config=False,
-        noun="models | fidelity | conditions DATA -o DIR",
-        file="What is compared: models, fidelity, or conditions, which takes the folder of a data set.",
+        noun="models | fidelity | conditions DATA... -o DIR",
+        file="What is compared: models, fidelity, or conditions, which takes folders of data sets.",
         examples=EXAMPLES,
         several=True,
     )
@@ -86,8 +87,8 @@ def run(options: Namespace) -> None:
     verb, *names = options.file or ["nothing"]
     if verb not in WORDS:
         raise InputError(f"benchmark compares {', '.join(WORDS)}, got {verb}; t2d-rt benchmark --help shows examples")
-    if len(names) != WORDS[verb]:
-        wanted = "the folder of a data set" if WORDS[verb] else "no further name"
+    if bool(names) != (verb == "conditions"):
+        wanted = "no further name" if names else "the folder of a data set, or several"
         raise InputError(f"benchmark {verb} takes {wanted}, got {' '.join(names) or 'none'}")
     if options.output is None:
         raise InputError("benchmark needs -o, the folder to write")
@@ -149,12 +150,12 @@ def _fidelity(options: Namespace) -> None:
 
 
 def _conditions(options: Namespace) -> None:
-    """Trains and tests under each condition of a data set."""
+    """Trains and tests under each condition of data sets."""
     from t2d_rt.dataset import Dataset
     from t2d_rt.learn.benchmark import run_conditions
 
     with ProgressBar("conditions") as progress:
-        path = run_conditions(Dataset(options.file[1]), Path(options.output), progress=progress)
+        path = run_conditions([Dataset(each) for each in options.file[1:]], Path(options.output), progress=progress)
     say(f"wrote {path}")
 
 

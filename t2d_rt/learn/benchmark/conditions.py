@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,44 +42,80 @@ def trainings(conditions: Sequence[str]) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def run_conditions(dataset: Dataset, folder: Path, *, progress: Callable[[float], None] | None = None) -> Path:
-    """Trains under each condition of a data set and tests under each, by description; writes conditions.md, whose path it gives.
+@dataclass(frozen=True, slots=True)
+class _Samples:
+    """Samples of one data set or several, each with its condition."""
 
-    Cells, one for each training and seed, are kept in `folder`; those that are there are not run again.
-    """
-    conditions = tuple(each.name for each in dataset.recipe.conditions)
+    name: str
+    conditions: tuple[str, ...]
+    records: tuple[Mapping[str, Any], ...]
+    maps: LabelledMaps
+    of: np.ndarray
+    """(N,) of str, the condition of each sample."""
+
+    def stamp(self) -> str:
+        """Hash of everything that results follow from."""
+        shared = [sorted(traits(record, KINDS)) for record in self.records]
+        plain = json.dumps([self.maps.classes, self.of.tolist(), shared, OPTIONS.model_dump(mode="json")])
+        return hashlib.sha256(self.maps.levels.tobytes() + self.maps.labels.tobytes() + plain.encode()).hexdigest()[:16]
+
+
+def _joined(datasets: Sequence[Dataset]) -> _Samples:
+    """Samples of data sets; where there are several, a condition has the name of its data set, too."""
+    names = [each.path.resolve().name for each in datasets]
+    double = [name for name, count in Counter(names).items() if count > 1]
+    if double:
+        raise InputError(f"two data sets are in folders that are called {double[0]}; give folders of different names")
+    records: list[Mapping[str, Any]] = []
+    conditions: list[str] = []
+    of: list[str] = []
+    for name, dataset in zip(names, datasets, strict=True):
+        own = [each.name for each in dataset.recipe.conditions]
+        called = {each: each if len(datasets) == 1 else name if len(own) == 1 else f"{name} {each}" for each in own}
+        conditions += called.values()
+        of += [called[record["condition"]] for record in dataset.records]
+        records += [{**record, "index": len(records) + place} for place, record in enumerate(dataset.records)]
     if len(conditions) < 2:
         raise InputError(
-            f"{dataset.path} has one condition only, {conditions[0]}; give a data set of two or more, as the recipes fidelity, "
-            "carriers and room-interference make them"
+            f"{datasets[0].path} has one condition only, {conditions[0]}; give a data set of two or more, as the recipes fidelity, "
+            "carriers and room-interference make them, or several data sets"
         )
-    maps = maps_of(dataset)
-    of = np.array([each["condition"] for each in dataset.records])
-    shared = [sorted(traits(record, KINDS)) for record in dataset.records]
-    plain = json.dumps([maps.classes, of.tolist(), shared, OPTIONS.model_dump(mode="json")])
-    stamp = hashlib.sha256(maps.levels.tobytes() + maps.labels.tobytes() + plain.encode()).hexdigest()[:16]
+    first, *others = (maps_of(each) for each in datasets)
+    maps = first.joined(*others)
+    return _Samples(", ".join(names), tuple(conditions), tuple(records), maps, np.array(of))
+
+
+def run_conditions(
+    datasets: Sequence[Dataset], folder: Path, *, progress: Callable[[float], None] | None = None
+) -> Path:  # fmt: skip
+    """Trains under each condition and tests under each, by description; writes conditions.md, whose path it gives.
+
+    datasets: one of two conditions or more, or several of the same classes and axes, as with other noise or another background.
+    Cells, one for each training and seed, are kept in `folder`; those that are there are not run again.
+    """
+    samples = _joined(datasets)
+    stamp = samples.stamp()
     (folder / "cells").mkdir(parents=True, exist_ok=True)
     cells: Cells = {}
-    every = [(name, seed) for seed in SEEDS for name in trainings(conditions)]
+    every = [(name, seed) for seed in SEEDS for name in trainings(samples.conditions)]
     for number, (name, seed) in enumerate(every, 1):
         path = folder / "cells" / f"{name.replace(' ', '-')}_{seed}.json"
         if not path.exists():
-            told = _confusions(dataset, maps, of, trainings(conditions)[name], seed)
+            told = _confusions(samples, trainings(samples.conditions)[name], seed)
             with replacing(path, lambda: None) as new:
                 new.write_text(json.dumps({"stamp": stamp, "confusion": told}) + "\n", "utf-8")
-        cells[name, seed] = _read(path, stamp, conditions)
+        cells[name, seed] = _read(path, stamp, samples.conditions)
         if progress is not None:
             progress(number / len(every))
     path = folder / FILE
-    path.write_text(_report(dataset, conditions, maps.classes, cells), "utf-8")
+    path.write_text(_report(samples, cells), "utf-8")
     return path
 
 
-def _confusions(
-    dataset: Dataset, maps: LabelledMaps, of: np.ndarray, trained_on: Sequence[str], seed: int
-) -> dict[str, list[list[int]]]:
-    """Confusion (class, told) under each condition, of a network that was trained under some; `of` are those of the samples."""
-    sides = sides_of(dataset.records, "description", seed=seed)
+def _confusions(samples: _Samples, trained_on: Sequence[str], seed: int) -> dict[str, list[list[int]]]:
+    """Confusion (class, told) under each condition, of a network that was trained under some."""
+    maps, of = samples.maps, samples.of
+    sides = sides_of(samples.records, "description", seed=seed)
     known = np.isin(of, trained_on)
     train, val = (sides[each][known[sides[each]]] for each in ("train", "val"))
     tests = {str(each): sides["test"][of[sides["test"]] == each] for each in dict.fromkeys(of.tolist())}
@@ -99,7 +138,8 @@ def _read(path: Path, stamp: str, conditions: Sequence[str]) -> dict[str, np.nda
     return confusion
 
 
-def _report(dataset: Dataset, conditions: Sequence[str], classes: Sequence[str], cells: Cells) -> str:
+def _report(samples: _Samples, cells: Cells) -> str:
+    conditions, classes = samples.conditions, samples.maps.classes
     names = [*trainings(conditions)]
 
     def matrix(value: Callable[[np.ndarray], float]) -> str:
@@ -110,8 +150,8 @@ def _report(dataset: Dataset, conditions: Sequence[str], classes: Sequence[str],
         return table(("trained on", *(f"tested on {each}" for each in conditions)), rows)
 
     parts = [
-        f"# Conditions of {dataset.recipe.name}",
-        f"{len(dataset)} samples, by description, seeds {', '.join(map(str, SEEDS))}, {MODEL}; 95 % intervals over seeds.",
+        f"# Conditions of {samples.name}",
+        f"{len(samples.records)} samples, by description, seeds {', '.join(map(str, SEEDS))}, {MODEL}; 95 % intervals over seeds.",
         "## Accuracy [%]", matrix(lambda confusion: 100.0 * np.trace(confusion) / confusion.sum()),
     ]  # fmt: skip
     if ALARM in classes:
