@@ -11,9 +11,10 @@ import pytest
 from learn_maps import CLASSES
 from t2d_rt.cli import main
 from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.learn.charts import prediction_figure
 from t2d_rt.learn.train import Ensemble, SavedModel
 from t2d_rt.learn.train.saved import Card
-from t2d_rt.learn.windows import predict
+from t2d_rt.learn.windows import Prediction, predict
 from t2d_rt.result import Recording
 from t2d_rt.types import Radar
 
@@ -81,3 +82,19 @@ def test_a_folder_with_a_comma_in_its_name_is_one(tmp_path: Path, capsys: pytest
     for given, named in (("one,two", "one,two"), ("one, three", "one")):
         assert main(["predict", "walk.zarr", "--model", str(tmp_path / given)]) == 2
         assert f"{tmp_path / named} holds no trained model" in " ".join(capsys.readouterr().err.split())
+
+
+def test_names_in_the_picture_do_not_overlap(recording: Recording) -> None:
+    """Eight activities of 0.03 s have no room for theirs; that of the ninth, which lasts, is there."""
+    probabilities = np.eye(2)[[0, 1] * 4 + [0] * 24]
+    found = Prediction(
+        classes=("abnormal walking", "bending"), starts_s=0.1 + 0.03 * np.arange(32), duration_s=0.03,
+        probabilities=probabilities,
+    )  # fmt: skip
+    assert len(found.pieces()) == 9
+    figure = prediction_figure(recording, found, title="")
+    assert [each.get_text() for each in figure.axes[1].texts] == ["abnormal walking"]
+
+
+def test_of_no_map_there_is_no_probability(model: SavedModel) -> None:
+    assert SavedModel(model.card, model.network).probabilities(np.zeros((0, 16, 16))).shape == (0, 3)
