@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,3 +120,35 @@ def test_an_ensemble_has_the_mean_of_the_probabilities(trained: tuple[SavedModel
         Ensemble((model, SavedModel(replace(model.card, duration_s=4.0), model.network)))
     with pytest.raises(InputError, match="needs a trained network or more"):
         Ensemble(())
+
+
+def test_loaded_weights_bring_axes_of_their_own(trained: tuple[SavedModel, Path]) -> None:
+    test = ridges(6, seed=4)
+    network = build("envelope", 3, test.size)
+    network.set_axes(3.0 * test.velocity_mps, 2 * test.duration_s)
+    network.train()(torch.from_numpy(1 + test.levels / 60)[:, None])  # keeps features of those axes
+    network.load_state_dict(trained[0].network.state_dict())
+    found = SavedModel(trained[0].card, network).probabilities(test.levels)
+    np.testing.assert_array_equal(found, trained[0].probabilities(test.levels))
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"duration_s": 0.8}, r"envelope networks take maps of 1\.2 s or more .* got 0\.8 s in cells of 0\.025 s"),
+        ({"duration_s": 60.0}, r"in cells of 0\.7 s at most, .* got 60 s in cells of 1\.9 s"),
+        ({"velocity_mps": np.linspace(-2, 8, 32)}, r"the same speeds approaching and receding, got -2 to 8 m/s"),
+    ],
+)
+def test_maps_without_steps_or_of_one_side_are_refused(
+    changes: dict[str, Any], sentence: str, tmp_path: Path
+) -> None:  # fmt: skip
+    one, other = (replace(ridges(12, seed=seed), **changes) for seed in (0, 1))
+    with pytest.raises(InputError, match=sentence):
+        train_model("envelope", one, other, TrainOptions(epochs=1, batch=4), output=tmp_path / "mine")
+    assert not (tmp_path / "mine").exists()
+
+
+def test_an_axis_of_fourier_bins_is_of_both_sides() -> None:
+    """An even number of them has one more on one side."""
+    build("envelope", 3, (32, 32)).set_axes(np.linspace(-4.0, 3.75, 32), 5.0)

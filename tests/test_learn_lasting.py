@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import groupby, product
 
 import numpy as np
@@ -51,3 +52,19 @@ def test_one_window_is_one_activity() -> None:
         classes=("walk", "sit"), starts_s=np.array([0.5]), duration_s=4.0, probabilities=np.array([[0.3, 0.7]]), least_s=3.0
     )  # fmt: skip
     assert found.pieces() == [(0.5, 4.5, 1)]
+
+
+def test_an_activity_lasts_for_the_least_or_more_where_steps_are_wide() -> None:
+    """Steps of 3 s and a least duration of 4 s: two instants, not the nearest number of them, which is one."""
+    probabilities = np.array([[0.9, 0.1], [0.9, 0.1], [0.2, 0.8], [0.9, 0.1], [0.9, 0.1]])
+    found = Prediction(
+        classes=("walk", "fall"), starts_s=3.0 * np.arange(5), duration_s=3.0, probabilities=probabilities, least_s=4.0
+    )  # fmt: skip
+    assert found.pieces() == [(0.0, 15.0, 0)]
+    assert len(replace(found, least_s=3.0).pieces()) == 3
+
+
+def test_each_window_has_its_likeliest_class_of_however_many() -> None:
+    probabilities = np.full((3, 150), 1 / 150)
+    probabilities[[0, 1, 2], [7, 3, 7]] *= 1.1
+    np.testing.assert_array_equal(likeliest_course(probabilities, 1), [7, 3, 7])

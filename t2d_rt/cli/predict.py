@@ -58,7 +58,7 @@ def run(options: Namespace) -> None:
         raise InputError("predict needs --model, the folder that t2d-rt train wrote")
     picture = Path(options.output) if options.output else source.with_name(f"{source.stem}_classes.png")
     check_picture(picture, overwrite=options.overwrite)
-    model = Ensemble(tuple(load_model(each) for each in options.model.split(",")))
+    model = Ensemble(tuple(load_model(each) for each in _folders(options.model)))
     from t2d_rt.learn.charts import prediction_figure
     from t2d_rt.learn.windows import predict
 
@@ -67,9 +67,15 @@ def run(options: Namespace) -> None:
     for start, row in zip(found.starts_s, found.probabilities, strict=True):
         best = int(row.argmax())
         say(f"{start:7.2f} to {start + found.duration_s:6.2f} s  {found.classes[best]:18}{100 * row[best]:4.0f} %")
-    say(f"likeliest course, where each activity lasts {found.least_s:.3g} s or more:")
+    lasting = f"where each activity lasts {found.least_s:.3g} s or more" if found.least_s else "each window for itself"
+    say(f"likeliest course, {lasting}:")
     for begin, end, number in found.pieces():
         say(f"{begin:7.2f} to {end:6.2f} s  {found.classes[number]}")
     title = f"{source.name}, {', '.join(each.card.model for each in model.members)}"
     write_picture(prediction_figure(recording, found, title=title), picture, overwrite=options.overwrite)
     say(f"wrote {picture}")
+
+
+def _folders(given: str) -> list[str]:
+    """Folders by commas; one that has a comma in its name is one."""
+    return [given] if Path(given).is_dir() else [each.strip() for each in given.split(",")]

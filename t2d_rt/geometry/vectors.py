@@ -25,6 +25,8 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
     `np.linalg.norm` takes several times as long, and adds the squares in the same order.
     """
+    if not np.issubdtype(vectors.dtype, np.inexact):
+        vectors = vectors.astype(np.float64)  # squares of integers would wrap around
     squares = vectors[..., 0] * vectors[..., 0]
     for k in range(1, vectors.shape[-1]):
         squares = squares + vectors[..., k] * vectors[..., k]

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+WIDTH_OF_LETTER = 0.0105
+"""Of the names above a prediction, as a part of the axis."""
+
 
 def curves_figure(history: Sequence[dict[str, float]], *, title: str) -> Figure:
     """Loss and accuracy over the epochs, of training and validation."""
@@ -86,7 +89,7 @@ def reliability_figure(scores: Scores, *, title: str) -> Figure:
 
 def prediction_figure(recording: Recording, found: Prediction, *, title: str) -> Figure:
     """The spectrogram with static echoes as the network sees them, and below it the probability of each class over time; the
-    names are those of the likeliest course."""
+    names are those of the likeliest course, where an activity lasts long enough for its name."""
     figure = NotebookFigure(figsize=(10, 6.4), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     recording.processed(mti=found.mti).plot(title, ax=upper)
@@ -98,11 +101,12 @@ def prediction_figure(recording: Recording, found: Prediction, *, title: str) ->
     lower.stackplot(
         middles, levels.T, labels=found.classes, colors=[f"C{number}" for number in range(len(found.classes))]
     )
+    first, last = lower.get_xlim()
     for begin, end, number in found.pieces():
         lower.axvline(begin, color="black", linewidth=1)
-        lower.text(
-            0.5 * (begin + end), 104, found.classes[number], ha="center", va="bottom", fontsize=8, color=f"C{number}"
-        )
+        name = found.classes[number]
+        if end - begin > WIDTH_OF_LETTER * len(name) * (last - first):
+            lower.text(0.5 * (begin + end), 104, name, ha="center", va="bottom", fontsize=8, color=f"C{number}")
     lower.set(xlabel="time [s]", ylabel="probability [%]", ylim=(0, 100))
     lower.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8)
     return figure

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 LEAST_PROBABILITY = 1e-2
-"""A class is never held for less likely than this: windows over a change may be certain of what is wrong."""
+"""A class is never held for less likely than this, or than the mean of all classes: windows over a change may be certain of what is
+wrong."""
 
 
 def likeliest_course(probabilities: np.ndarray, least: int) -> np.ndarray:
     """Number of the class at each instant, (T,), from probabilities (T, K): that course whose product of probabilities is greatest
     among those in which a class lasts for `least` instants or more; where there are fewer, one class lasts for all of them."""
-    scores = np.log(np.maximum(probabilities, LEAST_PROBABILITY))
-    count, classes = scores.shape
+    count, classes = probabilities.shape
+    scores = np.log(np.maximum(probabilities, min(LEAST_PROBABILITY, 1.0 / classes)))
     least = min(max(1, least), count)
     total = np.vstack([np.zeros(classes), np.cumsum(scores, axis=0)])
     ending = np.full(

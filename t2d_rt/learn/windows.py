@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,6 +21,8 @@ STEPS = 10
 """Windows that begin within the duration of one, by default."""
 LEAST = 0.8
 """Of a window: what an activity lasts at least, by default."""
+APART = 1e-3
+"""Of a step: windows that begin closer together are one, as where a recording is as long as a window but for rounding."""
 BAND = 0.1
 """Relative difference of carriers from which a recording counts as of another band."""
 
@@ -61,7 +65,7 @@ class Prediction:
         count = max(1, round((last - first) / step_s))
         instants_s = first + (np.arange(count) + 0.5) * (last - first) / count
         nearest = np.argmin(np.abs(instants_s[:, None] - self.middles_s), axis=1)
-        least = round(self.least_s * count / (last - first))
+        least = math.ceil(self.least_s * count / (last - first) - APART)
         return instants_s, likeliest_course(self.probabilities[nearest], least)
 
     def pieces(self) -> list[tuple[float, float, int]]:
@@ -91,6 +95,12 @@ def predict(
     step_s = duration_s / STEPS if step_s is None else positive("step_s", step_s, 1e4, unit="s")
     least_s = LEAST * duration_s if least_s is None else number("least_s", least_s, 0.0, 1e4, unit="s")
     starts_s, levels = windows_of(model, recording, step_s)
+    length_s = float(starts_s[-1] - starts_s[0]) + duration_s
+    if least_s > length_s * (1 + APART):
+        raise InputError(
+            f"least_s is {least_s:.3g} s, but the windows of the recording cover {length_s:.3g} s; give a shorter one, or record "
+            "longer"
+        )
     return Prediction(
         classes=model.card.classes, starts_s=starts_s, duration_s=model.card.duration_s,
         probabilities=model.probabilities(levels), mti=_mti(model.card), least_s=least_s,
@@ -105,7 +115,8 @@ def windows_of(model: SavedModel | Ensemble, recording: Recording, step_s: float
     recording's cells.
     """
     card = model.card
-    _warn_of_carrier(recording.radar.carrier_hz, card)
+    members = model.members if isinstance(model, Ensemble) else (model,)
+    _warn_of_carrier(recording.radar.carrier_hz, [each.card for each in members])
     whole = _Columns.of(recording.processed(mti=_mti(card)))
     new = _edges(card.axis_mps)
     bin_mps = whole.speeds[1] - whole.speeds[0]
@@ -119,7 +130,7 @@ def windows_of(model: SavedModel | Ensemble, recording: Recording, step_s: float
             f"the recording has {whole.length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s; record longer"
         )
     last = max(whole.length_s - card.duration_s, 0.0)
-    starts = np.unique(np.append(np.arange(0.0, last, step_s), last))
+    starts = np.append(np.arange(0.0, last - APART * step_s, step_s), last)
     maps = []
     for start in starts:
         if _mti(card) == "none":
@@ -181,17 +192,17 @@ def _mti(card: Card) -> Literal["mean", "none"]:
     return "none" if card.about.get("mti") == "none" else "mean"
 
 
-def _warn_of_carrier(carrier_hz: float, card: Card) -> None:
-    """Warns of another band than the training's: at the same speeds it has another Doppler resolution and other scattering."""
-    known = [float(each) for each in card.about.get("carriers_hz", [])]
-    if known and min(abs(carrier_hz - each) / each for each in known) > BAND:
-        told = ", ".join(f"{each / 1e9:g}" for each in known)
-        warnings.warn(
-            f"the recording is of {carrier_hz / 1e9:g} GHz, the model was trained on {told} GHz; its maps differ in Doppler "
-            "resolution, so do not trust the classes before a test at this carrier",
-            T2DWarning,
-            stacklevel=4,
-        )
+def _warn_of_carrier(carrier_hz: float, cards: Sequence[Card]) -> None:
+    """Warns of another band than a training's: at the same speeds it has another Doppler resolution and other scattering."""
+    for known in dict.fromkeys(tuple(map(float, card.about.get("carriers_hz", []))) for card in cards):
+        if known and min(abs(carrier_hz - each) / each for each in known) > BAND:
+            told = ", ".join(f"{each / 1e9:g}" for each in known)
+            warnings.warn(
+                f"the recording is of {carrier_hz / 1e9:g} GHz, the model was trained on {told} GHz; its maps differ in Doppler "
+                "resolution, so do not trust the classes before a test at this carrier",
+                T2DWarning,
+                stacklevel=4,
+            )
 
 
 def _edges(centres: np.ndarray) -> np.ndarray:

@@ -5,25 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from t2d_rt.checks import unknown_name
-from t2d_rt.errors import InputError
-from t2d_rt.learn.baselines.features import features
+from t2d_rt.learn.baselines.features import check_steps, features
 from t2d_rt.learn.baselines.nearest_centroid import Centroids
 from t2d_rt.learn.maps import LabelledMaps
 from t2d_rt.learn.require import require_learning
 
 BASELINES = "gradient-boosting", "nearest-centroid"
-SHORTEST_S, WIDEST_S = 1.2, 0.7
-"""Of a map and of its cells: less does not hold a period of the slowest steps, wider ones do not tell them."""
 
 
 def feature_table(maps: LabelledMaps) -> np.ndarray:
     """Features of each map, (N, F)."""
-    cell_s = maps.duration_s / maps.size[1]
-    if maps.duration_s < SHORTEST_S or cell_s > WIDEST_S:
-        raise InputError(
-            f"baselines take maps of {SHORTEST_S:g} s or more in cells of {WIDEST_S:g} s at most, in which steps are seen, got "
-            f"{maps.duration_s:.3g} s in cells of {cell_s:.2g} s; take maps of more cells, longer samples, or a network"
-        )
+    check_steps("baselines", maps.size[1], maps.duration_s)
     rows = [[*features(each, maps.velocity_mps, maps.duration_s).values()] for each in maps.levels]
     return np.array(rows)
 

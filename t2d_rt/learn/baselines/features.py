@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from t2d_rt.dataset.envelope import NOTCH_MPS, envelope
+from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines.course import course
 
 SPEEDS_MPS = (NOTCH_MPS, 0.3, 0.6, 1.0, 1.5, 2.2, 3.2, 4.5, 10.0)
@@ -19,6 +20,18 @@ PERIODS_S = (0.25, 1.4)
 """Least and greatest period of steps that is looked for."""
 SLOW_S = 1.2
 """What changes over a longer time is no step."""
+SHORTEST_S, WIDEST_S = 1.2, 0.7
+"""Of a map and of its cells: less does not hold a period of the slowest steps, wider ones do not tell them."""
+
+
+def check_steps(noun: str, columns: int, duration_s: float) -> None:
+    """Refuses maps whose features cannot tell steps; noun: what takes features, in the plural."""
+    cell_s = duration_s / columns
+    if duration_s < SHORTEST_S or cell_s > WIDEST_S:
+        raise InputError(
+            f"{noun} take maps of {SHORTEST_S:g} s or more in cells of {WIDEST_S:g} s at most, in which steps are seen, got "
+            f"{duration_s:.3g} s in cells of {cell_s:.2g} s; take maps of more cells, longer samples, or a network on pictures"
+        )
 
 
 def features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: float) -> dict[str, float]:

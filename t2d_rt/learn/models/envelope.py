@@ -8,8 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from t2d_rt.errors import InputError
 from t2d_rt.learn.baselines.bands import band_features
-from t2d_rt.learn.baselines.features import features
+from t2d_rt.learn.baselines.features import check_steps, features
 from t2d_rt.learn.models.registry import ModelCard
 
 ABOUT = ModelCard(
@@ -26,6 +27,8 @@ RANGE_DB = 60.0
 """What an input of 0 stands for, below the greatest cell; of a training with another range levels are stretched alike in use."""
 HELD = 50_000
 """Maps whose features are kept: in training the same ones come again in each epoch."""
+CELLS = 1.5
+"""By which the fastest speeds approaching and receding may differ: an even number of Doppler bins has one more of one side."""
 AXIS = 9.8598, 5.0
 """Greatest speed [m/s] and duration [s] where no training has set them."""
 
@@ -39,9 +42,11 @@ class Envelope(nn.Module):
     def __init__(self, classes: int, size: tuple[int, int], channels: int) -> None:
         super().__init__()
         greatest, duration_s = AXIS
+        self.columns = size[1]
         self.register_buffer("velocity_mps", torch.linspace(-greatest, greatest, size[0], dtype=torch.float64))
         self.register_buffer("duration_s", torch.tensor(duration_s, dtype=torch.float64))
         self._kept: dict[bytes, np.ndarray] = {}
+        self.register_load_state_dict_post_hook(_forget)
         count = channels * len(self._features(np.linspace(-RANGE_DB, 0.0, size[0] * size[1]).reshape(size)))
         self.scaled = nn.BatchNorm1d(count, affine=False, momentum=None)
         self.layers = nn.Sequential(
@@ -50,7 +55,17 @@ class Envelope(nn.Module):
         )  # fmt: skip
 
     def set_axes(self, velocity_mps: np.ndarray, duration_s: float) -> None:
-        """Speeds of the rows [m/s] and what a map covers [s], which are kept with the weights."""
+        """Speeds of the rows [m/s] and what a map covers [s], which are kept with the weights.
+
+        Raises InputError where the maps are too short or too coarse for steps, or have other speeds approaching than receding.
+        """
+        first, last = float(velocity_mps[0]), float(velocity_mps[-1])
+        if abs(first + last) > CELLS * (last - first) / (len(velocity_mps) - 1):
+            raise InputError(
+                f"envelope takes maps of the same speeds approaching and receding, got {first:.3g} to {last:.3g} m/s; cut them to "
+                "the same speeds, or take a network on pictures"
+            )
+        check_steps("envelope networks", self.columns, duration_s)
         self.velocity_mps.copy_(torch.from_numpy(np.asarray(velocity_mps, dtype=np.float64)))
         self.duration_s.fill_(duration_s)
         self._kept.clear()
@@ -78,6 +93,11 @@ class Envelope(nn.Module):
         velocity, duration_s = self.velocity_mps.cpu().numpy(), float(self.duration_s)
         found = {**features(levels, velocity, duration_s), **band_features(levels, velocity, duration_s)}
         return np.nan_to_num(np.array([*found.values()], dtype=np.float32))
+
+
+def _forget(network: Envelope, _: object) -> None:
+    """Weights that are loaded bring axes of their own, of which other features follow."""
+    network._kept.clear()
 
 
 def build(classes: int, size: tuple[int, int], channels: int) -> nn.Module:

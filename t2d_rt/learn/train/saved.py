@@ -92,6 +92,8 @@ class SavedModel:
             raise InputError(f"maps must have {wanted} cells, as in training, got shape {levels.shape}; resize them")
         if not np.isfinite(levels).all():
             raise InputError("maps must be finite, got NaN or infinite levels; remove damaged samples first")
+        if not len(levels):
+            return np.zeros((0, len(self.card.classes)), dtype=np.float32)
         self.network.eval()
         with torch.no_grad():
             found = [
