@@ -200,6 +200,9 @@ def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:
     assert about["recipe_hash"] == Dataset(data).recipe.hash
     again = run("evaluate", data, "--model", model)
     assert done.out.split("test accuracy")[1].split(",")[0] == again.out.split("accuracy")[1].split(",")[0]
+    usual = ("train", data, "--model", "envelope", "-o", f"{model}-usual", "--epochs", "1", "--batch", "4")
+    assert run(*usual).code == 0
+    assert json.loads(Path(f"{model}-usual", "card.json").read_text())["size"] == [128, 128]  # not the 64 of the others
     for words, sentence in (
         (("train", data), "train needs -o"),
         (

@@ -24,7 +24,7 @@ EXAMPLES = """examples:
   t2d-rt train small --model resnet18 -o resnet              # by description; the same command goes on where it stopped
   t2d-rt train small --model streaming --augment -o mine     # background, masks, shifts, Doppler and gain on the fly
   t2d-rt train small --model streaming --sliding -o mine     # for predict, whose windows slide over changes of activities
-  t2d-rt train hard --model envelope --size 128 --sliding --schedule cosine --rate 2e-3 --smoothing 0.1 --decay 0.05 -o mine
+  t2d-rt train hard --model envelope --sliding --schedule cosine --rate 2e-3 --smoothing 0.1 --decay 0.05 -o mine
   t2d-rt train small --model vgg-7 --size 128 --by file -o leaky   # as the paper splits: descriptions stand on two sides"""
 
 
@@ -51,7 +51,11 @@ def parser() -> ArgumentParser:
         "envelope, which learns most of few samples.",
     )
     add_split(found)
-    found.add_argument("--size", type=int, default=64, help="Cells of speed and of time: 64, 128 or 224 are usual.")
+    found.add_argument(
+        "--size",
+        type=int | None,
+        help="Cells of speed and of time, 128 for envelope and 64 for the others by default; 224 is usual, too.",
+    )
     found.add_argument("--dynamic_range_db", type=float, default=60.0, help="Levels below that are clipped [dB].")
     found.add_argument(
         "--augment", type=bool, default=False, nargs="?", const=True, help="Whether samples are changed on the fly."
@@ -98,14 +102,16 @@ def run(options: Namespace) -> None:
     source = one_word(options, "train", "the folder of a data set")
     if options.output is None:
         raise InputError("train needs -o, the folder to write")
-    title = card(options.model).title
+    about_model = card(options.model)
+    title = about_model.title
+    size = about_model.usual_size if options.size is None else options.size
     chosen = TrainOptions(
         rate=options.rate, epochs=options.epochs, batch=options.batch, seed=options.seed, threads=options.threads,
         device=options.device, augment=_augment(options), schedule=options.schedule, smoothing=options.smoothing,
         decay=options.decay,
     )  # fmt: skip
     dataset = Dataset(source)
-    maps = maps_of(dataset, size=(options.size, options.size), dynamic_range_db=options.dynamic_range_db)
+    maps = maps_of(dataset, size=(size, size), dynamic_range_db=options.dynamic_range_db)
     parts = sides(dataset, options)
     check_sides(parts)
     by = options.by if options.split is None else Path(options.split).name

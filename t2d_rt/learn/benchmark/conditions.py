@@ -18,6 +18,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.learn.benchmark.claims import interval
 from t2d_rt.learn.maps import LabelledMaps, maps_of
 from t2d_rt.learn.markdown import table
+from t2d_rt.learn.models import card
 from t2d_rt.learn.train import TrainOptions, scores_of, sides_of, train_model
 from t2d_rt.learn.train.sides import check_sides
 from t2d_rt.store import replacing
@@ -82,7 +83,8 @@ def _joined(datasets: Sequence[Dataset]) -> _Samples:
             f"{datasets[0].path} has one condition only, {conditions[0]}; give a data set of two or more, as the recipes fidelity, "
             "carriers and room-interference make them, or several data sets"
         )
-    first, *others = (maps_of(each) for each in datasets)
+    cells = card(MODEL).usual_size
+    first, *others = (maps_of(each, size=(cells, cells)) for each in datasets)
     maps = first.joined(*others)
     return _Samples(", ".join(names), tuple(conditions), tuple(records), maps, np.array(of))
 

@@ -16,6 +16,7 @@ from t2d_rt.learn.models.registry import ModelCard
 ABOUT = ModelCard(
     title="envelope",
     source="of this project: features as radar work has them since Kim and Ling (2009), a perceptron of one hidden layer",
+    usual_size=128,
     counted_at=(1, 128, 128),
     note="Features are no layers: they are not counted, nor are gradients taken through them.",
 )

@@ -41,6 +41,8 @@ class ModelCard:
     """Where its structure is from."""
     least_size: int = 16
     """Cells of speed and of time at least."""
+    usual_size: int = 64
+    """Cells of speed and of time that `t2d-rt train` takes."""
     counted_at: tuple[int, int, int] = (3, 224, 224)
     """Channels, speed and time at which it is counted beside the table."""
     printed: Printed | None = None
