@@ -27,7 +27,9 @@ FARTHEST = 4.0
 RANGE_DB = 60.0
 """What an input of 0 stands for, below the greatest cell; of a training with another range levels are stretched alike in use."""
 HELD = 50_000
-"""Maps whose features are kept: in training the same ones come again in each epoch."""
+"""Maps whose features are kept: in training the same ones come again in each epoch, and with the next seed."""
+_kept: dict[bytes, np.ndarray] = {}
+"""Features by a hash of the map and its axes."""
 CELLS = 1.5
 """By which the fastest speeds approaching and receding may differ: an even number of Doppler bins has one more of one side."""
 AXIS = 9.8598, 5.0
@@ -46,8 +48,6 @@ class Envelope(nn.Module):
         self.columns = size[1]
         self.register_buffer("velocity_mps", torch.linspace(-greatest, greatest, size[0], dtype=torch.float64))
         self.register_buffer("duration_s", torch.tensor(duration_s, dtype=torch.float64))
-        self._kept: dict[bytes, np.ndarray] = {}
-        self.register_load_state_dict_post_hook(_forget)
         count = channels * len(self._features(np.linspace(-RANGE_DB, 0.0, size[0] * size[1]).reshape(size)))
         self.scaled = nn.BatchNorm1d(count, affine=False, momentum=None)
         self.layers = nn.Sequential(
@@ -69,7 +69,6 @@ class Envelope(nn.Module):
         check_steps("envelope networks", self.columns, duration_s)
         self.velocity_mps.copy_(torch.from_numpy(np.asarray(velocity_mps, dtype=np.float64)))
         self.duration_s.fill_(duration_s)
-        self._kept.clear()
 
     def forward(self, maps: Tensor) -> Tensor:
         """Scores (N, classes)."""
@@ -80,25 +79,22 @@ class Envelope(nn.Module):
         return scores
 
     def _known(self, levels: np.ndarray) -> np.ndarray:
-        if not self.training and not self._kept:
-            return self._features(levels)
-        key = hashlib.blake2b(levels.tobytes(), digest_size=16).digest()
-        if key not in self._kept:
-            if len(self._kept) >= HELD:
-                self._kept.clear()
-            self._kept[key] = self._features(levels)
-        return self._kept[key]
+        axes = self.velocity_mps.cpu().numpy().tobytes() + self.duration_s.cpu().numpy().tobytes()
+        key = hashlib.blake2b(axes + levels.tobytes(), digest_size=16).digest()
+        found = _kept.get(key)
+        if found is None:
+            found = self._features(levels)
+            if self.training:
+                if len(_kept) >= HELD:
+                    _kept.clear()
+                _kept[key] = found
+        return found
 
     def _features(self, levels: np.ndarray) -> np.ndarray:
         """Features of a map [dB], float32, finite."""
         velocity, duration_s = self.velocity_mps.cpu().numpy(), float(self.duration_s)
         found = {**features(levels, velocity, duration_s), **band_features(levels, velocity, duration_s)}
         return np.nan_to_num(np.array([*found.values()], dtype=np.float32))
-
-
-def _forget(network: Envelope, _: object) -> None:
-    """Weights that are loaded bring axes of their own, of which other features follow."""
-    network._kept.clear()
 
 
 def build(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
