@@ -81,11 +81,13 @@ class Envelope(nn.Module):
     def _known(self, levels: np.ndarray) -> np.ndarray:
         axes = self.velocity_mps.cpu().numpy().tobytes() + self.duration_s.cpu().numpy().tobytes()
         key = hashlib.blake2b(axes + levels.tobytes(), digest_size=16).digest()
-        if key not in _kept:
+        found = _kept.get(key)
+        if found is None:
+            found = self._features(levels)
             if len(_kept) >= HELD:
                 _kept.clear()
-            _kept[key] = self._features(levels)
-        return _kept[key]
+            _kept[key] = found
+        return found
 
     def _features(self, levels: np.ndarray) -> np.ndarray:
         """Features of a map [dB], float32, finite."""
