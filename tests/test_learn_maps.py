@@ -45,6 +45,24 @@ def test_samples_of_different_durations_are_refused(tmp_path: Path) -> None:
         maps_of(dataset, size=(8, 8))
 
 
+def test_maps_of_radars_whose_cells_end_at_other_speeds_share_an_axis(tmp_path: Path) -> None:
+    dataset = Dataset(write_dataset(tmp_path / "tiny"))
+    spans = {0: (-4.0, 4.0), 1: (-4.08, 4.12)}
+    for place, record in enumerate(dataset.records):
+        record["products"]["spectrogram"]["velocity_mps"] = list(spans[place % 2])
+    found = maps_of(dataset, size=(800, 24))
+    assert (found.velocity_mps[0], found.velocity_mps[-1]) == pytest.approx((-3.995, 3.995))
+    for place, levels in enumerate(found.levels):  # the made-up samples have one cell of power
+        first, last = spans[place % 2]
+        row, cell = int(np.argmax(dataset.values(place, "spectrogram")[:, 0])), (last - first) / 16
+        shown = found.velocity_mps[levels[:, 0] > -0.01]
+        ends = np.clip([first + row * cell, first + (row + 1) * cell], -4.0, 4.0)
+        np.testing.assert_allclose([shown.min() - 0.005, shown.max() + 0.005], ends, atol=0.011)
+    dataset.records[3]["products"]["spectrogram"]["velocity_mps"] = [-4.0, 4.8]
+    with pytest.raises(InputError, match="different axes of speed; give the recipe one speed_mps"):
+        maps_of(dataset, size=(8, 8))
+
+
 def test_taken_resized_joined() -> None:
     some = maps()
     part = some.take([4, 1])

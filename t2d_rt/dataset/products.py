@@ -188,15 +188,18 @@ def record_length_s(recording: Recording) -> float:
     return float(radar.chirp_starts_s(len(recording.cube))[-1]) + radar.loop_interval_s
 
 
-def resized(power: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """A map (A, B) as one of another size: each new cell is the mean over the area that it covers."""
-    before, after = _averaging(power.shape[0], size[0]), _averaging(power.shape[1], size[1])
+def resized(power: np.ndarray, size: tuple[int, int], rows: tuple[float, float] = (0.0, 1.0)) -> np.ndarray:
+    """A map (A, B) as one of another size: each new cell is the mean over the area that it covers.
+
+    rows: where the new map begins and ends, in parts of the old one's first axis.
+    """
+    before, after = _averaging(power.shape[0], size[0], *rows), _averaging(power.shape[1], size[1])
     return np.asarray(before @ power @ after.T)
 
 
-def _averaging(count: int, wanted: int) -> np.ndarray:
+def _averaging(count: int, wanted: int, first: float = 0.0, last: float = 1.0) -> np.ndarray:
     """Weights (wanted, count) of old cells in each new one; each row adds up to 1."""
-    old, new = np.arange(count + 1) / count, np.arange(wanted + 1) / wanted
+    old, new = np.arange(count + 1) / count, first + (last - first) * (np.arange(wanted + 1) / wanted)
     overlap = np.minimum(new[1:, None], old[None, 1:]) - np.maximum(new[:-1, None], old[None, :-1])
     weights = np.maximum(overlap, 0.0)
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))

@@ -20,6 +20,8 @@ SIZE = 64, 64
 """Cells of speed and of time by default."""
 DYNAMIC_RANGE_DB = 60.0
 """As the authors of Text2Doppler have it."""
+LEAST_SHARED = 0.95
+"""Part of the speeds of any map that all maps of a data set must cover."""
 LARGEST = 4096
 LEAST_SPAN_DB = 1e-3
 """Between least and greatest level of a map that shows anything; rounding makes less [dB]."""
@@ -173,17 +175,15 @@ def maps_of(
                 f"sample {record['index']} of {dataset.path} is of class {shown(record['class'])}, which its recipe does not have; "
                 "put back the recipe that it was made of"
             )
-    levels, axes = [], []
+    levels, (lowest, highest) = [], _shared_speeds(dataset, kind)
     for place, record in enumerate(dataset.records):
         values = dataset.values(place, kind)
         if not np.isfinite(values).all():
             raise InputError(f"the spectrogram of sample {record['index']} has NaN or infinite cells; make it anew")
-        levels.append(relative_levels(10.0 ** (values.astype(np.float64) / 10.0), wanted, range_db))
+        first, last = record["products"][kind]["velocity_mps"]
+        rows = (lowest - first) / (last - first), (highest - first) / (last - first)
+        levels.append(relative_levels(10.0 ** (values.astype(np.float64) / 10.0), wanted, range_db, rows))
         check_varied(levels[-1], f"sample {record['index']} of {dataset.path}")
-        axes.append(axis(record["products"][kind]["velocity_mps"], wanted[0]))
-    velocity = np.stack(axes)
-    if np.ptp(velocity, axis=0).max() > 0.5 * (velocity[0, 1] - velocity[0, 0]):
-        raise InputError(f"the samples of {dataset.path} have different axes of speed; give the recipe one speed_mps")
     durations = np.ptp([record["products"][kind]["time_s"] for record in dataset.records], axis=1)
     if np.ptp(durations) > 0.05 * durations[0]:
         raise InputError(
@@ -191,8 +191,17 @@ def maps_of(
         )
     return LabelledMaps(
         levels=np.stack(levels), labels=dataset.labels, classes=dataset.classes, groups=groups_of(dataset.records),
-        velocity_mps=velocity[0], duration_s=float(durations[0]), names=tuple(str(each) for each in dataset.indices),
+        velocity_mps=axis((lowest, highest), wanted[0]), duration_s=float(durations[0]),
+        names=tuple(str(each) for each in dataset.indices),
     ).checked_for_training()  # fmt: skip
+
+
+def _shared_speeds(dataset: Dataset, kind: str) -> tuple[float, float]:
+    """Speeds that all maps of a data set cover, which are cut to whole cells of their own radars."""
+    first, last = np.array([record["products"][kind]["velocity_mps"] for record in dataset.records]).T
+    if last.min() - first.max() < LEAST_SHARED * (last.max() - first.min()):
+        raise InputError(f"the samples of {dataset.path} have different axes of speed; give the recipe one speed_mps")
+    return float(first.max()), float(last.min())
 
 
 def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
@@ -206,9 +215,14 @@ def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def relative_levels(power: np.ndarray, size: tuple[int, int], dynamic_range_db: float) -> np.ndarray:
-    """Powers (speed, time) of any unit as levels of a map of that size [dB below its greatest cell], float32."""
-    cells = resized(power, size)
+def relative_levels(
+    power: np.ndarray, size: tuple[int, int], dynamic_range_db: float, rows: tuple[float, float] = (0.0, 1.0)
+) -> np.ndarray:
+    """Powers (speed, time) of any unit as levels of a map of that size [dB below its greatest cell], float32.
+
+    rows: the part of the speeds that the map covers, as `resized` takes it.
+    """
+    cells = resized(power, size, rows)
     greatest = max(float(cells.max()), 1e-300)
     return np.asarray(np.maximum(decibel(cells / greatest), -dynamic_range_db), dtype=np.float32)
 
