@@ -50,6 +50,9 @@ _LIBRARY_GLOBS = (
 
 
 YARDSTICK_SIZE, YARDSTICK_SINES, YARDSTICK_TRIES = 400_000, 20, 5
+YARDSTICK_KEPT_S = 60.0
+_yardsticks: dict[str, tuple[float, float]] = {}
+"""When the yardstick of a backend was measured, and what it was."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,6 +177,16 @@ def yardstick_s(backend: Backend) -> float:
         matrix @ values
         taken.append(time.perf_counter() - start)
     return min(taken[1:])
+
+
+def recent_yardstick_s(backend: Backend) -> float:
+    """`yardstick_s` of the last minute, measured anew after that: it takes as long as all else about the plan of a short record."""
+    now = time.monotonic()
+    measured, found = _yardsticks.get(backend.name, (-math.inf, math.nan))
+    if now - measured > YARDSTICK_KEPT_S:
+        measured, found = now, yardstick_s(backend)
+        _yardsticks[backend.name] = measured, found
+    return found
 
 
 @functools.cache

@@ -6,12 +6,15 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from t2d_rt import backend
+from t2d_rt.backend import Backend
 from t2d_rt.errors import BackendError, InputError
 
 RUN = """
@@ -132,3 +135,23 @@ def test_numbers_for_lanes_lie_alike_in_memory() -> None:
     finally:
         dr.set_flag(dr.JitFlag.KernelHistory, False)
     assert len(kernels) == 2
+
+
+def test_a_machines_speed_is_measured_once_a_minute_on_each_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, measured = [1000.0], []
+
+    def yardstick_s(on: Backend) -> float:
+        measured.append(on.name)
+        return float(len(measured))
+
+    monkeypatch.setattr(backend, "yardstick_s", yardstick_s)
+    monkeypatch.setattr(backend, "_yardsticks", {})
+    monkeypatch.setattr(backend, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    here = backend.select("cpu")
+    other = replace(here, name="cuda")
+    found = []
+    for each, later_s in ((here, 0.0), (here, 59.0), (other, 0.0), (here, 0.0), (here, 2.0), (other, 0.0)):
+        clock[0] += later_s
+        found.append(backend.recent_yardstick_s(each))
+    assert found == [1.0, 1.0, 2.0, 1.0, 3.0, 2.0]
+    assert measured == ["llvm", "cuda", "llvm"]
