@@ -11,7 +11,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
@@ -278,16 +278,24 @@ def _named(version: int) -> str:
     return f"LLVM {version}" if version else "older than LLVM 16"
 
 
-def limit_threads(count: int) -> None:
-    """Lets this process compute on so many threads of Dr.Jit, BLAS and OpenMP; what it computes stays the same."""
+@contextlib.contextmanager
+def limited_threads(count: int) -> Iterator[None]:
+    """Lets this process compute on so many threads of Dr.Jit, BLAS and OpenMP, and on as many as before at the end; what it
+    computes stays the same."""
     import threadpoolctl
 
     require_llvm()
     import drjit as dr
 
-    if dr.thread_count() != count:
-        dr.set_thread_count(count)
-    threadpoolctl.threadpool_limits(count)
+    before = dr.thread_count()
+    with threadpoolctl.threadpool_limits(count):
+        try:
+            if before != count:
+                dr.set_thread_count(count)
+            yield
+        finally:
+            if before != count:
+                dr.set_thread_count(before)
 
 
 @one_thread_at_a_time

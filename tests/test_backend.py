@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -155,3 +156,20 @@ def test_a_machines_speed_is_measured_once_a_minute_on_each_backend(monkeypatch:
         found.append(backend.recent_yardstick_s(each))
     assert found == [1.0, 1.0, 2.0, 1.0, 3.0, 2.0]
     assert measured == ["llvm", "cuda", "llvm"]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_threads_are_as_many_as_before(fails: bool) -> None:
+    """Of Dr.Jit and of BLAS, also after an error."""
+    import drjit as dr
+    from threadpoolctl import threadpool_info
+
+    def threads() -> list[int]:
+        return [dr.thread_count(), *(each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas")]
+
+    before = threads()
+    with contextlib.suppress(KeyError), backend.limited_threads(3):
+        assert set(threads()) == {3}
+        if fails:
+            raise KeyError
+    assert threads() == before
