@@ -11,7 +11,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
@@ -50,6 +50,9 @@ _LIBRARY_GLOBS = (
 
 
 YARDSTICK_SIZE, YARDSTICK_SINES, YARDSTICK_TRIES = 400_000, 20, 5
+YARDSTICK_KEPT_S = 60.0
+_yardsticks: dict[str, tuple[float, float]] = {}
+"""When the yardstick of a backend was measured, and what it was."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,6 +179,16 @@ def yardstick_s(backend: Backend) -> float:
     return min(taken[1:])
 
 
+def recent_yardstick_s(backend: Backend) -> float:
+    """`yardstick_s` of the last minute, measured anew after that: it takes as long as all else about the plan of a short record."""
+    now = time.monotonic()
+    measured, found = _yardsticks.get(backend.name, (-math.inf, math.nan))
+    if now - measured > YARDSTICK_KEPT_S:
+        measured, found = now, yardstick_s(backend)
+        _yardsticks[backend.name] = measured, found
+    return found
+
+
 @functools.cache
 def require_llvm() -> None:
     """Check, before Dr.Jit loads it, that the LLVM library is there and new enough; the newest one installed is taken.
@@ -265,16 +278,24 @@ def _named(version: int) -> str:
     return f"LLVM {version}" if version else "older than LLVM 16"
 
 
-def limit_threads(count: int) -> None:
-    """Lets this process compute on so many threads of Dr.Jit, BLAS and OpenMP; what it computes stays the same."""
+@contextlib.contextmanager
+def limited_threads(count: int) -> Iterator[None]:
+    """Lets this process compute on so many threads of Dr.Jit, BLAS and OpenMP, and on as many as before at the end; what it
+    computes stays the same."""
     import threadpoolctl
 
     require_llvm()
     import drjit as dr
 
-    if dr.thread_count() != count:
-        dr.set_thread_count(count)
-    threadpoolctl.threadpool_limits(count)
+    before = dr.thread_count()
+    with threadpoolctl.threadpool_limits(count):
+        try:
+            if before != count:
+                dr.set_thread_count(count)
+            yield
+        finally:
+            if before != count:
+                dr.set_thread_count(before)
 
 
 @one_thread_at_a_time

@@ -47,8 +47,8 @@ from t2d_rt.visibility import ExactOverStrongest, Sampled, Sight, Unoccluded, Vi
 SPLINE_ERROR_DB = Accuracy().spline_error_db
 OCCLUDER_SAGITTA_SCALE = 2.0
 """Sagitta scale of facets that occlude others, where visibility is traced from every facet's vertices: below -45 dB."""
-SPEED_SAMPLES = 200
-"""Instants at which speeds are sampled."""
+SPEED_SAMPLES, LEAST_SPEED_SAMPLES, SPEED_RATE_HZ = 200, 20, 500.0
+"""Instants at which speeds are sampled, in short records as many as that rate gives: ten in a rotation of a fan at 3000 rpm."""
 SAME_RATE = 2.0
 """Targets whose surface rates differ by more are summed apart, each at its own."""
 MINOR_FRAMES = 128
@@ -367,7 +367,8 @@ def farthest_and_fastest(geometry: Geometry, radar: Radar, span_s: tuple[float, 
     step = min(1e-3, (stop - start) / 10)
     places = np.unique([radar.tx_position_m, radar.rx_position_m], axis=0)
     farthest, fastest = 0.0, 0.0
-    for times in blocks(np.linspace(start, stop - step, SPEED_SAMPLES), geometry.point_count):
+    count = int(np.clip(math.ceil((stop - start) * SPEED_RATE_HZ), LEAST_SPEED_SAMPLES, SPEED_SAMPLES))
+    for times in blocks(np.linspace(start, stop - step, count), geometry.point_count):
         points = [geometry.points_at(t) for t in (times, times + step)]
         ranges = [np.mean([lengths(p - place) for place in places], axis=0) for p in points]
         farthest = max(farthest, float(ranges[0].max()))

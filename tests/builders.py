@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from t2d_rt.body import template
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.dataset import Recipe
+from t2d_rt.dataset.work import Made, Plans, make_sample
 from t2d_rt.types import PEC, Material, Motion, MovingMesh, Radar, Scene, Surface
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS
 
@@ -123,6 +127,21 @@ def rest_pose(*, seed: int | None = None, ends: bool = True, frames: int = 5) ->
     rotation = Rotation.identity(len(names)) if seed is None else Rotation.random(len(names), rng=seed)
     quaternions = np.tile(rotation.as_quat(), (frames, 1, 1))
     return Motion(joints=joints, rotations=quaternions, rate_hz=30.0, names=names, parents=parents)
+
+
+# --- samples of a data set ---
+
+
+def remember_samples(patch: pytest.MonkeyPatch, known: dict[tuple[str, int], Made]) -> None:
+    """Samples of a recipe that this process has made are not made again."""
+
+    def remembered(recipe: Recipe, plans: Plans, index: int) -> Made:
+        key = recipe.model_dump_json(), index
+        if key not in known:
+            known[key] = make_sample(recipe, plans, index)
+        return replace(known[key], record=dict(known[key].record))
+
+    patch.setattr("t2d_rt.dataset.work.make_sample", remembered)
 
 
 # --- scene files ---

@@ -96,6 +96,8 @@ def coarse_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
     run as they are written, in less time."""
     monkeypatch.setattr(import_module("t2d_rt.body.skin"), "SAGITTA_RAD", 6.0)
     monkeypatch.setattr(import_module("t2d_rt.scattering.mesh"), "POINT_SAGITTA_RAD", 6.0)
+    for mover in ("pet", "curtain"):
+        monkeypatch.setattr(import_module(f"t2d_rt.scene.movers.{mover}"), "SAGITTA_RAD", 2.0)
 
 
 @pytest.fixture(scope="session")

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from t2d_rt import backend
+from t2d_rt.backend import Backend
 from t2d_rt.errors import BackendError, InputError
 
 RUN = """
@@ -132,3 +136,40 @@ def test_numbers_for_lanes_lie_alike_in_memory() -> None:
     finally:
         dr.set_flag(dr.JitFlag.KernelHistory, False)
     assert len(kernels) == 2
+
+
+def test_a_machines_speed_is_measured_once_a_minute_on_each_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, measured = [1000.0], []
+
+    def yardstick_s(on: Backend) -> float:
+        measured.append(on.name)
+        return float(len(measured))
+
+    monkeypatch.setattr(backend, "yardstick_s", yardstick_s)
+    monkeypatch.setattr(backend, "_yardsticks", {})
+    monkeypatch.setattr(backend, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    here = backend.select("cpu")
+    other = replace(here, name="cuda")
+    found = []
+    for each, later_s in ((here, 0.0), (here, 59.0), (other, 0.0), (here, 0.0), (here, 2.0), (other, 0.0)):
+        clock[0] += later_s
+        found.append(backend.recent_yardstick_s(each))
+    assert found == [1.0, 1.0, 2.0, 1.0, 3.0, 2.0]
+    assert measured == ["llvm", "cuda", "llvm"]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_threads_are_as_many_as_before(fails: bool) -> None:
+    """Of Dr.Jit and of BLAS, also after an error."""
+    import drjit as dr
+    from threadpoolctl import threadpool_info
+
+    def threads() -> list[int]:
+        return [dr.thread_count(), *(each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas")]
+
+    before = threads()
+    with contextlib.suppress(KeyError), backend.limited_threads(3):
+        assert set(threads()) == {3}
+        if fails:
+            raise KeyError
+    assert threads() == before

@@ -24,8 +24,8 @@ from validation.methods.reference import Converged, nmse_db
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     return Case(
-        "free_space", "walk", stretch(WALK, 1.9, 0.1), Radar.preset("table2", prf_hz=5120), count=4, fine_scale=1.0,
-        reference_rad=0.15, cache=tmp_path_factory.mktemp("cache"),
+        "free_space", "walk", stretch(WALK, 1.9, 0.06), Radar.preset("table2", prf_hz=5120), count=4, fine_scale=1.0,
+        reference_rad=0.22, cache=tmp_path_factory.mktemp("cache"),
     )  # fmt: skip
 
 

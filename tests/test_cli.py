@@ -40,7 +40,7 @@ QUICK = ("--method", "ellipsoid", "--radar", "ci4r", "--stop-s", "0.3")
 def test_simulate_writes_result_and_picture(run: Command, method: str) -> None:
     # 2000 Hz is fewer chirps than the foot needs: the warning names the fix and the run goes on.
     code, out, err = run(
-        "simulate", "walk.bvh", "--radar", "ci4r", "--radar.prf-hz", "2000", "--method", method, "--stop-s=0.3",
+        "simulate", "walk.bvh", "--radar", "ci4r", "--radar.prf-hz", "2000", "--method", method, "--stop-s=0.2",
         "--distance-m", "4", "--signal.mti", "mean", "--seed=5", "--accuracy.sagitta-rad=1",
     )  # fmt: skip
     assert code == 0, err
@@ -55,7 +55,7 @@ def test_simulate_writes_result_and_picture(run: Command, method: str) -> None:
     assert result.settings["seed"] == 5
     assert result.settings["motion"]["distance_m"] == 4
     assert result.processing["mti"] == "mean"
-    expected = result.radar.chirp_times_s(0.3)
+    expected = result.radar.chirp_times_s(0.2)
     assert len(result.cube) == len(expected)
     assert not [*Path.cwd().glob(".*")]
 

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import remember_samples
 from t2d_rt.cli import main
 from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards
 from t2d_rt.dataset.lock import LOCK, locked
@@ -60,9 +61,17 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def known() -> dict[tuple[str, int], Made]:
+    return {}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, known: dict[tuple[str, int], Made]) -> Path:
     folder = tmp_path_factory.mktemp("made") / "tiny"
-    outcome = make_dataset(tiny(), folder, workers=1)
+    with pytest.MonkeyPatch.context() as patch:
+        remember_samples(patch, known)
+        outcome = make_dataset(tiny(), folder, workers=1)
+    assert len(known) == 4
     assert (outcome.samples, outcome.made, outcome.failures) == (4, 4, ())
     return folder
 
@@ -70,6 +79,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def copy(made: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(made, tmp_path / "copy"))
+
+
+@pytest.fixture
+def remembered(made: Path, known: dict[tuple[str, int], Made], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Samples are those of `made`, for tests of what becomes of them; the first tests check that they are the same bits anew."""
+    remember_samples(monkeypatch, known)
 
 
 def test_records_and_arrays(made: Path) -> None:
@@ -130,10 +145,11 @@ def test_two_workers_and_other_batches_make_the_same_files(made: Path, tmp_path:
 @pytest.mark.slow
 def test_a_cluster_makes_the_same_files(made: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    make_dataset(tiny(), tmp_path / "cluster", scheduler="local:2")
+    make_dataset(tiny(), tmp_path / "cluster", scheduler="local:1")
     assert contents(tmp_path / "cluster") == contents(made)
 
 
+@pytest.mark.usefixtures("remembered")
 def test_a_smaller_run_is_completed_by_a_larger_one(made: Path, tmp_path: Path) -> None:
     assert make_dataset(tiny(), tmp_path / "out", workers=1, limit=2).made == 2
     assert json.loads((tmp_path / "out/manifest.json").read_bytes())["samples"] == 2
@@ -257,6 +273,7 @@ def test_one_run_at_a_time(copy: Path) -> None:
     assert not (copy / LOCK).exists()
 
 
+@pytest.mark.usefixtures("remembered")
 def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_dataset(tiny(), tmp_path / "out", workers=1, limit=3)
     before = contents(tmp_path / "out")
@@ -442,6 +459,7 @@ def test_a_lock_that_was_taken_away_while_it_was_opened_is_taken_anew(
     assert not (tmp_path / LOCK).exists()
 
 
+@pytest.mark.usefixtures("remembered")
 @pytest.mark.parametrize("last", ["00000.npz", "00000.jsonl"])
 def test_a_run_that_is_killed_while_it_replaces_a_smaller_shard_goes_on(
     copy: Path, monkeypatch: pytest.MonkeyPatch, last: str

@@ -14,14 +14,18 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import ROOT, WALK
+from builders import ROOT, WALK, remember_samples
 from measures import check_picture, nmse_db
+from t2d_rt import named
 from t2d_rt.cli import main
+from t2d_rt.dataset.work import Made
 from t2d_rt.errors import T2DWarning
 
 pytestmark = pytest.mark.usefixtures("coarse_bodies")
 
 FRAMES, DOCS_FRAMES = 20, 200
+BUNDLED_FRAMES, FEW = 280, {"background": 100, "results-and-files": 60}
+"""Of the bundled walk, of which pages take stretches up to 2.3 s; of both walks on pages that take all of them."""
 README = ROOT / "README.md"
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 SLOW = "t2d-rt plan", "t2d-rt simulate walk --start-s 2 --stop-s 2.3 --scene"
@@ -66,13 +70,24 @@ def walk_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.fixture(scope="module")
+def known() -> dict[tuple[str, int], Made]:
+    return {}
+
+
+@pytest.fixture
+def remembered(known: dict[tuple[str, int], Made], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The README and a page of the docs make the same two samples of a data set."""
+    remember_samples(monkeypatch, known)
+
+
 # --- examples -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 def test_activities(tmp_path: Path) -> None:
     activities = runpy.run_path(str(ROOT / "examples" / "activities.py"))["activities"]
-    check_picture(activities(tmp_path, longest_s=0.3, sentences={"Sitting": "a person sits down"}))
+    check_picture(activities(tmp_path, longest_s=0.2, sentences={"Sitting": "a person sits down"}))
 
 
 def test_every_example_is_tested() -> None:
@@ -88,14 +103,14 @@ def test_every_example_is_tested() -> None:
 @pytest.mark.slow
 def test_from_clean_to_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     steps = runpy.run_path(str(ROOT / "examples" / "from_clean_to_measured.py"))["steps"]
-    check_picture(steps(tmp_path, duration_s=0.4))
+    check_picture(steps(tmp_path, duration_s=0.3))
     assert "over all noise of the receiver" in capsys.readouterr().out
 
 
 @pytest.mark.slow
 def test_room_interference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recordings = runpy.run_path(str(ROOT / "examples" / "room_interference.py"))["recordings"]
-    pictures = recordings("empty_room", "fan:3,-1,1,rpm=300", tmp_path / "out", duration_s=0.2)
+    pictures = recordings("empty_room", "fan:3,-1,1,rpm=300", tmp_path / "out", duration_s=0.1)
     assert [path.name for path in pictures] == ["walk_alone.png", "walk_empty_room.png", "walk_empty_room_others.png"]
     for path in pictures:
         check_picture(path)
@@ -159,6 +174,7 @@ def test_programs_of_the_readme(walk_folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("remembered")
 def test_commands_of_the_readme(walk_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = [each for line, _, text in blocks(README, "sh") for each in commands(README, line, text)]
     assert {words[0] for _, words in found} >= {"simulate", "compare", "info"}
@@ -172,12 +188,19 @@ def test_commands_of_the_readme(walk_folder: Path, capsys: pytest.CaptureFixture
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("remembered")
 @pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")  # coarse bodies miss tolerances, a walk may alias
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
 def test_programs_and_commands_of_the_docs(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_walk(tmp_path / "walk.bvh", DOCS_FRAMES)
+    write_walk(tmp_path / "walk.bvh", FEW.get(page.stem, DOCS_FRAMES))
+    (tmp_path / "bundled").mkdir()
+    write_walk(tmp_path / "bundled" / WALK.name, FEW.get(page.stem, BUNDLED_FRAMES))
+    path_of = named._example_path
+    monkeypatch.setattr(
+        named, "_example_path", lambda name: tmp_path / "bundled" / WALK.name if name == "walk" else path_of(name)
+    )
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
     for line, language, text in blocks(page):

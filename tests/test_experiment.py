@@ -138,11 +138,11 @@ def test_json_that_is_refused(text: str, told: str) -> None:
 
 def test_a_plan_of_an_experiment_is_that_of_its_targets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "experiment.yaml"
-    path.write_text("targets: [{kind: file, file: walk, stop_s: 0.2}]\nradar: ci4r\ntolerance_db: -10\n")
-    text = "targets: [{kind: file, file: walk, stop_s: 0.2}]\nradar: ci4r\n"
+    text = f"targets: [{{kind: file, file: walk, stop_s: 0.2}}]\nradar: {RADAR.model_dump_json()}\n"
+    path.write_text(f"{text}tolerance_db: -10\n")
     (tmp_path / "bare.yaml").write_text(text)
     planned = t2d.plan(t2d.Experiment.from_yaml(tmp_path / "bare.yaml"), tolerance_db=-10.0)
-    direct = t2d.plan(t2d.trim(t2d.example("walk"), 0, 0.2), radar="ci4r", tolerance_db=-10.0)
+    direct = t2d.plan(t2d.trim(t2d.example("walk"), 0, 0.2), radar=RADAR, tolerance_db=-10.0)
     assert (planned.accuracy, planned.error_db) == (direct.accuracy, direct.error_db)
     assert main(["plan", str(path)]) == 0
     assert capsys.readouterr().out.splitlines()[:-1] == str(planned).splitlines()[:-1]

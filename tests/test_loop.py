@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from t2d_rt.body import skin, template
 from t2d_rt.errors import InputError
 from t2d_rt.geometry import Refinement, curved_refinements
 from t2d_rt.geometry.loop import control_points, surface_rows
+from t2d_rt.scattering import refinement
 from t2d_rt.types import MovingMesh, Radar
 
 WAVENUMBER = 1613.8
@@ -261,3 +263,19 @@ def test_a_curved_mesh_is_made_again() -> None:
         warnings.simplefilter("error")
         found = t2d.simulate(curved_ball(0.1, 1.0, level=2), radar=Radar.preset("table2"))
     assert np.array_equal(found.again().cube, found.cube)
+
+
+def test_flat_facets_are_kept_by_their_curved_ones_and_the_pose_at_rest() -> None:
+    surface = curved_ball(0.1, 1.0, level=2)
+    fine, coarse = refinement.refined(surface, WAVENUMBER, 10.0, [0.5, 2.0], 1_000_000)
+    poses = surface.rest, surface.rest * [1, 1, 3]
+    for each in (fine, coarse, fine):
+        for rest in poses:
+            kept, made = refinement.flattened(each, rest), each.flattened(rest)
+            np.testing.assert_array_equal(kept.faces, made.faces)
+            assert (kept.operator != made.operator).nnz == 0
+            assert kept is refinement.flattened(each, rest)
+    refinement.forget()
+    assert refinement.flattened(fine, poses[1]) is not kept
+    other = replace(fine, key=None)  # of a method that keeps none
+    assert refinement.flattened(other, poses[0]) is not refinement.flattened(other, poses[0])

@@ -14,6 +14,7 @@ from scipy.special import jn_zeros
 
 import t2d_rt as t2d
 from t2d_rt.errors import InputError
+from t2d_rt.model import farthest_and_fastest
 from t2d_rt.scene import Mover, mover
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
 from validation.physics.movers import seen
@@ -315,3 +316,12 @@ def test_the_size_that_is_checked_is_that_of_the_mesh(entry: str, monkeypatch: p
 def test_times_of_a_movers_mesh(times: tuple[object, object]) -> None:
     with pytest.raises(InputError, match=r"(start_s|stop_s)"):
         mover("fan:2,1,1").mesh(*times)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("duration_s", [0.02, 0.1, 1.0])
+@pytest.mark.parametrize("rpm", [300, 3000])
+def test_the_speed_of_a_fans_tips_is_found_in_records_of_any_length(rpm: float, duration_s: float) -> None:
+    """From the side the tips come straight towards the radar, at omega R."""
+    fan = t2d.TableFan(position_m=(3, 0, 1), rpm=rpm, heading_deg=90)
+    _, fastest_mps = farthest_and_fastest(fan.mesh(0, duration_s), Radar.preset("table2"), (0, duration_s))
+    assert fastest_mps == pytest.approx(2 * math.pi * rpm / 60 * fan.radius_m, rel=0.01)

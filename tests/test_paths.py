@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -212,3 +213,21 @@ def test_antennas_apart_have_paths_of_their_own() -> None:
     for end, place in ((found.out, radar.tx_position_m), (found.back, radar.rx_position_m)):
         assert all(np.array_equal(path.antenna_m, place) for path in end.paths)
         assert all(found.blockage.fraction(path, middle).max() > 0 for path in end.paths)
+
+
+def test_kept_chains_are_those_of_their_own_search() -> None:
+    """Of the same place, order, losses and content of the scene: what is kept for one search answers no other."""
+    backend, wall = select("cpu"), plate("wall", [(-2, 2, -9), (1.9, 2, -9), (1.9, 2, -5), (-2, 2, -5)], PEC)
+    mirrors = Mirrors.of(scene(), backend)
+    below = Mirrors.of(Scene(name="test", surfaces=(wall, *scene().surfaces[1:])), backend)
+    loss_db = np.full(len(mirrors.each), 41.0)  # more than a ray bears
+    searches: list[tuple[Mirrors, np.ndarray, int, dict[str, Any]]] = [
+        (mirrors, ANTENNA_M, 1, {}), (mirrors, ANTENNA_M + [0.0, 5.0, 0.0], 1, {}), (mirrors, ANTENNA_M, 2, {}),
+        (mirrors, ANTENNA_M, 0, {"transmissions": 1}), (mirrors, ANTENNA_M, 0, {"transmissions": 1, "loss_db": loss_db}),
+        (below, ANTENNA_M, 2, {}),
+    ]  # fmt: skip
+    first, again = ([tuple(each.chains(place, n, **more)) for each, place, n, more in searches] for _ in range(2))
+    assert first == again
+    assert len(set(first)) == len(searches)
+    mirrors.chains(ANTENNA_M, 1).clear()  # the caller's own
+    assert tuple(mirrors.chains(ANTENNA_M, 1)) == first[0]

@@ -12,7 +12,7 @@ from t2d_rt.accuracy.cost import predicted_bytes, refuse
 from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import planned
 from t2d_rt.accuracy.wanted import Wanted
-from t2d_rt.backend import yardstick_s
+from t2d_rt.backend import recent_yardstick_s
 from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
@@ -59,7 +59,7 @@ def plan(
     found = planned(stage.model, tolerance_db, wanted.given)
     took = time.perf_counter()
     budget = found.budget
-    running = budget.seconds(found.accuracy, clutter=stage.experiment.clutter) * yardstick_s(stage.model.backend)
+    running = budget.seconds(found.accuracy, clutter=stage.experiment.clutter) * recent_yardstick_s(stage.model.backend)
     seconds = {"preparing": ready - begin, "planning": took - ready, "running": running}
     memory = predicted_bytes(budget.model, found.accuracy, budget.counts, measured=wanted.measured)
     refuse(budget.model, memory, measured=wanted.measured)

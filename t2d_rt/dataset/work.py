@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import limit_threads
+from t2d_rt.backend import limited_threads
 from t2d_rt.dataset.motions import provenance
 from t2d_rt.dataset.products import record_length_s
 from t2d_rt.dataset.recipe import Recipe
@@ -52,10 +52,10 @@ def accuracy_of(cell: Cell, plans: Plans) -> Accuracy | None:
 
 def make_samples(recipe_json: str, plans_json: Mapping[str, str], indices: Sequence[int], threads: int) -> list[Made]:
     """Samples of a recipe; the work of one call in a worker, whose values travel as plain text."""
-    limit_threads(threads)
     recipe = _recipe(recipe_json)
     plans = {name: Accuracy.model_validate_json(text) for name, text in plans_json.items()}
-    return [make_sample(recipe, plans, index) for index in indices]
+    with limited_threads(threads):
+        return [make_sample(recipe, plans, index) for index in indices]
 
 
 @functools.lru_cache(maxsize=2)

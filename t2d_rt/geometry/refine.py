@@ -49,6 +49,8 @@ class Refinement:
     """Of curved triangles, vertices near the middles of edges 01, 12 and 20, int32 (Ff, 3); None: they are flat."""
     control: Csr | None = None
     """Control points = control @ coarse vertices, (V, V); None: these are their own."""
+    key: str | None = None
+    """Hash of all that it follows from, of one that is kept."""
 
     @property
     def nodes(self) -> np.ndarray:
@@ -90,7 +92,7 @@ class Refinement:
         mean = sparse.csr_matrix((fraction, (faces.ravel(), np.repeat(np.arange(count), 3))), shape=(len(used), count))
         return replace(
             self, operator=self.operator[used] + mean @ (depth @ self.operator), linear=self.linear[used],
-            faces=faces.astype(np.int32), middles=None,
+            faces=faces.astype(np.int32), middles=None, key=None,
         )  # fmt: skip
 
     def controlled(self, vertices: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -29,6 +30,9 @@ SKIN_M = 1e-4
 """Rays start and end that far from what they are reflected at."""
 MOST_LOSS_DB = 40.0
 """Slabs that together take more than that from a ray at normal incidence stop it."""
+
+KEPT_SEARCHES = 16
+_kept: OrderedDict[tuple[object, ...], list[Chain]] = OrderedDict()
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,10 +136,25 @@ class Mirrors:
         self, place_m: np.ndarray, order: int, *, transmissions: int = 0, loss_db: np.ndarray | None = None
     ) -> list[Chain]:
         """Chains that rays from a place can take, () first, shorter ones before longer ones: up to `order` reflections, and
-        passages through up to `transmissions` mirrors, each of which takes its `loss_db` (M,) from a ray."""
+        passages through up to `transmissions` mirrors, each of which takes its `loss_db` (M,) from a ray.
+
+        Those of the last scenes and places are kept: the search takes longer than all else about the paths of a simple room.
+        """
+        loss_db = np.zeros(len(self.each)) if loss_db is None else np.asarray(loss_db, float)
+        place_m = np.asarray(place_m, float)
+        key = self.scene.content, place_m.tobytes(), order, transmissions, loss_db.tobytes(), self.backend.name
+        if key not in _kept:
+            _kept[key] = self._searched(place_m, order, transmissions, loss_db)
+            while len(_kept) > KEPT_SEARCHES:
+                _kept.popitem(last=False)
+        _kept.move_to_end(key)
+        return list(_kept[key])
+
+    def _searched(self, place_m: np.ndarray, order: int, transmissions: int, loss_db: np.ndarray) -> list[Chain]:
+        """The chains of `chains`, by rays in all directions."""
         mi = mitsuba(self.backend)
         directions = sphere(RAYS)
-        origin, direction = np.broadcast_to(np.asarray(place_m, float), directions.shape), directions
+        origin, direction = np.broadcast_to(place_m, directions.shape), directions
         waiting = [
             _Rays(
                 mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)), mi.Bool(True),
@@ -147,7 +166,7 @@ class Mirrors:
             rays = waiting.pop()
             found += rays.chains
             if rays.reflections or rays.passages:
-                waiting += self._onward(rays, np.zeros(len(self.each)) if loss_db is None else loss_db)
+                waiting += self._onward(rays, loss_db)
         return sorted(found, key=len)
 
     def parted(self, chains: Sequence[Chain]) -> tuple[Mirrors, list[Chain]]:

@@ -13,7 +13,7 @@ from t2d_rt.geometry import Refinement, SubdividedMesh, SurfacePoints, point_spa
 from t2d_rt.geometry.vectors import edge_cross, unit
 from t2d_rt.scattering.lanes import Weights
 from t2d_rt.scattering.patches import Csr, members
-from t2d_rt.scattering.refinement import carried
+from t2d_rt.scattering.refinement import carried, flattened
 from t2d_rt.types import MovingMesh
 
 APART_M = 0.1
@@ -93,7 +93,7 @@ class DiffusePoints:
         """
         from scipy.spatial import cKDTree
 
-        carrier = carrier.flattened(surface.rest)
+        carrier = flattened(carrier, surface.rest)
         rest = carrier.at(surface.rest)
         across = edge_cross(rest[carrier.faces])
         area = 0.5 * float(np.linalg.norm(across, axis=1).sum())

@@ -7,6 +7,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -30,6 +31,9 @@ MOST_FACETS = 1_000_000
 FRAMES_AT_ONCE = 20
 """The cage's positions at that many instants fit the cache."""
 _kept: OrderedDict[str, Refinement] = OrderedDict()
+KEPT_FLAT = 200_000
+"""Flat facets of curved refinements are kept, the last used ones, for as many of them."""
+_flat: OrderedDict[tuple[str, bytes], Refinement] = OrderedDict()
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
 
@@ -47,7 +51,7 @@ def facets(
     wavenumber = 2 * math.pi / radar.wavelength_m
     range_m = least_range_m(surface, [places], np.array(span_s))
     fine, _ = refined(surface, wavenumber, range_m, [sagitta_rad, POINT_SAGITTA_RAD], max_facets)
-    fine = fine.flattened(surface.rest)
+    fine = flattened(fine, surface.rest)
     return MovingMesh.from_track(
         lambda times_s: carried(fine.operator, fine.controlled(surface.at(times_s))).swapaxes(0, 1),
         fine.faces, surface.times_s, surface.material, rest=fine.at(surface.rest), name=surface.name,
@@ -77,7 +81,7 @@ def refined(
             max_faces=max_facets,
         )
         for key, each in zip(missing, made, strict=True):
-            _kept[key] = each
+            _kept[key] = replace(each, key=key)
             disk_cache.write(key, _as_arrays(each))
     found = [_kept[key] for key in keys]
     for key in keys:
@@ -90,7 +94,7 @@ def refined(
 def _needed(key: str, max_facets: int) -> bool:
     """Whether a refinement must be made: it is not kept, or has more facets than are allowed, which making it will tell."""
     if key not in _kept and (found := disk_cache.read(key, _ARRAYS)) is not None:
-        _kept[key] = _of_arrays(found)
+        _kept[key] = replace(_of_arrays(found), key=key)
     return key not in _kept or len(_kept[key].faces) > max_facets
 
 
@@ -126,6 +130,18 @@ def _of_arrays(arrays: Mapping[str, np.ndarray]) -> Refinement:
     )  # fmt: skip
 
 
+def flattened(found: Refinement, rest: np.ndarray) -> Refinement:
+    """`Refinement.flattened` for the coarse vertices `rest` (V, 3) m, kept for the next recording of the same body."""
+    if found.key is None or found.middles is None:
+        return found.flattened(rest)
+    key = found.key, rest.tobytes()
+    kept = _flat.pop(key, None)
+    flat = _flat[key] = found.flattened(rest) if kept is None else kept
+    while _flat and sum(len(each.faces) for each in _flat.values()) > KEPT_FLAT:
+        _flat.popitem(last=False)
+    return flat
+
+
 def most_facets(memory: Budget) -> int:
     """Of one mesh, in the memory that a run may take."""
     return int(memory.limit_bytes / REFINING_BYTES)
@@ -134,6 +150,7 @@ def most_facets(memory: Budget) -> int:
 def forget() -> None:
     """Drops the refinements that this process keeps; without those on disk the next recording takes as long as a first one."""
     _kept.clear()
+    _flat.clear()
 
 
 def carried(operator: Csr, values: np.ndarray) -> np.ndarray:
