@@ -11,7 +11,8 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
@@ -275,6 +276,19 @@ def limit_threads(count: int) -> None:
     if dr.thread_count() != count:
         dr.set_thread_count(count)
     threadpoolctl.threadpool_limits(count)
+
+
+def in_threads(work: Callable[[int], None], items: Sequence[int]) -> None:
+    """Does the work of all items in as many threads as this process computes on."""
+    import drjit as dr
+
+    threads = min(dr.thread_count(), len(items))
+    if threads <= 1:  # a thread of its own would ask for memory of its own, which takes a fifth of the time
+        for item in items:
+            work(item)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(work, items))
 
 
 @one_thread_at_a_time
