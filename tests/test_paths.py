@@ -45,6 +45,24 @@ def found(points: np.ndarray) -> FoundPaths:
     return find_paths(mirrors, ANTENNA_M, UP, FREQUENCY_HZ, order=2, transmissions=1, probes_m=points)
 
 
+def test_chains_that_are_kept_are_those_of_the_scene_and_place_at_hand(points: np.ndarray) -> None:
+    """A second search gives the same paths; another room, place, order or passage gives its own, whatever came before."""
+
+    def names(room: Scene, place: np.ndarray, order: int, transmissions: int) -> set[tuple[str, ...]]:
+        mirrors = Mirrors.of(room, select("cpu"))
+        common = {"order": order, "transmissions": transmissions, "probes_m": points}
+        return set(find_paths(mirrors, place, UP, FREQUENCY_HZ, **common).paths.chains)
+
+    whole, bare = scene(), Scene(name="test", surfaces=scene().surfaces[:2])
+    below_the_floor, through = ANTENNA_M - [0, 0, 2.0], ("screen (through)",)
+    assert through not in names(whole, below_the_floor, 0, 1)
+    assert through in names(whole, ANTENNA_M, 0, 1)
+    direct, first = names(whole, ANTENNA_M, 1, 0), names(whole, ANTENNA_M, 2, 1)
+    assert direct < names(whole, ANTENNA_M, 1, 1) < first
+    assert names(bare, ANTENNA_M, 1, 0) == {chain for chain in direct if not any("screen" in name for name in chain)}
+    assert names(whole, ANTENNA_M, 2, 1) == first
+
+
 def test_rows_of_unlike_length_are_padded(found: FoundPaths) -> None:
     paths = found.paths
     lengths = [len(chain) for chain in paths.chains]

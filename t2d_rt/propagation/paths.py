@@ -8,6 +8,7 @@ mirror reflects, or it transmits without refraction.
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,10 @@ from t2d_rt.propagation.mirrors import Chain, Mirrors
 from t2d_rt.slabs import transmission
 from t2d_rt.types import Material, PathSet
 from t2d_rt.types.paths import Elements
+
+KEPT_SEARCHES = 8
+"""Searches whose chains are kept, the last used ones: some 100 kB each."""
+_kept: OrderedDict[tuple[object, ...], list[Chain]] = OrderedDict()
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +56,27 @@ def find_paths(
     (3,), and any of points (Q, 3)."""
     materials = [resolved(surface.material, frequency_hz) for surface in mirrors.scene.surfaces]
     loss_db = _losses_db(mirrors, materials, frequency_hz) if transmissions else None
-    chains = mirrors.chains(place_m, order, transmissions=transmissions, loss_db=loss_db)
+    chains = _chains(mirrors, np.array(place_m, float), order, transmissions, loss_db)
     mirrors, chains = mirrors.parted(chains)
     candidates = _path_set(mirrors, materials, chains, np.array(place_m, float), np.array(polarization, float))
     reached = existing(mirrors, candidates, probes_m)
     rows = np.flatnonzero(reached.any(axis=1))
     edges = Edges.of(mirrors, SPEED_OF_LIGHT / frequency_hz)
     return FoundPaths(candidates.taken(rows), edges, reached[rows])
+
+
+def _chains(
+    mirrors: Mirrors, place: np.ndarray, order: int, transmissions: int, loss_db: np.ndarray | None
+) -> list[Chain]:
+    """`mirrors.chains`, kept for the next recording in the same room by a radar in the same place."""
+    losses = b"" if loss_db is None else loss_db.tobytes()
+    key = mirrors.scene.content, mirrors.backend.name, place.tobytes(), order, transmissions, losses
+    if key not in _kept:
+        _kept[key] = mirrors.chains(place, order, transmissions=transmissions, loss_db=loss_db)
+        if len(_kept) > KEPT_SEARCHES:
+            _kept.popitem(last=False)
+    _kept.move_to_end(key)
+    return list(_kept[key])
 
 
 def _losses_db(mirrors: Mirrors, materials: Sequence[Material], frequency_hz: float) -> np.ndarray:
