@@ -278,11 +278,16 @@ def limit_threads(count: int) -> None:
     threadpoolctl.threadpool_limits(count)
 
 
-def in_threads(work: Callable[[int], None], items: Sequence[int]) -> None:
-    """Does the work of all items in as many threads as this process computes on."""
+def thread_count() -> int:
+    """Threads that this process computes on: as many as there are cores, or those of `limit_threads`."""
     import drjit as dr
 
-    threads = min(dr.thread_count(), len(items))
+    return int(dr.thread_count())
+
+
+def in_threads(work: Callable[[int], None], items: Sequence[int]) -> None:
+    """Does the work of all items in as many threads as this process computes on."""
+    threads = min(thread_count(), len(items))
     if threads <= 1:  # a thread of its own would ask for memory of its own, which takes a fifth of the time
         for item in items:
             work(item)
