@@ -11,7 +11,8 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
@@ -296,6 +297,24 @@ def limited_threads(count: int) -> Iterator[None]:
         finally:
             if before != count:
                 dr.set_thread_count(before)
+
+
+def thread_count() -> int:
+    """Threads that this process computes on: as many as there are cores, or those of `limited_threads`."""
+    import drjit as dr
+
+    return int(dr.thread_count())
+
+
+def in_threads(work: Callable[[int], None], items: Sequence[int]) -> None:
+    """Does the work of all items in as many threads as this process computes on."""
+    threads = min(thread_count(), len(items))
+    if threads <= 1:  # a thread of its own would ask for memory of its own, which takes a fifth of the time
+        for item in items:
+            work(item)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(work, items))
 
 
 @one_thread_at_a_time

@@ -32,6 +32,8 @@ DIRECTIONS = (
 )
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 """What lies apart along one of these 13, the axes and the diagonals of a cube, does not touch (Klosowski et al. 1998)."""
+AXES = 3
+"""The first so many of these are the axes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,21 +184,22 @@ class Edges:
     def _touched(self, places: np.ndarray, reach: np.ndarray, asked: np.ndarray) -> np.ndarray:
         """Which pieces between places (part, piece + 1, C, 3), that wide (part, piece + 1, C), may touch any of the mirrors `asked`
         for (part, C, M): bool (part, piece, C)."""
-        part, cell, mirror = np.nonzero(asked)
-        touching = np.ones((places.shape[1] - 1, len(part)), bool)
+        touching = np.repeat(asked[:, None], places.shape[1] - 1, axis=1)
         for number, (direction, least, most) in enumerate(
             zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True)
         ):
-            if number == 3:  # the axes leave few for the diagonals
-                few = touching.any(axis=0)
-                part, cell, mirror, touching = part[few], cell[few], mirror[few], touching[:, few]
             along = places @ direction
             low, high = along - reach, along + reach
             low, high = np.minimum(low[:, :-1], low[:, 1:]), np.maximum(high[:, :-1], high[:, 1:])
-            touching &= (most[mirror] >= low[part, :, cell].T) & (least[mirror] <= high[part, :, cell].T)
-        touched = np.zeros((len(places), *places.shape[1:3]), bool)[:, 1:]
-        piece, which = np.nonzero(touching)
-        touched[part[which], piece, cell[which]] = True
+            if number < AXES:
+                touching &= (most >= low[..., None]) & (least <= high[..., None])
+                continue
+            if number == AXES:  # the axes leave few for the diagonals
+                *where, mirror = np.nonzero(touching)
+            some = (most[mirror] >= low[tuple(where)]) & (least[mirror] <= high[tuple(where)])
+            where, mirror = [each[some] for each in where], mirror[some]
+        touched = np.zeros(touching.shape[:3], bool)
+        touched[tuple(where)] = True
         return touched
 
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-import os
 from collections import OrderedDict
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from t2d_rt import disk_cache
-from t2d_rt.backend import aligned_empty
+from t2d_rt.backend import aligned_empty, in_threads
 from t2d_rt.geometry import Refinement, curved_refinements, refinements
 from t2d_rt.memory import Budget
 from t2d_rt.scattering.patches import Csr, least_range_m
@@ -28,8 +26,8 @@ REFINING_BYTES = 1_700
 """What a facet takes while it is made (measured with 110 000 to 1 000 000 facets of a body)."""
 MOST_FACETS = 1_000_000
 """Of one mesh, unless a run may take more memory."""
-FRAMES_AT_ONCE = 20
-"""The cage's positions at that many instants fit the cache."""
+ROWS_AT_ONCE = 1_000
+"""Vertices carried along at once: their positions at all instants of a block fit the cache."""
 _kept: OrderedDict[str, Refinement] = OrderedDict()
 KEPT_FLAT = 200_000
 """Flat facets of curved refinements are kept, the last used ones, for as many of them."""
@@ -155,14 +153,13 @@ def forget() -> None:
 
 def carried(operator: Csr, values: np.ndarray) -> np.ndarray:
     """Applies a sparse (Vf, V) to values (K, V, C) of the cage: (Vf, K, C), in memory as `aligned` has it."""
-    shape = operator.shape[0], len(values), values.shape[2]
-    out = aligned_empty(math.prod(shape), values.dtype).reshape(shape)
+    rows, (frames, count, width) = operator.shape[0], values.shape
+    columns = np.ascontiguousarray(values.transpose(1, 0, 2)).reshape(count, -1)
+    out = aligned_empty(rows * frames * width, values.dtype).reshape(rows, -1)
 
-    def carry(start: int) -> None:
-        part = values[start : start + FRAMES_AT_ONCE].transpose(1, 0, 2)
-        product = operator @ np.ascontiguousarray(part).reshape(len(part), -1)
-        out[:, start : start + FRAMES_AT_ONCE] = product.reshape(len(out), *part.shape[1:])
+    def carry(first: int) -> None:
+        some = slice(first, first + ROWS_AT_ONCE)
+        out[some] = operator[some] @ columns
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # a sparse product leaves Python's lock alone
-        list(pool.map(carry, range(0, len(values), FRAMES_AT_ONCE)))
-    return out
+    in_threads(carry, range(0, rows, ROWS_AT_ONCE))  # a sparse product leaves Python's lock alone
+    return out.reshape(rows, frames, width)
