@@ -2,12 +2,13 @@
 
 Samples of the same recipe with another seed, whose sentences the data set does not have, are simulated, their ADC samples put one
 after another, and told by sliding windows.
-`python -m validation.datasets.three_activities DIR` trains on a folder of the recipe hard or small-hard and writes nothing.
+`python -m validation.datasets.three_activities DIR... --seed N` trains on folders of the recipe hard or small-hard, which may have
+other seeds and so other descriptions, draws recordings of the recipe with seed N, and writes nothing.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -91,14 +92,17 @@ def alone(told: Prediction, labels: Sequence[int], duration_s: float) -> list[bo
     return [bool(each) for each in told.probabilities[nearest].argmax(axis=1) == np.asarray(labels)]
 
 
-def evaluated(dataset: Dataset) -> Section:
-    """The section for a data set."""
-    maps, recipe = maps_of(dataset, size=SIZE), dataset.recipe
-    known = {str(each["sentence"]) for each in dataset.records}
-    parts = sides_of(dataset.records, "description", fractions=(FRACTIONS[0], FRACTIONS[1] / 2, FRACTIONS[1] / 2))
+def evaluated(*datasets: Dataset, seed: int = 1) -> Section:
+    """The section for data sets of one recipe, trained on together, and recordings of that recipe with another seed."""
+    first, *others = (maps_of(each, size=SIZE) for each in datasets)
+    maps, recipe = first.joined(*others), datasets[0].recipe
+    every = [record for each in datasets for record in each.records]
+    records = [{**record, "index": place} for place, record in enumerate(every)]
+    known = {str(each["sentence"]) for each in records}
+    parts = sides_of(records, "description", fractions=(FRACTIONS[0], FRACTIONS[1] / 2, FRACTIONS[1] / 2))
     sides = {"train": parts["train"], "val": np.concatenate([parts["val"], parts["test"]])}
     model = trained(maps, sides)
-    other = recipe.model_copy(update={"seed": recipe.seed + 1})
+    other = recipe.model_copy(update={"seed": seed})
     rows, single, confusion = [], [], np.zeros((len(maps.classes),) * 2, dtype=int)
     right: dict[str, list[float]] = {"course": [], "windows": []}
     for indices in unseen(other, known, RECORDINGS):
@@ -135,5 +139,9 @@ def evaluated(dataset: Dataset) -> Section:
 
 
 if __name__ == "__main__":
-    section = evaluated(Dataset(sys.argv[1]))
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder", nargs="+")
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    section = evaluated(*map(Dataset, given.folder), seed=given.seed)
     print(*section.checks, section.note, sep="\n")
