@@ -47,8 +47,8 @@ from t2d_rt.visibility import ExactOverStrongest, Sampled, Sight, Unoccluded, Vi
 SPLINE_ERROR_DB = Accuracy().spline_error_db
 OCCLUDER_SAGITTA_SCALE = 2.0
 """Sagitta scale of facets that occlude others, where visibility is traced from every facet's vertices: below -45 dB."""
-SPEED_SAMPLES, LEAST_SPEED_SAMPLES, SPEED_RATE_HZ = 200, 20, 500.0
-"""Instants at which speeds are sampled, in short records as many as that rate gives: ten in a rotation of a fan at 3000 rpm."""
+SPEED_SAMPLES, LEAST_SPEED_SAMPLES, SPEED_RATE_HZ = 200, 50, 1000.0
+"""Instants at which speeds are sampled, in short records as many as that rate gives: eight in a rotation of a fan at 7500 rpm."""
 SAME_RATE = 2.0
 """Targets whose surface rates differ by more are summed apart, each at its own."""
 MINOR_FRAMES = 128

@@ -47,7 +47,7 @@ def record_of(found: Recipe, index: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def made(found: Recipe, index: int) -> Made:
+def made(found: Recipe, index: int, greatest_mps: float = 4.0) -> Made:
     """A sample of made-up arrays: a line of power at a speed that grows with the index."""
     rng = np.random.default_rng(index)
     record = record_of(found, index)
@@ -65,7 +65,7 @@ def made(found: Recipe, index: int) -> Made:
             power = 1e-4 * rng.exponential(size=size)
             power[..., (index + 8) % size[-2], :] = 1.0
             arrays[name], peak_db = each.encoded(power)
-            told[name] = {"peak_db": peak_db, "velocity_mps": edges(np.linspace(-4, 4, size[-2]))}
+            told[name] = {"peak_db": peak_db, "velocity_mps": edges(np.linspace(-greatest_mps, greatest_mps, size[-2]))}
             if name == "spectrogram":
                 told[name] |= {"time_s": [0.0, 5.0]}
             else:
@@ -73,7 +73,9 @@ def made(found: Recipe, index: int) -> Made:
     return Made(record | {"products": told}, arrays)
 
 
-def write_dataset(folder: Path, found: Recipe | None = None, *, failed: tuple[int, ...] = ()) -> Path:
+def write_dataset(
+    folder: Path, found: Recipe | None = None, *, failed: tuple[int, ...] = (), greatest_mps: float = 4.0
+) -> Path:
     """A folder as `make_dataset` leaves it."""
     found = found or recipe()
     (folder / "shards").mkdir(parents=True)
@@ -81,7 +83,8 @@ def write_dataset(folder: Path, found: Recipe | None = None, *, failed: tuple[in
     (folder / "recipe.yaml").write_text(found.to_yaml())
     files, size = {}, found.samples_per_shard
     for number in range(-(-found.samples // size)):
-        samples = [made(found, index) for index in range(number * size, min((number + 1) * size, found.samples))]
+        indices = range(number * size, min((number + 1) * size, found.samples))
+        samples = [made(found, index, greatest_mps) for index in indices]
         samples = [
             Made({**each.record, "failure": "no room"}) if each.record["index"] in failed else each for each in samples
         ]

@@ -187,7 +187,41 @@ def test_data_sets_are_conditions_too(tmp_path: Path, run: Command, monkeypatch:
     assert "two data sets are in folders that are called clean" in twice.err
     other = str(write_dataset(tmp_path / "other", many(classes=["walking", "sitting"])))
     assert "cannot be joined" in run("benchmark", "conditions", clean, other, "-o", str(tmp_path / "x")).err
+    for name in ("all", "all but clean"):
+        taken = str(write_dataset(tmp_path / name, many(classes=["walking", "falling"])))
+        assert (
+            f"a condition is called {name},"
+            in run("benchmark", "conditions", clean, taken, "-o", str(tmp_path / "x")).err
+        )
     assert not (tmp_path / "x").exists()
+
+
+def test_folders_alike_but_for_a_space_and_radars_of_other_cells(
+    tmp_path: Path, run: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(conditions, "OPTIONS", TrainOptions(epochs=1, batch=8))
+    monkeypatch.setattr(conditions, "SEEDS", (0,))
+    trained = []
+    monkeypatch.setattr(
+        conditions, "train_model", lambda *given: trained.append(given[1]) or train_model(*given)
+    )  # fmt: skip
+    spaced, dashed = (
+        write_dataset(tmp_path / name, many(classes=["walking", "falling"]), greatest_mps=greatest_mps)
+        for name, greatest_mps in (("a b", 4.0), ("a-b", 4.1))
+    )
+    done = run("benchmark", "conditions", str(spaced), str(dashed), "-o", str(tmp_path / "found"))
+    assert done.code == 0, done.err
+    assert len(trained) == 3  # each, and both together
+    assert len({each.velocity_mps.tobytes() for each in trained}) == 1
+
+
+def test_a_model_is_evaluated_on_the_speeds_that_it_was_trained_on(tmp_path: Path, run: Command) -> None:
+    narrow, wide, wider = (write_dataset(tmp_path / f"{x}", many(), greatest_mps=x) for x in (4.0, 4.15, 8.0))
+    model = str(tmp_path / "model")
+    words = ("--model", "streaming", "-o", model, "--epochs", "1", "--batch", "4", "--size", "64")
+    assert run("train", str(narrow), *words).code == 0
+    assert run("evaluate", str(wide), "--model", model).code == 0
+    assert "make it with the same speed_mps" in run("evaluate", str(wider), "--model", model).err
 
 
 def test_train_evaluate_and_refusals(tmp_path: Path, run: Command) -> None:

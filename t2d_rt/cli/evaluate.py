@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from t2d_rt.learn.maps import LabelledMaps
     from t2d_rt.learn.train.saved import Card
 
+ROUNDED_MPS = 1e-6
+"""By which speeds of a card may differ from those of the same samples."""
 EXAMPLES = """examples:
   t2d-rt evaluate small --model resnet -o figures            # on the samples that were kept apart when it was trained
   t2d-rt evaluate other --model resnet                       # on all of another data set of the same classes and speeds"""
@@ -58,7 +60,9 @@ def run(options: Namespace) -> None:
         _check_output(Path(options.output), overwrite=options.overwrite)
     model = load_model(options.model)
     dataset = Dataset(source)
-    maps = maps_of(dataset, size=model.card.size, dynamic_range_db=model.card.dynamic_range_db)
+    maps = maps_of(
+        dataset, size=model.card.size, dynamic_range_db=model.card.dynamic_range_db, speeds_mps=_speeds_of(dataset, model.card)
+    )  # fmt: skip
     _check_like(source, maps, dataset, model.card)
     if model.card.about.get("recipe_hash") == dataset.recipe.hash:
         maps = maps.take(dataset.positions(_kept_apart(model.card, options.model)))
@@ -102,6 +106,18 @@ def _kept_apart(card: Card, folder: str) -> list[int]:
             "or evaluate it on a data set of another recipe"
         )
     return found
+
+
+def _speeds_of(dataset: Dataset, card: Card) -> tuple[float, float]:
+    """The speeds of the training where the data set covers them and hardly more, else its own, which may be refused."""
+    from t2d_rt.dataset.products import edges
+    from t2d_rt.learn.maps import LEAST_SHARED, shared_speeds
+
+    own, (lowest, highest) = shared_speeds(dataset), edges(card.axis_mps)
+    covered = own[0] <= lowest + ROUNDED_MPS and own[1] >= highest - ROUNDED_MPS
+    if covered and highest - lowest >= LEAST_SHARED * (own[1] - own[0]):
+        return max(lowest, own[0]), min(highest, own[1])
+    return own
 
 
 def _check_like(source: str, maps: LabelledMaps, dataset: Dataset, card: Card) -> None:

@@ -150,13 +150,15 @@ class LabelledMaps:
 
 
 def maps_of(
-    dataset: Dataset, product: str = "spectrogram", size: tuple[int, int] = SIZE, dynamic_range_db: float = DYNAMIC_RANGE_DB
+    dataset: Dataset, product: str = "spectrogram", size: tuple[int, int] = SIZE, dynamic_range_db: float = DYNAMIC_RANGE_DB,
+    speeds_mps: tuple[float, float] | None = None,
 ) -> LabelledMaps:  # fmt: skip
     """The maps of a data set, in the order of its records.
 
     product: "spectrogram".
     size: cells of speed and of time.
     dynamic_range_db: levels are clipped so far below each map's greatest cell.
+    speeds_mps: lowest and highest speed, the edges of the outermost cells, within what all samples cover, which is the default.
     """
     instance("dataset", dataset, Dataset, "a Dataset", hint="Dataset(folder) reads one")
     if product != "spectrogram":
@@ -175,7 +177,7 @@ def maps_of(
                 f"sample {record['index']} of {dataset.path} is of class {shown(record['class'])}, which its recipe does not have; "
                 "put back the recipe that it was made of"
             )
-    levels, (lowest, highest) = [], _shared_speeds(dataset, kind)
+    levels, (lowest, highest) = [], shared_speeds(dataset) if speeds_mps is None else speeds_mps
     for place, record in enumerate(dataset.records):
         values = dataset.values(place, kind)
         if not np.isfinite(values).all():
@@ -196,11 +198,18 @@ def maps_of(
     ).checked_for_training()  # fmt: skip
 
 
-def _shared_speeds(dataset: Dataset, kind: str) -> tuple[float, float]:
-    """Speeds that all maps of a data set cover, which are cut to whole cells of their own radars."""
-    first, last = np.array([record["products"][kind]["velocity_mps"] for record in dataset.records]).T
+def shared_speeds(*datasets: Dataset) -> tuple[float, float]:
+    """Lowest and highest speed that all spectrograms of data sets cover: each is cut to whole Doppler cells of its own radar.
+
+    Raises InputError where they cover less than 95 % of what one of them does.
+    """
+    spans = [
+        record["products"][each.checked("spectrogram")]["velocity_mps"] for each in datasets for record in each.records
+    ]
+    first, last = np.array(spans).T
     if last.min() - first.max() < LEAST_SHARED * (last.max() - first.min()):
-        raise InputError(f"the samples of {dataset.path} have different axes of speed; give the recipe one speed_mps")
+        names = ", ".join(str(each.path) for each in datasets)
+        raise InputError(f"the samples of {names} have different axes of speed; give the recipe one speed_mps")
     return float(first.max()), float(last.min())
 
 

@@ -143,12 +143,13 @@ class Mirrors:
         loss_db = np.zeros(len(self.each)) if loss_db is None else np.asarray(loss_db, float)
         place_m = np.asarray(place_m, float)
         key = self.scene.content, place_m.tobytes(), order, transmissions, loss_db.tobytes(), self.backend.name
-        if key not in _kept:
-            _kept[key] = self._searched(place_m, order, transmissions, loss_db)
-            while len(_kept) > KEPT_SEARCHES:
-                _kept.popitem(last=False)
-        _kept.move_to_end(key)
-        return list(_kept[key])
+        found = _kept.pop(key, None)  # another thread may take it out at any time
+        if found is None:
+            found = self._searched(place_m, order, transmissions, loss_db)
+        _kept[key] = found
+        while len(_kept) > KEPT_SEARCHES:
+            _kept.popitem(last=False)
+        return list(found)
 
     def _searched(self, place_m: np.ndarray, order: int, transmissions: int, loss_db: np.ndarray) -> list[Chain]:
         """The chains of `chains`, by rays in all directions."""

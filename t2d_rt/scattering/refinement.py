@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import replace
@@ -32,6 +33,8 @@ _kept: OrderedDict[str, Refinement] = OrderedDict()
 KEPT_FLAT = 200_000
 """Flat facets of curved refinements are kept, the last used ones, for as many of them."""
 _flat: OrderedDict[tuple[str, bytes], Refinement] = OrderedDict()
+_lock = threading.RLock()
+"""Held by the thread that looks into `_kept` and `_flat`."""
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
 
@@ -67,25 +70,26 @@ def refined(
     rest = surface.refined_rest
     common = rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
     keys = [disk_cache.key("geometry", ("refinement", *common, np.asarray(each, float))) for each in sagittas_rad]
-    missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
-    if missing:
-        make = curved_refinements if surface.curved else partial(refinements, crease_deg=surface.crease_deg)
-        made = make(
-            rest,
-            surface.faces,
-            wavenumber=wavenumber,
-            range_m=range_m,
-            sagittas_rad=list(missing.values()),
-            max_faces=max_facets,
-        )
-        for key, each in zip(missing, made, strict=True):
-            _kept[key] = replace(each, key=key)
-            disk_cache.write(key, _as_arrays(each))
-    found = [_kept[key] for key in keys]
-    for key in keys:
-        _kept.move_to_end(key)
-    while len(_kept) > len(keys) and sum(len(each.faces) for each in _kept.values()) > KEPT_FACETS:
-        _kept.popitem(last=False)
+    with _lock:
+        missing = {key: sagitta for key, sagitta in zip(keys, sagittas_rad, strict=True) if _needed(key, max_facets)}
+        if missing:
+            make = curved_refinements if surface.curved else partial(refinements, crease_deg=surface.crease_deg)
+            made = make(
+                rest,
+                surface.faces,
+                wavenumber=wavenumber,
+                range_m=range_m,
+                sagittas_rad=list(missing.values()),
+                max_faces=max_facets,
+            )
+            for key, each in zip(missing, made, strict=True):
+                _kept[key] = replace(each, key=key)
+                disk_cache.write(key, _as_arrays(each))
+        found = [_kept[key] for key in keys]
+        for key in keys:
+            _kept.move_to_end(key)
+        while len(_kept) > len(keys) and sum(len(each.faces) for each in _kept.values()) > KEPT_FACETS:
+            _kept.popitem(last=False)
     return found
 
 
@@ -133,10 +137,13 @@ def flattened(found: Refinement, rest: np.ndarray) -> Refinement:
     if found.key is None or found.middles is None:
         return found.flattened(rest)
     key = found.key, rest.tobytes()
-    kept = _flat.pop(key, None)
-    flat = _flat[key] = found.flattened(rest) if kept is None else kept
-    while _flat and sum(len(each.faces) for each in _flat.values()) > KEPT_FLAT:
-        _flat.popitem(last=False)
+    with _lock:
+        kept = _flat.pop(key, None)
+    flat = found.flattened(rest) if kept is None else kept
+    with _lock:
+        _flat[key] = flat
+        while sum(len(each.faces) for each in _flat.values()) > KEPT_FLAT:
+            _flat.popitem(last=False)
     return flat
 
 

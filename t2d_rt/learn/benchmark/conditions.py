@@ -16,7 +16,7 @@ from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.splits import KINDS, traits
 from t2d_rt.errors import InputError
 from t2d_rt.learn.benchmark.claims import interval
-from t2d_rt.learn.maps import LabelledMaps, maps_of
+from t2d_rt.learn.maps import LabelledMaps, maps_of, shared_speeds
 from t2d_rt.learn.markdown import table
 from t2d_rt.learn.models import card
 from t2d_rt.learn.train import TrainOptions, scores_of, sides_of, train_model
@@ -59,7 +59,8 @@ class _Samples:
     def stamp(self) -> str:
         """Hash of everything that results follow from."""
         shared = [sorted(traits(record, KINDS)) for record in self.records]
-        plain = json.dumps([MODEL, self.maps.classes, self.of.tolist(), shared, OPTIONS.model_dump(mode="json")])
+        axes = [*self.maps.velocity_mps.tolist(), self.maps.duration_s]
+        plain = json.dumps([MODEL, self.maps.classes, self.of.tolist(), shared, axes, OPTIONS.model_dump(mode="json")])
         return hashlib.sha256(self.maps.levels.tobytes() + self.maps.labels.tobytes() + plain.encode()).hexdigest()[:16]
 
 
@@ -78,13 +79,18 @@ def _joined(datasets: Sequence[Dataset]) -> _Samples:
         conditions += called.values()
         of += [called[record["condition"]] for record in dataset.records]
         records += [{**record, "index": len(records) + place} for place, record in enumerate(dataset.records)]
+    for name in conditions:
+        if name == ALL or name.startswith(ALL_BUT) or conditions.count(name) > 1:
+            raise InputError(
+                f"a condition is called {name}, as another one or as what is trained on several of them; rename it, or the folder"
+            )
     if len(conditions) < 2:
         raise InputError(
             f"{datasets[0].path} has one condition only, {conditions[0]}; give a data set of two or more, as the recipes fidelity, "
             "carriers and room-interference make them, or several data sets"
         )
-    cells = card(MODEL).usual_size
-    first, *others = (maps_of(each, size=(cells, cells)) for each in datasets)
+    cells, speeds_mps = card(MODEL).usual_size, shared_speeds(*datasets)
+    first, *others = (maps_of(each, size=(cells, cells), speeds_mps=speeds_mps) for each in datasets)
     maps = first.joined(*others)
     return _Samples(", ".join(names), tuple(conditions), tuple(records), maps, np.array(of))
 
@@ -103,7 +109,8 @@ def run_conditions(
     cells: Cells = {}
     every = [(name, seed) for seed in SEEDS for name in trainings(samples.conditions)]
     for number, (name, seed) in enumerate(every, 1):
-        path = folder / "cells" / f"{name.replace(' ', '-')}_{seed}.json"
+        place = list(trainings(samples.conditions)).index(name)  # names of folders may be alike but for a space
+        path = folder / "cells" / f"{place:02d}_{name.replace(' ', '-')}_{seed}.json"
         if not path.exists():
             told = _confusions(samples, trainings(samples.conditions)[name], seed)
             with replacing(path, lambda: None) as new:
