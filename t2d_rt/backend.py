@@ -52,8 +52,8 @@ _LIBRARY_GLOBS = (
 
 YARDSTICK_SIZE, YARDSTICK_SINES, YARDSTICK_TRIES = 400_000, 20, 5
 YARDSTICK_KEPT_S = 60.0
-_yardsticks: dict[str, tuple[float, float]] = {}
-"""When the yardstick of a backend was measured, and what it was."""
+_yardsticks: dict[tuple[str, int], tuple[float, float]] = {}
+"""When the yardstick of a backend and a number of threads was measured, and what it was."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,12 +181,13 @@ def yardstick_s(backend: Backend) -> float:
 
 
 def recent_yardstick_s(backend: Backend) -> float:
-    """`yardstick_s` of the last minute, measured anew after that: it takes as long as all else about the plan of a short record."""
-    now = time.monotonic()
-    measured, found = _yardsticks.get(backend.name, (-math.inf, math.nan))
+    """`yardstick_s`, measured at most once a minute for a backend and a number of threads: it takes as long as the rest of a plan
+    of a short record."""
+    key, now = (backend.name, thread_count()), time.monotonic()
+    measured, found = _yardsticks.get(key, (-math.inf, math.nan))
     if now - measured > YARDSTICK_KEPT_S:
         measured, found = now, yardstick_s(backend)
-        _yardsticks[backend.name] = measured, found
+        _yardsticks[key] = measured, found
     return found
 
 
@@ -282,7 +283,7 @@ def _named(version: int) -> str:
 @contextlib.contextmanager
 def limited_threads(count: int) -> Iterator[None]:
     """Lets this process compute on so many threads of Dr.Jit, BLAS and OpenMP, and on as many as before at the end; what it
-    computes stays the same."""
+    computes stays the same. It holds for the whole process, so that two of its threads must not use it at the same time."""
     import threadpoolctl
 
     require_llvm()
@@ -309,7 +310,7 @@ def thread_count() -> int:
 def in_threads(work: Callable[[int], None], items: Sequence[int]) -> None:
     """Does the work of all items in as many threads as this process computes on."""
     threads = min(thread_count(), len(items))
-    if threads <= 1:  # a thread of its own would ask for memory of its own, which takes a fifth of the time
+    if threads <= 1:  # memory that a thread of a pool asks for comes from the system anew, a fifth slower
         for item in items:
             work(item)
         return

@@ -47,8 +47,10 @@ from t2d_rt.visibility import ExactOverStrongest, Sampled, Sight, Unoccluded, Vi
 SPLINE_ERROR_DB = Accuracy().spline_error_db
 OCCLUDER_SAGITTA_SCALE = 2.0
 """Sagitta scale of facets that occlude others, where visibility is traced from every facet's vertices: below -45 dB."""
-SPEED_SAMPLES, LEAST_SPEED_SAMPLES, SPEED_RATE_HZ = 200, 50, 1000.0
-"""Instants at which speeds are sampled, in short records as many as that rate gives: eight in a rotation of a fan at 7500 rpm."""
+LEAST_SPEED_SAMPLES, SPEED_SAMPLES = 50, 200
+"""Instants at which speeds are sampled, at least and at most."""
+SPEED_RATE_HZ = 1000.0
+"""In records in between: eight instants in a rotation at 7500 rpm."""
 SAME_RATE = 2.0
 """Targets whose surface rates differ by more are summed apart, each at its own."""
 MINOR_FRAMES = 128

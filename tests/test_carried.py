@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 
 import numpy as np
@@ -35,6 +36,10 @@ def test_every_item_is_worked_on_once(threads: int) -> None:
     done: list[int] = []
     in_threads(done.append, range(3, 20))
     assert sorted(done) == list(range(3, 20))
+    workers: set[int] = set()
+    in_threads(lambda _: workers.add(threading.get_ident()), range(20))
+    assert len(workers) <= threads
+    assert (workers == {threading.get_ident()}) == (threads == 1)
     in_threads(done.append, ())
     assert len(done) == 17
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from t2d_rt.learn.train.saved import Card
 
 ROUNDED_MPS = 1e-6
-"""By which speeds of a card may differ from those of the same samples."""
+"""Rounding of the speeds of a card [m/s]."""
 EXAMPLES = """examples:
   t2d-rt evaluate small --model resnet -o figures            # on the samples that were kept apart when it was trained
   t2d-rt evaluate other --model resnet                       # on all of another data set of the same classes and speeds"""

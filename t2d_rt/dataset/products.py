@@ -17,6 +17,9 @@ from t2d_rt.types.fields import Count, Fields, Number
 FLOOR_DB = -200.0
 """Least level that is written, relative to the greatest one: a noise-free recording has cells of any smallness."""
 
+ROUNDING = 1e-6
+"""By which the part of a map that another one covers may be off."""
+
 Size = Annotated[Count, Field(ge=2, le=4096)]
 MapDtype = Literal["float16", "uint8"]
 
@@ -193,6 +196,8 @@ def resized(power: np.ndarray, size: tuple[int, int], rows: tuple[float, float] 
 
     rows: where the new map begins and ends, in parts of the old one's first axis.
     """
+    if not -ROUNDING < rows[0] < rows[1] < 1.0 + ROUNDING:
+        raise InputError(f"rows must rise within 0..1, got {rows}; cut to speeds that the map covers")
     before, after = _averaging(power.shape[0], size[0], *rows), _averaging(power.shape[1], size[1])
     return np.asarray(before @ power @ after.T)
 

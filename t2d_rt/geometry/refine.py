@@ -187,13 +187,14 @@ def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> 
     The last ones are kept, read-only: a body's is asked for when it is skinned and when its facets are counted.
     """
     key = hashlib.sha256(rest.tobytes()).digest(), hashlib.sha256(faces.tobytes()).digest(), rest.shape, crease_deg
-    if key not in _curvatures:
-        found = _curvatures[key] = _curvature(rest, faces, crease_deg)
+    found = _curvatures.pop(key, None)  # another thread may take it out at any time
+    if found is None:
+        found = _curvature(rest, faces, crease_deg)
         found.setflags(write=False)
-        if len(_curvatures) > KEPT_CURVATURES:
-            _curvatures.popitem(last=False)
-    _curvatures.move_to_end(key)
-    return _curvatures[key]
+    _curvatures[key] = found
+    while len(_curvatures) > KEPT_CURVATURES:
+        _curvatures.popitem(last=False)
+    return found
 
 
 def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.ndarray:

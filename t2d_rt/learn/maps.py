@@ -21,7 +21,7 @@ SIZE = 64, 64
 DYNAMIC_RANGE_DB = 60.0
 """As the authors of Text2Doppler have it."""
 LEAST_SHARED = 0.95
-"""Part of the speeds of any map that all maps of a data set must cover."""
+"""Part of the span from the lowest to the highest speed of any map that all maps of a data set must cover."""
 LARGEST = 4096
 LEAST_SPAN_DB = 1e-3
 """Between least and greatest level of a map that shows anything; rounding makes less [dB]."""
@@ -158,7 +158,7 @@ def maps_of(
     product: "spectrogram".
     size: cells of speed and of time.
     dynamic_range_db: levels are clipped so far below each map's greatest cell.
-    speeds_mps: lowest and highest speed, the edges of the outermost cells, within what all samples cover, which is the default.
+    speeds_mps: outer edges of the lowest and the highest cell, within `shared_speeds(dataset)`, which are taken by default.
     """
     instance("dataset", dataset, Dataset, "a Dataset", hint="Dataset(folder) reads one")
     if product != "spectrogram":
@@ -201,7 +201,7 @@ def maps_of(
 def shared_speeds(*datasets: Dataset) -> tuple[float, float]:
     """Lowest and highest speed that all spectrograms of data sets cover: each is cut to whole Doppler cells of its own radar.
 
-    Raises InputError where they cover less than 95 % of what one of them does.
+    Raises InputError where they share less than 95 % of the span from the lowest to the highest speed that any of them shows.
     """
     spans = [
         record["products"][each.checked("spectrogram")]["velocity_mps"] for each in datasets for record in each.records

@@ -46,16 +46,22 @@ def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) ->
         scene.content, order, radar.mid_frequency_hz, backend.name,
         *(np.asarray(each, float).tobytes() for each in (*places, departing, across)),
     )  # fmt: skip
-    if key not in _kept:
+    static = _kept.pop(key, None)  # another thread may take it out at any time
+    if static is None:
         found = find_paths(
             Mirrors.of(scene, backend), places[0], departing, radar.mid_frequency_hz, order=order,
             probes_m=(places[1] + ASIDE_M)[None],
         )  # fmt: skip
-        _kept[key] = tuple(_path(path, places[1], across) for path in found.paths if path.order)
-        while len(_kept) > KEPT_SEARCHES:
-            _kept.popitem(last=False)
-    _kept.move_to_end(key)
-    return _kept[key]
+        static = tuple(_path(path, places[1], across) for path in found.paths if path.order)
+    _kept[key] = static
+    while len(_kept) > KEPT_SEARCHES:
+        _kept.popitem(last=False)
+    return static
+
+
+def forget() -> None:
+    """Drops the searches that are kept."""
+    _kept.clear()
 
 
 def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray) -> StaticPath:

@@ -33,6 +33,7 @@ MOST_LOSS_DB = 40.0
 
 KEPT_SEARCHES = 16
 _kept: OrderedDict[tuple[object, ...], list[Chain]] = OrderedDict()
+"""Chains by all that their search follows from, the last used ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,3 +329,8 @@ def sphere(count: int) -> np.ndarray:
     angle = np.pi * (3 - np.sqrt(5)) * index
     radius = np.sqrt(1 - height**2)
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+
+
+def forget() -> None:
+    """Drops the searches that are kept."""
+    _kept.clear()

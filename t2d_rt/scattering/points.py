@@ -43,18 +43,19 @@ KEPT_POINTS = 8
 def _spread(rest: np.ndarray, faces: np.ndarray, seed: int, spacing_m: float) -> SurfacePoints:
     """`surface_points`, kept for the next recording of the same body and for coarser facets of this one."""
     key = disk_cache.key("geometry", ("points", rest, faces, seed, spacing_m))
-    if key not in _kept:
+    found = _kept.pop(key, None)  # another thread may take it out at any time
+    if found is None:
 
         def spread() -> dict[str, np.ndarray]:
-            found = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
-            return {each.name: getattr(found, each.name) for each in fields(SurfacePoints)}
+            made = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
+            return {each.name: getattr(made, each.name) for each in fields(SurfacePoints)}
 
         names = [each.name for each in fields(SurfacePoints)]
-        _kept[key] = SurfacePoints(**disk_cache.kept(key, names, spread))
-        if len(_kept) > KEPT_POINTS:
-            _kept.popitem(last=False)
-    _kept.move_to_end(key)
-    return _kept[key]
+        found = SurfacePoints(**disk_cache.kept(key, names, spread))
+    _kept[key] = found
+    while len(_kept) > KEPT_POINTS:
+        _kept.popitem(last=False)
+    return found
 
 
 def forget() -> None:

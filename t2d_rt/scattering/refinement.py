@@ -33,7 +33,7 @@ _kept: OrderedDict[str, Refinement] = OrderedDict()
 KEPT_FLAT = 200_000
 """Flat facets of curved refinements are kept, the last used ones, for as many of them."""
 _flat: OrderedDict[tuple[str, bytes], Refinement] = OrderedDict()
-_lock = threading.RLock()
+_lock = threading.Lock()
 """Held by the thread that looks into `_kept` and `_flat`."""
 Sagitta = float | np.ndarray
 """One phase sagitta [rad], or one for each vertex (V,)."""
@@ -154,8 +154,9 @@ def most_facets(memory: Budget) -> int:
 
 def forget() -> None:
     """Drops the refinements that this process keeps; without those on disk the next recording takes as long as a first one."""
-    _kept.clear()
-    _flat.clear()
+    with _lock:
+        _kept.clear()
+        _flat.clear()
 
 
 def carried(operator: Csr, values: np.ndarray) -> np.ndarray:

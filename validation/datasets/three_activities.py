@@ -16,6 +16,7 @@ import numpy as np
 
 from t2d_rt.dataset import Dataset, Recipe
 from t2d_rt.dataset.sample import cell_of, description_of, sample
+from t2d_rt.errors import InputError
 from t2d_rt.learn.benchmark.claims import interval
 from t2d_rt.learn.maps import LabelledMaps, maps_of
 from t2d_rt.learn.train import Augment, Ensemble, TrainOptions, sides_of, train_model
@@ -50,6 +51,10 @@ def unseen(recipe: Recipe, sentences: set[str], count: int) -> Iterator[list[int
                 chosen.append(index)
             if len(chosen) == TOGETHER:
                 break
+        if len(chosen) < TOGETHER:
+            raise InputError(
+                f"recipe {recipe.name} has too few sentences that nothing was trained on; give another seed"
+            )
         left = [each for each in left if each not in chosen]
         yield chosen
 
@@ -92,8 +97,14 @@ def alone(told: Prediction, labels: Sequence[int], duration_s: float) -> list[bo
     return [bool(each) for each in told.probabilities[nearest].argmax(axis=1) == np.asarray(labels)]
 
 
-def evaluated(*datasets: Dataset, seed: int = 1) -> Section:
+def evaluated(*datasets: Dataset, seed: int | None = None) -> Section:
     """The section for data sets of one recipe, trained on together, and recordings of that recipe with another seed."""
+    if len({each.recipe.model_copy(update={"seed": 0}).hash for each in datasets}) > 1:
+        raise InputError("the data sets are of different recipes; give those of one, which may have different seeds")
+    seeds = {each.recipe.seed for each in datasets}
+    seed = max(seeds) + 1 if seed is None else seed
+    if seed in seeds:
+        raise InputError(f"seed {seed} is that of a data set that is trained on; give another one")
     first, *others = (maps_of(each, size=SIZE) for each in datasets)
     maps, recipe = first.joined(*others), datasets[0].recipe
     every = [record for each in datasets for record in each.records]
@@ -141,7 +152,7 @@ def evaluated(*datasets: Dataset, seed: int = 1) -> Section:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", nargs="+")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int)
     given = parser.parse_args()
     section = evaluated(*map(Dataset, given.folder), seed=given.seed)
     print(*section.checks, section.note, sep="\n")

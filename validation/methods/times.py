@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 import t2d_rt as t2d
 from t2d_rt.accuracy import cost
 from t2d_rt.backend import yardstick_s
+from t2d_rt.propagation import clutter, mirrors
 from t2d_rt.scattering import points, refinement
 from t2d_rt.signal import spectrogram
 from t2d_rt.summation import summed
@@ -90,7 +91,7 @@ def timed(each: Run) -> dict[str, Any]:
     target = t2d.trim(motion, 0.2, 0.2 + each.length_s) if each.name == "walk" else t2d.trim(motion, 0.0, each.length_s)
     radar, taken = Radar.preset(each.radar), []
     for _ in range(4):  # the first one compiles
-        for keeps in (refinement, points):  # each run refines anew
+        for keeps in (refinement, points, mirrors, clutter):  # each run refines anew
             keeps.forget()
         model = modelled(target, each.scene, radar=radar, **each.physics)
         accuracy = Accuracy(**each.accuracy)

@@ -17,6 +17,7 @@ import numpy as np
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.memory import release, resident_bytes
+from t2d_rt.propagation import clutter, mirrors
 from t2d_rt.resources import resource
 from t2d_rt.scattering import points, refinement
 from t2d_rt.types import Motion, MovingMesh, Radar
@@ -178,7 +179,7 @@ def _found(case: Case) -> Found:
     options = {"scene": case.scene, "clutter": "none", "radar": radar}
 
     def run(**more: Any) -> t2d.Recording:
-        for keeps in (refinement, points):
+        for keeps in (refinement, points, mirrors, clutter):
             keeps.forget()
         found = t2d.simulate(case.target, **options, **more)
         found.spectrogram  # noqa: B018

@@ -15,6 +15,7 @@ import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.compare import envelope
 from t2d_rt.model import sagitta_rad
+from t2d_rt.propagation import clutter, mirrors
 from t2d_rt.result import Recording
 from t2d_rt.scattering import points, refinement
 from t2d_rt.scattering.refinement import facets
@@ -157,7 +158,12 @@ def measured(case: Case, method: str, knob: str, action: Callable[[], Recording]
     """A point of a method that makes the whole record; its seconds are those up to the spectrogram."""
 
     def run() -> Recording:
-        for keeps in (refinement, points):  # a recording of another range or person finds nothing kept
+        for keeps in (
+            refinement,
+            points,
+            mirrors,
+            clutter,
+        ):  # a recording of another range or person finds nothing kept
             keeps.forget()
         found = action()
         _ = found.spectrogram
