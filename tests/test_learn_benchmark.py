@@ -213,7 +213,7 @@ def test_folders_alike_but_for_a_space_and_radars_of_other_cells(
     done = run("benchmark", "conditions", str(spaced), str(dashed), "-o", str(tmp_path / "found"))
     assert done.code == 0, done.err
     assert len(trained) == 3  # each, and both together
-    assert edges(trained[0].velocity_mps) == pytest.approx(edges(np.linspace(-4, 4, 16)))  # what both cover
+    assert edges(trained[0].velocity_mps) == pytest.approx(edges(np.linspace(-4, 4, 24)))  # what both cover
 
 
 def test_a_model_is_evaluated_on_the_speeds_that_it_was_trained_on(tmp_path: Path, run: Command) -> None:
