@@ -19,7 +19,7 @@ def threads(request: pytest.FixtureRequest) -> Iterator[int]:
         yield request.param
 
 
-@pytest.mark.parametrize("rows", [1, ROWS_AT_ONCE, 2 * ROWS_AT_ONCE + 7])
+@pytest.mark.parametrize("rows", [0, 1, ROWS_AT_ONCE, 2 * ROWS_AT_ONCE + 7])
 def test_each_row_is_the_product_at_every_instant(rows: int, threads: int) -> None:
     rng = np.random.default_rng(rows)
     operator = sparse.random_array((rows, 40), density=0.2, format="csr", rng=rng, dtype=np.float32)

@@ -162,8 +162,8 @@ def forget() -> None:
 def carried(operator: Csr, values: np.ndarray) -> np.ndarray:
     """Applies a sparse (Vf, V) to values (K, V, C) of the cage: (Vf, K, C), in memory as `aligned` has it."""
     rows, (frames, count, width) = operator.shape[0], values.shape
-    columns = np.ascontiguousarray(values.transpose(1, 0, 2)).reshape(count, -1)
-    out = aligned_empty(rows * frames * width, values.dtype).reshape(rows, -1)
+    columns = np.ascontiguousarray(values.transpose(1, 0, 2)).reshape(count, frames * width)
+    out = aligned_empty(rows * frames * width, values.dtype).reshape(rows, frames * width)
 
     def carry(first: int) -> None:
         some = slice(first, first + ROWS_AT_ONCE)
