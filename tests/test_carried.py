@@ -27,7 +27,7 @@ def test_each_row_is_the_product_at_every_instant(rows: int, threads: int) -> No
     found = carried(operator, values)
     assert found.shape == (rows, 5, 4)
     assert found.dtype == np.float32
-    assert found.ctypes.data % ALIGNMENT == 0
+    assert not rows or found.ctypes.data % ALIGNMENT == 0
     for instant in range(5):
         assert np.array_equal(found[:, instant], operator @ values[instant])
 
