@@ -52,6 +52,7 @@ _LIBRARY_GLOBS = (
 
 YARDSTICK_SIZE, YARDSTICK_SINES, YARDSTICK_TRIES = 400_000, 20, 5
 YARDSTICK_KEPT_S = 60.0
+"""How long a measured yardstick serves [s]."""
 _yardsticks: dict[tuple[str, int], tuple[float, float]] = {}
 """When the yardstick of a backend and a number of threads was measured, and what it was."""
 

@@ -109,7 +109,8 @@ def _kept_apart(card: Card, folder: str) -> list[int]:
 
 
 def _speeds_of(dataset: Dataset, card: Card) -> tuple[float, float]:
-    """The speeds of the training where the data set covers them and hardly more, else its own, which may be refused."""
+    """Lowest and highest speed [m/s]: those of the training where the data set covers them and hardly more, else its own, which may
+    be refused."""
     from t2d_rt.dataset.products import edges
     from t2d_rt.learn.maps import LEAST_SHARED, shared_speeds
 

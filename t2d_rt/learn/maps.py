@@ -199,7 +199,7 @@ def maps_of(
 
 
 def shared_speeds(*datasets: Dataset) -> tuple[float, float]:
-    """Lowest and highest speed that all spectrograms of data sets cover: each is cut to whole Doppler cells of its own radar.
+    """Lowest and highest speed [m/s] that all spectrograms of data sets cover: each is cut to whole Doppler cells of its own radar.
 
     Raises InputError where they share less than 95 % of the span from the lowest to the highest speed that any of them shows.
     """
