@@ -66,9 +66,10 @@ def frame(*, x: np.ndarray | None = None, y: np.ndarray, near_x: np.ndarray | No
 
 
 def mean_rotation(rotations: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Rotation (3, 3) nearest to the weighted mean of rotations (T, 3, 3)."""
+    """Rotations (..., 3, 3) nearest to the weighted means of rotations (T, ..., 3, 3)."""
     left, _, right = np.linalg.svd(np.tensordot(weights, rotations, axes=1))
-    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    left[..., 2] *= np.linalg.det(left @ right)[..., None]
+    return np.asarray(left @ right)
 
 
 def swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -105,9 +106,9 @@ def _trunk(at: dict[str, np.ndarray], own: dict[str, np.ndarray]) -> dict[str, n
         across = unit(at[f"left_{pair}"] - at[f"right_{pair}"])
         found[joint] = frame(x=_local(own[joint], across, upright), y=_local(own[joint], torso, upright))
     pelvis, chest = own["pelvis"] @ found["pelvis"], own["spine3"] @ found["spine3"]
-    between = [mean_rotation(np.stack([p, c]), np.array([0.5, 0.5])) for p, c in zip(pelvis, chest, strict=True)]
+    between = mean_rotation(np.stack([pelvis, chest]), np.array([0.5, 0.5]))
     for joint in ("spine1", "spine2"):
-        found[joint] = mean_rotation(np.swapaxes(own[joint], -1, -2) @ np.stack(between), upright)
+        found[joint] = mean_rotation(np.swapaxes(own[joint], -1, -2) @ between, upright)
     ahead = np.where((upright * len(upright) > 0.1)[:, None], chest[..., 2] * [1, 1, 0], chest[..., 2])
     level = frame(x=chest[..., 0], y=np.cross(ahead, chest[..., 0]))
     for joint in ("neck", "head"):

@@ -15,7 +15,7 @@ from t2d_rt.motion.generate.falls.draw import Draw, course, draw, heading_of
 from t2d_rt.motion.generate.falls.getup import got_up
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ, Humanoid, humanoid, mujoco
 from t2d_rt.motion.generate.falls.joining import Skeleton, joined, placed_joints, rotations_of, skeleton_at
-from t2d_rt.motion.generate.falls.measures import Figures, figures, fits, missing
+from t2d_rt.motion.generate.falls.measures import Figures, figures, fits, least_missing, missing
 from t2d_rt.motion.generate.falls.plan import FallEvents, FallPlan, Heading
 from t2d_rt.motion.generate.falls.pose import coordinates, reached, skeleton, velocities
 from t2d_rt.motion.generate.falls.rest import breathing, eased_out
@@ -110,12 +110,13 @@ def simulate_fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -
     if plan.get_up and not getups:
         raise InputError("the plan asks to get up, but no recorded getup was given; pass getups or set get_up to False")
     mujoco()
-    best = _candidate(prepared(lead, plan), plan, 0)
+    best = _candidate(prepared(lead, plan), plan, 0, math.inf)
     for choice in range(1, CHOICES):
         if best.amiss <= TOLERATED * (choice - 1):
             break
         # Another step of the same walk may do where one does not.
-        best = min(best, _candidate(prepared(lead, plan, choice), plan, choice), key=lambda each: each.amiss)
+        other = _candidate(prepared(lead, plan, choice), plan, choice, best.amiss)
+        best = min(best, other, key=lambda each: each.amiss)
     if math.isinf(best.amiss):
         wanted = f" {plan.direction}" if plan.direction else ""
         raise NoFall(
@@ -217,9 +218,16 @@ def _allow(body: Humanoid, qpos: np.ndarray) -> None:
     model.jnt_range[1:, 1] = np.maximum(model.jnt_range[1:, 1], angles + RANGE_MARGIN_RAD)
 
 
-def _candidate(scenario: Scenario, plan: FallPlan, choice: int) -> Candidate:
-    """The first candidate in which nothing is amiss, or the one with the least amiss."""
+def _candidate(scenario: Scenario, plan: FallPlan, choice: int, least: float) -> Candidate:
+    """The first candidate in which nothing is amiss, or the one with the least amiss; runs are given up once they cannot come below
+    `least`, and below the best one so far."""
     best: Candidate | None = None
+
+    def found_in(run: Run, until_s: float) -> Figures:
+        segments = reached(scenario.body, run.qpos)
+        joints = skeleton(run.qpos[:, :3], segments, scenario.skeleton.offsets[: len(CANONICAL_JOINTS)])
+        return figures(run, joints, segments[:, CANONICAL_JOINTS.index("spine3")], scenario.facing, until_s)
+
     heading = heading_of(plan, np.random.default_rng([plan.seed, 1]))
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([plan.seed, 2, choice, attempt])
@@ -227,13 +235,16 @@ def _candidate(scenario: Scenario, plan: FallPlan, choice: int) -> Candidate:
         drawn = draw(plan, heading, scenario.foot, scenario.facing, rng, insistence=insistence)
         frames = round(LONGEST_S * RATE_HZ)
         muscles = course(scenario.body, drawn, scenario.reference, frames)
+        until_s, below = drawn.disturbance.until_s, least if best is None else min(least, best.amiss)
+
+        def hopeful(run: Run, until_s: float = until_s, below: float = below) -> bool:
+            return least_missing(found_in(run, until_s), run, plan) < below
+
         run = simulate(
-            scenario.body, scenario.start, muscles, drawn.disturbance, frames, wanted=lambda chest: fits(chest, plan)
-        )
-        segments = reached(scenario.body, run.qpos)
-        joints = skeleton(run.qpos[:, :3], segments, scenario.skeleton.offsets[: len(CANONICAL_JOINTS)])
-        chest = segments[:, CANONICAL_JOINTS.index("spine3")]
-        found = figures(run, joints, chest, scenario.facing, drawn.disturbance.until_s)
+            scenario.body, scenario.start, muscles, drawn.disturbance, frames,
+            wanted=lambda chest: fits(chest, plan), hopeful=hopeful,
+        )  # fmt: skip
+        found = found_in(run, until_s)
         amiss = missing(found, plan)
         if best is None or amiss < best.amiss:
             best = Candidate(scenario=scenario, run=run, drawn=drawn, figures=found, amiss=amiss)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ
 from t2d_rt.motion.generate.falls.plan import HEADINGS, FallPlan, Heading
-from t2d_rt.motion.generate.falls.simulation import CHEST, PELVIS, RESTING, Run
+from t2d_rt.motion.generate.falls.simulation import CHEST, PELVIS, RESTING, SEEN, Run
 
 IMPACT_S = 0.1
 """Span before a contact in which the greatest speed is that of the impact: knees and hands may touch a little earlier."""
@@ -135,3 +135,10 @@ def missing(found: Figures, plan: FallPlan) -> float:
     # Who slips falls on the back or the side, mostly on the back.
     aside = ASIDE if plan.type == "slip" and plan.direction is None and found.heading != "back" else 0.0
     return aside + sum(max(low - value, 0.0) + max(value - high, 0.0) for value, (low, high) in pairs)
+
+
+def least_missing(found: Figures, run: Run, plan: FallPlan) -> float:
+    """The least that may be `missing` in the end where a run goes on, from its figures once pelvis and chest are down: a body may
+    slide back, and what the head does is known `SEEN` frames after it has struck."""
+    struck = any("head" in touching for touching in run.touches[:-SEEN])
+    return missing(replace(found, slide_m=0.0, head_mps=found.head_mps if struck else HEAD_RANGE_MPS[0]), plan)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,11 @@ from t2d_rt.motion.generate.falls.muscles import DAMPING_PER_STIFFNESS, STIFFNES
 PELVIS = frozenset({"root", "lowerback"})
 
 CHEST = frozenset({"upperback", "thorax", "lclavicle", "rclavicle", "head"})
+
+HEAD = frozenset({"head"})
+
+SEEN = 2
+"""Frames after a contact from which on its speeds are known."""
 
 BRACED_S = 0.35
 """How long after the pelvis's impact muscles stay tense, if the chest is not down before."""
@@ -102,11 +108,14 @@ def simulate(
     frames: int,
     *,
     wanted: Callable[[np.ndarray], bool] = lambda chest: True,
+    hopeful: Callable[[Run], bool] = lambda run: True,
 ) -> Run:
     """Run for so many frames from (qpos, qvel), or until the body is at rest.
 
-    It ends early where the chest strikes the floor in an orientation (3, 3) that is not `wanted`.
+    It ends early where the chest strikes the floor in an orientation (3, 3) that is not `wanted`, or where the run so far is not
+    `hopeful`: asked `SEEN` frames after pelvis and chest are down, and after the head is as well.
     """
+    body = replace(body, model=copy(body.model))  # muscles and friction change it, and no run may begin with those of another
     module, model = mujoco(), body.model
     data = module.MjData(model)
     data.qpos[:], data.qvel[:] = start
@@ -116,6 +125,7 @@ def simulate(
     chest = model.body("thorax").id
     kept: list[Any] = []
     work, impact, lying, lively, struck = 0.0, -1, -1, 0, False
+    down = dict.fromkeys((PELVIS, CHEST, HEAD), frames)
     for frame in range(frames):
         touching, depths = _contacts(body, data)
         speed = float(np.abs(data.qvel).max())
@@ -126,6 +136,10 @@ def simulate(
                 break
         if impact < 0 and touching & PELVIS:
             impact = frame
+        down = {part: min(first, frame) if touching & part else first for part, first in down.items()}
+        trunk = max(down[PELVIS], down[CHEST])
+        if frame - SEEN in (trunk, max(trunk, down[HEAD])) and not hopeful(_run(kept)):
+            break
         if lying < 0 and impact >= 0 and (touching & CHEST or frame - impact > BRACED_S * RATE_HZ):
             lying = frame
         if impact >= 0 and speed > RESTING:
@@ -143,6 +157,10 @@ def simulate(
             before = data.qvel[dofs].copy()
             module.mj_step(model, data)
             work += float(data.actuator_force @ (before + data.qvel[dofs])) * 0.5 * STEP_S
+    return _run(kept)
+
+
+def _run(kept: list[Any]) -> Run:
     columns = list(zip(*kept, strict=True))
     return Run(
         qpos=np.stack(columns[0]), speeds=np.array(columns[1]), energy_j=np.array(columns[2]), work_j=np.array(columns[3]),
