@@ -129,12 +129,12 @@ def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
     return raw[skipped : skipped + length].view(dtype).reshape(shape)
 
 
-def aligned_empty(size: int, dtype: Any) -> np.ndarray:
-    """Flat memory for that many numbers, that lies as `aligned` says."""
+def aligned_empty(size: int, dtype: Any, memory: Callable[[int], np.ndarray] | None = None) -> np.ndarray:
+    """Flat memory for that many numbers, that lies as `aligned` says; `memory` gives so many bytes, by default new ones."""
     import numpy as np
 
     length = size * np.dtype(dtype).itemsize
-    raw = np.empty(length + ALIGNMENT, np.uint8)
+    raw = np.empty(length + ALIGNMENT, np.uint8) if memory is None else memory(length + ALIGNMENT)
     skipped = -raw.ctypes.data % ALIGNMENT
     return raw[skipped : skipped + length].view(dtype)
 

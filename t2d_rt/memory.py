@@ -21,6 +21,8 @@ RELEASE_ABOVE = 0.7
 """Fraction of the limit above which unused memory is given back to the system between blocks of work."""
 RELEASE_EVERY = 10
 """Calls of `simulate` and `plan` after which all unused memory is given back."""
+LEFT_BYTES = 256 * 2**20
+"""Of what an array leaves behind, at most, for the next one."""
 BLOCK_BYTES = 96 * 2**20
 """Size of the largest array that a block of work makes, such as a mesh's vertices at many instants."""
 
@@ -70,12 +72,44 @@ def resident_bytes() -> int:
         return 0
 
 
+_left: list[np.ndarray] = []
+"""What the last array of `reused` has left behind."""
+
+
+def reused(size: int) -> np.ndarray:
+    """That many bytes that hold anything, uint8, where the system need not be asked: those that an array of this function, whose
+    views are gone as well, has left behind.
+
+    A cube of 100 MB costs the system as much to hand out, page by page, as its samples cost to make.
+    """
+    try:
+        memory = _left.pop()
+    except IndexError:
+        memory = np.empty(0, np.uint8)
+    if not size <= memory.size <= 2 * size:
+        memory = np.empty(size, np.uint8)
+    return np.asarray(_Lent(memory))[:size]
+
+
+class _Lent:
+    """Memory under an array: what its views refer to as long as there are any."""
+
+    def __init__(self, memory: np.ndarray) -> None:
+        self._memory = memory
+        self.__array_interface__ = memory.__array_interface__
+
+    def __del__(self) -> None:
+        if self._memory.size <= LEFT_BYTES:
+            _left[:] = [self._memory]
+
+
 def release() -> None:
     """Gives unused memory back to the system.
 
     Dr.Jit keeps what its arrays have freed for the next ones, and the C library keeps free pieces between pieces in use; both add
     up over calls of different sizes.
     """
+    _left.clear()
     if (dr := sys.modules.get("drjit")) is not None:
         dr.flush_malloc_cache()
     _trim()

@@ -11,6 +11,7 @@ from builders import ball
 from measures import nmse_db
 from t2d_rt import memory, products
 from t2d_rt.backend import select
+from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.model import farthest_and_fastest
 from t2d_rt.propagation.edges import Edges
 from t2d_rt.propagation.mirrors import Mirrors
@@ -21,6 +22,7 @@ from t2d_rt.scattering import streams as echo_streams
 from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.rate import needed_rate_hz
+from t2d_rt.types import Echoes
 
 RADAR = t2d.Radar.preset("table2-uniform")
 ROUGH = t2d.Material(name="rough", relative_permittivity=6.6, conductivity_s_per_m=36.0, scattering_coefficient=0.4)
@@ -51,6 +53,41 @@ def test_unused_memory_is_given_back_where_the_process_holds_much(monkeypatch: p
 
 
 @pytest.mark.slow
+def test_memory_is_reused_once_no_view_of_it_is_left() -> None:
+    memory.release()
+    first = memory.reused(1000)
+    place, part = first.ctypes.data, first[10:20].reshape(2, 5)
+    del first
+    assert memory.reused(1000).ctypes.data != place, "a view still reads it"
+    del part
+    assert memory.reused(900).ctypes.data == place
+    assert memory.reused(300).size == 300, "not of an array that is far larger"
+    memory.release()
+    assert not memory._left
+
+
+@pytest.mark.parametrize("multiplexing", ["tdm", "ddm"])
+@pytest.mark.parametrize("number", [3, 3000])
+def test_a_cube_holds_nothing_of_an_earlier_one(multiplexing: str, number: int) -> None:
+    """Chirps in which no echo is lit among them, of few echoes and of many."""
+    radar = t2d.Radar.preset("array-3x4").replace(multiplexing=multiplexing)
+    times_s = np.arange(41) * 2e-3
+    lit = np.where((times_s > 0.02) & (times_s < 0.06), 0, 1e-6)[:, None] * np.ones(number)
+    delay_s = (2 * (3 + np.linspace(0, 1, number)) + 0.1 * times_s[:, None]) / SPEED_OF_LIGHT
+    echoes = Echoes(times_s=times_s, delay_s=delay_s, amplitude=lit.astype(np.complex64))
+
+    memory.release()
+    expected = np.array(synthesis.synthesize(echoes, radar))
+    assert not expected[len(expected) // 2].any()
+    assert expected[0].any()
+    poisoned = memory.reused(expected.nbytes + 64)
+    poisoned[:] = 255  # not a number in every sample
+    del poisoned
+    found = synthesis.synthesize(echoes, radar)
+    assert not memory._left, "the cube took it"
+    assert np.array_equal(found, expected)
+
+
 def test_parts_of_the_echoes_sum_to_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = t2d.simulate([approaching(2), approaching(2)], radar=RADAR, scene="empty_room", reflections=1).cube
     monkeypatch.setattr(echo_streams, "MOST_ECHOES", 3_000)

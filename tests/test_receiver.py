@@ -424,7 +424,7 @@ def test_phase_noise_beyond_small_angles_is_told() -> None:
     assert density is not None
     rate, delay_s = RADAR.sample_rate_hz, np.abs(bin_delays_s(RADAR)).max()
     expected = math.sqrt(2 * 1e-7 * rate * (1 - np.sinc(rate * delay_s)))
-    assert residual_rms_rad(RADAR, density.density) == pytest.approx(expected, rel=1e-2)
+    assert residual_rms_rad(RADAR, density) == pytest.approx(expected, rel=1e-2)
     with pytest.warns(T2DWarning, match=r"phase noise leaves up to .* rad rms within the range axis"):
         through(silence(4), phase_noise={"kind": "mask", "points": [[1e6, -55]]})
 

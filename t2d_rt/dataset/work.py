@@ -65,7 +65,13 @@ def _recipe(text: str) -> Recipe:
 
 def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
     """One sample; what goes wrong becomes the reason in its record."""
-    release_above(HELD_BYTES)
+    try:
+        return _made(recipe, plans, index)
+    finally:
+        release_above(HELD_BYTES)
+
+
+def _made(recipe: Recipe, plans: Plans, index: int) -> Made:
     cell = cell_of(recipe, index)
     wanted = description_of(recipe, cell)
     record: dict[str, Any] = {

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from t2d_rt import checks
-from t2d_rt.backend import Backend, select
-from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large, new_cube
-from t2d_rt.memory import Budget
+from t2d_rt.backend import Backend, aligned_empty, select
+from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large
+from t2d_rt.memory import Budget, reused
 from t2d_rt.products import Product, ProductRows
 from t2d_rt.radar.array_delays import array_delays, ends
 from t2d_rt.radar.buckets import SLOT_BINS, buckets
@@ -92,6 +92,7 @@ def synthesize(
     cube = _new_cube(shape, memory) if onto is None else onto
     sweep, tolerance, backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
     jobs: list[Future[None]] = []
+    done = 0
     # Threads of BLAS that wait for its next product would take the kernels' cores.
     with threadpool_limits(1, user_api="blas"), _filler(cube, onto, radar) as filler, ThreadPoolExecutor(1) as pool:
         for window, rows, position in _blocks(source, radar, starts, read_frames):
@@ -101,6 +102,8 @@ def synthesize(
             for job in jobs:
                 job.result()
             filler.next(len(position))
+            assert rows.start == done, "every row is written once"
+            done = rows.stop
             found = _products(itertools.chain(head, sums), radar, rows)
             jobs = [pool.submit(filler.put, *each) for each in found]
             del sums, head, window, found
@@ -109,6 +112,7 @@ def synthesize(
                 progress(rows.stop / len(starts))
         for job in jobs:
             job.result()
+    assert done == len(starts), "the windows hold all chirps"
     return cube
 
 
@@ -126,7 +130,10 @@ def _blocks(
 
 
 def _new_cube(shape: tuple[int, int, int], memory: Budget) -> Cube:
-    return DiskCube(ProductRows(shape)) if is_large(shape, memory.limit_bytes) else new_cube(shape)
+    """Of rows that all are written, or it holds anything."""
+    if is_large(shape, memory.limit_bytes):
+        return DiskCube(ProductRows(shape))
+    return aligned_empty(math.prod(shape), np.complex64, reused).reshape(shape)
 
 
 def _filler(cube: Cube, onto: Cube | None, radar: Radar) -> _Samples | _Products:

@@ -245,18 +245,20 @@ def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_
     """
     from scipy import fft
 
-    columns = np.ascontiguousarray(weights.astype(cells.real.dtype)[:, None])
-    power = np.zeros((len(starts), n_fft), dtype=cells.real.dtype)
+    real = cells.real.dtype
+    columns = np.ascontiguousarray(weights.astype(real)[:, None])
+    power = np.zeros((len(starts), n_fft), dtype=real)
+    parts = np.ascontiguousarray(cells).view(
+        real
+    )  # real and imaginary parts in turn: a real weight times a complex one
 
     def run(chunk: np.ndarray) -> None:
-        for first in range(0, cells.shape[1], CELLS):
-            some = cells[:, first : first + CELLS]
+        for first in range(0, parts.shape[1], 2 * CELLS):
+            some = parts[:, first : first + 2 * CELLS]
             for index in chunk:
-                window = some[starts[index] : starts[index] + len(weights)]
-                weighted = np.multiply(window, columns, order="C")  # whatever the layout of what the user gave
-                spectra = fft.fft(weighted, n_fft, axis=0, overwrite_x=True)
-                parts = spectra.view(spectra.real.dtype)
-                power[index] += np.einsum("fc,fc->f", parts, parts)
+                weighted = some[starts[index] : starts[index] + len(weights)] * columns
+                spectra = fft.fft(weighted.view(cells.dtype), n_fft, axis=0, overwrite_x=True).view(real)
+                power[index] += np.vecdot(spectra, spectra)
 
     threads = min(os.cpu_count() or 1, len(starts))
     with ThreadPoolExecutor(threads) as pool:

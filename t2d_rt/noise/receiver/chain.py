@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ Effect = Callable[[np.ndarray, int], np.ndarray]
 as they are."""
 
 
+@lru_cache(maxsize=16)
 def check_receiver(radar: Radar, receiver: Receiver) -> None:
     """Refuses a receiver that this radar cannot have, before anything is simulated."""
     _Receiver(radar, receiver, Draws(0))
@@ -85,7 +87,7 @@ def _warn_of_angles(radar: Radar, receiver: Receiver) -> None:
     """Tells of phase noise that is too much for its mask to be one of small angles."""
     if receiver.phase_noise is None:
         return
-    rms_rad = residual_rms_rad(radar, receiver.phase_noise.density)
+    rms_rad = residual_rms_rad(radar, receiver.phase_noise)
     if rms_rad > SMALL_ANGLE_RAD:
         warnings.warn(
             f"phase noise leaves up to {rms_rad:.2g} rad rms within the range axis, and its levels L(f) hold for small angles, "
@@ -97,6 +99,6 @@ def _warn_of_angles(radar: Radar, receiver: Receiver) -> None:
 
 def _first_effects(radar: Radar, receiver: Receiver, draws: Draws, thermal_w: float) -> Iterator[Effect]:
     if receiver.phase_noise is not None:
-        yield PhaseNoise(radar, receiver.phase_noise.density, draws, thermal_w=thermal_w)
+        yield PhaseNoise(radar, receiver.phase_noise, draws, thermal_w=thermal_w)
     for number, other in enumerate(receiver.interferers):
         yield Interference(radar, other, draws, number)

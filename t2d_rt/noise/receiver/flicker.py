@@ -80,6 +80,20 @@ def filter_of(samples: int) -> Filter:
     return Filter(poles, gains, np.linalg.cholesky(covariance))
 
 
+@dataclass(frozen=True, slots=True)
+class _Slower:
+    """Density of the noise that the filter lacks [W/Hz], over frequency [Hz]."""
+
+    power_w: float
+    rate_hz: float
+    samples: int
+
+    def __call__(self, frequency_hz: np.ndarray) -> np.ndarray:
+        frequency = np.maximum(np.abs(frequency_hz), 1e-9) / self.rate_hz
+        found = 1 / frequency - filter_of(self.samples).density(frequency.ravel()).reshape(frequency.shape)
+        return np.asarray(self.power_w / self.rate_hz * np.maximum(found, 0.0))
+
+
 class Flicker:
     """Density of thermal noise times corner / |f|, in each receive channel by itself (eq. 36)."""
 
@@ -94,16 +108,12 @@ class Flicker:
         self.power_w = density_w * corner_hz
         """Of the filter's noise over that of `filter` [W]: a density over f [Hz] of 1 / f is one over f / rate, times the rate."""
 
-        def slower(frequency_hz: np.ndarray) -> np.ndarray:
-            """What the filter lacks."""
-            frequency = np.maximum(np.abs(frequency_hz), 1e-9) / rate
-            found = 1 / frequency - self.filter.density(frequency.ravel()).reshape(frequency.shape)
-            return np.asarray(self.power_w / rate * np.maximum(found, 0.0))
-
         self._slots = TimeSlots(radar)
         limit_hz = OVERLAP * rate / (4 * radar.samples)
         self._slow = [
-            Slow(slower, radar.prf_hz, limit_hz, draws, f"flicker of slots {channel}")
+            Slow(
+                _Slower(self.power_w, rate, radar.samples), radar.prf_hz, limit_hz, draws, f"flicker of slots {channel}"
+            )
             for channel in range(self._slots.channels)
         ]
 

@@ -8,7 +8,8 @@ time for each of these delays, times the chirp with its range bins weighted by a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -16,9 +17,12 @@ from scipy import fft
 from t2d_rt.errors import InputError
 from t2d_rt.noise.receiver.draws import Draws
 from t2d_rt.noise.receiver.lags import lags
-from t2d_rt.noise.receiver.processes import Density, Fast, Slow
+from t2d_rt.noise.receiver.processes import Fast, Slow
 from t2d_rt.noise.receiver.time_slots import TimeSlots
 from t2d_rt.types import Radar
+from t2d_rt.types.receiver import Leeson, Mask
+
+Oscillator = Mask | Leeson
 
 INTERPOLATION = 1e-3
 """Greatest error of the interpolation over delay, in power over that of the phase noise left at that delay."""
@@ -41,29 +45,69 @@ SMALL_RAD = 0.05
 """Up to such phases exp(j phase) - 1 is its series up to the fourth power, as exact as float32."""
 
 
-class PhaseNoise:
-    """Range-correlated phase noise of a density L(f) of either sign (eq. 33, 34)."""
+@dataclass(frozen=True)
+class _RateDensity:
+    """Density of 2 pi f phi [rad^2/s^2/Hz] over frequency [Hz], from the oscillator's L(f)."""
 
-    def __init__(self, radar: Radar, density: Density, draws: Draws, *, thermal_w: float) -> None:
+    oscillator: Oscillator
+
+    def __call__(self, frequency_hz: np.ndarray) -> np.ndarray:
+        return np.asarray((2 * np.pi * frequency_hz) ** 2 * self.oscillator.density(frequency_hz))
+
+
+@dataclass(frozen=True, eq=False)
+class _Design:
+    """What phase noise of an oscillator comes from in a radar, whatever is drawn."""
+
+    powers: np.ndarray
+    """Power of the phase in each bin of an FFT of twice a chirp's samples, from 0 to half the rate, (sample + 1,)."""
+    frequencies: np.ndarray
+    """Of these bins [Hz]."""
+    nodes: Nodes
+    delayed: np.ndarray
+    """exp(-2 pi j f tau) of nodes' delays and frequencies, (node, sample + 1)."""
+    greatest: np.ndarray
+    """Greatest density of the residual phase noise of each range bin over its beat or Doppler frequency, times the sample rate: the
+    level of white noise that nowhere lies below it, relative to the echo's power; (sample,)."""
+    bound: np.ndarray
+    """See `bounding`."""
+    rate: Slow
+    """Of 2 pi f phi, from chirp to chirp; nothing is drawn from it."""
+
+    @classmethod
+    def of(cls, radar: Radar, oscillator: Oscillator) -> _Design:
         if radar.samples < LEAST_SAMPLES:
             raise InputError(
                 f"phase noise is sorted by range, for which chirps need {LEAST_SAMPLES} samples or more, got {radar.samples}; take "
                 "more, or leave phase_noise out"
             )
-        self._slots, self._draws = TimeSlots(radar), draws
-        fast = Fast(density, radar.samples, radar.sample_rate_hz)
-        self._powers = fast.amplitudes()[: radar.samples + 1] ** 2
-        self._powers[-1] = 0.0  # of half the rate, at which a delay is not defined
-        self._frequencies = np.arange(radar.samples + 1) * (radar.sample_rate_hz / fast.length)
-        self._slow = Slow(
-            lambda f: (2 * np.pi * f) ** 2 * density(f), radar.prf_hz, fast.lowest_hz, draws, "phase noise of slots"
-        )
-        self._delays = bin_delays_s(radar)
-        self._nodes = nodes_for(self._delays, self._frequencies, self._powers)
-        self._delayed = np.exp(-2j * np.pi * np.outer(self._nodes.delays_s, self._frequencies))
-        self._thermal_w = thermal_w
-        self._greatest = self._greatest_level(radar)
-        self._bound = bounding(self._greatest)
+        fast = Fast(oscillator.density, radar.samples, radar.sample_rate_hz)
+        powers = fast.amplitudes()[: radar.samples + 1] ** 2
+        powers[-1] = 0.0  # of half the rate, at which a delay is not defined
+        frequencies = np.arange(radar.samples + 1) * (radar.sample_rate_hz / fast.length)
+        rate = Slow(_RateDensity(oscillator), radar.prf_hz, fast.lowest_hz, Draws(0), "phase noise of slots")
+        delays = bin_delays_s(radar)
+        nodes = nodes_for(delays, frequencies, powers)
+        delayed = np.exp(-2j * np.pi * np.outer(nodes.delays_s, frequencies))
+        tried = _some(len(powers) - 1) + 1
+        between = np.linspace(0, float(np.abs(delays).max()), TRIED)
+        correlated = 4 * np.sin(np.pi * frequencies[tried] * between[:, None]) ** 2
+        fastest = (correlated * (powers[tried] * (2 * radar.samples))).max(axis=1)
+        slow = between**2 * rate.greatest() * radar.samples
+        greatest = np.interp(np.abs(delays), between, np.maximum(fastest, slow))
+        return cls(powers, frequencies, nodes, delayed, greatest, bounding(greatest), rate)
+
+
+_design = lru_cache(maxsize=16)(_Design.of)
+
+
+class PhaseNoise:
+    """Range-correlated phase noise of an oscillator whose density is L(f) at either sign (eq. 33, 34)."""
+
+    def __init__(self, radar: Radar, oscillator: Oscillator, draws: Draws, *, thermal_w: float) -> None:
+        self._slots, self._draws, self._thermal_w = TimeSlots(radar), draws, thermal_w
+        self._design = _design(radar, oscillator)
+        self._slow = replace(self._design.rate, draws=draws, _kept={})
 
     def __call__(self, samples: np.ndarray, first_row: int) -> np.ndarray:
         """Samples (row, antenna, sample) of echoes, from the first row of a group on, with the phase noise of the oscillator; the
@@ -87,40 +131,29 @@ class PhaseNoise:
     def _add(self, samples: np.ndarray, spectrum: np.ndarray, phases: np.ndarray) -> None:
         """Adds to samples of this spectrum (row, antenna, sample) what phases (node, row, slot, sample) make of them."""
         view = self._slots.by_slot(samples)
-        for weights, phase in zip(self._nodes.weights, phases, strict=True):
+        for weights, phase in zip(self._design.nodes.weights, phases, strict=True):
             part = fft.ifft(spectrum * weights.astype(np.float32), axis=2, overwrite_x=True)
             view += _factors(phase)[:, :, None] * self._slots.by_slot(part)
 
     def _phases(self, number: int, rows: np.ndarray) -> np.ndarray:
         """phi(t) - phi(t - tau) [rad] for each of the nodes' delays, float32 (node, row, slot, sample), of some rows of a group."""
-        count = self._slots.radar.samples
-        drawn = self._draws.normal("phase noise", number, (len(rows), self._slots.per_row, len(self._powers)))[rows]
-        drawn *= (2 * count * np.sqrt(self._powers)).astype(np.float32)
+        count, design = self._slots.radar.samples, self._design
+        drawn = self._draws.normal("phase noise", number, (len(rows), self._slots.per_row, len(design.powers)))[rows]
+        drawn *= (2 * count * np.sqrt(design.powers)).astype(np.float32)
         # The real part of a complex process of a symmetric spectrum has half its power.
         places = self._slots.numbers(number * self._slots.group_rows, len(rows))[rows]
         rate = math.sqrt(2) * self._slow.at(places).real
-        found = np.empty((len(self._nodes.delays_s), *drawn.shape[:2], count), np.float32)
-        for each, delayed, delay_s in zip(found, self._delayed, self._nodes.delays_s, strict=True):
+        found = np.empty((len(design.nodes.delays_s), *drawn.shape[:2], count), np.float32)
+        for each, delayed, delay_s in zip(found, design.delayed, design.nodes.delays_s, strict=True):
             each[:] = fft.irfft(drawn * (1 - delayed).astype(np.complex64), axis=2, overwrite_x=True)[:, :, :count]
             each += (delay_s * rate)[:, :, None].astype(np.float32)
         return found
-
-    def _greatest_level(self, radar: Radar) -> np.ndarray:
-        """Greatest density of the residual phase noise of each range bin over its beat or Doppler frequency, times the sample
-        rate: the level of white noise that nowhere lies below it, relative to the echo's power; (sample,)."""
-        some = _some(len(self._powers) - 1) + 1
-        delays = np.linspace(0, float(np.abs(self._delays).max()), TRIED)
-        density = self._powers[some] * (2 * radar.samples)
-        correlated = 4 * np.sin(np.pi * self._frequencies[some] * delays[:, None]) ** 2
-        fast = (correlated * density).max(axis=1)
-        slow = delays**2 * self._slow.greatest() * radar.samples
-        return np.interp(np.abs(self._delays), delays, np.maximum(fast, slow))
 
     def _may_count(self, samples: np.ndarray) -> np.ndarray:
         """Rows (row, antenna, sample) that `_rows` may choose, by a bound of their levels that takes no spectra."""
         if self._thermal_w <= 0:
             return np.ones(len(samples), bool)
-        levels = lags(samples, BOUND_ORDER) @ self._bound / samples.shape[2]
+        levels = lags(samples, BOUND_ORDER) @ self._design.bound / samples.shape[2]
         return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
 
     def _rows(self, spectrum: np.ndarray) -> np.ndarray:
@@ -128,7 +161,7 @@ class PhaseNoise:
         if self._thermal_w <= 0:
             return np.ones(len(spectrum), bool)
         # Sums, not a product of matrices: of the same bits whatever other rows there are.
-        levels = (np.abs(spectrum) ** 2 * (self._greatest / spectrum.shape[2] ** 2)).sum(axis=2)
+        levels = (np.abs(spectrum) ** 2 * (self._design.greatest / spectrum.shape[2] ** 2)).sum(axis=2)
         return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
 
 
@@ -150,11 +183,12 @@ def bounding(values: np.ndarray) -> np.ndarray:
     return np.asarray(found, np.float32)
 
 
-def residual_rms_rad(radar: Radar, density: Density) -> float:
+@lru_cache(maxsize=16)
+def residual_rms_rad(radar: Radar, oscillator: Oscillator) -> float:
     """Greatest rms of phi(t) - phi(t - tau) over the delays tau of the range axis [rad], from 2 L(f) 4 sin^2(pi f tau) (eq. 34)."""
     offset = np.geomspace(radar.prf_hz / 8192, radar.sample_rate_hz / 2, 4000)
     delays = np.linspace(0, float(np.abs(bin_delays_s(radar)).max()), 50)[:, None]
-    values = 8 * density(offset) * np.sin(np.pi * offset * delays) ** 2
+    values = 8 * oscillator.density(offset) * np.sin(np.pi * offset * delays) ** 2
     return math.sqrt(float(np.trapezoid(values * offset, np.log(offset), axis=1).max()))
 
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 
 from t2d_rt.noise.receiver.draws import Draws
 
 Density = Callable[[np.ndarray], np.ndarray]
-"""Two-sided power density over frequency of any sign [1/Hz]."""
+"""Two-sided power density over frequency of any sign [1/Hz]; one that compares equal to another is the same."""
 SEGMENT = 4096
 """Chirps of a segment; slower noise than that is left out."""
 FOLDED = 4
@@ -67,18 +67,24 @@ class Slow:
             self._kept[number] = np.fft.fft(spectrum)
         return self._kept[number]
 
-    @cached_property
+    @property
     def _powers(self) -> np.ndarray:
-        """Power in each bin of a segment's FFT, nothing at frequency 0."""
-        width, near_hz = self.prf_hz / SEGMENT, min(self.limit_hz, FOLDED * self.prf_hz)
-        count = max(1, round(near_hz / width))
-        number = np.concatenate([np.arange(-count, 0), np.arange(1, count + 1)])
-        folded = np.bincount(number % SEGMENT, bin_powers(self.density, width, number), minlength=SEGMENT)
-        powers = np.asarray(folded, float)
-        if self.limit_hz > near_hz:
-            beyond = np.geomspace(near_hz, self.limit_hz, 1000)
-            powers += 2 * np.trapezoid(self.density(beyond), beyond) / SEGMENT
-        return powers
+        return _slot_powers(self.density, self.prf_hz, self.limit_hz)
+
+
+@lru_cache(maxsize=16)
+def _slot_powers(density: Density, prf_hz: float, limit_hz: float) -> np.ndarray:
+    """Power in each bin of a segment's FFT, nothing at frequency 0."""
+    width, near_hz = prf_hz / SEGMENT, min(limit_hz, FOLDED * prf_hz)
+    count = max(1, round(near_hz / width))
+    number = np.concatenate([np.arange(-count, 0), np.arange(1, count + 1)])
+    folded = np.bincount(number % SEGMENT, bin_powers(density, width, number), minlength=SEGMENT)
+    powers = np.asarray(folded, float)
+    if limit_hz > near_hz:
+        beyond = np.geomspace(near_hz, limit_hz, 1000)
+        powers += 2 * np.trapezoid(density(beyond), beyond) / SEGMENT
+    powers.setflags(write=False)
+    return powers
 
 
 @dataclass(frozen=True)
