@@ -9,7 +9,7 @@ import numpy as np
 
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ
 from t2d_rt.motion.generate.falls.plan import HEADINGS, FallPlan, Heading
-from t2d_rt.motion.generate.falls.simulation import CHEST, PELVIS, RESTING, SEEN, Run
+from t2d_rt.motion.generate.falls.simulation import CHEST, RESTING, SEEN, Run, is_down
 
 IMPACT_S = 0.1
 """Span before a contact in which the greatest speed is that of the impact: knees and hands may touch a little earlier."""
@@ -74,7 +74,7 @@ def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray,
     `facing` (2,) is that at the event; forces from outside end at `external_s`.
     """
     pelvis = joints[:, 0]
-    down = [frame for frame, touching in enumerate(run.touches) if _is_down(touching, pelvis[frame, 2])]
+    down = [frame for frame, touching in enumerate(run.touches) if is_down(touching, pelvis[frame, 2])]
     ledger = run.energy_j - run.work_j
     after = ledger[round(external_s * RATE_HZ) :]
     gain = float((after - np.minimum.accumulate(after)).max(initial=0.0))
@@ -103,10 +103,6 @@ def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray,
         travel=(float(travel @ aside), float(travel @ facing)),
         slide_m=float(np.linalg.norm((pelvis[-1] - pelvis[impact])[:2])), rest_s=rest, gain_j=gain, deepest_m=depths,
     )  # fmt: skip
-
-
-def _is_down(touching: frozenset[str], pelvis_m: float) -> bool:
-    return bool(touching & PELVIS) or (bool(touching & {"lfemur", "rfemur"}) and pelvis_m < 0.25)
 
 
 IMPACT_RANGE_S, DESCENT_RANGE_S = (0.4, 2.5), (0.3, 1.2)

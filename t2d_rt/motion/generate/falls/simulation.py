@@ -16,8 +16,6 @@ PELVIS = frozenset({"root", "lowerback"})
 
 CHEST = frozenset({"upperback", "thorax", "lclavicle", "rclavicle", "head"})
 
-HEAD = frozenset({"head"})
-
 SEEN = 2
 """Frames after a contact from which on its speeds are known."""
 
@@ -127,7 +125,7 @@ def simulate(
     chest = model.body("thorax").id
     kept: list[Any] = []
     work, impact, lying, lively, struck = 0.0, -1, -1, 0, False
-    down = dict.fromkeys((PELVIS, CHEST, HEAD), frames)
+    down = [frames] * 3
     for frame in range(frames):
         touching, depths = _contacts(body, data)
         speed = float(np.abs(data.qvel).max())
@@ -138,9 +136,9 @@ def simulate(
                 break
         if impact < 0 and touching & PELVIS:
             impact = frame
-        down = {part: min(first, frame) if touching & part else first for part, first in down.items()}
-        trunk = max(down[PELVIS], down[CHEST])
-        if frame - SEEN in (trunk, max(trunk, down[HEAD])) and not hopeful(_run(kept)):
+        now = is_down(touching, data.qpos[2]), touching & CHEST, "head" in touching
+        down = [min(first, frame) if each else first for first, each in zip(down, now, strict=True)]
+        if frame - SEEN in (max(down[:2]), max(down)) and not hopeful(_run(kept)):
             break
         if lying < 0 and impact >= 0 and (touching & CHEST or frame - impact > BRACED_S * RATE_HZ):
             lying = frame
@@ -160,6 +158,11 @@ def simulate(
             module.mj_step(model, data)
             work += float(data.actuator_force @ (before + data.qvel[dofs])) * 0.5 * STEP_S
     return _run(kept)
+
+
+def is_down(touching: frozenset[str], pelvis_m: float) -> bool:
+    """Whether the person has come down, on the pelvis or low on a thigh, from what touches the floor and the pelvis's height."""
+    return bool(touching & PELVIS) or (bool(touching & {"lfemur", "rfemur"}) and pelvis_m < 0.25)
 
 
 def _run(kept: list[Any]) -> Run:
