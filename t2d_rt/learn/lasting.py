@@ -25,8 +25,8 @@ def likeliest_course(
 
     An instant has the probabilities of the nearest of those windows that lie within its activity; in an activity that is shorter
     than a window, those of the window about its middle. So no window over a change counts where another shows an activity alone,
-    and each instant counts once, whatever the course. Activities of one class may follow one another, as where somebody walks slowly,
-    then fast: each is judged for itself, the course tells the class of both.
+    and each instant counts once, whatever the course. Activities of one class may follow one another, as a slow and a fast walk:
+    each is judged for itself, and the course tells the class of both.
 
     probabilities: of each class in each window, (W, K).
     middles_s: of the windows [s], (W,), ascending.
