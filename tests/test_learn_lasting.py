@@ -2,29 +2,59 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
-from itertools import groupby, product
 
 import numpy as np
 import pytest
 
-from t2d_rt.learn.lasting import LEAST_PROBABILITY, likeliest_course
+from t2d_rt.learn.lasting import LEAST_PROBABILITY, likeliest_course, nearest
 from t2d_rt.learn.windows import Prediction
 
 
-@pytest.mark.parametrize(("count", "classes", "least"), [(7, 3, 2), (8, 2, 3), (6, 3, 1), (9, 2, 4), (3, 2, 5)])
-def test_no_course_is_likelier(count: int, classes: int, least: int) -> None:
-    rng = np.random.default_rng(count)
-    for _ in range(10):
-        probabilities = rng.dirichlet(np.ones(classes), count)
+def divisions(count: int, least: int) -> Iterator[list[tuple[int, int]]]:
+    """All ways to divide so many instants into activities of the least number or more."""
+    if count == 0:
+        yield []
+    for length in range(least, count + 1):
+        for before in divisions(count - length, least):
+            yield [*before, (count - length, count)]
+
+
+def scores_of(
+    begin: int, end: int, scores: np.ndarray, middles_s: np.ndarray, duration_s: float, edges_s: np.ndarray
+) -> np.ndarray:
+    """Of each class over an activity, (K,), instant by instant, as the rule says it."""
+    found = np.zeros(scores.shape[1])
+    for instant in range(begin, end):
+        first, last = edges_s[begin] + 0.5 * duration_s, edges_s[end] - 0.5 * duration_s
+        if last < first - 1e-9:
+            first = last = 0.5 * (edges_s[begin] + edges_s[end])
+        wanted = min(max(0.5 * (edges_s[instant] + edges_s[instant + 1]), first), last)
+        found += scores[np.abs(middles_s - wanted).argmin()]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("windows", "per_window", "classes", "least"),
+    [(5, 4, 3, 3), (5, 4, 3, 4), (4, 5, 2, 2), (6, 5, 3, 1), (9, 2, 4, 3), (3, 3, 2, 9), (1, 3, 3, 2), (9, 1, 2, 2)],
+)
+def test_no_course_is_likelier(windows: int, per_window: int, classes: int, least: int) -> None:
+    """Every division of the instants is tried, each activity with its best class; windows of so many instants begin at each."""
+    rng = np.random.default_rng(windows)
+    duration_s, count = 0.5 * per_window, windows + per_window - 1
+    middles_s, edges_s = 0.5 * np.arange(windows) + 0.5 * duration_s, 0.5 * np.arange(count + 1)
+    for _ in range(20):
+        probabilities = rng.dirichlet(np.ones(classes), windows)
         scores = np.log(np.maximum(probabilities, LEAST_PROBABILITY))
-        every = [
-            course
-            for course in product(range(classes), repeat=count)
-            if min(len(list(run)) for _, run in groupby(course)) >= min(least, count)
-        ]
-        best = max(every, key=lambda course: scores[np.arange(count), course].sum())
-        np.testing.assert_array_equal(likeliest_course(probabilities, least), best)
+        best, course = -np.inf, np.zeros(count, dtype=int)
+        for division in divisions(count, min(least, count)):
+            pieces = [scores_of(*piece, scores, middles_s, duration_s, edges_s) for piece in division]
+            if (value := sum(each.max() for each in pieces)) > best + 1e-9:
+                best = value
+                course = np.repeat([each.argmax() for each in pieces], [end - begin for begin, end in division])
+        found = likeliest_course(probabilities, middles_s, duration_s, edges_s, least)
+        np.testing.assert_array_equal(found, course)
 
 
 def prediction(least_s: float) -> Prediction:
@@ -42,9 +72,23 @@ def test_what_is_shorter_than_the_least_is_no_activity() -> None:
     found = prediction(3.0).pieces()
     assert [each[2] for each in found] == [0, 1]
     assert (found[0][0], found[-1][1]) == (0.0, 12.0)
-    assert found[0][1] == found[1][0] == pytest.approx(5.5, abs=0.51)
-    np.testing.assert_array_equal(prediction(3.0).at(np.array([0.1, 4.5, 8.5, 11.9])), [0, 0, 1, 1])
+    assert found[0][1] == found[1][0] == pytest.approx(5.5, abs=1.51)
+    np.testing.assert_array_equal(prediction(3.0).at(np.array([0.1, 3.5, 8.5, 11.9])), [0, 0, 1, 1])
     np.testing.assert_array_equal(prediction(0.0).at(np.array([0.1, 4.5, 8.5, 11.9])), [0, 0, 2, 1])
+
+
+def test_windows_over_changes_do_not_outvote_the_one_that_sees_an_activity_alone() -> None:
+    """Three activities of 5 s: all ten windows over each change are certain of a fourth, and one each tells the activity."""
+    probabilities = np.tile([0.01, 0.01, 0.01, 0.97], (21, 1))
+    for number, window in enumerate((0, 10, 20)):
+        probabilities[window] = 0.1
+        probabilities[window, number] = 0.7
+    found = Prediction(
+        classes=("walk", "sit", "jump", "fall"), starts_s=0.5 * np.arange(21), duration_s=5.0, probabilities=probabilities,
+        least_s=5.0,
+    )  # fmt: skip
+    assert found.pieces() == [(0.0, 5.0, 0), (5.0, 10.0, 1), (10.0, 15.0, 2)]
+    assert {each[2] for each in replace(found, least_s=0.0).pieces()} == {0, 1, 2, 3}
 
 
 def test_one_window_is_one_activity() -> None:
@@ -64,7 +108,28 @@ def test_an_activity_lasts_for_the_least_or_more_where_steps_are_wide() -> None:
     assert len(replace(found, least_s=3.0).pieces()) == 3
 
 
-def test_each_window_has_its_likeliest_class_of_however_many() -> None:
+@pytest.mark.parametrize("least_s", [0.0, 0.1, 0.8, 2.5])
+def test_what_tells_nothing_is_one_activity(least_s: float) -> None:
+    """Even probabilities, as of a network that knows nothing: a tie of all courses; steps that the recording is no multiple of."""
+    found = Prediction(
+        classes=("walk", "fall"), starts_s=np.array([0.0, 0.3, 0.6, 0.9, 1.13]), duration_s=1.37,
+        probabilities=np.full((5, 2), 0.5), least_s=least_s,
+    )  # fmt: skip
+    assert found.pieces() == [(0.0, 2.5, 0)]
+
+
+def test_each_activity_has_its_likeliest_class_of_however_many() -> None:
     probabilities = np.full((3, 150), 1 / 150)
     probabilities[[0, 1, 2], [7, 3, 7]] *= 1.1
-    np.testing.assert_array_equal(likeliest_course(probabilities, 1), [7, 3, 7])
+    found = Prediction(
+        classes=tuple(map(str, range(150))), starts_s=np.arange(3.0), duration_s=1.0, probabilities=probabilities, least_s=0.0
+    )  # fmt: skip
+    np.testing.assert_array_equal(found.course()[1], [7, 3, 7])
+    np.testing.assert_array_equal(replace(found, least_s=1.0).course()[1], [7, 3, 7])
+    np.testing.assert_array_equal(replace(found, least_s=2.0).course()[1], [7, 7, 7])
+
+
+def test_the_nearest_place_is_the_earlier_of_two() -> None:
+    places = np.array([0.0, 1.0, 3.0])
+    np.testing.assert_array_equal(nearest(places, np.array([-2.0, 0.5, 0.6, 2.0, 2.1, 9.0])), [0, 0, 1, 1, 2, 2])
+    np.testing.assert_array_equal(nearest(places[:1], np.array([-2.0, 7.0])), [0, 0])

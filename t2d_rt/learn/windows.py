@@ -12,7 +12,7 @@ import numpy as np
 
 from t2d_rt.checks import number, positive
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.learn.lasting import likeliest_course
+from t2d_rt.learn.lasting import likeliest_course, nearest
 from t2d_rt.learn.maps import check_varied, relative_levels
 from t2d_rt.learn.train.saved import Card, Ensemble, SavedModel
 from t2d_rt.result import Recording
@@ -51,22 +51,24 @@ class Prediction:
     def at(self, times_s: np.ndarray) -> np.ndarray:
         """Number of the class at each of the times (T,), by the likeliest course: (T,)."""
         instants_s, found = self.course()
-        nearest = np.argmin(np.abs(np.asarray(times_s)[:, None] - instants_s), axis=1)
-        return np.asarray(found[nearest])
+        return np.asarray(found[nearest(instants_s, np.asarray(times_s, dtype=float))])
 
     def course(self) -> tuple[np.ndarray, np.ndarray]:
         """Instants from the beginning of the first window to the end of the last [s], (T,), and the number of the class at each.
 
-        An instant has the probabilities of the window whose middle is nearest. The course is that of the greatest product of
-        probabilities among those in which every activity lasts for `least_s` or more.
+        The course is that of the greatest product of probabilities among those in which every activity lasts for `least_s` or more,
+        each judged by windows that lie within it (`likeliest_course`). With a `least_s` of 0 an instant has the likeliest class of
+        the window whose middle is nearest.
         """
         first, last = self.starts_s[0], self.starts_s[-1] + self.duration_s
         step_s = float(np.median(np.diff(self.starts_s))) if len(self.starts_s) > 1 else self.duration_s
         count = max(1, round((last - first) / step_s))
-        instants_s = first + (np.arange(count) + 0.5) * (last - first) / count
-        nearest = np.argmin(np.abs(instants_s[:, None] - self.middles_s), axis=1)
+        edges_s = np.linspace(first, last, count + 1)
+        instants_s = 0.5 * (edges_s[1:] + edges_s[:-1])
+        if self.least_s == 0.0:
+            return instants_s, self.probabilities[nearest(self.middles_s, instants_s)].argmax(axis=1)
         least = math.ceil(self.least_s * count / (last - first) - APART)
-        return instants_s, likeliest_course(self.probabilities[nearest], least)
+        return instants_s, likeliest_course(self.probabilities, self.middles_s, self.duration_s, edges_s, least)
 
     def pieces(self) -> list[tuple[float, float, int]]:
         """Beginning and end [s] of each activity of the course, and the number of its class."""
@@ -217,5 +219,5 @@ def _weights(old: np.ndarray, new: np.ndarray) -> np.ndarray:
     overlap = np.minimum(new[1:, None], old[None, 1:]) - np.maximum(new[:-1, None], old[None, :-1])
     weights = np.maximum(overlap, 0.0)
     total = weights.sum(axis=1, keepdims=True)
-    nearest = np.abs(0.5 * (new[1:] + new[:-1])[:, None] - 0.5 * (old[1:] + old[:-1])).argmin(axis=1)
-    return np.where(total > 0, weights / np.maximum(total, 1e-300), np.eye(len(old) - 1)[nearest])
+    closest = nearest(0.5 * (old[1:] + old[:-1]), 0.5 * (new[1:] + new[:-1]))
+    return np.where(total > 0, weights / np.maximum(total, 1e-300), np.eye(len(old) - 1)[closest])

@@ -2,8 +2,8 @@
 
 Samples of the same recipe with another seed, whose sentences the data set does not have, are simulated, their ADC samples put one
 after another, and told by sliding windows.
-`python -m validation.datasets.three_activities DIR... --seed N` trains on folders of the recipe hard or small-hard, which may have
-other seeds and so other descriptions, draws recordings of the recipe with seed N, and writes nothing.
+`python -m validation.datasets.three_activities DIR... --seed N --recordings M` trains on folders of the recipe hard or small-hard,
+which may have other seeds and so other descriptions, draws M recordings of the recipe with seed N, and writes nothing.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ def alone(told: Prediction, labels: Sequence[int], duration_s: float) -> list[bo
     return [bool(each) for each in told.probabilities[nearest].argmax(axis=1) == np.asarray(labels)]
 
 
-def evaluated(*datasets: Dataset, seed: int | None = None) -> Section:
-    """The section for data sets of one recipe, trained on together, and recordings of that recipe with another seed."""
+def evaluated(*datasets: Dataset, seed: int | None = None, recordings: int = RECORDINGS) -> Section:
+    """The section for data sets of one recipe, trained on together, and so many recordings of that recipe with another seed."""
     if len({each.recipe.model_copy(update={"seed": 0}).hash for each in datasets}) > 1:
         raise InputError("the data sets are of different recipes; give those of one, which may have different seeds")
     seeds = {each.recipe.seed for each in datasets}
@@ -116,7 +116,7 @@ def evaluated(*datasets: Dataset, seed: int | None = None) -> Section:
     other = recipe.model_copy(update={"seed": seed})
     rows, single, confusion = [], [], np.zeros((len(maps.classes),) * 2, dtype=int)
     right: dict[str, list[float]] = {"course": [], "windows": []}
-    for indices in unseen(other, known, RECORDINGS):
+    for indices in unseen(other, known, recordings):
         names = [cell_of(other, index).activity for index in indices]
         labels = [maps.classes.index(each) for each in names]
         told = predict(model, joined(other, indices), step_s=STEP_S)
@@ -138,7 +138,7 @@ def evaluated(*datasets: Dataset, seed: int | None = None) -> Section:
                 measured=means["course"][0] / 100, limit=LIMIT, unit="", at_least=True,
             ),
         ],
-        note=f"{RECORDINGS} recordings of {TOGETHER} x {recipe.duration_s:g} s; {MEMBERS} networks trained on "
+        note=f"{recordings} recordings of {TOGETHER} x {recipe.duration_s:g} s; {MEMBERS} networks trained on "
         f"{len(sides['train'])} samples of {recipe.name}, changes left out by {AWAY_S:g} s. Right, mean and 95 % interval over "
         + f"recordings: likeliest course of activities of {LEAST * recipe.duration_s:g} s or more "
         + f"{means['course'][0]:.0f} +- {means['course'][1]:.0f} %, each window for itself {means['windows'][0]:.0f} +- "
@@ -153,6 +153,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", nargs="+")
     parser.add_argument("--seed", type=int)
+    parser.add_argument("--recordings", type=int, default=RECORDINGS)
     given = parser.parse_args()
-    section = evaluated(*map(Dataset, given.folder), seed=given.seed)
+    section = evaluated(*map(Dataset, given.folder), seed=given.seed, recordings=given.recordings)
     print(*section.checks, section.note, sep="\n")
