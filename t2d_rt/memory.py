@@ -7,13 +7,18 @@ import functools
 import itertools
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from t2d_rt.checks import number
 from t2d_rt.errors import InputError
+
+Value = TypeVar("Value")
 
 LIMIT_GB = 2.0
 """Of a run, unless the user says otherwise."""
@@ -113,6 +118,35 @@ def release() -> None:
     if (dr := sys.modules.get("drjit")) is not None:
         dr.flush_malloc_cache()
     _trim()
+
+
+class LastUsed(Generic[Value]):
+    """Values by their keys, of which the last used ones are kept.
+
+    >>> kept = LastUsed[int](2)
+    >>> [kept.get(key, lambda key=key: ord(key)) for key in "abca"]
+    [97, 98, 99, 97]
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._values: OrderedDict[Hashable, Value] = OrderedDict()
+
+    def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
+        """The value of a key, made where it is not kept. Threads that ask for one at the same time may each make it."""
+        # Taken out and put back: another thread may drop any key at any time.
+        value = self._values.pop(key, None)
+        if value is None:
+            value = make()
+        self._values[key] = value
+        with suppress(KeyError):  # another thread has dropped the last one
+            while len(self._values) > self._most:
+                self._values.popitem(last=False)
+        return value
+
+    def clear(self) -> None:
+        """Drops all of them."""
+        self._values.clear()
 
 
 def release_above(held_bytes: float) -> None:

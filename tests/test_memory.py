@@ -2,6 +2,7 @@
 
 import tracemalloc
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -53,6 +54,18 @@ def test_unused_memory_is_given_back_where_the_process_holds_much(monkeypatch: p
 
 
 @pytest.mark.slow
+def test_the_last_used_are_kept_whatever_threads_do() -> None:
+    kept, made = memory.LastUsed[int](3), []
+
+    def value(key: int) -> int:
+        return kept.get(key, lambda: made.append(key) or 10 * key)
+
+    assert [value(key) for key in (1, 2, 3, 1, 4, 1, 2)] == [10, 20, 30, 10, 40, 10, 20]
+    assert made == [1, 2, 3, 4, 2]
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(value, [key % 7 for key in range(2000)])) == [10 * (key % 7) for key in range(2000)]
+
+
 def test_memory_is_reused_once_no_view_of_it_is_left() -> None:
     memory.release()
     first = memory.reused(1000)

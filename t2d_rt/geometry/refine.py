@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -28,9 +27,9 @@ from t2d_rt.geometry.conforming import displacement, final_faces, grade, tree_ma
 from t2d_rt.geometry.levels import Level, build_levels, edge_depths
 from t2d_rt.geometry.subdivide import Csr, crease_corners, midpoints, sharp_edges, topology
 from t2d_rt.geometry.vectors import edge_cross, lengths, unit
+from t2d_rt.memory import LastUsed
 
-KEPT_CURVATURES = 8
-_curvatures: OrderedDict[tuple[object, ...], np.ndarray] = OrderedDict()
+_curvatures = LastUsed[np.ndarray](8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,14 +186,7 @@ def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> 
     The last ones are kept, read-only: a body's is asked for when it is skinned and when its facets are counted.
     """
     key = hashlib.sha256(rest.tobytes()).digest(), hashlib.sha256(faces.tobytes()).digest(), rest.shape, crease_deg
-    found = _curvatures.pop(key, None)  # another thread may take it out at any time
-    if found is None:
-        found = _curvature(rest, faces, crease_deg)
-        found.setflags(write=False)
-    _curvatures[key] = found
-    while len(_curvatures) > KEPT_CURVATURES:
-        _curvatures.popitem(last=False)
-    return found
+    return _curvatures.get(key, lambda: _curvature(rest, faces, crease_deg))
 
 
 def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.ndarray:
@@ -207,7 +199,9 @@ def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.nda
         * edge_depths(mesh, offset, rest, np.ones(len(mesh.faces), bool))
         / ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)
     )
-    return np.bincount(mesh.edges.ravel(), weights=np.repeat(bend, 2), minlength=len(rest)) / mesh.valence
+    found = np.bincount(mesh.edges.ravel(), weights=np.repeat(bend, 2), minlength=len(rest)) / mesh.valence
+    found.setflags(write=False)
+    return np.asarray(found)
 
 
 def _scale(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned
+from t2d_rt.memory import LastUsed
 from t2d_rt.propagation.fresnel import bundle, disc
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.materials import resolved
@@ -31,8 +31,7 @@ RAYS, PIECES = 32, 4
 POINT_RAYS, POINT_PIECES = 4, 1
 """The same for rough points, of which there are many."""
 
-KEPT_SEARCHES = 16
-_kept: OrderedDict[tuple[object, ...], tuple[StaticPath, ...]] = OrderedDict()
+_kept = LastUsed[tuple[StaticPath, ...]](16)
 
 
 def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) -> tuple[StaticPath, ...]:
@@ -46,17 +45,15 @@ def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) ->
         scene.content, order, radar.mid_frequency_hz, backend.name,
         *(np.asarray(each, float).tobytes() for each in (*places, departing, across)),
     )  # fmt: skip
-    static = _kept.pop(key, None)  # another thread may take it out at any time
-    if static is None:
+
+    def searched() -> tuple[StaticPath, ...]:
         found = find_paths(
             Mirrors.of(scene, backend), places[0], departing, radar.mid_frequency_hz, order=order,
             probes_m=(places[1] + ASIDE_M)[None],
         )  # fmt: skip
-        static = tuple(_path(path, places[1], across) for path in found.paths if path.order)
-    _kept[key] = static
-    while len(_kept) > KEPT_SEARCHES:
-        _kept.popitem(last=False)
-    return static
+        return tuple(_path(path, places[1], across) for path in found.paths if path.order)
+
+    return _kept.get(key, searched)
 
 
 def forget() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from t2d_rt.backend import Backend, aligned
 from t2d_rt.geometry import winding
 from t2d_rt.geometry.vectors import edge_cross
-from t2d_rt.memory import blocks
+from t2d_rt.memory import LastUsed, blocks
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import Scene
 
@@ -31,9 +30,8 @@ SKIN_M = 1e-4
 MOST_LOSS_DB = 40.0
 """Slabs that together take more than that from a ray at normal incidence stop it."""
 
-KEPT_SEARCHES = 16
-_kept: OrderedDict[tuple[object, ...], list[Chain]] = OrderedDict()
-"""Chains by all that their search follows from, the last used ones."""
+_kept = LastUsed[list[Chain]](16)
+"""Chains by all that their search follows from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,13 +142,7 @@ class Mirrors:
         loss_db = np.zeros(len(self.each)) if loss_db is None else np.asarray(loss_db, float)
         place_m = np.asarray(place_m, float)
         key = self.scene.content, place_m.tobytes(), order, transmissions, loss_db.tobytes(), self.backend.name
-        found = _kept.pop(key, None)  # another thread may take it out at any time
-        if found is None:
-            found = self._searched(place_m, order, transmissions, loss_db)
-        _kept[key] = found
-        while len(_kept) > KEPT_SEARCHES:
-            _kept.popitem(last=False)
-        return list(found)
+        return list(_kept.get(key, lambda: self._searched(place_m, order, transmissions, loss_db)))
 
     def _searched(self, place_m: np.ndarray, order: int, transmissions: int, loss_db: np.ndarray) -> list[Chain]:
         """The chains of `chains`, by rays in all directions."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -11,6 +10,7 @@ import numpy as np
 from t2d_rt import disk_cache
 from t2d_rt.geometry import Refinement, SubdividedMesh, SurfacePoints, point_spacing, surface_points
 from t2d_rt.geometry.vectors import edge_cross, unit
+from t2d_rt.memory import LastUsed
 from t2d_rt.scattering.lanes import Weights
 from t2d_rt.scattering.patches import Csr, members
 from t2d_rt.scattering.refinement import carried, flattened
@@ -35,27 +35,19 @@ class Seen:
     """Of the path pair; None in free space."""
 
 
-_kept: OrderedDict[str, SurfacePoints] = OrderedDict()
-KEPT_POINTS = 8
-"""Sets of points that are kept, the last used ones: some 300 kB each."""
+_kept = LastUsed[SurfacePoints](8)  # some 300 kB each
 
 
 def _spread(rest: np.ndarray, faces: np.ndarray, seed: int, spacing_m: float) -> SurfacePoints:
     """`surface_points`, kept for the next recording of the same body and for coarser facets of this one."""
     key = disk_cache.key("geometry", ("points", rest, faces, seed, spacing_m))
-    found = _kept.pop(key, None)  # another thread may take it out at any time
-    if found is None:
+    names = [each.name for each in fields(SurfacePoints)]
 
-        def spread() -> dict[str, np.ndarray]:
-            made = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
-            return {each.name: getattr(made, each.name) for each in fields(SurfacePoints)}
+    def spread() -> dict[str, np.ndarray]:
+        made = surface_points(rest, faces, seed=seed, spacing_m=spacing_m)
+        return {name: getattr(made, name) for name in names}
 
-        names = [each.name for each in fields(SurfacePoints)]
-        found = SurfacePoints(**disk_cache.kept(key, names, spread))
-    _kept[key] = found
-    while len(_kept) > KEPT_POINTS:
-        _kept.popitem(last=False)
-    return found
+    return _kept.get(key, lambda: SurfacePoints(**disk_cache.kept(key, names, spread)))
 
 
 def forget() -> None:
