@@ -113,9 +113,8 @@ def simulate(
     It ends early where the chest strikes the floor in an orientation (3, 3) that is not `wanted`, or where the run so far is not
     `hopeful`: asked `SEEN` frames after pelvis and chest are down, and after the head is as well.
     """
-    body = replace(
-        body, model=copy(body.model)
-    )  # muscles and friction change it, and no run may begin with those of another
+    # Muscles and friction change it, and no run may begin with those of another.
+    body = replace(body, model=copy(body.model))
     module, model = mujoco(), body.model
     data = module.MjData(model)
     data.qpos[:], data.qvel[:] = start
