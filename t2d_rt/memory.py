@@ -26,8 +26,8 @@ RELEASE_ABOVE = 0.7
 """Fraction of the limit above which unused memory is given back to the system between blocks of work."""
 RELEASE_EVERY = 10
 """Calls of `simulate` and `plan` after which all unused memory is given back."""
-LEFT_BYTES = 256 * 2**20
-"""Of what an array leaves behind, at most, for the next one."""
+LEFT_BYTES, LARGER = 256 * 2**20, 1.2
+"""Of what an array leaves behind, at most, for the next one; and that over what the next one needs."""
 BLOCK_BYTES = 96 * 2**20
 """Size of the largest array that a block of work makes, such as a mesh's vertices at many instants."""
 
@@ -91,7 +91,7 @@ def reused(size: int) -> np.ndarray:
         memory = _left.pop()
     except IndexError:
         memory = np.empty(0, np.uint8)
-    if not size <= memory.size <= 2 * size:
+    if not size <= memory.size <= LARGER * size:
         memory = np.empty(size, np.uint8)
     return np.asarray(_Lent(memory))[:size]
 

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from t2d_rt.learn.lasting import LEAST_PROBABILITY, likeliest_course, nearest
+from t2d_rt.errors import InputError
+from t2d_rt.learn.lasting import LEAST_PROBABILITY, SHARPNESS, likeliest_course, nearest
 from t2d_rt.learn.windows import Prediction
 
 
@@ -24,15 +25,16 @@ def divisions(count: int, least: int) -> Iterator[list[tuple[int, int]]]:
 def scores_of(
     begin: int, end: int, scores: np.ndarray, middles_s: np.ndarray, duration_s: float, edges_s: np.ndarray
 ) -> np.ndarray:
-    """Of each class over an activity, (K,), instant by instant, as the rule says it."""
-    found = np.zeros(scores.shape[1])
-    for instant in range(begin, end):
-        first, last = edges_s[begin] + 0.5 * duration_s, edges_s[end] - 0.5 * duration_s
-        if last < first - 1e-9:
-            first = last = 0.5 * (edges_s[begin] + edges_s[end])
-        wanted = min(max(0.5 * (edges_s[instant] + edges_s[instant + 1]), first), last)
-        found += scores[np.abs(middles_s - wanted).argmin()]
-    return found
+    """Of each class over an activity, (K,), window by window, as the rule says it."""
+    start_s, end_s = edges_s[begin], edges_s[end]
+    total, weights = np.zeros(scores.shape[1]), 0.0
+    for middle_s, score in zip(middles_s, scores, strict=True):
+        early_s, late_s = middle_s - 0.5 * duration_s - start_s, end_s - middle_s - 0.5 * duration_s
+        about_s = abs(middle_s - 0.5 * (start_s + end_s))
+        moved_s = about_s if end_s - start_s < duration_s else max(0.0, -early_s, -late_s)
+        weight = max(0.0, 1 - moved_s / duration_s) ** SHARPNESS
+        total, weights = total + weight * score, weights + weight
+    return (end - begin) * total / weights
 
 
 @pytest.mark.parametrize(
@@ -78,9 +80,13 @@ def test_what_is_shorter_than_the_least_is_no_activity() -> None:
 
 
 def test_windows_over_changes_do_not_outvote_the_one_that_sees_an_activity_alone() -> None:
-    """Three activities of 5 s: all ten windows over each change are certain of a fourth, and one each tells the activity."""
-    probabilities = np.tile([0.01, 0.01, 0.01, 0.97], (21, 1))
+    """Three activities of 5 s: eight of ten windows over each change tell a fourth, those that see 90 % of an activity
+    cannot tell it from that, and one for each tells it."""
+    probabilities = np.tile([0.1, 0.1, 0.1, 0.7], (21, 1))
     for number, window in enumerate((0, 10, 20)):
+        for beside in {max(window - 1, 0), min(window + 1, 20)}:
+            probabilities[beside] = 0.1
+            probabilities[beside, [number, 3]] = 0.4
         probabilities[window] = 0.1
         probabilities[window, number] = 0.7
     found = Prediction(
@@ -89,6 +95,66 @@ def test_windows_over_changes_do_not_outvote_the_one_that_sees_an_activity_alone
     )  # fmt: skip
     assert found.pieces() == [(0.0, 5.0, 0), (5.0, 10.0, 1), (10.0, 15.0, 2)]
     assert {each[2] for each in replace(found, least_s=0.0).pieces()} == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize(("rest", "stray"), [(0.9, 0.91), (0.9, 0.95), (0.9, 0.99), (0.7, 0.95)])
+def test_one_stray_window_makes_no_activity(rest: float, stray: float) -> None:
+    probabilities = np.tile([rest, 1 - rest], (41, 1))
+    probabilities[20] = 1 - stray, stray
+    found = Prediction(
+        classes=("walk", "fall"), starts_s=0.4 * np.arange(41), duration_s=4.0, probabilities=probabilities, least_s=3.2
+    )  # fmt: skip
+    assert found.pieces() == [(0.0, 20.0, 0)]
+    assert len(replace(found, least_s=0.0).pieces()) == 3
+
+
+def test_stray_windows_are_fewer_in_the_course_than_by_themselves() -> None:
+    """Of 40 recordings of one activity, a twentieth of whose windows is certain of another."""
+    rng = np.random.default_rng(0)
+    course, alone = [], []
+    for _ in range(40):
+        probabilities = np.where(rng.random(200)[:, None] < 0.05, [0.1, 0.9], [0.9, 0.1])
+        found = Prediction(
+            classes=("walk", "fall"), starts_s=0.4 * np.arange(200), duration_s=4.0, probabilities=probabilities, least_s=3.2
+        )  # fmt: skip
+        course.append(found.course()[1].mean())
+        alone.append(replace(found, least_s=0.0).course()[1].mean())
+    assert np.mean(course) < 0.2 * np.mean(alone)
+
+
+@pytest.mark.parametrize("least_s", [0.0, 2.0])
+def test_windows_far_apart_are_all_told(least_s: float) -> None:
+    """Windows of 2 s every 5 s, one of which tells a fall."""
+    probabilities = np.tile([0.9, 0.1], (9, 1))
+    probabilities[4] = 0.05, 0.95
+    found = Prediction(
+        classes=("walk", "fall"), starts_s=5.0 * np.arange(9), duration_s=2.0, probabilities=probabilities, least_s=least_s
+    )  # fmt: skip
+    np.testing.assert_array_equal(found.at(found.middles_s), [0, 0, 0, 0, 1, 0, 0, 0, 0])
+
+
+def test_probabilities_that_are_none_are_refused() -> None:
+    with pytest.raises(InputError, match=r"probabilities must be finite, got nan in window 1"):
+        Prediction(
+            classes=("walk", "fall"), starts_s=np.arange(3.0), duration_s=2.0,
+            probabilities=np.array([[0.5, 0.5], [np.nan, 0.5], [0.5, 0.5]]),
+        ).course()  # fmt: skip
+
+
+def test_a_long_activity_is_one() -> None:
+    """Longer than what the search looks for at once, in several ways to divide it."""
+    found = Prediction(
+        classes=("walk", "fall"), starts_s=0.5 * np.arange(200), duration_s=5.0,
+        probabilities=np.tile([0.8, 0.2], (200, 1)), least_s=4.0,
+    )  # fmt: skip
+    assert found.pieces() == [(0.0, 104.5, 0)]
+
+
+def test_two_windows_half_a_second_apart_have_instants_as_far_apart() -> None:
+    found = Prediction(
+        classes=("walk", "sit"), starts_s=np.array([0.0, 0.5]), duration_s=5.0, probabilities=np.full((2, 2), 0.5), least_s=4.0
+    )  # fmt: skip
+    np.testing.assert_allclose(found.course()[0], 0.25 + 0.5 * np.arange(11))
 
 
 def test_one_window_is_one_activity() -> None:

@@ -528,3 +528,20 @@ def test_few_echoes_are_asked_first_whether_groups_pay(monkeypatch: pytest.Monke
     assert all(said[number] for number, count in enumerate(counts) if count)
     assert {bool(count) for count in counts} == {True, False}
     assert not all(said)
+
+
+@pytest.mark.parametrize("count", [1, 3, 600])
+def test_echoes_that_are_lit_only_between_bursts_are_not_recorded(count: int) -> None:
+    radar = Radar(
+        carrier_hz=77e9, slope_hz_per_s=50e12, samples=64, sample_rate_hz=4e6, prf_hz=3000, chirps_per_frame=16,
+        frame_interval_s=0.25,
+    )  # fmt: skip
+    times_s = np.arange(60) / 120.0
+    amplitude = np.zeros((60, count), np.complex64)
+    amplitude[8:20] = 1e-4
+    delay_s = 2 * (3 + 0.1 * times_s[:, None] + np.arange(count) * 0.01) / SPEED_OF_LIGHT
+    cube = np.asarray(synthesize(Echoes(times_s=times_s, delay_s=delay_s, amplitude=amplitude), radar))
+    assert len(cube) == 32
+    assert not cube.any()
+    amplitude[:] = 1e-4
+    assert np.asarray(synthesize(Echoes(times_s=times_s, delay_s=delay_s, amplitude=amplitude), radar)).all()

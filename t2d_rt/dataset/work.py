@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import gc
-import multiprocessing
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -57,15 +56,19 @@ def make_samples(recipe_json: str, plans_json: Mapping[str, str], indices: Seque
     recipe = _recipe(recipe_json)
     plans = {name: Accuracy.model_validate_json(text) for name, text in plans_json.items()}
     with limited_threads(threads):
-        made = [make_sample(recipe, plans, index) for index in indices]
-    if multiprocessing.parent_process() is not None:
-        _settle()
+        return [make_sample(recipe, plans, index) for index in indices]
+
+
+def make_samples_alone(*task: Any) -> list[Made]:
+    """`make_samples` in a process that does nothing else: the collector passes by what is loaded for the first samples, which
+    stays, for 2 % of a sample's time."""
+    made = make_samples(*task)
+    _settle()
     return made
 
 
 @functools.cache
 def _settle() -> None:
-    """Lets the collector of a worker pass by what it has loaded for its first samples, which stays: 2 % of a sample's time."""
     gc.collect()
     gc.freeze()
 

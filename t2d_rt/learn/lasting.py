@@ -1,4 +1,4 @@
-"""The likeliest course of classes over time, where each activity lasts for a while and is judged by windows that see nothing else.
+"""The likeliest course of classes over time, where each activity lasts for a while and is judged by windows that see little else.
 
 A segmental Viterbi search (hidden semi-Markov models, Yu, Artificial Intelligence 174, 2010): what an instant counts for depends on
 where its activity begins and ends.
@@ -13,8 +13,12 @@ import numpy as np
 LEAST_PROBABILITY = 1e-2
 """A class is never held for less likely than this, or than the mean of all classes: windows over a change may be certain of what is
 wrong."""
-APART = 1e-3
-"""Of an instant: what rounding may take away from a length."""
+SHARPNESS = 16
+"""Power of a window's share in an activity that it counts by: one that sees 10 % of something else counts for a fifth."""
+LONGEST = 4
+"""Windows that an activity of the search lasts at most, and twice the least duration; longer ones are several of one class."""
+LEAST_WEIGHT = 1e-12
+"""Of the nearest window at least, so that one counts where windows are far apart."""
 
 
 def likeliest_course(
@@ -23,10 +27,11 @@ def likeliest_course(
     """Number of the class at each instant, (T,): of all courses of activities of `least` instants or more, the one whose product of
     probabilities over all instants is greatest. Where there are fewer instants, one activity lasts for all of them.
 
-    An instant has the probabilities of the nearest of those windows that lie within its activity; in an activity that is shorter
-    than a window, those of the window about its middle. So no window over a change counts where another shows an activity alone,
-    and each instant counts once, whatever the course. Activities of one class may follow one another, as a slow and a fast walk:
-    each is judged for itself, and the course tells the class of both.
+    An instant has the weighted geometric mean of the probabilities of the windows about its activity. A window that lies within it
+    counts in full; one that would have to move by a part x of its duration to lie within, or to be about the middle of an activity
+    that is shorter, counts by (1 - x)^16. So windows over a change hardly count where others show an activity alone, one stray
+    window makes no activity, and each instant counts once, whatever the course. Activities of one class may follow one another, as
+    a slow and a fast walk: each is judged for itself, and the course tells the class of both.
 
     probabilities: of each class in each window, (W, K).
     middles_s: of the windows [s], (W,), ascending.
@@ -37,31 +42,17 @@ def likeliest_course(
     scores = np.log(np.maximum(probabilities, min(LEAST_PROBABILITY, 1.0 / classes)))
     least = min(max(1, least), count)
     per_window = duration_s * count / float(edges_s[-1] - edges_s[0])
-    # Instants from which on an activity holds a window.
-    whole = max(least, math.ceil(per_window - APART))
-    # Instants nearer to an end than any middle of a window within.
-    half = min(math.ceil(0.5 * per_window - 0.5 - APART), whole // 2)
-    own = scores[nearest(middles_s, 0.5 * (edges_s[1:] + edges_s[:-1]))]
-    total = np.vstack([np.zeros(classes), np.cumsum(own, axis=0)])
-    early = half * scores[nearest(middles_s, edges_s + 0.5 * duration_s)]  # of activities that begin at each edge
-    late = half * scores[nearest(middles_s, edges_s - 0.5 * duration_s)]  # of those that end there
+    longest = max(2 * least, math.ceil(LONGEST * per_window))
     best = np.full(count + 1, -np.inf)  # of the courses that end at each edge
     best[0] = 0.0
     last = np.zeros((count + 1, 2), dtype=int)  # the last activity of the best: where it begins, and its class
-    # The best beginning that is a window or more ago, for each class, and where it is.
-    begun, since = np.full(classes, -np.inf), np.zeros(classes, dtype=int)
     for end in range(least, count + 1):
-        if (start := end - whole) >= 0:
-            fresh = best[start] + early[start] - total[start + half]
-            since = np.where(fresh > begun, start, since)
-            begun = np.maximum(begun, fresh)
-        starts = np.arange(max(0, end - whole + 1), end - least + 1)
-        windows = nearest(middles_s, 0.5 * (edges_s[starts] + edges_s[end]))
-        short = best[starts, None] + (end - starts)[:, None] * scores[windows]
-        every = np.vstack([begun + total[max(end - half, 0)] + late[end], short])
+        starts = np.arange(max(0, end - longest), end - least + 1)
+        means = _means(scores, middles_s, duration_s, edges_s[starts], edges_s[end])
+        every = best[starts, None] + (end - starts)[:, None] * means
         row, chosen = np.unravel_index(int(np.argmax(every)), every.shape)
         best[end] = every[row, chosen]
-        last[end] = since[chosen] if row == 0 else starts[row - 1], chosen
+        last[end] = starts[row], chosen
     found = np.zeros(count, dtype=int)
     end = count
     while end > 0:
@@ -69,6 +60,22 @@ def likeliest_course(
         found[start:end] = chosen
         end = start
     return found
+
+
+def _means(
+    scores: np.ndarray, middles_s: np.ndarray, duration_s: float, starts_s: np.ndarray, end_s: float
+) -> np.ndarray:
+    """Weighted mean of the windows' scores (W, K) over activities from each start to the end [s], (S, K)."""
+    first, after = np.searchsorted(middles_s, [starts_s[0] - duration_s, end_s + duration_s])
+    some = slice(max(first - 1, 0), after + 1)
+    middles_s, scores = middles_s[some], scores[some]
+    centres_s, spare_s = 0.5 * (starts_s + end_s), np.maximum(0.5 * (end_s - starts_s - duration_s), 0.0)
+    moved = np.maximum(np.abs(middles_s - centres_s[:, None]) - spare_s[:, None], 0.0) / duration_s
+    weights = np.maximum(1.0 - moved, 0.0) ** SHARPNESS
+    weights[np.arange(len(weights)), moved.argmin(axis=1)] += (
+        LEAST_WEIGHT  # where there is none, the nearest one counts
+    )
+    return np.asarray(weights @ scores / weights.sum(axis=1)[:, None])
 
 
 def nearest(places: np.ndarray, wanted: np.ndarray) -> np.ndarray:

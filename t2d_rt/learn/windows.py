@@ -19,6 +19,8 @@ from t2d_rt.result import Recording
 
 STEPS = 10
 """Windows that begin within the duration of one, by default."""
+MOST_INSTANTS = 20
+"""Of the course within the duration of a window."""
 LEAST = 0.8
 """Of a window: what an activity lasts at least, by default."""
 APART = 1e-3
@@ -57,11 +59,20 @@ class Prediction:
         """Instants from the beginning of the first window to the end of the last [s], (T,), and the number of the class at each.
 
         The course is that of the greatest product of probabilities among those in which every activity lasts for `least_s` or more,
-        each judged by windows that lie within it (`likeliest_course`). With a `least_s` of 0 an instant has the likeliest class of
-        the window whose middle is nearest.
+        each judged by windows that see little else (`likeliest_course`). With a `least_s` of 0 an instant has the likeliest class
+        of the window whose middle is nearest.
         """
+        wrong = np.flatnonzero(~np.isfinite(self.probabilities).all(axis=1))
+        if len(wrong):
+            raise InputError(
+                f"probabilities must be finite, got {self.probabilities[wrong[0]].sum()} in window {wrong[0]}"
+            )
         first, last = self.starts_s[0], self.starts_s[-1] + self.duration_s
-        step_s = float(np.median(np.diff(self.starts_s))) if len(self.starts_s) > 1 else self.duration_s
+        # Instants are as far apart as windows are, but no window is skipped where these are far apart.
+        steps_s = np.diff(self.starts_s) if len(self.starts_s) > 1 else np.array([self.duration_s])
+        step_s = min(self.duration_s, float(np.median(steps_s)))
+        if self.least_s > 0:
+            step_s = max(step_s, self.duration_s / MOST_INSTANTS)
         count = max(1, round((last - first) / step_s))
         edges_s = np.linspace(first, last, count + 1)
         instants_s = 0.5 * (edges_s[1:] + edges_s[:-1])

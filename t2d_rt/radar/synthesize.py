@@ -262,7 +262,8 @@ def _sum_echoes(window: Window, instants: Instants, backend: Backend) -> Product
     # An antenna's time slot may come a little after the window's end.
     inside = window.lit[0] > 0
     interval, echo = window.lit[0][inside], window.lit[1][inside]
-    if not len(echo):
+    recorded = np.clip(np.floor(instants.position).astype(int) + 1, 0, len(window.delay) - 2)
+    if not np.isin(recorded, interval).any():
         none = np.zeros((len(instants), 0, TERMS), np.complex64)
         return Product(none, terms_over(sweep.x), np.zeros(0), sweep.x, 0.0)
     bend = sweep.mid_hz * float(np.abs(window.delay_slope).max()) * instants.per_cycle[2]
