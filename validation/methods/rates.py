@@ -51,8 +51,9 @@ def run() -> Section:
         title="Surface rate and occlusion rate",
         checks=checks,
         note=f"Against the converged reference. Surface rate: walk, facets of {FINE_SCALE:g} times the default sagitta, so that "
-        f"time alone errs. Occlusion: default facets, walking at {ACROSS_DEG:g} deg to the line of sight, surface rate {FINE_HZ:g} Hz; the "
-        "reference traces through the fine mesh at each chirp, `simulate` through the control cage at its keys.",
+        f"time alone errs. Occlusion: default facets, walking at {ACROSS_DEG:g} deg to the line of sight, surface rate "
+        f"{FINE_HZ:g} Hz; the reference traces through the fine mesh at each chirp, `simulate` through the control cage at "
+        "its keys.",
         table=rows,
         charts=[_chart(surface_rates, occlusion_rates)],
     )
