@@ -144,7 +144,7 @@ class LastUsed(Generic[Value]):
                 self._values.popitem(last=False)
         return value
 
-    def clear(self) -> None:
+    def forget(self) -> None:
         """Drops all of them."""
         self._values.clear()
 

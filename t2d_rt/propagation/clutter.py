@@ -58,7 +58,7 @@ def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) ->
 
 def forget() -> None:
     """Drops the searches that are kept."""
-    _kept.clear()
+    _kept.forget()
 
 
 def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray) -> StaticPath:

@@ -325,4 +325,4 @@ def sphere(count: int) -> np.ndarray:
 
 def forget() -> None:
     """Drops the searches that are kept."""
-    _kept.clear()
+    _kept.forget()

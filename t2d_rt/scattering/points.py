@@ -52,7 +52,7 @@ def _spread(rest: np.ndarray, faces: np.ndarray, seed: int, spacing_m: float) ->
 
 def forget() -> None:
     """Drops the points that are kept."""
-    _kept.clear()
+    _kept.forget()
 
 
 @dataclass(frozen=True, slots=True)
