@@ -26,8 +26,10 @@ RELEASE_ABOVE = 0.7
 """Fraction of the limit above which unused memory is given back to the system between blocks of work."""
 RELEASE_EVERY = 10
 """Calls of `simulate` and `plan` after which all unused memory is given back."""
-LEFT_BYTES, LARGER = 256 * 2**20, 1.2
-"""Of what an array leaves behind, at most, for the next one; and that over what the next one needs."""
+LEFT_BYTES = 256 * 2**20
+"""Memory of more bytes than that is not kept for the next array."""
+LARGER = 1.2
+"""Kept memory is reused where it is at most so many times what is asked for."""
 BLOCK_BYTES = 96 * 2**20
 """Size of the largest array that a block of work makes, such as a mesh's vertices at many instants."""
 
@@ -82,8 +84,8 @@ _left: list[np.ndarray] = []
 
 
 def reused(size: int) -> np.ndarray:
-    """That many bytes that hold anything, uint8, where the system need not be asked: those that an array of this function, whose
-    views are gone as well, has left behind.
+    """So many bytes that are not initialised, uint8: the memory of the last array of this function, once no view of it is left, or
+    new memory.
 
     A cube of 100 MB costs the system as much to hand out, page by page, as its samples cost to make.
     """
@@ -133,7 +135,7 @@ class LastUsed(Generic[Value]):
         self._values: OrderedDict[Hashable, Value] = OrderedDict()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """The value of a key, made where it is not kept. Threads that ask for one at the same time may each make it."""
+        """The value of a key, not None, made where it is not kept. Threads that ask for one at the same time may each make it."""
         # Taken out and put back: another thread may drop any key at any time.
         value = self._values.pop(key, None)
         if value is None:

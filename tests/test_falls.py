@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from t2d_rt.motion.generate.falls.getup import got_up, lowest_points
 from t2d_rt.motion.generate.falls.humanoid import RATE_HZ
 from t2d_rt.motion.generate.falls.measures import missing
 from t2d_rt.motion.generate.falls.pose import coordinates, euler, reached, skeleton
+from t2d_rt.motion.generate.falls.simulation import Run, simulate
 from t2d_rt.motion.generate.falls.steps import instants
 from t2d_rt.types.motion import Motion
 
@@ -125,6 +128,31 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_another_fall() -> Non
     np.testing.assert_array_equal(again.motion.joints, fallen("trip").motion.joints)
     other = simulate_fall(walk(), FallPlan(type="trip", seed=2, rest_s=1.0))
     assert other.events != again.events
+
+
+def test_runs_that_are_given_up_would_not_have_been_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Falls of several attempts, by this and without giving any run up."""
+    plans = [
+        FallPlan(type="slip", seed=0), FallPlan(type="collapse", seed=1),
+        FallPlan(type="collapse", direction="forward", seed=3),
+    ]  # fmt: skip
+    frames: dict[str, int] = dict.fromkeys(("shortened", "whole"), 0)
+
+    def counted(name: str, **fixed: object) -> Callable[..., Run]:
+        def run(*args: Any, **options: Any) -> Run:
+            found = simulate(*args, **(options | fixed))
+            frames[name] += len(found.qpos)
+            return found
+
+        return run
+
+    monkeypatch.setattr(making, "simulate", counted("shortened"))
+    shortened = [simulate_fall(walk(), plan) for plan in plans]
+    monkeypatch.setattr(making, "simulate", counted("whole", hopeful=lambda run: True))
+    whole = [simulate_fall(walk(), plan) for plan in plans]
+    for one, two in zip(shortened, whole, strict=True):
+        assert np.array_equal(one.motion.joints, two.motion.joints)
+    assert frames["shortened"] < 0.95 * frames["whole"]
 
 
 def test_the_humanoid_reaches_the_poses_of_the_lead() -> None:

@@ -134,20 +134,23 @@ def test_windows_far_apart_are_all_told(least_s: float) -> None:
 
 
 def test_probabilities_that_are_none_are_refused() -> None:
-    with pytest.raises(InputError, match=r"probabilities must be finite, got nan in window 1"):
+    with pytest.raises(InputError, match=r"probabilities must be finite, got \[nan, 0.5\] in window 1"):
         Prediction(
             classes=("walk", "fall"), starts_s=np.arange(3.0), duration_s=2.0,
             probabilities=np.array([[0.5, 0.5], [np.nan, 0.5], [0.5, 0.5]]),
         ).course()  # fmt: skip
 
 
-def test_a_long_activity_is_one() -> None:
-    """Longer than what the search looks for at once, in several ways to divide it."""
+def test_long_activities_are_put_together() -> None:
+    """Each longer than what the search looks for at once; in between one that is as short as may be."""
+    probabilities = np.tile([0.8, 0.2], (200, 1))
+    probabilities[96:105] = 0.1, 0.9
     found = Prediction(
-        classes=("walk", "fall"), starts_s=0.5 * np.arange(200), duration_s=5.0,
-        probabilities=np.tile([0.8, 0.2], (200, 1)), least_s=4.0,
+        classes=("walk", "fall"), starts_s=0.5 * np.arange(200), duration_s=5.0, probabilities=probabilities, least_s=4.0
     )  # fmt: skip
-    assert found.pieces() == [(0.0, 104.5, 0)]
+    (_, first_s, walk), (_, second_s, fall), (_, last_s, again) = found.pieces()
+    assert (walk, fall, again, last_s) == (0, 1, 0, 104.5)
+    assert (first_s, second_s) == pytest.approx((48.0, 57.0), abs=2.5)
 
 
 def test_two_windows_half_a_second_apart_have_instants_as_far_apart() -> None:

@@ -420,11 +420,11 @@ def test_flicker_noise_of_chirps_goes_on_below_the_prf() -> None:
 
 def test_phase_noise_beyond_small_angles_is_told() -> None:
     """White phase noise of density L up to half the sample rate leaves 2 L fs (1 - sinc(fs tau)) at a delay tau."""
-    density = t2d.Receiver(phase_noise={"kind": "mask", "points": [[1e6, -70]]}).phase_noise
-    assert density is not None
+    oscillator = t2d.Receiver(phase_noise={"kind": "mask", "points": [[1e6, -70]]}).phase_noise
+    assert oscillator is not None
     rate, delay_s = RADAR.sample_rate_hz, np.abs(bin_delays_s(RADAR)).max()
     expected = math.sqrt(2 * 1e-7 * rate * (1 - np.sinc(rate * delay_s)))
-    assert residual_rms_rad(RADAR, density) == pytest.approx(expected, rel=1e-2)
+    assert residual_rms_rad(RADAR, oscillator) == pytest.approx(expected, rel=1e-2)
     with pytest.warns(T2DWarning, match=r"phase noise leaves up to .* rad rms within the range axis"):
         through(silence(4), phase_noise={"kind": "mask", "points": [[1e6, -55]]})
 

@@ -55,11 +55,11 @@ def on_this_machine(tasks: Sequence[Task], workers: int) -> Iterator[list[Made]]
     """In processes of this machine."""
     from joblib import Parallel, delayed, parallel_config
 
-    from t2d_rt.dataset.work import make_samples_alone
+    from t2d_rt.dataset.work import make_samples_in_worker
 
     with parallel_config(backend="loky", inner_max_num_threads=1):
         calls = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-        results = calls(delayed(make_samples_alone)(*task) for task in tasks)
+        results = calls(delayed(make_samples_in_worker)(*task) for task in tasks)
     with closing(results):
         yield from results
 

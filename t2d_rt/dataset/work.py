@@ -59,16 +59,16 @@ def make_samples(recipe_json: str, plans_json: Mapping[str, str], indices: Seque
         return [make_sample(recipe, plans, index) for index in indices]
 
 
-def make_samples_alone(*task: Any) -> list[Made]:
-    """`make_samples` in a process that does nothing else: the collector passes by what is loaded for the first samples, which
-    stays, for 2 % of a sample's time."""
+def make_samples_in_worker(*task: Any) -> list[Made]:
+    """`make_samples` in a process of its own: after its first samples the garbage collector leaves out what is loaded by then,
+    which saves 2 % of a sample's time."""
     made = make_samples(*task)
-    _settle()
+    _freeze_loaded()
     return made
 
 
 @functools.cache
-def _settle() -> None:
+def _freeze_loaded() -> None:
     gc.collect()
     gc.freeze()
 

@@ -14,11 +14,12 @@ LEAST_PROBABILITY = 1e-2
 """A class is never held for less likely than this, or than the mean of all classes: windows over a change may be certain of what is
 wrong."""
 SHARPNESS = 16
-"""Power of a window's share in an activity that it counts by: one that sees 10 % of something else counts for a fifth."""
+"""A window that would have to move by a part x of its duration to see an activity alone counts by (1 - x) to this power."""
 LONGEST = 4
-"""Windows that an activity of the search lasts at most, and twice the least duration; longer ones are several of one class."""
+"""An activity of the search lasts at most so many windows, or twice the least duration if that is more; longer ones are several of
+one class."""
 LEAST_WEIGHT = 1e-12
-"""Of the nearest window at least, so that one counts where windows are far apart."""
+"""Added to the weight of the nearest window, so that one counts where windows are far apart."""
 
 
 def likeliest_course(
@@ -29,8 +30,9 @@ def likeliest_course(
 
     An instant has the weighted geometric mean of the probabilities of the windows about its activity. A window that lies within it
     counts in full; one that would have to move by a part x of its duration to lie within, or to be about the middle of an activity
-    that is shorter, counts by (1 - x)^16. So windows over a change hardly count where others show an activity alone, one stray
-    window makes no activity, and each instant counts once, whatever the course. Activities of one class may follow one another, as
+    that is shorter, counts by (1 - x)^16. So windows over a change hardly count where others show an activity alone; one stray
+    window among many that overlap makes no activity, unless it is the first or the last of all; and each instant counts once,
+    whatever the course. Activities of one class may follow one another, as
     a slow and a fast walk: each is judged for itself, and the course tells the class of both.
 
     probabilities: of each class in each window, (W, K).

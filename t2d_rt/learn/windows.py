@@ -65,7 +65,8 @@ class Prediction:
         wrong = np.flatnonzero(~np.isfinite(self.probabilities).all(axis=1))
         if len(wrong):
             raise InputError(
-                f"probabilities must be finite, got {self.probabilities[wrong[0]].sum()} in window {wrong[0]}"
+                f"probabilities must be finite, got {self.probabilities[wrong[0]].tolist()} in window {wrong[0]}; look at the "
+                "recording, or at the model's weights"
             )
         first, last = self.starts_s[0], self.starts_s[-1] + self.duration_s
         # Instants are as far apart as windows are, but no window is skipped where these are far apart.

@@ -44,9 +44,9 @@ FEW_ECHOES, WIDE_BUCKET_BINS, WIDE_ERROR = 500, 9.0, 3e-6
 The error is that of float32 itself."""
 MOST_BEND_RAD = 0.02
 """Greatest eps that the polynomial over the sweep holds to -70 dB: targets move little during a chirp."""
-BUCKET_CHANGE = 0.25
-"""Of the tolerance, what the nodes of a bucket may err by: the error changes as a target passes from bucket to bucket, which makes
-lines in its Doppler spectrum. Those of a moving sphere then lie at -101 dBc, and at -80 with the whole tolerance."""
+BUCKET_SHARE = 0.25
+"""Share of the tolerance that the nodes of a bucket may err by: the error changes as a target passes from bucket to bucket, which
+makes lines in its Doppler spectrum. Those of a moving sphere then lie at -101 dBc, and at -80 with the whole tolerance."""
 RECEIVERS, MOST_SUMS = 4, 400
 """Receivers worked on at once, with as many transmitters as leave a lane of the leaves' kernel that many numbers to sum."""
 MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
@@ -105,7 +105,8 @@ def synthesize(
             for job in jobs:
                 job.result()
             filler.next(len(position))
-            assert rows.start == done, "every row is written once"
+            if rows.start != done:
+                raise RuntimeError(f"rows {done}..{rows.start} of a cube were left out")
             done = rows.stop
             found = _products(itertools.chain(head, sums), radar, rows)
             jobs = [pool.submit(filler.put, *each) for each in found]
@@ -115,7 +116,8 @@ def synthesize(
                 progress(rows.stop / len(starts))
         for job in jobs:
             job.result()
-    assert done == len(starts), "the windows hold all chirps"
+    if done != len(starts):
+        raise RuntimeError(f"rows {done}..{len(starts)} of a cube were left out")
     return cube
 
 
@@ -133,7 +135,7 @@ def _blocks(
 
 
 def _new_cube(shape: tuple[int, int, int], memory: Budget) -> Cube:
-    """Of rows that all are written, or it holds anything."""
+    """A cube that is not initialised: every row must be written."""
     if is_large(shape, memory.limit_bytes):
         return DiskCube(ProductRows(shape))
     return aligned_empty(math.prod(shape), np.complex64, reused).reshape(shape)
@@ -293,7 +295,7 @@ def _sum_groups(
     bins = bucket_bins(top, len(top) // pairs, sweep)
     found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=pair)
     table = phases(top.delay, top.delay_slope, sweep, None, found.origin_s, backend)
-    limit, tolerance = bucket_theta(bins, top.bins), BUCKET_CHANGE * tolerance
+    limit, tolerance = bucket_theta(bins, top.bins), BUCKET_SHARE * tolerance
     fields = at_instants(inner, first, top, found, table, instants, band_nodes(limit, tolerance), backend)
     theta, weights = found.theta(sweep), band_weights(limit, tolerance, sweep.x)
     bounds = np.searchsorted(found.part, np.arange(pairs + 1))

@@ -65,7 +65,7 @@ def run() -> Section:
         f"(validation/methods/reference.py) sums facets of {SAGITTA_RAD} rad at each sample's own time and frequency, "
         "in float64, and traces occlusion through the fine mesh at each chirp; the finer one has "
         f"{FINER_SAGITTA_RAD} rad ({FINER_CHIRPS} chirps). "
-        "What limits the run is occlusion: without occlusion in either it reads -25 dB. `simulate` traces at the "
+        "What limits the run is occlusion. `simulate` traces at the "
         "vertices of its control cage, 25 mm apart, and fades between them and between its samples at 25 Hz.",
         table=[_row(s) for s in stretches],
         charts=[_chart(stretches)],

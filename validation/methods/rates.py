@@ -17,7 +17,7 @@ OCCLUSION_RATES_HZ, DEFAULT_OCCLUSION_HZ = (12.5, 25.0, 50.0), 25.0
 ACROSS_DEG = 75.0
 """Walking past: arms and legs occlude the trunk and one another."""
 FINE_SCALE = 0.3
-"""Of the facets where time alone shall err."""
+"""Scale of the facets' sagitta at which they err less than time does."""
 CHIRPS, SAMPLES = 16, (20, 128, 236)
 
 

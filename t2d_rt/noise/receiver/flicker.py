@@ -81,7 +81,7 @@ def filter_of(samples: int) -> Filter:
 
 
 @dataclass(frozen=True, slots=True)
-class _Slower:
+class _SlowFlicker:
     """Density of the noise that the filter lacks [W/Hz], over frequency [Hz]."""
 
     power_w: float
@@ -112,7 +112,11 @@ class Flicker:
         limit_hz = OVERLAP * rate / (4 * radar.samples)
         self._slow = [
             Slow(
-                _Slower(self.power_w, rate, radar.samples), radar.prf_hz, limit_hz, draws, f"flicker of slots {channel}"
+                _SlowFlicker(self.power_w, rate, radar.samples),
+                radar.prf_hz,
+                limit_hz,
+                draws,
+                f"flicker of slots {channel}",
             )
             for channel in range(self._slots.channels)
         ]

@@ -46,8 +46,8 @@ SMALL_RAD = 0.05
 
 
 @dataclass(frozen=True)
-class _RateDensity:
-    """Density of 2 pi f phi [rad^2/s^2/Hz] over frequency [Hz], from the oscillator's L(f)."""
+class _FrequencyNoise:
+    """Density of the frequency noise, that of 2 pi f phi [rad^2/s^2/Hz] over frequency [Hz], from the oscillator's L(f)."""
 
     oscillator: Oscillator
 
@@ -57,7 +57,7 @@ class _RateDensity:
 
 @dataclass(frozen=True, eq=False)
 class _Design:
-    """What phase noise of an oscillator comes from in a radar, whatever is drawn."""
+    """What the phase noise of an oscillator needs in a radar; the same for every draw."""
 
     powers: np.ndarray
     """Power of the phase in each bin of an FFT of twice a chirp's samples, from 0 to half the rate, (sample + 1,)."""
@@ -68,7 +68,7 @@ class _Design:
     """exp(-2 pi j f tau) of nodes' delays and frequencies, (node, sample + 1)."""
     greatest: np.ndarray
     """Greatest density of the residual phase noise of each range bin over its beat or Doppler frequency, times the sample rate: the
-    level of white noise that nowhere lies below it, relative to the echo's power; (sample,)."""
+    level of the white noise that lies nowhere below it, relative to the echo's power; (sample,)."""
     bound: np.ndarray
     """See `bounding`."""
     rate: Slow
@@ -85,7 +85,7 @@ class _Design:
         powers = fast.amplitudes()[: radar.samples + 1] ** 2
         powers[-1] = 0.0  # of half the rate, at which a delay is not defined
         frequencies = np.arange(radar.samples + 1) * (radar.sample_rate_hz / fast.length)
-        rate = Slow(_RateDensity(oscillator), radar.prf_hz, fast.lowest_hz, Draws(0), "phase noise of slots")
+        rate = Slow(_FrequencyNoise(oscillator), radar.prf_hz, fast.lowest_hz, Draws(0), "phase noise of slots")
         delays = bin_delays_s(radar)
         nodes = nodes_for(delays, frequencies, powers)
         delayed = np.exp(-2j * np.pi * np.outer(nodes.delays_s, frequencies))

@@ -16,7 +16,7 @@ import numpy as np
 from t2d_rt.noise.receiver.draws import Draws
 
 Density = Callable[[np.ndarray], np.ndarray]
-"""Two-sided power density over frequency of any sign [1/Hz]; one that compares equal to another is the same."""
+"""Two-sided power density over frequency of any sign [1/Hz]. Hashable, as the key of a cache: equal ones are taken for the same."""
 SEGMENT = 4096
 """Chirps of a segment; slower noise than that is left out."""
 FOLDED = 4

@@ -134,7 +134,7 @@ def missing(found: Figures, plan: FallPlan) -> float:
 
 
 def least_missing(found: Figures, run: Run, plan: FallPlan) -> float:
-    """The least that may be `missing` in the end where a run goes on, from its figures once pelvis and chest are down: a body may
+    """A lower bound of what is `missing` if the run goes on, from its figures once pelvis and chest are down: a body may still
     slide back, and what the head does is known `SEEN` frames after it has struck."""
     struck = any("head" in touching for touching in run.touches[:-SEEN])
     return missing(replace(found, slide_m=0.0, head_mps=found.head_mps if struck else HEAD_RANGE_MPS[0]), plan)

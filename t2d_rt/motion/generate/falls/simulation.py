@@ -17,7 +17,7 @@ PELVIS = frozenset({"root", "lowerback"})
 CHEST = frozenset({"upperback", "thorax", "lclavicle", "rclavicle", "head"})
 
 SEEN = 2
-"""Frames after a contact from which on its speeds are known."""
+"""Frames after a contact until the speeds at it, which are central differences, no longer change."""
 
 BRACED_S = 0.35
 """How long after the pelvis's impact muscles stay tense, if the chest is not down before."""
