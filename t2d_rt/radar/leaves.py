@@ -122,9 +122,9 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
         labels=("i", "sums"),
         mode="symbolic",
     )
-    dr.eval(sums)  # all at once; else each pair's would run the loop again
     by_pair = np.reshape(np.arange(len(sums)), (level.rate, pairs, numbers)).swapaxes(0, 1).reshape(pairs, -1)
     values: Any = [dr.ravel(backend.arrays.ArrayXf([sums[k] for k in each])) for each in by_pair.tolist()]
+    dr.eval(values)  # all at once; else each pair's would run the loop again
     values = dr.concat(values) if pairs > 1 else values[0]
     dr.eval(values)
     return Factors(values, (intervals + 1) * level.rate, -level.rate)
