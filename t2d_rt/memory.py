@@ -5,10 +5,12 @@ from __future__ import annotations
 import ctypes
 import functools
 import itertools
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +24,9 @@ RELEASE_ABOVE = 0.7
 RELEASE_EVERY = 10
 """Calls of `simulate` and `plan` after which all unused memory is given back."""
 LEFT_BYTES = 256 * 2**20
-"""Of what an array leaves behind, at most, for the next one."""
+"""Of what arrays leave behind, at most, for the next ones."""
+REUSED_BYTES = 4 * 2**20
+"""Size of an array from which it takes what others have left."""
 BLOCK_BYTES = 96 * 2**20
 """Size of the largest array that a block of work makes, such as a mesh's vertices at many instants."""
 
@@ -72,8 +76,8 @@ def resident_bytes() -> int:
         return 0
 
 
-_left: list[np.ndarray] = []
-"""What the last array of `reused` has left behind."""
+_left: dict[int, np.ndarray] = {}
+"""What arrays of `reused` have left behind, the last ones; a dictionary, as threads take out and put in at any time."""
 
 
 def reused(size: int) -> np.ndarray:
@@ -82,13 +86,18 @@ def reused(size: int) -> np.ndarray:
 
     A cube of 100 MB costs the system as much to hand out, page by page, as its samples cost to make.
     """
-    try:
-        memory = _left.pop()
-    except IndexError:
-        memory = np.empty(0, np.uint8)
-    if not size <= memory.size <= 2 * size:
-        memory = np.empty(size, np.uint8)
+    fitting = [(each.size, key) for key, each in list(_left.items()) if size <= each.size <= 2 * size]
+    memory = _left.pop(min(fitting)[1], None) if fitting else None
+    if memory is None:  # a little more: the next one may be a little larger
+        memory = np.empty(size + size // 8, np.uint8)
     return np.asarray(_Lent(memory))[:size]
+
+
+def reused_empty(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+    """An array that holds anything, of `reused` where it is so large that the C library would ask the system for it."""
+    dtype = np.dtype(dtype)
+    size = math.prod(shape) * dtype.itemsize
+    return np.empty(shape, dtype) if size < REUSED_BYTES else reused(size).view(dtype).reshape(shape)
 
 
 class _Lent:
@@ -99,8 +108,9 @@ class _Lent:
         self.__array_interface__ = memory.__array_interface__
 
     def __del__(self) -> None:
-        if self._memory.size <= LEFT_BYTES:
-            _left[:] = [self._memory]
+        _left[id(self._memory)] = self._memory
+        while sum(each.size for each in list(_left.values())) > LEFT_BYTES:
+            _left.pop(next(iter(list(_left)), 0), None)
 
 
 def release() -> None:

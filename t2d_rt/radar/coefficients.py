@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import Backend, flat_on_device, one_thread_at_a_time
+from t2d_rt.backend import Backend, aligned_empty, one_thread_at_a_time
 from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.phasors import rotated, sin_cos
@@ -137,7 +137,7 @@ class AmplitudeFrames:
         half_band = dr.opaque(backend.Float32, sweep.slope * sweep.half_time_s)
         # Neighbouring lanes are neighbouring intervals of one echo.
         parts = [
-            (flat_on_device(values.T, backend.Float32), scale)
+            (_turned(values, backend), scale)
             for values, scale in ((window.amplitude, None), (window.sweep, half_band))
             if values is not None
         ]
@@ -153,6 +153,13 @@ class AmplitudeFrames:
             frames = [dr.gather(self.pair, values, place + k) for k in range(4)]
             found += [_cubic([each[part] for each in frames], scale) for part in range(2)]
         return found
+
+
+def _turned(values: np.ndarray, backend: Backend) -> Any:
+    """Complex64 values (T, N) as flat Float32 (N, T, 2) on the device."""
+    flat = aligned_empty(values.size, np.complex64)
+    flat.reshape(values.shape[::-1])[:] = values.T
+    return backend.Float32(flat.view(np.float32))
 
 
 def _echo_interval(delay: np.ndarray, backend: Backend) -> tuple[Any, Any, Any]:
