@@ -174,8 +174,7 @@ def _features(
 def _grouped(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Groups items, (N,) numbers 0, 1, ..., by halving along the widest feature until none spans more than 1 in a group.
 
-    low, high (C, N): what each item spans itself; both may be one. Items run fastest: the least and the greatest of a part are those
-    of neighbours in memory.
+    low, high (C, N): what each item spans itself; both may be one. The items of a part lie side by side in memory.
     """
     order = np.arange(low.shape[1])
     starts = np.array([0])
