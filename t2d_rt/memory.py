@@ -5,13 +5,14 @@ from __future__ import annotations
 import ctypes
 import functools
 import itertools
+import math
 import os
 import sys
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -27,9 +28,11 @@ RELEASE_ABOVE = 0.7
 RELEASE_EVERY = 10
 """Calls of `simulate` and `plan` after which all unused memory is given back."""
 LEFT_BYTES = 256 * 2**20
-"""Memory of more bytes than that is not kept for the next array."""
-LARGER = 1.2
-"""Kept memory is reused where it is at most so many times what is asked for."""
+"""Memory that is kept for the next arrays, at most."""
+LARGER, MUCH_LARGER = 1.2, 2.0
+"""Kept memory is reused where it is at most so many times what is asked for: of arrays that a user may keep, and of others."""
+REUSED_BYTES = 4 * 2**20
+"""Size of an array from which it takes what others have left."""
 BLOCK_BYTES = 96 * 2**20
 """Size of the largest array that a block of work makes, such as a mesh's vertices at many instants."""
 
@@ -79,23 +82,29 @@ def resident_bytes() -> int:
         return 0
 
 
-_left: list[np.ndarray] = []
-"""What the last array of `reused` has left behind."""
+_left: dict[int, np.ndarray] = {}
+"""Memory of earlier arrays of `reused` by its `id`; a dictionary, as threads take out and put in at any time."""
 
 
-def reused(size: int) -> np.ndarray:
-    """So many bytes that are not initialised, uint8: the memory of the last array of this function, once no view of it is left, or
-    new memory.
+def reused(size: int, larger: float = LARGER) -> np.ndarray:
+    """So many bytes that are not initialised, uint8: the memory of an earlier array of this function, once no view of it is left,
+    which may be so many times `larger`; or new memory.
 
     A cube of 100 MB costs the system as much to hand out, page by page, as its samples cost to make.
     """
-    try:
-        memory = _left.pop()
-    except IndexError:
-        memory = np.empty(0, np.uint8)
-    if not size <= memory.size <= LARGER * size:
-        memory = np.empty(size, np.uint8)
+    fitting = [(each.size, key) for key, each in list(_left.items()) if size <= each.size <= larger * size]
+    memory = _left.pop(min(fitting)[1], None) if fitting else None
+    if memory is None or memory.size < size:  # a little more: the next one may be a little larger
+        memory = np.empty(size + size // 8, np.uint8)
     return np.asarray(_Lent(memory))[:size]
+
+
+def reused_empty(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+    """An array that is not initialised, of `reused` where it is so large that the C library would ask the system for it; for those
+    that no user keeps."""
+    dtype = np.dtype(dtype)
+    size = math.prod(shape) * dtype.itemsize
+    return np.empty(shape, dtype) if size < REUSED_BYTES else reused(size, MUCH_LARGER).view(dtype).reshape(shape)
 
 
 class _Lent:
@@ -106,8 +115,9 @@ class _Lent:
         self.__array_interface__ = memory.__array_interface__
 
     def __del__(self) -> None:
-        if self._memory.size <= LEFT_BYTES:
-            _left[:] = [self._memory]
+        _left[id(self._memory)] = self._memory
+        while sum(each.size for each in list(_left.values())) > LEFT_BYTES:
+            _left.pop(next(iter(list(_left)), 0), None)
 
 
 def release() -> None:

@@ -49,7 +49,7 @@ def _after(
     across = _cross(ahead, normal)
     length = np.sqrt(np.einsum("...i,...i->...", across, across))[..., None]
     # At normal incidence any direction across will do.
-    helper = np.cross(normal, [1.0, 0, 0] if abs(normal[0]) < 0.6 else [0, 1.0, 0])
+    helper = _cross(normal, np.eye(3)[0 if abs(normal[0]) < 0.6 else 1])
     across = np.where(length > 1e-9, across / np.maximum(length, 1e-12), helper / np.linalg.norm(helper))
     te, tm = _coefficients(element, np.abs(cosine), frequencies_hz)
     before, after = _cross(across, ahead), _cross(across, onward)
@@ -82,4 +82,4 @@ def _coefficients(element: Elements, cosine: np.ndarray, frequencies_hz: np.ndar
 
 def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Cross products of vectors (..., 3)."""
-    return np.stack(cross(np.moveaxis(u, -1, 0), np.moveaxis(v, -1, 0)), axis=-1)
+    return np.stack(cross(*([each[..., axis] for axis in range(3)] for each in (u, v))), axis=-1)

@@ -7,6 +7,7 @@ Control points make the surface: around a face whose corners have six neighbours
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from t2d_rt.geometry.subdivide import Csr, Topology, next_half, previous_half, s
 
 MOST_SUBDIVISIONS = 24
 """Of a face beside an irregular vertex; a point that close to it takes the vertex's own place."""
+KEPT_MESHES = 8
+"""Whose first subdivisions are kept, the last used ones: some 2 kB a face."""
 INTERPOLATION_TERMS = 2
 """Of `control_points`. With 2, 3, 4, 8 terms, 25 000 facets of a walking body err by -27.6, -25.6, -25.3, -25.6 dB, and its volume
 is 0.14, 0.02, 0.01 and 0 % too small."""
@@ -47,13 +50,14 @@ def surface_rows(faces: np.ndarray, vertex_count: int, face: np.ndarray, weights
     """
     from scipy import sparse
 
-    mesh = _closed(faces, vertex_count)
+    kept = _levels(np.ascontiguousarray(faces, np.int64).tobytes(), vertex_count)
     found: list[tuple[np.ndarray, Csr]] = []
-    number, operator, valence = np.arange(len(face)), sparse.eye_array(vertex_count, format="csr"), mesh.valence
+    number, level = np.arange(len(face)), kept[0]
     for depth in range(MOST_SUBDIVISIONS + 1):
+        mesh, valence, operator = level.mesh, level.valence, level.operator
         corner, greatest = _greatest(weights)
         at_corner = (greatest == 1) | (depth == MOST_SUBDIVISIONS)
-        regular = all_of_three((valence == 6)[mesh.faces])[face] & ~at_corner
+        regular = level.regular[face] & ~at_corner
         if at_corner.any():
             vertex, which = np.unique(mesh.faces[face[at_corner], corner[at_corner]], return_inverse=True)
             found.append((number[at_corner], (_limit_rows(mesh, valence, vertex) @ operator)[which]))
@@ -63,11 +67,50 @@ def surface_rows(faces: np.ndarray, vertex_count: int, face: np.ndarray, weights
         if not left.any():
             break
         number, face, weights = number[left], face[left], weights[left]
-        mesh, face, step, valence = _subdivided(mesh, valence, face)
-        operator = step @ operator
-        face, weights = _in_children(face, weights)
+        level = kept[depth + 1] if depth + 1 < len(kept) else level.next_about(face)
+        face, weights = _in_children(np.searchsorted(level.parents, face), weights)
     order = np.argsort(np.concatenate([numbers for numbers, _ in found]))
     return sparse.csr_matrix(sparse.vstack([rows for _, rows in found], format="csr")[order])
+
+
+@dataclass(frozen=True, slots=True)
+class _Level:
+    """A mesh after some subdivisions, around some of its faces."""
+
+    mesh: Topology
+    valence: np.ndarray
+    operator: Csr
+    """Its control points from those of the mesh itself."""
+    parents: np.ndarray
+    """Faces of the level above that it has the children of, 4 f .. 4 f + 3 of the f-th one."""
+
+    @property
+    def regular(self) -> np.ndarray:
+        """Which faces have corners of six neighbours each, bool (F,)."""
+        return all_of_three((self.valence == 6)[self.mesh.faces])
+
+    def next_about(self, face: np.ndarray) -> _Level:
+        """The next level, around some faces (N,)."""
+        mesh, parents, step, valence = _subdivided(self.mesh, self.valence, face)
+        return _Level(mesh, valence, step @ self.operator, parents)
+
+
+@lru_cache(maxsize=KEPT_MESHES)
+def _levels(faces: bytes, vertex_count: int) -> list[_Level]:
+    """A closed mesh, and what it becomes around its irregular vertices after one and two subdivisions: the same for all bodies of
+    one mesh, and for all of their facets. Few places need more."""
+    from scipy import sparse
+
+    mesh = _closed(np.frombuffer(faces, np.int64).reshape(-1, 3), vertex_count)
+    levels = [_Level(mesh, mesh.valence, sparse.eye_array(vertex_count, format="csr"), np.zeros(0, np.int64))]
+    inside = np.arange(len(mesh.faces))  # around these all is there
+    for _ in range(2):
+        face = inside[~levels[-1].regular[inside]]
+        if not len(face):
+            break
+        levels.append(levels[-1].next_about(face))
+        inside = (4 * np.searchsorted(levels[-1].parents, face)[:, None] + np.arange(4)).ravel()
+    return levels
 
 
 def _closed(faces: np.ndarray, vertex_count: int) -> Topology:
@@ -109,7 +152,7 @@ def _limit_rows(mesh: Topology, valence: np.ndarray, vertex: np.ndarray) -> Csr:
 
 
 def _subdivided(mesh: Topology, valence: np.ndarray, face: np.ndarray) -> tuple[Topology, np.ndarray, Csr, np.ndarray]:
-    """What is around some faces (N,), subdivided: its topology, where it has its faces' children (N,), the matrix (V1, V) of its
+    """What is around some faces (N,), subdivided: its topology, the faces that it has the children of, the matrix (V1, V) of its
     control points, and their valences.
 
     Only the faces that touch these are kept; of what that makes, all that their children's surface depends on is right.
@@ -134,7 +177,7 @@ def _subdivided(mesh: Topology, valence: np.ndarray, face: np.ndarray) -> tuple[
     chosen = sparse.csr_array((np.ones(count), (np.arange(count), kept)), shape=(count, mesh.vertex_count))
     children = topology(split_in_four(part.faces, count + part.face_edges), count + edges)
     step = sparse.vstack([old, new], format="csr") @ chosen
-    return children, np.searchsorted(here, face), step, np.concatenate([valence[kept], np.full(edges, 6)])
+    return children, here, step, np.concatenate([valence[kept], np.full(edges, 6)])
 
 
 def _in_children(face: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.backend import Backend, one_thread_at_a_time
+from t2d_rt.radar.amplitude_frames import cubic
 from t2d_rt.radar.buckets import Buckets
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.phasors import rotated, sin_cos
@@ -106,9 +107,7 @@ def amplitudes(window: Window, sweep: Sweep, backend: Backend) -> list[Any]:
         parts = Float32(values.view(np.float32).ravel())
         for part in range(2):
             frames = [dr.gather(Float32, parts, 2 * ((interval + k) * echoes + echo) + part) for k in range(4)]
-            middle = 0.5 * (frames[2] - frames[0]), 0.5 * (frames[3] - frames[1])
-            cubic = [c if scale is None else c * scale for c in hermite(frames[1], frames[2], *middle)]
-            tables.append(dr.ravel(backend.arrays.Array4f(*cubic)))
+            tables.append(dr.ravel(backend.arrays.Array4f(*cubic(frames, scale))))
     dr.eval(tables)
     return tables
 

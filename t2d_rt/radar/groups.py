@@ -72,26 +72,26 @@ def levels(window: Window, sweep: Sweep, rate: float, tolerance: float, extras: 
         return []
     allowed = _cycles_per_step(tolerance)
     cycles, bins = _features(window, sweep, extras, (WIDE * allowed * rates[0], WIDE * FIRST_BINS))
-    if len(cycles) <= FEW_ECHOES and not _may_pay(cycles, bins, allowed, rates[0], rate, tolerance):
+    if cycles.shape[1] <= FEW_ECHOES and not _may_pay(cycles, bins, allowed, rates[0], rate, tolerance):
         return []
     found: list[Level] = []
     samples, width = rates[0], FIRST_BINS
-    low = high = np.concatenate([cycles, bins], axis=1)
-    here, delay, slope = len(low), window.delay, window.delay_slope
+    low = high = np.concatenate([cycles, bins])
+    here, delay, slope = low.shape[1], window.delay, window.delay_slope
     work, spent = [here * rate * WORK_ECHO], 0.0
     while samples <= rate:
         points = nodes_for(0.8 * math.pi * width, tolerance)
         spent += here * samples * (WORK_NODE * points if found else WORK_ECHO)
         if spent >= min(work):
             break
-        limits = np.repeat(np.array([allowed * samples, width], np.float32), [cycles.shape[1], bins.shape[1]])
+        limits = np.repeat(np.array([allowed * samples, width], np.float32), [len(cycles), len(bins)])[:, None]
         scaled = low / limits
         group = _grouped(scaled, scaled if low is high else high / limits)
         mean = _mean(group)
         delay, slope = delay @ mean, slope @ mean
         found.append(Level(samples, points, width, group, mean, delay, slope))
         low, high = _hulls(group, low, high)
-        here = len(low)
+        here = low.shape[1]
         work.append(spent + here * rate * WORK_NODE * len(band_nodes(bucket_theta(NARROW_BINS, width), tolerance)))
         samples, width = 2 * samples, min(2 * width, MOST_BINS)
     return found[: int(np.argmin(work))]
@@ -102,9 +102,9 @@ WORK_ECHO, WORK_NODE = 1.0, 0.25
 
 
 def _may_pay(cycles: np.ndarray, bins: np.ndarray, allowed: float, samples: int, rate: float, tolerance: float) -> bool:
-    """Whether any level may take less work than the sum echo by echo, by the fewest groups that echoes (L, probes) can fall into:
+    """Whether any level may take less work than the sum echo by echo, by the fewest groups that echoes (probes, L) can fall into:
     False only where `levels` would find none."""
-    here, spent, width, first = len(cycles), 0.0, FIRST_BINS, True
+    here, spent, width, first = cycles.shape[1], 0.0, FIRST_BINS, True
     alone = here * rate * WORK_ECHO
     while samples <= rate:
         spent += here * samples * (WORK_ECHO if first else WORK_NODE * nodes_for(0.8 * math.pi * width, tolerance))
@@ -119,9 +119,9 @@ def _may_pay(cycles: np.ndarray, bins: np.ndarray, allowed: float, samples: int,
 
 
 def _fewest(features: np.ndarray, limit: float) -> int:
-    """Fewest groups none of which spans more than a limit in any feature (L, C): what one feature alone asks for."""
+    """Fewest groups none of which spans more than a limit in any feature (C, L): what one feature alone asks for."""
     most, limit = 0, limit * (1 + ROUNDING)
-    for values in np.sort(features, axis=0).T.tolist():
+    for values in np.sort(features, axis=1).tolist():
         count, end = 0, -math.inf
         for value in values:
             if value > end:
@@ -154,58 +154,55 @@ def _features(
     window: Window, sweep: Sweep, extras: Sequence[Delay], wide: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """What distinguishes echoes, at a few instants of the window: phase rates [cycles per frame] and delays that the beat shows
-    [bins], float32 (L, probes); the same at outermost antennas for which either differs by more than `wide` from echo to echo."""
+    [bins], float32 (probes, L); the same at outermost antennas for which either differs by more than `wide` from echo to echo."""
     last = len(window.delay) - 1
     instants = np.unique(np.linspace(0, last, 2 + last // PROBE_EVERY).astype(int))
-    rates = window.delay_slope[instants].T
+    rates = window.delay_slope[instants]
     # Delays at all of these instants too: limbs that pass each other at some are a metre apart at others.
-    shown = window.delay[instants].T + rates * (sweep.coupling_s / window.step_s)
+    shown = window.delay[instants] + rates * (sweep.coupling_s / window.step_s)
     # Relative to the first echo: float32 would round absolute delays.
-    cycles, bins = (rates - rates[:1]) * sweep.mid_hz, (shown - shown[:1]) / sweep.bin_s
+    cycles, bins = (rates - rates[:, :1]) * sweep.mid_hz, (shown - shown[:, :1]) / sweep.bin_s
     found = [(cycles, bins)]
     for more, slope in extras:
-        more_cycles, more_bins = slope[instants].T * sweep.mid_hz, more[instants].T / sweep.bin_s
-        if np.ptp(more_cycles, axis=0).max() > wide[0] or np.ptp(more_bins, axis=0).max() > wide[1]:
+        more_cycles, more_bins = slope[instants] * sweep.mid_hz, more[instants] / sweep.bin_s
+        if np.ptp(more_cycles, axis=1).max() > wide[0] or np.ptp(more_bins, axis=1).max() > wide[1]:
             found.append((cycles + more_cycles, bins + more_bins))
-    cycles, bins = (np.concatenate(each, axis=1).astype(np.float32) for each in zip(*found, strict=True))
+    cycles, bins = (np.concatenate(each).astype(np.float32) for each in zip(*found, strict=True))
     return cycles, bins
 
 
 def _grouped(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Groups items, (N,) numbers 0, 1, ..., by halving along the widest feature until none spans more than 1 in a group.
 
-    low, high (N, C): what each item spans itself.
+    low, high (C, N): what each item spans itself; both may be one. The items of a part lie side by side in memory.
     """
-    order = np.arange(len(low))
+    order = np.arange(low.shape[1])
     starts = np.array([0])
-    group = np.empty(len(low), np.int64)
+    group = np.empty(len(order), np.int64)
     count = 0
     while len(order):
-        bottom, top = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+        bottom, top = np.minimum.reduceat(low, starts, axis=1), np.maximum.reduceat(high, starts, axis=1)
         sizes = np.diff(np.append(starts, len(order)))
-        widest = np.argmax(top - bottom, axis=1)
-        part = np.arange(len(starts))
-        small = ((top - bottom)[part, widest] <= 1) | (sizes == 1)
-        part = np.repeat(part, sizes)
+        widest, part = np.argmax(top - bottom, axis=0), np.arange(len(starts))
+        small = ((top - bottom)[widest, part] <= 1) | (sizes == 1)
+        middle = (top + bottom)[widest, part]
         number = np.cumsum(small) - 1 + count
+        part = np.repeat(part, sizes)
         done = small[part]
         group[order[done]] = number[part[done]]
         count += int(small.sum())
-        low, high, order, part = *_taken(~done, low, high), order[~done], part[~done]
-        middle = (top + bottom)[np.arange(len(starts)), widest]
-        row = np.arange(len(order))
-        upper = low[row, widest[part]] + high[row, widest[part]] > middle[part]
+        rows = np.flatnonzero(~done)
+        part = part[rows]
+        place = widest[part] * len(order) + rows
+        upper = np.take(low, place) + np.take(high, place) > middle[part]
         key = 2 * part + upper
         by_key = np.argsort(key, kind="stable")
-        low, high, order, key = *_taken(by_key, low, high), order[by_key], key[by_key]
+        rows, key = rows[by_key], key[by_key]
+        # Echoes span nothing themselves, so that both are one.
+        taken = np.take(low, rows, axis=1)
+        low, high, order = taken, taken if low is high else np.take(high, rows, axis=1), order[rows]
         starts = np.flatnonzero(np.diff(key, prepend=-1))
     return group
-
-
-def _taken(rows: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of both; echoes span nothing themselves, so that both are one."""
-    taken = low[rows]
-    return taken, taken if low is high else high[rows]
 
 
 def _mean(group: np.ndarray) -> Any:
@@ -217,7 +214,9 @@ def _mean(group: np.ndarray) -> Any:
 
 
 def _hulls(group: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Extent of each group in each feature."""
+    """Extent of each group in each feature, (C, K)."""
     order = np.argsort(group, kind="stable")
     starts = np.flatnonzero(np.diff(group[order], prepend=-1))
-    return np.minimum.reduceat(low[order], starts), np.maximum.reduceat(high[order], starts)
+    first = np.take(low, order, axis=1)
+    last = first if low is high else np.take(high, order, axis=1)
+    return np.minimum.reduceat(first, starts, axis=1), np.maximum.reduceat(last, starts, axis=1)

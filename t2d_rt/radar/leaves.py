@@ -11,9 +11,10 @@ import numpy as np
 
 from t2d_rt.backend import Backend, one_thread_at_a_time
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.radar.amplitude_frames import AmplitudeFrames
 from t2d_rt.radar.array_delays import ArrayDelays, extra_length
 from t2d_rt.radar.buckets import Members
-from t2d_rt.radar.coefficients import References, amplitudes, phases
+from t2d_rt.radar.coefficients import References, phases
 from t2d_rt.radar.groups import Level
 from t2d_rt.radar.interpolants import hermite
 from t2d_rt.radar.phasors import rotated, sin_cos, times_phasor
@@ -37,8 +38,8 @@ class Leaves:
     """The echoes that the first level's groups add up."""
 
     members: Members
-    fields: list[Any]
-    """Tables of `amplitudes`."""
+    fields: AmplitudeFrames
+    """Amplitudes at the frames: a lane reads an echo's once, so that tables of their cubics would cost more than they save."""
     phase: tuple[Any, Any]
     """Tables of `phases`, relative to the groups."""
     ends: tuple[ArrayDelays, ...] = ()
@@ -59,7 +60,7 @@ def leaves(window: Window, level: Level, sweep: Sweep, backend: Backend) -> Leav
     )
     references = References(level.group, level.delay, level.delay_slope)
     phase = phases(window.delay, window.delay_slope, sweep, references, 0.0, backend)
-    return Leaves(members, amplitudes(window, sweep, backend), phase)
+    return Leaves(members, AmplitudeFrames.of(window, sweep, backend), phase)
 
 
 @one_thread_at_a_time
@@ -92,7 +93,7 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
     def add(i: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         echo = dr.gather(UInt32, echoes, i)
         member = echo * width + interval
-        parts = [dr.gather(Packet, values, member) for values in leaves.fields]
+        parts = leaves.fields.cubics(echo, interval)
         cycles, theta = dr.gather(Packet, leaves.phase[0], member), dr.gather(Float32, leaves.phase[1], member)
         of_pairs = [(cycles, theta)] * pairs
         if ends:
@@ -122,9 +123,9 @@ def smallest(window: Window, level: Level, leaves: Leaves, sweep: Sweep, backend
         labels=("i", "sums"),
         mode="symbolic",
     )
-    dr.eval(sums)  # all at once; else each pair's would run the loop again
     by_pair = np.reshape(np.arange(len(sums)), (level.rate, pairs, numbers)).swapaxes(0, 1).reshape(pairs, -1)
     values: Any = [dr.ravel(backend.arrays.ArrayXf([sums[k] for k in each])) for each in by_pair.tolist()]
+    dr.eval(values)  # all at once; else each pair's would run the loop again
     values = dr.concat(values) if pairs > 1 else values[0]
     dr.eval(values)
     return Factors(values, (intervals + 1) * level.rate, -level.rate)

@@ -44,9 +44,9 @@ FEW_ECHOES, WIDE_BUCKET_BINS, WIDE_ERROR = 500, 9.0, 3e-6
 The error is that of float32 itself."""
 MOST_BEND_RAD = 0.02
 """Greatest eps that the polynomial over the sweep holds to -70 dB: targets move little during a chirp."""
-BUCKET_SHARE = 0.25
-"""Share of the tolerance that the nodes of a bucket may err by: the error changes as a target passes from bucket to bucket, which
-makes lines in its Doppler spectrum. Those of a moving sphere then lie at -101 dBc, and at -80 with the whole tolerance."""
+BUCKET_FRACTION = 0.25
+"""Fraction of the tolerance that the nodes of a bucket may err by: the error changes as a target passes from bucket to bucket,
+which makes lines in its Doppler spectrum. Those of a moving sphere then lie at -101 dBc, and at -80 with the whole tolerance."""
 RECEIVERS, MOST_SUMS = 4, 400
 """Receivers worked on at once, with as many transmitters as leave a lane of the leaves' kernel that many numbers to sum."""
 MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
@@ -295,7 +295,7 @@ def _sum_groups(
     bins = bucket_bins(top, len(top) // pairs, sweep)
     found = buckets((top.delay, top.delay_slope), interval + 1, group, instants, bins, apart=pair)
     table = phases(top.delay, top.delay_slope, sweep, None, found.origin_s, backend)
-    limit, tolerance = bucket_theta(bins, top.bins), BUCKET_SHARE * tolerance
+    limit, tolerance = bucket_theta(bins, top.bins), BUCKET_FRACTION * tolerance
     fields = at_instants(inner, first, top, found, table, instants, band_nodes(limit, tolerance), backend)
     theta, weights = found.theta(sweep), band_weights(limit, tolerance, sweep.x)
     bounds = np.searchsorted(found.part, np.arange(pairs + 1))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from t2d_rt.memory import reused_empty
 from t2d_rt.radar.interpolants import spline_slopes
 from t2d_rt.types import EchoArrays, EchoStream
 
@@ -107,17 +108,26 @@ def _window(
     held: list[tuple[int, EchoArrays]], low: int, high: int, start: int, stop: int, total: int, step_s: float
 ) -> Window:
     near = max(0, start - 2), min(total, stop + 3)
-    live = np.flatnonzero(np.any(np.concatenate([part[1] != 0 for part in _rows(held, *near)]), axis=0))
+    live = np.flatnonzero(np.any([np.any(part.amplitude, axis=0) for part in _rows(held, *near)], axis=0))
 
-    def taken(field: int, first: int, last: int) -> np.ndarray:
-        return np.concatenate([np.take(part[field], live, axis=1) for part in _rows(held, first, last)])  # type: ignore[arg-type]
+    def taken(field: int, first: int, last: int, before: int = 0, after: int = 0) -> np.ndarray:
+        """Live echoes at frames first..last-1, with room for more frames before and after."""
+        parts: list[Any] = [part[field] for part in _rows(held, first, last)]
+        out = reused_empty((before + last - first + after, len(live), *parts[0].shape[2:]), parts[0].dtype)
+        row = before
+        for part in parts:
+            np.take(part, live, axis=1, out=out[row : row + len(part)], mode="clip")  # "raise" would copy once more
+            row += len(part)
+        return out
 
     def with_ends(field: int) -> np.ndarray:
         # The line through the record's last two frames makes the central difference there the one-sided one.
-        return _lengthened(taken(field, *near), near[0] - (start - 2), stop + 3 - near[1])
+        before, after = near[0] - (start - 2), stop + 3 - near[1]
+        return _lengthened(taken(field, *near, before, after), before, after)
 
     def framed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        slope = spline_slopes(len(values))[keep].astype(values.dtype) @ values
+        matrix = spline_slopes(len(values))[keep].astype(values.dtype)
+        slope = np.matmul(matrix, values, out=reused_empty((len(matrix), values.shape[1]), values.dtype))
         values = values[keep]
         if start == 0:
             values, slope = np.concatenate([values[:1] - slope[:1], values]), np.concatenate([slope[:1], slope])
@@ -151,13 +161,15 @@ def _window(
 
 
 def _lengthened(values: np.ndarray, before: int, after: int) -> np.ndarray:
-    """`values` (T, N) with `before` and `after` frames more, on the lines through the first two and the last two."""
-    steps = np.arange(before, 0, -1, dtype=np.float32)[:, None], np.arange(1, after + 1, dtype=np.float32)[:, None]
-    head, tail = (
-        values[:1] + steps[0] * (values[:1] - values[1:2]),
-        values[-1:] + steps[1] * (values[-1:] - values[-2:-1]),
-    )
-    return np.ascontiguousarray(np.concatenate([head, values, tail]))
+    """`values` (T, N), whose first `before` and last `after` frames are written: on the lines through the two next to them."""
+    last = len(values) - 1 - after
+    if before:
+        steps = np.arange(before, 0, -1, dtype=np.float32)[:, None]
+        values[:before] = values[before] + steps * (values[before] - values[before + 1])
+    if after:
+        steps = np.arange(1, after + 1, dtype=np.float32)[:, None]
+        values[last + 1 :] = values[last] + steps * (values[last] - values[last - 1])
+    return values
 
 
 def _rows(held: list[tuple[int, EchoArrays]], first: int, last: int) -> list[EchoArrays]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from t2d_rt.memory import reused_empty
 from t2d_rt.types import EchoArrays, Radar
 
 
@@ -37,5 +40,12 @@ def side_by_side(parts: list[EchoArrays]) -> EchoArrays:
     parts = [p if p.slope is not None else p._replace(slope=np.zeros_like(p.amplitude)) for p in parts]
     if any(part.arrival_m is not None for part in parts):
         parts = [p if p.arrival_m is not None else p._replace(arrival_m=p.departure_m) for p in parts]
-    joint = [None if fields[0] is None else np.concatenate(fields, axis=1) for fields in zip(*parts, strict=True)]
+    joint = [None if fields[0] is None else _joint(fields) for fields in zip(*parts, strict=True)]
     return EchoArrays(*joint)  # type: ignore[arg-type]
+
+
+def _joint(fields: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays (T, N, ...) side by side along their second axis."""
+    first = fields[0]
+    out = reused_empty((len(first), sum(each.shape[1] for each in fields), *first.shape[2:]), np.result_type(*fields))
+    return np.concatenate(fields, axis=1, out=out)

@@ -154,7 +154,6 @@ def patch_echoes(
         slope = tuple(x + scale * per_hz * y for x, y in zip(slope, diffuse[2:], strict=True))
     if weights is not None:
         amplitude, slope = at.weighted(weights, number, amplitude, slope)
-    dr.eval(amplitude, slope)  # all at once; else each would run the loop again
     block.put(at, columns, amplitude=amplitude, slope=slope)
 
 

@@ -11,6 +11,7 @@ The functions are written once for NumPy (any float dtype) and Dr.Jit arrays; re
 
 from __future__ import annotations
 
+from functools import cache
 from types import SimpleNamespace
 from typing import Any, Protocol
 
@@ -135,5 +136,6 @@ def _series(a: Any, b: Any, terms: int) -> Parts:
     return real, imag
 
 
+@cache
 def _factorial(n: int) -> float:
     return 1.0 if n < 2 else n * _factorial(n - 1)

@@ -14,7 +14,7 @@ import numpy as np
 from t2d_rt import disk_cache
 from t2d_rt.backend import aligned_empty, in_threads
 from t2d_rt.geometry import Refinement, curved_refinements, refinements
-from t2d_rt.memory import Budget
+from t2d_rt.memory import REUSED_BYTES, Budget, reused
 from t2d_rt.scattering.patches import Csr, least_range_m
 from t2d_rt.types import MovingMesh, Radar
 
@@ -163,7 +163,9 @@ def carried(operator: Csr, values: np.ndarray) -> np.ndarray:
     """Applies a sparse (Vf, V) to values (K, V, C) of the cage: (Vf, K, C), in memory as `aligned` has it."""
     rows, (frames, count, width) = operator.shape[0], values.shape
     columns = np.ascontiguousarray(values.transpose(1, 0, 2)).reshape(count, frames * width)
-    out = aligned_empty(rows * frames * width, values.dtype).reshape(rows, frames * width)
+    size = rows * frames * width
+    memory = reused if size * values.itemsize >= REUSED_BYTES else None
+    out = aligned_empty(size, values.dtype, memory).reshape(rows, frames * width)
 
     def carry(first: int) -> None:
         some = slice(first, first + ROWS_AT_ONCE)
