@@ -70,7 +70,8 @@ def test_memory_is_reused_once_no_view_of_it_is_left() -> None:
     first = memory.reused(1000)
     place, part = first.ctypes.data, first[10:20].reshape(2, 5)
     del first
-    assert memory.reused(1000).ctypes.data != place, "a view still reads it"
+    other = memory.reused(1000)
+    assert other.ctypes.data != place, "a view still reads it"
     del part
     assert memory.reused(960).ctypes.data == place
     large = memory.reused(1000).base
