@@ -21,8 +21,8 @@ from t2d_rt.types import MovingMesh, Radar
 # Diffuse points lie on a refinement of their own fixed fineness, so that they do not depend on the facets' size: a point is off
 # the curved surface by a tenth of this phase or so, always the same.
 POINT_SAGITTA_RAD = 0.7
-KEPT_FACETS = 800_000
-"""Refinements are kept, the last used ones, for as many facets: some 300 bytes each."""
+KEPT_FACETS = 300_000
+"""Refinements are kept, the last used ones, for as many facets: some 800 bytes each. Others are read from disk in milliseconds."""
 REFINING_BYTES = 1_700
 """What a facet takes while it is made (measured with 110 000 to 1 000 000 facets of a body)."""
 MOST_FACETS = 1_000_000
