@@ -18,7 +18,7 @@ from builders import icosphere, static_mesh
 from measures import nmse_db, volume
 from t2d_rt.body import skin, template
 from t2d_rt.errors import InputError
-from t2d_rt.geometry import Refinement, curved_refinements
+from t2d_rt.geometry import Refinement, curved_refinements, loop
 from t2d_rt.geometry.loop import control_points, surface_rows
 from t2d_rt.scattering import refinement
 from t2d_rt.types import MovingMesh, Radar
@@ -279,3 +279,27 @@ def test_flat_facets_are_kept_by_their_curved_ones_and_the_pose_at_rest() -> Non
     assert refinement.flattened(fine, poses[1]) is not kept
     other = replace(fine, key=None)  # of a method that keeps none
     assert refinement.flattened(other, poses[0]) is not refinement.flattened(other, poses[0])
+
+
+@pytest.mark.parametrize("shape", ["sphere", "torus", "body"])
+def test_subdivisions_that_are_kept_give_the_same_rows(shape: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A torus has corners of six neighbours alone, so that nothing of it is subdivided."""
+    if shape == "torus":
+        mesh = trimesh.creation.torus(1.0, 0.3, 16, 12)
+        points, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    elif shape == "sphere":
+        points, faces = icosphere(2)
+    else:
+        points, faces = template("adult").vertices, template("adult").faces
+    rng = np.random.default_rng(0)
+    face, weights = rng.integers(len(faces), size=300), rng.dirichlet(np.ones(3), 300)
+    weights[:30] = np.eye(3)[rng.integers(3, size=30)]
+    first, again = (surface_rows(faces, len(points), face, weights) for _ in range(2))
+    kept = loop._levels
+    monkeypatch.setattr(loop, "_levels", lambda *mesh: kept(*mesh)[:1])
+    anew = surface_rows(faces, len(points), face, weights)
+    for rows in (again, anew):
+        assert np.array_equal(rows.indptr, first.indptr)
+        assert np.array_equal(rows.indices, first.indices)
+        assert np.array_equal(rows.data, first.data)
+    assert np.abs(first.sum(axis=1) - 1).max() < 1e-12

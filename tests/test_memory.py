@@ -80,6 +80,23 @@ def test_memory_is_reused_once_no_view_of_it_is_left() -> None:
     assert not memory._left
 
 
+def test_what_is_kept_for_later_arrays_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "LEFT_BYTES", 5000)
+    memory.release()
+    held = [memory.reused(size) for size in (1000, 1100, 2000, 3000)]
+    del held
+    assert 0 < sum(each.size for each in memory._left.values()) <= 5000
+    memory.release()
+    small, large = (memory.reused_empty((count, 3), np.complex64) for count in (10, memory.REUSED_BYTES // 24 + 1))
+    assert (small.shape, large.dtype, len(memory._left)) == ((10, 3), np.complex64, 0)
+    monkeypatch.undo()
+    place = large.ctypes.data
+    del small, large
+    again = memory.reused_empty((memory.REUSED_BYTES // 40 + 1, 5), np.float64)
+    assert again.ctypes.data == place
+    memory.release()
+
+
 @pytest.mark.parametrize("multiplexing", ["tdm", "ddm"])
 @pytest.mark.parametrize("number", [3, 3000])
 def test_a_cube_holds_nothing_of_an_earlier_one(multiplexing: str, number: int) -> None:

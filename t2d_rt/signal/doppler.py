@@ -248,9 +248,8 @@ def _summed_power(cells: np.ndarray, starts: np.ndarray, weights: np.ndarray, n_
     real = cells.real.dtype
     columns = np.ascontiguousarray(weights.astype(real)[:, None])
     power = np.zeros((len(starts), n_fft), dtype=real)
-    parts = np.ascontiguousarray(cells).view(
-        real
-    )  # real and imaginary parts in turn: a real weight times a complex one
+    # Real and imaginary parts in turn, as weights are real.
+    parts = np.ascontiguousarray(cells).view(real)
 
     def run(chunk: np.ndarray) -> None:
         for first in range(0, parts.shape[1], 2 * CELLS):

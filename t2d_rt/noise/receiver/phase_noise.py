@@ -61,11 +61,9 @@ class _Design:
 
     powers: np.ndarray
     """Power of the phase in each bin of an FFT of twice a chirp's samples, from 0 to half the rate, (sample + 1,)."""
-    frequencies: np.ndarray
-    """Of these bins [Hz]."""
     nodes: Nodes
     delayed: np.ndarray
-    """exp(-2 pi j f tau) of nodes' delays and frequencies, (node, sample + 1)."""
+    """exp(-2 pi j f tau) of nodes' delays and the bins' frequencies, (node, sample + 1)."""
     greatest: np.ndarray
     """Greatest density of the residual phase noise of each range bin over its beat or Doppler frequency, times the sample rate: the
     level of the white noise that lies nowhere below it, relative to the echo's power; (sample,)."""
@@ -95,7 +93,10 @@ class _Design:
         fastest = (correlated * (powers[tried] * (2 * radar.samples))).max(axis=1)
         slow = between**2 * rate.greatest() * radar.samples
         greatest = np.interp(np.abs(delays), between, np.maximum(fastest, slow))
-        return cls(powers, frequencies, nodes, delayed, greatest, bounding(greatest), rate)
+        found = cls(powers, nodes, delayed, greatest, bounding(greatest), rate)
+        for each in (powers, nodes.delays_s, nodes.weights, delayed, greatest, found.bound):
+            each.setflags(write=False)  # kept for other recordings
+        return found
 
 
 _design = lru_cache(maxsize=16)(_Design.of)
