@@ -12,6 +12,7 @@ import numpy as np
 
 from t2d_rt.geometry import SubdividedMesh, topology
 from t2d_rt.geometry.vectors import cross
+from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.types import MovingMesh
 
 FACES_PER_SCENE, MOST_COPIES = 250_000, 64
@@ -57,6 +58,7 @@ class Occluders:
         self._posed: OrderedDict[bytes, Posed] = OrderedDict()
         self.viewpoints: dict[bytes, list[Any]] = {}
         """Weak references to the `Occlusion`s that share scenes of these meshes, by their sample times."""
+        self._instants: dict[bytes, int] = {}
         self._marked: tuple[bytes, np.ndarray] = b"", np.zeros(0)
 
     @cached_property
@@ -75,6 +77,16 @@ class Occluders:
         if not self.meshes:
             return MOST_COPIES
         return int(np.clip(FACES_PER_SCENE // (len(self.faces) * 2**self._subdivision), 1, MOST_COPIES))
+
+    def instants(self, samples_s: np.ndarray) -> int:
+        """At how many of the sample times all viewpoints that share them are traced at once: of many of these at fewer, so that
+        what is kept for all of them fits memory. It stays the same from the first time that it is asked for."""
+        key = samples_s.tobytes()
+        if key not in self._instants:
+            points = sum(each.operator.shape[0] for each in self._subdivided)
+            of_one = SAMPLE_BYTES * points * max(1, len(self.viewpoints.get(key, ())))
+            self._instants[key] = int(np.clip(VISIBILITY_BYTES // max(1, of_one), 1, self.copies))
+        return self._instants[key]
 
     @cached_property
     def neighbours(self) -> Any:

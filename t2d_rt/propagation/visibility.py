@@ -69,7 +69,7 @@ class KeptVisibility:
     def keep(self, where: Hashable, path_count: int, time_s: float, visibility: np.ndarray) -> None:
         """Visibility float32 (V,) from somewhere, if its time is wanted."""
         if time_s in self._wanted:
-            self._rows[where, path_count, time_s] = visibility
+            self._rows[where, path_count, time_s] = visibility.copy()  # of many instants that are dropped
 
     def at(self, where: Hashable, path_count: int, time_s: float) -> np.ndarray | None:
         """What was kept (V,)."""
@@ -106,6 +106,8 @@ class Occlusion:
         self._together = meshes.viewpoints.setdefault(samples_s.tobytes(), [])
         self._together.append(ref(self))
         self._chunks: dict[int, VisibilitySamples] = {}
+        self._asked, self._in_use = False, True
+        """Whether visibility was asked for since chunks were dropped last, and before that."""
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, those of its subdivision
@@ -121,28 +123,42 @@ class Occlusion:
 
     def _at_samples(self, numbers: np.ndarray, path_count: int) -> np.ndarray:
         # Blocks of frames go on in time, and all chunks of one are asked for from each place in turn.
-        for old in [each for each in self._chunks if each < int(numbers.min()) // self._meshes.copies]:
-            del self._chunks[old]
+        self._drop_but(range(int(numbers.min()) // self._at_once, int(numbers.max()) // self._at_once + 1))
+        self._asked = self._in_use = True
         return np.stack([self._at_sample(k, path_count) for k in numbers.tolist()])
+
+    def _drop_but(self, chunks: range) -> None:
+        """Drops other chunks, those of all viewpoints: echoes may be summed in several parts, each from some of the viewpoints
+        alone over the whole record. A viewpoint that asked for nothing since chunks were last dropped is out of use."""
+        together = self._viewpoints()
+        if any(number not in chunks for each in together for number in each._chunks):
+            for each in together:
+                each._asked, each._in_use = False, each._asked
+                each._chunks = {number: found for number, found in each._chunks.items() if number in chunks}
 
     def _at_sample(self, number: int, path_count: int) -> np.ndarray:
         time_s = float(self._samples_s[number])
         known = None if self._kept is None else self._kept.at(self._where, path_count, time_s)
         if known is None:
-            chunk, place = divmod(number, self._meshes.copies)
+            chunk, place = divmod(number, self._at_once)
             known = self._fractions(self._chunk(chunk), path_count)[place]
             if self._kept is not None:
                 self._kept.keep(self._where, path_count, time_s, known)
         return known
 
     def _chunk(self, number: int) -> VisibilitySamples:
-        """Visibility at a chunk of sample times, `copies` or fewer."""
+        """Visibility at a chunk of sample times, `instants` of the meshes or fewer."""
         if number not in self._chunks:
-            first = number * self._meshes.copies
-            some = self._samples_s[first : first + self._meshes.copies]
+            first = number * self._at_once
+            some = self._samples_s[first : first + self._at_once]
             for each in self._viewpoints():
-                each._chunks[number] = each.sampled(some)
+                if each._in_use and number not in each._chunks:
+                    each._chunks[number] = each.sampled(some)
         return self._chunks[number]
+
+    @property
+    def _at_once(self) -> int:
+        return self._meshes.instants(self._samples_s)
 
     def _viewpoints(self) -> list[Occlusion]:
         """Those that look at the same meshes at the same times, this one among them."""

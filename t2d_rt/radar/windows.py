@@ -81,6 +81,7 @@ def windows(source: EchoStream, read_frames: int | None = None) -> Iterator[Wind
     asked = min(total, INTERVALS + 3 + HALO_FRAMES)
     come = 0
     at_once = max(LEAST_FRAMES, READ_VERTEX_FRAMES // max(1, source.vertices))
+    at_once = min(at_once, source.at_once or at_once)
 
     def read(first: int, last: int) -> list[tuple[int, EchoArrays]]:
         pieces = range(first, last, at_once)

@@ -12,6 +12,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.geometry import Refinement
+from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.scattering.antennas import seen_by, side_by_side
 from t2d_rt.scattering.facets import FacetVertices, Pair, PointVertices, patch_delays, patch_echoes
 from t2d_rt.scattering.facing import Facing
@@ -123,11 +124,24 @@ def mesh_echoes(
     return in_parts(
         [
             EchoStream(
-                times_s=times_s, frames=partial(frames, part), vertices=model.operator.shape[0], echoes=_total(part)
+                times_s=times_s, frames=partial(frames, part), vertices=model.operator.shape[0], echoes=_total(part),
+                at_once=_frames_at_once(surface, views),
             )
             for part in _parts(selections, most_echoes(radar))
         ]
-    )
+    )  # fmt: skip
+
+
+def _frames_at_once(surface: MovingMesh, views: Sequence[View]) -> int:
+    """So many frames that visibility at them, from the viewpoints of all views, fits memory."""
+    levels = {
+        path.key: view.subdivision
+        for view in views
+        if view.visibility and view.paths is not None
+        for path in (view.paths.out, view.paths.back)
+    }
+    points = len(surface.rest) * sum(4**level for level in levels.values())
+    return max(1, int(VISIBILITY_BYTES // max(1, SAMPLE_BYTES * points)))
 
 
 def _seen(

@@ -21,6 +21,7 @@ def joined(streams: list[EchoStream]) -> EchoStream:
         frames=lambda start, stop: side_by_side([stream.frames(start, stop) for stream in streams]),
         vertices=max(stream.vertices for stream in streams),
         echoes=sum(stream.echoes for stream in streams),
+        at_once=min((stream.at_once for stream in streams if stream.at_once), default=0),
     )
 
 

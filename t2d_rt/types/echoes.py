@@ -126,6 +126,8 @@ class EchoStream:
     """How many of them each frame is made from: a few echoes may be those of many facets."""
     echoes: int = 0
     """How many scatterers there are, where that is known beforehand."""
+    at_once: int = 0
+    """How many frames are asked for at once at most, where what they are made from takes much memory; 0: any number."""
     parts: tuple[EchoStream, ...] = ()
     """The same scatterers in several streams of fewer each, where there are many."""
     repeats: Repetition | None = None
