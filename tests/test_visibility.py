@@ -15,6 +15,7 @@ from t2d_rt.backend import Backend
 from t2d_rt.body.template import template
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import SubdividedMesh
+from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.visibility import Occlusion, Surroundings, sample_times
 from t2d_rt.types import MovingMesh
@@ -339,6 +340,47 @@ def test_viewpoints_share_a_scene(
         expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
         # The scene lies elsewhere in float32; a ray that grazes may change sides.
         assert np.mean(np.abs(np.concatenate(values) - expected) > 0.01) < 1e-3
+
+
+def test_viewpoints_asked_one_after_another_over_the_whole_record(
+    walker: MovingMesh, backend: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As echoes in several parts ask: what one part needs is not kept for another over the record, nor traced for none."""
+    monkeypatch.setattr(Occluders, "copies", 2)
+    meshes, samples = Occluders([walker]), sample_times(0, 1.2, 25.0)
+    places = [HERE, np.array([9.0, -40.0, 2.0]), np.array([-3.0, 6.0, -5.0])]
+    some = [Occlusion(meshes, place, samples_s=samples, backend=backend) for place in places]
+    traced: list[int] = []
+    sampled = Occlusion.sampled
+
+    def counted(self: Occlusion, times_s: np.ndarray) -> object:
+        traced.append(len(times_s))
+        return sampled(self, times_s)
+
+    monkeypatch.setattr(Occlusion, "sampled", counted)
+    blocks, held, found = np.linspace(0, 1.2, 60).reshape(20, 3), [], []
+    for each in some:
+        values = []
+        for times in blocks:
+            values.append(each.visibility(times)[0])
+            held.append(sum(len(one._chunks) for one in some))
+        found.append(np.concatenate(values))
+    assert max(held) <= 3 * 2  # of the first block all viewpoints, then those that are in use
+    assert sum(traced) <= 1.3 * len(some) * len(samples)
+    for place, values in zip(places, found, strict=True):
+        alone = Occlusion(Occluders([walker]), place, samples_s=samples, backend=backend)
+        expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
+        assert np.mean(np.abs(values - expected) > 0.01) < 1e-3
+
+
+def test_many_viewpoints_are_traced_at_fewer_instants_at_once(walker: MovingMesh, backend: Backend) -> None:
+    samples = sample_times(0, 1.2, 25.0)
+    few, many = Occluders([walker], subdivision=1), Occluders([walker], subdivision=1)
+    kept = [Occlusion(few, HERE, samples_s=samples, backend=backend)]
+    kept += [Occlusion(many, HERE + [0, 0, k], samples_s=samples, backend=backend) for k in range(400)]
+    points = sum(each.operator.shape[0] for each in many._subdivided)
+    assert few.instants(samples) == few.copies
+    assert 1 <= many.instants(samples) <= max(1, VISIBILITY_BYTES / (SAMPLE_BYTES * 400 * points)) < many.copies
 
 
 @pytest.mark.filterwarnings("ignore:.*is not watertight")
