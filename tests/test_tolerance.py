@@ -18,7 +18,7 @@ from t2d_rt.accuracy.cost import facet_counts
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.radar.direct import between, direct_sum
 from t2d_rt.types import Echoes, Motion, MovingMesh, Radar
-from t2d_rt.types.accuracy import ELLIPSOID_TIERS
+from t2d_rt.types.accuracy import DEFAULT_TIERS, ELLIPSOID_TIERS
 from t2d_rt.types.echoes import stream
 from validation.methods.laws import modelled
 
@@ -84,6 +84,32 @@ def test_path_pairs_that_a_user_leaves_out_are_part_of_the_error() -> None:
     few = t2d.simulate(target, accuracy={"least_level_db": -2}, measure_error=True, **options)
     assert few.error_db is not None
     assert few.error_db == pytest.approx(nmse_db(few.cube, t2d.simulate(target, **options).cube), abs=3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("visibility", ["blockage", "shared"])
+def test_occlusion_that_is_not_traced_over_weaker_paths_is_part_of_the_error(visibility: Any) -> None:
+    """Two spheres behind one another: walls see past the first one, and what is not traced there was once not counted."""
+    options = {"radar": RADAR, "scene": "empty_room", "clutter": "none"}
+    targets = balls((3.0, 0.0, 1.0), (3.8, 0.1, 1.0))
+    traced = tuple(tier.model_copy(update={"visibility": "occlusion", "scatterer": "facets"}) for tier in DEFAULT_TIERS)
+    untraced = (traced[0], *(tier.model_copy(update={"visibility": visibility}) for tier in traced[1:]))
+    whole, coarser = (
+        t2d.simulate(targets, accuracy={"tiers": tiers, "sagitta_rad": 0.3}, measure_error=True, **options)
+        for tiers in (traced, untraced)
+    )
+    power = nmse_db(coarser.cube, whole.cube)
+    assert coarser.error_db > whole.error_db + 1
+    if visibility == "blockage":
+        both = 10 * math.log10(10 ** (power / 10) + 10 ** (whole.error_db / 10))
+        assert coarser.error_db == pytest.approx(both, abs=1.5)
+
+
+def test_a_plan_traces_occlusion_over_all_path_pairs_of_meshes_where_it_must() -> None:
+    plan = t2d.plan(
+        balls((3.0, 0.0, 1.0), (3.8, 0.1, 1.0)), radar=RADAR, scene="empty_room", clutter="none", tolerance_db=-20
+    )
+    assert {tier.visibility for tier in plan.accuracy.tiers if tier.scatterer == "facets"} == {"occlusion"}
 
 
 @pytest.mark.slow

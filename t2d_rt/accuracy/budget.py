@@ -131,7 +131,7 @@ class Budget:
         """What each simplification of that accuracy costs."""
         tiers = list(self.tiers(accuracy))
         of_paths = self.of_tiers(tiers, accuracy.sagitta_scale)
-        return [*self.in_time(accuracy), *of_paths, *self.of_visibility(accuracy)]
+        return [*self.in_time(accuracy), *of_paths, *self.of_visibility(accuracy), *self.untraced(accuracy)]
 
     def of_visibility(self, accuracy: Accuracy) -> list[Omission]:
         """What no occlusion costs, or that visibility is sampled."""
@@ -148,6 +148,31 @@ class Budget:
         nothing = Omission(OCCLUSION, law.mean_db, law.scatter_db, taken=False)
         what = f"shadows' edges, {sampled(rate_hz, n)}"
         return [nothing, Omission(what, edges.mean_db, edges.scatter_db, law="shadows"), *never]
+
+    def untraced(self, accuracy: Accuracy) -> list[Omission]:
+        """What it costs that occlusion is not traced over some path pairs, of tiers whose visibility is "shared" or "blockage".
+
+        Ellipsoids err by more, whatever hides them: their law says it all.
+        """
+        pairs = self.model.pairs(accuracy)
+        if pairs is None or not accuracy.occlusion or not self.counts:
+            return []
+        traced = {path.key for pair in pairs.occluded for path in (pair.out, pair.back)}
+        power, count, first = 0.0, 0, 0
+        of_pair = self._power_of(pairs.levels_db)
+        for tier, some in pairs.by_tier(accuracy):
+            if tier.visibility != "occlusion" and not self.by_limbs(tier):
+                shared = traced if tier.visibility == "shared" else set()
+                missing = np.array([sum(path.key not in shared for path in (pair.out, pair.back)) for pair in some]) / 2
+                power += float(missing @ of_pair[first : first + len(some)])
+                count += int(np.count_nonzero(missing))
+            first += len(some)
+        if not count:
+            return []
+        law, of_power = self.unoccluded, self.laws.pairs
+        what = f"{OCCLUSION} over {count} path pair{'s' * (count > 1)}"
+        scatter_db = math.hypot(law.scatter_db, of_power.scatter_db)
+        return [Omission(what, db(power) + law.mean_db + of_power.mean_db, scatter_db, law="occlusion")]
 
     def in_time(self, accuracy: Accuracy) -> list[Omission]:
         """What interpolation between surface frames and the merging of echoes may add."""
@@ -167,11 +192,15 @@ class Budget:
         if pairs is None:
             yield accuracy.tiers[0], 1, 1.0
             return
-        power = 10 ** (np.array(pairs.levels_db) / 10) / sum(10 ** (each.mean_db / 10) for each in self.model.ranked)
-        first = 0
+        power, first = self._power_of(pairs.levels_db), 0
         for tier, some in pairs.by_tier(accuracy):
             yield tier, len(some), float(power[first : first + len(some)].sum())
             first += len(some)
+
+    def _power_of(self, levels_db: Sequence[float]) -> np.ndarray:
+        """Power of path pairs of these levels over that of all of them."""
+        power: np.ndarray = 10 ** (np.array(levels_db) / 10)
+        return power / sum(10 ** (each.mean_db / 10) for each in self.model.ranked)
 
     @property
     def of_bodies(self) -> bool:

@@ -11,7 +11,7 @@ from t2d_rt.body.materials import resolve_material
 from t2d_rt.types import MovingMesh, Radar
 from t2d_rt.types.accuracy import DEFAULT_TIERS
 from validation.bodies import random_chirps, walking
-from validation.methods.reference import Converged, nmse_db, reference_samples
+from validation.methods.reference import CURVED_SCALE, Converged, nmse_db, reference_samples
 from validation.report import Check, Section, new_figure, save_chart
 
 ROOMS = ("empty_room", "living_room")
@@ -96,7 +96,9 @@ def _simulated(
 
 def _agreement(surface: MovingMesh, radar: Radar, chirps: np.ndarray) -> float:
     facets = {"sagitta_rad": SAME_FACETS_RAD, "occlusion": False}
-    reference = _reference(surface, radar, chirps, ROOMS[0], minor_sagitta_rad=SAME_FACETS_RAD, **facets)
+    # The reference's facets of curved bodies are as many times as coarse as is asked.
+    own = SAME_FACETS_RAD / (CURVED_SCALE if surface.curved else 1.0)
+    reference = _reference(surface, radar, chirps, ROOMS[0], sagitta_rad=own, minor_sagitta_rad=own, occlusion=False)
     return nmse_db(_simulated(surface, radar, chirps, ROOMS[0], ALL_DOMINANT | facets | FINE_RATES), reference)
 
 
