@@ -4,13 +4,51 @@ from __future__ import annotations
 
 import cmath
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from t2d_rt.geometry.vectors import cross
 from t2d_rt.slabs import reflection, transmission
-from t2d_rt.types import Material, OneWayPath, StaticPath
+from t2d_rt.types import Material, OneWayPath, Radar, StaticPath
 from t2d_rt.types.paths import Elements
+
+
+@dataclass(frozen=True, slots=True)
+class SweepNodes:
+    """Frequencies, nodes of Gauss's rule over the sweep, from which the straight line nearest to a spectrum is found.
+
+    An echo's spectrum is such a line, around the delay's phase: the least mean square error over the sweep that two numbers can
+    have. The line through the values at a half of the band errs by up to 4 dB more.
+    """
+
+    frequencies_hz: np.ndarray
+    """(F,)."""
+    places: np.ndarray
+    """Theirs in -1..1 over the sweep."""
+    fractions: np.ndarray
+    """Of the sweep that each stands for."""
+    half_band_hz: float
+
+    @classmethod
+    def of(cls, radar: Radar, count: int = 3) -> SweepNodes:
+        """Three are exact for spectra that are cubic in the frequency."""
+        places, weights = np.polynomial.legendre.leggauss(count)
+        half_hz = radar.bandwidth_hz / 2
+        return cls(radar.mid_frequency_hz + half_hz * places, places, weights / 2, half_hz)
+
+    def line(self, spectrum: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Value at the middle of the band and slope [1/Hz] (...) of the line nearest to a spectrum (F, ...)."""
+        value = np.tensordot(self.fractions, spectrum, 1)
+        rise = 3 * np.tensordot(self.fractions * self.places, spectrum, 1)
+        return value, rise / self.half_band_hz
+
+    def powers(self, spectrum: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean power over the sweep of a spectrum (F, ...), and of what that line leaves out of it, (...)."""
+        value, slope = self.line(spectrum)
+        rest = spectrum - value - np.multiply.outer(self.places * self.half_band_hz, slope)
+        whole, left_out = (np.tensordot(self.fractions, np.abs(each) ** 2, 1) for each in (spectrum, rest))
+        return whole, left_out
 
 
 def field_over(path: OneWayPath, points: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:

@@ -43,6 +43,8 @@ class ChosenPairs:
     pairs: list[PathPair]
     levels_db: list[float]
     """Theirs in the mean over the targets, relative to the strongest pair's [dB]."""
+    bent_db: list[float]
+    """Levels of what a line over frequency leaves out of their spectra, likewise."""
     left_out_db: list[float]
     """Levels of those left out at their best points, likewise."""
     ends: list[int]
@@ -68,6 +70,7 @@ class ChosenPairs:
         return cls(
             pairs=pairs,
             levels_db=[each.mean_db for each in kept],
+            bent_db=[each.bent_db for each in kept],
             left_out_db=[each.best_db for each, good in zip(ranked, keep, strict=True) if not good],
             ends=ends,
             occluded=pairs[:last],

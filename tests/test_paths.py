@@ -11,7 +11,7 @@ import pytest
 
 from builders import ANTENNA_M, UP, plate, small_room
 from t2d_rt.backend import select
-from t2d_rt.path_fields import field_over, received
+from t2d_rt.path_fields import SweepNodes, field_over, received
 from t2d_rt.propagation.clutter import static_paths
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.images import existing, vertices
@@ -167,6 +167,47 @@ def test_static_paths_pickle() -> None:
         same = pickle.loads(pickle.dumps(path))
         assert same == path
         assert np.array_equal(received(same, FREQUENCIES_HZ), received(path, FREQUENCIES_HZ))
+
+
+@pytest.mark.parametrize("nodes", [3, 7])
+def test_a_spectrum_is_the_line_of_least_squares(nodes: int) -> None:
+    """Against a fit to many samples of the sweep: the two faces of a slab, 41 mm apart."""
+    radar = Radar.preset("table2")
+    frequencies = np.linspace(-0.5, 0.5, 4001) * radar.bandwidth_hz
+    spectrum = np.array([[0.3 + 0.1j], [0.2]])
+
+    def faces(hz: np.ndarray) -> np.ndarray:
+        return spectrum[0] - spectrum[1] * np.exp(-2j * np.pi * (hz[:, None] + 1e9) / 7.3e9)
+
+    every = SweepNodes.of(radar, nodes)
+    value, slope = every.line(faces(every.frequencies_hz - radar.mid_frequency_hz))
+    whole, left_out = every.powers(faces(every.frequencies_hz - radar.mid_frequency_hz))
+    samples = faces(frequencies)[:, 0]
+    fit = np.polyfit(frequencies, samples, 1)
+    assert value[0] == pytest.approx(fit[1], rel=1e-3)
+    assert slope[0] == pytest.approx(fit[0], rel=1e-2)
+    assert whole[0] == pytest.approx(np.mean(np.abs(samples) ** 2), rel=1e-3)
+    assert left_out[0] == pytest.approx(np.mean(np.abs(samples - np.polyval(fit, frequencies)) ** 2), rel=0.05)
+
+
+def test_pairs_over_thin_walls_say_what_a_line_leaves_out_of_their_spectra() -> None:
+    """None of the straight path and of metal, some of a thin slab, and more of it over a wider sweep."""
+    middle = np.array([[2.4, 0.3, 1.1]])
+    slab = Material(name="slab", relative_permittivity=2.7, conductivity_s_per_m=0.05)
+
+    def left_out_db(material: Material, band_hz: float) -> list[float]:
+        radar = Radar.preset("table2")
+        radar = Radar.preset("table2", slope_hz_per_s=radar.slope_hz_per_s * band_hz / radar.bandwidth_hz)
+        wall = plate("wall", [(-2, 2, -2), (9, 2, -2), (9, 2, 4), (-2, 2, 4)], material, 0.0125)
+        room = Scene(name="test", surfaces=(wall,))
+        ends = probed(radar_paths(room, radar, middle, order=2, backend=select("cpu")), middle)
+        return sorted(each.bent_db - each.mean_db for each in ranked_pairs(radar, ends, order=2))
+
+    metal, narrow, wide = left_out_db(PEC, 4e9), left_out_db(slab, 0.2e9), left_out_db(slab, 4e9)
+    assert metal[-1] < -200
+    assert narrow[0] < -200
+    assert narrow[-1] < wide[-1] - 12
+    assert wide[-1] < -3
 
 
 def test_which_ends_are_one_antenna_is_said() -> None:

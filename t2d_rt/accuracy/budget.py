@@ -18,6 +18,8 @@ from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
 
 OCCLUSION = "occlusion of targets by themselves and one another"
 FAST_OCCLUSION = "occlusion by targets that rotate fast, and of them by themselves"
+NEGLIGIBLE = 1e-6
+"""So small a fraction of the field's energy is not told."""
 SURELY = 2.0
 """Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
 BODY_SAGITTA_RAD = 1.5
@@ -130,7 +132,7 @@ class Budget:
     def omissions(self, accuracy: Accuracy) -> list[Omission]:
         """What each simplification of that accuracy costs."""
         tiers = list(self.tiers(accuracy))
-        of_paths = self.of_tiers(tiers, accuracy.sagitta_scale)
+        of_paths = [*self.of_tiers(tiers, accuracy.sagitta_scale), *self.of_spectra(accuracy)]
         return [*self.in_time(accuracy), *of_paths, *self.of_visibility(accuracy), *self.untraced(accuracy)]
 
     def of_visibility(self, accuracy: Accuracy) -> list[Omission]:
@@ -173,6 +175,17 @@ class Budget:
         what = f"{OCCLUSION} over {count} path pair{'s' * (count > 1)}"
         scatter_db = math.hypot(law.scatter_db, of_power.scatter_db)
         return [Omission(what, db(power) + law.mean_db + of_power.mean_db, scatter_db, law="occlusion")]
+
+    def of_spectra(self, accuracy: Accuracy) -> list[Omission]:
+        """What it costs that walls' and slabs' spectra are straight lines over the sweep."""
+        pairs = self.model.pairs(accuracy)
+        if pairs is None:
+            return []
+        power, law = float(self._power_of(pairs.bent_db).sum()), self.laws.pairs
+        if power < NEGLIGIBLE:
+            return []
+        what = "the spectra of walls over the sweep, straight lines"
+        return [Omission(what, db(power) + law.mean_db, law.scatter_db, law="pairs")]
 
     def in_time(self, accuracy: Accuracy) -> list[Omission]:
         """What interpolation between surface frames and the merging of echoes may add."""

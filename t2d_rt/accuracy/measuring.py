@@ -158,7 +158,7 @@ def _combined(
             direct_db = db(float(shadows.sum())) + coarser.mean_db
             by_law = _mean(by_law, (direct_db, math.hypot(coarser.scatter_db, _standard_error_db(shadows))))
         parts.append(by_law)
-    parts += [(each.error_db, each.scatter_db) for each in budget.untraced(accuracy)]
+    parts += [(each.error_db, each.scatter_db) for each in [*budget.untraced(accuracy), *budget.of_spectra(accuracy)]]
     error = sum(ratio(each_db) for each_db, _ in parts)
     scatter_db = math.hypot(*(ratio(each_db) * each_scatter_db for each_db, each_scatter_db in parts)) / error
     return MeasuredError(db(error + apart - explained), scatter_db, len(facets))

@@ -114,9 +114,12 @@ def _candidates(budget: Budget, start: Accuracy, asked: set[str], allowed: float
     for paths in _paths(budget, start, asked, allowed):
         tiers = list(budget.tiers(start.replace(**paths)))
         error = _by_scale(budget, tiers, in_time, scales)
-        untraced = Total.of(budget.untraced(start.replace(**paths)))
+        over = start.replace(**paths)
+        spectra, untraced = Total.of(budget.of_spectra(over)), Total.of(budget.untraced(over))
         for seen, sampled in visibilities:
-            unseen = sampled + untraced if seen.get("occlusion", start.occlusion) else sampled
+            unseen = sampled + spectra
+            if seen.get("occlusion", start.occlusion):
+                unseen += untraced
             number = _coarsest(error, unseen, len(scales) - 1, allowed)
             yield start.replace(**paths, **seen, sagitta_scale=scales[number]), (error(number) + unseen).surely
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.path_fields import received
+from t2d_rt.path_fields import SweepNodes, received
 from t2d_rt.scattering.antennas import seen_by
 from t2d_rt.types import EchoArrays, EchoStream, Radar, StaticPath
 
@@ -26,11 +26,10 @@ def mirror_echoes(
     gain = gain * radar.rx_pattern.gain((arrival - radar.rx_position_m) / length[:, None] @ radar.axes.T)
     # An echo of sigma / R^4 = 4 pi / L^2 is what Friis' equation gives.
     scale = radar.link_amplitude * math.sqrt(4 * math.pi) / length * np.sqrt(gain)
-    band_hz = radar.bandwidth_hz / 2
-    frequencies = radar.mid_frequency_hz + band_hz * np.array([-0.5, 0, 0.5])
-    low, middle, high = np.conj([received(path, frequencies) for path in paths]).T
+    nodes = SweepNodes.of(radar)
+    value, slope = nodes.line(np.conj([received(path, nodes.frequencies_hz) for path in paths]).T)
     echoes = EchoArrays(
-        delay_s=length / SPEED_OF_LIGHT, amplitude=scale * middle, slope=scale * (high - low) / band_hz,
+        delay_s=length / SPEED_OF_LIGHT, amplitude=scale * value, slope=scale * slope,
         departure_m=departure if radar.is_array else None, arrival_m=arrival if radar.is_array else None,
     )  # fmt: skip
     return _standing(echoes, times_s, fractions)

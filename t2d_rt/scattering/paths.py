@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned_empty
-from t2d_rt.path_fields import field_over
+from t2d_rt.path_fields import SweepNodes, field_over
 from t2d_rt.scattering.lanes import Weights
 from t2d_rt.types import EchoArrays, OneWayPath, PathPair, PathSet, Radar
 from t2d_rt.types.paths import PathKey
@@ -22,6 +22,8 @@ NODE_RATE_HZ = 20.0
 limb moves by some 10 cm. In a furnished room that errs by -37 dB over the worst pair, and by -58 dB over the median one."""
 NEIGHBOURS = 3
 """Anchors that an echo takes its coefficient from."""
+RANKING_NODES = 7
+"""Frequencies of the sweep at which path pairs are ranked: enough to see what a line over frequency leaves out."""
 
 
 Fraction = Callable[[np.ndarray], np.ndarray]
@@ -102,11 +104,11 @@ class Anchors:
 
 
 class Arrivals:
-    """Fields of one-way paths at points (..., 3) m, each path computed once."""
+    """Fields of one-way paths at points (..., 3) m, each path computed once, at so many frequencies of the sweep."""
 
-    def __init__(self, radar: Radar, points_m: np.ndarray) -> None:
+    def __init__(self, radar: Radar, points_m: np.ndarray, frequencies: int = 3) -> None:
         self._radar, self._points, self._axes = radar, points_m, radar.axes
-        self._band_hz = radar.bandwidth_hz / 2
+        self.nodes = SweepNodes.of(radar, frequencies)
         self._one_end = (
             radar.tx_pattern == radar.rx_pattern
             and radar.tx_polarization_deg == radar.rx_polarization_deg
@@ -115,7 +117,11 @@ class Arrivals:
         self._known: dict[tuple[PathKey, int], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def weight(self, paths: PathPair) -> tuple[np.ndarray, np.ndarray]:
-        """Factor of a path pair on the amplitude of a reflector there, and its slope over frequency [1/Hz], complex (...).
+        """Factor of a path pair on the amplitude of a reflector there, and its slope over frequency [1/Hz], complex (...)."""
+        return self.nodes.line(self.spectrum(paths))
+
+    def spectrum(self, paths: PathPair) -> np.ndarray:
+        """That factor at the nodes' frequencies, complex (F, ...).
 
         Patterns, both paths' coefficients and the change of polarisation at the reflector, that of a facet whose normal n bisects
         the paths: e_out . e_back - 2 (n . e_out)(n . e_back); conjugated, as IF = tx conj(rx).
@@ -125,11 +131,10 @@ class Arrivals:
         double = 2 + 2 * _dot(towards, from_there)
         along = _dot(from_there, out) * _dot(towards, back)
         found = np.conj(_dot(out, back) - 2 / np.maximum(double, 1e-18) * along)
-        scale = paths.copies * np.sqrt(gain_out * gain_back)
-        return scale * found[1], scale * (found[2] - found[0]) / self._band_hz
+        return np.asarray(paths.copies * np.sqrt(gain_out * gain_back) * found)
 
     def _of(self, path: OneWayPath, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Directions to the image, gain, and the field at three frequencies; end 0 is the transmitters', 1 the receivers'."""
+        """Directions to the image, gain, and the field at the nodes; end 0 is the transmitters', 1 the receivers'."""
         end = 0 if self._one_end else end
         if (path.key, end) not in self._known:
             radar = self._radar
@@ -137,8 +142,8 @@ class Arrivals:
             towards = path.image_m - self._points
             length = np.linalg.norm(towards, axis=-1, keepdims=True)
             gain = pattern.gain((path.unfolded(self._points) - path.antenna_m) / length @ self._axes.T)
-            frequencies = radar.mid_frequency_hz + self._band_hz * np.array([-0.5, 0, 0.5])
-            self._known[path.key, end] = towards / length, gain, field_over(path, self._points, frequencies)
+            field = field_over(path, self._points, self.nodes.frequencies_hz)
+            self._known[path.key, end] = towards / length, gain, field
         return self._known[path.key, end]
 
 
@@ -210,6 +215,8 @@ class Ranked(NamedTuple):
     """At the best probe of each."""
     mean_db: float
     """Of the mean power over all probes."""
+    bent_db: float
+    """Likewise, of what a line over frequency leaves out of its spectrum over the sweep."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,8 +244,8 @@ def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int
     Out and back may be swapped where one antenna does both: then one pair stands for two.
     """
     joined = probed.one_antenna and not radar.is_array and radar.tx_pattern == radar.rx_pattern
-    found: list[tuple[PathPair, float, float]] = []
-    arrivals = Arrivals(radar, probed.probes_m)
+    found: list[tuple[PathPair, float, float, float]] = []
+    arrivals = Arrivals(radar, probed.probes_m, RANKING_NODES)
     amounts = list(probed.spreading())
     out, back = list(probed.out), list(probed.back)
     for i, first in enumerate(out):
@@ -248,11 +255,13 @@ def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int
                 continue
             both = amounts[0][i] * amounts[1][j]
             if both.any():
-                power = (np.abs(arrivals.weight(pair)[0]) * both) ** 2
-                found.append((pair, float(power.max()), float(power.mean())))
-    best_of_all = max((best for _, best, _ in found), default=0.0)
-    most = max((mean for _, _, mean in found), default=0.0)
-    levels = [Ranked(pair, _db(best / best_of_all), _db(mean / most)) for pair, best, mean in found]
+                power, bent = (each * both**2 for each in arrivals.nodes.powers(arrivals.spectrum(pair)))
+                found.append((pair, float(power.max()), float(power.mean()), float(bent.mean())))
+    best_of_all = max((best for _, best, _, _ in found), default=0.0)
+    most = max((mean for _, _, mean, _ in found), default=0.0)
+    levels = [
+        Ranked(pair, _db(best / best_of_all), _db(mean / most), _db(bent / most)) for pair, best, mean, bent in found
+    ]
     return sorted(levels, key=lambda each: -each.mean_db)
 
 
