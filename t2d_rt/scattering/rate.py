@@ -136,7 +136,7 @@ def _mean_squares(
         rotation = np.diff(edges.reshape(len(begin_s), PROBE_FRAMES, -1, 3), axis=1)
         return float(np.vdot(rotation, rotation)) / rotation.size, float(np.vdot(edges, edges)) / edges.size
 
-    some = list(blocks(geometry.faces, len(times)))
+    some = list(blocks(geometry.faces, 2 * len(times)))  # edges and their differences
     rotation, edges = _mean([squares(each) for each in some], [len(each) for each in some])
     return float(phase), rotation / edges
 

@@ -30,6 +30,7 @@ POSES = 40
 RAYS = (100_000, 400_000, 1_600_000, 6_400_000, 12_800_000)
 ROUGH_M, NEAR_M = 0.05, 0.3
 """Radius and range of the sphere whose diffuse paths are summed: so near, one ray in 200 meets it."""
+REALISATIONS = 24
 POINTS = (1_000, 4_000, 16_000)
 DRAWS, SHOTS = 12, 100_000
 WALL_M = 2.0
@@ -157,14 +158,17 @@ def diffuse_paths(radar: Radar) -> tuple[Case, str]:
 
 
 def _diffuse_rcs(surface: MovingMesh, radar: Radar, material: Material, points: int) -> float:
-    """Mean RCS [m^2] over the random phases of diffuse points: the sum of their powers."""
-    stream = mesh_echoes(
-        surface, radar, times_s=np.linspace(*TIMES_S, 4), material=material,
-        detail=Detail(sagitta_rad=0.3, points=points), seed=0, views=(View(),),
-        backend=select("cpu"),
-    )  # fmt: skip
-    power = float(np.sum(np.abs(stream.gather().amplitude[0]) ** 2))
-    return power / float(radar.received_power_w(1.0, NEAR_M))
+    """Mean RCS [m^2] over the random phases of diffuse points: the sum of the powers of patches, whose points add up as fields,
+    in the mean over realisations."""
+    powers = []
+    for seed in range(REALISATIONS):
+        stream = mesh_echoes(
+            surface, radar, times_s=np.linspace(*TIMES_S, 4), material=material,
+            detail=Detail(sagitta_rad=0.3, points=points), seed=seed, views=(View(),),
+            backend=select("cpu"),
+        )  # fmt: skip
+        powers.append(float(np.sum(np.abs(stream.gather().amplitude[0]) ** 2)))
+    return float(np.mean(powers)) / float(radar.received_power_w(1.0, NEAR_M))
 
 
 def _lambertian_rcs(radius_m: float, range_m: float, rings: int = 10_000) -> float:
