@@ -19,7 +19,7 @@ from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
 OCCLUSION = "occlusion of targets by themselves and one another"
 FAST_OCCLUSION = "occlusion by targets that rotate fast, and of them by themselves"
 NEGLIGIBLE = 1e-6
-"""So small a fraction of the field's energy is not told."""
+"""So small a fraction of the field's energy is not listed."""
 SURELY = 2.0
 """Standard deviations of a law that are added to its prediction before this is compared with the tolerance."""
 BODY_SAGITTA_RAD = 1.5
@@ -181,11 +181,11 @@ class Budget:
         pairs = self.model.pairs(accuracy)
         if pairs is None:
             return []
-        power, law = float(self._power_of(pairs.bent_db).sum()), self.laws.pairs
-        if power < NEGLIGIBLE:
+        power, first, law = self._power_of(pairs.bent_db), pairs.dominant, self.laws.pairs
+        error = float(power[:first].sum() + power[first:].sum() * ratio(law.mean_db))
+        if error < NEGLIGIBLE:
             return []
-        what = "the spectra of walls over the sweep, straight lines"
-        return [Omission(what, db(power) + law.mean_db, law.scatter_db, law="pairs")]
+        return [Omission("the spectra of walls over the sweep, straight lines", db(error), law.scatter_db, law="pairs")]
 
     def in_time(self, accuracy: Accuracy) -> list[Omission]:
         """What interpolation between surface frames and the merging of echoes may add."""
