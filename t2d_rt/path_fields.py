@@ -19,7 +19,7 @@ class SweepNodes:
     """Frequencies, nodes of Gauss's rule over the sweep, from which the straight line nearest to a spectrum is found.
 
     An echo's spectrum is such a line, around the delay's phase: the least mean square error over the sweep that two numbers can
-    have. The line through the values at a half of the band errs by up to 4 dB more.
+    have. The value at mid-sweep with the slope between two others errs by up to 4 dB more.
     """
 
     frequencies_hz: np.ndarray
