@@ -112,6 +112,20 @@ def test_a_plan_traces_occlusion_over_all_path_pairs_of_meshes_where_it_must() -
     assert {tier.visibility for tier in plan.accuracy.tiers if tier.scatterer == "facets"} == {"occlusion"}
 
 
+def test_spectra_of_walls_are_part_of_a_plan() -> None:
+    """More of them over a wider sweep, none over a quarter of a gigahertz."""
+
+    def told_db(slope_factor: float) -> list[float]:
+        radar = Radar.preset("table2", slope_hz_per_s=RADAR.slope_hz_per_s * slope_factor)
+        plan = t2d.plan(balls((3.0, 0.0, 1.0)), radar=radar, scene="empty_room", clutter="none", tolerance_db=-20)
+        return [each.error_db for each in plan.omissions if "spectra of walls" in each.what]
+
+    (narrow,), (wide,) = told_db(1.0), told_db(2.3)
+    assert -55 < narrow < wide - 5
+    assert wide < -20
+    assert not told_db(0.1)
+
+
 @pytest.mark.slow
 def test_clutter_is_no_part_of_the_error() -> None:
     options = {"radar": RADAR, "scene": "empty_room", "reflections": 0, "measure_error": True}
