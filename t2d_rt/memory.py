@@ -33,9 +33,10 @@ LARGER, MUCH_LARGER = 1.2, 2.0
 """Kept memory is reused where it is at most so many times what is asked for: of arrays that a user may keep, and of others."""
 REUSED_BYTES = 4 * 2**20
 """Size of an array from which it takes what others have left."""
-SAMPLE_BYTES, VISIBILITY_BYTES = 16, 150e6
-"""What visibility of a point takes at an instant from one viewpoint, and at most of all points and viewpoints at the instants that
-are traced together."""
+SAMPLE_BYTES = 16
+"""What visibility of a point takes at an instant from one viewpoint."""
+VISIBILITY_BYTES = 150e6
+"""What visibility may take of all points and viewpoints, at the instants that are traced together."""
 BLOCK_BYTES = 96 * 2**20
 """Size of the largest array that a block of work makes, such as a mesh's vertices at many instants."""
 

@@ -18,8 +18,9 @@ from t2d_rt.types.paths import Elements
 class SweepNodes:
     """Frequencies, nodes of Gauss's rule over the sweep, from which the straight line nearest to a spectrum is found.
 
-    An echo's spectrum is such a line, around the delay's phase: the least mean square error over the sweep that two numbers can
-    have. The value at mid-sweep with the slope between two others errs by up to 4 dB more.
+    An echo's spectrum is such a line, around the delay's phase: of two numbers those of the least mean square error, where the
+    spectrum goes through no more than about one cycle over the sweep, as that of the scenes' walls does. The value at mid-sweep
+    with the slope between two others errs by up to 4 dB more.
     """
 
     frequencies_hz: np.ndarray
@@ -32,7 +33,7 @@ class SweepNodes:
 
     @classmethod
     def of(cls, radar: Radar, count: int = 3) -> SweepNodes:
-        """Three are exact for spectra that are cubic in the frequency."""
+        """Three find the line of spectra that are cubic in the frequency exactly; what it leaves out of them takes four."""
         places, weights = np.polynomial.legendre.leggauss(count)
         half_hz = radar.bandwidth_hz / 2
         return cls(radar.mid_frequency_hz + half_hz * places, places, weights / 2, half_hz)

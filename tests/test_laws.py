@@ -12,6 +12,7 @@ from t2d_rt.accuracy.budget import SURELY, Omission, Total
 from t2d_rt.accuracy.estimate import Chirps, Field
 from t2d_rt.accuracy.laws import COARSER, FacetLaw, Laws
 from t2d_rt.accuracy.measuring import _mean
+from t2d_rt.accuracy.occlusion import LEAST_DB, Occluded
 from t2d_rt.propagation.visibility import KeptVisibility, sample_times
 from t2d_rt.types import Radar
 
@@ -96,3 +97,22 @@ def test_a_plan_without_a_tolerance_can_be_printed() -> None:
     plan = t2d.plan(t2d.trim(t2d.example("walk"), 0.0, 0.3))
     assert "tolerance -20 dB" in str(plan)
     assert "no tolerance, expected error" in str(type(plan)(plan.budget, None, plan.accuracy))
+
+
+def test_margins_of_one_law_add_up_over_totals_too() -> None:
+    one, other = (Omission("facets", -20.0, 2.0, law=law) for law in ("facets", "shadows"))
+    assert Total.of([one]) + Total.of([one, other]) == Total.of([one, one, other])
+
+
+def test_what_occlusion_takes_of_some_path_pairs_is_theirs() -> None:
+    """Nothing of the first pair's power, half of the second's; the third was not judged and loses as much as what it is among."""
+    occluded = Occluded(np.array([1.0, 0.1, 0.01]), removed=np.array([0.0, 0.05]), remaining=np.array([1.0, 0.05]))
+    level = {"all": None, "second": [0, 1, 0], "third too": [0, 1, 1], "half": [0, 0.5, 0.5], "first": [1, 0, 0]}
+    found = {name: occluded.level_db(None if some is None else np.array(some)) for name, some in level.items()}
+    expected = 10 * math.log10(0.05 / 1.05)
+    assert found["all"] == pytest.approx(expected)
+    assert found["second"] == pytest.approx(expected)
+    assert found["third too"] == pytest.approx(10 * math.log10(0.055 / 1.05))
+    assert found["half"] == pytest.approx(found["third too"] + 10 * math.log10(0.5))
+    assert found["first"] == LEAST_DB
+    assert Occluded(np.ones(1), np.zeros(0), np.zeros(0)).level_db() == -math.inf

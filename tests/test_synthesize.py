@@ -29,6 +29,7 @@ from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import View
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.scattering.refinement import facets
+from t2d_rt.scattering.streams import joined
 from t2d_rt.types import PEC, EchoArrays, Echoes, EchoStream, Ellipsoids, MovingMesh, Radar, resampled, stream
 from t2d_rt.types.presets import preset_names
 from validation.echoes import random_echoes as made_up
@@ -215,7 +216,7 @@ def test_few_echoes_of_many_vertices_are_not_read_all_at_once() -> None:
     """A sphere that breathes is one or two echoes and 30 000 vertices: a minute of them would be over a gigabyte."""
     echoes = random_echoes(TABLE2.replace(prf_hz=1000.0), frames=400)
     most: list[int] = []
-    for vertices in (0, 100_000):
+    for vertices, at_once in ((0, 0), (100_000, 0), (0, 3)):
         asked: list[int] = []
         whole = stream(echoes)
 
@@ -223,10 +224,12 @@ def test_few_echoes_of_many_vertices_are_not_read_all_at_once() -> None:
             asked.append(stop - start)
             return whole.frames(start, stop)
 
-        synthesize(EchoStream(times_s=echoes.times_s, frames=frames, vertices=vertices), TABLE2.replace(prf_hz=1000.0))
+        source = EchoStream(times_s=echoes.times_s, frames=frames, vertices=vertices, at_once=at_once)
+        synthesize(joined([source, source]), TABLE2.replace(prf_hz=1000.0))
         most.append(max(asked))
     assert most[0] > 300
     assert most[1] * 100_000 * 16 < 150e6
+    assert most[2] == 3
 
 
 def test_same_echoes_same_bits() -> None:

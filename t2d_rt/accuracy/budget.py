@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -11,10 +11,11 @@ import numpy as np
 
 from t2d_rt.accuracy.cost import FacetCount, facet_counts, seconds, work
 from t2d_rt.accuracy.laws import MOST_DB, FacetLaw, Law, Laws
-from t2d_rt.accuracy.occlusion import unoccluded_db
+from t2d_rt.accuracy.occlusion import Occluded
 from t2d_rt.model import SPLINE_ERROR_DB, Model, sagitta_rad
 from t2d_rt.room import Clutter
 from t2d_rt.types import Accuracy, Motion, MovingMesh, PathTier
+from t2d_rt.types.paths import PathKey
 
 OCCLUSION = "occlusion of targets by themselves and one another"
 FAST_OCCLUSION = "occlusion by targets that rotate fast, and of them by themselves"
@@ -56,7 +57,8 @@ class Total:
     """A sum of errors; margins of the same law add up, those of independent laws add in quadrature."""
 
     energy: float = 0.0
-    margin: float = 0.0
+    margins: Mapping[str, float] = field(default_factory=dict)
+    """By their laws."""
 
     @classmethod
     def of(cls, parts: Iterable[Omission]) -> Total:
@@ -64,10 +66,17 @@ class Total:
         taken, margins = [each for each in parts if each.taken], dict[str, float]()
         for each in taken:
             margins[each.law] = margins.get(each.law, 0.0) + each.margin
-        return cls(sum(each.energy for each in taken), math.hypot(*margins.values()))
+        return cls(sum(each.energy for each in taken), margins)
 
     def __add__(self, other: Total) -> Total:
-        return Total(self.energy + other.energy, math.hypot(self.margin, other.margin))
+        laws = self.margins.keys() | other.margins.keys()
+        margins = {law: self.margins.get(law, 0.0) + other.margins.get(law, 0.0) for law in sorted(laws)}
+        return Total(self.energy + other.energy, margins)
+
+    @property
+    def margin(self) -> float:
+        """That of the sum."""
+        return math.hypot(*self.margins.values())
 
     @property
     def surely(self) -> float:
@@ -100,9 +109,16 @@ class Budget:
         return self._unoccluded(by_fast=True)
 
     def _unoccluded(self, *, by_fast: bool) -> Law:
-        sampled = Accuracy(fast_rotating_hz=self.given.fastest_sampled_hz)
         law = self.laws.occlusion
-        return Law(unoccluded_db(self.model, sampled, by_fast=by_fast) + law.mean_db, law.scatter_db)
+        return Law((self._occluded_by_fast if by_fast else self._occluded).level_db() + law.mean_db, law.scatter_db)
+
+    @cached_property
+    def _occluded(self) -> Occluded:
+        return Occluded.of(self.model, Accuracy(fast_rotating_hz=self.given.fastest_sampled_hz))
+
+    @cached_property
+    def _occluded_by_fast(self) -> Occluded:
+        return Occluded.of(self.model, Accuracy(fast_rotating_hz=self.given.fastest_sampled_hz), by_fast=True)
 
     @cached_property
     def _meshes(self) -> list[tuple[float, FacetLaw]]:
@@ -160,21 +176,21 @@ class Budget:
         if pairs is None or not accuracy.occlusion or not self.counts:
             return []
         traced = {path.key for pair in pairs.occluded for path in (pair.out, pair.back)}
-        power, count, first = 0.0, 0, 0
-        of_pair = self._power_of(pairs.levels_db)
+        fractions = dict[tuple[PathKey, PathKey], float]()
         for tier, some in pairs.by_tier(accuracy):
             if tier.visibility != "occlusion" and not self.by_limbs(tier):
                 shared = traced if tier.visibility == "shared" else set()
-                missing = np.array([sum(path.key not in shared for path in (pair.out, pair.back)) for pair in some]) / 2
-                power += float(missing @ of_pair[first : first + len(some)])
-                count += int(np.count_nonzero(missing))
-            first += len(some)
+                for pair in some:
+                    both = pair.out.key, pair.back.key
+                    fractions[both] = sum(key not in shared for key in both) / 2
+        count = sum(fraction > 0 for fraction in fractions.values())
         if not count:
             return []
-        law, of_power = self.unoccluded, self.laws.pairs
+        missing = [fractions.get((each.pair.out.key, each.pair.back.key), 0.0) for each in self.model.ranked]
+        law, of_power = self.laws.occlusion, self.laws.pairs
         what = f"{OCCLUSION} over {count} path pair{'s' * (count > 1)}"
-        scatter_db = math.hypot(law.scatter_db, of_power.scatter_db)
-        return [Omission(what, db(power) + law.mean_db + of_power.mean_db, scatter_db, law="occlusion")]
+        level_db = self._occluded.level_db(np.array(missing)) + law.mean_db + of_power.mean_db
+        return [Omission(what, level_db, math.hypot(law.scatter_db, of_power.scatter_db), law="occlusion")]
 
     def of_spectra(self, accuracy: Accuracy) -> list[Omission]:
         """What it costs that walls' and slabs' spectra are straight lines over the sweep."""

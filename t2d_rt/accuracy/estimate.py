@@ -81,7 +81,8 @@ class Field:
         total = np.zeros((last - first, len(chirps.samples)), complex)
         for part in self._parts:
             of_one = 2 * (ECHO_BYTES * part.echoes + VERTEX_BYTES * part.vertices)
-            at_once = int(np.clip(FIELD_BYTES / max(1, of_one), 1, CHIRPS_AT_ONCE))
+            most = min(CHIRPS_AT_ONCE, max(1, part.at_once // 2) if part.at_once else CHIRPS_AT_ONCE)
+            at_once = int(np.clip(FIELD_BYTES / max(1, of_one), 1, most))
             for start in range(first, last, at_once):
                 stop = min(start + at_once, last)
                 rows, antennas = chirps.rows[start:stop], chirps.antennas[start:stop]

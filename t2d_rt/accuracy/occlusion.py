@@ -56,8 +56,51 @@ class _Faces:
         return offset / distance[..., None], distance
 
 
-def unoccluded_db(model: Model, accuracy: Accuracy, *, by_fast: bool = False) -> float:
-    """Estimated power that occlusion removes from the targets' echoes over the power that remains [dB].
+@dataclass(frozen=True, slots=True)
+class Occluded:
+    """Estimated power that occlusion removes from the targets' echoes, and that remains."""
+
+    power: np.ndarray
+    """Of each ranked path pair without occlusion, without unit, (P,); of the one in free space."""
+    removed: np.ndarray
+    """Of the strongest N pairs, (N,)."""
+    remaining: np.ndarray
+    """Likewise."""
+
+    @classmethod
+    def of(cls, model: Model, accuracy: Accuracy, *, by_fast: bool = False) -> Occluded:
+        """By what a run may trace or, `by_fast`, by what it never traces (`_judged`)."""
+        power = (
+            np.array([10 ** (each.mean_db / 10) for each in model.ranked]) if model.scene is not None else np.ones(1)
+        )
+        judged = _judged(model, accuracy, by_fast=by_fast)
+        return cls(power, *(np.zeros((2, 0)) if judged is None else judged))
+
+    def level_db(self, fractions: np.ndarray | None = None) -> float:
+        """The power removed over the power that remains [dB]: of all pairs, or of so much of each, fractions (P,) in 0..1. Pairs
+        weaker than those judged lose as much as these do in the mean, weighted alike."""
+        judged = len(self.removed)
+        if not judged:
+            return -math.inf
+        removed = float(self.removed.sum())
+        if fractions is not None:
+            power, weights = self.power, np.asarray(fractions)
+            inside, beyond = float(weights[:judged] @ power[:judged]), float(weights[judged:] @ power[judged:])
+            of_these = float(weights[:judged] @ self.removed)
+            mean = of_these / inside if inside else removed / float(power[:judged].sum())
+            removed = of_these + beyond * mean
+        if removed == 0:
+            return LEAST_DB
+        return float(np.clip(10 * math.log10(removed / max(float(self.remaining.sum()), 1e-30)), LEAST_DB, MOST_DB))
+
+
+def unoccluded_db(model: Model, accuracy: Accuracy) -> float:
+    """Estimated power that occlusion removes from the targets' echoes over the power that remains [dB]."""
+    return Occluded.of(model, accuracy).level_db()
+
+
+def _judged(model: Model, accuracy: Accuracy, *, by_fast: bool) -> tuple[np.ndarray, np.ndarray] | None:
+    """Power removed and power that remains of the strongest N path pairs, (N,) each; None where nothing occludes.
 
     Of occlusion that a run may trace or, `by_fast`, of that which it never traces: targets that rotate fast occlude themselves and
     others.
@@ -74,7 +117,7 @@ def unoccluded_db(model: Model, accuracy: Accuracy, *, by_fast: bool = False) ->
     slow = [geometry for geometry, rotates in meshes if not rotates]
     every = [geometry for geometry, _ in meshes] if by_fast else slow
     if not every or (by_fast and len(slow) == len(every)):
-        return -math.inf
+        return None
     count = INSTANTS if model.scene is None else ROOM_INSTANTS
     times_s = Chirps.random(model.radar, model.span_s, seed=model.seed, count=count).starts_s
     faces = _Faces.of(every, times_s)
@@ -108,15 +151,13 @@ def unoccluded_db(model: Model, accuracy: Accuracy, *, by_fast: bool = False) ->
         return visible
 
     seen, known = visible_through(every), visible_through(slow if by_fast else [])
-    taken = left = 0.0
+    removed, remaining = [], []
     for (power, out_m, back_m), glint in zip(ends, glints, strict=True):
         visible, modelled = (each[out_m.tobytes()] & each[back_m.tobytes()] for each in (seen, known))
         total = max(float(glint.sum()), 1e-300)
-        taken += power * float(glint[modelled & ~visible].sum()) / total
-        left += power * float(glint[visible].sum()) / total
-    if taken == 0:
-        return LEAST_DB
-    return float(np.clip(10 * math.log10(max(taken, 1e-30) / max(left, 1e-30)), LEAST_DB, MOST_DB))
+        removed.append(power * float(glint[modelled & ~visible].sum()) / total)
+        remaining.append(power * float(glint[visible].sum()) / total)
+    return np.array(removed), np.array(remaining)
 
 
 def _ends(model: Model, accuracy: Accuracy) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:

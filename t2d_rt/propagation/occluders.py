@@ -79,8 +79,8 @@ class Occluders:
         return int(np.clip(FACES_PER_SCENE // (len(self.faces) * 2**self._subdivision), 1, MOST_COPIES))
 
     def instants(self, samples_s: np.ndarray) -> int:
-        """At how many of the sample times all viewpoints that share them are traced at once: of many of these at fewer, so that
-        what is kept for all of them fits memory. It stays the same from the first time that it is asked for."""
+        """At how many of the sample times (K,) [s] all viewpoints that share them are traced at once: fewer where there are many
+        viewpoints, so that what is kept for all of them fits memory. It stays the same from the first time that it is asked for."""
         key = samples_s.tobytes()
         if key not in self._instants:
             points = sum(each.operator.shape[0] for each in self._subdivided)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 from weakref import ref
 
@@ -106,8 +107,10 @@ class Occlusion:
         self._together = meshes.viewpoints.setdefault(samples_s.tobytes(), [])
         self._together.append(ref(self))
         self._chunks: dict[int, VisibilitySamples] = {}
-        self._asked, self._in_use = False, True
-        """Whether visibility was asked for since chunks were dropped last, and before that."""
+        self._asked = False
+        """Whether visibility was asked for since chunks were dropped last."""
+        self._in_use = True
+        """Whether it was asked for before that, or has been since."""
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
         """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, those of its subdivision
@@ -156,8 +159,9 @@ class Occlusion:
                     each._chunks[number] = each.sampled(some)
         return self._chunks[number]
 
-    @property
+    @cached_property
     def _at_once(self) -> int:
+        """Sample times of a chunk, known once all viewpoints are: when visibility is asked for first."""
         return self._meshes.instants(self._samples_s)
 
     def _viewpoints(self) -> list[Occlusion]:

@@ -33,7 +33,8 @@ class Echoes:
     delay_s: np.ndarray
     """Round-trip delay [s], float64 (T, N)."""
     amplitude: np.ndarray
-    """Field at mid-sweep [sqrt(W) at the ADC], complex64 (T, N), without exp(j 2 pi f_c tau); |amplitude|^2 is received power."""
+    """Field at mid-sweep, or with `slope` the line's value there [sqrt(W) at the ADC], complex64 (T, N), without
+    exp(j 2 pi f_c tau); |amplitude|^2 is received power."""
     slope: np.ndarray | None = None
     """d amplitude / d frequency [sqrt(W)/Hz], complex64 (T, N); None where the amplitude is flat over the sweep."""
     departure_m: np.ndarray | None = None

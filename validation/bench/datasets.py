@@ -6,7 +6,8 @@ import functools
 import json
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -109,8 +110,7 @@ def recipe_of(kind: Kind, seed: int = 0) -> Recipe:
 def measured(kind: Kind, workers: int) -> dict[str, float]:
     """Rate of a run whose workers have begun, whose kernels are compiled and whose bodies have been met, as those of all but the
     first samples of a large set; and seconds of each stage of a sample."""
-    os.environ[VARIABLE] = _facets_folder().name
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, _own_facets():
         # Of another seed: workers remember the motions that they have made.
         make_dataset(recipe_of(kind, seed=1), Path(folder) / "warm", workers=workers, threads=1, limit=kind.before)
         outcome = make_dataset(recipe_of(kind), Path(folder) / "timed", workers=workers, threads=1, limit=kind.samples)
@@ -120,9 +120,24 @@ def measured(kind: Kind, workers: int) -> dict[str, float]:
     return {"rate": outcome.made / outcome.seconds, **mean}
 
 
+@contextmanager
+def _own_facets() -> Iterator[None]:
+    """Facets are kept in a folder of the bench alone, which is empty: those of an earlier run would be read in place of made."""
+    before, folder = os.environ.get(VARIABLE), Path(_facets_folder().name)
+    for kept in folder.iterdir():
+        kept.unlink()
+    os.environ[VARIABLE] = str(folder)
+    try:
+        yield
+    finally:
+        os.environ.pop(VARIABLE)
+        if before is not None:
+            os.environ[VARIABLE] = before
+
+
 @functools.cache
 def _facets_folder() -> tempfile.TemporaryDirectory[str]:
-    """Where workers keep facets; one folder, for workers go on from run to run."""
+    """One folder for all runs, since workers go on from run to run and know that one."""
     return tempfile.TemporaryDirectory()
 
 
