@@ -314,6 +314,67 @@ def test_faces_that_face_away_hide_nothing_more(walker: MovingMesh, backend: Bac
     assert (seen[0] == seen[1])[front].mean() > 0.9995
 
 
+@pytest.mark.filterwarnings("ignore:.*is not watertight")
+def test_few_places_are_hidden_by_what_faces_them(walker: MovingMesh, backend: Backend) -> None:
+    """And nothing of an open mesh is left out: a plate hides from both of its sides."""
+    plate = static_mesh(np.array([[2.0, -1, 0], [2, 1, 0], [2, 0, 2]]), np.array([[0, 1, 2]]))
+    posed = Occluders([walker, plate]).at(np.linspace(0, 1, 5))
+    behind = np.array([9.0, 0.0, 1.0])
+    corners = posed.vertices[:, posed.meshes.faces]
+    normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
+    for places in ([HERE], [behind], [HERE, behind]):
+        expected = np.any([np.sum(normals * (place - corners[:, :, 0]), axis=2) > 0 for place in places], axis=0)
+        expected[:, len(walker.faces) :] = True
+        assert np.array_equal(posed.facing(places), expected)
+    assert 0.4 < posed.facing([HERE]).mean() < 0.6
+
+
+@pytest.mark.parametrize("level", [1, 2])
+def test_normals_of_a_subdivided_mesh_are_those_of_its_parts(walker: MovingMesh, level: int) -> None:
+    posed = Occluders([walker, sphere(0.3, [4, 0, 1], level=2)], subdivision=level).at(np.array([0.2, 0.7]))
+    for points, normals in zip(posed.points, posed.normals, strict=True):
+        corners = points[posed.meshes.subdivided_faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        expected = np.zeros_like(points)
+        np.add.at(expected, posed.meshes.subdivided_faces.ravel(), np.repeat(across, 3, axis=0))
+        expected /= np.linalg.norm(expected, axis=1)[:, None]
+        np.testing.assert_allclose(normals, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("level", [1, 2])
+def test_points_away_from_shadows_edges_need_no_rays(
+    walker: MovingMesh, backend: Backend, level: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    meshes, times_s = Occluders([walker], subdivision=level), np.linspace(0, 1, 5)
+    at = meshes.at(times_s)
+    front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
+    every = Surroundings(meshes, at.vertices, [HERE], backend).visible(HERE, at.points, at.normals, front)
+    rays: list[int] = []
+    visible = Surroundings.visible
+
+    def counted(self: Surroundings, *given: np.ndarray) -> np.ndarray:
+        rays.append(int(given[-1].sum()))
+        return visible(self, *given)
+
+    monkeypatch.setattr(Surroundings, "visible", counted)
+    found = Occlusion(meshes, HERE, samples_s=np.array([0.0, 1.0]), backend=backend).visible(at, front)
+    assert not found[~front].any()
+    assert sum(rays) < 0.5 * front.sum()
+    assert 0.05 < (front & ~every).sum() / front.sum() < 0.5
+    assert (found != every).sum() < 0.005 * front.sum()
+
+
+@pytest.mark.filterwarnings("ignore:.*is not watertight")
+def test_a_shadow_within_a_large_face_is_found(backend: Backend) -> None:
+    plate = static_mesh(np.array([[4.0, -3, -2], [4, 0, 4], [4, 3, -2]]), np.array([[0, 1, 2]]))
+    ball = sphere(0.5, [2, 0, 0.5])
+    for level, least in ((0, 0), (2, 1), (4, 9)):
+        meshes = Occluders([plate, ball], subdivision=level)
+        seen = Occlusion(meshes, HERE, samples_s=np.array([0.0, 1.0]), backend=backend).traced(np.array([0.5]))
+        assert (meshes.split(seen)[0] == 0).sum() >= least
+        assert meshes.split(seen)[0].mean() > 0.5
+
+
 @pytest.mark.parametrize("together", [1, 3])
 def test_viewpoints_share_a_scene(
     walker: MovingMesh, backend: Backend, together: int, monkeypatch: pytest.MonkeyPatch

@@ -41,7 +41,7 @@ MADE_ALONG = 0.5
 """Cost of a facet that is refined along with other ones, over theirs."""
 KINDS = (
     "call", "ADC sample", "refined facet", "facet of a path pair", "facet of a frame", "diffuse point of a frame",
-    "ellipsoids of a frame", "ray", "obstacle", "path pair", "clutter",
+    "ellipsoids of a frame", "ray", "traced vertex", "obstacle", "path pair", "clutter",
 )  # fmt: skip
 """Kinds of work, each with its fitted seconds a unit; in free space there is one path pair."""
 PATCHES_PER_FACET, PATCHES_PER_ROOT = 0.35, 70.0
@@ -131,7 +131,9 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
             found["diffuse point of a frame"] += frames * tier.diffuse_points * count * rough
     found["refined facet"] += beside_facets(counts)
     if accuracy.occlusion and counts:
-        found["ray"] = samples * places_of(model, accuracy) * sampled_points(model, accuracy)
+        points = sampled_points(model, accuracy)
+        found["ray"] = samples * places_of(model, accuracy) * points
+        found["traced vertex"] = samples * points / 4**accuracy.visibility_subdivision
     if pairs is not None:
         paths = {path.key for pair in pairs.pairs for path in (pair.out, pair.back)}
         found["obstacle"] = samples / 2 * len(paths)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.geometry import SubdividedMesh, topology
-from t2d_rt.geometry.vectors import cross
+from t2d_rt.geometry.vectors import cross, dot, lengths
 from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.types import MovingMesh
 
@@ -19,6 +19,8 @@ FACES_PER_SCENE, MOST_COPIES = 250_000, 64
 """So many faces stand in one ray tracer's scene, of so many instants."""
 MARK_M = 0.06
 """Blockage by the static scene is sampled at vertices that far apart: its shadows have soft edges."""
+FINE_EDGE_M = 0.06
+"""A face with longer edges may hold a shadow that does not reach its vertices; a body's are shorter."""
 POSES_KEPT = 2
 """Visibility fades from one chunk of sample times to the next, and all viewpoints ask for the same ones."""
 
@@ -35,9 +37,24 @@ class Posed:
     _kept: dict[bytes, Any] = field(default_factory=dict)
 
     @cached_property
+    def _corners_and_areas(self) -> tuple[np.ndarray, np.ndarray]:
+        """A corner of each face of the meshes, and its normal, twice as long as its area is large, (3, F, K) each."""
+        a, b, c = corners(self.vertices, self.meshes.faces)
+        return a, np.stack(cross(b - a, c - a))
+
+    @cached_property
     def normals(self) -> np.ndarray:
         """Unit normals at these points, weighted with the areas of the faces they belong to (K, V', 3)."""
-        return vertex_normals(self.points, self.meshes.subdivided_faces, self.meshes.incidence)
+        return point_normals(self._corners_and_areas[1], self.meshes.faces_of_points)
+
+    def facing(self, places_m: Sequence[np.ndarray]) -> np.ndarray:
+        """Which faces occlude from these places, bool (K, F): of closed meshes only those that face one of them, for a ray that
+        leaves a body crosses one of these."""
+        corner, area = self._corners_and_areas
+        found = np.repeat(~self.meshes.closed[:, None], len(self.vertices), axis=1)
+        for place in places_m:
+            found |= dot(area, place[:, None, None] - corner) >= 0
+        return found.T
 
     def kept(self, key: bytes, make: Callable[[], Any]) -> Any:
         """What was made last, if its key was the same, or what is made now."""
@@ -91,7 +108,41 @@ class Occluders:
     @cached_property
     def neighbours(self) -> Any:
         """Sparse (V', V'): 1 where two points share an edge."""
-        return _adjacency(self.incidence)
+        return _adjacency(self._incidence)
+
+    @cached_property
+    def added(self) -> np.ndarray:
+        """Which of the points the subdivision adds to fine faces, of edges up to `FINE_EDGE_M` (V',)."""
+        coarse = np.concatenate([_longest_edge_m(m) > FINE_EDGE_M for m in self.meshes])
+        vertices = np.zeros(self._within.shape[1], np.float32)
+        vertices[self.faces[coarse]] = 1
+        return np.asarray(~self._own & (self._within @ vertices == 0))
+
+    def near(self, marked: np.ndarray) -> np.ndarray:
+        """Which points (K, V') lie in faces of the meshes that have a marked vertex, of (K, V'), or a neighbour of one."""
+        vertices = self._about @ marked[:, self._own].T.astype(np.float32) > 0
+        return np.asarray((self._within @ vertices.astype(np.float32) > 0).T)
+
+    @cached_property
+    def _own(self) -> np.ndarray:
+        """Which of the points are vertices of the meshes (V',)."""
+        counts = [(len(m.rest), size - len(m.rest)) for m, size in zip(self.meshes, self._sizes, strict=True)]
+        return np.repeat(np.tile([True, False], len(counts)), np.ravel(counts))
+
+    @cached_property
+    def _about(self) -> Any:
+        """Sparse (V, V): 1 where two vertices of the meshes share an edge or are one."""
+        from scipy.sparse import eye_array
+
+        vertices = self._within.shape[1]
+        return _adjacency(incidence(self.faces, vertices)) + eye_array(vertices, dtype=np.float32, format="csr")
+
+    @cached_property
+    def _within(self) -> Any:
+        """Sparse (V', V): above 0 where a point lies in a face of a vertex, or on its edges."""
+        from scipy.sparse import block_diag
+
+        return block_diag([each.operator for each in self._subdivided], format="csr")
 
     @cached_property
     def marks(self) -> tuple[np.ndarray, Any]:
@@ -137,8 +188,7 @@ class Occluders:
     @cached_property
     def mark_reach_m(self) -> float:
         """Greatest distance of any point of the meshes from a mark: in faces, and where skin stretches to twice its length."""
-        edges = (mesh.rest[mesh.faces] - mesh.rest[np.roll(mesh.faces, 1, axis=1)] for mesh in self.meshes)
-        return 2 * (MARK_M + max(float(np.linalg.norm(each, axis=2).max()) for each in edges))
+        return 2 * (MARK_M + max(float(_longest_edge_m(mesh).max()) for mesh in self.meshes))
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Values at all points (K, V') mesh by mesh."""
@@ -154,15 +204,31 @@ class Occluders:
         return _side_by_side([each.faces for each in self._subdivided], self._sizes)
 
     @cached_property
-    def incidence(self) -> Any:
+    def _incidence(self) -> Any:
         """Sparse (V', F'): 1 where a point belongs to a face."""
         return incidence(self.subdivided_faces, sum(self._sizes))
+
+    @cached_property
+    def faces_of_points(self) -> Any:
+        """Sparse (V', F): how many of the equal parts of a face of the meshes each point belongs to."""
+        from scipy.sparse import csr_array
+
+        parts = len(self.subdivided_faces)
+        of_part = np.arange(parts) // 4**self._subdivision  # those of a face stand together
+        return self._incidence @ csr_array(
+            (np.ones(parts), (np.arange(parts), of_part)), shape=(parts, len(self.faces))
+        )
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray, of_faces: Any) -> np.ndarray:
     """Area-weighted unit normals (K, V, 3) of vertices (K, V, 3)."""
     a, b, c = corners(vertices, faces)
-    total = np.stack([of_faces @ each for each in cross(b - a, c - a)])
+    return point_normals(np.stack(cross(b - a, c - a)), of_faces)
+
+
+def point_normals(areas: np.ndarray, of_faces: Any) -> np.ndarray:
+    """Unit normals (K, V, 3) of points that belong to faces, sparse (V, F), whose normals (3, F, K) are as long as they weigh."""
+    total = np.stack([of_faces @ each for each in areas])
     return (total / np.maximum(np.sqrt((total**2).sum(axis=0)), 1e-30)).T
 
 
@@ -188,6 +254,11 @@ def _adjacency(incidence: Any) -> Any:
     joined.eliminate_zeros()
     joined.data[:] = 1
     return joined.astype(np.float32)
+
+
+def _longest_edge_m(mesh: MovingMesh) -> np.ndarray:
+    """Of each face at rest (F,)."""
+    return np.asarray(lengths(mesh.rest[mesh.faces] - mesh.rest[np.roll(mesh.faces, 1, axis=1)]).max(axis=1))
 
 
 def _is_closed(mesh: MovingMesh) -> bool:

@@ -7,7 +7,7 @@ change would be a click across the spectrogram.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -17,12 +17,14 @@ import numpy as np
 
 from t2d_rt.backend import Backend, aligned, one_thread_at_a_time
 from t2d_rt.geometry.vectors import cross
-from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
+from t2d_rt.propagation.mitsuba import mitsuba, mitsuba_mesh, traceable
 from t2d_rt.propagation.occluders import Occluders, Posed, corners, incidence, vertex_normals
 from t2d_rt.types import MovingMesh
 
 # Rays start this far off the surface, so that the triangles they start from do not stop them.
 LIFT_M = 2e-3
+FEW_PLACES = 4
+"""From more viewpoints than that, images in a room's walls, about all faces of a body are seen."""
 
 Unblocked = Callable[[np.ndarray], np.ndarray]
 
@@ -205,13 +207,29 @@ class Occlusion:
         return np.asarray((carried @ self._unblocked(vertices[:, marks]).T).T)
 
     def visible(self, at: Posed, front: np.ndarray) -> np.ndarray:
-        """Whether points of the meshes are visible from here, of those that face it, bool (K, Q); none of the others is."""
+        """Whether points of the meshes are visible from here, of those that face it, bool (K, Q); none of the others is.
+
+        Points that the subdivision adds to fine faces are traced beside the edges of shadows alone: elsewhere they are as the
+        vertices about them.
+        """
         places = [each._viewpoint for each in self._viewpoints()]
         scene = at.kept(
-            np.stack(places).tobytes(), lambda: Surroundings(self._meshes, at.vertices, places, self._backend)
+            np.stack(places).tobytes(),
+            lambda: Surroundings(
+                self._meshes,
+                at.vertices,
+                places,
+                self._backend,
+                parts=at.facing(places) if len(places) <= FEW_PLACES else None,
+            ),
         )
-        visible = np.zeros(front.shape, bool)
-        visible[front] = scene.visible(self._viewpoint, at.points[front], at.normals[front], np.nonzero(front)[0])
+        added = front & self._meshes.added
+        first = front & ~added
+        visible = scene.visible(self._viewpoint, at.points, at.normals, first)
+        if added.any():
+            lit, dark = self._meshes.near(visible), self._meshes.near(first & ~visible)
+            visible |= added & lit & ~dark
+            visible |= scene.visible(self._viewpoint, at.points, at.normals, added & (lit == dark))
         return visible
 
 
@@ -243,7 +261,9 @@ class ExactVisibility:
             normal = vertex_normals(here, faces, of_faces)
             front = np.flatnonzero(np.einsum("vi,vi->v", normal[0], self._viewpoint - here[0]) > 0)
             visibility = np.ones(vertices.shape[1], np.float32)  # beyond the horizon facets show their back
-            visibility[front] = obstacles.leave_visible(here[:, front], normal[:, front])[0]
+            visibility[front] = obstacles.leave_visible(
+                here[:, front], normal[:, front], np.ones((1, len(front)), bool)
+            )[0]
             found.append(visibility)
         return np.stack(found)[np.cumsum(fresh) - 1]
 
@@ -269,7 +289,7 @@ class _Obstacles:
     mitsuba: Any
     scene: Any
     shift_m: np.ndarray
-    """Where the viewpoint lies in the scene, beside the meshes of each instant (K, 1, 3), or of that of each point (Q, 3)."""
+    """Where the viewpoint lies in the scene, beside the meshes of each instant (K, 1, 3)."""
     viewpoint_m: np.ndarray
 
     @classmethod
@@ -281,18 +301,28 @@ class _Obstacles:
         return cls(mi, traceable(mi, mesh), shift, viewpoint_m)
 
     @one_thread_at_a_time
-    def leave_visible(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Whether the segment from points (..., 3) of given normals to the viewpoint is free, bool (...)."""
-        if not points.size:  # Mitsuba aborts without a ray
-            return np.zeros(points.shape[:-1], bool)
-        mi, offset = self.mitsuba, self.viewpoint_m - points
-        towards = offset / np.sqrt(np.einsum("...i,...i->...", offset, offset))[..., None]
-        origins = LIFT_M * (towards + normals) - offset
-        distance = np.sqrt(np.einsum("...i,...i->...", origins, origins))
-        start, direction = columns(mi, origins + self.shift_m), columns(mi, -origins / distance[..., None])
-        ray = mi.Ray3f(mi.Point3f(*start), mi.Vector3f(*direction))
-        ray.maxt = mi.Float(aligned(distance, np.float32))
-        return ~self.scene.ray_test(ray).numpy().reshape(distance.shape)
+    def leave_visible(self, points: np.ndarray, normals: np.ndarray, some: np.ndarray) -> np.ndarray:
+        """Whether the segment from some of points (K, Q, 3) of given normals to the viewpoint is free, bool (K, Q)."""
+        import drjit as dr
+
+        found = np.zeros(some.shape, bool)
+        if not some.any():  # Mitsuba aborts without a ray
+            return found
+        mi = self.mitsuba
+
+        def vectors(columns: Iterable[np.ndarray]) -> Any:
+            return mi.Vector3f(*(mi.Float(aligned(each, np.float32)) for each in columns))
+
+        from_here = vectors(points[..., axis][some] - self.viewpoint_m[axis] for axis in range(3))
+        normal = vectors(normals[..., axis][some] for axis in range(3))
+        shifts = vectors(self.shift_m[:, 0].T)
+        shift = dr.gather(mi.Vector3f, shifts, mi.UInt32(aligned(np.nonzero(some)[0], np.uint32)))
+        origin = from_here + LIFT_M * (normal - dr.normalize(from_here))
+        distance = dr.norm(origin)
+        ray = mi.Ray3f(mi.Point3f(origin + shift), -origin / distance)
+        ray.maxt = distance
+        found[some] = ~self.scene.ray_test(ray).numpy()
+        return found
 
 
 class Surroundings:
@@ -318,12 +348,13 @@ class Surroundings:
         self._scene = traceable(self._mitsuba, mesh)
 
     def visible(
-        self, place_m: np.ndarray, points: np.ndarray, normals: np.ndarray, instant: np.ndarray | None = None
+        self, place_m: np.ndarray, points: np.ndarray, normals: np.ndarray, some: np.ndarray | None = None
     ) -> np.ndarray:
-        """Whether points (K, Q, 3) of given normals on the meshes are visible from a place, bool (K, Q); or points (Q, 3) of
-        numbered instants (Q,), bool (Q,)."""
-        shift = (self._shift if instant is None else self._shift[instant, 0]) + (place_m - self._middle)
-        return _Obstacles(self._mitsuba, self._scene, shift, place_m).leave_visible(points, normals)
+        """Whether points (K, Q, 3) of given normals on the meshes are visible from a place, bool (K, Q): `some` of them, bool
+        (K, Q), by default all; none of the others is."""
+        some = np.ones(points.shape[:2], bool) if some is None else some
+        obstacles = _Obstacles(self._mitsuba, self._scene, self._shift + (place_m - self._middle), place_m)
+        return obstacles.leave_visible(points, normals, some)
 
 
 def side_by_side(instants: int, reach_m: float) -> np.ndarray:
