@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import json
 import logging
 import os
@@ -20,7 +21,7 @@ import pytest
 import t2d_rt as t2d
 from builders import remember_samples
 from t2d_rt.cli import main
-from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards
+from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards, work
 from t2d_rt.dataset.lock import LOCK, locked
 from t2d_rt.dataset.schedulers import on_a_cluster
 from t2d_rt.dataset.view import view
@@ -341,6 +342,16 @@ def test_what_travels_to_a_worker_is_plain_text() -> None:
     (found,) = make_samples(tiny().model_dump_json(), {}, [0], 1)
     assert isinstance(found, Made)
     np.testing.assert_array_equal(found.arrays["spectrogram"], make_sample(tiny(), {}, 0).arrays["spectrogram"])
+
+
+def test_workers_that_grow_within_bounds_are_not_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    from joblib.externals.loky import process_executor
+
+    # If loky calls it otherwise one day, this fails.
+    monkeypatch.setattr(process_executor, "_MAX_MEMORY_LEAK_SIZE", process_executor._MAX_MEMORY_LEAK_SIZE)
+    monkeypatch.setattr(gc, "freeze", lambda: None)
+    work._settle.__wrapped__()
+    assert process_executor._MAX_MEMORY_LEAK_SIZE == work.MOST_GROWTH_BYTES
 
 
 def test_masks_show_nothing_where_there_is_no_background(made: Path) -> None:

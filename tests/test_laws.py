@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from t2d_rt.accuracy import cost
 from t2d_rt.accuracy.budget import SURELY, Omission, Total
 from t2d_rt.accuracy.estimate import Chirps, Field
 from t2d_rt.accuracy.laws import COARSER, FacetLaw, Laws
@@ -29,6 +30,11 @@ def test_coarser_facets_never_err_less(law: FacetLaw) -> None:
     for sagitta in (0.15, 0.3, 0.6):
         apart_db = law.difference_db(sagitta) - law.error_db(COARSER * sagitta)
         assert abs(apart_db) < 2 * math.hypot(law.scatter_db, law.difference_scatter_db)
+
+
+def test_each_kind_of_work_has_its_time() -> None:
+    assert set(LAWS.seconds) == set(cost.KINDS)
+    assert all(each >= 0 for each in LAWS.seconds.values())
 
 
 def test_below_the_fitted_facets_the_amplitude_of_the_error_goes_with_the_sagitta() -> None:

@@ -41,7 +41,7 @@ MADE_ALONG = 0.5
 """Cost of a facet that is refined along with other ones, over theirs."""
 KINDS = (
     "call", "ADC sample", "refined facet", "facet of a path pair", "facet of a frame", "diffuse point of a frame",
-    "ellipsoids of a frame", "ray", "traced vertex", "obstacle", "path pair", "clutter",
+    "ellipsoids of a frame", "occluding vertex", "ray", "point between vertices", "obstacle", "path pair", "clutter",
 )  # fmt: skip
 """Kinds of work, each with its fitted seconds a unit; in free space there is one path pair."""
 PATCHES_PER_FACET, PATCHES_PER_ROOT = 0.35, 70.0
@@ -131,9 +131,10 @@ def work(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], clutter
             found["diffuse point of a frame"] += frames * tier.diffuse_points * count * rough
     found["refined facet"] += beside_facets(counts)
     if accuracy.occlusion and counts:
-        points = sampled_points(model, accuracy)
-        found["ray"] = samples * places_of(model, accuracy) * points
-        found["traced vertex"] = samples * points / 4**accuracy.visibility_subdivision
+        vertices, between = mesh_vertices(model), 4.0**accuracy.visibility_subdivision - 1
+        found["occluding vertex"] = samples * vertices
+        found["ray"] = samples * vertices * places_of(model, accuracy)
+        found["point between vertices"] = found["ray"] * between
     if pairs is not None:
         paths = {path.key for pair in pairs.pairs for path in (pair.out, pair.back)}
         found["obstacle"] = samples / 2 * len(paths)
@@ -187,8 +188,12 @@ def memory_bytes(
 
 def sampled_points(model: Model, accuracy: Accuracy) -> float:
     """Number of points on all meshes at which visibility is sampled."""
-    vertices = sum(len(mesh.rest) for mesh in model.geometries if isinstance(mesh, MovingMesh))
-    return vertices * 4.0**accuracy.visibility_subdivision if accuracy.occlusion else 0.0
+    return mesh_vertices(model) * 4.0**accuracy.visibility_subdivision if accuracy.occlusion else 0.0
+
+
+def mesh_vertices(model: Model) -> int:
+    """Number of vertices of all meshes."""
+    return sum(len(mesh.rest) for mesh in model.geometries if isinstance(mesh, MovingMesh))
 
 
 def predicted_bytes(model: Model, accuracy: Accuracy, counts: Sequence[FacetCount], *, measured: bool) -> float:

@@ -27,6 +27,10 @@ from t2d_rt.types import Accuracy
 HELD_BYTES = 0.8e9
 """What a worker may hold between two samples before it gives back what nothing uses; a sample in a room takes another gigabyte."""
 
+MOST_GROWTH_BYTES = 0.8e9
+"""A worker that has grown by more since its first samples leaks memory. By itself loky takes 0.3 GB for a leak: samples of unlike
+size differ by as much, and a worker in place of another begins with nothing loaded."""
+
 Plans = Mapping[str, Accuracy]
 """Accuracies of groups of samples by their names."""
 
@@ -60,17 +64,22 @@ def make_samples(recipe_json: str, plans_json: Mapping[str, str], indices: Seque
 
 
 def make_samples_in_worker(*task: Any) -> list[Made]:
-    """`make_samples` in a process of its own: after its first samples the garbage collector leaves out what is loaded by then,
-    which saves 2 % of a sample's time."""
+    """`make_samples` in a process of its own."""
     made = make_samples(*task)
-    _freeze_loaded()
+    _settle()
     return made
 
 
 @functools.cache
-def _freeze_loaded() -> None:
+def _settle() -> None:
+    """Done once, after a worker's first samples. The garbage collector leaves out what is loaded by then, which saves 2 % of a
+    sample's time, and loky, which replaces workers that grow, lets them grow by `MOST_GROWTH_BYTES` first."""
+    from joblib.externals.loky import process_executor
+
     gc.collect()
     gc.freeze()
+    if hasattr(process_executor, "_MAX_MEMORY_LEAK_SIZE"):
+        process_executor._MAX_MEMORY_LEAK_SIZE = int(MOST_GROWTH_BYTES)
 
 
 @functools.lru_cache(maxsize=2)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.geometry import SubdividedMesh, topology
-from t2d_rt.geometry.vectors import cross, dot, lengths
+from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.types import MovingMesh
 
@@ -19,8 +19,8 @@ FACES_PER_SCENE, MOST_COPIES = 250_000, 64
 """So many faces stand in one ray tracer's scene, of so many instants."""
 MARK_M = 0.06
 """Blockage by the static scene is sampled at vertices that far apart: its shadows have soft edges."""
-FINE_EDGE_M = 0.06
-"""A face with longer edges may hold a shadow that does not reach its vertices; a body's are shorter."""
+FINE_EDGE_M = 0.08
+"""Faces with longer edges may hold a limb's shadow that reaches none of their vertices; a body's are half as long at rest."""
 POSES_KEPT = 2
 """Visibility fades from one chunk of sample times to the next, and all viewpoints ask for the same ones."""
 
@@ -37,23 +37,36 @@ class Posed:
     _kept: dict[bytes, Any] = field(default_factory=dict)
 
     @cached_property
-    def _corners_and_areas(self) -> tuple[np.ndarray, np.ndarray]:
-        """A corner of each face of the meshes, and its normal, twice as long as its area is large, (3, F, K) each."""
-        a, b, c = corners(self.vertices, self.meshes.faces)
-        return a, np.stack(cross(b - a, c - a))
+    def _corners(self) -> list[np.ndarray]:
+        """The three corners of each face of the meshes, (3, F, K) each."""
+        return list(corners(self.vertices, self.meshes.faces))
+
+    @cached_property
+    def _areas(self) -> np.ndarray:
+        """Normal of each face of the meshes, twice as long as its area is large (3, F, K)."""
+        a, b, c = self._corners
+        return np.stack(cross(b - a, c - a))
 
     @cached_property
     def normals(self) -> np.ndarray:
         """Unit normals at these points, weighted with the areas of the faces they belong to (K, V', 3)."""
-        return point_normals(self._corners_and_areas[1], self.meshes.faces_of_points)
+        return point_normals(self._areas, self.meshes.faces_of_points)
+
+    @cached_property
+    def fine(self) -> bool:
+        """Whether all meshes are bodies or like them, smooth and of faces too small to hold a shadow within."""
+        if not all(mesh.curved for mesh in self.meshes.meshes):
+            return False
+        a, b, c = self._corners
+        sides = (b - a, c - b, a - c)
+        return all(float(dot(each, each).max(initial=0.0)) <= FINE_EDGE_M**2 for each in sides)
 
     def facing(self, places_m: Sequence[np.ndarray]) -> np.ndarray:
-        """Which faces occlude from these places, bool (K, F): of closed meshes only those that face one of them, for a ray that
-        leaves a body crosses one of these."""
-        corner, area = self._corners_and_areas
+        """Which faces occlude from these places outside of the meshes, bool (K, F): of closed meshes only those that face one of
+        them, for a ray that leaves a body crosses one of these."""
         found = np.repeat(~self.meshes.closed[:, None], len(self.vertices), axis=1)
         for place in places_m:
-            found |= dot(area, place[:, None, None] - corner) >= 0
+            found |= dot(self._areas, place[:, None, None] - self._corners[0]) >= 0
         return found.T
 
     def kept(self, key: bytes, make: Callable[[], Any]) -> Any:
@@ -111,23 +124,15 @@ class Occluders:
         return _adjacency(self._incidence)
 
     @cached_property
-    def added(self) -> np.ndarray:
-        """Which of the points the subdivision adds to fine faces, of edges up to `FINE_EDGE_M` (V',)."""
-        coarse = np.concatenate([_longest_edge_m(m) > FINE_EDGE_M for m in self.meshes])
-        vertices = np.zeros(self._within.shape[1], np.float32)
-        vertices[self.faces[coarse]] = 1
-        return np.asarray(~self._own & (self._within @ vertices == 0))
-
-    def near(self, marked: np.ndarray) -> np.ndarray:
-        """Which points (K, V') lie in faces of the meshes that have a marked vertex, of (K, V'), or a neighbour of one."""
-        vertices = self._about @ marked[:, self._own].T.astype(np.float32) > 0
-        return np.asarray((self._within @ vertices.astype(np.float32) > 0).T)
-
-    @cached_property
-    def _own(self) -> np.ndarray:
-        """Which of the points are vertices of the meshes (V',)."""
+    def own(self) -> np.ndarray:
+        """Which of the points are vertices of the meshes, not added by the subdivision (V',)."""
         counts = [(len(m.rest), size - len(m.rest)) for m, size in zip(self.meshes, self._sizes, strict=True)]
         return np.repeat(np.tile([True, False], len(counts)), np.ravel(counts))
+
+    def beside(self, marked: np.ndarray) -> np.ndarray:
+        """Which points (K, V') lie in faces of the meshes that have a marked vertex, of (K, V'), or a neighbour of one."""
+        vertices = self._about @ marked[:, self.own].T.astype(np.float32) > 0
+        return np.asarray((self._within @ vertices.astype(np.float32) > 0).T)
 
     @cached_property
     def _about(self) -> Any:
@@ -188,7 +193,8 @@ class Occluders:
     @cached_property
     def mark_reach_m(self) -> float:
         """Greatest distance of any point of the meshes from a mark: in faces, and where skin stretches to twice its length."""
-        return 2 * (MARK_M + max(float(_longest_edge_m(mesh).max()) for mesh in self.meshes))
+        edges = (mesh.rest[mesh.faces] - mesh.rest[np.roll(mesh.faces, 1, axis=1)] for mesh in self.meshes)
+        return 2 * (MARK_M + max(float(np.linalg.norm(each, axis=2).max()) for each in edges))
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Values at all points (K, V') mesh by mesh."""
@@ -254,11 +260,6 @@ def _adjacency(incidence: Any) -> Any:
     joined.eliminate_zeros()
     joined.data[:] = 1
     return joined.astype(np.float32)
-
-
-def _longest_edge_m(mesh: MovingMesh) -> np.ndarray:
-    """Of each face at rest (F,)."""
-    return np.asarray(lengths(mesh.rest[mesh.faces] - mesh.rest[np.roll(mesh.faces, 1, axis=1)]).max(axis=1))
 
 
 def _is_closed(mesh: MovingMesh) -> bool:

@@ -16,9 +16,8 @@ from weakref import ref
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned, one_thread_at_a_time
-from t2d_rt.geometry.vectors import cross
 from t2d_rt.propagation.mitsuba import mitsuba, mitsuba_mesh, traceable
-from t2d_rt.propagation.occluders import Occluders, Posed, corners, incidence, vertex_normals
+from t2d_rt.propagation.occluders import Occluders, Posed, incidence, vertex_normals
 from t2d_rt.types import MovingMesh
 
 # Rays start this far off the surface, so that the triangles they start from do not stop them.
@@ -210,7 +209,7 @@ class Occlusion:
         """Whether points of the meshes are visible from here, of those that face it, bool (K, Q); none of the others is.
 
         Points that the subdivision adds to fine faces are traced beside the edges of shadows alone: elsewhere they are as the
-        vertices about them.
+        vertices about them. A shadow narrower than these lie apart may be missed.
         """
         places = [each._viewpoint for each in self._viewpoints()]
         scene = at.kept(
@@ -223,13 +222,13 @@ class Occlusion:
                 parts=at.facing(places) if len(places) <= FEW_PLACES else None,
             ),
         )
-        added = front & self._meshes.added
-        first = front & ~added
-        visible = scene.visible(self._viewpoint, at.points, at.normals, first)
-        if added.any():
-            lit, dark = self._meshes.near(visible), self._meshes.near(first & ~visible)
-            visible |= added & lit & ~dark
-            visible |= scene.visible(self._viewpoint, at.points, at.normals, added & (lit == dark))
+        always = front & self._meshes.own if at.fine else front
+        visible = scene.visible(self._viewpoint, at.points, at.normals, always)
+        others = front & ~always
+        if others.any():
+            lit, dark = self._meshes.beside(visible), self._meshes.beside(always & ~visible)
+            visible |= others & lit & ~dark
+            visible |= scene.visible(self._viewpoint, at.points, at.normals, others & (lit == dark))
         return visible
 
 
@@ -259,27 +258,24 @@ class ExactVisibility:
         for instant, obstacles in zip(np.flatnonzero(fresh), self._obstacles(times_s[fresh]), strict=True):
             here = vertices[instant : instant + 1]
             normal = vertex_normals(here, faces, of_faces)
-            front = np.flatnonzero(np.einsum("vi,vi->v", normal[0], self._viewpoint - here[0]) > 0)
-            visibility = np.ones(vertices.shape[1], np.float32)  # beyond the horizon facets show their back
-            visibility[front] = obstacles.leave_visible(
-                here[:, front], normal[:, front], np.ones((1, len(front)), bool)
-            )[0]
+            front = np.einsum("vi,vi->v", normal[0], self._viewpoint - here[0]) > 0
+            seen = obstacles.leave_visible(here, normal, front[None])[0]
+            visibility = np.where(front, seen, np.float32(1))  # beyond the horizon facets show their back
             found.append(visibility)
         return np.stack(found)[np.cumsum(fresh) - 1]
 
     def _obstacles(self, times_s: np.ndarray) -> list[_Obstacles]:
         """Occluders at each of these times: facets and diffuse points ask for the same ones."""
         if self._last[0] != times_s.tobytes():
-            posed = self._occluders.at(times_s).vertices
-            self._last = times_s.tobytes(), [self._obstacles_of(each[None]) for each in posed]
+            posed = self._occluders.at(times_s)
+            parts = zip(posed.vertices, posed.facing([self._viewpoint]), strict=True)
+            self._last = times_s.tobytes(), [self._obstacles_of(*each) for each in parts]
         return self._last[1]
 
-    def _obstacles_of(self, vertices: np.ndarray) -> _Obstacles:
-        """The meshes at vertices (1, V, 3), as rays to the viewpoint meet them: of closed ones only the faces that face it, for a
-        ray that leaves a body crosses one of these."""
-        meshes, vertices = self._occluders, vertices - self._viewpoint
-        faces = meshes.faces[(_faces_origin(vertices, meshes.faces) | ~meshes.closed)[0]]
-        return _Obstacles.of(self._mitsuba, vertices, faces, self._viewpoint)
+    def _obstacles_of(self, vertices: np.ndarray, facing: np.ndarray) -> _Obstacles:
+        """The meshes at vertices (V, 3) and which of their faces face the viewpoint (F,), as rays to it meet them."""
+        seen_from = (vertices - self._viewpoint)[None]
+        return _Obstacles.of(self._mitsuba, seen_from, self._occluders.faces[facing], self._viewpoint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,8 +306,8 @@ class _Obstacles:
             return found
         mi = self.mitsuba
 
-        def vectors(columns: Iterable[np.ndarray]) -> Any:
-            return mi.Vector3f(*(mi.Float(aligned(each, np.float32)) for each in columns))
+        def vectors(components: Iterable[np.ndarray]) -> Any:
+            return mi.Vector3f(*(mi.Float(aligned(each, np.float32)) for each in components))
 
         from_here = vectors(points[..., axis][some] - self.viewpoint_m[axis] for axis in range(3))
         normal = vectors(normals[..., axis][some] for axis in range(3))
@@ -360,9 +356,3 @@ class Surroundings:
 def side_by_side(instants: int, reach_m: float) -> np.ndarray:
     """Shifts of the meshes at each of up to 64 instants, so that none reaches another, (K, 1, 3) m."""
     return np.asarray(np.stack(np.unravel_index(np.arange(instants), (4, 4, 4)), axis=1)[:, None, :] * reach_m)
-
-
-def _faces_origin(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Which faces of vertices (K, V, 3) face the coordinate origin, bool (K, F)."""
-    a, b, c = corners(vertices, faces)
-    return (a * np.stack(cross(b, c))).sum(axis=0).T <= 0
