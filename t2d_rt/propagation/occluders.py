@@ -113,8 +113,7 @@ class Occluders:
         viewpoints, so that what is kept for all of them fits memory. It stays the same from the first time that it is asked for."""
         key = samples_s.tobytes()
         if key not in self._instants:
-            points = sum(each.operator.shape[0] for each in self._subdivided)
-            of_one = SAMPLE_BYTES * points * max(1, len(self.viewpoints.get(key, ())))
+            of_one = SAMPLE_BYTES * self.point_count * max(1, len(self.viewpoints.get(key, ())))
             self._instants[key] = int(np.clip(VISIBILITY_BYTES // max(1, of_one), 1, self.copies))
         return self._instants[key]
 
@@ -199,6 +198,11 @@ class Occluders:
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Values at all points (K, V') mesh by mesh."""
         return np.split(values, np.cumsum(self._sizes)[:-1], axis=1)
+
+    @property
+    def point_count(self) -> int:
+        """Number of points at which visibility is sampled."""
+        return sum(self._sizes)
 
     @cached_property
     def _sizes(self) -> list[int]:
