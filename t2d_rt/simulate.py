@@ -63,7 +63,8 @@ def simulate(
     tolerance_db: greatest error of the targets' field [dB], its energy relative to the field's own, against a converged model.
         Model, facets, rates, visibility and path tiers are chosen to keep to it (`plan` shows the choice).
     accuracy: an `Accuracy`, or a mapping of its fields, that says how finely targets are modelled; with a tolerance the fields that
-        it sets stay. The default comes to -26 to -31 dB for a walk in free space, to -11 to -13 dB in rooms.
+        it sets stay. The default comes to -15 to -31 dB in free space, worst where a body hides much of itself, and to -11 to -13
+        dB in rooms.
     reflections: greatest number of reflections, counted on the paths out and back together.
     transmissions: greatest number of thin slabs that they pass through, counted likewise; 2 for a target behind a partition.
     bounces: greatest number of bounces off targets on the way, beside the scene's reflections: 1 is an ordinary echo, 2 adds those

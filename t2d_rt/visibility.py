@@ -174,8 +174,9 @@ class _OneWayVisibility:
         # One sample serves where both ends have one visibility; the scene blocks both one-way paths, though.
         ends = {self.place(end, path): (end, path) for end, path in _ends(pair) if path or self._solid}
         fractions = tuple(self.fraction(number, *end, 3 - len(ends)) for end in ends.values())
-        subdivision = 0 if self._sight.fast_rotating[number] else self.subdivision
-        return View(paths=pair, visibility=fractions, subdivision=subdivision)
+        if self._sight.fast_rotating[number]:
+            return View(paths=pair, visibility=fractions)
+        return View(paths=pair, visibility=fractions, subdivision=self.subdivision, points=self._meshes.point_count)
 
     def fraction(self, number: int, end: int, path: OneWayPath | None, path_count: int) -> Fraction:
         """Visibility over the one-way path of an end, whose blockage `path_count` paths share."""

@@ -15,6 +15,8 @@ from measures import nmse_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
+from t2d_rt.geometry import SubdividedMesh
+from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.path_fields import field_over
 from t2d_rt.propagation.images import existing
 from t2d_rt.propagation.mirrors import Mirrors
@@ -25,6 +27,7 @@ from t2d_rt.propagation.surroundings import radar_paths
 from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.resources import resource
 from t2d_rt.scattering.ellipsoid import ellipsoid_echoes
+from t2d_rt.scattering.mesh import _frames_at_once
 from t2d_rt.scattering.paths import View
 from t2d_rt.signal import range_doppler
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, OneWayPath, PathPair, Radar, Scene, Surface
@@ -339,6 +342,23 @@ def test_secondary_pairs_are_occluded_along_the_paths_of_dominant_ones() -> None
     assert unoccluded.visible(times) is None
     assert np.unique([each(times) for each in unoccluded.unblocked]).tolist() == [0.125]
     assert len(unoccluded.unblocked) == 2
+
+
+def test_frames_at_once_fit_the_visibility_of_all_meshes() -> None:
+    target, screen = (ball(where, time_s=0.1, radius_m=0.2) for where in ((3.0, 0.0, 1.0), (1.5, 0.2, 1.0)))
+    one, other = over(image_m=(0.0, 0.0, 1.0)), over("wall", image_m=(0.0, 6.0, 1.0))
+    sight = Sight(
+        geometries=[target, screen], radar=Radar.preset("table2"), pairs=[PathPair(out=one, back=each) for each in (one, other)],
+        fast_rotating=[False, False], samples_s=sample_times(0.0, 0.1, 25.0), backend=select("cpu"),
+        blockage=Passing((one, 1.0), (other, 1.0)),
+    )  # fmt: skip
+    views = Sampled(sight, subdivision=1).views(0)
+    points = sum(len(SubdividedMesh.of(each.faces, len(each.rest), 1).operator.indptr) - 1 for each in (target, screen))
+    assert [view.points for view in views] == [points, points]
+    assert _frames_at_once(views) == VISIBILITY_BYTES // (SAMPLE_BYTES * 2 * points)
+    many = replace(views[1], points=int(VISIBILITY_BYTES))
+    assert _frames_at_once([*views, many]) == 1
+    assert _frames_at_once([View()]) > 1_000_000  # free space has but one viewpoint
 
 
 @pytest.mark.slow

@@ -369,15 +369,35 @@ def test_of_other_meshes_every_point_is_traced(walker: MovingMesh, backend: Back
     vertices, faces = icosphere(4, 0.5)
     pole = static_mesh(*_box((2.0, 0.0, 1.0), (0.01, 0.01, 3.0)))
     smooth = moving((vertices + [4.0, 0, 1], faces), np.zeros((2, 3)), np.array(LONG_S), curved=True)
-    for meshes, fine in (([walker], True), ([smooth], True), ([smooth, pole], False), ([walker, pole], False)):
-        at = Occluders(meshes, subdivision=2).at(np.array([0.5]))
-        assert at.fine == fine
-    front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
-    expected = Surroundings(at.meshes, at.vertices, [HERE], backend).visible(HERE, at.points, at.normals, front)
-    view = Occlusion(at.meshes, HERE, samples_s=np.array([0.0, 1.0]), backend=backend)
-    assert np.mean(view.visible(at, front) != expected) < 1e-4
-    grown = MovingMesh(np.stack([vertices, 5 * vertices]), faces, LONG_S, "pec", curved=True)
-    assert [Occluders([grown]).at(np.array([time_s])).fine for time_s in LONG_S] == [True, False]
+    for others in ([pole], [smooth], [pole, smooth]):
+        meshes = Occluders([walker, *others], subdivision=2)
+        assert not meshes.of_bodies
+        at = meshes.at(np.array([0.5]))
+        front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
+        expected = Surroundings(meshes, at.vertices, [HERE], backend).visible(HERE, at.points, at.normals, front)
+        view = Occlusion(meshes, HERE, samples_s=np.array([0.0, 1.0]), backend=backend)
+        assert np.mean(view.visible(at, front) != expected) < 1e-4
+    assert Occluders([walker, walker]).of_bodies
+
+
+def test_faces_that_look_inward_hide_what_is_behind_them(backend: Backend) -> None:
+    """A cabin inside out within a mesh whose volume is positive, and one that its own motion turns inside out."""
+    far, (corners, sides) = icosphere(2, 1.6), _box((4.0, 0.0, 1.0), (2.0, 2.0, 2.0))
+    vertices = np.concatenate([far[0] + [0, 50, 0], corners])
+    inward, outward = (np.concatenate([far[1], len(far[0]) + each]) for each in (sides[:, ::-1], sides))
+    mirrored = MovingMesh(np.stack([corners, [8.0, 0, 2] - corners]), sides, LONG_S, "pec")
+    ball = sphere(0.3, [4, 0, 1])
+    cabins = static_mesh(vertices, inward), static_mesh(vertices, outward), mirrored
+    for cabin in cabins:
+        meshes = Occluders([ball, cabin])
+        for time_s in (0.0, 1.0):
+            at = meshes.at(np.array([time_s]))
+            front = np.sum(at.normals * (HERE - at.points), axis=2) > 0
+            seen = Occlusion(meshes, HERE, samples_s=np.array(LONG_S), backend=backend).visible(at, front)
+            assert not seen[:, : len(ball.rest)].any()
+    assert Occluders(cabins).at(np.array([0.0])).facing([HERE]).mean() < 0.7  # outward ones face this way or not
+    parts = Occluders(cabins).parts.sum(axis=1)
+    assert sorted(parts.tolist()) == [12, 12, 12, 320, 320]
 
 
 def _box(centre_m: Sequence[float], sides_m: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:

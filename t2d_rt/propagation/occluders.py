@@ -19,8 +19,6 @@ FACES_PER_SCENE, MOST_COPIES = 250_000, 64
 """So many faces stand in one ray tracer's scene, of so many instants."""
 MARK_M = 0.06
 """Blockage by the static scene is sampled at vertices that far apart: its shadows have soft edges."""
-FINE_EDGE_M = 0.08
-"""Faces with longer edges may hold a limb's shadow that reaches none of their vertices; a body's are half as long at rest."""
 POSES_KEPT = 2
 """Visibility fades from one chunk of sample times to the next, and all viewpoints ask for the same ones."""
 
@@ -37,36 +35,25 @@ class Posed:
     _kept: dict[bytes, Any] = field(default_factory=dict)
 
     @cached_property
-    def _corners(self) -> list[np.ndarray]:
-        """The three corners of each face of the meshes, (3, F, K) each."""
-        return list(corners(self.vertices, self.meshes.faces))
-
-    @cached_property
-    def _areas(self) -> np.ndarray:
-        """Normal of each face of the meshes, twice as long as its area is large (3, F, K)."""
-        a, b, c = self._corners
-        return np.stack(cross(b - a, c - a))
+    def _corner_and_area(self) -> tuple[np.ndarray, np.ndarray]:
+        """A corner of each face of the meshes, and its normal, twice as long as its area is large, (3, F, K) each."""
+        a, b, c = corners(self.vertices, self.meshes.faces)
+        return a, np.stack(cross(b - a, c - a))
 
     @cached_property
     def normals(self) -> np.ndarray:
         """Unit normals at these points, weighted with the areas of the faces they belong to (K, V', 3)."""
-        return point_normals(self._areas, self.meshes.faces_of_points)
-
-    @cached_property
-    def fine(self) -> bool:
-        """Whether all meshes are bodies or like them, smooth and of faces too small to hold a shadow within."""
-        if not all(mesh.curved for mesh in self.meshes.meshes):
-            return False
-        a, b, c = self._corners
-        sides = (b - a, c - b, a - c)
-        return all(float(dot(each, each).max(initial=0.0)) <= FINE_EDGE_M**2 for each in sides)
+        return point_normals(self._corner_and_area[1], self.meshes.faces_of_points)
 
     def facing(self, places_m: Sequence[np.ndarray]) -> np.ndarray:
-        """Which faces occlude from these places outside of the meshes, bool (K, F): of closed meshes only those that face one of
-        them, for a ray that leaves a body crosses one of these."""
-        found = np.repeat(~self.meshes.closed[:, None], len(self.vertices), axis=1)
+        """Which faces occlude from these places outside of the meshes, bool (K, F): of closed parts whose faces look outward only
+        those that face one of them, for a ray that leaves a body crosses one of these."""
+        corner, area = self._corner_and_area
+        middle = corner.mean(axis=1, keepdims=True)
+        volumes = self.meshes.parts @ dot(corner - middle, area)
+        found = ~self.meshes.closed[:, None] | (self.meshes.parts.T @ volumes <= 0)
         for place in places_m:
-            found |= dot(self._areas, place[:, None, None] - self._corners[0]) >= 0
+            found |= dot(area, place[:, None, None] - corner) >= 0
         return found.T
 
     def kept(self, key: bytes, make: Callable[[], Any]) -> Any:
@@ -102,6 +89,21 @@ class Occluders:
         return np.concatenate([np.full(len(m.faces), _is_closed(m)) for m in self.meshes])
 
     @cached_property
+    def parts(self) -> Any:
+        """Sparse (P, F): 1 where a face belongs to a part, faces that hang together by their vertices."""
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import connected_components
+
+        of_faces = incidence(self.faces, int(self.faces.max(initial=-1)) + 1)
+        count, part = connected_components(of_faces.T @ of_faces, directed=False)
+        return csr_array((np.ones(len(part)), (part, np.arange(len(part)))), shape=(count, len(part)))
+
+    @cached_property
+    def of_bodies(self) -> bool:
+        """Whether all meshes are bodies, which share a template's facets: their limbs are thicker than their vertices lie apart."""
+        return all(mesh.refined_as is not None for mesh in self.meshes)
+
+    @cached_property
     def copies(self) -> int:
         """At how many instants they are traced in one scene."""
         if not self.meshes:
@@ -113,8 +115,7 @@ class Occluders:
         viewpoints, so that what is kept for all of them fits memory. It stays the same from the first time that it is asked for."""
         key = samples_s.tobytes()
         if key not in self._instants:
-            points = sum(each.operator.shape[0] for each in self._subdivided)
-            of_one = SAMPLE_BYTES * points * max(1, len(self.viewpoints.get(key, ())))
+            of_one = SAMPLE_BYTES * self.point_count * max(1, len(self.viewpoints.get(key, ())))
             self._instants[key] = int(np.clip(VISIBILITY_BYTES // max(1, of_one), 1, self.copies))
         return self._instants[key]
 
@@ -199,6 +200,11 @@ class Occluders:
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Values at all points (K, V') mesh by mesh."""
         return np.split(values, np.cumsum(self._sizes)[:-1], axis=1)
+
+    @property
+    def point_count(self) -> int:
+        """Number of points at which visibility is sampled."""
+        return sum(self._sizes)
 
     @cached_property
     def _sizes(self) -> list[int]:

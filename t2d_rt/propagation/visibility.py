@@ -208,8 +208,8 @@ class Occlusion:
     def visible(self, at: Posed, front: np.ndarray) -> np.ndarray:
         """Whether points of the meshes are visible from here, of those that face it, bool (K, Q); none of the others is.
 
-        Points that the subdivision adds to fine faces are traced beside the edges of shadows alone: elsewhere they are as the
-        vertices about them. A shadow narrower than these lie apart may be missed.
+        Points that the subdivision adds to bodies are traced beside the edges of shadows alone: elsewhere they are as the vertices
+        about them. A shadow narrower than these lie apart would be missed.
         """
         places = [each._viewpoint for each in self._viewpoints()]
         scene = at.kept(
@@ -222,7 +222,7 @@ class Occlusion:
                 parts=at.facing(places) if len(places) <= FEW_PLACES else None,
             ),
         )
-        always = front & self._meshes.own if at.fine else front
+        always = front & self._meshes.own if self._meshes.of_bodies else front
         visible = scene.visible(self._viewpoint, at.points, at.normals, always)
         others = front & ~always
         if others.any():

@@ -125,23 +125,19 @@ def mesh_echoes(
         [
             EchoStream(
                 times_s=times_s, frames=partial(frames, part), vertices=model.operator.shape[0], echoes=_total(part),
-                at_once=_frames_at_once(surface, views),
+                at_once=_frames_at_once(views),
             )
             for part in _parts(selections, most_echoes(radar))
         ]
     )  # fmt: skip
 
 
-def _frames_at_once(surface: MovingMesh, views: Sequence[View]) -> int:
+def _frames_at_once(views: Sequence[View]) -> int:
     """So many frames that visibility at them, from the viewpoints of all views, fits memory."""
-    levels = {
-        path.key: view.subdivision
-        for view in views
-        if view.visibility and view.paths is not None
-        for path in (view.paths.out, view.paths.back)
+    points = {
+        path.key: view.points for view in views if view.paths is not None for path in (view.paths.out, view.paths.back)
     }
-    points = len(surface.rest) * sum(4**level for level in levels.values())
-    return max(1, int(VISIBILITY_BYTES // max(1, SAMPLE_BYTES * points)))
+    return max(1, int(VISIBILITY_BYTES // max(1, SAMPLE_BYTES * sum(points.values()))))
 
 
 def _seen(

@@ -42,6 +42,8 @@ class View:
     antennas is visible."""
     subdivision: int = 0
     """Subdivision level of the mesh at whose vertices `visibility` is known (`geometry.SubdividedMesh`)."""
+    points: int = 0
+    """Number of points at which `visibility` is kept over each one-way path, those of other meshes among them."""
     unblocked: tuple[Fraction, ...] = ()
     """Fraction of the field at a mesh's anchors that the scene does not block, over the one-way paths: their product."""
     facet_visibility: FacetVisibility | None = None

@@ -143,11 +143,12 @@ def _note(found: dict[tuple[str, str], list[Point]], fine_db: dict[tuple[str, st
         f"The other figures are beside the mesh at far finer settings, whose own field NMSE is: "
         f"{own}. One point per facet: the closed form's value where its phases do not differ, facets cut to even edges (m), which "
         "is the best for it: with facets of the default's shapes it needs more of them. Closed form: the default's phase sagitta "
-        "times the knob; 100 leaves the body's 6 402 faces. Full mesh: occlusion traced at the facets' own vertices. Sionna "
+        "times the knob; 100 leaves the body's 6 402 faces. Finest visibility: at 200 Hz, the cage subdivided three times. Sionna "
         f"RT: its specular and diffuse paths off the posed cage, {POSE_RATE_HZ:g} poses per second, which is no spectrogram yet. "
         "Summed chirp by chirp: the same points, moved to each chirp and summed in float64 with one exponential each, which is "
         "one sample of a chirp, not a range profile; a few chirps' time, for all chirps of a second. "
-        "Float64 at every sample: a few chirps' time, for all chirps of a second.\n\n" + _exponents()
+        "Float64 at every sample: flat facets of that phase sagitta, a few chirps' time, for all chirps of a second.\n\n"
+        + _exponents()
     )
 
 

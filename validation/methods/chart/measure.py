@@ -22,7 +22,7 @@ from t2d_rt.scattering.refinement import facets
 from t2d_rt.types import Motion, MovingMesh, Radar
 from validation.bodies import random_chirps
 from validation.methods.kept import CACHE, kept_samples
-from validation.methods.reference import Converged, nmse_db, refined
+from validation.methods.reference import Converged, nmse_db
 
 SAMPLES = np.array([20, 128, 236])
 REFERENCE_RAD, ROOM_REFERENCE_RAD, MINOR_RAD = 0.08, 0.12, 0.3
@@ -60,18 +60,6 @@ class Case:
     def surface(self) -> MovingMesh:
         """The skinned body."""
         return t2d.skin(self.motion)
-
-    @cached_property
-    def refined(self) -> MovingMesh:
-        """The facets of the default setting as a mesh of their own, which is refined no further."""
-        fine = refined(self.surface, self.radar, self.surface.sagitta_rad).flattened(self.surface.rest)
-
-        def vertices(times_s: np.ndarray) -> np.ndarray:
-            return np.stack([fine.at(each) for each in self.surface.at(times_s)])
-
-        return MovingMesh.from_track(
-            vertices, fine.faces, self.surface.times_s, rest=fine.at(self.surface.rest), crease_deg=0, sagitta_rad=FLAT
-        )
 
     @cached_property
     def chirps(self) -> np.ndarray:

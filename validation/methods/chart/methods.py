@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 import t2d_rt as t2d
-from t2d_rt.body.materials import resolve_material
 from t2d_rt.result import Recording
 from validation.methods.chart.measure import MEMORY_GB, Case, simulated
 from validation.methods.chart.variants import occluded_by_ellipsoids, one_point_each
 
+FINEST_VISIBILITY = {"visibility_rate_hz": 200.0, "visibility_subdivision": 3}
 UNREFINED = 100.0
 """A factor on the body's phase sagitta at which no face is refined."""
 
@@ -47,25 +45,8 @@ def with_visibility(case: Case, how: str) -> Recording:
         return simulated(case, accuracy={"occlusion": False})
     if how == "capsules":
         return occluded_by_ellipsoids(case)
-    if how == "full mesh":
-        return _at_facet_vertices(case)
-    return simulated(case)
-
-
-def _at_facet_vertices(case: Case) -> Recording:
-    """Visibility sampled at the facets' own vertices: the target is the refined mesh.
-
-    Diffuse points belong to the unrefined mesh, so they are made by themselves, and both are added.
-    """
-    material = resolve_material("skin", case.radar.mid_frequency_hz)
-    rough = material.scattering_coefficient
-    mirror = replace(material, scattering_coefficient=0.0)
-    smooth = t2d.simulate(case.refined, **case.settings(), material=mirror)
-    points = simulated(case, scale=UNREFINED, material=replace(material, scattering_coefficient=1.0))
-    cube = np.sqrt(1 - rough**2) * smooth.cube[:] + rough * points.cube[:]
-    return Recording(
-        cube.astype(np.complex64), case.radar, settings=smooth.settings | {"facets": len(case.refined.faces)}
-    )
+    assert how == "finest"
+    return simulated(case, accuracy=FINEST_VISIBILITY)
 
 
 def _ellipsoids(phase_from: str) -> Callable[[Case, float], Recording]:
@@ -90,7 +71,7 @@ METHODS = (
         "surface rate", "Hz", lambda case, rate: simulated(case, accuracy={"surface_rate_hz": rate}),
         (25.0, 40.0, 100.0, 200.0, 400.0), (30.0,),
     ),
-    Method("visibility", "", with_visibility, ("none", "capsules", "full mesh"), ("none", "capsules")),
+    Method("visibility", "", with_visibility, ("none", "capsules", "finest"), ("none", "capsules")),
     Method(
         "wall order", "reflections", lambda case, order: simulated(case, reflections=order), (0, 1, 2, 3), (0, 1, 3),
         (0, 1), rooms_only=True,
