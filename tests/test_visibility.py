@@ -16,7 +16,7 @@ from t2d_rt.body.template import template
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry import SubdividedMesh
 from t2d_rt.memory import SAMPLE_BYTES, VISIBILITY_BYTES
-from t2d_rt.propagation.occluders import Occluders
+from t2d_rt.propagation.occluders import Occluders, Posed
 from t2d_rt.propagation.visibility import Occlusion, Surroundings, sample_times
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
@@ -408,18 +408,29 @@ def _box(centre_m: Sequence[float], sides_m: Sequence[float]) -> tuple[np.ndarra
 
 
 @pytest.mark.parametrize("count", [1, 4, 5])
-def test_a_scene_serves_its_viewpoints_however_many(walker: MovingMesh, backend: Backend, count: int) -> None:
+def test_a_scene_serves_its_viewpoints_however_many(
+    walker: MovingMesh, backend: Backend, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     meshes, samples_s = Occluders([walker]), np.array([0.0, 1.0])
     angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
     places = [np.array([2.0 + 4 * np.cos(a), 4 * np.sin(a), 1.0]) for a in angles]
     views = [Occlusion(meshes, place, samples_s=samples_s, backend=backend) for place in places]
     at = meshes.at(np.linspace(0, 1, 3))
-    for last in (None, -1):  # all of them, and without one that is gone
-        del views[len(views) + last if last else len(views) :]
-        for place, view in zip(places, views, strict=False):
+
+    def agree() -> None:
+        for place, view in zip(places, views, strict=True):
             front = np.sum(at.normals * (place - at.points), axis=2) > 0
             every = Surroundings(meshes, at.vertices, [place], backend).visible(place, at.points, at.normals, front)
             assert np.mean(view.visible(at, front) != every) < 2e-4
+
+    facing: list[list[np.ndarray]] = []
+    faces_facing = Posed.facing
+    monkeypatch.setattr(Posed, "facing", lambda self, some: facing.append(some) or faces_facing(self, some))
+    agree()
+    assert [len(some) for some in facing] == [count][: count <= 4]  # more viewpoints see about all faces
+    del views[0], places[0]  # the scene is made anew without a viewpoint that is gone
+    assert all(len(view._viewpoints()) == count - 1 for view in views)
+    agree()
 
 
 @pytest.mark.parametrize("together", [1, 3])

@@ -125,7 +125,8 @@ class MovingMesh:
 
         `rest` (V, 3) is the pose in which curvature is measured and diffuse points are spread; the first frame by default.
         `made` tells how `track` was made, where it can be made again. After each `period_s` the mesh is in the same place again;
-        one that rotates fast is then computed for a few periods only. `refined_as`: a shape at rest whose curved facets it takes.
+        one that rotates fast is then computed for a few periods only. `refined_as`: a shape at rest whose curved facets it takes;
+        it counts as a body, whose shadows are wider than its vertices lie apart.
         """
         mesh = cls.__new__(cls)
         times_s, name = checked_times(times_s), text("name", name)
