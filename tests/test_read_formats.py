@@ -148,11 +148,59 @@ def test_amass_against_matrices(tmp_path: Path, width: int, form: str) -> None:
     joints, matrices = independent.smpl_joints(poses, moved, CANONICAL_PARENTS, offsets)
     assert error_m(motion, joints) < 1e-9
     assert form in motion.report
-    assert "average person, 1.70 m tall (assumed), betas not used" in motion.report
+    assert "SMPL's mean body, 1.70 m tall (assumed), betas not used" in motion.report
     # The rotations are the file's own, from its world to ours (both z up).
     mine = Rotation.from_quat(motion.rotations[:, :22].reshape(-1, 4)).as_matrix().reshape(-1, 22, 3, 3)
     constant = np.swapaxes(matrices, -1, -2) @ mine
     assert np.abs(constant - constant[:1]).max() < 1e-9
+
+
+def test_amass_bones_are_those_of_smpl(tmp_path: Path) -> None:
+    """Of the mean body of 1.70 m: joints lie deeper than what anthropometry measures between landmarks."""
+    poses, moved = amass_poses(frames=15)
+    motion = load_motion(save(tmp_path / "a.npz", poses=poses, trans=moved, mocap_framerate=60.0), smooth_hz=None)
+    lengths = {
+        ("shoulder", "elbow"): 0.262,
+        ("elbow", "wrist"): 0.257,
+        ("hip", "knee"): 0.388,
+        ("knee", "ankle"): 0.409,
+    }
+    for side in ("left", "right"):
+        for (upper, lower), length_m in lengths.items():
+            bone = motion.joints[:, motion.index(f"{side}_{lower}")] - motion.joints[:, motion.index(f"{side}_{upper}")]
+            assert np.linalg.norm(bone, axis=-1) == pytest.approx(length_m, abs=0.002)
+    hips = motion.joints[:, motion.index("left_hip")] - motion.joints[:, motion.index("right_hip")]
+    assert np.linalg.norm(hips, axis=-1) == pytest.approx(0.14, abs=0.005)
+
+
+def swinging_arms(turn: Rotation, moved: np.ndarray, about: int = 1) -> dict[str, object]:
+    """Somebody who swings the arms, on the spot; `turn` takes SMPL's rest pose into the file's axes."""
+    poses = np.zeros((len(moved), 156))
+    swing = 0.6 * np.sin(2 * np.pi * np.arange(len(moved)) / 30)
+    poses[:, :3], poses[:, 16 * 3 + about], poses[:, 17 * 3 + about] = turn.as_rotvec(), swing, swing
+    return {"poses": poses, "trans": moved, "mocap_framerate": 30.0}
+
+
+def test_amass_with_y_up_is_detected(tmp_path: Path) -> None:
+    upright, still = Rotation.from_euler("x", 90, degrees=True), np.zeros((60, 3))
+    z_up_file = load_motion(save(tmp_path / "z.npz", **swinging_arms(upright, still + [0, 0, 0.95])))
+    y_up_file = load_motion(save(tmp_path / "y.npz", **swinging_arms(Rotation.identity(), still + [0, 0.95, 0])))
+    assert "up z" in z_up_file.report
+    assert "up y" in y_up_file.report
+    joints = z_up_file.joints[:, :22]
+    assert error_m(y_up_file, joints[..., [1, 0, 2]] * [-1, 1, 1]) < 1e-9
+    # One who lies along y on the floor, z up, and moves the arms, is no one who stands with y up.
+    lying = load_motion(save(tmp_path / "l.npz", **swinging_arms(Rotation.identity(), still + [0.3, 2.0, 0.12], 2)))
+    assert "up z" in lying.report
+
+
+def test_a_still_body_along_another_axis_is_a_doubt(tmp_path: Path) -> None:
+    poses, moved = np.zeros((60, 156)), np.tile([0.0, 0.938, 0.0], (60, 1))
+    poses[:, 3:66] = smooth_noise((60, 63), 10.0, 0.002)
+    with pytest.warns(
+        T2DWarning, match=r"upright along y throughout .* give up='y' \(--motion.up y\) if the person stands"
+    ):
+        load_motion(save(tmp_path / "a.npz", poses=poses, trans=moved, mocap_framerate=60.0))
 
 
 def test_amass_finds_the_stature_at_which_feet_stay() -> None:
@@ -172,6 +220,17 @@ def test_amass_finds_the_stature_at_which_feet_stay() -> None:
     stature, how = amass._stature(about, moved, rate_hz)
     assert how == "at which planted feet slide least"
     assert stature == pytest.approx(1.9, rel=0.01)
+
+
+def test_hands_on_wrists_are_left_out(tmp_path: Path) -> None:
+    """SMPL's 24 joints are often 22 and the wrists again."""
+    motion = walk_20hz()
+    joints = np.concatenate([motion.joints[:, :22], motion.joints[:, [20, 21]]], axis=1)
+    np.save(tmp_path / "a.npy", y_up(joints))
+    read = load_motion(tmp_path / "a.npy", rate_hz=20.0)
+    assert read.names == CANONICAL_JOINTS
+    assert "left out left_hand, right_hand" in read.report
+    assert error_m(read, motion.joints[:, :22]) < 20 * MM
 
 
 # --- Kimodo, DeepMimic ----------------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
-"""AMASS .npz -> tracks: axis-angle poses of SMPL's skeleton (SMPL-H, SMPL-X and kin), root translation, z up.
+"""AMASS .npz -> tracks: axis-angle poses of SMPL's skeleton (SMPL-H, SMPL-X and kin), root translation, z up or y up.
 
-The file holds no joints: they come of a body model that may not be shipped. Here forward kinematics runs over a neutral skeleton
-in SMPL's rest pose (arms level to the sides, y up, facing z), with bone lengths of an average person by anthropometry. All
-rotations are the file's; lengths are scaled together to the stature at which planted feet slide least, where the person walks.
+The file holds no joints: they come of a body model that may not be shipped. Here forward kinematics runs over the mean body's
+skeleton in SMPL's rest pose (arms level to the sides, y up, facing z). All rotations are the file's; lengths are scaled together to
+the stature at which planted feet slide least, where the person walks.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from t2d_rt.errors import InputError
 from t2d_rt.motion.quaternions import multiply, rotate
 from t2d_rt.motion.read.arrays import Arrays
+from t2d_rt.motion.read.detect import stance_axis
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import PARENT_OF
 from t2d_rt.types.motion import CANONICAL_JOINTS
@@ -26,21 +27,22 @@ BODY_ANGLES = 66
 RATE_FIELDS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate")
 
 _CENTRAL = {
-    "spine1": (0.0, 0.06, 0.0), "spine2": (0.0, 0.07, 0.0), "spine3": (0.0, 0.05, 0.0), "neck": (0.0, 0.096, 0.0),
-    "head": (0.0, 0.059, 0.021),
+    "spine1": (0.0, 0.065, -0.016), "spine2": (0.0, 0.081, 0.001), "spine3": (0.0, 0.032, 0.015), "neck": (0.0, 0.128, -0.026),
+    "head": (0.0, 0.039, 0.031),
 }  # fmt: skip
 _LEFT = {
-    "hip": (0.053, -0.048, 0.0), "knee": (0.0, -0.245, 0.0), "ankle": (0.0, -0.246, 0.0), "foot": (0.0, -0.025, 0.075),
-    "collar": (0.02, 0.054, 0.0), "shoulder": (0.082, 0.0, 0.0), "elbow": (0.186, 0.0, 0.0), "wrist": (0.146, 0.0, 0.0),
-    "hand": (0.06, 0.0, 0.0),
+    "hip": (0.041, -0.055, -0.003), "knee": (0.022, -0.227, -0.004), "ankle": (-0.009, -0.239, -0.026),
+    "foot": (0.016, -0.031, 0.073), "collar": (0.048, 0.072, -0.022), "shoulder": (0.056, 0.019, -0.005),
+    "elbow": (0.154, -0.008, -0.015), "wrist": (0.151, 0.005, -0.002), "hand": (0.05, -0.005, -0.009),
 }  # fmt: skip
 OFFSETS: dict[str, tuple[float, float, float]] = {
     **_CENTRAL,
     **{f"left_{joint}": offset for joint, offset in _LEFT.items()},
     **{f"right_{joint}": (-x, y, z) for joint, (x, y, z) in _LEFT.items()},
 }
-"""Offsets from the parents in statures: limbs by Drillis and Contini (1966), hips 0.106 apart (Bell et al. 1990) and below the
-pelvis as in CMU's skeletons, trunk as in the shipped adult body."""
+"""Offsets from the parents in statures: the joints of SMPL's mean body at rest as robotics publishes them (PHC, Luo et al. 2023,
+smpl_humanoid.xml), both sides' mean, over the stature that they make here, 1.668 m. The rotations of such files count from
+these directions: thighs lead outward, elbows and ankles lie behind the line of their bones."""
 
 LOW_M = 0.04
 """Height above its own lowest in which a foot counts as planted."""
@@ -49,6 +51,10 @@ SLOW_MPS = 0.5
 LEAST_TRAVEL_M = 0.8
 """Travel over the floor from which the stature is found from planted feet."""
 SCALES = (0.8, 1.25)
+
+SURE = 0.01
+"""Of the stature, by which the lowest joint must keep its level better along another axis than along z for that axis to be
+upward: a lying body rests on a floor as well."""
 
 
 def read_amass(arrays: Arrays) -> Tracks:
@@ -64,13 +70,14 @@ def read_amass(arrays: Arrays) -> Tracks:
         raise InputError(f"{arrays.path} has no mocap_framerate; store it")
     turned = _orientations(poses[:, :BODY_ANGLES].reshape(len(poses), -1, 3))
     about = _forward(turned)
-    stature, told = _stature(about, moved, rate_hz)
+    up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=SURE)
+    stature, told = _stature(about, moved, rate_hz, "xyz".index(up[-1]))
     points = {name: moved + stature * point for name, point in about.items()}
-    clause = f"bone lengths of an average person, {stature:.2f} m tall ({told}), betas not used"
+    clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({told}), betas not used"
     form = {156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)", 72: "AMASS (SMPL)"}.get(poses.shape[1], "AMASS")
     return Tracks(
         form=form, points=points, orientations={name: turned[name] for name in points}, rate_hz=rate_hz, told=(clause,),
-        unit_m=1.0, up="z",
+        unit_m=1.0, up=up,
     )  # fmt: skip
 
 
@@ -100,22 +107,23 @@ def _forward(turned: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return about
 
 
-def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float) -> tuple[float, str]:
-    """Stature [m] at which planted feet slide least, and how it was found.
+def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float, up: int = 2) -> tuple[float, str]:
+    """Stature [m] at which planted feet slide least, and how it was found; `up` is the number of the upward coordinate.
 
     The speed of a foot is v_root + stature v_about, none while it is planted: the median of the statures that the components of
     each low and slow foot's speed ask for.
     """
-    if np.linalg.norm(np.ptp(moved[:, :2], axis=0)) < LEAST_TRAVEL_M or len(moved) < 3:
+    level = [axis for axis in range(3) if axis != up]
+    if np.linalg.norm(np.ptp(moved[:, level], axis=0)) < LEAST_TRAVEL_M or len(moved) < 3:
         return STATURE_M, "assumed"
-    root = np.diff(moved, axis=0)[:, :2] * rate_hz
+    root = np.diff(moved, axis=0)[:, level] * rate_hz
     rows, wanted = [], []
     for name in ("left_foot", "right_foot"):
         foot = moved + STATURE_M * about[name]
         velocity = np.diff(foot, axis=0) * rate_hz
-        low = foot[1:, 2] < np.percentile(foot[:, 2], 5) + LOW_M
+        low = foot[1:, up] < np.percentile(foot[:, up], 5) + LOW_M
         planted = low & (np.linalg.norm(velocity, axis=-1) < SLOW_MPS)
-        rows.append((np.diff(about[name], axis=0)[:, :2] * rate_hz)[planted])
+        rows.append((np.diff(about[name], axis=0)[:, level] * rate_hz)[planted])
         wanted.append(-root[planted])
     slope, target = np.concatenate(rows).ravel(), np.concatenate(wanted).ravel()
     # A median, and of fast components only: a foot that rolls or slips gives an outlier, a slow one noise over noise.

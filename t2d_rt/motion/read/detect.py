@@ -41,6 +41,9 @@ PROPORTION_SPREAD = 0.03
 DOUBT = 0.02
 """Probability of another unit above which it is said."""
 
+UPRIGHT = 0.8
+"""Of the distance from ankles to head, along an axis that is not the format's own, for that axis to be the upward one."""
+
 STANDS = 0.8
 """Cosine of the angle between body and vertical of somebody who stands."""
 
@@ -172,6 +175,30 @@ def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = 
         f"give up={other!r} (--motion.up {other}) if the person lies"
     )
     return axis
+
+
+def stance_axis(points: dict[str, np.ndarray], own: Up | None, *, margin: float = 0.0) -> Up:
+    """The format's `own` upward axis, unless the body stands along another one, whose floor it keeps better.
+
+    margin: by how much better, in statures. One who keeps either floor and stands on the other axis's zero is a doubt.
+    """
+    found = up_axis(points)
+    if own is None or found == own:
+        return found
+    posture = ankles_to_head(points)
+    along = abs(np.median(posture, axis=0)["xyz".index(found[-1])])
+    if not along > UPRIGHT * float(np.percentile(np.linalg.norm(posture, axis=-1), 90)):
+        return own
+    better = floor_spread(points, own) - floor_spread(points, found)
+    if better > margin * stature_m(points):
+        return found
+    lowest = np.median(np.min([track @ _along(found) for track in points.values()], axis=0))
+    if better > 0 and abs(lowest) < 0.1 * stature_m(points):
+        _doubt(
+            f"the body is upright along {found} throughout and rests on {found} = 0, but files of this format have {own} up: "
+            f"up is taken as {own}; give up={found!r} (--motion.up {found}) if the person stands"
+        )
+    return own
 
 
 def ankles_to_head(points: dict[str, np.ndarray]) -> np.ndarray:

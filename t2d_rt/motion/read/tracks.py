@@ -16,20 +16,18 @@ from t2d_rt.motion.read.detect import (
     AUTO_STATURE_M,
     Up,
     add_feet,
-    ankles_to_head,
     floor_level,
-    floor_spread,
+    stance_axis,
     to_z_up,
     tpose_frames,
     unit,
-    up_axis,
 )
 from t2d_rt.motion.read.joint_sets import LEAST_LIKELY, unlikeness
 from t2d_rt.motion.read.noise import denoised
-from t2d_rt.motion.read.orientations import orientations_from_positions
+from t2d_rt.motion.read.orientations import SHORTEST_M, orientations_from_positions
 from t2d_rt.motion.read.positions import assemble
 from t2d_rt.motion.read.reading import Reading, smoothed
-from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
+from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Motion
 
 LOW_RATE_HZ = 15.0
 """Below, frames alone leave errors of 0.1 m/s and more in the speed of a walker's joints, of 0.2 m/s in a runner's."""
@@ -37,9 +35,6 @@ LOW_RATE_HZ = 15.0
 SPEED_ERROR_MPS = 0.1
 """Remaining error of speed from which the user is warned: a little more than what a window of 25 ms resolves at 77 GHz, 0.078 m/s
 (lambda / 2 T)."""
-
-UPRIGHT = 0.8
-"""Of the distance from ankles to head, along an axis that is not the format's own, for that axis to be the upward one."""
 
 MOST_REPEATS = 8
 
@@ -82,15 +77,16 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
             f"{tracks.form}: limbs change their length by half, or differ as much left and right; the joints' names or their order "
             "are wrong, or the tracks are damaged"
         )
+    tracks, apart = _without_coincident(tracks)
     points, filled = _whole(tracks)
-    told = [*tracks.told, *filled]
+    told = [*tracks.told, *apart, *filled]
     if held > 1:
         told.insert(0, f"each frame stood {held} times at {rate_hz:g} Hz")
         rate_hz /= held
     if tracks.rate_assumed and reading.rate_hz is None:
         told.insert(0, f"{rate_hz:g} Hz assumed, the file does not say")
     unit_m, tall_m = _unit(points, tracks.unit_m, reading.units)
-    axis = reading.up or _up(points, tracks)
+    axis = reading.up or (tracks.up if tracks.up and tracks.up_certain else stance_axis(points, tracks.up))
     points, turned = to_z_up(points, tracks.orientations or {}, axis, unit_m)
     _check_sides(points)
     told += _feet(points, turned, tall_m)
@@ -130,6 +126,23 @@ def _without_repeats(tracks: Tracks) -> tuple[Tracks, int]:
     return tracks, 1
 
 
+def _without_coincident(tracks: Tracks) -> tuple[Tracks, list[str]]:
+    """Tracks without optional joints that lie on their parents in any frame, as SMPL's hands where they are only filled."""
+    points = tracks.points
+    left_out = [
+        name
+        for name, parent in OPTIONAL_JOINTS.items()
+        if name in points
+        and parent in points
+        and (np.abs(points[name] - points[parent]).max(axis=-1) <= SHORTEST_M).any()
+    ]
+    if not left_out:
+        return tracks, []
+    kept = {name: track for name, track in points.items() if name not in left_out}
+    turned = tracks.orientations and {name: tracks.orientations[name] for name in kept}
+    return replace(tracks, points=kept, orientations=turned), [f"left out {', '.join(left_out)} (on the joint before)"]
+
+
 def _whole(tracks: Tracks) -> tuple[dict[str, np.ndarray], list[str]]:
     """Points of every canonical joint but feet; refuses too few or too many frames."""
     frames = len(next(iter(tracks.points.values())))
@@ -150,19 +163,6 @@ def _unit(points: dict[str, np.ndarray], nominal_m: float | None, units: float |
         if AUTO_STATURE_M[0] <= tall_m <= AUTO_STATURE_M[1]:
             return nominal_m, tall_m
     return unit(points, units)
-
-
-def _up(points: dict[str, np.ndarray], tracks: Tracks) -> Up:
-    """The format's own upward axis, unless the body stands along another one, whose floor it keeps better."""
-    if tracks.up is not None and tracks.up_certain:
-        return tracks.up
-    found = up_axis(points)
-    if tracks.up is None or found == tracks.up:
-        return found
-    posture = ankles_to_head(points)
-    along = abs(np.median(posture, axis=0)["xyz".index(found[-1])])
-    stands = along > UPRIGHT * float(np.percentile(np.linalg.norm(posture, axis=-1), 90))
-    return found if stands and floor_spread(points, found) < floor_spread(points, tracks.up) else tracks.up
 
 
 def _check_sides(points: dict[str, np.ndarray]) -> None:
