@@ -58,7 +58,7 @@ def made(found: Recipe, index: int, greatest_mps: float = 4.0) -> Made:
             arrays[name] = rng.normal(size=(3 + index % 3, len(POINT_COLUMNS))).astype(np.float32)
             told[name] = {"count": len(arrays[name])}
         elif name == "adc":
-            cube = rng.normal(size=(6, 1, 4, 2)).astype(np.float32)
+            cube = rng.normal(size=(6, RADAR.antennas, RADAR.samples, 2)).astype(np.float32)
             arrays[name], told[name] = (cube / 8).astype(np.float16), {"greatest": 8.0}
         else:
             size = each.size if name == "spectrogram" else (each.frames, *each.size)

@@ -74,7 +74,7 @@ def test_levels_are_scaled(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("product", "length", "expected"),
     [
-        ("spectrogram", 30, (16, 30)), ("spectrogram", 10, (16, 10)), ("range_doppler", 6, (6, 8, 6)), ("adc", 4, (4, 1, 4)),
+        ("spectrogram", 30, (16, 30)), ("spectrogram", 10, (16, 10)), ("range_doppler", 6, (6, 8, 6)), ("adc", 4, (4, 1, 256)),
         ("points", 9, (9, 6)), ("points", 2, (2, 6)),
     ],
 )  # fmt: skip

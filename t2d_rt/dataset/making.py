@@ -14,11 +14,11 @@ from t2d_rt.added_background import background_settings, check_axes
 from t2d_rt.checks import file_path, integer
 from t2d_rt.dataset.lock import locked
 from t2d_rt.dataset.planning import make_plans
-from t2d_rt.dataset.read import MANIFEST, PLANS, RECIPE, read_manifest, shard_faults
+from t2d_rt.dataset.read import MANIFEST, PLANS, RECIPE, Shard, read_manifest, shard_faults
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import cell_of, description_of
 from t2d_rt.dataset.schedulers import cores, scheduler_named, threads_of
-from t2d_rt.dataset.shards import SHARDS, numbers, read_records, sha256, shard_name, sweep, write_shard, write_whole
+from t2d_rt.dataset.shards import SHARDS, file_sha256, numbers, shard_name, sweep, write_shard, write_whole
 from t2d_rt.dataset.work import Made
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.versions import versions
@@ -174,16 +174,16 @@ class _Run:
         found = set()
         for number in numbers(self._folder):
             name = shard_name(number)
-            for each in shard_faults(self._folder, number):
+            for each in shard_faults(self._folder, number, self._recipe):
                 raise InputError(each)
             for kind in ("npz", "jsonl"):
                 path = self._folder / SHARDS / f"{name}.{kind}"
-                checksum = sha256(path.read_bytes())
+                checksum = file_sha256(path)
                 if self._files.setdefault(path.name, checksum) != checksum:
                     raise InputError(
                         f"{path} does not match its checksum; remove both files of the shard and run it again, which makes it anew"
                     )
-            records = read_records(self._folder, number)
+            records = Shard.of(self._folder, number, self._recipe).records
             self._check_records(number, records)
             self._count_records(number, records)
             if len(records) >= len(self._indices(number)):  # one of an earlier limit may lack samples

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from t2d_rt.dataset.kept import Kept
+from t2d_rt.dataset.records import array_of, check_array, read_record
 from t2d_rt.dataset.shards import RAGGED
 from t2d_rt.errors import InputError
 
 if TYPE_CHECKING:
+    from t2d_rt.dataset.recipe import Recipe
     from t2d_rt.dataset.stored import Dataset, Product
 
 ROWS = 2000
@@ -63,24 +65,29 @@ def _group_samples(dataset: Dataset, positions: np.ndarray, products: Sequence[P
 class ParquetReader:
     """Files that `write_parquet` wrote; the row groups read last are kept."""
 
-    def __init__(self, folder: Path, most_bytes: float) -> None:
+    def __init__(self, folder: Path, recipe: Recipe, most_bytes: float) -> None:
         _, pq = pyarrow()
         found = []
         for path in sorted(folder.glob("*.parquet")):
             with _opened(pq, path) as file:
                 for group in range(file.num_row_groups):
                     texts = file.read_row_group(group, columns=[RECORD]).column(RECORD).to_pylist()
-                    found += [(json.loads(text), path, group, row) for row, text in enumerate(texts)]
+                    found += [(read_record(recipe, text), path, group, row) for row, text in enumerate(texts)]
         found.sort(key=lambda each: int(each[0]["index"]))
         self.records: tuple[dict[str, Any], ...] = tuple(each[0] for each in found)
         self.failed: tuple[dict[str, Any], ...] = ()
         self._places = tuple(each[1:] for each in found)
-        self._kept = Kept(most_bytes)
+        self._recipe, self._kept = recipe, Kept(most_bytes)
 
     def array(self, position: int, product: str) -> np.ndarray:
         """A sample's array as it was in its shard."""
         path, group, row = self._places[position]
-        return np.array(self._kept.get((path, group, product), lambda: _read_arrays(path, group, product))[row])
+        array = np.array(self._kept.get((path, group, product), lambda: _read_arrays(path, group, product))[row])
+        try:
+            check_array(array, *array_of(self._recipe, self.records[position], product), product)
+        except InputError as error:
+            raise InputError(f"{path} is not of its recipe ({error}); export the data set again") from None
+        return array
 
 
 @contextmanager

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,51 +13,83 @@ import numpy as np
 
 from t2d_rt.checks import file_path
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged, numbers, read_records, sha256, shard_name
+from t2d_rt.dataset.records import Sizes, array_of, check_array, read_array, read_record
+from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged, file_sha256, numbers, shard_name
 from t2d_rt.errors import InputError
+from t2d_rt.files import read_bytes
 
 RECIPE, PLANS, MANIFEST = "recipe.yaml", "plans.json", "manifest.json"
 UNITS = {"velocity_mps": "m/s", "time_s": "s", "range_m": "m"}
 """Of the axes of maps."""
+FILE = re.compile(r"[0-9]{5,9}\.(npz|jsonl)")
+"""Names of a shard's files."""
+MOST_BYTES = 500_000_000
+"""Of a manifest, or of a shard's records."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """One shard: its records, and its arrays by product."""
+    """One shard: its records, and its arrays by product, both as the recipe has them."""
 
     path: Path
     """Of the arrays."""
     records: tuple[dict[str, Any], ...]
     """One for each sample, those that failed among them."""
+    recipe: Recipe
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """All arrays by name; `index` tells which sample a row belongs to."""
+    @classmethod
+    def of(cls, folder: Path, number: int, recipe: Recipe) -> Shard:
+        """A shard of a folder by its number."""
+        path = folder / SHARDS / f"{shard_name(number)}.jsonl"
         try:
-            with np.load(self.path, allow_pickle=False) as file:
-                return {name: file[name] for name in file.files}
+            lines = read_bytes(path, limit=MOST_BYTES, noun="file of records").splitlines()
+            records = tuple(read_record(recipe, line) for line in lines)
+            rows = [each["row"] for each in records if each["row"] is not None]
+            if rows != [*range(len(rows))] or len({each["index"] for each in records}) < len(records):
+                raise InputError("a sample is there twice, or a row is missing")
+        except (InputError, KeyError) as error:
+            raise damaged(path, error) from None
+        return cls(path.with_suffix(".npz"), records, recipe)
+
+    def rows(self, name: str) -> np.ndarray:
+        """The array of a product of one size, (samples that did not fail, ...), or of their indices by the name `index`."""
+        good = [each for each in self.records if each["row"] is not None]
+        if name == "index" or not good:
+            dtype, shape = np.dtype(np.int64), tuple[int | None, ...]()
+        else:
+            dtype, shape = array_of(self.recipe, good[0], name)
+        return self._read(name, name, dtype, (len(good), *shape))
+
+    def array(self, record: Mapping[str, Any], name: str) -> np.ndarray:
+        """The array of one sample of a product whose size differs."""
+        return self._read(f"{name}_{record['index']}", name, *array_of(self.recipe, record, name))
+
+    def _read(self, member: str, name: str, dtype: np.dtype[Any], shape: Sizes) -> np.ndarray:
+        try:
+            found = read_array(self.path, member, dtype, shape)
+            check_array(found, dtype, shape, name)
         except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
             raise damaged(self.path, error) from None
+        return found
 
     def samples(self) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
         """Record and arrays by product of each sample that did not fail."""
-        arrays = self.arrays()
-        for record in self.records:
-            if record["row"] is not None:
-                names = record["products"]
-                yield (
-                    record,
-                    {
-                        name: arrays[f"{name}_{record['index']}"] if name in RAGGED else arrays[name][record["row"]]
-                        for name in names
-                    },
-                )
+        good = [each for each in self.records if each["row"] is not None]
+        names = self.recipe.products.kept if good else ()
+        whole = {name: self.rows(name) for name in names if name not in RAGGED}
+        for record in good:
+            yield (
+                record,
+                {name: whole[name][record["row"]] if name in whole else self.array(record, name) for name in names},
+            )
 
 
 def read_shards(path: str | Path) -> Iterator[Shard]:
     """The shards of a data set's folder in order."""
     folder = dataset_folder(path)
+    recipe = Recipe.read(folder / RECIPE)
     for number in numbers(folder):
-        yield Shard(folder / SHARDS / f"{shard_name(number)}.npz", tuple(read_records(folder, number)))
+        yield Shard.of(folder, number, recipe)
 
 
 def dataset_folder(path: str | Path) -> Path:
@@ -73,44 +106,47 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        found = json.loads(path.read_bytes())
-        assert isinstance(found["files"], dict)
-    except (OSError, ValueError, KeyError, TypeError, AssertionError) as error:
+        found = json.loads(read_bytes(path, limit=MOST_BYTES, noun="manifest"))
+        if not all(isinstance(found.get(name, {}), dict) for name in ("files", "inputs", "versions")):
+            raise ValueError("files, inputs and versions must be objects")
+        if not all(FILE.fullmatch(name) for name in found["files"]):
+            raise ValueError("files must be those of shards")
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({error!r}); remove it and run the recipe again") from None
     return dict(found)
 
 
-def faults(folder: Path) -> Iterator[str]:
+def faults(folder: Path, recipe: Recipe) -> Iterator[str]:
     """What is wrong with the shards of a folder, a sentence each."""
     files = read_manifest(folder).get("files", {})
     present = {f"{shard_name(number)}.{kind}" for number in numbers(folder) for kind in ("npz", "jsonl")}
     for name in sorted(present | files.keys()):
         path = folder / SHARDS / name
         try:
-            data = path.read_bytes()
-        except OSError as error:
-            yield f"{path} cannot be read: {error.strerror}"
+            found = file_sha256(path)
+        except InputError as error:
+            yield str(error)
             continue
         if name not in files:
             yield f"{path} is not in the manifest"
-        elif sha256(data) != files[name]:
+        elif found != files[name]:
             yield f"{path} does not match its checksum"
     for number in numbers(folder):
-        yield from shard_faults(folder, number)
+        yield from shard_faults(folder, number, recipe)
 
 
-def shard_faults(folder: Path, number: int) -> Iterator[str]:
+def shard_faults(folder: Path, number: int, recipe: Recipe) -> Iterator[str]:
     """What is wrong with one shard beside its checksums."""
-    path = folder / SHARDS / f"{shard_name(number)}.npz"
     try:
-        records = read_records(folder, number)
-        arrays = Shard(path, tuple(records)).arrays()
+        shard = Shard.of(folder, number, recipe)
+        indices = shard.rows("index").tolist()
+        for _ in shard.samples():
+            pass
     except InputError as error:
         yield str(error)
         return
-    rows = [each["index"] for each in records if each.get("row") is not None]
-    if "index" not in arrays or rows != arrays["index"].tolist():
-        yield f"{path} holds other samples than its records tell"
+    if indices != [each["index"] for each in shard.records if each["row"] is not None]:
+        yield f"{shard.path} holds other samples than its records tell"
 
 
 def check_dataset(path: str | Path) -> list[str]:
@@ -118,7 +154,7 @@ def check_dataset(path: str | Path) -> list[str]:
     folder = dataset_folder(path)
     recipe = Recipe.read(folder / RECIPE)
     manifest = read_manifest(folder)
-    found = list(faults(folder))
+    found = list(faults(folder, recipe))
     if manifest.get("recipe_hash") != recipe.hash:
         found.insert(0, f"{folder / MANIFEST} is of another recipe than {RECIPE}, or missing")
     return found

@@ -11,16 +11,18 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from t2d_rt.dataset.work import Made
 from t2d_rt.errors import InputError
+from t2d_rt.files import regular_file
 
 SHARDS = "shards"
 PART = ".part"
 """Ending of what is not yet written to its end."""
+BLOCK = 2**20
+"""Bytes that are read at once of a file that is only compared."""
 TIME = 1980, 1, 1, 0, 0, 0
 """Of files in an archive: the same bytes whenever it is written."""
 RAGGED = frozenset({"points", "adc"})
@@ -116,18 +118,18 @@ def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
+def file_sha256(path: Path) -> str:
+    """The same of a file, which is not taken into memory."""
+    digest = hashlib.sha256()
+    with regular_file(path, noun="shard") as file:
+        while block := file.read(BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
+
+
 def numbers(folder: Path) -> Iterator[int]:
     """Numbers of the shards that have records, in order."""
     yield from sorted(int(path.stem) for path in (folder / SHARDS).glob("*.jsonl") if path.stem.isdecimal())
-
-
-def read_records(folder: Path, number: int) -> list[dict[str, Any]]:
-    """Records of a shard."""
-    path = folder / SHARDS / f"{shard_name(number)}.jsonl"
-    try:
-        return [json.loads(line) for line in path.read_bytes().splitlines()]
-    except (OSError, ValueError) as error:
-        raise damaged(path, error) from None
 
 
 def damaged(path: Path, why: object) -> InputError:

@@ -12,9 +12,9 @@ from t2d_rt.checks import positive, unknown_name
 from t2d_rt.dataset.kept import Kept
 from t2d_rt.dataset.parquet import DATA, ParquetReader
 from t2d_rt.dataset.products import Products
-from t2d_rt.dataset.read import RECIPE, dataset_folder, read_manifest, read_shards
+from t2d_rt.dataset.read import RECIPE, Shard, dataset_folder, read_manifest
 from t2d_rt.dataset.recipe import Recipe
-from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged, sha256
+from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged, file_sha256, numbers, shard_name
 from t2d_rt.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,44 +49,41 @@ class Reader(Protocol):
 class ShardReader:
     """Shards as `make_dataset` writes them; those read last are kept."""
 
-    def __init__(self, folder: Path, most_bytes: float) -> None:
+    def __init__(self, folder: Path, recipe: Recipe, most_bytes: float) -> None:
         records: list[dict[str, Any]] = []
         failed: list[dict[str, Any]] = []
-        files: list[Path] = []
+        shards: list[Shard] = []
         self._checksums = read_manifest(folder).get("files", {})
         self._sound: set[Path] = set()
-        for shard in read_shards(folder):
-            self._check(shard.path.with_suffix(".jsonl"))
+        for number in numbers(folder):
+            self._check(folder / SHARDS / f"{shard_name(number)}.jsonl")
+            shard = Shard.of(folder, number, recipe)
             for record in shard.records:
                 (failed if record["row"] is None else records).append(record)
                 if record["row"] is not None:
-                    files.append(shard.path)
+                    shards.append(shard)
         self.records, self.failed = tuple(records), tuple(failed)
-        self._files = tuple(files)
+        self._shards = tuple(shards)
         self._kept = Kept(most_bytes)
 
     def array(self, position: int, product: str) -> np.ndarray:
         """A sample's array as it is stored."""
-        record, path = self.records[position], self._files[position]
+        record, shard = self.records[position], self._shards[position]
         if product in RAGGED:
-            return self._member(path, f"{product}_{record['index']}")
-        whole = self._kept.get((path, product), lambda: self._member(path, product))
-        return np.array(whole[record["row"]])
+            self._check(shard.path)
+            return shard.array(record, product)
+        return np.array(self._kept.get((shard.path, product), lambda: self._rows(shard, product))[record["row"]])
+
+    def _rows(self, shard: Shard, product: str) -> np.ndarray:
+        self._check(shard.path)
+        return shard.rows(product)
 
     def _check(self, path: Path) -> None:
         """Refuses a file that is not as it was written; one that no manifest lists yet is taken as it is."""
         if path not in self._sound and path.name in self._checksums:
-            if sha256(path.read_bytes()) != self._checksums[path.name]:
+            if file_sha256(path) != self._checksums[path.name]:
                 raise damaged(path, "its checksum is another")
             self._sound.add(path)
-
-    def _member(self, path: Path, member: str) -> np.ndarray:
-        self._check(path)
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                return np.asarray(file[member])
-        except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
-            raise damaged(path, error) from None
 
 
 class Dataset:
@@ -106,12 +103,16 @@ class Dataset:
         if made_of != self.recipe.hash:
             raise InputError(f"{self.path / RECIPE} is not the recipe that the samples were made of; put that back")
         self._reader: Reader = (
-            ShardReader(self.path, most_bytes) if shards else ParquetReader(self.path / DATA, most_bytes)
+            ShardReader(self.path, self.recipe, most_bytes)
+            if shards
+            else ParquetReader(self.path / DATA, self.recipe, most_bytes)
         )
         self.records: tuple[dict[str, Any], ...] = self._reader.records
         """What is known of each sample: label, sentence, provenance, view, SNR, verdict of the filter."""
         self.failed: tuple[dict[str, Any], ...] = self._reader.failed
         """Records of the samples that failed."""
+        if len(set(self.indices.tolist())) < len(self.records):
+            raise InputError(f"{self.path} holds a sample twice; make or export it anew")
         if not self.records:
             raise InputError(f"{self.path} holds no finished sample yet; run its recipe, or wait for the first shard")
 

@@ -1,0 +1,171 @@
+"""Data sets of others: every value of a shard is checked against the recipe, and none leads out of a folder."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dataset_folder import recipe, write_dataset
+from t2d_rt.dataset import Dataset, check_dataset, export_dataset
+from t2d_rt.dataset.shards import archive, sha256
+from t2d_rt.errors import InputError
+
+Change = Callable[[dict[str, Any]], object]
+
+
+def foreign(folder: Path, records: Callable[[list[Any]], Any] | None = None, arrays: Change | None = None) -> Path:
+    """A data set whose maker changed the first shard and wrote a manifest that fits."""
+    write_dataset(folder, recipe(classes=["walking", "bending"]))
+    lines, packed = folder / "shards" / "00000.jsonl", folder / "shards" / "00000.npz"
+    if records is not None:
+        found = [json.loads(line) for line in lines.read_bytes().splitlines()]
+        changed = records(found)
+        lines.write_text(changed if isinstance(changed, str) else "".join(f"{json.dumps(each)}\n" for each in found))
+    if arrays is not None:
+        with np.load(packed) as file:
+            kept: dict[str, Any] = dict(file)
+        data = arrays(kept)
+        packed.write_bytes(data if isinstance(data, bytes) else archive(kept))
+    manifest = json.loads((folder / "manifest.json").read_bytes())
+    manifest["files"] |= {each.name: sha256(each.read_bytes()) for each in (lines, packed)}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    return folder
+
+
+def set_first(**changes: Any) -> Callable[[list[Any]], None]:
+    return lambda found: found[0].update(changes)
+
+
+def told_first(product: str, **changes: Any) -> Callable[[list[Any]], None]:
+    return lambda found: found[0]["products"][product].update(changes)
+
+
+def header_only(shape: tuple[int, ...], dtype: str = "<f2") -> Callable[[dict[str, Any]], bytes]:
+    """A shard whose spectrograms tell of a shape that nothing follows."""
+
+    def packed(arrays: dict[str, Any]) -> bytes:
+        file = io.BytesIO()
+        with zipfile.ZipFile(file, "w") as out:
+            for name, array in arrays.items():
+                entry = io.BytesIO()
+                if name == "spectrogram":
+                    about = {"descr": dtype, "fortran_order": False, "shape": shape}
+                    np.lib.format.write_array_header_1_0(entry, about)
+                else:
+                    np.lib.format.write_array(entry, array)
+                out.writestr(f"{name}.npy", entry.getvalue())
+        return file.getvalue()
+
+    return packed
+
+
+RECORDS: dict[str, tuple[Callable[[list[Any]], Any], str]] = {
+    "a class that leads out": (set_first(**{"class": "../../escape"}), "class must be walking"),
+    "a whole path as class": (set_first(**{"class": "/tmp/escape"}), "class must be walking"),
+    "another class of the recipe": (set_first(**{"class": "bending"}), "class must be walking"),
+    "no class": (lambda found: found[0].pop("class") and None, "class must be a text"),
+    "a class of lists": (set_first(**{"class": [["walking"]]}), "class must be a text"),
+    "an index beyond": (set_first(index=10**9), "index must be an integer"),
+    "an index of words": (set_first(index="../0"), "index must be an integer"),
+    "an index twice": (set_first(index=2), "twice"),
+    "a row beyond": (set_first(row=4), "a row is missing"),
+    "a condition": (set_first(condition="../x"), "condition must be ellipsoids"),
+    "a description": (set_first(description=99), "description must be"),
+    "no distance": (set_first(distance_m=float("nan")), "distance_m must"),
+    "a seed": (set_first(seed="x"), "seed must be"),
+    "sources": (set_first(sources=7), "sources must be a list"),
+    "a second person": (set_first(second_person=[1]), "second_person must be"),
+    "no products": (set_first(products=None), "products must tell"),
+    "speeds backwards": (told_first("spectrogram", velocity_mps=[4, -4]), "velocity_mps of spectrogram"),
+    "speeds of nothing": (told_first("spectrogram", velocity_mps=[0, 0]), "velocity_mps of spectrogram must rise"),
+    "endless time": (told_first("spectrogram", time_s=[0, float("inf")]), "time_s of spectrogram"),
+    "a peak": (told_first("spectrogram", peak_db="loud"), "peak_db of spectrogram"),
+    "a scale of nothing": (told_first("adc", greatest=0), "greatest of adc"),
+    "a null line": (lambda _: "null\n", "must be an object"),
+    "a list": (lambda _: "[]\n", "must be an object"),
+    "half a line": (lambda _: '{"index":', "is no JSON"),
+    "deep JSON": (lambda _: "[" * 100_000 + "]" * 100_000, "nested too deeply"),
+}  # fmt: skip
+
+ARRAYS: dict[str, tuple[Change, str]] = {
+    "another size": (lambda of: of.update(spectrogram=of["spectrogram"][:, :8]), r"must be float16 of shape \(5, 16, 24\)"),
+    "another type": (lambda of: of.update(spectrogram=of["spectrogram"].astype(float)), "spectrogram must be float16"),
+    "too few": (lambda of: of.update(spectrogram=of["spectrogram"][:2]), "spectrogram must be float16"),
+    "NaN": (lambda of: of.update(spectrogram=of["spectrogram"] * np.nan), "NaN or infinite"),
+    "above the greatest": (lambda of: of.update(spectrogram=of["spectrogram"] + 100), "levels above 0 dB"),
+    "none": (lambda of: of.pop("spectrogram"), "is damaged"),
+    "objects": (header_only((5, 16, 24), "|O"), "must be float16"),
+    "a shape as large as memory": (header_only((10**12, 16, 24)), "must be float16"),
+    "nothing after the shape": (header_only((5, 16, 24)), "not as long as it tells"),
+    "no archive": (lambda _: b"PK nothing", "is damaged"),
+    "points without columns": (lambda of: of.update(points_0=of["points_0"][:, :2]), "points_0 must be float32"),
+    "points of no number": (lambda of: of.update(points_0=of["points_0"] * np.nan), "NaN or infinite"),
+    "ADC of another radar": (lambda of: of.update(adc_0=of["adc_0"][:, :, :9]), "adc_0 must be float16"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_records_that_are_not_of_the_recipe(name: str, tmp_path: Path) -> None:
+    change, sentence = RECORDS[name]
+    folder = foreign(tmp_path / "set", records=change)
+    with pytest.raises(InputError, match=sentence):
+        export_dataset(Dataset(folder), tmp_path / "out" / "png", "png")
+    assert any("damaged" in each for each in check_dataset(folder))
+    assert [each.name for each in tmp_path.iterdir()] == ["set"]
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_arrays_that_are_not_of_the_recipe(name: str, tmp_path: Path) -> None:
+    change, sentence = ARRAYS[name]
+    folder = foreign(tmp_path / "set", arrays=change)
+    with pytest.raises(InputError, match=sentence):
+        export_dataset(Dataset(folder), tmp_path / "out", "npz")
+    assert any("damaged" in each for each in check_dataset(folder))
+    assert [each.name for each in tmp_path.iterdir()] == ["set"]
+
+
+def test_an_unchanged_set_is_read(tmp_path: Path) -> None:
+    folder = foreign(tmp_path / "set")
+    assert check_dataset(folder) == []
+    export_dataset(Dataset(folder), tmp_path / "out", "png")
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    """A pipe in the place of a shard is not waited for, and a manifest names no files elsewhere."""
+    folder = foreign(tmp_path / "set")
+    (folder / "shards" / "00000.npz").unlink()
+    os.mkfifo(folder / "shards" / "00000.npz")
+    with pytest.raises(InputError, match="is a pipe"):
+        Dataset(folder).array(0, "spectrogram")
+    assert any("is a pipe" in each for each in check_dataset(folder))
+    for text in ('{"files": {"../../x": "0"}}', '{"files": 1}', "[" * 100_000, "null"):
+        (folder / "manifest.json").write_text(text)
+        with pytest.raises(InputError, match=r"manifest.json cannot be read"):
+            Dataset(folder)
+
+
+def test_parquet_of_others(tmp_path: Path) -> None:
+    """The record of a row leads nowhere, and its array is as the recipe has it."""
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    whole = export_dataset(write_dataset(tmp_path / "set"), tmp_path / "out", "parquet")
+    (path,) = (whole / "data").glob("*.parquet")
+    table = pq.read_table(path)
+    place = table.schema.get_field_index("record")
+    for change, sentence in (
+        ({"class": "../../x"}, "class must be"),
+        ({"index": -1}, "index must be"),
+        (None, "must be an obj"),
+    ):
+        rows = [json.loads(each) for each in table["record"].to_pylist()]
+        rows[0] = None if change is None else rows[0] | change
+        pq.write_table(table.set_column(place, "record", pa.array([json.dumps(each) for each in rows])), path)
+        with pytest.raises(InputError, match=sentence):
+            Dataset(whole)
