@@ -36,7 +36,8 @@ class Figures:
 class Comparison:
     """Figures of two recordings and how their spectrograms agree."""
 
-    labels: tuple[str, str] = ("ellipsoid", "mesh")
+    labels: tuple[str, str] = ("first", "second")
+    """What the two are: their methods, or "measured"."""
     first: Figures
     second: Figures
     envelope_correlation: float
@@ -50,7 +51,7 @@ class Comparison:
             ("torso speed [m/s]", "torso_speed_mps"),
             ("limb speed [m/s]", "limb_speed_mps"),
         )
-        lines = [f"{'':24}{self.labels[0]:>12}{self.labels[1]:>12}"]
+        lines = [f"{'':24}" + "".join(f"{label:>12}" for label in self.labels)]
         lines += [
             f"{label:24}{getattr(self.first, name):12.2f}{getattr(self.second, name):12.2f}" for label, name in rows
         ]
@@ -74,11 +75,21 @@ def compare(first: Recording, second: Recording) -> Comparison:
     floor = max(one.values.max(), two.values.max()) - 60  # silence is not infinitely different
     difference = np.abs(np.maximum(two.values, floor) - np.maximum(one.values, floor))
     return Comparison(
+        labels=_labels(first, second),
         first=figures(first),
         second=figures(second),
         envelope_correlation=_correlation(*envelopes),
         mean_difference_db=float(difference[near_peak].mean()),
     )
+
+
+def _labels(first: Recording, second: Recording) -> tuple[str, str]:
+    """What heads their columns; numbered where both are the same."""
+    one, two = (
+        str(each.settings.get("method") or ("measured" if each.experiment is None else "simulated"))
+        for each in (first, second)
+    )
+    return (one, two) if one != two else (f"{one} 1", f"{two} 2")
 
 
 def figures(result: Recording) -> Figures:

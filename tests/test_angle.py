@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -350,10 +351,16 @@ def test_neither_silence_nor_rounding_errors_are_detected() -> None:
     silent = point_cloud(np.zeros((64, 12, 256), np.complex64), TDM, frame_chirps=32)
     assert silent.snr_db.shape == (0,)
     assert silent.xyz_m.shape == (0, 3)
+    assert repr(silent) == "PointCloud(no points)"
     cube = echoes(TDM, 64, [(5.0, 30.0, 10.0, 1.5)]).astype(np.complex64)
     points = point_cloud(cube, TDM, frame_chirps=64, dynamic_range_db=40, range_window="blackmanharris")
     assert points.snr_db == pytest.approx([40])
     assert strongest(points) == pytest.approx((5.0, 30.0, 10.0, 1.5), abs=0.01)
+    assert repr(points) == "PointCloud(1 points, 4.99 to 4.99 m, 1.50 to 1.50 m/s, 0.00 to 0.00 s)"
+    map_of = range_angle(cube, TDM, range_gate_m=(4, 6))
+    assert re.fullmatch(
+        r"RangeAngle\(\d+ ranges x \d+ azimuths, 4\.\d\d to 5\.\d\d m, -\d.* to \d.* deg\)", repr(map_of)
+    )
 
 
 # --- figures and guards ---

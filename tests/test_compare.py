@@ -97,6 +97,13 @@ def test_a_recording_against_itself() -> None:
     assert "torso speed [m/s]" in str(found)
 
 
+def test_columns_say_what_they_are() -> None:
+    measured = recording(point(0.9, 0.1))
+    mesh = t2d.Recording(measured.cube, RADAR, settings={"method": "mesh"})
+    assert str(compare(mesh, measured)).splitlines()[0].split() == ["mesh", "measured"]
+    assert compare(measured, measured).labels == ("measured 1", "measured 2")
+
+
 def test_two_speckle_patterns_differ_by_six_decibels() -> None:
     rng = np.random.default_rng(1)
     parts = rng.normal(size=(2, 2, 2000, 1, RADAR.samples))

@@ -72,6 +72,10 @@ class RangeAngle:
     azimuth_rad: np.ndarray
     """Positive to the left, (azimuth,)."""
 
+    def __repr__(self) -> str:
+        size = f"{len(self.range_m)} ranges x {len(self.azimuth_rad)} azimuths"
+        return f"RangeAngle({size}, {_span(self.range_m)} m, {_span(np.degrees(self.azimuth_rad))} deg)"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointCloud:
@@ -89,6 +93,12 @@ class PointCloud:
     snr_db: np.ndarray
     """Power of the peak cell, mean over the antennas, relative to the noise level in the cells near it."""
 
+    def __repr__(self) -> str:
+        if not len(self.time_s):
+            return "PointCloud(no points)"
+        spans = f"{_span(self.range_m)} m, {_span(self.speed_mps)} m/s, {_span(self.time_s)} s"
+        return f"PointCloud({len(self.time_s)} points, {spans})"
+
     @property
     def xyz_m(self) -> np.ndarray:
         """Positions from the radar's in its frame, x boresight, y left, z up, (point, 3)."""
@@ -101,3 +111,8 @@ class PointCloud:
             ],
             axis=-1,
         )
+
+
+def _span(values: np.ndarray) -> str:
+    """Least and greatest of them, in words."""
+    return f"{np.min(values):.2f} to {np.max(values):.2f}"
