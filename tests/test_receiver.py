@@ -96,6 +96,36 @@ def test_a_saturated_adc_is_told() -> None:
     assert np.abs(np.asarray(found).real).max() == pytest.approx(math.sqrt(1e-3) * (1 - 2 / 2**8))
 
 
+@pytest.mark.parametrize("offset_dbm", [None, -10.0])
+def test_a_step_beyond_the_signal_is_told_with_the_gain_that_mends_it(offset_dbm: float | None) -> None:
+    receiver = t2d.Receiver(
+        temperature_k=None, dc_offset_dbm=offset_dbm, adc={"bits": 8, "full_scale_dbm": 0.0, "gain_db": 10.0}
+    )
+    assert receiver.adc is not None
+    tone = np.exp(2j * np.pi * 0.1234567 * np.arange(10 * RADAR.samples)).reshape(10, 1, RADAR.samples)
+    small = (0.03 * receiver.adc.step * tone).astype(np.complex64)
+    # The rms of I is 0.0212 steps: 33.5 dB to one.
+    expected = (
+        r"times the rms of what comes in, and 100 % of the samples .* raise adc.gain_db from 10 to 44, lower adc.full_scale_dbm by "
+        r"34 dB, or give adc.bits 6 more"
+    )
+    with pytest.warns(T2DWarning, match=expected):
+        found, _ = receive(small.copy(), RADAR, receiver, 0)
+    assert np.unique(np.asarray(found)).size == 1
+    for mended in ({"gain_db": 44.0}, {"full_scale_dbm": -34.0}, {"bits": 14}):
+        adc = {**receiver.adc.model_dump(), **mended}
+        found, _ = receive(small.copy(), RADAR, receiver.replace(adc=adc, dc_offset_dbm=None), 0)  # no warning
+        assert db(power(np.asarray(found) - small) / power(small)) < -9  # step^2 / 12 of an rms of a step: -10.8 dB
+
+
+def test_neither_silence_nor_noise_of_a_step_is_called_too_small() -> None:
+    adc = {"bits": 12, "full_scale_dbm": 0.0}
+    receive(np.zeros((4, 1, RADAR.samples), np.complex64), RADAR, t2d.Receiver(temperature_k=None, adc=adc), 0)
+    for band in ("table2", "indoor-60", "ism-24"):
+        radar = t2d.Radar.preset(band)
+        receive(np.zeros((4, radar.antennas, radar.samples), np.complex64), radar, t2d.Receiver.preset(radar), 0)
+
+
 def test_a_wall_close_by_is_told() -> None:
     """A large metal wall 1 m away is the mirror image of the radar, 2 m away: 30 dB of gain suit it, 60 dB do not."""
     radar = t2d.Radar.preset("table2")

@@ -17,6 +17,11 @@ from t2d_rt.types import Radar, Receiver
 SILENT = 1e-13
 """Fraction of the power of all samples below which a power is rounding."""
 
+DB_PER_BIT = 20 * math.log10(2)
+MOST_LOST = 0.9
+"""Fraction of samples at the offset's value beyond which a step is too coarse: that of Gaussian noise of a quarter step, through
+which weak echoes pass 7 dB weaker; through half a step they pass as they are."""
+
 
 @dataclass(slots=True)
 class Power:
@@ -70,6 +75,10 @@ class ReceiverLevels:
     clipped: int = 0
     peak: float = 0.0
     """Greatest |I| or |Q| before the converters [sqrt(W)]."""
+    input_w: float = 0.0
+    """Sum over the samples before the converters, without the offsets [W]."""
+    lost: int = 0
+    """Samples that are rounded to what the offset alone would be."""
 
     def __post_init__(self) -> None:
         self.clean, self.added = Power(), Power(self.offsets[:, None])
@@ -89,6 +98,8 @@ class ReceiverLevels:
         self.clean.add(clean.shape, received.clean_w, before)
         self.added.add(clean.shape, received.added_w, after - before)
         self.peak = max(self.peak, float(received.peak.max()))
+        self.input_w += float(received.input_w.sum(dtype=np.float64))
+        self.lost += int(received.lost.sum(dtype=np.float64))
         self.clipped += int(received.clipped.sum(dtype=np.float64))
 
     def described(self) -> dict[str, Any]:
@@ -117,12 +128,26 @@ class ReceiverLevels:
         return found
 
     def warn(self) -> None:
-        """Tells of saturation."""
+        """Tells of saturation, and of a step that is too coarse for what comes in."""
+        adc = self.receiver.adc
+        if adc is None or not self.clean.count:
+            return
         if self.clipped:
-            over_db = 20 * math.log10(self.peak / math.sqrt(self.receiver.adc.full_scale_w))  # type: ignore[union-attr]
+            over_db = 20 * math.log10(self.peak / math.sqrt(adc.full_scale_w))
             warnings.warn(
                 f"the ADC is saturated: {100 * self.clipped / self.clean.count:.3g} % of the samples are clipped, the highest by "
                 f"{max(over_db, 0.0):.1f} dB; lower adc.gain_db or raise adc.full_scale_dbm, or move what is strongest away",
+                T2DWarning,
+                stacklevel=4,
+            )
+        lost = self.lost / self.clean.count
+        if self.input_w > 0 and lost > MOST_LOST:
+            rms = math.sqrt(self.input_w / self.clean.count / 2)
+            lacking_db = max(math.ceil(20 * math.log10(adc.step / rms)), 1)
+            warnings.warn(
+                f"the ADC's step is {adc.step / rms:.3g} times the rms of what comes in, and {100 * lost:.3g} % of the samples are "
+                f"rounded to one value; raise adc.gain_db from {adc.gain_db:g} to {adc.gain_db + lacking_db:g}, lower "
+                f"adc.full_scale_dbm by {lacking_db} dB, or give adc.bits {math.ceil(lacking_db / DB_PER_BIT)} more",
                 T2DWarning,
                 stacklevel=4,
             )

@@ -51,6 +51,10 @@ class Received:
     """Greatest |I| or |Q| before the converters [sqrt(W)]."""
     clipped: np.ndarray
     """Samples that were clipped in I or Q."""
+    input_w: np.ndarray
+    """Sum of |sample before the converters - constant of the antenna|^2 [W]; 0 without converters."""
+    lost: np.ndarray
+    """Samples that are rounded to what the constant alone would be."""
 
 
 @one_thread_at_a_time
@@ -91,7 +95,7 @@ def through(
         for k in range(work.size):
             sample, state = work.stage(i * work.size + k, place, (after or [before])[0][k], state)
             sample = tuple(a + (b + c) for a, b, c in zip(sample, each_row, each_antenna, strict=True))
-            final = work.converted(sample, sums)
+            final = work.converted(sample, each_antenna, sums)
             made += final
             sums[0] += _power(a - b for a, b in zip(before[k], level[k], strict=True))
             sums[1] += _power(a - b - c for a, b, c in zip(final, before[k], each_antenna, strict=True))
@@ -99,15 +103,17 @@ def through(
         return i + 1, state, sums
 
     state = work.beginning(place)
-    zeros = [dr.zeros(backend.Float32, rows * antennas) for _ in range(4)]
+    zeros = [dr.zeros(backend.Float32, rows * antennas) for _ in range(6)]
     _, _, sums = dr.while_loop(
         state=(dr.zeros(UInt32, rows * antennas), state, zeros), cond=lambda i, state, sums: i < packets, body=step,
         labels=("i", "state", "sums"), mode="symbolic",
     )  # fmt: skip
     dr.eval(out, sums)
-    clean_w, added_w, peak, clipped = (np.array(each.numpy()).reshape(rows, antennas) for each in sums)
-    samples = np.asarray(out.numpy()).view(np.complex64).reshape(clean.shape)
-    return Received(samples=samples, clean_w=clean_w, added_w=added_w, peak=peak, clipped=clipped)
+    clean_w, added_w, peak, clipped, input_w, lost = (np.array(each.numpy()).reshape(rows, antennas) for each in sums)
+    return Received(
+        samples=np.asarray(out.numpy()).view(np.complex64).reshape(clean.shape), clean_w=clean_w, added_w=added_w,
+        peak=peak, clipped=clipped, input_w=input_w, lost=lost,
+    )  # fmt: skip
 
 
 class _Work:
@@ -192,8 +198,9 @@ class _Work:
             real, imag = real + sum(pair[0] for pair in state), imag + sum(pair[1] for pair in state)
         return (real, imag), state
 
-    def converted(self, sample: Pair, sums: list[Any]) -> Pair:
-        """A sample after the converters; the sums get its peak, and whether it is clipped.
+    def converted(self, sample: Pair, constant: Pair, sums: list[Any]) -> Pair:
+        """A sample after the converters; the sums get its peak, its power about the constant in it, and whether it is clipped or
+        lost.
 
         A full-scale tone keeps 6.02 bits + 1.76 dB over the quantisation noise of each channel (eq. 38).
         """
@@ -203,10 +210,14 @@ class _Work:
             return sample
         step, per_step, lowest, highest = self._steps
         sums[2] = dr.maximum(sums[2], dr.maximum(abs(sample[0]), abs(sample[1])))
-        codes = [dr.round(each * per_step) for each in sample]
+        codes, alone = ([dr.round(each * per_step) for each in pair] for pair in (sample, constant))
         inside = [dr.clip(each, lowest, highest) for each in codes]
         clipped = (codes[0] != inside[0]) | (codes[1] != inside[1])
-        sums[3] += dr.select(clipped, self.backend.Float32(1), self.backend.Float32(0))
+        lost = (codes[0] == alone[0]) & (codes[1] == alone[1])
+        one, none = self.backend.Float32(1), self.backend.Float32(0)
+        sums[3] += dr.select(clipped, one, none)
+        sums[4] += _power(a - b for a, b in zip(sample, constant, strict=True))
+        sums[5] += dr.select(lost, one, none)
         return inside[0] * step + 0.0, inside[1] * step + 0.0  # no -0
 
 
