@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import pickle
 import sys
@@ -17,6 +18,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate.files import Files, results
 from t2d_rt.motion.generate.momask import MoMask
+from t2d_rt.motion.generate.unpickled import unpickled
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 
@@ -234,6 +236,74 @@ def test_what_was_not_made_is_not_returned(tmp_path: Path, joints: np.ndarray) -
 class Evil:
     def __reduce__(self) -> tuple[Any, ...]:
         return Path.touch, (Path("ran"),)
+
+
+def npy(body: bytes) -> bytes:
+    """An .npy file of an object, with this pickle."""
+    file = io.BytesIO()
+    about = {"descr": "|O", "fortran_order": False, "shape": ()}
+    np.lib.format.write_array_header_1_0(file, about)
+    return file.getvalue() + body
+
+
+FORGED = {
+    "a type with a state": b"cnumpy\ndtype\n(U\x02f8tR(K\x03U\x01|NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK?tb.",
+    "a scalar of objects": b"\x80\x03cnumpy.core.multiarray\nscalar\ncnumpy\ndtype\nX\x02\x00\x00\x00O8\x85RC\x08AAAAAAAA\x86R.",
+    "a record type": b"\x80\x03cnumpy\ndtype\nX\x03\x00\x00\x00V16\x85R(K\x03X\x01\x00\x00\x00|N(X\x01\x00\x00\x00atNK\x10tb.",
+    "a function": b"cos\nsystem\n(S'touch escaped'\ntR.",
+    "numpy's own loader": b"cnumpy\nload\n(S'x'\ntR.",
+    "a reduction of a word": b"\x80\x03X\x01\x00\x00\x00a)R.",
+    "nothing": b"", "only an end": b".", "marks": b"\x80\x03" + b"(" * 100_000 + b"t" * 100_000 + b".",
+    "a value of itself": b"\x80\x03]q\x00h\x00a.",
+    "a number of a million digits": b"\x80\x03\x8b\x40\x42\x0f\x00" + b"\x7f" * 1_000_000 + b".",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FORGED)
+def test_forged_pickles_are_refused(name: str, joints: np.ndarray, tmp_path: Path) -> None:
+    write_mdm(tmp_path, joints, PROMPTS)
+    (tmp_path / "results.npy").write_bytes(npy(FORGED[name]))
+    with pytest.raises(InputError, match=r"is not MDM's results\.npy"):
+        results(tmp_path)
+
+
+@pytest.mark.parametrize("protocol", [3, 4])
+@pytest.mark.parametrize("kind", ["<f4", ">f8"])
+def test_mdm_of_any_numpy_is_read(protocol: int, kind: str, joints: np.ndarray, tmp_path: Path) -> None:
+    """As np.save of NumPy 1 and 2 pickles, with numbers of NumPy, words, and arrays in Fortran's order beside the motion."""
+    motion = np.asfortranarray(joints.transpose(1, 2, 0)[None]).astype(kind)
+    held = {
+        "motion": motion, "text": ["a", "b"], "lengths": np.array([len(joints)]), "num_samples": np.int64(1),
+        "num_repetitions": 1, "guidance": 2.5, "names": np.array(["one", "two"]), "none": None, "pairs": (1, True),
+    }  # fmt: skip
+    body = pickle.dumps(np.array(held, dtype=object), protocol=protocol)
+    assert unpickled(body).keys() == held.keys()
+    np.testing.assert_array_equal(unpickled(body)["motion"], motion)
+    old = body.replace(b"numpy._core.multiarray", b"numpy.core.multiarray").replace(
+        b"\x8c\x16numpy.core", b"\x8c\x15numpy.core"
+    )
+    assert unpickled(old)["names"].tolist() == ["one", "two"]
+    (tmp_path / "results.npy").write_bytes(npy(body))
+    (tmp_path / "results.txt").write_text("a person walks forward.")
+    is_the_walk(results(tmp_path)[0].load(), joints)
+
+
+def test_changed_pickles_never_crash(joints: np.ndarray, tmp_path: Path) -> None:
+    """Bytes changed at random give the arrays, or an error of Python's own."""
+    rng = np.random.default_rng(0)
+    body = pickle.dumps(np.array({"motion": joints[:2], "lengths": [2], "text": ["a"]}, dtype=object), protocol=4)
+    ends = []
+    for _ in range(3000):
+        changed = bytearray(body)
+        for place in rng.integers(0, len(body), rng.integers(1, 6)):
+            changed[place] = rng.integers(256)
+        try:
+            unpickled(bytes(changed))
+            ends.append("read")
+        except (ValueError, LookupError, TypeError, AttributeError, UnicodeError, EOFError, OverflowError) as error:
+            ends.append(type(error).__name__)
+    assert ends.count("read") > 100
+    assert ends.count("ValueError") > 100
 
 
 def damaged(folder: Path, joints: np.ndarray, how: str) -> None:

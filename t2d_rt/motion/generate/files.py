@@ -14,11 +14,10 @@ from __future__ import annotations
 
 import io
 import json
-import pickle
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from t2d_rt.checks import file_path, shown
 from t2d_rt.errors import InputError, printable
 from t2d_rt.files import read_bytes
 from t2d_rt.motion.descriptions.slots import Description
+from t2d_rt.motion.generate.unpickled import unpickled
 from t2d_rt.motion.read import load_motion
 from t2d_rt.motion.read.arrays import MAX_BYTES
 from t2d_rt.motion.read.humanml3d import read_joints
@@ -171,25 +171,6 @@ def _lines(path: Path, noun: str) -> list[str]:
     return [line.strip() for line in text.splitlines() if line.strip()]
 
 
-class _Arrays(pickle.Unpickler):
-    """MDM saves a dictionary, which numpy can only pickle; nothing but arrays, numbers and words is let through."""
-
-    ALLOWED = frozenset(
-        (module, name)
-        for package in ("numpy.core", "numpy._core")
-        for module, name in ((f"{package}.multiarray", "_reconstruct"), (f"{package}.multiarray", "scalar"))
-    ) | {("numpy", "ndarray"), ("numpy", "dtype")}
-
-    def find_class(self, module: str, name: str) -> Any:
-        if (module, name) not in self.ALLOWED:
-            raise pickle.UnpicklingError(f"{module}.{name}")
-        if name in ("ndarray", "dtype"):
-            return getattr(np, name)
-        from numpy._core import multiarray
-
-        return getattr(multiarray, name)
-
-
 def _mdm(path: Path) -> list[np.ndarray]:
     """Joints (T, 22, 3) of each motion of MDM's results.npy, cut to its length."""
     data = read_bytes(path, limit=MAX_BYTES, noun="array file")
@@ -198,11 +179,16 @@ def _mdm(path: Path) -> list[np.ndarray]:
         version = np.lib.format.read_magic(stream)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         read(stream)
-        held = _Arrays(stream).load().item()
-        motions, lengths = np.asarray(held["motion"]), np.asarray(held["lengths"])
-    except Exception:  # whatever a damaged file or one with other objects makes numpy and pickle raise
+        held = unpickled(data[stream.tell() :])
+        motions, lengths = held["motion"], held["lengths"]
+        if isinstance(lengths, list):
+            lengths = np.array([operator.index(each) for each in lengths])
+        if not isinstance(motions, np.ndarray) or not isinstance(lengths, np.ndarray):
+            raise TypeError("motion and lengths must be arrays")
+    except Exception:  # whatever a damaged file or one with other objects makes numpy raise
         raise InputError(
-            f"{path} is not MDM's results.npy: it is damaged, or holds other things than arrays and words"
+            f"{path} is not MDM's results.npy: it is damaged, or holds other things than arrays and words in a dictionary; "
+            "write it with np.save(path, {'motion': ..., 'lengths': ...}) of plain arrays"
         ) from None
     whole = np.issubdtype(lengths.dtype, np.integer) and lengths.ndim == 1 and len(lengths) == len(motions)
     if motions.ndim != 4 or motions.shape[1:3] != (22, 3) or not np.issubdtype(motions.dtype, np.floating) or not whole:
