@@ -1,9 +1,9 @@
 """Noise of joint positions, measured, and the low-pass that leaves the least error of speed.
 
-Depth cameras and pose estimators give 10 to 30 frames a second in which every joint errs by millimetres, anew in each frame. A
-radar sees speed: 4 mm at 20 Hz are 0.25 m/s (`noise_speed_mps`). The noise is measured where no motion hides it, in the lengths
-of bones, which a body keeps; each joint is then filtered at the cut-off at which noise let through and motion lost add up to the
-least.
+Depth cameras and pose estimators give 10 to 30 frames a second in which every joint errs by millimetres. A radar sees speed:
+4 mm at 20 Hz, anew in each frame, are 0.25 m/s (`noise_speed_mps`). The noise is measured where no motion hides it, in the lengths
+of bones, which a body keeps: their spectrum is the noise's, which is no white one where a tracker follows its last frames or
+errs in bursts. Each joint is then filtered at the cut-off at which noise let through and motion lost add up to the least.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import low_pass
 from t2d_rt.motion.read.joint_sets import LIMBS
 
@@ -25,10 +26,17 @@ HIGHEST_CUTOFF = 0.45
 """Of the frame rate, for a cut-off; a filter at half of it has no transition."""
 
 ABOVE_NOISE = 1.6
-"""Of the noise's spectral power, for a frequency to hold motion: means over 9 frequencies and 3 coordinates scatter by 27 %."""
+"""Of the noise's spectral power, for a frequency to hold motion: means over 9 frequencies scatter by 27 % for 3 coordinates, by
+17 % for 8 bones."""
 
-GAUSSIAN_MAD = 0.6745
-"""Median of |x| over the standard deviation of a Gaussian."""
+SURELY = 3.0
+"""Likewise, that a band of frequencies must reach somewhere: noise in bursts scatters by twice as much."""
+
+RARE = 0.5
+"""Percent of frames, of the shortest and of the longest of a bone, whose lengths are cut to the others': a jump is no noise."""
+
+SMOOTHING = 0.2
+"""Of a frequency, by which spectra are averaged to either side: fast movement has broad spectra."""
 
 FEWEST_FRAMES = 12
 """Frames below which a noise is not measured."""
@@ -47,37 +55,46 @@ class Denoised:
     """RMS error of the joints' speed that remains, by estimate."""
 
 
-def noise_m(points: dict[str, np.ndarray]) -> float:
-    """Standard deviation [m] of the noise of each coordinate, from the second differences in time of the lengths of limbs.
-
-    A length takes up twice the variance of a coordinate, its second difference six times that of the length.
-    """
-    lengths = [
-        np.linalg.norm(points[f"{side}_{lower}"] - points[f"{side}_{upper}"], axis=-1)
-        for side in ("left", "right")
-        for upper, lower in LIMBS
-    ]
-    if len(lengths[0]) < FEWEST_FRAMES:
-        return 0.0
-    deviation = np.median(np.abs(np.diff(lengths, n=2, axis=-1)), axis=-1) / GAUSSIAN_MAD
-    return float(np.sqrt((deviation**2).mean() / 12.0))
+def _lengths(points: dict[str, np.ndarray]) -> np.ndarray:
+    """Lengths of the limbs' bones, (8, T)."""
+    return np.array(
+        [
+            np.linalg.norm(points[f"{side}_{lower}"] - points[f"{side}_{upper}"], axis=-1)
+            for side in ("left", "right")
+            for upper, lower in LIMBS
+        ]
+    )
 
 
-def noise_speed_mps(sigma_m: float, rate_hz: float) -> float:
-    """RMS speed that independent noise of each frame adds between frames: sqrt(3) sigma (2 pi rate / sqrt(12))."""
-    return math.sqrt(3.0) * sigma_m * 2.0 * math.pi * rate_hz / math.sqrt(12.0)
+def noise_power(points: dict[str, np.ndarray]) -> np.ndarray:
+    """Power of the noise of each coordinate [m^2], (T,), at frequencies from 0 to half the rate; its mean is the variance."""
+    lengths = _lengths(points).T
+    if len(lengths) < FEWEST_FRAMES:
+        return np.zeros(len(lengths))
+    lengths = np.clip(lengths, *np.percentile(lengths, [RARE, 100.0 - RARE], axis=0))
+    lengths = lengths - lengths.mean(axis=0)
+    return _power(np.concatenate([lengths, lengths[-2:0:-1]])) / (2.0 * lengths.shape[1])
+
+
+def noise_speed_mps(noise: np.ndarray, rate_hz: float) -> float:
+    """RMS speed that noise of a spectrum (T,) in each of three coordinates adds: sqrt(3 <omega^2 noise>)."""
+    return math.sqrt(3.0 * float((_omega(len(noise), rate_hz) ** 2 * noise).mean()))
+
+
+def _omega(count: int, rate_hz: float) -> np.ndarray:
+    """Angular frequencies [rad/s], (T,), from 0 to half the rate."""
+    return np.linspace(0.0, math.pi * rate_hz, count)
 
 
 def denoised(points: dict[str, np.ndarray], rate_hz: float) -> Denoised:
     """Points (T, 3) [m] of joints, each low-passed as its own spectrum and the measured noise ask for."""
-    sigma = noise_m(points)
-    speed = noise_speed_mps(sigma, rate_hz)
+    noise = noise_power(points)
+    sigma, speed = math.sqrt(float(noise.mean())), noise_speed_mps(noise, rate_hz)
     if speed <= NOISE_LIMIT_MPS:
         return Denoised(points=points, noise_m=sigma, cutoffs_hz=(), speed_error_mps=speed)
-    choices = [cutoff for cutoff in CUTOFFS_HZ if cutoff < HIGHEST_CUTOFF * rate_hz]
     smooth, used, errors = {}, set(), []
     for name, track in points.items():
-        cutoff, error = _best_cutoff(track, sigma, rate_hz, choices)
+        cutoff, error = best_cutoff(track, 3.0 * noise, rate_hz)
         smooth[name] = track if cutoff is None else low_pass(track, cutoff, rate_hz)
         used |= set() if cutoff is None else {cutoff}
         errors.append(error)
@@ -85,30 +102,37 @@ def denoised(points: dict[str, np.ndarray], rate_hz: float) -> Denoised:
     return Denoised(points=smooth, noise_m=sigma, cutoffs_hz=tuple(sorted(used)), speed_error_mps=remaining)
 
 
-def _best_cutoff(track: np.ndarray, sigma_m: float, rate_hz: float, choices: list[float]) -> tuple[float | None, float]:
-    """The cut-off of least expected error of speed, None for no filter, and that error squared [(m/s)^2]."""
-    frames = len(track)
-    ramp = np.linspace(0.0, 1.0, frames)[:, None]
+def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[float | None, float]:
+    """The cut-off of least expected error of speed, None for no filter, and that error squared.
+
+    track: values (T, N). noise: power of the noise in all columns together, (T,), as `noise_power` gives it for one.
+    """
+    ramp = np.linspace(0.0, 1.0, len(track))[:, None]
     centred = track - (1 - ramp) * track[0] - ramp * track[-1]
     # Continued by point reflection, as the filter does, so that ends make no spectrum of their own.
-    power = (np.abs(np.fft.rfft(np.concatenate([centred, -centred[-2:0:-1]]), axis=0)) ** 2).sum(axis=-1) / (
-        2 * frames - 2
-    )
-    frequency = np.fft.rfftfreq(2 * frames - 2, 1.0 / rate_hz)
-    noise = 3.0 * sigma_m**2
-    mean = _averaged(power)
-    signal = np.where(mean > ABOVE_NOISE * noise, mean - noise, 0.0)
-    omega2 = (2 * math.pi * frequency) ** 2
-    errors: dict[float | None, float] = {None: float((omega2 * noise).mean())}
-    tangent = np.tan(0.5 * math.pi * np.minimum(2 * frequency / rate_hz, 0.999999))
-    for cutoff in choices:
+    power = _power(np.concatenate([centred, -centred[-2:0:-1]]))
+    omega = _omega(len(power), rate_hz)
+    signal = np.zeros_like(power)
+    for low, high in runs(power > ABOVE_NOISE * noise):
+        if (power > SURELY * noise)[low:high].any():
+            signal[low:high] = (power - noise)[low:high]
+    errors: dict[float | None, float] = {None: float((omega**2 * noise).mean())}
+    tangent = np.tan(np.minimum(0.5 * omega / rate_hz, 0.49999 * math.pi))
+    for cutoff in (cutoff for cutoff in CUTOFFS_HZ if cutoff < HIGHEST_CUTOFF * rate_hz):
         gain = 1 / (1 + (math.sqrt(2) - 1) * (tangent / math.tan(math.pi * cutoff / rate_hz)) ** 4)
-        errors[cutoff] = float((omega2 * ((1 - gain) ** 2 * signal + gain**2 * noise)).mean())
+        errors[cutoff] = float((omega**2 * ((1 - gain) ** 2 * signal + gain**2 * noise)).mean())
     best = min(errors, key=lambda cutoff: errors[cutoff])
     return best, errors[best]
 
 
+def _power(periodic: np.ndarray) -> np.ndarray:
+    """Spectral power (T,) of all columns of a period (2 T - 2, N) together, averaged over 9 neighbours."""
+    return _averaged((np.abs(np.fft.rfft(periodic, axis=0)) ** 2).sum(axis=-1) / len(periodic))
+
+
 def _averaged(power: np.ndarray) -> np.ndarray:
-    """Spectral power averaged over 9 neighbours."""
-    kernel = np.ones(9)
-    return np.convolve(power, kernel, "same") / np.convolve(np.ones_like(power), kernel, "same")
+    """Spectral power averaged over 9 neighbours, and over `SMOOTHING` of the frequency above."""
+    at, total = np.arange(len(power)), np.concatenate([[0.0], np.cumsum(power)])
+    half = np.maximum(4, (SMOOTHING * at).astype(int))
+    low, high = np.maximum(at - half, 0), np.minimum(at + half + 1, len(power))
+    return np.asarray((total[high] - total[low]) / (high - low))
