@@ -301,6 +301,38 @@ def limited_threads(count: int) -> Iterator[None]:
                 dr.set_thread_count(before)
 
 
+class _OneBlasThread(contextlib.ContextDecorator):
+    """One thread of BLAS in this process, for all threads of Python, until the last of those within has left.
+
+    The bits of a product may depend on how many threads share it, and threads that wait for the next product take the kernels'
+    cores.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._users = threading.Lock(), 0
+        self._limits: Any = None
+
+    def __enter__(self) -> None:
+        import threadpoolctl
+
+        with self._lock:
+            if self._users == 0:
+                import scipy.linalg  # noqa: F401  # a BLAS of its own, which would come with as many threads as there are cores
+
+                self._limits = threadpoolctl.threadpool_limits(1, user_api="blas")
+            self._users += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._users -= 1
+            if self._users == 0:
+                self._limits.restore_original_limits()
+
+
+one_blas_thread = _OneBlasThread()
+"""For a `with`, and to decorate a function that promises the same bits."""
+
+
 def thread_count() -> int:
     """Threads that this process computes on: as many as there are cores, or those of `limited_threads`."""
     import drjit as dr

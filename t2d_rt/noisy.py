@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from t2d_rt.backend import one_blas_thread
 from t2d_rt.checks import instance, integer
 from t2d_rt.cubes import Cube, DiskCube
 from t2d_rt.errors import InputError
@@ -16,6 +17,7 @@ from t2d_rt.result import Recording
 from t2d_rt.types import Receiver
 
 
+@one_blas_thread
 def add_noise(
     recording: Recording, noise: str | Path | Mapping[str, Any] | Receiver = "receiver", *, seed: int | None = None
 ) -> Recording:

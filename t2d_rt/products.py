@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
+from t2d_rt.backend import one_blas_thread
 from t2d_rt.errors import InputError
 from t2d_rt.rows import DTYPE, ScratchFile
 
@@ -173,7 +173,7 @@ class ProductRows:
             raise InputError("the ADC samples were not summed to their end; simulate again")
         samples = slice(None, None, every)
         rows: np.ndarray | None = None
-        with _alone, _blas().limit(limits=1, user_api="blas"):
+        with _alone, one_blas_thread:
             for layer in self._layers:
                 found = np.zeros((stop - start, self.shape[1], len(range(0, self.shape[2], every))), DTYPE)
                 for each in layer.within(start, stop):
@@ -252,10 +252,3 @@ class _Layer:
             self._bounds = np.array([(each.start, each.stop) for each in self._pieces]).reshape(-1, 2).T
         first, last = self._bounds
         return (self._pieces[k] for k in np.flatnonzero((first < stop) & (last > start)).tolist())
-
-
-@cache
-def _blas() -> Any:
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()

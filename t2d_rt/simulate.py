@@ -8,7 +8,7 @@ from typing import Any
 
 from t2d_rt.accuracy import Measurement, Wanted, check_memory, chosen
 from t2d_rt.again import again
-from t2d_rt.backend import Device
+from t2d_rt.backend import Device, one_blas_thread
 from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
 from t2d_rt.noisy import received
@@ -27,6 +27,7 @@ from t2d_rt.types.target import Method
 from t2d_rt.versions import versions
 
 
+@one_blas_thread
 def simulate(
     target: TargetLike | str | Path | Sequence[TargetLike | str | Path],
     *,
@@ -96,6 +97,7 @@ def simulate(
     return recorded(stage, wanted, device, progress)
 
 
+@one_blas_thread
 def run(
     experiment: Experiment | Recording, accuracy: Accuracy | Mapping[str, Any] | None = None, *,
     tolerance_db: float | None = None, measure_error: bool | None = None, device: Device = "auto", memory_gb: float = LIMIT_GB,

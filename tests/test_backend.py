@@ -174,3 +174,21 @@ def test_threads_are_as_many_as_before(fails: bool) -> None:
         if fails:
             raise KeyError
     assert threads() == before
+
+
+def test_one_blas_thread_holds_until_the_last_thread_has_left() -> None:
+    """Two threads of Python whose stays overlap: what one restores would else be the number that the other computes with."""
+    from threadpoolctl import threadpool_info, threadpool_limits
+
+    def threads() -> set[int]:
+        return {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
+
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        first, second = contextlib.ExitStack(), contextlib.ExitStack()
+        first.enter_context(backend.one_blas_thread)
+        second.enter_context(backend.one_blas_thread)
+        first.close()
+        assert threads() == {1}
+        second.close()
+        assert threads() == before

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
+import subprocess
 import sys
 
 import numpy as np
@@ -112,6 +114,31 @@ def test_samples_repeat_and_a_longer_one_begins_alike(model: BackgroundModel) ->
     assert not np.array_equal(short.power, model.sample(2.0, seed=8).power)
     uniform = model.columns(3000, seed=0, codes="uniform").codes
     assert perplexity(uniform, 8) > 7.9
+
+
+LENGTHS = """
+import numpy as np
+from t2d_rt.noise.background.speckle import gaussian_field
+
+def field(bins, columns):
+    time = np.tile(0.9 ** np.arange(16), (bins, 1))
+    return gaussian_field(bins, columns, time, np.array([1, 0.4, 0.1, 0]), np.random.default_rng(7))
+
+for bins in (32, 44, 128):
+    longest = field(bins, 300)
+    for columns in (1, 7, 64, 67, 191):
+        assert np.array_equal(field(bins, columns), longest[:, :columns]), (bins, columns)
+"""
+
+
+@pytest.mark.parametrize(("kernels", "threads"), [("Haswell", "2"), ("Sandybridge", "1")])
+def test_first_columns_are_the_same_bits_whichever_kernels_blas_takes(kernels: str, threads: str) -> None:
+    """OpenBLAS picks its kernels by shape, number of threads and processor; the variable is ignored where it is not known."""
+    found = subprocess.run(
+        [sys.executable, "-c", LENGTHS],
+        env={**os.environ, "OPENBLAS_CORETYPE": kernels, "OPENBLAS_NUM_THREADS": threads}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert found.returncode == 0, found.stderr
 
 
 def test_speckle_has_the_gamma_distribution_and_keeps_its_correlation() -> None:

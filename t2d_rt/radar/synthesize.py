@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt import checks
-from t2d_rt.backend import Backend, aligned_empty, select
+from t2d_rt.backend import Backend, aligned_empty, one_blas_thread, select
 from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large
 from t2d_rt.memory import Budget, reused
 from t2d_rt.products import Product, ProductRows
@@ -76,8 +76,6 @@ def synthesize(
     not change the result. `onto`: a cube of the same shape that the samples are added to and that is returned. `memory`: what
     may be taken; unused memory is given back between windows. `progress` is called with the fraction done, 0..1.
     """
-    from threadpoolctl import threadpool_limits
-
     checks.instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
     assert getattr(echoes, "repeats", None) is None, "echoes that repeat are summed by add_repeated"
     checks.number("tolerance_db", tolerance_db, -90, -10, unit="dB", hint="-50 suits most uses")
@@ -96,8 +94,7 @@ def synthesize(
     sweep, tolerance, backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
     jobs: list[Future[None]] = []
     done = 0
-    # Threads of BLAS that wait for its next product would take the kernels' cores.
-    with threadpool_limits(1, user_api="blas"), _filler(cube, onto, radar) as filler, ThreadPoolExecutor(1) as pool:
+    with one_blas_thread, _filler(cube, onto, radar) as filler, ThreadPoolExecutor(1) as pool:
         for window, rows, position in _blocks(source, radar, starts, read_frames):
             sums = _sums(window, radar, position, sweep, tolerance, backend)
             # Samples are made in another thread: with the first sums of a window most of its kernels are done.

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from t2d_rt.backend import one_blas_thread
 from t2d_rt.checks import array, choice, file_path, flag, integer, number, positive, shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
@@ -106,7 +107,7 @@ class BackgroundModel:
         )
         own = int(np.ceil((count - 1) * ratio)) + 2 if not self.grid.same_as(grid) else count
         steps = -(-own // self.architecture.columns) + 2 * HALO
-        with _blas().limit(limits=1, user_api="blas"):
+        with one_blas_thread:
             if codes == "prior":
                 drawn = prior_codes(self.architecture, self.arrays, steps, of_codes)
             else:
@@ -238,10 +239,3 @@ def _sizes(architecture: Architecture) -> dict[str, tuple[int, ...]]:
         found[f"decoder.stages.{stage}.weight"] = (out, given, 3, 3 if times == 2 else 1)
         found[f"decoder.stages.{stage}.bias"] = (out,)
     return found
-
-
-@cache
-def _blas() -> Any:
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()

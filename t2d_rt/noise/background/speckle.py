@@ -67,7 +67,13 @@ def gaussian_field(
     """
     from scipy.signal import lfilter
 
-    white = rng.standard_normal((columns + WARM_UP, bins), np.float32) @ _root(bins, tuple(doppler.tolist())).T
+    # In blocks of one shape: BLAS picks its kernels by shape, and these round differently.
+    blocks = np.zeros((-(-columns // WARM_UP) + 1, WARM_UP, bins), np.float32)
+    white = blocks.reshape(-1, bins)[: columns + WARM_UP]
+    rng.standard_normal(out=white, dtype=np.float32)
+    root = np.ascontiguousarray(_root(bins, tuple(doppler.tolist())).T)
+    for block in blocks:
+        block[:] = block @ root
     field = [
         lfilter([innovation], np.r_[1, -predictor], row)[WARM_UP:]
         for row, (predictor, innovation) in zip(white.T, map(_filter, time.astype(np.float64)), strict=True)
