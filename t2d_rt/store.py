@@ -42,6 +42,8 @@ class _Work:
 
 _WORKING: list[_Work] = []
 """Of this process now; for `abandon`."""
+LOCKS: set[Path] = set()
+"""Files by which this process holds folders that fill up with finished parts; for `abandon`, too."""
 
 
 @contextmanager
@@ -86,6 +88,8 @@ def abandon() -> list[Path]:
             _remove(work.folder)
             time.sleep(PAUSE_S)  # a thread that still wrote may have made it again
             _remove(work.folder)
+    for lock in LOCKS:
+        lock.unlink(missing_ok=True)
     return [work.target for work in _WORKING if work.moved]
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -142,6 +143,16 @@ def remember_samples(patch: pytest.MonkeyPatch, known: dict[tuple[str, int], Mad
         return replace(known[key], record=dict(known[key].record))
 
     patch.setattr("t2d_rt.dataset.work.make_sample", remembered)
+
+
+def within(seconds: float, done: Callable[[], bool]) -> bool:
+    """Whether something comes true before so much time has passed."""
+    end = time.monotonic() + seconds
+    while not done():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.02)
+    return True
 
 
 # --- scene files ---

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import remember_samples
+from builders import remember_samples, within
 from t2d_rt.cli import main
 from t2d_rt.dataset import Dataset, Recipe, check_dataset, export_dataset, make_dataset, read_shards, shards, work
 from t2d_rt.dataset.lock import LOCK, locked
@@ -174,6 +175,49 @@ def test_a_killed_run_goes_on_where_it_stopped(made: Path, tmp_path: Path) -> No
     (out / "shards" / ".00001.npz-abc.part").write_bytes(b"half")
     assert make_dataset(tiny(), out, workers=1).made == 1
     assert contents(out) == contents(made)
+
+
+WORKERS = [["--workers", "2"], pytest.param(["--scheduler", "local:2"], marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("workers", WORKERS, ids=["joblib", "dask"])
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM], ids=["SIGKILL", "SIGTERM"])
+def test_workers_end_with_the_main_process(tmp_path: Path, workers: list[str], how: signal.Signals) -> None:
+    """That one alone is killed, while its workers start or work; a run after it takes over the folder."""
+    if "--scheduler" in workers:
+        pytest.importorskip("distributed")
+    recipe, out = tmp_path / "tiny.yaml", tmp_path / "out"
+    recipe.write_text(TINY)
+    command = [sys.executable, "-m", "t2d_rt.cli", "dataset", str(recipe), "-o", str(out), *workers]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        assert within(60, lambda: len(descendants(process.pid)) >= 3)  # a tracker of resources, or a scheduler, and two workers
+        started = descendants(process.pid)
+        process.send_signal(how)
+    assert within(10, lambda: not any(alive(pid) for pid in started))
+    assert (out / LOCK).exists() == (how == signal.SIGKILL)
+    with locked(out):
+        pass
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; one that nobody has waited for does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def descendants(pid: int) -> set[int]:
+    """Processes that a process has started, and those that they have started."""
+    parents: dict[int, int] = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            parents[int(path.parent.name)] = int(path.read_text().rpartition(")")[2].split()[1])
+    found, new = set[int](), {pid}
+    while new:
+        new = {each for each, parent in parents.items() if parent in new}
+        found |= new
+    return found
 
 
 def test_samples_that_fail_are_recorded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Any) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import subprocess
 import sys
 import textwrap
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import within
 from t2d_rt.errors import InputError
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate.files import Files, results
@@ -362,3 +364,27 @@ def test_folders_without_results_are_refused(tmp_path: Path, joints: np.ndarray)
     (tmp_path / "prompts.txt").unlink()
     with pytest.raises(InputError, match="copy the file that --text_path named"):
         results(tmp_path)
+
+
+def test_momask_ends_with_the_process_that_asked(checkout: Path) -> None:
+    """That one alone is killed: the program, what the program has started, and its folder go within seconds."""
+    behave(
+        checkout,
+        """
+        import subprocess
+        other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+        open("pids.new", "w").write("%d %d" % (os.getpid(), other.pid))
+        os.rename("pids.new", "pids")
+        time.sleep(60)
+        """,
+    )
+    code = (
+        "import sys; from pathlib import Path; from t2d_rt.motion.generate.momask import MoMask\n"
+        "MoMask(checkout=Path(sys.argv[1]), python=sys.executable).generate('a', frames=40, seed=0)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code, str(checkout)]) as process:
+        pids = checkout / "pids"
+        assert within(60, pids.exists)
+        process.kill()
+    assert within(5, lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids.read_text().split()))
+    assert within(5, lambda: not list((checkout / "generation").iterdir()))

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from t2d_rt.errors import printable
-from t2d_rt.store import abandon
+from t2d_rt.store import LOCKS, abandon
 
 
 def _refused(*_: Any, **__: Any) -> None:
@@ -28,7 +28,8 @@ def stopped_by_sigterm() -> Iterator[None]:
         # Other threads still write: they must not warn of files that vanish, nor make folders anew that have just been removed.
         warnings.simplefilter("ignore")
         vars(os)["mkdir"] = _refused
-        written = ", ".join(f"{path} was written" for path in abandon()) or "nothing was written"
+        filled = [f"what is finished in {lock.parent} stays" for lock in LOCKS]
+        written = ", ".join([*(f"{path} was written" for path in abandon()), *filled]) or "nothing was written"
         with suppress(RuntimeError, OSError):  # it may have come amidst a print
             sys.stdout.flush()
             print(printable(f"t2d-rt: stopped; {written}"), file=sys.stderr, flush=True)

@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from t2d_rt.errors import InputError
+from t2d_rt.store import LOCKS
 
 LOCK = ".lock"
 
@@ -25,9 +26,11 @@ def locked(folder: Path) -> Iterator[None]:
             raise _in_use(folder, holder)
         os.ftruncate(file, 0)
         os.pwrite(file, json.dumps({"pid": os.getpid(), "host": host}).encode(), 0)
+        LOCKS.add(path)
         try:
             yield
         finally:
+            LOCKS.discard(path)
             os.ftruncate(file, 0)
             with suppress(OSError):
                 path.unlink()

@@ -10,6 +10,7 @@ from typing import Any
 
 from t2d_rt.dataset.work import Made
 from t2d_rt.errors import InputError
+from t2d_rt.processes import end_with
 
 Task = tuple[Any, ...]
 Scheduler = Callable[[Sequence[Task]], Iterator[list[Made]]]
@@ -54,14 +55,21 @@ def here(tasks: Sequence[Task]) -> Iterator[list[Made]]:
 def on_this_machine(tasks: Sequence[Task], workers: int) -> Iterator[list[Made]]:
     """In processes of this machine."""
     from joblib import Parallel, delayed, parallel_config
+    from joblib.externals.loky import BrokenProcessPool
 
     from t2d_rt.dataset.work import make_samples_in_worker
 
-    with parallel_config(backend="loky", inner_max_num_threads=1):
-        calls = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-        results = calls(delayed(make_samples_in_worker)(*task) for task in tasks)
-    with closing(results):
-        yield from results
+    try:
+        with parallel_config(backend="loky", inner_max_num_threads=1, initializer=end_with, initargs=(os.getpid(),)):
+            calls = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+            results = calls(delayed(make_samples_in_worker)(*task) for task in tasks)
+        with closing(results):
+            yield from results
+    except BrokenProcessPool:
+        raise InputError(
+            "a worker process was lost, as where memory runs out or somebody ends it; run the recipe again, with fewer --workers "
+            "where memory is short: what is finished stays"
+        ) from None
 
 
 @contextmanager
@@ -93,6 +101,8 @@ def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> It
     except OSError as error:
         raise InputError(f"no scheduler answers at {address} ({error}); start one, or check the address") from None
     try:
+        if cluster is not None:
+            client.run(end_with, os.getpid())
         futures = [client.submit(make_samples, *task, pure=False, retries=RETRIES) for task in tasks]
         for future in as_completed(futures):
             yield future.result()

@@ -18,6 +18,7 @@ from t2d_rt.checks import file_path, integer, number
 from t2d_rt.errors import InputError, printable
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.read import load_motion
+from t2d_rt.processes import NOT_ALLOWED, NOT_FOUND, run_guarded
 from t2d_rt.types.motion import Motion
 
 CHECKOUT_VARIABLE, PYTHON_VARIABLE = "T2D_MOMASK", "T2D_MOMASK_PYTHON"
@@ -88,32 +89,32 @@ class MoMask:
                     [
                         *(self.python, SCRIPT, "--gpu_id", str(self.gpu), "--ext", name, "--text_path", str(prompts)),
                         *("--repeat_times", "1", "--seed", str(seed % 2**31)),
-                    ]
+                    ],
+                    [results, Path(folder)],
                 )
             return _result(results, self.checkout)
         finally:
             shutil.rmtree(results, ignore_errors=True)
 
-    def _run(self, command: list[str]) -> None:
+    def _run(self, command: list[str], temporary: list[Path]) -> None:
         """The process; an InputError with its last words where it fails."""
         environment = {
             name: value for name, value in os.environ.items() if not any(word in name.upper() for word in SECRETS)
         }
         try:
-            done = subprocess.run(
-                command, cwd=self.checkout, env=environment, stdin=subprocess.DEVNULL, capture_output=True, check=False,
-                timeout=self.limit_s,
-            )  # fmt: skip
-        except FileNotFoundError:
-            raise InputError(
-                f"MoMask's Python '{self.python}' was not found; set {PYTHON_VARIABLE} to the interpreter of its environment"
-            ) from None
-        except PermissionError:
-            raise InputError(f"MoMask's Python '{self.python}' may not be run; check {PYTHON_VARIABLE}") from None
+            done = run_guarded(
+                command, folder=self.checkout, env=environment, limit_s=self.limit_s, temporary=temporary
+            )
         except subprocess.TimeoutExpired:
             raise InputError(
                 f"MoMask took longer than {self.limit_s:g} s and was stopped; use a GPU or allow more time"
             ) from None
+        if done.returncode == NOT_FOUND:
+            raise InputError(
+                f"MoMask's Python '{self.python}' was not found; set {PYTHON_VARIABLE} to the interpreter of its environment"
+            )
+        if done.returncode == NOT_ALLOWED:
+            raise InputError(f"MoMask's Python '{self.python}' may not be run; check {PYTHON_VARIABLE}")
         if done.returncode != 0:
             said = (done.stderr or done.stdout).decode("utf-8", "replace").strip().splitlines()
             last = printable(said[-1][:300]) if said else "it said nothing"
