@@ -5,6 +5,7 @@ Every function returns a `matplotlib.figure.Figure`; `figure.savefig("walk.png")
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -26,7 +27,7 @@ from t2d_rt.canvas import (
     thinned,
 )
 from t2d_rt.checks import LARGEST_M, array, instance, numeric, positive, shown, text
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.types import Scene, Surface
 
 if TYPE_CHECKING:
@@ -62,13 +63,25 @@ def draw_map(
     (y_name, x_name), _ = MAPS[kind]
     y, x, power_db = checked_map(y_name, y, x_name, x, power_db)
     if x_name == "time_s":
-        x, power_db = thinned(x, power_db)
+        x, power_db = _with_width(x, power_db) if len(x) == 1 else thinned(x, power_db)
     low, _ = scaled_image(axes, x, y, power_db, scale)
     axes.set_ylim(occupied(y, power_db.max(axis=1), low))
     if x_name != "time_s":
         axes.set_xlim(occupied(x, power_db.max(axis=0), low, zero=False))
     label_axes(axes, LABELS[x_name], LABELS[y_name], title)
     draw_note(axes, note)
+
+
+def _with_width(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One column over the time of its window, which a record of that length begins at 0; with a warning."""
+    warnings.warn(
+        f"the record has room for one column, at {time_s[0]:.4g} s: the picture shows no change in time; take a longer record, or "
+        "shorter windows (n_window)",
+        T2DWarning,
+        stacklevel=4,
+    )
+    half = 0.5 * abs(time_s[0]) or 0.5
+    return time_s[0] + half * np.array([-1.0, 1.0]), np.repeat(power_db, 2, axis=1)
 
 
 def _plotted(

@@ -65,6 +65,8 @@ class MotionFile(_Placed):
     kind: Literal["file"] = "file"
     file: str
     """Path, in a YAML file relative to its folder; or the name of a bundled motion."""
+    subject: str | None = None
+    """Name of the person who is taken of a file that holds several; by default the first who is complete."""
 
 
 class MotionText(_Placed):
@@ -293,7 +295,8 @@ def target_from(source: Any, inputs: Inputs, radar: Radar, folder: Path | None) 
     if isinstance(source, Mover):
         return source
     if isinstance(source, MotionFile):
-        return source.placed(load_motion(motion_path(found_from(folder or Path(), source.file))), radar)
+        path = motion_path(found_from(folder or Path(), source.file))
+        return source.placed(load_motion(path, subject=source.subject), radar)
     if isinstance(source, MotionText):
         return source.placed(source.made(), radar)
     if isinstance(source, MotionArrays):

@@ -28,7 +28,7 @@ from t2d_rt.room import find_path_pairs
 from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.refinement import REFINING_BYTES
-from t2d_rt.scene import Room
+from t2d_rt.scene import Mover, Room
 from t2d_rt.sources import sources_of, stored_scene
 from t2d_rt.targets import TargetLike, placed, shared_time, targets_of
 from t2d_rt.types import Accuracy, Ellipsoids, Motion, MovingMesh, Radar, Scene
@@ -38,6 +38,9 @@ from t2d_rt.types.target import Geometry
 
 JUMP_MPS = 300.0
 """Greatest speed of a joint between two frames; a jump of 2.5 m in a file of 120 frames a second is faster."""
+
+LEAST_CUT_S = 0.05
+"""Part of a motion beyond the record's end from which it is told; durations in whole frames differ by less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +90,7 @@ def set_up(
     modelled = targets_of(targets, method, body, material, radar)
     geometries = [each.geometry for each in modelled]
     span_s = shared_time(geometries)
+    _tell_of_cuts(targets, geometries, span_s[1])
     transmissions = physics["transmissions"]
     if scene is not None:
         moving = [placed(t, radar) if isinstance(t, Motion) else s for t, s in zip(targets, geometries, strict=True)]
@@ -135,6 +139,30 @@ def _placed(motion: Motion, radar: Radar) -> Motion:
             stacklevel=4,
         )
     return found
+
+
+def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry], stop_s: float) -> None:
+    """Warns of a motion that goes on after the record, which ends with the target that ends first."""
+    # Movers have the time that the others have in common, and a mesh of the user may be given for as long as he likes.
+    ends_s = [
+        np.inf if isinstance(t, Mover) else float(g.times_s[-1]) for t, g in zip(targets, geometries, strict=True)
+    ]
+    motions = [place for place, target in enumerate(targets) if isinstance(target, Motion)]
+    longest = max(motions, key=lambda place: ends_s[place], default=None)
+    if longest is None or ends_s[longest] <= stop_s + LEAST_CUT_S:
+        return
+
+    def named(place: int) -> str:
+        origin = target.origin if isinstance(target := targets[place], Motion) else ()
+        return f"target {place + 1} ({origin[0].partition(',')[0] if origin else geometries[place].name})"
+
+    warnings.warn(
+        f"the record ends with {named(ends_s.index(min(ends_s)))} at {stop_s:.4g} s, and of the {ends_s[longest]:.4g} s of "
+        f"{named(longest)} the last {ends_s[longest] - stop_s:.4g} s are left out; give both for the same time (start_s, stop_s), "
+        "or simulate them apart",
+        T2DWarning,
+        stacklevel=4,
+    )
 
 
 def _check_steps(motion: Motion) -> None:

@@ -13,6 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS = 400, 60, 8
 
 FACADE = {
+    "t2d_rt/motion/read/__init__.py load_motion",
     "t2d_rt/simulate.py simulate",
     "t2d_rt/plots.py plot_comparison",
     "t2d_rt/signal/angle.py range_angle",

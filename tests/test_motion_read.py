@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from builders import MOTIONS, WALK
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import flavours, load_motion, motion_from_joints, register_flavour, skeletons
 from t2d_rt.motion.interpolate import decompose
 from t2d_rt.motion.posture import facing
@@ -369,7 +369,7 @@ BAD = {
     "channels": (CHAIN.replace("CHANNELS 6", "CHANNELS 5", 1), "must be a count and that many"),
     "channel kind": (CHAIN.replace("Yrotation", "Wrotation", 1), "must be a count and that many"),
     "twice": (CHAIN.replace("left knee", "big hip"), "occurs twice"),
-    "two roots": (CHAIN.replace("JOINT left", "ROOT left"), "one ROOT"),
+    "two roots": (CHAIN.replace("JOINT left", "ROOT left"), "expected a ROOT that holds every joint"),
     "outside": (CHAIN.replace("MOTION", "JOINT x\n{\nOFFSET 0 0 0\n}\nMOTION"), "out of place"),
     "garbage": (CHAIN.replace("OFFSET 1 2 3", "SCALE 1 2 3"), "cannot understand 'SCALE 1 2 3'"),
     "nobody": (CHAIN, "no two limbs of like bones where a person has two arms and two legs"),
@@ -502,3 +502,16 @@ def test_fuzz_mutated_file(tmp_path: Path, momask_text: str, seed: int) -> None:
             words[drawn.randrange(len(words))] = drawn.choice(ODD)
             lines[row] = " ".join(words)
         check_read_or_refused(tmp_path, "\n".join(lines).encode())
+
+
+def test_a_file_too_short_for_a_movement_is_told(tmp_path: Path) -> None:
+    walk = load_motion(MOTIONS / "12_01_walk.bvh")
+    for frames in (2, 12):
+        path = tmp_path / f"{frames}.npz"
+        np.savez(path, joints=walk.joints[:frames], names=np.array(walk.names), fps=120.0)
+        with pytest.warns(
+            T2DWarning, match=rf"{frames}.npz lasts 0.0\d+ s \({frames} frames at 120 Hz\), a step takes 0.5 s"
+        ):
+            load_motion(path)
+    np.savez(tmp_path / "13.npz", joints=walk.joints[:13], names=np.array(walk.names), fps=120.0)
+    assert load_motion(tmp_path / "13.npz").duration_s == 0.1

@@ -214,6 +214,33 @@ def test_targets_without_common_time() -> None:
         t2d.simulate([ball(2.0), late], radar=RADAR)
 
 
+def test_a_motion_that_goes_on_after_the_record_is_told(walk: Motion) -> None:
+    short = t2d.trim(walk, 0.0, 0.1)
+    egg = Ellipsoids(np.array([[0.1, 0.1, 0.2]]), np.tile([2.0, 0, 1], (3, 1, 1)), TIMES_S, names=["egg"])
+    for targets, ends, cut in (
+        (
+            [walk, short],
+            r"target 2 \(12_01_walk.bvh\) at 0.1 s",
+            r"0.3 s of target 1 \(12_01_walk.bvh\) the last 0.2 s",
+        ),
+        (
+            [short, walk],
+            r"target 1 \(12_01_walk.bvh\) at 0.1 s",
+            r"0.3 s of target 2 \(12_01_walk.bvh\) the last 0.2 s",
+        ),
+        (
+            [egg, walk],
+            r"target 1 \(the body of ellipsoids\) at 0.2 s",
+            r"0.3 s of target 2 \(12_01_walk.bvh\) the last 0.1 s",
+        ),
+    ):
+        with pytest.warns(T2DWarning, match=f"the record ends with {ends}, and of the {cut} are left out"):
+            t2d.simulate(targets, radar=RADAR, method="ellipsoid", accuracy={"occlusion": False})
+    t2d.simulate(
+        [egg, short, t2d.trim(walk, 0.0, 0.13)], radar=RADAR, method="ellipsoid", accuracy={"occlusion": False}
+    )
+
+
 def test_no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("t2d_rt.backend._has_cuda", lambda: False)
     with pytest.raises(BackendError, match="no CUDA device was found; use device cpu"):

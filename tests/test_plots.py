@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.result import Recording
 from t2d_rt.signal import coherent_interval, range_doppler, range_time, spectrogram
 from t2d_rt.types import Radar
@@ -250,3 +250,13 @@ def test_axes_of_a_figure_of_ones_own(walker: Recording, kind: str) -> None:
 def test_what_cannot_be_drawn(walker: Recording, kind: str, options: dict[str, Any], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         getattr(walker, kind)(**options)
+
+
+def test_one_column_is_drawn_with_a_width_and_told() -> None:
+    record = Recording(cube(TABLE2, 4.0, 2.0, chirps=85), TABLE2)
+    with pytest.warns(T2DWarning, match=r"room for one column, at 0.00415 s: the picture shows no change in time"):
+        axes = record.plot().axes[0]
+    assert axes.get_xlim() == pytest.approx((0.0, 85 * TABLE2.loop_interval_s))
+    mesh = axes.collections[0]
+    assert mesh.get_array().shape[1] == 2
+    assert mesh.get_array().max() == 0.0

@@ -33,13 +33,14 @@ class Person(Fields):
     angle_deg: Number = 0.0
     start_s: Annotated[Number, Field(ge=0)] = 0.0
     stop_s: Number | None = None
+    subject: str | None = None
 
     def motion(self, radar: Radar) -> Motion:
         """The file's motion from `start_s` to `stop_s`, where `place` puts it."""
         from t2d_rt.motion import load_motion, place
         from t2d_rt.named import motion_path
 
-        motion = cut(load_motion(motion_path(self.file)), self.start_s, self.stop_s)
+        motion = cut(load_motion(motion_path(self.file), subject=self.subject), self.start_s, self.stop_s)
         return place(
             motion,
             distance_m=self.distance_m,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from t2d_rt.checks import file_path
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion.read.detect import Up
 from t2d_rt.motion.read.formats import is_bvh, read_tracks
 from t2d_rt.motion.read.positions import motion_from_joints
@@ -15,6 +16,9 @@ from t2d_rt.motion.read.reading import LOWEST_CUTOFF_HZ, Reading, file_origin
 from t2d_rt.motion.read.skeletal import read_skeletal
 from t2d_rt.motion.read.tracks import motion_of
 from t2d_rt.types.motion import Motion
+
+SHORT_S = 0.1
+"""Below, a file holds no movement that could be seen: a tenth of a step, four windows of a spectrogram of 25 ms."""
 
 __all__ = ["LOWEST_CUTOFF_HZ", "load_motion", "motion_from_joints"]
 
@@ -29,6 +33,7 @@ def load_motion(
     smooth_hz: float | Literal["auto"] | None = "auto",
     flavour: str | None = None,
     rate_hz: float | None = None,
+    subject: str | None = None,
 ) -> Motion:
     """Read a motion file: canonical joints, metres, right-handed, z up, floor at z = 0.
 
@@ -46,14 +51,23 @@ def load_motion(
     flavour: how a BVH file names its joints, one of `t2d_rt.motion.flavours()` or a flavour file (.yaml, see
         `t2d_rt.motion.flavour_files`); left out, joints of any names are matched by names and form.
     rate_hz: frames per second, instead of the file's own.
+    subject: name of the person who is taken of a file that holds several; left out, the first who is complete.
     """
     path = file_path("path", path)
     reading = Reading(
-        units=units, up=up, floor=floor, drop_tpose=drop_tpose, smooth_hz=smooth_hz, flavour=flavour, rate_hz=rate_hz
-    )
+        units=units, up=up, floor=floor, drop_tpose=drop_tpose, smooth_hz=smooth_hz, flavour=flavour, rate_hz=rate_hz,
+        subject=subject,
+    )  # fmt: skip
     try:
-        motion = read_skeletal(path, reading) if is_bvh(path) else motion_of(read_tracks(path), reading)
+        motion = read_skeletal(path, reading) if is_bvh(path) else motion_of(read_tracks(path, subject), reading)
     except InputError as error:
         told = str(error)
         raise InputError(told if path.name in told else f"{path}: {told}") from None
+    if motion.duration_s < SHORT_S:
+        warnings.warn(
+            f"{path.name} lasts {motion.duration_s:.3g} s ({len(motion.joints)} frames at {motion.rate_hz:g} Hz), a step takes "
+            "0.5 s: nothing of a movement can be seen in it; take a longer motion, or check its rate (rate_hz)",
+            T2DWarning,
+            stacklevel=2,
+        )
     return replace(motion, origin=(file_origin(path), *motion.origin))

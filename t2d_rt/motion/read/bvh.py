@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import gunzip, read_bytes, size
 from t2d_rt.motion.quaternions import about_axis, multiply, normalise, rotate
+from t2d_rt.motion.read.subjects import FEWEST_LABELS
 
 MAX_BYTES = 150_000_000
 """Largest text that is read: MAX_VALUES with 15 characters each."""
@@ -53,7 +54,7 @@ TOKEN = re.compile(rb"[{}]|[^{}\r\n]+")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawSkeleton:
-    """A BVH file as it stands: joints and end sites (named `<parent>:end`), parents before children."""
+    """A BVH file as it stands: joints and end sites (named `<parent>:end`), parents before children; of several ROOTs each tree."""
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
@@ -75,6 +76,35 @@ def read_bvh(path: str | Path) -> RawSkeleton:
         names=tuple(names), parents=tuple(parents), offsets=np.array(offsets), channels=tuple(channels),
         values=values, rate_hz=rate_hz,
     )  # fmt: skip
+
+
+def bodies(raw: RawSkeleton) -> dict[str, RawSkeleton]:
+    """The trees of a file's ROOTs that have joints enough for a person, by the namespace of their names, else the ROOT's own name,
+    else their number; a file with one ROOT is one body without a name."""
+    starts = [joint for joint, parent in enumerate(raw.parents) if parent < 0]
+    stops = [*starts[1:], len(raw.parents)]
+    columns = np.cumsum([0, *map(len, raw.channels)])
+    large = [
+        slice(start, stop)
+        for start, stop in zip(starts, stops, strict=True)
+        if sum(map(bool, raw.channels[start:stop])) >= FEWEST_LABELS or len(starts) == 1
+    ]
+    names = [raw.names[each.start] for each in large]
+    spaces = [name.rpartition(":")[0] for name in names]
+    called = next(
+        (each for each in (spaces, names) if len({*each} - {""}) == len(large)), [*map(str, range(1, len(large) + 1))]
+    )
+    return {
+        name if len(large) > 1 else "": replace(
+            raw,
+            names=raw.names[each],
+            parents=tuple(max(parent - each.start, -1) for parent in raw.parents[each]),
+            offsets=raw.offsets[each],
+            channels=raw.channels[each],
+            values=raw.values[:, columns[each.start] : columns[each.stop]],
+        )
+        for name, each in zip(called, large, strict=True)
+    }
 
 
 def forward_kinematics(
@@ -192,10 +222,10 @@ def _hierarchy(text: bytes, path: str | Path) -> tuple[list[str], list[int], lis
         word, _, rest = token.replace(b"\t", b" ").partition(b" ")
         keyword, last = word.upper(), len(names) - 1
         if keyword in (b"ROOT", b"JOINT", b"END"):
-            if opens or (keyword == b"ROOT") != (not names) or (names and not stack):
-                raise InputError(
-                    f"{path}: expected one ROOT that holds every joint, found {_shown(token)} out of place"
-                )
+            if opens or (keyword == b"ROOT") != (not stack):
+                raise InputError(f"{path}: expected a ROOT that holds every joint, found {_shown(token)} out of place")
+            if keyword == b"ROOT":
+                taken = set()  # of one body; another may have the same
             name = f"{names[stack[-1]]}:end" if keyword == b"END" else _text(rest)
             if not name or name in taken:
                 raise InputError(

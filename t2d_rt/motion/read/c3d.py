@@ -15,6 +15,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
 from t2d_rt.motion.read.markers import joints_from
+from t2d_rt.motion.read.subjects import numbered
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import RATES_HZ
 
@@ -40,13 +41,13 @@ np.savez(sys.argv[2], labels=np.array(labels, dtype=str), rate=point["RATE"]["va
 """Program of the process that decodes a file, given as its first argument, into the .npz file that is its second."""
 
 
-def read_c3d(path: Path) -> Tracks:
+def read_c3d(path: Path, subject: str | None = None) -> Tracks:
     """Joints of the file's joint centres or markers."""
     data = read_bytes(path, limit=MAX_BYTES, noun="C3D file")
     if len(data) < 1024 or data[1] != C3D_MARK:
         raise InputError(f"{path} is not a C3D file, or cut short")
     markers, rate_hz, unit = _markers(path)
-    points, told = joints_from(markers, rate_hz)
+    points, told = joints_from(markers, rate_hz, subject)
     return Tracks(
         form="C3D", points=points, rate_hz=rate_hz, told=told, unit_m=UNITS_M.get(unit), up="z", up_certain=False
     )
@@ -65,7 +66,11 @@ def _markers(path: Path) -> tuple[dict[str, np.ndarray], float, str]:
     # Markers not seen are NaN, or exactly at the origin in files of older programs.
     unseen = (positions == 0.0).all(axis=-1, keepdims=True) | ~(np.abs(positions) < LARGEST_NUMBER)
     positions = np.where(unseen, np.nan, positions)
-    return {label: positions[place] for place, label in enumerate(labels[: len(positions)])}, rate_hz, unit.lower()
+    return (
+        {label: positions[place] for place, label in enumerate(numbered(labels[: len(positions)]))},
+        rate_hz,
+        unit.lower(),
+    )
 
 
 def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:

@@ -122,14 +122,19 @@ def _side_and_part(name: str) -> tuple[str, str]:
     return "", "".join(words)
 
 
+def absent_joints(names: Sequence[str]) -> list[str]:
+    """Canonical joints that nothing can stand in for and that names give none for."""
+    sources = canonical_sources(names)
+    return [joint for joint in NEEDED if joint not in sources]
+
+
 def named_points(joints: np.ndarray, names: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, tuple[str, ...]]]:
     """Points (T, 3) by canonical name of joints (T, K, 3), and which names stand for which; refuses a set without limbs."""
     if len(set(names)) != len(names):
         raise InputError(
             f"the joints' names must differ, got {shown(max(names, key=list(names).count))} more than once"
         )
-    sources = canonical_sources(names)
-    absent = [joint for joint in NEEDED if joint not in sources]
+    sources, absent = canonical_sources(names), absent_joints(names)
     if absent:
         raise InputError(
             f"the joints' names lack {', '.join(absent)}; name hips, knees, ankles, shoulders, elbows and wrists "

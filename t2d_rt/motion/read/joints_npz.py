@@ -10,10 +10,11 @@ import numpy as np
 
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.motion.read.arrays import Arrays
+from t2d_rt.motion.read.arrays import Arrays, real_numbers
 from t2d_rt.motion.read.detect import Up
 from t2d_rt.motion.read.humanml3d import WIDTH, read_joints, read_vectors
-from t2d_rt.motion.read.joint_sets import ORDERS, guessed_order, named_points
+from t2d_rt.motion.read.joint_sets import ORDERS, absent_joints, guessed_order, named_points
+from t2d_rt.motion.read.subjects import Labels, check_only, chosen, numbered, of_labels, subjects
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -26,26 +27,56 @@ NAMED_RATE_HZ = 30.0
 
 MOST_JOINTS = 200
 
+MOST_PERSONS = 30
+"""In one array."""
+
 FORMS = "(T, 22, 3) HumanML3D joints, (T, 263) HumanML3D vectors, or (T, K, 3) joints with `names` in a .npz"
 
 
-def read_plain(arrays: Arrays) -> Tracks:
-    """Joints (T, K, 3), named or in a known order, or HumanML3D vectors (T, 263)."""
+def read_plain(arrays: Arrays, subject: str | None = None) -> Tracks:
+    """Joints (T, K, 3), named or in a known order, or HumanML3D vectors (T, 263); of several persons (T, P, K, 3) one."""
     key = arrays.first(*JOINT_FIELDS) or (next(iter(arrays.texts)) if len(arrays.texts) == 1 else None)
     if key is None:
         raise InputError(f"{arrays.path} holds {shown(list(arrays.texts))} but no joints; expected {FORMS}")
-    values = arrays.numbers(key, (2, 3))
+    persons = _persons(arrays, key)
+    what = f"{arrays.path}: {key or 'the array'}"
+    values, who = chosen(persons, None if "" in persons else subject, lambda found: real_numbers(found, what, (2, 3)))
+    tracks = _of_one(values, arrays, subject if "" in persons else None)
+    return replace(tracks, told=(*who, *tracks.told))
+
+
+def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
+    """Persons by number of an array (T, P, K, 3) or (P, T, K, 3), those who are seen at all; an only one has no name."""
+    found = arrays.get(key)
+    if found.ndim != 4 or found.shape[3] != 3 or min(found.shape) < 2 or found.dtype.kind not in "fiu":
+        return {"": found}
+    people = np.moveaxis(found, int(found.shape[1] < found.shape[0]), 0)
+    if len(people) > MOST_PERSONS:
+        return {"": found}
+    seen = {str(number): each for number, each in enumerate(people, 1) if np.nan_to_num(each).any()}
+    return seen if len(seen) > 1 else {"": next(iter(seen.values()), found)}
+
+
+def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
     if values.ndim == 3 and values.shape[0] == 1 and values.shape[2] != 3:
         values = values[0]
     rate_hz = arrays.scalar(*RATE_FIELDS)
     names = _names(arrays)
-    if names is None and values.ndim == 2 and values.shape[1] == WIDTH:
-        return _at_rate(read_vectors(values), rate_hz)
-    joints = _joints(values, arrays, names)
     if names is None:
-        return _at_rate(_in_order(joints, arrays), rate_hz)
-    points, sources = named_points(joints, names)
-    told = (f"{len({each for source in sources.values() for each in source})} of its {len(names)} named joints",)
+        check_only(subject)
+        if values.ndim == 2 and values.shape[1] == WIDTH:
+            return _at_rate(read_vectors(values), rate_hz)
+        return _at_rate(_in_order(_joints(values, arrays, names), arrays), rate_hz)
+    joints, labels = _joints(values, arrays, names), numbered(names)
+    if len(set(names)) < len(names) and not subjects(labels, absent_joints):
+        named_points(joints, names)  # refuses names that are repeated by mistake
+    place = {label: number for number, label in enumerate(labels)}
+
+    def read(own: Labels) -> tuple[dict[str, np.ndarray], dict[str, tuple[str, ...]]]:
+        return named_points(joints[:, [place[each] for each in own.values()]], tuple(own))
+
+    (points, sources), who = of_labels(labels, absent_joints, subject, read)
+    told = (*who, f"{len({each for source in sources.values() for each in source})} of its {len(names)} named joints")
     return _at_rate(
         Tracks(form="named joints", points=points, rate_hz=NAMED_RATE_HZ, told=told, up=_up(arrays)), rate_hz
     )

@@ -7,13 +7,16 @@ two markers. Widths follow stature. Other labels are refused: which point of the
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 import numpy as np
 
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.quaternions import between, rotate
-from t2d_rt.motion.read.joint_sets import NEEDED, canonical_sources, named_points
+from t2d_rt.motion.read.joint_sets import NEEDED, absent_joints, canonical_sources, named_points
+from t2d_rt.motion.read.subjects import of_labels
 
 LONGEST_GAP_S = 0.25
 """Gaps up to here are bridged by straight lines."""
@@ -48,16 +51,44 @@ STRAIGHT = 0.03
 """(sine of the bend)^2 at which a hinge counts as much as the trunk's left."""
 
 
-def joints_from(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Points (T, 3) by canonical name, without gaps, and clauses for the report on what was used.
+def joints_from(
+    markers: dict[str, np.ndarray], rate_hz: float, subject: str | None = None
+) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Points (T, 3) of one subject by canonical name, without gaps, and clauses for the report on what was used.
 
     markers: positions (T, 3) by label in any unit and axes, NaN where a marker was not seen.
     """
-    plain: dict[str, np.ndarray] = {}
-    for label, track in markers.items():
-        plain.setdefault(label.split(":")[-1].strip(), track)
+    (points, told), who = of_labels(
+        tuple(markers),
+        lacking,
+        subject,
+        lambda own: _joints({label: markers[source] for label, source in own.items()}, rate_hz),
+    )
+    return points, (*who, *told)
+
+
+def lacking(labels: Sequence[str]) -> list[str]:
+    """Which labels are absent of joint centres or, where half of these are, of markers on the skin; none where one set is whole."""
+    upper = {label.upper() for label in labels}
+    modelled = [label for label, joint in MODELLED.items() if joint in NEEDED and label not in upper]
+    absent = [f"{s}{label}" for each in SIDED.values() for label in each for s in "LR" if f"{s}{label}" not in upper]
+    skin = absent if _pelvis(upper) else [*PELVIS_SETS[0], *absent]
+    centres = min(absent_joints(labels), modelled, key=len)
+    return centres if len(centres) <= len(NEEDED) // 2 and skin else skin
+
+
+def _pelvis(upper: Collection[str]) -> tuple[str, ...] | None:
+    return next((labels for labels in PELVIS_SETS if all(label in upper for label in labels)), None)
+
+
+def _joints(plain: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    if absent := lacking(tuple(plain)):
+        raise InputError(
+            f"markers {shown(list(plain))} give no joints: they lack {', '.join(absent[:8])}; expected joint centres by name, "
+            "or the markers of Plug-in Gait or CMU's set"
+        )
     upper = {label.upper(): track for label, track in plain.items()}
-    if all(joint in canonical_sources(tuple(plain)) for joint in NEEDED):
+    if not absent_joints(tuple(plain)):
         used = {name for names in canonical_sources(tuple(plain)).values() for name in names}
         tracks, told = _without_gaps({label: track for label, track in plain.items() if label in used}, rate_hz)
         points, _ = named_points(np.stack(list(tracks.values()), axis=1), tuple(tracks))
@@ -72,15 +103,9 @@ def joints_from(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[st
 
 
 def _from_skin(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    pelvis = next((labels for labels in PELVIS_SETS if all(label in markers for label in labels)), None)
+    pelvis = _pelvis(markers)
+    assert pelvis is not None
     needed = [f"{s}{label}" for labels in SIDED.values() for label in labels for s in "LR"]
-    absent = [label for label in needed if label not in markers]
-    if pelvis is None or absent:
-        lacking = absent if pelvis else [*PELVIS_SETS[0], *absent]
-        raise InputError(
-            f"markers {shown(list(markers))} give no joints: they lack {', '.join(lacking[:8])}; expected joint centres by name, "
-            "or the markers of Plug-in Gait or CMU's set"
-        )
     optional = [label for label in (*HEAD, "LTOE", "RTOE", "LFIN", "RFIN") if label in markers]
     wanted = dict.fromkeys([*pelvis, *needed, *optional])
     at, told = _without_gaps({label: markers[label] for label in wanted}, rate_hz)

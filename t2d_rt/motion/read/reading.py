@@ -28,6 +28,7 @@ class Reading:
     smooth_hz: float | Literal["auto"] | None = "auto"
     flavour: str | None = None
     rate_hz: float | None = None
+    subject: str | None = None
 
     def __post_init__(self) -> None:
         if self.units is not None and not isinstance(self.units, str):
@@ -40,7 +41,7 @@ class Reading:
             number("smooth_hz", self.smooth_hz, LOWEST_CUTOFF_HZ, unit="Hz", hint="a cut-off in Hz, None or 'auto'")
         if self.rate_hz is not None:
             checked_rate(self.rate_hz)
-        for name, value in (("up", self.up), ("flavour", self.flavour)):
+        for name, value in (("up", self.up), ("flavour", self.flavour), ("subject", self.subject)):
             if value is not None:
                 text(name, value)
 

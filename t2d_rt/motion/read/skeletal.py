@@ -10,11 +10,12 @@ import numpy as np
 
 from t2d_rt.errors import T2DWarning
 from t2d_rt.motion.match import DECISIVE, MOST_FRAMES, Match, match, signs
-from t2d_rt.motion.read.bvh import RawSkeleton, forward_kinematics, read_bvh
+from t2d_rt.motion.read.bvh import RawSkeleton, bodies, forward_kinematics, read_bvh
 from t2d_rt.motion.read.detect import add_feet, floor_level, to_z_up, tpose_frames, unit, up_axis
 from t2d_rt.motion.read.flips import flips, told
 from t2d_rt.motion.read.positions import assemble
 from t2d_rt.motion.read.reading import Reading, smoothed
+from t2d_rt.motion.read.subjects import chosen
 from t2d_rt.motion.read.tracks import warn_of_rate
 from t2d_rt.motion.skeletons import (
     Flavour,
@@ -30,8 +31,8 @@ from t2d_rt.types.motion import Motion
 
 def read_skeletal(path: Path, reading: Reading) -> Motion:
     """A .bvh or .bvh.gz file as a motion with its report."""
-    raw = read_bvh(path)
-    raw, kind, matched = _mapped(raw, reading.flavour)
+    found = bodies(read_bvh(path))
+    (raw, kind, matched), who = chosen(found, reading.subject, lambda body: _mapped(body, reading.flavour))
     names = raw.names
     offsets, restored = restored_offsets(raw, names, kind)
     points, orientations = canonical(raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind)))
@@ -54,7 +55,7 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     warn_of_rate(motion.rate_hz)
     report = [
         f"BVH, {len(motion.joints)} frames at {motion.rate_hz:g} Hz",
-        f"flavour {kind.name}" if matched is None else matched.told,
+        *who, f"flavour {kind.name}" if matched is None else matched.told,
         f"1 unit = {unit_m:.4g} m (stature {stature_m:.2f} m)", f"up {axis}",
         f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
     ]  # fmt: skip

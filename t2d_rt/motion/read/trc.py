@@ -11,6 +11,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
 from t2d_rt.motion.read.markers import joints_from
+from t2d_rt.motion.read.subjects import numbered
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import RATES_HZ
 
@@ -20,7 +21,7 @@ MAX_MARKERS = 1000
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
-def read_trc(path: Path) -> Tracks:
+def read_trc(path: Path, subject: str | None = None) -> Tracks:
     """Joints of the file's joint centres or markers."""
     data = read_bytes(path, limit=MAX_BYTES, noun="TRC file")
     lines = data.decode("latin-1").lstrip("\ufeff").splitlines()
@@ -36,12 +37,13 @@ def read_trc(path: Path) -> Tracks:
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
         raise InputError(f"{path}: DataRate must be frames per second, got {shown(header['DataRate'])}")
     labels = [label.strip() for label in lines[3].split("\t")[2:]]
-    columns = {label: place for place, label in enumerate(labels) if label}
+    places = [place for place, label in enumerate(labels) if label]
+    columns = dict(zip(numbered(labels[place] for place in places), places, strict=True))
     if not columns or len(columns) > MAX_MARKERS:
         raise InputError(f"{path}: its fourth line must name 1 to {MAX_MARKERS} markers, got {len(columns)}")
     table = _table(lines[5:], len(labels), path)
     markers = {label: table[:, place : place + 3] for label, place in columns.items() if place + 3 <= table.shape[1]}
-    points, told = joints_from(markers, rate_hz)
+    points, told = joints_from(markers, rate_hz, subject)
     return Tracks(form="TRC", points=points, rate_hz=rate_hz, told=told, unit_m=unit_m, up="y", up_certain=False)
 
 

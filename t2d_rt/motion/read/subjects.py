@@ -1,0 +1,160 @@
+"""Several persons in one file -> one of them: whose a label is tells what stands before or after the point's name.
+
+Trackers write `Anna:LASI`, `Anna_LASI`, `Anna.LASI`, `LASI_2` or `LASI` twice. What is before or after such a sign names a subject
+where the labels that share it are all that a person needs; so `left_` of `left_hip` names none, nor does the prefix of a chair.
+Nothing of one subject completes another.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TypeVar
+
+from t2d_rt.checks import shown
+from t2d_rt.errors import InputError, T2DWarning, printable
+
+Source = TypeVar("Source")
+Found = TypeVar("Found")
+
+SIGNS = ":_.-|/# "
+
+SIGN = re.compile(rf"[{re.escape(SIGNS)}]+|(?<=[^\W\d])(?=\d+$)|(?<=\d)(?=[^\W\d])")
+"""Between a subject's name and a point's: a sign, or a number's begin at the end (`LASI2`) or its end (`P2LASI`)."""
+
+MOST_SIGNS = 16
+"""Of a label that are looked at."""
+
+FEWEST_LABELS = 12
+"""Of a person: hips, knees, ankles, shoulders, elbows and wrists."""
+
+ALIKE = 6
+"""Labels that an incomplete subject has in common with another one: half of a person's."""
+
+UNNAMED = "unnamed"
+"""The subject whose labels have nothing before or after them, where those of others have."""
+
+LONGEST_NAME = 60
+
+Labels = dict[str, str]
+"""A subject's labels, without its name -> as they stand in the file."""
+
+Affix = tuple[str, str]
+"""Whether it stands "before" or "after" the point's name, and its text."""
+
+
+def numbered(labels: Iterable[str]) -> list[str]:
+    """Labels of which each occurs once: a repeated one is followed by #2, #3."""
+    count: dict[str, int] = {}
+    found = []
+    for label in labels:
+        count[label] = count.get(label, 0) + 1
+        found.append(label if count[label] == 1 else f"{label}#{count[label]}")
+    return found
+
+
+def of_labels(
+    labels: Sequence[str],
+    lacking: Callable[[Sequence[str]], Sequence[str]],
+    wanted: str | None,
+    read: Callable[[Labels], Found],
+) -> tuple[Found, tuple[str, ...]]:
+    """What is read of one subject's labels, and clauses for the report on who it is; as `chosen` chooses.
+
+    lacking: which labels a person needs beside some.
+    """
+    found = subjects(labels, lacking)
+    if found:
+        return chosen(found, wanted, read)
+    # Prefixes of one person, of its parts, or none; of equal points the first.
+    prefixes = [*dict.fromkeys(printable(label.rpartition(":")[0]) for label in labels)]
+    own: Labels = {}
+    for label in labels:
+        own.setdefault(label.rpartition(":")[2].strip(), label)
+    result, who = chosen({prefixes[0] if len(prefixes) == 1 else "": own}, wanted, read)
+    return result, who if len(prefixes) == 1 else (
+        f"labels with {shown(prefixes)} before the colon taken as one person's",
+    )
+
+
+def chosen(
+    found: Mapping[str, Source], wanted: str | None, read: Callable[[Source], Found]
+) -> tuple[Found, tuple[str, ...]]:
+    """What is read of one subject, and clauses for the report on who it is: the one that is wanted, or the first that can be read,
+    with a warning that names the others.
+
+    found: subjects by name, in the order of the file. read: raises an InputError where a subject lacks anything.
+    """
+    names = list(found)
+    if wanted is not None:
+        names = [name for name in found if name == wanted] or [name for name in found if name.lower() == wanted.lower()]
+        if not names or not names[0]:
+            known = (
+                f"its subjects are {', '.join(found)}"
+                if any(found)
+                else "it holds one, without a name; leave subject out"
+            )
+            raise InputError(f"subject {shown(wanted)} is not in the file; {known}")
+    faults: list[str] = []
+    for name in names:
+        try:
+            result = read(found[name])
+        except InputError as error:
+            faults.append(f"{name}: {error}" if name else str(error))
+        else:
+            break
+    else:
+        also = f"; the file's subjects are {', '.join(found)}" if len(found) > 1 else ""
+        raise InputError(f"{faults[0]}{also}")
+    if len(found) == 1:
+        return result, ()
+    if wanted is None:
+        others = names[names.index(name) + 1 :]
+        why = f" ({faults[0].partition(';')[0]})" if faults else ""
+        advice = f"; give subject={others[0]!r} (--motion.subject {others[0]}) for another" if others else ""
+        warnings.warn(
+            f"the file holds {len(found)} subjects, {', '.join(found)}: {name} is taken{why}{advice}",
+            T2DWarning,
+            stacklevel=4,
+        )
+    return result, (f"subject {name} of {', '.join(found)}",)
+
+
+def check_only(wanted: str | None) -> None:
+    """Refuses a subject's name where a file holds one person."""
+    chosen({"": None}, wanted, lambda _: None)
+
+
+def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[str]]) -> dict[str, Labels]:
+    """Subjects by name, in the order of the file, the incomplete ones that are named alike too; empty where labels name none."""
+    groups: dict[Affix, Labels] = {}
+    for label in labels:
+        for sign in [*SIGN.finditer(label)][:MOST_SIGNS]:
+            head, tail, between = label[: sign.start()], label[sign.end() :], sign.group()
+            if head and tail and (between or head[-1].isdigit()):
+                groups.setdefault(("before", head + between), {})[tail] = label
+            if head and tail and (between or tail[0].isdigit()):
+                groups.setdefault(("after", between + tail), {})[head] = label
+    whole = {key for key, own in groups.items() if len(own) >= FEWEST_LABELS and not lacking(tuple(own))}
+    # Without a complete subject two prefixes before a colon are two incomplete ones where they share points.
+    manners = {_manner(key) for key in whole} or {("before", ":")}
+    alike = [key for key in groups if _manner(key) in manners]
+    times = Counter(point for key in whole or alike for point in groups[key])
+    known = {point for point, count in times.items() if whole or count > 1}
+    found = {key: groups[key] for key in alike if key in whole or len(groups[key].keys() & known) >= ALIKE}
+    taken = {label for own in found.values() for label in own.values()}
+    rest = {label: label for label in labels if label not in taken}
+    if found and not lacking(tuple(rest)):
+        found["", ""] = rest
+    place = {label: number for number, label in enumerate(labels)}
+    order = sorted(found, key=lambda key: min(place[label] for label in found[key].values()))
+    return {printable(affix.strip(SIGNS))[:LONGEST_NAME] or UNNAMED: found[kind, affix] for kind, affix in order}
+
+
+def _manner(affix: Affix) -> Affix:
+    """Where an affix stands and what is between it and the point."""
+    kind, text = affix
+    match = re.search(rf"[{re.escape(SIGNS)}]*\Z" if kind == "before" else rf"\A[{re.escape(SIGNS)}]*", text)
+    return kind, match[0] if match else ""

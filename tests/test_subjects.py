@@ -1,0 +1,224 @@
+"""Several persons in one file: one of them is read, chosen by name, and nothing of another one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import t2d_rt as t2d
+from builders import WALK
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.motion import load_motion
+from t2d_rt.motion.read.joint_sets import absent_joints
+from t2d_rt.motion.read.markers import MODELLED
+from t2d_rt.motion.read.subjects import numbered, subjects
+from t2d_rt.types.motion import Motion
+from validation.motions import independent
+
+RATE_HZ = 30.0
+AWAY_M = np.array([2.0, 1.0, 0.0])
+
+NAMES = {
+    "hip": "Hip",
+    "knee": "Knee",
+    "ankle": "Ankle",
+    "shoulder": "Shoulder",
+    "elbow": "Elbow",
+    "wrist": "Wrist",
+    "foot": "BigToe",
+}
+
+
+@pytest.fixture(scope="module")
+def walk() -> Motion:
+    return t2d.trim(t2d.resample(load_motion(WALK), RATE_HZ), 0.5, 2.0)
+
+
+def joint_centres(motion: Motion) -> dict[str, np.ndarray]:
+    """Those of pose estimators, the head last."""
+    found = {
+        f"{s[0].upper()}{part}": motion.joints[:, motion.index(f"{s}_{j}")]
+        for s in ("left", "right")
+        for j, part in NAMES.items()
+    }
+    return found | {name: motion.joints[:, motion.index(name.lower())] for name in ("Neck", "Head")}
+
+
+def two(walk: Motion, first: str = "A:{}", second: str = "B:{}") -> dict[str, np.ndarray]:
+    """A walks, B stands still in its pose of the beginning, elsewhere."""
+    points = joint_centres(walk)
+    still = {name: np.tile(track[:1] + AWAY_M, (len(track), 1)) for name, track in points.items()}
+    a, b = (
+        {how.format(name): track for name, track in each.items()} for how, each in ((first, points), (second, still))
+    )
+    return a | b
+
+
+def write(path: Path, tracks: dict[str, np.ndarray]) -> Path:
+    """In metres, z up, as the suffix says."""
+    if path.suffix == ".npz":
+        np.savez(path, joints=np.stack(list(tracks.values()), axis=1), names=np.array(list(tracks)), fps=RATE_HZ)
+    elif path.suffix == ".trc":
+        y_up = {name: track @ independent.Y_UP.T for name, track in tracks.items()}
+        path.write_text(independent.trc(y_up, RATE_HZ, "m"))
+    else:
+        ezc3d = pytest.importorskip("ezc3d")
+        file = ezc3d.c3d()
+        file["parameters"]["POINT"]["RATE"]["value"] = [RATE_HZ]
+        file["parameters"]["POINT"]["LABELS"]["value"] = tuple(tracks)
+        file["parameters"]["POINT"]["UNITS"]["value"] = ("mm",)
+        points = 1e3 * np.stack(list(tracks.values()), axis=1).transpose(2, 1, 0)
+        file["data"]["points"] = np.concatenate([points, np.ones_like(points[:1])])
+        file.write(str(path))
+    return path
+
+
+def travel_m(motion: Motion) -> float:
+    return float(np.linalg.norm((motion.joints[-1] - motion.joints[0])[0, :2]))
+
+
+def check(path: Path, walk: Motion, first: str = "A", second: str = "B") -> None:
+    """The first by default, with a warning; each by its name, without one."""
+    with pytest.warns(
+        T2DWarning, match=f"holds 2 subjects, {first}, {second}: {first} is taken; give subject='{second}'"
+    ):
+        motion = load_motion(path, smooth_hz=None)
+    assert f"subject {first} of {first}, {second}" in motion.report
+    for found, expected in (
+        (motion, travel_m(walk)),
+        (load_motion(path, smooth_hz=None, subject=first), travel_m(walk)),
+        (load_motion(path, smooth_hz=None, subject=second), 0.0),
+    ):
+        assert travel_m(found) == pytest.approx(expected, abs=0.02)
+    with pytest.raises(InputError, match=f"subject 'Eve' is not in the file; its subjects are {first}, {second}"):
+        load_motion(path, subject="Eve")
+
+
+MANNERS = {
+    "colon": ("A:{}", "B:{}", "A", "B"),
+    "underscore": ("Subject_01_{}", "Subject_02_{}", "Subject_01", "Subject_02"),
+    "dot": ("A.{}", "B.{}", "A", "B"),
+    "behind": ("{}_1", "{}_2", "1", "2"),
+    "number behind": ("{}1", "{}2", "1", "2"),
+    "number before": ("P1{}", "P2{}", "P1", "P2"),
+    "one without": ("{}", "Ben:{}", "unnamed", "Ben"),
+    "nested": ("scene:A:{}", "scene:B:{}", "scene:A", "scene:B"),
+}
+
+
+@pytest.mark.parametrize(
+    ("form", "manner"),
+    [*((form, manner) for form in ("trc", "npz") for manner in MANNERS), ("c3d", "colon"), ("c3d", "behind")],
+)
+def test_one_subject_is_read_however_it_is_named(tmp_path: Path, walk: Motion, form: str, manner: str) -> None:
+    *labels, first, second = MANNERS[manner]
+    check(write(tmp_path / f"a.{form}", two(walk, *labels)), walk, first, second)
+
+
+def test_what_one_lacks_is_not_taken_from_the_other(tmp_path: Path, walk: Motion) -> None:
+    tracks = two(walk)
+    del tracks["A:Head"]
+    with pytest.warns(T2DWarning, match="A is taken"):
+        motion = load_motion(write(tmp_path / "a.trc", tracks), smooth_hz=None)
+    assert "filled pelvis, head" in motion.report
+    # The head follows A's trunk, and is not B's, 2 m away.
+    apart = motion.joints[:, motion.index("head")] - motion.joints[:, motion.index("neck")]
+    assert np.linalg.norm(apart, axis=-1).max() < 0.2
+    del tracks["A:LElbow"]
+    with pytest.warns(T2DWarning, match=r"B is taken \(A: markers .* lack left_elbow\)"):
+        motion = load_motion(write(tmp_path / "b.trc", tracks), smooth_hz=None)
+    assert travel_m(motion) < 0.01
+    with pytest.raises(InputError, match=r"A: markers .* lack left_elbow.*; the file's subjects are A, B"):
+        load_motion(tmp_path / "b.trc", subject="A")
+    del tracks["B:RKnee"]
+    with pytest.raises(InputError, match=r"A: markers .* lack left_elbow.*; the file's subjects are A, B"):
+        load_motion(write(tmp_path / "c.trc", tracks))
+
+
+def test_a_chair_is_no_subject_and_one_person_needs_no_choice(tmp_path: Path, walk: Motion) -> None:
+    chair = {f"Chair:{number}": np.zeros((len(walk.joints), 3)) + number for number in range(1, 16)}
+    person = {f"Anna:{name}": track for name, track in joint_centres(walk).items()}
+    for form in ("trc", "npz"):
+        path = write(tmp_path / f"a.{form}", chair | person)
+        assert travel_m(load_motion(path, smooth_hz=None)) == pytest.approx(travel_m(walk), abs=0.02)
+        assert "subject" not in load_motion(path, subject="anna").report
+        with pytest.raises(InputError, match="subject 'Chair' is not in the file; its subjects are Anna"):
+            load_motion(path, subject="Chair")
+    with pytest.raises(
+        InputError, match="subject 'A' is not in the file; it holds one, without a name; leave subject out"
+    ):
+        load_motion(write(tmp_path / "b.trc", joint_centres(walk)), subject="A")
+    with pytest.raises(InputError, match="subject 'A' is not in the file; it holds one"):
+        load_motion(WALK, subject="A")
+
+
+def test_prefixes_of_one_persons_parts_are_told(tmp_path: Path, walk: Motion) -> None:
+    tracks = {
+        ("Leg:" if any(part in name for part in ("Hip", "Knee", "Ankle", "Toe")) else "Trunk:") + name: track
+        for name, track in joint_centres(walk).items()
+    }
+    motion = load_motion(write(tmp_path / "a.trc", tracks), smooth_hz=None)
+    assert "labels with ['Leg', 'Trunk'] before the colon taken as one person's" in motion.report
+
+
+def test_sides_and_numbers_of_a_skeleton_name_no_subject() -> None:
+    for names in (
+        ["pelvis", "spine1", "spine2", *(f"{s}_{j}" for s in ("left", "right") for j in NAMES)],
+        [f"{j.upper()}_{s}" for s in ("LEFT", "RIGHT") for j in NAMES],
+        list(MODELLED),
+    ):
+        assert subjects(names, absent_joints) == {}
+    assert numbered(["a", "b", "a", "a"]) == ["a", "b", "a#2", "a#3"]
+    body = [f"{s}_{j}" for s in ("left", "right") for j in NAMES]
+    three = [f"{who}.{name}" for name in body for who in ("C", "A", "B")]
+    found = subjects(three, absent_joints)
+    assert list(found) == ["C", "A", "B"]
+    assert found["B"] == {name: f"B.{name}" for name in body}
+    found = subjects(numbered([*body, *body]), absent_joints)
+    assert list(found) == ["unnamed", "2"]
+
+
+def by_time(people: np.ndarray) -> np.ndarray:
+    return people
+
+
+def by_person(people: np.ndarray) -> np.ndarray:
+    return people.swapaxes(0, 1)
+
+
+@pytest.mark.parametrize("order", [by_time, by_person])
+def test_persons_of_an_array(tmp_path: Path, walk: Motion, order: Callable[[np.ndarray], np.ndarray]) -> None:
+    points = joint_centres(walk)
+    moving = np.stack(list(points.values()), axis=1)
+    still = np.tile(moving[:1] + AWAY_M, (len(moving), 1, 1))
+    people = np.stack([moving, np.zeros_like(moving), still], axis=1)  # the second is seen never
+    path = tmp_path / "a.npz"
+    np.savez(path, joints=order(people), names=np.array(list(points)), fps=RATE_HZ)
+    check(path, walk, "1", "3")
+    np.savez(path, joints=order(people[:, :2]), names=np.array(list(points)), fps=RATE_HZ)
+    assert travel_m(load_motion(path, smooth_hz=None)) == pytest.approx(travel_m(walk), abs=0.02)
+
+
+def bvh_of_two(first: str, second: str) -> str:
+    """The walk twice in one file, the second body at rest."""
+    head, _, rest = WALK.read_text().partition("MOTION")
+    _frames, _step, *rows = rest.strip().splitlines()
+    tree = head.partition("HIERARCHY")[2]
+
+    def named(space: str) -> str:
+        return tree.replace("JOINT ", f"JOINT {space}").replace("ROOT ", f"ROOT {space}")
+
+    rows = rows[1:200:2]
+    values = "\n".join(f"{row.strip()} {rows[0].strip()}" for row in rows)
+    step = f"Frame Time: {2 / 120:.7f}"
+    return f"HIERARCHY\n{named(first)}\n{named(second)}\nMOTION\nFrames: {len(rows)}\n{step}\n{values}\n"
+
+
+@pytest.mark.parametrize(("first", "second", "names"), [("A:", "B:", "AB"), ("", "", "12")])
+def test_two_roots_of_a_bvh(tmp_path: Path, first: str, second: str, names: str) -> None:
+    path = tmp_path / "a.bvh"
+    path.write_text(bvh_of_two(first, second))
+    check(path, t2d.trim(load_motion(WALK, drop_tpose=True), 0.0, 198 / 120), *names)
