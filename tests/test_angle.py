@@ -347,6 +347,28 @@ def test_antennas_help_to_detect() -> None:
     assert points.snr_db[near].max() < 10 * np.log10(11)
 
 
+def test_leakage_about_zero_range_is_left_out_and_masks_nothing() -> None:
+    """What stands at IFs about zero and changes from chirp to chirp, beside a target at 1 m and one at 3 m."""
+    targets = [(1.0, 20.0, 0.0, 1.5), (3.0, -20.0, 0.0, -1.0)]
+    leak = noise((256, 12, 1), 6, power_w=30.0) * np.ones(TDM.samples)
+    cube = echoes(TDM, 256, targets, power_w=0.05) + noise((256, 12, 256), 7) + leak
+    kept, all_of = (point_cloud(cube, TDM, frame_chirps=64, **options) for options in ({}, {"nearest_m": 0}))
+    assert kept.nearest_m == 0.3
+    assert (all_of.range_m < 0.3).mean() > 0.8
+    assert kept.range_m.min() > 0.3
+    for distance, _, _, speed in targets:
+        near, before = (
+            (np.abs(each.range_m - distance) < BIN_M) & (np.abs(each.speed_mps - speed) < 0.3)
+            for each in (kept, all_of)
+        )
+        assert near.sum() == 4
+        assert before.sum() == (0 if distance == 1 else 4)  # the leakage among the training cells hides it
+    with pytest.raises(
+        InputError, match=r"nearest_m must leave some of this radar's 25 m of range, got 25 m; lower it"
+    ):
+        point_cloud(cube, TDM, frame_chirps=64, nearest_m=25)
+
+
 def test_neither_silence_nor_rounding_errors_are_detected() -> None:
     silent = point_cloud(np.zeros((64, 12, 256), np.complex64), TDM, frame_chirps=32)
     assert silent.snr_db.shape == (0,)
@@ -419,7 +441,7 @@ def test_guards() -> None:
     with pytest.raises(InputError, match="method of the CFAR must be 'ca' or 'os', got 'go'"):
         point_cloud(cube, TDM, method="go")
     with pytest.raises(
-        InputError, match="4 guard and 200 training cells on either side do not fit into 256 cells of range"
+        InputError, match="4 guard and 200 training cells on either side do not fit into 249 cells of range"
     ):
         point_cloud(cube, TDM, training_cells=(0, 200))
     with pytest.raises(InputError, match=r"a CFAR needs training cells, got \(0, 0\)"):

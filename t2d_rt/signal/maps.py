@@ -92,6 +92,8 @@ class PointCloud:
     """Positive = approaching."""
     snr_db: np.ndarray
     """Power of the peak cell, mean over the antennas, relative to the noise level in the cells near it."""
+    nearest_m: float = 0.0
+    """Nearer points were left out."""
 
     def __repr__(self) -> str:
         if not len(self.time_s):

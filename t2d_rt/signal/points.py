@@ -17,6 +17,7 @@ from t2d_rt.types.radar import Radar
 
 COARSEST = 0.1
 """Step of the search in direction cosine where the array is small."""
+NEAREST_M = 0.3
 REFINEMENTS = 4
 AT_ONCE = 256
 """Detections whose beams are formed together: bounds memory."""
@@ -32,6 +33,7 @@ def point_cloud(
     guard_cells: tuple[int, int] = (0, 4),
     training_cells: tuple[int, int] = (0, 12),
     dynamic_range_db: float = 60.0,
+    nearest_m: float = NEAREST_M,
     range_window: str = "hann",
     doppler_window: str = "hann",
     mti: str = "mean",
@@ -50,6 +52,8 @@ def point_cloud(
     false_alarm_rate: per cell of the range-Doppler map, before neighbours are grouped.
     dynamic_range_db: the noise level is taken to be no lower than this below the frame's strongest cell, so that a
         noise-free cube gives its targets and not its rounding errors.
+    nearest_m: points nearer than that are left out, and so are their cells, with as many at the end of the range axis, from the
+        CFAR's training: a receiver's constants, 1/f noise and leakage lie at IFs about zero. 0 keeps all.
     """
     check_antennas(adc, radar)
     check_static(mti)
@@ -57,7 +61,15 @@ def point_cloud(
     choice("method of the CFAR", method, ("ca", "os"))
     flag("compensate_tdm", compensate_tdm)
     dynamic_range_db = number("dynamic_range_db", dynamic_range_db, 1e-3, 300, unit="dB", hint="60 is usual")
+    nearest_m = number("nearest_m", nearest_m, 0, unit="m", hint=f"{NEAREST_M} is usual, 0 keeps all")
     adc, radar = separated(adc, radar)
+    first = int(np.searchsorted(radar.range_axis_m(), nearest_m))
+    # Those of IFs below zero stand at the end of the axis.
+    tested = slice(first, radar.samples - max(first - 1, 0))
+    if first and tested.stop - first < 2:
+        raise InputError(
+            f"nearest_m must leave some of this radar's {radar.max_range_m:.3g} m of range, got {nearest_m:g} m; lower it"
+        )
     starts, chirps = _frames(len(adc), radar, frame_chirps)
     times_s = radar.chirp_starts_s(len(adc))[starts] + chirps / 2 * radar.loop_interval_s
     columns: list[np.ndarray] = []
@@ -68,22 +80,25 @@ def point_cloud(
         )  # fmt: skip
         power = np.asarray(np.mean(cells.spectrum.real**2 + cells.spectrum.imag**2, axis=1, dtype=np.float64))
         noise, _, factor = cfar(
-            power, false_alarm_rate, looks=radar.antennas, method=method, guard_cells=guard_cells,
+            power[:, tested], false_alarm_rate, looks=radar.antennas, method=method, guard_cells=guard_cells,
             training_cells=training_cells, windows=(doppler_window, range_window),
         )  # fmt: skip
-        noise = np.maximum(noise, power.max() * 10 ** (-dynamic_range_db / 10))
-        found = np.nonzero((power > factor * noise) & _is_peak(power))
-        columns.append(_report(cells, power, noise, found, radar, float(time_s)))
+        noise = np.maximum(noise, power[:, tested].max() * 10 ** (-dynamic_range_db / 10))
+        row, column = np.nonzero((power[:, tested] > factor * noise) & _is_peak(power)[:, tested])
+        snr = power[:, tested][row, column] / noise[row, column]
+        found = row, column + first
+        columns.append(_report(cells, power, snr, found, radar, float(time_s)))
     time, distance, azimuth, elevation, speed, snr = np.concatenate(columns, axis=1)
     return PointCloud(
-        time_s=time, range_m=distance, azimuth_rad=azimuth, elevation_rad=elevation, speed_mps=speed, snr_db=snr
-    )
+        time_s=time, range_m=distance, azimuth_rad=azimuth, elevation_rad=elevation, speed_mps=speed, snr_db=snr,
+        nearest_m=nearest_m,
+    )  # fmt: skip
 
 
 def _report(
     cells: ArraySpectrum,
     power: np.ndarray,
-    noise: np.ndarray,
+    snr: np.ndarray,
     found: tuple[np.ndarray, ...],
     radar: Radar,
     time_s: float,
@@ -96,8 +111,7 @@ def _report(
     distance = np.maximum(distance, 0)
     cosines = _directions(cells.spectrum[row, :, column], distance, radar)
     azimuth, elevation = np.arctan2(cosines[:, 1], cosines[:, 0]), np.arcsin(cosines[:, 2])
-    snr = 10 * np.log10(power[found] / noise[found])
-    return np.stack([np.full(len(row), time_s), distance, azimuth, elevation, speed, snr])
+    return np.stack([np.full(len(row), time_s), distance, azimuth, elevation, speed, 10 * np.log10(snr)])
 
 
 def _directions(snapshots: np.ndarray, range_m: np.ndarray, radar: Radar) -> np.ndarray:
