@@ -26,10 +26,7 @@ from validation.physics.exact import dihedral_rcs, trihedral_area
 
 RADAR = Radar.preset("ism-24").replace(samples=16)
 EDGE_M, RANGE_M = 0.1, 50.0
-pytestmark = [
-    pytest.mark.filterwarnings(f"ignore:.*{told}:t2d_rt.errors.T2DWarning")
-    for told in ("not watertight", "beyond the unambiguous")
-]
+pytestmark = [pytest.mark.filterwarnings(f"ignore:.*{told}:t2d_rt.errors.T2DWarning") for told in ("not watertight",)]
 
 Triangles = tuple[np.ndarray, np.ndarray]
 
@@ -77,7 +74,7 @@ def difference(mesh: MovingMesh, radar: Radar, bounces: int, without: int) -> fl
 @pytest.mark.parametrize("angle_deg", [-20.0, 0.0, 9.0])
 @pytest.mark.parametrize("preset", ["ism-24", "table2"])
 def test_dihedral(preset: str, angle_deg: float) -> None:
-    radar = Radar.preset(preset)
+    radar = Radar.preset(preset, sample_rate_hz=30e6)  # of a range axis beyond 50 m
     found = difference(before(radar, dihedral(angle_deg)), radar, 2, 1)
     expected = dihedral_rcs(EDGE_M, math.radians(angle_deg), radar.wavelength_m)
     assert db(found / expected) == pytest.approx(0, abs=0.6)  # tubes at the plates' rims count by thirds
@@ -86,7 +83,7 @@ def test_dihedral(preset: str, angle_deg: float) -> None:
 @pytest.mark.parametrize("angle_deg", [0.0, 20.0])
 @pytest.mark.parametrize("preset", ["ism-24", "table2"])
 def test_trihedral(preset: str, angle_deg: float) -> None:
-    radar = Radar.preset(preset)
+    radar = Radar.preset(preset, sample_rate_hz=30e6)
     towards = rotation(angle_deg) @ np.ones(3) / math.sqrt(3)
     found = difference(before(radar, trihedral(towards)), radar, 3, 2)
     expected = 4 * math.pi * trihedral_area(EDGE_M, towards) ** 2 / radar.wavelength_m**2

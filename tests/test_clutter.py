@@ -62,6 +62,33 @@ def test_a_conductor_is_a_mirror() -> None:
     assert 10 * math.log10(power_w(paths, radar)) == pytest.approx(level_db, abs=1e-4)
 
 
+def test_a_wall_beyond_the_farthest_range_is_not_recorded() -> None:
+    """At 8.04 m before a radar that reaches 6.25 m: nothing; at 5 m a mirror by Friis."""
+    radar = Radar.preset("openradar")
+    assert power_w(found(ahead(8.04), radar=radar), radar) == 0
+    assert power_w(found(ahead(5.0), radar=radar), radar) == pytest.approx(
+        radar.link_amplitude**2 * 4 * math.pi / 10**2, rel=1e-4
+    )
+
+
+def test_path_pairs_beyond_the_farthest_range_are_not_recorded() -> None:
+    """A ball at 3 m beside a mirror 4 m to the left, whose image is 8.5 m away: it is recorded there and half-way, at 5.7 m, but
+    does not fold to 2.2 m."""
+    radar = Radar.preset("openradar", position_m=(0, 0, 1))
+    side = plate("side", [(0, 4, -4), (6, 4, -4), (6, 4, 6), (0, 4, 6)], PEC)
+    still = Ellipsoids([[0.1] * 3], np.tile([3.0, 0.0, 1.0], (5, 1, 1)), np.linspace(0, 0.05, 5), material="pec")
+    recording = t2d.simulate(still, radar=radar, scene=Scene(name="one", surfaces=(side,)), clutter="none")
+    assert recording.settings["pairs"] == ["direct", "direct, side", "side"]
+    profile = np.abs(np.fft.fft(np.asarray(recording.cube)[0, 0] * np.blackman(radar.samples))) ** 2
+    image_m = math.hypot(3, 8) - 0.1
+    places = 2.9, (2.9 + image_m) / 2, image_m - radar.max_range_m
+    direct, mixed, folded = (
+        profile[round(place / radar.range_resolution_m) + np.arange(-2, 3)].max() for place in places
+    )
+    assert mixed > 0.01 * direct
+    assert folded < 1e-7 * direct
+
+
 def test_a_plasterboard_wall_has_the_coefficient_of_its_slab() -> None:
     """Of each sample's own frequency, conjugated as IF = tx conj(rx)."""
     radar, distance, thickness = Radar.preset("table2"), 3.0, 0.0125

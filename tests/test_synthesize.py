@@ -174,6 +174,34 @@ def test_flat_echoes_need_no_slope() -> None:
     np.testing.assert_allclose(synthesize(zeros, TABLE2), cube, atol=1e-5 * np.abs(cube).max())
 
 
+@pytest.mark.parametrize("preset", ["table2", "openradar"])
+def test_nothing_beyond_the_range_axis_passes_the_if_filter(preset: str) -> None:
+    """A point below the last bin, in its middle and beyond: all, half and none of its field, though none of these is a multiple
+    of the range axis; the direct sum says the same."""
+    radar = Radar.preset(preset)
+    times_s = np.linspace(0, 0.02, 8)
+    starts = radar.chirp_times_s(0.02)[:1]
+    for bins_short, gain in ((2.0, 1.0), (0.5, 0.5), (0.0, 0.0), (-20.3, 0.0), (-1.3 * radar.samples, 0.0)):
+        range_m = radar.max_range_m - bins_short * radar.range_resolution_m
+        echoes = point(np.full(8, range_m), times_s, radar)
+        cube = synthesize(echoes, radar)
+        level = math.sqrt(radar.received_power_w(1.0, range_m))
+        assert float(np.abs(cube[0]).mean()) == pytest.approx(gain * level, rel=1e-3)
+        direct = direct_sum(echoes, radar, np.arange(len(starts)))
+        assert np.abs(direct).mean() == pytest.approx(gain * level, rel=1e-6)
+
+
+def test_a_target_that_leaves_the_range_axis_fades_bin_by_bin() -> None:
+    """At 4 m/s over the farthest range: never seen at the near end of the axis, where it would fold to."""
+    times_s = np.linspace(0, 0.3, 200)
+    echoes = point(TABLE2.max_range_m - 0.6 + 4 * times_s, times_s, TABLE2)
+    cube = np.asarray(synthesize(echoes, TABLE2))[:, 0]
+    power = np.abs(np.fft.fft(cube * np.blackman(TABLE2.samples), axis=1)) ** 2
+    near, far = power[:, 4 : TABLE2.samples // 2].sum(), power[:, TABLE2.samples // 2 :].sum()
+    assert near < 1e-6 * far
+    assert not cube[-1].any()
+
+
 def test_the_direct_sum_is_eq_1_for_one_static_point() -> None:
     echoes = point(np.full(5, 2.3), np.arange(5) / 1000, TABLE2)
     tau, t = 2 * 2.3 / SPEED_OF_LIGHT, TABLE2.sample_times_s

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.radar.band import filtered
 from t2d_rt.radar.interpolants import central_slopes, hermite, spline_slopes
-from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar
+from t2d_rt.types import EchoArrays, Echoes, EchoStream, Radar, stream
 
 FRAMES_NEARBY = 12
 """Frames on either side of a chirp that determine its spline; the influence of farther ones is below 2e-7 (0.268 per frame)."""
@@ -17,6 +18,7 @@ def direct_sum(echoes: Echoes, radar: Radar, chirps: np.ndarray, *, every: int =
 
     s(t) = sum A(f) exp(j 2 pi (f_c tau + S tau t - S tau^2/2)), tau and A at the instant of each sample, f = f_c + S t.
     """
+    echoes = _filtered(echoes.times_s, stream(echoes).frames(0, len(echoes.times_s)), radar)
     starts = radar.chirp_times_s(float(echoes.times_s[-1] - echoes.times_s[0]))[chirps]
     receivers, samples = len(radar.rx_offsets_m), np.arange(0, radar.samples, every)
     if radar.multiplexing == "ddm":
@@ -33,7 +35,7 @@ def chirp_samples(
 
     Delays are straight lines from end to end, over 40 us right to 1 nm; amplitudes are means.
     """
-    out = np.zeros((len(rows), len(samples)), np.complex128)
+    out, ends = np.zeros((len(rows), len(samples)), np.complex128), filtered(ends, radar)
     for k, (row, antenna) in enumerate(zip(rows, antennas, strict=True)):
         mine = slice(2 * k, 2 * k + 2)
         lit = np.flatnonzero(ends.amplitude[mine].any(axis=0))
@@ -66,11 +68,15 @@ def between(
     for k, (start, row, antenna) in enumerate(zip(starts_s, rows, antennas, strict=True)):
         first = int(np.clip(start / step - FRAMES_NEARBY // 2, 0, max(0, len(source.times_s) - FRAMES_NEARBY)))
         part = source.times_s[first : first + FRAMES_NEARBY]
-        echoes = Echoes(times_s=part, **source.frames(first, first + len(part))._asdict())
+        echoes = _filtered(part, source.frames(first, first + len(part)), radar)
         pick = np.array([start - (part[0] - source.times_s[0])])
         for tx, rx, factor in _heard(radar, row, antenna):
             out[k] += factor * _pair(echoes, radar, pick, tx, rx, samples)[0]
     return out
+
+
+def _filtered(times_s: np.ndarray, echoes: EchoArrays, radar: Radar) -> Echoes:
+    return Echoes(times_s=times_s, **filtered(echoes, radar)._asdict())
 
 
 def _heard(radar: Radar, row: int, antenna: int) -> list[tuple[int, int, complex]]:

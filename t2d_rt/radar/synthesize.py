@@ -27,6 +27,7 @@ from t2d_rt.cubes import Cube, CubeAdder, CubeWriter, DiskCube, is_large
 from t2d_rt.memory import Budget, reused
 from t2d_rt.products import Product, ProductRows
 from t2d_rt.radar.array_delays import array_delays, ends
+from t2d_rt.radar.band import filtered_stream
 from t2d_rt.radar.buckets import SLOT_BINS, buckets
 from t2d_rt.radar.coefficients import TERMS, amplitudes, chebyshev_coefficients, fields_at, phases, terms_over
 from t2d_rt.radar.groups import Level, bucket_bins, bucket_theta, levels
@@ -71,7 +72,8 @@ def synthesize(
 
     A large one is a `DiskCube`: its products are on disk, and samples are made of them where they are read.
 
-    Motion within a chirp is included. The direct sum of the same echoes (`direct.direct_sum`) is met within `tolerance_db` of NMSE.
+    Motion within a chirp is included, echoes from beyond the range axis are not (`band`). The direct sum of the same echoes
+    (`direct.direct_sum`) is met within `tolerance_db` of NMSE.
     `read_frames` is about how many frames of echoes are held at once, by default as many as fit a fixed amount of memory; it does
     not change the result. `onto`: a cube of the same shape that the samples are added to and that is returned. `memory`: what
     may be taken; unused memory is given back between windows. `progress` is called with the fraction done, 0..1.
@@ -83,7 +85,7 @@ def synthesize(
         checks.integer("read_frames", read_frames, 1)
     if progress is not None:
         checks.call("progress", progress, "a function of the fraction done")
-    source = stream(echoes)
+    source = filtered_stream(stream(echoes), radar)
     starts = radar.chirp_times_s(float(source.times_s[-1] - source.times_s[0]))
     memory = Budget.of() if memory is None else checks.instance("memory", memory, Budget, "a Budget")
     if onto is not None:

@@ -209,7 +209,7 @@ class Radar(Fields):
 
     @property
     def max_range_m(self) -> float:
-        """Range at which the beat frequency reaches the (complex) sample rate [m]; targets beyond fold."""
+        """Range at which the beat frequency reaches the (complex) sample rate [m]; no echo from beyond passes the IF filter."""
         return self.range_resolution_m * self.samples
 
     @property
