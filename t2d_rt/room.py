@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -9,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.backend import Backend, select
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.propagation.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.images import vertices
@@ -25,6 +26,7 @@ from t2d_rt.types import (
     Radar,
     Scene,
 )
+from t2d_rt.types.scene import ROOM_SURFACES, ROOM_TRIANGLES
 from t2d_rt.types.target import Geometry
 
 Clutter = Literal["specular", "diffuse", "none"]
@@ -32,6 +34,10 @@ Clutter = Literal["specular", "diffuse", "none"]
 
 CLUTTER_ORDER = 3
 """Reflections of static clutter: a trihedral corner takes three."""
+CEILING_M = 60.0
+"""Halls are lower; a radar under a higher ceiling stands in a room in other units."""
+SLAB_M = 1.0
+"""Half of the thickest slab."""
 SCATTERING_COEFFICIENT = 0.2
 """Of walls whose material has none, with "diffuse": a choice, 4 % of what is reflected."""
 
@@ -101,6 +107,52 @@ class ChosenPairs:
         }
 
 
+def within_reach(scene: Scene, radar: Radar) -> Scene | None:
+    """What of a large scene echoes can come from: the IF filter lets no path through that is longer than twice the farthest range,
+    and none that is shorter leads farther away. None where that is nothing; smaller scenes are kept as they are.
+    """
+    if not scene.is_large:
+        return scene
+    place = (radar.tx_position_m + radar.rx_position_m) / 2
+    ceiling_m = _ceiling_m(scene, place)
+    if ceiling_m > CEILING_M:
+        warnings.warn(
+            f"the ceiling of {scene.name} is {ceiling_m:.4g} m above the radar, higher than any room; give the scene in metres",
+            T2DWarning,
+            stacklevel=4,
+        )
+    near = scene.near(place, radar.max_range_m + SLAB_M)
+    if near is None:
+        where = ", ".join(f"{x:.4g}" for x in place)
+        low, high = (", ".join(f"{x:.4g}" for x in corner) for corner in scene.bounds_m)
+        warnings.warn(
+            f"nothing of {scene.name}, which reaches from ({low}) to ({high}) m, is within {radar.max_range_m:.3g} m of the radar "
+            f"at ({where}) m, which reaches no farther, so there is free space; move it (position_m)",
+            T2DWarning,
+            stacklevel=4,
+        )
+        return None
+    triangles = sum(len(each.faces) for each in near.surfaces)
+    if len(near.surfaces) > ROOM_SURFACES or triangles > ROOM_TRIANGLES:
+        raise InputError(
+            f"scene {scene.name} has {len(near.surfaces)} surfaces and {triangles} triangles within the {radar.max_range_m:.3g} m "
+            f"that the radar reaches, more than {ROOM_SURFACES} and {ROOM_TRIANGLES}; leave out what hardly reflects, or give its "
+            "meshes fewer triangles"
+        )
+    return near
+
+
+def _ceiling_m(scene: Scene, place_m: np.ndarray) -> float:
+    """Height over a place of the first surface straight above it [m]; 0 where there is none."""
+    corners = np.concatenate([each.vertices[each.faces] for each in scene.surfaces]) - place_m
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.transpose(1, 2, 0)
+    weights = np.stack([bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx])
+    total = weights.sum(axis=0)
+    over = ((weights >= 0).all(axis=0) | (weights <= 0).all(axis=0)) & (total != 0)
+    height = (weights * [az, bz, cz]).sum(axis=0)[over] / total[over]
+    return float(height[height > 0].min(initial=np.inf)) if (height > 0).any() else 0.0
+
+
 def find_path_pairs(
     scene: Scene,
     geometries: Sequence[Geometry],
@@ -128,7 +180,7 @@ def probed(found: RadarPaths, probes_m: np.ndarray) -> Probed:
     """Paths of a radar to the points that they were searched to."""
     return Probed(
         probes_m=probes_m, out=found.out.paths, back=found.back.paths, one_antenna=found.one_antenna,
-        reached=(found.out.reached, found.back.reached),
+        reached=(found.out.fraction, found.back.fraction),
     )  # fmt: skip
 
 

@@ -22,9 +22,10 @@ from t2d_rt.named import noise_named, radar_named, target_named
 from t2d_rt.noise.receiver import check_receiver
 from t2d_rt.propagation.collisions import checked_time
 from t2d_rt.propagation.edges import SceneBlockage
+from t2d_rt.propagation.materials import check_values
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar import check_speed
-from t2d_rt.room import find_path_pairs
+from t2d_rt.room import find_path_pairs, within_reach
 from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.refinement import REFINING_BYTES
@@ -75,11 +76,15 @@ def set_up(
     """The stage of a target or several, in a scene; `physics` are the other fields of an `Experiment`; all are checked."""
     memory = Budget.of(memory_gb)
     # Names first: a motion takes longer to read.
-    radar, scene = radar_named(radar), _scene_of(scene)
+    radar = radar_named(radar)
     radar = Radar.preset("table2") if radar is None else radar
+    if not isinstance(radar, Radar):
+        raise InputError(f"radar must be a Radar, got {shown(radar)}; Radar.preset(name) makes one of a preset's name")
+    whole = _scene_of(scene, radar)
     target = target_named(target)
     targets = [target] if isinstance(target, TargetLike) else target
-    _check(targets, radar, physics)
+    _check(targets, physics)
+    scene = None if whole is None else within_reach(whole, radar)
     noise = noise_named(physics["noise"], radar)
     if isinstance(noise, Receiver):
         check_receiver(radar, noise)
@@ -122,7 +127,7 @@ def set_up(
     )  # fmt: skip
     store = Store({})
     experiment = Experiment(
-        targets=sources_of(targets, store), radar=radar, scene=stored_scene(scene, store), **physics
+        targets=sources_of(targets, store), radar=radar, scene=stored_scene(whole, store), **physics
     )
     return Stage(experiment, store.inputs, model)
 
@@ -176,15 +181,16 @@ def _check_steps(motion: Motion) -> None:
         )
 
 
-def _scene_of(scene: Any) -> Scene | None:
-    """The scene; None in free space."""
+def _scene_of(scene: Any, radar: Radar) -> Scene | None:
+    """The scene, whose materials have values at the radar's frequency; None in free space."""
     if isinstance(scene, Room):
-        return scene.scene()
+        scene = scene.scene()
     if isinstance(scene, Scene):
+        check_values((each.material for each in scene.surfaces), radar.mid_frequency_hz)
         return scene
     if not isinstance(scene, (str, Path)):
         raise InputError(f"scene must be a name, a path, a Room or a Scene, got {shown(scene)}")
-    return None if scene == "free_space" else load_scene(scene)
+    return None if scene == "free_space" else load_scene(scene, frequency_hz=radar.mid_frequency_hz)
 
 
 def _check_geometry(geometry: Geometry, radar: Radar, span_s: tuple[float, float]) -> None:
@@ -197,8 +203,8 @@ def _check_geometry(geometry: Geometry, radar: Radar, span_s: tuple[float, float
     check_speed(radar, fastest_mps, what=name)
     if farthest_m > radar.max_range_m:
         warnings.warn(
-            f"{name} is up to {farthest_m:.3g} m away, beyond the unambiguous {radar.max_range_m:.3g} m, and folds to a wrong "
-            "range; place it nearer (distance_m) or take a radar with less bandwidth or more samples",
+            f"{name} is up to {farthest_m:.3g} m away, beyond the unambiguous {radar.max_range_m:.3g} m, from where the IF filter "
+            "lets no echo through; place it nearer (distance_m) or take a radar with less bandwidth or more samples",
             T2DWarning,
             stacklevel=3,
         )
@@ -218,14 +224,12 @@ def _check_outside_ellipsoids(geometry: Ellipsoids, radar: Radar, times_s: np.nd
             )
 
 
-def _check(targets: Any, radar: Any, physics: Mapping[str, Any]) -> None:
+def _check(targets: Any, physics: Mapping[str, Any]) -> None:
     if not isinstance(targets, Sequence) or not targets or not all(isinstance(each, TargetLike) for each in targets):
         raise InputError(
             f"target must be a Motion, a MovingMesh, Ellipsoids, a mover or a list of them, got {shown(targets)}; "
             "load_motion reads a file"
         )
-    if not isinstance(radar, Radar):
-        raise InputError(f"radar must be a Radar, got {shown(radar)}; Radar.preset(name) makes one of a preset's name")
     choice("method", physics["method"], ("mesh", "ellipsoid"))
     choice("phase_from", physics["phase_from"], ("specular", "centre"))
     integer("seed", physics["seed"])

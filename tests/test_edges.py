@@ -13,13 +13,14 @@ from builders import ANTENNA_M, UP, plate, walk
 from measures import knife_edge_db
 from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.propagation.edges import Edges
+from t2d_rt.errors import InputError
+from t2d_rt.propagation.edges import MANY, RIM, Edges
 from t2d_rt.propagation.fresnel import bundle
 from t2d_rt.propagation.images import existing
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.scenes import load_scene
-from t2d_rt.types import Radar, Scene, Surface
+from t2d_rt.types import Ellipsoids, Radar, Scene, Surface
 
 FREQUENCY_HZ = 77.87e9
 WAVELENGTH_M = SPEED_OF_LIGHT / FREQUENCY_HZ
@@ -202,3 +203,28 @@ def test_walls_that_overlap_reflect_once(first: tuple[float, float], second: tup
     assert existing(found.edges.mirrors, found.paths, points)[over_walls].sum(axis=0).max() <= (
         2 if first[1] == second[0] else 1
     )
+
+
+def test_a_target_just_inside_a_shadow_is_attenuated_not_lost() -> None:
+    """A small ball that stands in the shadow of a knife edge all the time: by the fraction of the zone that is free, out and back,
+    near the knife edge's own loss; far inside no path leads to it."""
+    before = beyond = 1.5
+    screen = plate("screen", [(before, -3, -2), (before, 0, -2), (before, 0, 4), (before, -3, 4)])
+    scene = Scene(name="screen", surfaces=(screen,))
+    radar = Radar.preset("table2", position_m=(0, 0, 1))
+    step = math.sqrt(radar.wavelength_m / 2 * beyond / before * (before + beyond))
+
+    def level_db(v: float, scene: Scene | str) -> float:
+        place, times_s = [before + beyond, -v * step, 1.0], np.linspace(0, 0.02, 4)
+        ball = Ellipsoids([[0.004] * 3], np.tile(place, (4, 1, 1)), times_s, material="pec")
+        cube = t2d.simulate(ball, radar=radar, scene=scene, reflections=0, clutter="none", collisions="ignore").cube
+        return 10 * math.log10(float(np.mean(np.abs(np.asarray(cube)) ** 2)))
+
+    for v, aside_db in ((0.1, 1.5), (0.4, 2.0), (0.8, 6.0)):
+        loss_db = (level_db(v, scene) - level_db(v, "free_space")) / 2
+        x = v / math.sqrt(2) / RIM
+        free = (math.acos(x) - x * math.sqrt(1 - x**2)) / math.pi
+        assert 10 ** (loss_db / 20) == pytest.approx(free, abs=1.01 / len(MANY))
+        assert loss_db == pytest.approx(knife_edge_db(np.array(v)), abs=aside_db)
+    with pytest.raises(InputError, match="no path leads"):
+        level_db(1.5, scene)

@@ -432,7 +432,9 @@ def test_a_radar_in_the_furniture_is_refused() -> None:
 
 def test_a_material_without_values_is_named() -> None:
     brick = Scene(name="brick", surfaces=(plate("wall", [(0, 2, 0), (5, 2, 0), (5, 2, 3), (0, 2, 3)], "brick"),))
-    with pytest.raises(InputError, match=r"no values for brick at 77\.864 GHz; use one of ceiling_board"):
+    with pytest.raises(
+        InputError, match=r"no values for brick at 77\.864 GHz; name substitutes, as --scene-material brick=concrete"
+    ):
         t2d.simulate(ball((3, 0, 1), (0, 0, 0)), scene=brick)
 
 

@@ -284,7 +284,7 @@ def test_xml_that_is_no_scene(make: Make, text: str | bytes, message: str) -> No
         (with_transform('<scale value="0"/>'), "wall has no area"),
         (with_transform('<scale x="0"/><scale value="1e-9"/>'), "wall has no area"),
         (with_transform('<scale value="1e300"/>'), "NaN or infinite"),
-        (with_transform('<scale value="1e30"/>'), "more than 100 m; give it in metres"),
+        (with_transform('<scale value="1e30"/>'), "more than 3000 m; give it in metres"),
         (with_transform('<rotate angle="9"/>'), "<rotate> has no axis"),
         (with_transform('<translate x="1" value="1"/>'), "either value or x, y and z"),
         (with_transform('<matrix value="1 2 3"/>'), "9 or 16 finite numbers were expected"),
@@ -306,7 +306,7 @@ def test_limits_of_a_scene(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
         ("t2d_rt.propagation.scenes.MAX_SURFACES", 2, three, "it has 3 shapes, more than 2"),
         ("t2d_rt.propagation.scene_xml.MAX_ELEMENTS", 5, three, "holds more than 5 elements"),
         ("t2d_rt.types.scene.MAX_TRIANGLES", 1, shape(), "wall has 2 triangles and 4 vertices, more than 1"),
-        ("t2d_rt.types.scene.MAX_TRIANGLES", 5, three, "has 3 surfaces and 6 triangles, more than 2000 and 5"),
+        ("t2d_rt.types.scene.MAX_TRIANGLES", 5, three, "has 3 surfaces and 6 triangles, more than 20000 and 5"),
     ]
     for name, value, body, message in cases:
         with monkeypatch.context() as patch:
@@ -314,7 +314,7 @@ def test_limits_of_a_scene(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
             with pytest.raises(InputError, match=message):
                 load_scene(make(body))
     for field, value, message in (
-        ("triangles_left", 5, "more than 10000 triangles"),
+        ("triangles_left", 5, "more than 500000 triangles"),
         ("bytes_left", 300, "more than 16 MB in all"),
     ):
         path = make(three)

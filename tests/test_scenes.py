@@ -107,7 +107,7 @@ def test_a_scene_in_other_units_is_refused() -> None:
     plate = Surface(
         name="wall", vertices=np.eye(3) * 5000, faces=np.array([[0, 1, 2]]), material="metal", thickness_m=0.1
     )
-    with pytest.raises(InputError, match="measures 5000 m, more than 100 m; give it in metres"):
+    with pytest.raises(InputError, match="measures 5000 m, more than 3000 m; give it in metres"):
         Scene(name="millimetres", surfaces=(plate,))
     with pytest.raises(InputError, match="holds nothing that reflects"):
         Scene(name="empty", surfaces=())

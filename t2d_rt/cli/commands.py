@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.checks import unknown_name
+from t2d_rt.checks import shown, unknown_name
 from t2d_rt.cli.experiments import is_experiment, planned, recorded
 from t2d_rt.cli.options import plan_parser, simulate_parser
 from t2d_rt.cli.output import check_picture, radar_info, recording_info, say, write_picture
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from t2d_rt.result import Recording
     from t2d_rt.scene import Mover
     from t2d_rt.simulate import Method
-    from t2d_rt.types import Motion, Radar
+    from t2d_rt.types import Motion, Radar, Scene
 
 MODEL = (
     "method", "scene", "tolerance_db", "reflections", "transmissions", "bounces", "clutter", "collisions", "seed", "noise", "body",
@@ -112,8 +112,9 @@ def plan_command(options: Namespace) -> None:
     radar = _radar(options)
     motion = _motion(options, source, radar)
     left = {"measure_error"} if options.tolerance_db is not None else {"measure_error", "tolerance_db"}
-    names = [name for name in MODEL if name not in left]
-    say(plan(motion, radar=radar, accuracy=_accuracy(options), **{name: options[name] for name in names}))
+    given = {name: options[name] for name in MODEL if name not in left}
+    given["scene"] = _scene(options, radar)
+    say(plan(motion, radar=radar, accuracy=_accuracy(options), **given))
 
 
 def compare_command(options: Namespace) -> None:
@@ -143,11 +144,14 @@ def scene_command(options: Namespace) -> None:
     from t2d_rt.motion import load_motion
     from t2d_rt.plots import plot_scene
     from t2d_rt.propagation.scenes import load_scene
-    from t2d_rt.room import paths_to
+    from t2d_rt.room import paths_to, within_reach
 
     if not 0 <= options.reflections <= 4:
         raise InputError(f"option reflections must lie in 0..4, got {options.reflections}")
-    scene, radar = load_scene(options.file), _radar(options)
+    radar = _radar(options)
+    scene = load_scene(options.file, materials=_substitutes(options), frequency_hz=radar.mid_frequency_hz)
+    near = within_reach(scene, radar)
+    scene = near or scene
     picture = Path(options.output or f"{scene.name}.png")
     check_picture(picture, overwrite=options.overwrite)
     track = None
@@ -161,7 +165,7 @@ def scene_command(options: Namespace) -> None:
         )
         track = motion.joints[:, 0]
         target = track[len(track) // 2]
-    paths = paths_to(scene, radar, target, reflections=options.reflections)
+    paths = [] if near is None else paths_to(near, radar, target, reflections=options.reflections)
     figure = plot_scene(scene, radar.tx_position_m, paths_m=paths, track_m=track, title=scene.name)
     write_picture(figure, picture, overwrite=options.overwrite)
     say(
@@ -255,19 +259,42 @@ def _recorded(
     from t2d_rt.simulate import simulate
     from t2d_rt.types import Motion
 
-    names = [name for name in MODEL if name in options and name != "method"]
+    given = {name: options[name] for name in MODEL if name in options and name != "method"}
+    given["scene"] = _scene(options, radar)
     processing = options.signal.as_dict()
     targets = [motion, *(each.motion(radar) if isinstance(each, Person) else each for each in added)]
     _check_processing(processing, radar, min(each.duration_s for each in targets if isinstance(each, Motion)))
     with ProgressBar(method) as progress:
-        result = simulate(
-            targets, radar=radar, method=method, progress=progress, accuracy=_accuracy(options), **{n: options[n] for n in names}
-        )  # fmt: skip
+        result = simulate(targets, radar=radar, method=method, progress=progress, accuracy=_accuracy(options), **given)
     source = {name: options[name] for name in ("file", "distance_m", "angle_deg", "start_s", "stop_s")}
     result.settings["motion"] = {**source, "file": Path(options.file).name, **options.motion.as_dict()}
     if added:
         result.settings["added"] = [_described(each) for each in added]
     return result.processed(**processing)
+
+
+def _scene(options: Namespace, radar: Radar) -> Scene | str:
+    """The scene with its materials' substitutes; its name where there are none."""
+    from t2d_rt.propagation.scenes import load_scene
+
+    substitutes = _substitutes(options)
+    if not substitutes:
+        return str(options.scene)
+    if options.scene == "free_space":
+        raise InputError("--scene-material is of a scene and there is none; give --scene, or leave it out")
+    return load_scene(options.scene, materials=substitutes, frequency_hz=radar.mid_frequency_hz)
+
+
+def _substitutes(options: Namespace) -> dict[str, str]:
+    found = {}
+    for each in ",".join(options.scene_material or ()).split(",") if options.scene_material else ():
+        name, _, other = (part.strip() for part in each.partition("="))
+        if not name or not other:
+            raise InputError(
+                f"option scene-material must name a material and its substitute, as brick=concrete, got {shown(each)}"
+            )
+        found[name] = other
+    return found
 
 
 def _described(added: Mover | Person) -> dict[str, Any]:

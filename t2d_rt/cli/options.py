@@ -125,6 +125,7 @@ def scene_parser() -> ArgumentParser:
         default=1,
         help="Greatest number of reflections of the paths that are drawn; they lead to the middle of the track.",
     )
+    _add_scene_material(parser)
     _add_radar(parser)
     return parser
 
@@ -267,6 +268,7 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bo
         default="free_space",
         help=f"Scene: free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file.",
     )
+    _add_scene_material(model)
     add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", "noise", *skip})
     if "noise" not in skip:  # a receiver is several fields, which it checks itself
         model.add_argument("--noise", type=str | dict[str, Any], default="none", help=parameter_help(simulate)["noise"])
@@ -277,6 +279,16 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bo
     )
     if signal:
         add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
+
+
+def _add_scene_material(group: Any) -> None:
+    group.add_argument(
+        "--scene_material",
+        action="append",
+        type=str,
+        help="Substitutes for materials of the scene that have no values at the radar's frequency or are not known, as "
+        "brick=concrete; several with commas between them.",
+    )
 
 
 def _add_accuracy(parser: ArgumentParser) -> None:

@@ -19,8 +19,8 @@ Mesh = tuple[np.ndarray, np.ndarray]
 """Vertices [m], float64 (V, 3), and triangles, int64 (F, 3)."""
 
 MAX_MESH_BYTES = 16_000_000
-MAX_ROWS = 30_000
-"""Vertices, and faces, of a file: three times the triangles that a whole scene may have."""
+MAX_ROWS = 500_000
+"""Vertices, and faces, of a file: as many as a whole scene may have."""
 MAX_PROPERTIES = 20
 MAX_HEADER_BYTES = 64_000
 TYPES = {

@@ -11,7 +11,7 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.propagation.mirrors import Mirrors, sphere
+from t2d_rt.propagation.mirrors import Mirrors, has_room, sphere
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, Scene
 
 SAMPLE_RATE_HZ = 25.0
@@ -30,8 +30,6 @@ MIDDLE = (
 )  # fmt: skip
 """Joints that a person's middle runs by, from between the shins to the head; arms and feet may touch what they like."""
 KNEES = 1
-LEAST_FLOOR_M2, LEAST_HEIGHT_M = 2.0, 1.8
-"""Of a room; what is smaller and closed is furniture."""
 ENCLOSED = 2 / 3
 """Fraction of directions from its middle in which a room ends at something: open windows and doors leave more."""
 FLAT = 0.7
@@ -153,8 +151,7 @@ def radar_outside(scene: Scene, radar: Radar, backend: Backend) -> np.ndarray | 
 def is_room(mirrors: Mirrors) -> bool:
     """Whether a scene has an inside for people: it is as large as a room, and most rays from its middle meet something."""
     low, high = mirrors.scene.bounds_m
-    size = high - low
-    if size[0] * size[1] < LEAST_FLOOR_M2 or size[2] < LEAST_HEIGHT_M:
+    if not has_room(high - low):
         return False
     directions = sphere(1000)
     distance, _ = mirrors.first(np.broadcast_to((low + high) / 2, directions.shape), directions)

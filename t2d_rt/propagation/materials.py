@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import cache
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -14,13 +15,16 @@ from t2d_rt.errors import InputError
 from t2d_rt.propagation.mitsuba import imported
 from t2d_rt.types import Material
 
+SUBSTITUTES = {"plywood": "wood"}
+"""What is proposed for materials without values; concrete for all others, which are mineral: brick, marble, ground."""
+
 
 def itu_material(name: str, frequency_hz: float) -> Material:
     """An ITU material at one frequency, smooth; "itu_concrete" is "concrete" (ITU-R P.2040-3, section 2.1.4)."""
     if not 0 < frequency_hz < math.inf:
         raise InputError(f"frequency_hz must be positive and finite, got {frequency_hz}")
     itu = _sionna_table()
-    short = name.removeprefix("itu_").replace("-", "_")
+    short = _short(name)
     table = itu.ITU_MATERIALS_PROPERTIES
     if short not in table:
         raise _unknown(name)
@@ -35,6 +39,25 @@ def itu_material(name: str, frequency_hz: float) -> Material:
     return Material(
         name=f"itu_{short}", relative_permittivity=float(permittivity), conductivity_s_per_m=float(conductivity)
     )
+
+
+def _short(name: str) -> str:
+    return name.removeprefix("itu_").replace("-", "_")
+
+
+def check_values(materials: Iterable[str | Material], frequency_hz: float) -> None:
+    """Refuses a scene's materials that have no values at a frequency, all at once."""
+    valid = itu_names(frequency_hz)
+    named = {_short(each) for each in materials if isinstance(each, str)}
+    missing = [known_itu(name) for name in sorted(named - set(valid))]
+    if missing:
+        plain = {name: SUBSTITUTES.get(name, "concrete") for name in missing}
+        told = ",".join(f"{name}={other}" for name, other in plain.items())
+        raise InputError(
+            f"ITU-R P.2040 has no values for {' and '.join(missing)} at {frequency_hz / 1e9:g} GHz; name substitutes, as "
+            f"--scene-material {told} or load_scene(..., materials={plain}), from {', '.join(valid)}, or give a Material with its "
+            "permittivity and conductivity"
+        )
 
 
 def known_itu(name: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -29,6 +29,8 @@ SKIN_M = 1e-4
 """Rays start and end that far from what they are reflected at."""
 MOST_LOSS_DB = 40.0
 """Slabs that together take more than that from a ray at normal incidence stop it."""
+LEAST_FLOOR_M2, LEAST_HEIGHT_M = 2.0, 1.8
+"""Of a room."""
 
 _kept = LastUsed[list[Chain]](16)
 """Chains by all that their search follows from."""
@@ -228,19 +230,28 @@ class Mirrors:
         number = hit.prim_index.numpy().reshape(distance.shape)
         return distance, self.of_face[np.where(np.isfinite(distance), number, 0)]
 
-    def enclosing(self, place_m: np.ndarray) -> str | None:
-        """Name of a surface that holds a place within itself or its thickness, None if none does."""
-        for number, surface in enumerate(self.scene.surfaces):
-            mine = [mirror for mirror in self.each if mirror.surface == number]
-            corners = np.concatenate([mirror.triangles for mirror in mine]) - place_m
-            if abs(winding(corners)) > 0.5:
+    def slab_at(self, place_m: np.ndarray) -> str | None:
+        """Name of a surface that holds a place within its thickness, None if none does."""
+        for mirror in self.each:
+            surface = self.scene.surfaces[mirror.surface]
+            away = float(place_m @ mirror.normal - mirror.offset_m)
+            foot = place_m - away * mirror.normal
+            if abs(away) < surface.thickness_m / 2 and mirror.holds(foot[None])[0]:
                 return surface.name
-            for mirror in mine:
-                away = float(place_m @ mirror.normal - mirror.offset_m)
-                foot = place_m - away * mirror.normal
-                if abs(away) < surface.thickness_m / 2 and mirror.holds(foot[None])[0]:
-                    return surface.name
         return None
+
+    def shells_enclosing(self, place_m: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+        """Closed pieces of surfaces around a place, whichever side they face: the surface's name and triangles (F, 3, 3)."""
+        for number, surface in enumerate(self.scene.surfaces):
+            triangles = np.concatenate(
+                [mirror.triangles for mirror in self.each if mirror.surface == number] or [_NONE]
+            )
+            low, high = triangles.min(axis=(0, 1), initial=np.inf), triangles.max(axis=(0, 1), initial=-np.inf)
+            if ((low < place_m) & (place_m < high)).all():
+                piece = _piece_of(triangles)
+                for index in range(piece.max() + 1):
+                    if abs(winding(triangles[piece == index] - place_m)) > 0.5:
+                        yield surface.name, triangles[piece == index]
 
     def free(self, start_m: np.ndarray, stop_m: np.ndarray) -> np.ndarray:
         """Whether segments between points (..., 3) and points (..., 3) are free, bool (...), but for what they lie on."""
@@ -286,6 +297,25 @@ class _Rays:
         path[going] = (np.cumsum(present) - 1)[code]
         ended = (divmod(code, most) for code in np.flatnonzero(present).tolist())
         return replace(self, path=path, chains=[(*self.chains[begun], ~k if through else k) for begun, k in ended])
+
+
+def has_room(size_m: np.ndarray) -> bool:
+    """Whether a box of that size (3,) is as large as a room; what is smaller and closed is furniture."""
+    return bool(size_m[0] * size_m[1] >= LEAST_FLOOR_M2 and size_m[2] >= LEAST_HEIGHT_M)
+
+
+_NONE = np.zeros((0, 3, 3))
+
+
+def _piece_of(triangles: np.ndarray) -> np.ndarray:
+    """Number of the connected piece of each triangle (F, 3, 3): those that share a corner hang together."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    corner = np.unique(triangles.reshape(-1, 3).round(6), axis=0, return_inverse=True)[1].reshape(-1, 3)
+    ends = corner[:, :2].ravel(), corner[:, 1:].ravel()
+    joined = csr_array((np.ones(len(ends[0])), ends), shape=(corner.max() + 1,) * 2)
+    return np.asarray(connected_components(joined, directed=False)[1][corner[:, 0]])
 
 
 def _plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:

@@ -30,11 +30,17 @@ class FoundPaths:
     paths: PathSet
     edges: Edges
     """Of the mirrors as these paths count them: where they overlap, one of them has the place."""
-    reached: np.ndarray
-    """To which of the points of the search they exist, bool (P, Q)."""
+    fraction: np.ndarray
+    """Of the field that reaches the points of the search, float32 (P, Q): 1 or 0 as the path exists or does not; of one that exists
+    to no point, what fades into the shadow."""
 
     def __len__(self) -> int:
         return len(self.paths)
+
+    @property
+    def reached(self) -> np.ndarray:
+        """Which of the points each path reaches, bool (P, Q)."""
+        return self.fraction > 0
 
 
 def find_paths(
@@ -54,10 +60,13 @@ def find_paths(
     chains = mirrors.chains(place_m, order, transmissions=transmissions, loss_db=loss_db)
     mirrors, chains = mirrors.parted(chains)
     candidates = _path_set(mirrors, materials, chains, np.array(place_m, float), np.array(polarization, float))
-    reached = existing(mirrors, candidates, probes_m)
-    rows = np.flatnonzero(reached.any(axis=1))
+    fraction = existing(mirrors, candidates, probes_m).astype(np.float32)
     edges = Edges.of(mirrors, SPEED_OF_LIGHT / frequency_hz)
-    return FoundPaths(candidates.taken(rows), edges, reached[rows])
+    # Just inside a shadow no straight ray comes, but some of the field. That matters where no stronger path leads there.
+    for row in range(0 if fraction[0].any() else 1 if fraction.any() else len(candidates)):
+        fraction[row] = edges.fraction(candidates[row], probes_m)
+    rows = np.flatnonzero(fraction.any(axis=1))
+    return FoundPaths(candidates.taken(rows), edges, fraction[rows])
 
 
 def _losses_db(mirrors: Mirrors, materials: Sequence[Material], frequency_hz: float) -> np.ndarray:

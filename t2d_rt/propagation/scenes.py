@@ -8,16 +8,18 @@ picture needs (cameras, lights, textures) is left out unread; anything else is r
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from t2d_rt.checks import file_path, shown, unknown_name
 from t2d_rt.errors import InputError
+from t2d_rt.propagation.materials import check_values, known_itu
 from t2d_rt.propagation.scene_xml import SceneFile
-from t2d_rt.propagation.shapes import PICTURE, Shapes
+from t2d_rt.propagation.shapes import PICTURE, Shapes, names_of
 from t2d_rt.resources import listing, resource
-from t2d_rt.types import Scene, Surface
+from t2d_rt.types import Material, Scene, Surface
 from t2d_rt.types.scene import MAX_SURFACES
 
 VALUES = frozenset({"boolean", "integer", "float", "string"})
@@ -29,15 +31,27 @@ def scene_names() -> list[str]:
     return [name for name in listing("scenes") if (resource("scenes", name) / f"{name}.xml").exists()]
 
 
-def load_scene(source: str | Path) -> Scene:
+def load_scene(
+    source: str | Path, *, materials: Mapping[str, str | Material] | None = None, frequency_hz: float | None = None
+) -> Scene:
     """A shipped scene by its name, or any Mitsuba/Sionna XML file, whose meshes lie in its own folder or below.
 
     Surfaces keep their ITU materials, whose values follow from the radar's frequency, and their thickness; a custom radio material
-    keeps its values.
+    keeps its values. `materials` are substitutes by name, as {"brick": "concrete"}, for what ITU-R P.2040 has no values for at that
+    frequency or does not know at all. With a `frequency_hz` materials without values there are told before any mesh is read.
     """
     path = _path(source)
+    substitutes = {} if materials is None else materials
+    if not isinstance(substitutes, Mapping) or not all(
+        isinstance(each, str | Material) for each in substitutes.values()
+    ):
+        raise InputError(f'materials must be a mapping like {{"brick": "concrete"}}, got {shown(materials)}')
+    substitutes = {
+        name: known_itu(each.removeprefix("itu_")) if isinstance(each, str) else each
+        for name, each in substitutes.items()
+    }
     try:
-        return Scene(name=path.stem, surfaces=tuple(_surfaces(SceneFile(path))))
+        return Scene(name=path.stem, surfaces=tuple(_surfaces(SceneFile(path), substitutes, frequency_hz)))
     except InputError as error:
         raise InputError(f"cannot load scene {path}: {error}") from None
 
@@ -60,7 +74,7 @@ def _path(source: str | Path) -> Path:
     return path
 
 
-def _surfaces(file: SceneFile) -> list[Surface]:
+def _surfaces(file: SceneFile, substitutes: Mapping[str, str | Material], frequency_hz: float | None) -> list[Surface]:
     shapes: list[Element] = []
     materials: dict[str, Element] = {}
     aliases: list[tuple[str, str]] = []
@@ -80,6 +94,16 @@ def _surfaces(file: SceneFile) -> list[Surface]:
             raise InputError(f"it holds <{shown(element.tag)[1:-1]}>, which is not read; write out what it stands for")
     if len(shapes) > MAX_SURFACES:
         raise InputError(f"it has {len(shapes)} shapes, more than {MAX_SURFACES}; join those of one material")
+    held = {name for each in materials.values() for name in names_of(each)}
+    held |= {name for shape in shapes for each in shape.findall("bsdf") for name in names_of(each)}
+    for name in substitutes:
+        if name not in held:
+            raise InputError(f"it has no material {shown(name)} to substitute; it has {', '.join(sorted(held - {''}))}")
     materials |= {other: materials[name] for name, other in aliases if name in materials}
-    reader, nameless = Shapes(file, materials), count(1)
-    return [reader.surface(shape, shape.get("id") or f"no-name-{next(nameless)}") for shape in shapes]
+    reader, nameless = Shapes(file, materials, substitutes), count(1)
+    # mesh- before a name is Blender's exporter's.
+    names = [(shape.get("id") or f"no-name-{next(nameless)}").removeprefix("mesh-") for shape in shapes]
+    if frequency_hz is not None:
+        made = (reader.material(*each)[0] for each in zip(shapes, names, strict=True))
+        check_values(made, frequency_hz)
+    return [reader.surface(*each) for each in zip(shapes, names, strict=True)]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -37,6 +39,8 @@ PICTURE = frozenset(
 """Elements that only a picture needs: left out unread."""
 NORMALS = frozenset({"face_normals", "flip_normals", "flip_tex_coords"})
 """Switches of a shape that change neither its place nor its form; surfaces reflect from both sides."""
+OWN_VALUES = ("relative_permittivity", "conductivity")
+"""Of a radio material."""
 FILES = {"ply": ".ply", "obj": ".obj"}
 DEFAULT_THICKNESS_M = 0.1
 """Sionna's."""
@@ -56,18 +60,30 @@ class Shapes:
 
     file: SceneFile
     materials: dict[str, Element]
+    substitutes: Mapping[str, str | Material] = field(default_factory=dict)
+    """What stands for materials of some names."""
     bytes_left: int = MAX_MESH_BYTES
     triangles_left: int = MAX_TRIANGLES
+    known: dict[tuple[str, bytes], tuple[str | Material, float]] = field(default_factory=dict)
+    """Materials that were read before."""
 
-    def surface(self, shape: Element, identity: str) -> Surface:
-        """The surface of a shape; mesh- before its name, which Blender's exporter puts there, is left out."""
-        name = identity.removeprefix("mesh-")
+    def material(self, shape: Element, name: str) -> tuple[str | Material, float]:
+        """What a shape of that name is made of and its thickness [m]."""
+        try:
+            return self._material(shape)
+        except InputError as error:
+            raise InputError(f"shape {shown(name)}: {error}") from None
+
+    def surface(self, shape: Element, name: str) -> Surface:
+        """The surface of a shape."""
         try:
             found = properties(shape, {"boolean": NORMALS, "string": {"filename"}, "transform": {"to_world"}})
             vertices, faces = self._mesh(shape.get("type", ""), found.get("filename"))
             self.triangles_left -= len(faces)
             if self.triangles_left < 0:
-                raise InputError(f"the scene has more than {MAX_TRIANGLES} triangles; make its meshes coarser")
+                raise InputError(
+                    f"the scene has more than {MAX_TRIANGLES} triangles; cut out what lies around the radar"
+                )
             material, thickness_m = self._material(shape)
             return Surface(
                 name=name,
@@ -94,7 +110,6 @@ class Shapes:
         return parsed_mesh(data, path)
 
     def _material(self, shape: Element) -> tuple[str | Material, float]:
-        """What a shape is made of and its thickness [m]."""
         found = list(shape.findall("bsdf"))
         for reference in shape.findall("ref"):
             if reference.get("id") not in self.materials:
@@ -102,7 +117,10 @@ class Shapes:
             found.append(self.materials[reference.get("id", "")])
         if len(found) != 1:
             raise InputError(f"it has {len(found)} materials; give it one")
-        return material_of(found[0])
+        key = found[0].get("id", ""), ElementTree.tostring(found[0])
+        if key not in self.known:  # hundreds of shapes are of one, which is told of once
+            self.known[key] = material_of(found[0], self.substitutes)
+        return self.known[key]
 
 
 def properties(element: Element, known: dict[str, set[str] | frozenset[str]]) -> dict[str, Element]:
@@ -119,31 +137,39 @@ def properties(element: Element, known: dict[str, set[str] | frozenset[str]]) ->
     return found
 
 
-def material_of(bsdf: Element) -> tuple[str | Material, float]:
-    """An ITU name or values, and the thickness [m], of a <bsdf> as Sionna RT takes it.
+def material_of(bsdf: Element, substitutes: Mapping[str, str | Material]) -> tuple[str | Material, float]:
+    """An ITU name or values, and the thickness [m], of a <bsdf> as Sionna RT takes it; what stands for one of that name, by its id
+    or by its ITU name, in its place.
 
     One whose id begins with itu_ or mat-itu_ is an ITU material whatever its type, as exporters of pictures write it.
     """
-    name = bsdf.get("id", "").removeprefix("mat-")
+    name, itu = names_of(bsdf)
     kind = bsdf.get("type", "")
+    for each in (name, itu):
+        if each in substitutes:
+            return substitutes[each], _thickness(bsdf)
     if name.startswith(("itu_", "itu-")):
-        chosen = bsdf.find("string[@name='type']")
-        itu = known_itu(name[4:] if chosen is None else chosen.get("value", ""))
-        thickness = bsdf.find("float[@name='thickness']")
-        return itu, _value({} if thickness is None else {"thickness": thickness}, "thickness", DEFAULT_THICKNESS_M)
+        dropped = [each.get("name", "") for each in bsdf.iter() if each.get("name") in OWN_VALUES]
+        if dropped:
+            warnings.warn(
+                f"{' and '.join(dropped)} of {name} are left out: an id that begins with itu_ is that of an ITU material; give it "
+                "another one to keep them",
+                T2DWarning,
+                stacklevel=2,
+            )
+        return known_itu(itu), _thickness(bsdf)
     if kind == "itu-radio-material":
         names = {"thickness", "scattering_coefficient", "xpd_coefficient"}
         found = properties(bsdf, {"string": {"type"}, "float": names, "integer": names})
-        itu = known_itu(found["type"].get("value", "") if "type" in found else "")
         if _value(found, "scattering_coefficient", 0.0):
             warnings.warn(
                 f"scattering_coefficient of {name} is left out: ITU materials are smooth; give a radio-material instead",
                 T2DWarning,
                 stacklevel=2,
             )
-        return itu, _value(found, "thickness", DEFAULT_THICKNESS_M)
+        return known_itu(itu), _value(found, "thickness", DEFAULT_THICKNESS_M)
     if kind == "radio-material":
-        names = {"thickness", "relative_permittivity", "conductivity", "scattering_coefficient", "xpd_coefficient"}
+        names = {"thickness", *OWN_VALUES, "scattering_coefficient", "xpd_coefficient"}
         found = properties(bsdf, {"float": names, "integer": names})
         return Material(
             name=name,
@@ -153,8 +179,21 @@ def material_of(bsdf: Element) -> tuple[str | Material, float]:
         ), _value(found, "thickness", DEFAULT_THICKNESS_M)
     raise InputError(
         f"its material {shown(name)} is of type {shown(kind)}; take itu-radio-material or radio-material, "
-        "or an id like mat-itu_concrete"
+        f"an id like mat-itu_concrete, or a substitute such as {name or 'NAME'}=concrete (--scene-material, load_scene's materials)"
     )
+
+
+def names_of(bsdf: Element) -> tuple[str, str]:
+    """A material's own name, and the ITU name that it gives, or would be taken for."""
+    name = bsdf.get("id", "").removeprefix("mat-")
+    chosen = bsdf.find("string[@name='type']")
+    plain = name[4:] if name.startswith(("itu_", "itu-")) else ""
+    return name, plain if chosen is None else chosen.get("value", "")
+
+
+def _thickness(bsdf: Element) -> float:
+    given = bsdf.find("float[@name='thickness']")
+    return _value({} if given is None else {"thickness": given}, "thickness", DEFAULT_THICKNESS_M)
 
 
 def _value(found: dict[str, Element], name: str, default: float) -> float:

@@ -11,14 +11,17 @@ import numpy as np
 
 from t2d_rt.backend import Backend
 from t2d_rt.errors import InputError
+from t2d_rt.geometry import winding
 from t2d_rt.memory import blocks
 from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.mean_visibility import poses
-from t2d_rt.propagation.mirrors import Mirrors
+from t2d_rt.propagation.mirrors import Mirrors, has_room
 from t2d_rt.propagation.paths import FoundPaths, find_paths
 from t2d_rt.propagation.visibility import faded, sample_times
 from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene
 
+MOST_INSIDE = 64
+"""Points of the targets that are asked whether they are in the room."""
 PROBE_RATE_HZ, PROBES = 5.0, 40
 """Paths are searched to so many points of a target, so often."""
 
@@ -55,7 +58,7 @@ def radar_paths(
 ) -> RadarPaths:
     """One-way paths of up to `order` reflections and `transmissions` slabs between the radar and any of points (Q, 3) m."""
     mirrors = Mirrors.of(scene, backend)
-    _check_inside(scene, mirrors, radar)
+    _check_inside(scene, mirrors, radar, probes_m, through=transmissions > 0)
     found = []
     for place, angle_deg in (
         (radar.tx_position_m, radar.tx_polarization_deg),
@@ -77,15 +80,25 @@ def polarization(radar: Radar, angle_deg: float) -> np.ndarray:
     return np.asarray(np.array([0.0, math.sin(angle), math.cos(angle)]) @ radar.axes)
 
 
-def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar) -> None:
-    """Refuses a radar inside a closed surface, or within a slab."""
+def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar, probes_m: np.ndarray, *, through: bool) -> None:
+    """Refuses a radar within a slab or a closed surface, unless that is the room: it holds the targets as well, or is as large as
+    one and paths may lead `through` it."""
+    some = probes_m[:: max(1, len(probes_m) // MOST_INSIDE)]
     for place in (radar.tx_position_m, radar.rx_position_m):
-        name = mirrors.enclosing(place)
-        if name is not None:
-            where = ", ".join(f"{x:.3g}" for x in place)
-            raise InputError(
-                f"the radar at ({where}) m is inside {name} of scene {scene.name}; move the radar (position_m) or the furniture"
-            )
+        slab = mirrors.slab_at(place)
+        found = [] if slab is None else [(slab, False)]
+        for name, triangles in mirrors.shells_enclosing(place):
+            if np.mean([abs(winding(triangles - each)) > 0.5 for each in some]) <= 0.5:
+                found.append((name, has_room(np.ptp(triangles.reshape(-1, 3), axis=0))))
+        for name, as_room in found:
+            if as_room and through:
+                continue
+            told = f"the radar at ({', '.join(f'{x:.3g}' for x in place)}) m is inside {name} of scene {scene.name}"
+            if as_room:
+                told += " and the target is not; move one of them, or allow transmissions for paths through walls"
+            else:
+                told += "; move the radar (position_m) or the furniture"
+            raise InputError(told)
 
 
 class Blockage:

@@ -232,10 +232,10 @@ class Probed:
     one_antenna: bool
     """Whether one antenna, of one polarisation, transmits and receives: then both sets are the same."""
     reached: tuple[np.ndarray, np.ndarray]
-    """To which of the points the P paths of each end exist, bool (P, Q)."""
+    """To which of the points the P paths of each end exist, or the fraction of their field that reaches these, (P, Q)."""
 
     def spreading(self) -> Iterator[np.ndarray]:
-        """1 / distance from the paths' images to the points, 0 where a path does not exist: (P, Q) of each end."""
+        """1 / distance from the paths' images to the points, times what reaches these: (P, Q) of each end."""
         for paths, reached in zip((self.out, self.back), self.reached, strict=True):
             yield reached / np.linalg.norm(self.probes_m - paths.image_m[:, None], axis=-1)
 

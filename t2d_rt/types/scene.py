@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,12 +13,13 @@ from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.tables import html_table
 from t2d_rt.types.material import Material
 
-LARGEST_M = 100.0
-"""Rooms are smaller; what exceeds it was meant in other units."""
-MAX_SURFACES = 2_000
-MAX_TRIANGLES = 10_000
-"""Ten times what a furnished room has; rays, edges and mirrors take time and memory with each."""
-MAX_VERTICES = 30_000
+LARGEST_M = 3_000.0
+"""Town quarters are smaller; what exceeds it was meant in other units."""
+MAX_SURFACES = 20_000
+MAX_TRIANGLES = 500_000
+MAX_VERTICES = 500_000
+ROOM_M, ROOM_SURFACES, ROOM_TRIANGLES = 100.0, 2_000, 10_000
+"""Of what rays are traced in, ten times what a furnished room has: rays, edges and mirrors take time and memory with each."""
 NO_AREA_M2 = 1e-12
 """A triangle of less than half of that is a line or a point; it reflects nothing and is passed over where there are others."""
 MAX_NAME = 200
@@ -116,12 +117,13 @@ class Scene:
         if len(self.surfaces) > MAX_SURFACES or triangles > MAX_TRIANGLES:
             raise InputError(
                 f"scene {self.name} has {len(self.surfaces)} surfaces and {triangles} triangles, more than {MAX_SURFACES} and "
-                f"{MAX_TRIANGLES}; leave out what hardly reflects, or give its meshes fewer triangles"
+                f"{MAX_TRIANGLES}; cut out what lies around the radar"
             )
         low, high = self.bounds_m
         if not (high - low).max() <= LARGEST_M:
             raise InputError(
-                f"scene {self.name} measures {(high - low).max():.4g} m, more than {LARGEST_M:g} m; give it in metres"
+                f"scene {self.name} measures {(high - low).max():.4g} m, more than {LARGEST_M:g} m; give it in metres, or cut out "
+                "what lies around the radar"
             )
 
     def __repr__(self) -> str:
@@ -159,6 +161,25 @@ class Scene:
             (each.name, each.vertices.tobytes(), each.faces.tobytes(), each.material, each.thickness_m)
             for each in self.surfaces
         )
+
+    @property
+    def is_large(self) -> bool:
+        """Whether it is more than what rays are traced in, so that only what lies near a radar is."""
+        low, high = self.bounds_m
+        many = len(self.surfaces) > ROOM_SURFACES or self._triangles > ROOM_TRIANGLES
+        return many or bool((high - low).max() > ROOM_M)
+
+    def near(self, place_m: np.ndarray, reach_m: float) -> Scene | None:
+        """The triangles that come as near to a place (3,) as `reach_m`, by the boxes around them; None where none does."""
+        found = []
+        for each in self.surfaces:
+            corners = each.vertices[each.faces]
+            outside = np.maximum(corners.min(axis=1) - place_m, place_m - corners.max(axis=1)).clip(0)
+            kept = np.linalg.norm(outside, axis=1) <= reach_m
+            if (_twice_area(each.vertices, each.faces[kept]) > NO_AREA_M2).any():
+                used, faces = np.unique(each.faces[kept], return_inverse=True)
+                found.append(replace(each, vertices=each.vertices[used], faces=faces.reshape(-1, 3)))
+        return Scene(name=self.name, surfaces=tuple(found)) if found else None
 
     @property
     def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
