@@ -1,5 +1,8 @@
 """Memory: what runs take is bounded, told beforehand and given back, and the bounds do not change what is computed."""
 
+import os
+import subprocess
+import sys
 import tracemalloc
 import warnings
 from concurrent.futures import ThreadPoolExecutor
@@ -262,3 +265,27 @@ def test_rays_where_two_mirrors_meet() -> None:
             stops, near, np.ones((2, 1), bool), np.array([[0.1, 0.1], [-0.1, 0.1]], np.float32), [floor, wall]
         )
     assert np.isfinite(fraction).all()
+
+
+def test_freed_memory_is_kept_where_dask_says_otherwise() -> None:
+    """Pages asked of the system by arrays that come and go: with the variable of dask's workers hardly more than without."""
+    code = (
+        "import resource, sys, numpy as np; from t2d_rt.memory import keep_freed\n"
+        "if 'kept' in sys.argv: keep_freed()\n"
+        "for _ in range(200): np.ones(2**18)\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)"
+    )
+
+    def pages(*words: str, **variables: str) -> int:
+        run = subprocess.run(
+            [sys.executable, "-c", code, *words],
+            env={**os.environ, **variables},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return int(run.stdout)
+
+    trimmed = {"MALLOC_TRIM_THRESHOLD_": "65536"}
+    assert pages(**trimmed) > 100_000
+    assert pages("kept", **trimmed) < 60_000

@@ -14,18 +14,26 @@ from t2d_rt.added_background import background_settings, check_axes
 from t2d_rt.checks import file_path, integer
 from t2d_rt.dataset.lock import locked
 from t2d_rt.dataset.planning import make_plans
-from t2d_rt.dataset.read import MANIFEST, PLANS, RECIPE, Shard, read_manifest, shard_faults
+from t2d_rt.dataset.read import MANIFEST, PLANS, RECIPE, Shard, read_manifest, shard_faults, spooled
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import cell_of, description_of
 from t2d_rt.dataset.schedulers import cores, scheduler_named, threads_of
-from t2d_rt.dataset.shards import SHARDS, file_sha256, numbers, shard_name, sweep, write_shard, write_whole
+from t2d_rt.dataset.shards import (
+    SHARDS,
+    file_sha256,
+    numbers,
+    remove_spooled,
+    shard_name,
+    sweep,
+    write_shard,
+    write_spooled,
+    write_whole,
+)
 from t2d_rt.dataset.work import Made
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.versions import versions
 
 LOG = "log"
-BATCH = 4
-"""Samples that a worker takes at once: enough for the way there to cost nothing, few enough to keep all workers busy to the end."""
 MOST_FAILED = 0.05
 """Fraction of the samples that may fail before the run stops."""
 
@@ -76,9 +84,15 @@ def make_dataset(
         if run.tasks:
             plans = {name: each.model_dump_json() for name, each in make_plans(recipe, target / PLANS, count).items()}
             text = recipe.model_dump_json()
+            run.write_manifest()  # of which files samples follow, for the run that goes on
             try:
-                for made in take_up([(text, plans, indices, threads) for indices in run.tasks]):
+                for made in take_up([(text, plans, [index], threads) for index in run.tasks]):
                     run.add(made)
+            except KeyboardInterrupt as stopped:
+                stopped.add_note(
+                    f"{run.done} of {count} samples are finished and stay in {target}; the same command goes on"
+                )
+                raise
             finally:
                 run.write_log()
         run.write_manifest()
@@ -153,17 +167,21 @@ class _Run:
         self._log: list[dict[str, Any]] = []
         self.failures: list[tuple[int, str]] = []
         self.made = 0
-        self._done = 0
+        self.done = 0
         self._counts: dict[int, tuple[int, int]] = {}
         """Samples of each shard that there is, and how many of them failed."""
-        self.tasks: list[list[int]] = []
-        """Indices of the samples that are missing, in batches of one shard each."""
+        self.tasks: list[int] = []
+        """Indices of the samples that are missing."""
         finished = self._finished()
-        size = recipe.samples_per_shard
-        for number in range(-(-count // size)):
+        kept = {each.record["index"]: each for each in spooled(folder, recipe)}
+        remove_spooled(folder, [index for index in kept if index // recipe.samples_per_shard in finished])
+        for number in range(-(-count // recipe.samples_per_shard)):
             if number not in finished:
                 indices = self._indices(number)
-                self.tasks += [indices[at : at + BATCH] for at in range(0, len(indices), BATCH)]
+                self.tasks += [index for index in indices if index not in kept]
+                found = [kept[index] for index in indices if index in kept]
+                if found:
+                    self._take(found)
 
     def _indices(self, number: int) -> list[int]:
         size = self._recipe.samples_per_shard
@@ -190,7 +208,7 @@ class _Run:
                 found.add(number)
                 # Of a larger run there may be more, whose failures count for that one.
                 asked = [Made(each) for each in records if each["index"] < self._count]
-                self._done += len(asked)
+                self.done += len(asked)
                 self._note_failures(asked)
         return found
 
@@ -213,14 +231,20 @@ class _Run:
         self._counts[number] = len(records), sum(each["failure"] is not None for each in records)
 
     def add(self, made: Sequence[Made]) -> None:
-        """Takes what a worker has made, and writes the shard that it completes."""
+        """Takes what a worker has made, keeps it, and writes the shard that it completes."""
+        self._log += [{"index": each.record["index"], "seconds": dict(each.seconds)} for each in made]
+        self.made += len(made)
+        for each in made:
+            write_spooled(self._folder, each)
+        self._take(made)
+
+    def _take(self, made: Sequence[Made]) -> None:
+        """Takes samples of one shard, which is written when none is missing."""
         number = made[0].record["index"] // self._recipe.samples_per_shard
         waiting = self._waiting.setdefault(number, {})
         waiting |= {each.record["index"]: each for each in made}
-        self._log += [{"index": each.record["index"], "seconds": dict(each.seconds)} for each in made]
+        self.done += len(made)
         self._note_failures(made)
-        self.made += len(made)
-        self._done += len(made)
         if len(waiting) == len(self._indices(number)):
             shard = [waiting[index] for index in sorted(waiting)]
             if self._counts.pop(number, None) is not None:
@@ -229,8 +253,9 @@ class _Run:
             self._count_records(number, [each.record for each in shard])
             del self._waiting[number]
             self.write_manifest()
+            remove_spooled(self._folder, waiting)
         if self._progress is not None:
-            self._progress(min(1.0, self._done / self._count))
+            self._progress(min(1.0, self.done / self._count))
 
     def _note_failures(self, made: Sequence[Made]) -> None:
         self.failures += [(each.record["index"], each.record["failure"]) for each in made if each.record["failure"]]
@@ -238,7 +263,7 @@ class _Run:
             index, reason = self.failures[-1]
             raise InputError(
                 f"{len(self.failures)} of {self._count} samples failed, more than {MOST_FAILED:.0%}, the last one, {index}, for: "
-                f"{reason}; the shards that are finished stay"
+                f"{reason}; what is finished stays"
             )
 
     def write_manifest(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,8 @@ import numpy as np
 from t2d_rt.checks import file_path
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.records import Sizes, array_of, check_array, read_array, read_record
-from t2d_rt.dataset.shards import RAGGED, SHARDS, damaged, file_sha256, numbers, shard_name
+from t2d_rt.dataset.shards import RAGGED, SHARDS, SPOOL, damaged, file_sha256, numbers, shard_name
+from t2d_rt.dataset.work import Made
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 
@@ -82,6 +84,17 @@ class Shard:
                 record,
                 {name: whole[name][record["row"]] if name in whole else self.array(record, name) for name in names},
             )
+
+
+def spooled(folder: Path, recipe: Recipe) -> Iterator[Made]:
+    """Finished samples of shards that are not finished; one that is damaged, or of another recipe, is made anew."""
+    for path in (folder / SPOOL).glob("*.jsonl"):
+        with suppress(InputError):
+            record = read_record(recipe, read_bytes(path, limit=MOST_BYTES, noun="record").strip())
+            if path.stem == str(record["index"]):
+                shard = Shard(path.with_suffix(".npz"), (record,), recipe)
+                arrays = next((arrays for _, arrays in shard.samples()), {})
+                yield Made({name: value for name, value in record.items() if name != "row"}, arrays)
 
 
 def read_shards(path: str | Path) -> Iterator[Shard]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from typing import Any
@@ -16,6 +17,7 @@ Task = tuple[Any, ...]
 Scheduler = Callable[[Sequence[Task]], Iterator[list[Made]]]
 """Takes the arguments of calls of `make_samples` and gives what they return, in any order."""
 
+ADDRESS = re.compile(r"(tcp|tls)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):[0-9]{1,5}")
 RETRIES = 2
 """Times that a call is repeated whose worker was lost."""
 
@@ -27,7 +29,7 @@ def scheduler_named(name: str | None, workers: int) -> Scheduler:
     kind, _, rest = name.partition(":")
     if kind == "local" and rest.isdecimal() and int(rest) > 0:
         return lambda tasks: on_a_cluster(tasks, None, int(rest))
-    if kind in ("tcp", "tls") and rest.startswith("//"):
+    if ADDRESS.fullmatch(name):
         return lambda tasks: on_a_cluster(tasks, name, 0)
     raise InputError(f"scheduler must be local:N or an address as tcp://host:8786, got {name!r}")
 
@@ -98,7 +100,7 @@ def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> It
         cluster = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
     try:
         client = Client(cluster if address is None else address, timeout="20s")
-    except OSError as error:
+    except (OSError, ValueError, OverflowError) as error:
         raise InputError(f"no scheduler answers at {address} ({error}); start one, or check the address") from None
     try:
         if cluster is not None:

@@ -9,7 +9,7 @@ import json
 import os
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,8 @@ from t2d_rt.errors import InputError
 from t2d_rt.files import regular_file
 
 SHARDS = "shards"
+SPOOL = "spool"
+"""Folder of the finished samples of shards that are not finished, each a shard of one: INDEX.npz and INDEX.jsonl."""
 PART = ".part"
 """Ending of what is not yet written to its end."""
 BLOCK = 2**20
@@ -76,6 +78,36 @@ def write_shard(folder: Path, number: int, made: Sequence[Made]) -> dict[str, st
     return {f"{name}.npz": sha256(data), f"{name}.jsonl": sha256(records)}
 
 
+def write_spooled(folder: Path, made: Made) -> None:
+    """Keeps a finished sample of a shard that is not finished, as a shard of one; the record comes last, as there."""
+    place, name = folder / SPOOL, str(made.record["index"])
+    try:
+        place.mkdir(exist_ok=True)
+        for ending, data in zip((".npz", ".jsonl"), packed([made]), strict=True):
+            part = place / f".{name}{ending}{PART}"
+            part.write_bytes(data)
+            part.replace(place / f"{name}{ending}")
+    except OSError as error:
+        raise unwritten(place, error) from error
+
+
+def remove_spooled(folder: Path, indices: Iterable[int]) -> None:
+    """Takes away samples that are in their shard."""
+    for index in indices:
+        for ending in (".jsonl", ".npz"):
+            (folder / SPOOL / f"{index}{ending}").unlink(missing_ok=True)
+    with contextlib.suppress(OSError):  # others are still there, or none was
+        (folder / SPOOL).rmdir()
+
+
+def unwritten(path: Path, error: OSError) -> InputError:
+    """What to say of a file that cannot be written."""
+    return InputError(
+        f"cannot write {path}: {error.strerror or error}; free space or choose a writable place, and run it again: what is "
+        "finished stays"
+    )
+
+
 def write_whole(path: Path, data: bytes) -> None:
     """Writes a file that stands at its place whole or not at all, even if the machine stops."""
     try:
@@ -92,10 +124,7 @@ def write_whole(path: Path, data: bytes) -> None:
             raise
         _sync(path.parent)
     except OSError as error:
-        raise InputError(
-            f"cannot write {path}: {error.strerror or error}; free space or choose a writable place, and run it again: what is "
-            "finished stays"
-        ) from error
+        raise unwritten(path, error) from error
 
 
 def _sync(folder: Path) -> None:
@@ -109,7 +138,7 @@ def _sync(folder: Path) -> None:
 
 def sweep(folder: Path) -> None:
     """Removes what killed processes left half written."""
-    for path in [*folder.glob(f".*{PART}"), *(folder / SHARDS).glob(f".*{PART}")]:
+    for path in [each for place in (folder, folder / SHARDS, folder / SPOOL) for each in place.glob(f".*{PART}")]:
         path.unlink(missing_ok=True)
 
 

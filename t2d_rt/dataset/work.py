@@ -19,7 +19,7 @@ from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.dataset.sample import Cell, Sample, cell_of, description_of, sample
 from t2d_rt.dataset.view import view
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.memory import release_above
+from t2d_rt.memory import keep_freed, release_above
 from t2d_rt.simulate import run
 from t2d_rt.sources import MotionText
 from t2d_rt.types import Accuracy
@@ -57,6 +57,7 @@ def accuracy_of(cell: Cell, plans: Plans) -> Accuracy | None:
 
 def make_samples(recipe_json: str, plans_json: Mapping[str, str], indices: Sequence[int], threads: int) -> list[Made]:
     """Samples of a recipe; the work of one call in a worker, whose values travel as plain text."""
+    keep_freed()
     recipe = _recipe(recipe_json)
     plans = {name: Accuracy.model_validate_json(text) for name, text in plans_json.items()}
     with limited_threads(threads):
