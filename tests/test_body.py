@@ -11,12 +11,13 @@ from scipy.spatial.transform import Rotation
 import builders
 from builders import rest_pose
 from measures import volume
-from t2d_rt.body import bodies, regressed_joints, skin, template
+from t2d_rt.body import bodies, depth_m, regressed_joints, skin, template
 from t2d_rt.body.fit import fit, stance
 from t2d_rt.body.rotations import between, matrices, quaternion, swing
-from t2d_rt.body.skin import blend_basis, bone_weights
+from t2d_rt.body.skin import SOFT_M, _flatten, blend_basis, bone_weights
 from t2d_rt.errors import InputError
 from t2d_rt.motion import load_motion, track
+from t2d_rt.motion.kinematics import INDEX, motion_of, poses_of
 from t2d_rt.resources import resource
 from t2d_rt.scattering.refinement import refined
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
@@ -293,6 +294,47 @@ def test_a_motion_without_track_is_joined_by_straight_lines(walk):
     ends = surface.at(np.array([1.0, 1.0 + 1 / walk.rate_hz]))
     middle = surface.at(np.array([1.0 + 0.5 / walk.rate_hz]))
     np.testing.assert_allclose(middle[0], ends.mean(0), atol=1e-4)
+
+
+def lying_after(walk: Motion) -> Motion:
+    """The walk, then 5 s on the back with knees drawn up, resting on the heels with the toes in the air."""
+    poses = poses_of(walk)
+    count = round(5 * walk.rate_hz)
+    local = np.tile(poses.local[:1], (count, 1, 1))
+    local[:, 0] = Rotation.from_euler("y", -90, degrees=True).as_quat()
+    for side in ("left", "right"):
+        for joint, pitch in (("hip", -50), ("knee", 120), ("ankle", -20)):
+            local[:, INDEX[f"{side}_{joint}"]] = Rotation.from_euler("y", pitch, degrees=True).as_quat()
+    down = replace(poses, root=np.tile([0.0, 0.0, 0.2], (count, 1)), local=local)
+    low = min(down.joint(f"{side}_ankle")[0, 2] for side in ("left", "right"))
+    down = replace(down, root=down.root - [0.0, 0.0, low - 0.07])
+    both = replace(poses, root=np.concatenate([poses.root, down.root]), local=np.concatenate([poses.local, local]))
+    return motion_of(both)
+
+
+def test_heels_of_one_who_lies_do_not_tell_how_a_foot_stands(walk):
+    """A foot that rests on its heel under a bent knee was taken for one that stands: the walk before tilted."""
+    whole = lying_after(walk)
+    times_s = walk.times_s[::10]
+    both, alone = (skin(each).at(times_s) for each in (whole, motion_of(poses_of(walk))))
+    feet = template().weights[:, [CANONICAL_JOINTS.index(f"{side}_foot") for side in ("left", "right")]].max(1) > 0.5
+    assert np.abs(both[:, feet] - alone[:, feet]).max() < 0.01
+    assert skin(whole).vertices[..., 2].min() > -SOFT_M
+
+
+def test_flesh_gives_way_to_the_floor_and_only_where_somebody_comes_down(walk):
+    heights = np.array([-0.2, -0.05, -0.011, -0.01, -0.005, 0.3])
+    flat = heights.copy()
+    _flatten(flat)
+    assert np.all(np.diff(flat) >= 0)
+    assert flat[0] >= -SOFT_M
+    np.testing.assert_array_equal(flat[3:], heights[3:])
+    lying = moved(rest_pose(frames=40), Rotation.from_euler("y", -90, degrees=True), np.array([0.0, 0.0, 0.06]))
+    assert depth_m(lying) > 0.03  # the middle of the trunk is 6 cm over the floor, and its skin below
+    assert -SOFT_M <= skin(lying).vertices[..., 2].min() < -0.015
+    sunk = replace(lying, joints=lying.joints - [0.0, 0.0, 1.0])  # its floor is elsewhere
+    assert skin(sunk).vertices[..., 2].min() < -1.0
+    assert skin(walk).vertices[..., 2].min() < -SOFT_M
 
 
 def test_lying_and_hand_standing_bodies_are_posed_too():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -552,6 +553,12 @@ def test_the_command_judges_files(run: Command, tmp_path: Path) -> None:
     assert run("check-motion", str(broken)).code == 0
     asked = run("check-motion", str(WALK), "--class", "falling")
     assert (asked.code, "no fall is in it" in asked.out) == (0, True)
+
+
+def test_the_command_tells_skin_below_the_floor(run: Command) -> None:
+    """The joints of this run are on the floor, its soles are not: the file's lowest joint is a toe's middle."""
+    done = run("check-motion", str(WALK.with_name("iclone_002_03_run_jog.bvh.gz")))
+    assert re.search(r"  skin: body adult reaches [89]\.\d cm below the floor at z = 0\n", done.out)
 
 
 def test_the_command_writes_a_sheet_or_nothing(run: Command, tmp_path: Path) -> None:

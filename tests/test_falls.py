@@ -15,9 +15,11 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from t2d_rt.body import depth_m, skin
 from t2d_rt.errors import InputError
-from t2d_rt.motion import load_motion, resample, trim
+from t2d_rt.motion import load_motion, place, resample, trim
 from t2d_rt.motion.descriptions.slots import Description
+from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.generate.falls import Fall, FallPlan, plan_of, simulate_fall
 from t2d_rt.motion.generate.falls import make as making
 from t2d_rt.motion.generate.falls.anatomy import anatomy
@@ -27,6 +29,7 @@ from t2d_rt.motion.generate.falls.measures import missing
 from t2d_rt.motion.generate.falls.pose import coordinates, euler, reached, skeleton
 from t2d_rt.motion.generate.falls.simulation import Run, simulate
 from t2d_rt.motion.generate.falls.steps import instants
+from t2d_rt.motion.vary import mirror
 from t2d_rt.types.motion import Motion
 
 MOTIONS = Path(__file__).resolve().parent.parent / "examples" / "motions"
@@ -74,6 +77,17 @@ def test_falls_go_as_measured_falls_do(kind: str) -> None:
     assert motion.joints[-1, :, 2].max() < 0.6
     assert missing(found, FallPlan(type=kind)) == 0
     assert max(found.deepest_m) < 0.02
+
+
+def test_the_skin_lies_on_the_floor_and_so_do_pieces() -> None:
+    """A foot was 11 cm deep while the person still walked: the lying feet had told what a level sole is."""
+    motion = motion_from_text("grandmother slips on the wet tiles and lands on her bottom", seed=11)
+    pieces = [motion, trim(motion, 0.5, 5.0), trim(motion, 2.0, 6.0), resample(motion, 50.0), mirror(place(motion))]
+    pieces.append(dataclasses.replace(motion, rate_hz=80.0))  # slowed down
+    for piece in pieces:
+        for body in ("adult", "old"):
+            assert skin(piece, body).at(piece.times_s[::8])[..., 2].min() > -0.02, (piece, body)
+    assert depth_m(motion, "old") < 0.05
 
 
 def test_types_have_their_directions() -> None:

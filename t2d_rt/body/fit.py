@@ -46,8 +46,9 @@ class Stance:
     ankle_height_m: float
 
 
-UPRIGHT_SHANK = 0.6
-"""Height of the knee over the ankle, over the shank's length, from which a leg may stand; the feet of somebody who lies do not."""
+UPRIGHT_SHANK = CARRIED_HIP = 0.6
+"""Heights of the knee and of the hip over the ankle, over the shank's length, from which a leg may stand or its sole rest on the
+floor before a seat; the feet of somebody who lies do neither, though they may rest on their heels under a bent knee."""
 
 
 def shoulder_centre(motion: Motion) -> np.ndarray:
@@ -59,8 +60,11 @@ def shoulder_centre(motion: Motion) -> np.ndarray:
 
 
 def stance(motion: Motion, side: str) -> Stance | None:
-    """The frames in which a foot stands: the slowest seventh, with the sole about level near the ground, the shank upright."""
-    knee, ankle, foot = (motion.joints[:, motion.index(f"{side}_{joint}")] for joint in ("knee", "ankle", "foot"))
+    """The frames in which a foot stands: the slowest seventh, with the sole about level near the ground, the shank upright and the
+    hip above it."""
+    hip, knee, ankle, foot = (
+        motion.joints[:, motion.index(f"{side}_{joint}")] for joint in ("hip", "knee", "ankle", "foot")
+    )
     speed = sum(np.linalg.norm(np.gradient(p, 1 / motion.rate_hz, axis=0), axis=1) for p in (ankle, foot))
     direction = unit(foot - ankle)
     shank = float(np.median(np.linalg.norm(ankle - knee, axis=1)))
@@ -69,6 +73,7 @@ def stance(motion: Motion, side: str) -> Stance | None:
         & (ankle[:, 2] < 0.5 * shank)
         & (ankle[:, 2] < np.quantile(ankle[:, 2], 0.5) + 0.03)
         & (knee[:, 2] - ankle[:, 2] > UPRIGHT_SHANK * shank)
+        & (hip[:, 2] - ankle[:, 2] > CARRIED_HIP * shank)
     )
     if np.count_nonzero(level) < FEWEST_STANCE_FRAMES:
         return None

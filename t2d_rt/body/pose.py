@@ -28,6 +28,12 @@ BONES = CANONICAL_JOINTS + TWIST_BONES
 
 ONE_HINGE = {"hip": "knee", "knee": "ankle", "shoulder": "elbow", "elbow": "wrist"}
 
+UPRIGHT = 0.7
+"""Cosine of the torso's least lean up to which somebody lies or crawls throughout: what is neutral shows less well then."""
+
+STRAIGHTEST = 60
+"""Power of the torso's length with which instants count then: those 2 % shorter than the longest by a third."""
+
 STRAIGHT_LIMB = 0.02
 """Weight of `not twisted against its parent` beside the hinge: (sine of the bend)^2 at which both count alike."""
 
@@ -134,6 +140,10 @@ def _trunk_offsets(
     torso = unit(at["spine3"] + source["spine3"] @ centre - hips)
     # Upright instants tell what an unbent back is.
     upright = np.clip(torso[:, 2], 0.02, 1) ** 4
+    lies = torso[:, 2].max() < UPRIGHT
+    if lies:  # and where there are none, those in which it is longest
+        length = np.linalg.norm(at["spine3"] + source["spine3"] @ centre - hips, axis=1)
+        upright = (length / length.max()) ** STRAIGHTEST
     upright /= upright.sum()
     rest_torso = sum(rest[f"{s}_shoulder"] - rest[f"{s}_hip"] for s in SIDES)
     offsets = {}
@@ -148,6 +158,9 @@ def _trunk_offsets(
     )
     facing = gaze @ frame(FORWARD, UP).T
     offsets["head"] = mean_rotation(np.swapaxes(source["head"], -1, -2) @ facing, upright)
+    if lies and "head_top" in at:  # its bone tells more
+        own = _local(source["head"], unit(at["head_top"] - at["head"]))
+        offsets["head"] = swing(offsets["head"] @ (rest["head_top"] - rest["head"]), own) @ offsets["head"]
     return offsets
 
 

@@ -31,6 +31,14 @@ motions, before occlusion."""
 
 SIZE_STEP = 1.1
 """Bodies whose scale to the template rounds to the same power of it share their facets."""
+SOFT_M = 0.02
+"""Depth in the floor that no vertex exceeds: flesh and soles give way; what is less deep than half of it stays where it is."""
+FLOOR_M = -0.05
+"""Height of its lowest joint from which a motion's floor is at z = 0; others stand on a floor of their own somewhere below."""
+ON_FLOOR = 0.4
+"""Least height of the hips over the leg's length of one who neither sits on the floor nor lies: the floor shapes soles only, and
+where files put it under them is known to some centimetres."""
+
 FRAMES_AT_ONCE = 16
 """The product of that many frames fits the cache."""
 
@@ -49,7 +57,7 @@ def skin(
     """The body's control cage (about 3200 vertices, 6400 faces) moving with a skeleton.
 
     `track` interpolates the motion in time (C2, for a radar); without it straight lines join its frames.
-    `made` says how to make the mesh again.
+    `made` says how to make the mesh again. The skin of one who comes down to the floor at z = 0 lies flat on it, not within it.
     """
     checked_motion(motion)
     fitted = fit(template(body), motion)
@@ -61,7 +69,7 @@ def skin(
     bend = 1 + curvature(like, fitted.template.faces, 180.0)  # 1/m: the curvature of a wave at indoor range
 
     return MovingMesh.from_track(
-        partial(_vertices, basis, pose, track),
+        partial(_vertices, basis, pose, track, _comes_down(motion)),
         fitted.template.faces,
         motion.times_s,
         material,
@@ -75,8 +83,34 @@ def skin(
     )
 
 
-def _vertices(basis: Csr, pose: Posing, track: JointTrack, times_s: np.ndarray) -> np.ndarray:
-    return blend(basis, *pose.bones(*track(times_s)))
+def _vertices(basis: Csr, pose: Posing, track: JointTrack, floor: bool, times_s: np.ndarray) -> np.ndarray:
+    vertices = blend(basis, *pose.bones(*track(times_s)))
+    if floor:
+        _flatten(vertices[..., 2])
+    return vertices
+
+
+def _comes_down(motion: Motion) -> bool:
+    """Whether the person sits, crouches or lies on a floor at z = 0."""
+    hip, knee, ankle = (motion.joints[:, motion.index(f"left_{joint}")] for joint in ("hip", "knee", "ankle"))
+    leg_m = sum(float(np.median(np.linalg.norm(bone, axis=1))) for bone in (hip - knee, knee - ankle))
+    return bool(motion.joints[..., 2].min() > FLOOR_M and hip[:, 2].min() < ON_FLOOR * leg_m)
+
+
+def _flatten(heights_m: np.ndarray) -> None:
+    """Raises what is deep in the floor, in place: twice continuously differentiable, as a radar's tracks are."""
+    half = 0.5 * SOFT_M
+    deep = heights_m < -half
+    heights_m[deep] = -half * (1 + np.tanh(-heights_m[deep] / half - 1))
+
+
+def depth_m(motion: Motion, body: str = "adult", *, rate_hz: float = 10.0) -> float:
+    """How deep the skin would be in the floor at z = 0 if it did not give way [m], at `rate_hz` poses a second; 0 if it is not."""
+    checked_motion(motion)
+    fitted = fit(template(body), motion)
+    times_s = np.linspace(0.0, motion.duration_s, max(2, math.ceil(motion.duration_s * rate_hz) + 1))
+    bones = posing(fitted, motion).bones(*linear_track(motion)(times_s))
+    return max(0.0, -float(blend(blend_basis(fitted), *bones)[..., 2].min()))
 
 
 def blend_basis(body: Fitted) -> Csr:

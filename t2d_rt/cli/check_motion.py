@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 MOST_ROWS = 64
 """Motions on one contact sheet; more make a picture that nobody can look through."""
 
+DEEP_M = 0.05
+"""Depth of the skin in the floor from which it is told: files know their floor to some centimetres, flesh gives way."""
+
 EXAMPLES = """examples:
   t2d-rt check-motion walk.bvh                               # passed, or why not; whether there is a fall in it
   t2d-rt check-motion made/*.bvh --class falling --strict    # exit code 1 where one is not a sound fall
@@ -46,7 +49,12 @@ def parser() -> ArgumentParser:
     found.add_argument(
         "--sheet", type=str | None, help="Picture to write (.png, .pdf or .svg): each motion's skinned body over time."
     )
-    found.add_argument("--body", type=str, default="adult", help="Body on the sheet (t2d-rt list bodies).")
+    found.add_argument(
+        "--body",
+        type=str,
+        default="adult",
+        help="Body on the sheet, whose skin is looked for below the floor (t2d-rt list bodies).",
+    )
     found.add_argument(
         "--overwrite",
         action="store_true",
@@ -77,7 +85,7 @@ def run(options: Namespace) -> int:
     if picture is not None and drawn:
         _draw(picture, files, motions, verdicts, options)
     for path, verdict, motion in zip(files, verdicts, motions, strict=True):
-        say(_told(path, verdict, motion))
+        say(_told(path, verdict, motion, options.body))
     passed = sum(verdict.passed for verdict in verdicts)
     if len(files) > 1:
         say(f"{passed} of {len(files)} pass")
@@ -108,12 +116,16 @@ def _draw(picture: Path, files: list[Path], motions: list[Motion], verdicts: lis
     write_picture(contact_sheet(motions, labels=labels, body=options.body), picture, overwrite=options.overwrite)
 
 
-def _told(path: Path, verdict: Verdict, motion: Motion) -> str:
+def _told(path: Path, verdict: Verdict, motion: Motion, body: str) -> str:
+    from t2d_rt.body import depth_m
+
     lines = [f"{path}: {'passed' if verdict.passed else 'refused'}"]
     lines += [
         f"  {clause}" for clause in motion.report.split("; ") if "assumed" in clause
     ]  # a wrong rate is a wrong speed
     lines += [f"  {reason}" for reason in verdict.reasons]
+    if (deep_m := depth_m(motion, body)) > DEEP_M:
+        lines.append(f"  skin: body {body} reaches {100 * deep_m:.1f} cm below the floor at z = 0")
     if verdict.fall.happened:
         lines.append(f"  fall: {verdict.fall.reason}")
     return "\n".join(lines)
