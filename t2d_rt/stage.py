@@ -18,6 +18,7 @@ from t2d_rt.inputs import Inputs, Store
 from t2d_rt.memory import Budget
 from t2d_rt.model import Model, farthest_and_fastest
 from t2d_rt.motion import placement
+from t2d_rt.motion.jumps import jumps, told, told_before
 from t2d_rt.named import noise_named, radar_named, target_named
 from t2d_rt.noise.receiver import check_receiver
 from t2d_rt.propagation.collisions import checked_time
@@ -171,13 +172,20 @@ def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry],
 
 
 def _check_steps(motion: Motion) -> None:
-    """Refuses a motion that jumps: no person moves as fast between two frames, and a spline through the jump has no meaning."""
+    """Warns of jumps that the reader has not told, and refuses those through which a spline has no meaning."""
     speeds = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1) * motion.rate_hz
     frame, joint = np.unravel_index(int(speeds.argmax()), speeds.shape)
     if speeds[frame, joint] > JUMP_MPS:
         raise InputError(
             f"the motion jumps: {motion.names[joint]} moves by {speeds[frame, joint] / motion.rate_hz:.3g} m from frame {frame} to "
             f"{frame + 1} ({frame / motion.rate_hz:.4g} s), at {speeds[frame, joint]:.3g} m/s; cut or repair the motion there"
+        )
+    found = jumps(motion.joints, motion.names, motion.rate_hz)
+    if found and not told_before(motion.report):
+        warnings.warn(
+            f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there",
+            T2DWarning,
+            stacklevel=5,
         )
 
 

@@ -18,7 +18,7 @@ SECTIONS = {
     "rooms": "physics", "edges": "physics", "ghosts": "physics", "movers": "physics", "ellipsoid_model": "physics",
     "human_rcs": "physics", "receiver": "physics", "background": "physics", "blockage": "physics", "stability": "methods",
     "working_directories": "robustness", "results": "robustness", "datasets": "robustness", "memory": "robustness",
-    "fuzz": "robustness", "soak": "robustness",
+    "corruptions": "robustness", "fuzz": "robustness", "soak": "robustness",
     "nearest_centroid": "datasets",
 }  # fmt: skip
 """Sections in the order of the report, each with the package that it lies in."""

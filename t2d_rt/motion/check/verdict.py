@@ -14,6 +14,7 @@ from t2d_rt.motion.check.limits import limits as shipped_limits
 from t2d_rt.motion.check.measures import Measures, jump_m, measures_of
 from t2d_rt.motion.check.tracks import Tracks, tracks
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
+from t2d_rt.motion.jumps import jumps, told, told_before
 from t2d_rt.types.motion import Motion, checked_motion
 
 LEAST_DURATION_S = 0.7
@@ -104,8 +105,10 @@ def _of_record(motion: Motion, measures: Measures, limits: Limits, fall: FallFin
             f"nothing moves: the joints' mean speed is {measures.activity_mps:.3f} m/s, at least "
             f"{LEAST_ACTIVITY_MPS:g} m/s are needed"
         )
-    jump = limits.jump_m(motion.rate_hz)
-    if measures.jump_m > jump and not _at_impact(motion, measures, fall, jump):
+    jump, found = limits.jump_m(motion.rate_hz), jumps(motion.joints, motion.names, motion.rate_hz)
+    if found or told_before(motion.report):
+        reasons.append(told(found) if found else told_before(motion.report))
+    elif measures.jump_m > jump and not _at_impact(motion, measures, fall, jump):
         reasons.append(
             f"a joint jumps by {measures.jump_m:.3f} m from one frame to the next, recorded ones at {motion.rate_hz:g} Hz "
             f"by at most {jump:.3f} m"

@@ -15,6 +15,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.motion.quaternions import multiply, rotate
 from t2d_rt.motion.read.arrays import Arrays
 from t2d_rt.motion.read.detect import stance_axis
+from t2d_rt.motion.read.samples import filled
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import PARENT_OF
 from t2d_rt.types.motion import CANONICAL_JOINTS
@@ -59,8 +60,8 @@ upward: a lying body rests on a floor as well."""
 
 def read_amass(arrays: Arrays) -> Tracks:
     """The body's 22 joints and the hands' ends."""
-    poses = arrays.numbers("poses", (2,)) if "poses" in arrays else _joined(arrays)
-    moved = arrays.numbers("trans", (2,))
+    poses = arrays.samples("poses", (2,)) if "poses" in arrays else _joined(arrays)
+    moved = arrays.samples("trans", (2,))
     if poses.shape[1] < BODY_ANGLES or poses.shape[1] % 3 or moved.shape != (len(poses), 3):
         raise InputError(
             f"{arrays.path}: poses must have shape (time, 66 or more) and trans (time, 3), got {poses.shape} and {moved.shape}"
@@ -68,11 +69,13 @@ def read_amass(arrays: Arrays) -> Tracks:
     rate_hz = arrays.scalar(*RATE_FIELDS)
     if rate_hz is None:
         raise InputError(f"{arrays.path} has no mocap_framerate; store it")
-    turned = _orientations(poses[:, :BODY_ANGLES].reshape(len(poses), -1, 3))
+    rows, lost = filled(np.concatenate([moved, poses[:, :BODY_ANGLES]], axis=1), f"{arrays.path}", slice(3))
+    moved = rows[:, :3]
+    turned = _orientations(rows[:, 3:].reshape(len(poses), -1, 3))
     about = _forward(turned)
     up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=SURE)
     stature, told = _stature(about, moved, rate_hz, "xyz".index(up[-1]))
-    points = {name: moved + stature * point for name, point in about.items()}
+    points = {name: np.where(lost[:, None], np.nan, moved + stature * point) for name, point in about.items()}
     clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({told}), betas not used"
     form = {156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)", 72: "AMASS (SMPL)"}.get(poses.shape[1], "AMASS")
     return Tracks(
@@ -83,7 +86,7 @@ def read_amass(arrays: Arrays) -> Tracks:
 
 def _joined(arrays: Arrays) -> np.ndarray:
     """Poses of files that keep the root apart."""
-    return np.concatenate([arrays.numbers("root_orient", (2,)), arrays.numbers("pose_body", (2,))], axis=1)
+    return np.concatenate([arrays.samples("root_orient", (2,)), arrays.samples("pose_body", (2,))], axis=1)
 
 
 def _orientations(vectors: np.ndarray) -> dict[str, np.ndarray]:

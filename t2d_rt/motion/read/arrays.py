@@ -21,6 +21,9 @@ MAX_BYTES = 250_000_000
 
 MAX_ARRAYS = 200
 
+LARGEST = 1e9
+"""No length or angle of a person comes near, in any unit."""
+
 
 @dataclass(frozen=True, slots=True)
 class Arrays:
@@ -43,7 +46,11 @@ class Arrays:
 
     def numbers(self, name: str, dims: tuple[int, ...]) -> np.ndarray:
         """Real, finite numbers as float64 of one of some numbers of dimensions; leading dimensions of 1 too many are dropped."""
-        return real_numbers(self.get(name), f"{self.path}: {name or 'the array'}", dims)
+        return finite(self.samples(name, dims), f"{self.path}: {name or 'the array'}")
+
+    def samples(self, name: str, dims: tuple[int, ...]) -> np.ndarray:
+        """Likewise, with NaN where values lack or are absurd."""
+        return samples_of(self.get(name), f"{self.path}: {name or 'the array'}", dims)
 
     def scalar(self, *names: str) -> float | None:
         """A number by the first of its names that is there."""
@@ -107,7 +114,7 @@ def _decoded(text: bytes, what: str) -> np.ndarray:
 
 
 def real_numbers(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
-    """Real, finite numbers as float64 of one of some numbers of dimensions; leading dimensions of 1 too many are dropped."""
+    """Real numbers as float64 of one of some numbers of dimensions; leading dimensions of 1 too many are dropped."""
     if not (np.issubdtype(found.dtype, np.floating) or np.issubdtype(found.dtype, np.integer)):
         raise InputError(f"{what} must hold real numbers, got {shown(found)}")
     while found.ndim > max(dims) and found.shape[0] == 1:
@@ -116,8 +123,18 @@ def real_numbers(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
         raise InputError(
             f"{what} must have {' or '.join(map(str, dims))} dimensions and some frames, got {shown(found)}"
         )
-    values = found.astype(np.float64)
-    wrong = int(np.count_nonzero(~(np.abs(values) < 1e9)))
+    return np.asarray(found.astype(np.float64))
+
+
+def samples_of(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
+    """`real_numbers`, with NaN for what is absurd."""
+    values = real_numbers(found, what, dims)
+    return np.where(np.abs(values) < LARGEST, values, np.nan)
+
+
+def finite(values: np.ndarray, what: str) -> np.ndarray:
+    """The values, none of which is NaN, infinite or absurd."""
+    wrong = int(np.count_nonzero(~(np.abs(values) < LARGEST)))
     if wrong:
         raise InputError(f"{what} holds {wrong} NaN, infinite or absurd values; repair or cut the tracks first")
     return values

@@ -20,6 +20,7 @@ from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 from t2d_rt.motion.quaternions import about_axis, conjugate, multiply, rotate
 from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
+from t2d_rt.motion.read.samples import filled
 from t2d_rt.motion.read.tracks import Tracks
 
 INCH_M = 0.0254
@@ -81,7 +82,7 @@ def read_asf_amc(path: Path) -> Tracks:
     """An .amc with the .asf beside it: of the same name, of the name up to `_` (01_02.amc, 01.asf), or the only one."""
     skeleton_path = _skeleton_beside(path)
     skeleton = read_asf(skeleton_path)
-    values = _frames(path, skeleton)
+    values, lost = _frames(path, skeleton)
     turned, ends, place = _forward(skeleton, values)
     missing = sorted(
         {bone for each in ENDS.values() for bone in each if bone not in turned and not bone.endswith(OPTIONAL_BONES)}
@@ -98,6 +99,7 @@ def read_asf_amc(path: Path) -> Tracks:
         start = ends[skeleton.parents[f"{side[0]}clavicle"]]
         points[f"{side}_collar"] = (1 - COLLAR) * start + COLLAR * points[f"{side}_shoulder"]
         orientations[f"{side}_collar"] = turned[f"{side[0]}clavicle"]
+    points = {name: np.where(lost[:, None], np.nan, track) for name, track in points.items()}
     told = (f"skeleton {skeleton_path.name}",)
     return Tracks(
         form="ASF/AMC", points=points, orientations=orientations, rate_hz=RATE_HZ, rate_assumed=True, told=told,
@@ -237,8 +239,8 @@ def _parents(lines: list[list[str]]) -> dict[str, str]:
 # --- .amc ---
 
 
-def _frames(path: Path, skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """Values (T, angles) of every bone that has any."""
+def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Values (T, angles) of every bone that has any, and which frames (T,) lack some."""
     wanted = {name: len(bone.angles) for name, bone in skeleton.bones.items() if bone.angles}
     rows: dict[str, list[list[str]]] = {name: [] for name in wanted}
     count = 0
@@ -269,12 +271,18 @@ def _frames(path: Path, skeleton: Skeleton) -> dict[str, np.ndarray]:
         values = {name: np.array(each, dtype=float) for name, each in rows.items()}
     except ValueError:
         raise InputError(f"{path} must hold numbers only behind the names of bones; it is damaged") from None
-    if not all((np.abs(each) < LARGEST_NUMBER).all() for each in values.values()):
-        raise InputError(f"{path} holds NaN, infinite or absurd values; repair or re-export the file")
+    table = np.concatenate(list(values.values()), axis=1)
+    first = (
+        sum(each.shape[1] for name, each in list(values.items())[: list(values).index(ROOT)]) if ROOT in values else 0
+    )
+    place = [first + column for column, angle in enumerate(skeleton.bones[ROOT].angles) if angle.startswith("t")]
+    table, lost = filled(np.where(np.abs(table) < LARGEST_NUMBER, table, np.nan), f"{path}", place)
+    stops = np.cumsum([each.shape[1] for each in values.values()])
+    values = dict(zip(values, np.split(table, stops[:-1], axis=1), strict=True))
     for name, each in values.items():
         turns = [place for place, angle in enumerate(skeleton.bones[name].angles) if angle.startswith("r")]
         each[:, turns] = np.radians(each[:, turns]) if degrees else each[:, turns]
-    return values
+    return values, lost
 
 
 def _forward(

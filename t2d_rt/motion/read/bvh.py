@@ -18,6 +18,7 @@ from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import gunzip, read_bytes, size
 from t2d_rt.motion.quaternions import about_axis, multiply, normalise, rotate
+from t2d_rt.motion.read.samples import filled
 from t2d_rt.motion.read.subjects import FEWEST_LABELS
 
 MAX_BYTES = 150_000_000
@@ -65,6 +66,8 @@ class RawSkeleton:
     values: np.ndarray
     """Channel values, (T, C), lengths in the file's unit, angles in degrees."""
     rate_hz: float
+    lost: np.ndarray
+    """Frames (T,) that hold no pose; their values repeat those before."""
 
 
 def read_bvh(path: str | Path) -> RawSkeleton:
@@ -72,9 +75,11 @@ def read_bvh(path: str | Path) -> RawSkeleton:
     text = _read_text(path)
     names, parents, offsets, channels = _hierarchy(text, path)
     values, rate_hz = _motion(text, sum(map(len, channels)), path)
+    place = [column for column, channel in enumerate(channels[0]) if channel.endswith("position")]
+    values, lost = filled(values, f"{path}: MOTION", place)
     return RawSkeleton(
         names=tuple(names), parents=tuple(parents), offsets=np.array(offsets), channels=tuple(channels),
-        values=values, rate_hz=rate_hz,
+        values=values, rate_hz=rate_hz, lost=lost,
     )  # fmt: skip
 
 
@@ -183,11 +188,14 @@ def _read_text(path: str | Path) -> bytes:
     return data
 
 
-def _numbers(words: list[bytes], what: str, path: str | Path) -> np.ndarray:
+def _numbers(words: list[bytes], what: str, path: str | Path, *, lacking: bool = False) -> np.ndarray:
+    """Numbers; those that lack, where any may, are NaN."""
     try:
         numbers = np.array(words, dtype=float)
     except ValueError:
         raise InputError(f"{path}: {what} must hold numbers only; the file is damaged") from None
+    if lacking:
+        return np.where(np.abs(numbers) < LARGEST_NUMBER, numbers, np.nan)
     if not (np.abs(numbers) < LARGEST_NUMBER).all():
         raise InputError(f"{path}: {what} holds NaN, infinite or absurd values; repair or re-export the file")
     return numbers
@@ -325,7 +333,7 @@ def _values(text: bytes, start: int, frames: int, channel_count: int, path: str 
     values = np.empty(expected if 2 * expected <= len(text) else 0)
     count, more = 0, ""
     for words, whole in _blocks(text, start, path):
-        block = _numbers(words, "MOTION", path)
+        block = _numbers(words, "MOTION", path, lacking=True)
         values[count : count + len(block)] = block[: max(0, len(values) - count)]
         count += len(block)
         if count > expected:

@@ -47,7 +47,7 @@ def read_c3d(path: Path, subject: str | None = None) -> Tracks:
     if len(data) < 1024 or data[1] != C3D_MARK:
         raise InputError(f"{path} is not a C3D file, or cut short")
     markers, rate_hz, unit = _markers(path)
-    points, told = joints_from(markers, rate_hz, subject)
+    points, told = joints_from(markers, subject)
     return Tracks(
         form="C3D", points=points, rate_hz=rate_hz, told=told, unit_m=UNITS_M.get(unit), up="z", up_certain=False
     )
@@ -63,9 +63,7 @@ def _markers(path: Path) -> tuple[dict[str, np.ndarray], float, str]:
             f"{path} holds points of shape {table.shape} at {rate_hz:g} Hz; expected 2 to {MAX_FRAMES} frames"
         )
     positions = np.moveaxis(table[:3], 0, -1)  # (markers, frames, 3)
-    # Markers not seen are NaN, or exactly at the origin in files of older programs.
-    unseen = (positions == 0.0).all(axis=-1, keepdims=True) | ~(np.abs(positions) < LARGEST_NUMBER)
-    positions = np.where(unseen, np.nan, positions)
+    positions = np.where(np.abs(positions) < LARGEST_NUMBER, positions, np.nan)
     return (
         {label: positions[place] for place, label in enumerate(numbered(labels[: len(positions)]))},
         rate_hz,

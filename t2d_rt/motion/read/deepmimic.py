@@ -19,6 +19,7 @@ from t2d_rt.files import read_bytes
 from t2d_rt.motion.quaternions import about_axis, continuous, multiply, normalise, rotate
 from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.complete import HEAD
+from t2d_rt.motion.read.samples import filled
 from t2d_rt.motion.read.tracks import Tracks
 
 MAX_BYTES = 100_000_000
@@ -74,7 +75,8 @@ The ball of its foot lies within the box of the ankle, which reaches 0.1335 m ah
 
 def read_deepmimic(path: Path) -> Tracks:
     """Joints with the file's rotations."""
-    frames, step_s, told = _even(_frames(path), path)
+    frames, lost = _frames(path)
+    frames, lost, step_s, told = _even(frames, lost, path)
     quaternion = normalise(frames[:, [5, 6, 7, 4]])
     turned, at = {"root": quaternion}, {"root": frames[:, 1:4]}
     for name, (parent, offset, columns) in JOINTS.items():
@@ -87,6 +89,7 @@ def read_deepmimic(path: Path) -> Tracks:
     for name, (carrier, offset) in ENDS.items():
         points[name] = at[carrier] + rotate(turned[carrier], np.array(offset))
         orientations[name] = turned[carrier]
+    points = {name: np.where(lost[:, None], np.nan, track) for name, track in points.items()}
     rate_hz = 1.0 / step_s
     rate_hz = float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 2e-4 * rate_hz else rate_hz
     told = ("humanoid3d's bone lengths", "feet, hands and head rigid on ankles, forearms and neck", *told)
@@ -95,8 +98,8 @@ def read_deepmimic(path: Path) -> Tracks:
     )
 
 
-def _even(frames: np.ndarray, path: Path) -> tuple[np.ndarray, float, tuple[str, ...]]:
-    """Frames that follow each other evenly, their step [s], and a clause where they had to be interpolated."""
+def _even(frames: np.ndarray, lost: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray, float, tuple[str, ...]]:
+    """Frames that follow each other evenly, which are lost, their step [s], and a clause where they had to be interpolated."""
     steps = frames[:-1, 0] if len(frames) > 1 else frames[:, 0]
     step_s = float(np.median(steps))
     if not (steps.min() >= SHORTEST_S and steps.max() <= LONGEST_S):
@@ -104,7 +107,7 @@ def _even(frames: np.ndarray, path: Path) -> tuple[np.ndarray, float, tuple[str,
             f"{path}: frames must last {SHORTEST_S} to {LONGEST_S:g} s each, these last {steps.min():g} to {steps.max():g} s"
         )
     if np.abs(steps - step_s).max() <= 0.01 * step_s or len(frames) < 4:
-        return frames, step_s, ()
+        return frames, lost, step_s, ()
     from scipy.interpolate import make_interp_spline
 
     for columns in QUATERNIONS:
@@ -114,11 +117,14 @@ def _even(frames: np.ndarray, path: Path) -> tuple[np.ndarray, float, tuple[str,
     if len(even) > MAX_FRAMES:
         raise InputError(f"{path}: {len(even)} frames are too many, {MAX_FRAMES} are read at most; cut the motion")
     told = f"frames of {steps.min():.4f} to {steps.max():.4f} s interpolated"
-    return np.asarray(make_interp_spline(times, frames, k=3)(np.minimum(even, times[-1]))), step_s, (told,)
+    here = np.minimum(even, times[-1])
+    found = make_interp_spline(times[~lost], frames[~lost], k=min(3, np.count_nonzero(~lost) - 1))(here)
+    near = np.interp(here, times, lost.astype(float)) > 0.5
+    return np.asarray(found), near, step_s, (told,)
 
 
-def _frames(path: Path) -> np.ndarray:
-    """All frames (T, 44)."""
+def _frames(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """All frames (T, 44), and which hold no pose, (T,)."""
     data = read_bytes(path, limit=MAX_BYTES, noun="DeepMimic file")
     try:
         found: Any = json.loads(data)
@@ -132,7 +138,7 @@ def _frames(path: Path) -> np.ndarray:
     plain = all(
         isinstance(row, list)
         and len(row) == WIDTH
-        and all(type(each) in (int, float) and abs(each) < 1e9 for each in row)
+        and all(type(each) in (int, float) and not abs(each) >= 1e9 for each in row)
         for row in rows
     )
     if not plain:
@@ -141,8 +147,9 @@ def _frames(path: Path) -> np.ndarray:
             f"{path}: every frame must hold {WIDTH} finite numbers; these hold {shown(lengths)}, or other than numbers"
         )
     frames = np.array(rows, dtype=float)
+    frames[:, 1:], lost = filled(frames[:, 1:], f"{path}", slice(3))
     if not all((np.abs(np.linalg.norm(frames[:, each], axis=-1) - 1) < LEAST_UNIT).all() for each in QUATERNIONS):
         raise InputError(
             f"{path}: rotations must be unit quaternions w, x, y, z; the file is of another character or damaged"
         )
-    return frames
+    return frames, lost

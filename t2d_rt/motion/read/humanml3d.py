@@ -14,6 +14,7 @@ import numpy as np
 
 from t2d_rt.errors import InputError
 from t2d_rt.motion.read.joint_sets import LEAST_LIKELY, unlikeness
+from t2d_rt.motion.read.samples import filled, spline
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -71,6 +72,9 @@ def read_vectors(vectors: np.ndarray) -> Tracks:
 
     Orientations are found from positions: the 6D rotations are the least ones from one fixed direction per bone and hold no twist.
     """
+    rows, lost = filled(vectors, "the HumanML3D vectors (T, 263)")
+    # Steps and turns add up: they are bridged before, however long, and long gaps are cut away afterwards.
+    vectors = spline(rows, lost)
     decoded = decode(vectors)
     tracks = read_joints(decoded.joints)
     if not unlikeness(tracks.points) < LEAST_LIKELY:
@@ -90,7 +94,8 @@ def read_vectors(vectors: np.ndarray) -> Tracks:
         f"its joint steps agree with the positions within {1e3 * moved:.1f} mm",
         f"its 6D rotations within {np.degrees(np.arccos(np.clip(cosine, -1, 1)).mean()):.1f} degrees",
     )
-    return replace(tracks, form="HumanML3D vectors", told=told)
+    points = {name: np.where(lost[:, None], np.nan, track) for name, track in tracks.points.items()}
+    return replace(tracks, points=points, form="HumanML3D vectors", told=told)
 
 
 def read_joints(joints: np.ndarray) -> Tracks:

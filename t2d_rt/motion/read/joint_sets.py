@@ -169,6 +169,9 @@ def unlikeness(points: Mapping[str, np.ndarray]) -> float:
             for side in ("left", "right")
         ]
     )  # (2, 4, T)
+    lengths = lengths[..., np.isfinite(lengths).all(axis=(0, 1))]  # frames in which all are seen
+    if not lengths.shape[-1]:
+        return math.inf
     mean = lengths.mean(axis=-1)
     whole = max(float(mean.mean()), 1e-12)
     legs, arms = max(float(mean[:, :2].sum()), 1e-12), max(float(mean[:, 2:].sum()), 1e-12)

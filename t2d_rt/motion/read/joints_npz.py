@@ -10,10 +10,11 @@ import numpy as np
 
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.motion.read.arrays import Arrays, real_numbers
+from t2d_rt.motion.read.arrays import Arrays, samples_of
 from t2d_rt.motion.read.detect import Up
 from t2d_rt.motion.read.humanml3d import WIDTH, read_joints, read_vectors
 from t2d_rt.motion.read.joint_sets import ORDERS, absent_joints, guessed_order, named_points
+from t2d_rt.motion.read.samples import seen
 from t2d_rt.motion.read.subjects import Labels, check_only, chosen, numbered, of_labels, subjects
 from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import CANONICAL_JOINTS
@@ -40,7 +41,7 @@ def read_plain(arrays: Arrays, subject: str | None = None) -> Tracks:
         raise InputError(f"{arrays.path} holds {shown(list(arrays.texts))} but no joints; expected {FORMS}")
     persons = _persons(arrays, key)
     what = f"{arrays.path}: {key or 'the array'}"
-    values, who = chosen(persons, None if "" in persons else subject, lambda found: real_numbers(found, what, (2, 3)))
+    values, who = chosen(persons, None if "" in persons else subject, lambda found: samples_of(found, what, (2, 3)))
     tracks = _of_one(values, arrays, subject if "" in persons else None)
     return replace(tracks, told=(*who, *tracks.told))
 
@@ -53,8 +54,8 @@ def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
     people = np.moveaxis(found, int(found.shape[1] < found.shape[0]), 0)
     if len(people) > MOST_PERSONS:
         return {"": found}
-    seen = {str(number): each for number, each in enumerate(people, 1) if np.nan_to_num(each).any()}
-    return seen if len(seen) > 1 else {"": next(iter(seen.values()), found)}
+    there = {str(number): each for number, each in enumerate(people, 1) if np.nan_to_num(each).any()}
+    return there if len(there) > 1 else {"": next(iter(there.values()), found)}
 
 
 def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
@@ -96,14 +97,18 @@ def _joints(values: np.ndarray, arrays: Arrays, names: Sequence[str] | None) -> 
         raise InputError(f"{arrays.path} holds an array of shape {shown(values.shape)}; expected {FORMS}")
     if names is not None and len(names) != values.shape[1]:
         raise InputError(f"{arrays.path} names {len(names)} joints but holds {values.shape[1]}")
-    return values
+    return seen(values)
 
 
 def _in_order(joints: np.ndarray, arrays: Arrays) -> Tracks:
     order = guessed_order(joints)
     if order is None:
+        never = np.flatnonzero(np.isnan(joints).any(axis=-1).all(axis=0))
+        unseen = (
+            f", and {'those' if len(never) > 1 else 'that'} at {shown(never.tolist())} never seen" if len(never) else ""
+        )
         raise InputError(
-            f"{arrays.path}: {joints.shape[1]} joints without names make no person in any known order "
+            f"{arrays.path}: {joints.shape[1]} joints without names{unseen} make no person in any known order "
             f"({', '.join(f'{name}: {len(each)}' for name, each in ORDERS.items())}); store their `names`"
         )
     if order == "HumanML3D":

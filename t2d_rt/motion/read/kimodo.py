@@ -12,6 +12,7 @@ from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.motion.quaternions import from_matrix
 from t2d_rt.motion.read.arrays import Arrays
+from t2d_rt.motion.read.samples import filled, seen
 from t2d_rt.motion.read.tracks import Tracks
 
 RATE_HZ = 30.0
@@ -31,19 +32,23 @@ LEAST_ORTHONORMAL = 1e-2
 
 def read_kimodo(arrays: Arrays) -> Tracks:
     """Positions and, where the file has them, rotations."""
-    joints = arrays.numbers("posed_joints", (3,))
+    joints = arrays.samples("posed_joints", (3,))
     if joints.shape[1:] != (JOINTS, 3):
         raise InputError(f"{arrays.path}: posed_joints must have shape (time, {JOINTS}, 3), got {joints.shape}")
     given_hz = arrays.scalar("fps", "rate_hz", "framerate")
     rate_hz = RATE_HZ if given_hz is None else given_hz
+    joints = seen(joints)
     points = {name: joints[:, place] for name, place in PLACES.items()}
     orientations = None
     if "global_rot_mats" in arrays:
-        matrices = arrays.numbers("global_rot_mats", (4,))
+        matrices = arrays.samples("global_rot_mats", (4,))
         if matrices.shape != (*joints.shape, 3):
             raise InputError(
                 f"{arrays.path}: global_rot_mats must have shape {(*joints.shape, 3)}, got {shown(matrices)}"
             )
+        rows, lost = filled(matrices.reshape(len(matrices), -1), f"{arrays.path}: global_rot_mats")
+        matrices = rows.reshape(matrices.shape)
+        points = {name: np.where(lost[:, None], np.nan, track) for name, track in points.items()}
         deviation = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max()
         if not (deviation < LEAST_ORTHONORMAL and (np.linalg.det(matrices) > 0).all()):
             raise InputError(

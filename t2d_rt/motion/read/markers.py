@@ -16,10 +16,8 @@ from t2d_rt.errors import InputError
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.quaternions import between, rotate
 from t2d_rt.motion.read.joint_sets import NEEDED, absent_joints, canonical_sources, named_points
+from t2d_rt.motion.read.samples import seen
 from t2d_rt.motion.read.subjects import of_labels
-
-LONGEST_GAP_S = 0.25
-"""Gaps up to here are bridged by straight lines."""
 
 MODELLED = {
     "PELO": "pelvis", "TRXO": "neck", "HEDO": "head",
@@ -52,19 +50,22 @@ STRAIGHT = 0.03
 
 
 def joints_from(
-    markers: dict[str, np.ndarray], rate_hz: float, subject: str | None = None
+    markers: dict[str, np.ndarray], subject: str | None = None
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Points (T, 3) of one subject by canonical name, without gaps, and clauses for the report on what was used.
+    """Points (T, 3) of one subject by canonical name, NaN where a marker was not seen, and clauses for the report on what was used.
 
-    markers: positions (T, 3) by label in any unit and axes, NaN where a marker was not seen.
+    markers: positions (T, 3) by label in any unit and axes; no numbers, or 0, 0, 0 and the like, where one was not seen.
     """
-    (points, told), who = of_labels(
-        tuple(markers),
-        lacking,
-        subject,
-        lambda own: _joints({label: markers[source] for label, source in own.items()}, rate_hz),
-    )
-    return points, (*who, *told)
+    positions = np.moveaxis(seen(np.stack(list(markers.values()), axis=1)), 1, 0)
+    there = {label: track for label, track in zip(markers, positions, strict=True) if np.isfinite(track).any()}
+    never = [label for label in markers if label not in there]
+    try:
+        (points, told), who = of_labels(
+            tuple(there), lacking, subject, lambda own: _joints({label: there[source] for label, source in own.items()})
+        )
+    except InputError as error:
+        raise (InputError(f"{error}; {shown(never)} are never seen") if never else error) from None
+    return points, (*who, *told, *([f"{shown(never)} never seen"] if never else []))
 
 
 def lacking(labels: Sequence[str]) -> list[str]:
@@ -81,7 +82,7 @@ def _pelvis(upper: Collection[str]) -> tuple[str, ...] | None:
     return next((labels for labels in PELVIS_SETS if all(label in upper for label in labels)), None)
 
 
-def _joints(plain: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+def _joints(plain: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     if absent := lacking(tuple(plain)):
         raise InputError(
             f"markers {shown(list(plain))} give no joints: they lack {', '.join(absent[:8])}; expected joint centres by name, "
@@ -90,31 +91,28 @@ def _joints(plain: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.
     upper = {label.upper(): track for label, track in plain.items()}
     if not absent_joints(tuple(plain)):
         used = {name for names in canonical_sources(tuple(plain)).values() for name in names}
-        tracks, told = _without_gaps({label: track for label, track in plain.items() if label in used}, rate_hz)
+        tracks = {label: track for label, track in plain.items() if label in used}
         points, _ = named_points(np.stack(list(tracks.values()), axis=1), tuple(tracks))
-        return points, (f"joint centres {', '.join(tracks)}", *told)
+        return points, (f"joint centres {', '.join(tracks)}",)
     if all(label in upper for label, joint in MODELLED.items() if joint in NEEDED):
-        tracks, told = _without_gaps({label: upper[label] for label in MODELLED if label in upper}, rate_hz)
-        return {MODELLED[label]: track for label, track in tracks.items()}, (
-            f"joint centres {', '.join(tracks)}",
-            *told,
-        )
-    return _from_skin(upper, rate_hz)
+        tracks = {label: upper[label] for label in MODELLED if label in upper}
+        return {MODELLED[label]: track for label, track in tracks.items()}, (f"joint centres {', '.join(tracks)}",)
+    return _from_skin(upper)
 
 
-def _from_skin(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+def _from_skin(markers: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     pelvis = _pelvis(markers)
     assert pelvis is not None
     needed = [f"{s}{label}" for labels in SIDED.values() for label in labels for s in "LR"]
     optional = [label for label in (*HEAD, "LTOE", "RTOE", "LFIN", "RFIN") if label in markers]
     wanted = dict.fromkeys([*pelvis, *needed, *optional])
-    at, told = _without_gaps({label: markers[label] for label in wanted}, rate_hz)
+    at = {label: markers[label] for label in wanted}
     front, back = 0.5 * (at[pelvis[0]] + at[pelvis[1]]), 0.5 * (at[pelvis[2]] + at[pelvis[3]])
-    tall = float(np.median([np.linalg.norm(at[f"{s}KNE"] - at[f"{s}ANK"], axis=-1) for s in "LR"])) / SHANK
+    tall = float(np.nanmedian([np.linalg.norm(at[f"{s}KNE"] - at[f"{s}ANK"], axis=-1) for s in "LR"])) / SHANK
     left = unit(at[pelvis[0]] - at[pelvis[1]])
     ahead = unit(_square(front - back, left))
     up = np.cross(ahead, left)
-    width, depth = (np.median(np.linalg.norm(v, axis=-1)) for v in (at[pelvis[0]] - at[pelvis[1]], front - back))
+    width, depth = (np.nanmedian(np.linalg.norm(v, axis=-1)) for v in (at[pelvis[0]] - at[pelvis[1]], front - back))
     points: dict[str, np.ndarray] = {}
     down = -unit(0.5 * (at["LSHO"] + at["RSHO"]) - 0.5 * (front + back))
     for side, s, sign in (("left", "L", 1.0), ("right", "R", -1.0)):
@@ -141,7 +139,7 @@ def _from_skin(markers: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str
             points[f"{side}_hand"] = at[f"{s}FIN"]
     if all(label in at for label in HEAD):
         points["head"] = np.mean([at[label] for label in HEAD], axis=0)
-    return points, (f"joints from the markers {', '.join(at)}", *told)
+    return points, (f"joints from the markers {', '.join(at)}",)
 
 
 def _hinge(first: np.ndarray, second: np.ndarray, left: np.ndarray) -> np.ndarray:
@@ -150,36 +148,6 @@ def _hinge(first: np.ndarray, second: np.ndarray, left: np.ndarray) -> np.ndarra
     sine = np.linalg.norm(bend, axis=-1, keepdims=True)
     cosine = (bend * left).sum(axis=-1, keepdims=True) / np.maximum(sine, 1e-12)
     return unit(bend * sine * 0.5 * (1 + cosine) + STRAIGHT * left)
-
-
-def _without_gaps(tracks: dict[str, np.ndarray], rate_hz: float) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Tracks over the frames from the first to the last in which all are seen, short gaps bridged."""
-    seen = {label: np.isfinite(track).all(axis=-1) for label, track in tracks.items()}
-    never = [label for label, each in seen.items() if not each.any()]
-    if never:
-        raise InputError(f"markers {shown(never)} are never seen")
-    start = max(int(each.argmax()) for each in seen.values())
-    stop = min(len(each) - int(each[::-1].argmax()) for each in seen.values())
-    total = len(next(iter(seen.values())))
-    if stop - start < 2:
-        raise InputError(
-            f"markers are seen together in {max(stop - start, 0)} frames only, a motion needs 2; repair the tracks first"
-        )
-    found, bridged = {}, 0
-    for label, track in tracks.items():
-        there = np.flatnonzero(seen[label][start:stop])
-        longest = int(np.diff(there).max(initial=1)) - 1
-        if longest > LONGEST_GAP_S * rate_hz:
-            raise InputError(
-                f"marker {shown(label)} is not seen for {longest / rate_hz:.2f} s, gaps of {LONGEST_GAP_S} s are bridged at most; "
-                "fill the gap or cut the motion"
-            )
-        bridged += stop - start - len(there)
-        frames = np.arange(stop - start)
-        found[label] = np.stack([np.interp(frames, there, column) for column in track[start:stop][there].T], axis=-1)
-    told = (f"{bridged} unseen marker positions bridged",) if bridged else ()
-    cut = (f"first {start} and last {total - stop} frame(s) without all markers cut",) if stop - start < total else ()
-    return found, (*told, *cut)
 
 
 def _square(vectors: np.ndarray, to: np.ndarray) -> np.ndarray:

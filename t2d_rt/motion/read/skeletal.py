@@ -15,6 +15,7 @@ from t2d_rt.motion.read.detect import add_feet, floor_level, to_z_up, tpose_fram
 from t2d_rt.motion.read.flips import flips, told
 from t2d_rt.motion.read.positions import assemble
 from t2d_rt.motion.read.reading import Reading, smoothed
+from t2d_rt.motion.read.samples import Samples, whole, without_leaps
 from t2d_rt.motion.read.subjects import chosen
 from t2d_rt.motion.read.tracks import warn_of_rate
 from t2d_rt.motion.skeletons import (
@@ -36,6 +37,9 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     names = raw.names
     offsets, restored = restored_offsets(raw, names, kind)
     points, orientations = canonical(raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind)))
+    points = {name: np.where(raw.lost[:, None], np.nan, track) for name, track in points.items()}
+    samples = whole("BVH", Samples(points=points, turned=orientations, rate_hz=reading.rate_hz or raw.rate_hz))
+    points, orientations = samples.points, samples.turned
     if matched is None:
         _check_sides(points, kind)
     unit_m, stature_m = unit(points, reading.units, cmu_units=kind.cmu_units)
@@ -47,16 +51,18 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     points, orientations = (
         {name: track[dropped:] for name, track in group.items()} for group in (points, orientations)
     )
+    steady = without_leaps(Samples(points=points, turned=orientations, rate_hz=samples.rate_hz, told=samples.told))
+    points, orientations = steady.points, steady.turned
     level = floor_level(points) if reading.floor is None else float(reading.floor)
-    motion = assemble(points, orientations, reading.rate_hz or raw.rate_hz, level)
-    del points, orientations  # half of the memory that a long motion takes
+    motion = assemble(points, orientations, samples.rate_hz, level)
+    del points, orientations, samples  # half of the memory that a long motion takes
     flipped = flips(motion)
     motion, smoothing = smoothed(motion, reading.smooth_hz)
     warn_of_rate(motion.rate_hz)
     report = [
         f"BVH, {len(motion.joints)} frames at {motion.rate_hz:g} Hz",
         *who, f"flavour {kind.name}" if matched is None else matched.told,
-        f"1 unit = {unit_m:.4g} m (stature {stature_m:.2f} m)", f"up {axis}",
+        *steady.told, f"1 unit = {unit_m:.4g} m (stature {stature_m:.2f} m)", f"up {axis}",
         f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
     ]  # fmt: skip
     if restored:

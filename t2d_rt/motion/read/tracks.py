@@ -27,7 +27,8 @@ from t2d_rt.motion.read.noise import denoised
 from t2d_rt.motion.read.orientations import SHORTEST_M, orientations_from_positions
 from t2d_rt.motion.read.positions import assemble
 from t2d_rt.motion.read.reading import Reading, smoothed
-from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Motion
+from t2d_rt.motion.read.samples import Samples, whole, without_leaps
+from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Motion, checked_rate
 
 LOW_RATE_HZ = 15.0
 """Below, frames alone leave errors of 0.1 m/s and more in the speed of a walker's joints, of 0.2 m/s in a runner's."""
@@ -36,7 +37,6 @@ SPEED_ERROR_MPS = 0.1
 """Remaining error of speed from which the user is warned: a little more than what a window of 25 ms resolves at 77 GHz, 0.078 m/s
 (lambda / 2 T)."""
 
-MOST_REPEATS = 8
 
 MISLABELLED = 2 * LEAST_LIKELY
 """Score of limbs above which joints are not what they are called; noise of 3 cm adds 0.2."""
@@ -70,8 +70,11 @@ class Tracks:
 
 def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     """The motion in metres, z up, floor at z = 0, with its report."""
-    rate_hz = tracks.rate_hz if reading.rate_hz is None else float(reading.rate_hz)
-    tracks, held = _without_repeats(tracks)
+    rate_hz = checked_rate(tracks.rate_hz if reading.rate_hz is None else reading.rate_hz)
+    given = Samples(points=tracks.points, turned=tracks.orientations or {}, rate_hz=rate_hz)
+    samples = whole(tracks.form, given)
+    rate_hz = samples.rate_hz
+    tracks = replace(tracks, points=samples.points, orientations=samples.turned or None)
     if tracks.orientations is None and not unlikeness(tracks.points) <= MISLABELLED:
         raise InputError(
             f"{tracks.form}: limbs change their length by half, or differ as much left and right; the joints' names or their order "
@@ -79,10 +82,7 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
         )
     tracks, apart = _without_coincident(tracks)
     points, filled = _whole(tracks)
-    told = [*tracks.told, *apart, *filled]
-    if held > 1:
-        told.insert(0, f"each frame stood {held} times at {rate_hz:g} Hz")
-        rate_hz /= held
+    told = [*samples.told, *tracks.told, *apart, *filled]
     if tracks.rate_assumed and reading.rate_hz is None:
         told.insert(0, f"{rate_hz:g} Hz assumed, the file does not say")
     unit_m, tall_m = _unit(points, tracks.unit_m, reading.units)
@@ -91,6 +91,9 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     _check_sides(points)
     told += _feet(points, turned, tall_m)
     points, turned, dropped = _without_tpose(points, turned, reading.drop_tpose)
+    steady = without_leaps(Samples(points=points, turned=turned, rate_hz=rate_hz))
+    points, turned = steady.points, steady.turned
+    told += steady.told
     level = floor_level(points) if reading.floor is None else float(reading.floor)
     if tracks.orientations is None:
         points, smoothing = _quiet(points, rate_hz, reading)
@@ -108,22 +111,6 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
         f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
     ]  # fmt: skip
     return replace(motion, report="; ".join(told))
-
-
-def _without_repeats(tracks: Tracks) -> tuple[Tracks, int]:
-    """Tracks without frames that only repeat the one before, and how often each stood: sources held at a higher rate."""
-    joints = np.stack(list(tracks.points.values()), axis=1)
-    same = (joints[1:] == joints[:-1]).all(axis=(1, 2))
-    for times in range(2, MOST_REPEATS + 1):
-        for first in range(times):
-            # Frame f + 1 repeats frame f unless a group of `times` frames, the first one shorter, ends with f.
-            repeats = (np.arange(1, len(joints)) - first) % times != 0
-            if len(same) >= 4 * times and (same == repeats).all():
-                kept = np.flatnonzero(np.concatenate([[True], ~repeats]))
-                turned = tracks.orientations and {name: track[kept] for name, track in tracks.orientations.items()}
-                points = {name: track[kept] for name, track in tracks.points.items()}
-                return replace(tracks, points=points, orientations=turned), times
-    return tracks, 1
 
 
 def _without_coincident(tracks: Tracks) -> tuple[Tracks, list[str]]:

@@ -43,7 +43,7 @@ def read_trc(path: Path, subject: str | None = None) -> Tracks:
         raise InputError(f"{path}: its fourth line must name 1 to {MAX_MARKERS} markers, got {len(columns)}")
     table = _table(lines[5:], len(labels), path)
     markers = {label: table[:, place : place + 3] for label, place in columns.items() if place + 3 <= table.shape[1]}
-    points, told = joints_from(markers, rate_hz, subject)
+    points, told = joints_from(markers, subject)
     return Tracks(form="TRC", points=points, rate_hz=rate_hz, told=told, unit_m=unit_m, up="y", up_certain=False)
 
 

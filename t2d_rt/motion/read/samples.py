@@ -1,0 +1,396 @@
+"""Samples that a file lacks: found, bridged where the gap is short, else cut away, in one way for all formats.
+
+A sample is missing where it is no number; where a point stands at one and the same place that is no place of the body (0, 0, 0 or
+-1, -1, -1 and the like, as trackers write for "not seen"); where a row of a file with rotations holds nothing but zeros; where a
+track stands still to the last digit and then makes up for it in one step (a tracker that holds its last sample); and where joints
+leap away and back. Frames held throughout, as of a camera in a faster file, are dropped.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.interpolate import compose, decompose
+from t2d_rt.motion.jumps import Jump, jumps, told
+from t2d_rt.motion.read.joint_sets import NEEDED
+from t2d_rt.motion.skeletons import PARENT_OF
+
+LONGEST_GAP_S = 0.25
+"""Gaps up to here are bridged, by cubic splines through what is there: a wrist that swings by 20 cm in a walk, at 1 Hz, is then
+8 mm off (4th derivative, T^4 / 384)."""
+
+SHORTEST_S = 0.5
+"""Pieces between longer gaps that are shorter hold no step."""
+
+OFF_BODY = 0.05
+"""Of the body's extent, between a point's stand-in for "not seen" and where it was seen last and next."""
+
+OWN_STEPS = 3.0
+"""Steps of the point itself, its fast ones, that this may be more: a walk may begin at 0, 0, 0."""
+
+HELD = 1.5
+"""Step out of a hold over those around it that tells a held sample from a person who stands still; a hold of one frame has 2."""
+
+LEAST_STEP = 0.003
+"""Of the body's extent, for that step."""
+
+EQUAL = 1e-9
+"""Of the body's extent, within which samples are the same: what rounding differs by."""
+
+MOST_REPEATS = 8
+LEAST_REPEATS = 6
+REPEATED = 0.1
+"""Repeats of a frame in files of a slower source: most in a row, fewest in all, their least share."""
+
+DITHER = 0.1
+"""Of the largest step nearby, below which a frame counts as repeated."""
+
+RARE = 0.1
+"""Part of the time that a joint which others stand in for may be lost in long gaps before it is filled as one that lacks."""
+
+RETURNS = 0.5
+"""Of a leap, by which the joints may miss their way when they come back."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Samples:
+    """Joints of one person by canonical name."""
+
+    points: dict[str, np.ndarray]
+    """Positions (T, 3), NaN where missing."""
+    turned: dict[str, np.ndarray]
+    """Global orientations (T, 4) of the same joints; empty where the file holds positions alone."""
+    rate_hz: float
+    told: tuple[str, ...] = ()
+    """What was done, in clauses for the report."""
+
+    def at(self, frames: slice | np.ndarray) -> Samples:
+        """Some of the frames."""
+        points, turned = ({name: track[frames] for name, track in each.items()} for each in (self.points, self.turned))
+        return replace(self, points=points, turned=turned)
+
+
+# --- what is missing, as readers see it ---
+
+
+def seen(positions: np.ndarray) -> np.ndarray:
+    """Positions (T, K, 3) with NaN for points that were not seen: no numbers, or one number three times over, off the body.
+
+    A body that is centred on one of its points keeps that point at 0, 0, 0.
+    """
+    found = np.where(np.isfinite(positions).all(axis=-1, keepdims=True), positions, np.nan)
+    same = (np.ptp(found, axis=-1) == 0.0) & np.isfinite(found[..., 0])
+    if not same.any():
+        return found
+    true = np.where(same[..., None], np.nan, found)
+    middle, extent = _frame_of(true)
+    for point in np.flatnonzero(same.any(axis=0)):
+        stands, there = np.flatnonzero(same[:, point]), np.flatnonzero(np.isfinite(true[:, point, 0]))
+        if not len(there):
+            if found.shape[1] == 1:
+                continue
+            # The centre of the body, or never seen.
+            reach = np.linalg.norm(found[:, point] - middle, axis=-1)
+            if found[:, point].any() or not np.nanmax(reach, initial=0.0) < extent:
+                found[:, point] = np.nan
+            continue
+        place = np.searchsorted(there, stands)
+        nearest = [there[np.clip(place - 1, 0, len(there) - 1)], there[np.clip(place, 0, len(there) - 1)]]
+        away = np.min([np.linalg.norm(found[stands, point] - true[near, point], axis=-1) for near in nearest], axis=0)
+        steps = _steps(true[:, point : point + 1])
+        fast = float(np.nanpercentile(steps, 90)) if np.isfinite(steps).any() else 0.0
+        found[stands[away > OFF_BODY * extent + OWN_STEPS * fast], point] = np.nan
+    alone = np.isfinite(found[..., 0]).sum(axis=1) == 1  # the centre of a body that was not seen
+    if found.shape[1] > 2:
+        found[alone & same.any(axis=1)] = np.nan
+    return found
+
+
+def _frame_of(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """The body's middle (T, 3), NaN where nothing is seen, and how far its points reach from there."""
+    there = np.isfinite(points[..., :1])
+    count = np.maximum(there.sum(axis=1), 1)
+    middle = np.where(there, points, 0.0).sum(axis=1) / count
+    middle[~there.any(axis=(1, 2))] = np.nan
+    away = np.linalg.norm(points - middle[:, None], axis=-1)
+    reach = np.where(np.isfinite(away), away, 0.0).max(axis=1)
+    return middle, float(np.median(reach[reach > 0])) if (reach > 0).any() else 0.0
+
+
+def filled(rows: np.ndarray, what: str, root: slice | Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (T, C) of a file with rotations, lost ones standing as the last that is whole, and which are lost (T,).
+
+    root: columns of the root's position.
+    """
+    lost = ~np.isfinite(rows).all(axis=1)
+    blank = (rows == 0.0).all(axis=1)
+    lead = int((~blank).argmax())  # a pose of rest that files may begin with
+    lost[lead:] |= blank[lead:] & ~blank.all()
+    place = np.where(lost[:, None], np.nan, rows[:, root]) if root else rows[:, :0]
+    if place.shape[1] == 3:
+        lost |= np.isnan(seen(place[:, None])[:, 0, 0])
+    if lost.all():
+        raise InputError(f"{what} holds NaN, infinite or absurd values in every frame; repair or re-export the file")
+    last = np.maximum.accumulate(np.where(lost, 0, np.arange(len(rows))))
+    last[: int((~lost).argmax())] = int((~lost).argmax())
+    return rows[last], lost
+
+
+# --- mended ---
+
+
+def whole(form: str, samples: Samples) -> Samples:
+    """Samples at the rate at which they were taken, without gaps."""
+    return _bridged(_cut(form, _held(_at_own_rate(samples))), "missing")
+
+
+def without_leaps(samples: Samples) -> Samples:
+    """Samples in metres without joints that leap away and back; a warning of the jumps that remain."""
+    found = _jumps(samples)
+    leaps = _leaps(samples, found)
+    if leaps:
+        points = {name: track.copy() for name, track in samples.points.items()}
+        for first, last in leaps:
+            for name in points if samples.turned else {*first.joints, *last.joints}:
+                points[name][first.frame + 1 : last.frame + 1] = np.nan
+        samples = _bridged(replace(samples, points=points), "leaping")
+        found = _jumps(samples)
+    if not found:
+        return samples
+    warnings.warn(
+        f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there", T2DWarning, stacklevel=4
+    )
+    return replace(samples, told=(*samples.told, told(found)))
+
+
+def _joints(samples: Samples) -> np.ndarray:
+    return np.stack(list(samples.points.values()), axis=1)
+
+
+def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    """Runs of True in (T,) as (start, stop)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int))).reshape(-1, 2)
+    return [(start, stop) for start, stop in edges.tolist()]
+
+
+# --- frames of a slower source ---
+
+
+def _at_own_rate(samples: Samples) -> Samples:
+    """Samples without frames that a slower source repeats, evenly (3, 3, 3) or by turns (2, 1, 2, 1)."""
+    steps = np.nan_to_num(_steps(_joints(samples)))
+    if len(steps) < LEAST_REPEATS:
+        return samples
+    nearby = np.lib.stride_tricks.sliding_window_view(np.pad(steps, MOST_REPEATS), 2 * MOST_REPEATS + 1).max(axis=1)
+    new = np.flatnonzero(steps > DITHER * nearby) + 1
+    if len(steps) - len(new) < max(LEAST_REPEATS, REPEATED * len(steps)) or len(new) < 4:
+        return samples
+    runs = np.split(new, np.flatnonzero(np.diff(new) > MOST_REPEATS) + 1)
+    ratio = _ratio(max(runs, key=len))
+    if ratio is None or not all(_spread(run, ratio) < 1.0 for run in runs):
+        return samples
+    # Somebody who stands still makes no new frames; the source's clock goes on.
+    starts = [float((run - ratio * np.arange(len(run))).mean()) for run in runs]
+    first = int(runs[0][0])
+    kept = np.linspace(0, first, max(1, int(first / ratio)), endpoint=False).round().astype(int).tolist()
+    for place, run in enumerate(runs):
+        if place:
+            before = runs[place - 1]
+            pause = max(1, round((starts[place] - starts[place - 1]) / ratio) - len(before) + 1)
+            kept += np.linspace(before[-1], run[0], pause, endpoint=False).round().astype(int).tolist()[1:]
+        kept += run.tolist()
+    rate_hz = samples.rate_hz / ratio
+    rate_hz = float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 0.01 * rate_hz else rate_hz
+    often = f"{ratio:.0f}" if abs(ratio - round(ratio)) < 1e-6 else f"{ratio:.3g}"
+    average = "" if often.isdigit() else " on average"
+    clause = f"each frame stood {often} times{average} at {samples.rate_hz:g} Hz"
+    return replace(samples.at(np.array(kept)), rate_hz=rate_hz, told=(*samples.told, clause))
+
+
+def _ratio(new: np.ndarray) -> float | None:
+    """File's frames per frame of the source, from the frames (K,) that are new; None where no even clock makes them."""
+    if len(new) < 4:
+        return None
+    middle, reach = (new[-1] - new[0]) / (len(new) - 1), 1.0 / (len(new) - 1)
+    choices = [float(round(middle)), *(middle + reach * np.linspace(-1.0, 1.0, 201))]
+    best = min(choices, key=lambda ratio: _spread(new, ratio))
+    return float(best) if best > 1.0 + 0.5 * REPEATED and _spread(new, best) < 1.0 else None
+
+
+def _spread(new: np.ndarray, ratio: float) -> float:
+    return float(np.ptp(new - ratio * np.arange(len(new))))
+
+
+def _steps(joints: np.ndarray) -> np.ndarray:
+    """RMS step (T - 1,) of the points (T, K, 3) that are known in both frames, NaN where none is."""
+    square = (np.diff(joints, axis=0) ** 2).sum(axis=-1)
+    known = np.isfinite(square)
+    count = known.sum(axis=1)
+    mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(count, 1)
+    return np.where(count > 0, np.sqrt(mean), np.nan)
+
+
+# --- samples held while a tracker saw nothing ---
+
+
+def _held(samples: Samples) -> Samples:
+    """Samples with NaN where the body or a point stands still to the last digit and then makes up for it in one step."""
+    joints = _joints(samples)
+    extent = _frame_of(joints)[1]
+    body = _holds(joints, extent, samples.rate_hz)
+    if not samples.turned:
+        points = {
+            name: np.where((body | _holds(track[:, None], extent, samples.rate_hz))[:, None], np.nan, track)
+            for name, track in samples.points.items()
+        }
+        return replace(samples, points=points)
+    root = samples.points["pelvis"]
+    lost = _holds(root[:, None], extent, samples.rate_hz) & ~body
+    moved = spline(root, lost) - root if lost.any() else 0.0
+    points = {name: np.where(body[:, None], np.nan, track + moved) for name, track in samples.points.items()}
+    clause = (f"the root's position, held in {int(lost.sum())} frames, bridged",) if lost.any() else ()
+    return replace(samples, points=points, told=(*samples.told, *clause))
+
+
+def _holds(points: np.ndarray, extent: float, rate_hz: float) -> np.ndarray:
+    """Frames (T,) in which points (T, K, 3) are held and then leap, no longer than the gaps that are bridged."""
+    steps = _steps(points)
+    found = np.zeros(len(points), dtype=bool)
+    for first, out in _runs(steps <= EQUAL * extent):  # frames first ... out are equal
+        if first == 0 or out == len(steps) or out - first > LONGEST_GAP_S * rate_hz:
+            continue
+        ends = points[max(0, first - 3) : first + 1], points[out + 1 : out + 5]
+        paces = [float(_steps(each[[0, -1]])[0]) / (len(each) - 1) for each in ends if len(each) > 1]
+        if steps[out] > max(HELD * max(paces, default=0.0), LEAST_STEP * extent):
+            found[first + 1 : out + 1] = True
+    return found
+
+
+# --- gaps ---
+
+
+def _cut(form: str, samples: Samples) -> Samples:
+    """The longest piece in which no gap is longer than what is bridged, with a warning where one was."""
+    missing = {name: np.isnan(track).any(axis=1) for name, track in samples.points.items()}
+    if not any(each.any() for each in missing.values()):
+        return samples
+    lost = {name: _unbridged(each, LONGEST_GAP_S * samples.rate_hz) for name, each in missing.items()}
+    clauses = list(samples.told)
+    rare = [name for name, each in lost.items() if name not in NEEDED and not samples.turned and each.mean() > RARE]
+    if rare:
+        lost = {name: each for name, each in lost.items() if name not in rare}
+        samples = replace(samples, points={name: samples.points[name] for name in lost})
+        clauses.append(f"{', '.join(rare)} seen too seldom")
+    pieces = _runs(~np.any(list(lost.values()), axis=0))
+    start, stop = max(pieces, key=lambda piece: piece[1] - piece[0], default=(0, 0))
+    total, rate_hz = len(next(iter(lost.values()))), samples.rate_hz
+    if stop - start < max(2, min(SHORTEST_S * rate_hz, 0.5 * total)):
+        worst = max(lost, key=lambda name: int(missing[name].sum()))
+        raise InputError(
+            f"{form}: {worst} is not seen in {int(missing[worst].sum())} of {total} frames; gaps of {LONGEST_GAP_S} s are "
+            f"bridged at most, and between them no {SHORTEST_S} s are left; fill the gaps, or take another record"
+        )
+    if len(pieces) > 1:
+        gaps = {name: max(_runs(each), key=lambda gap: gap[1] - gap[0]) for name, each in lost.items() if each.any()}
+        name = max(gaps, key=lambda name: gaps[name][1] - gaps[name][0])
+        first, last = gaps[name]
+        warnings.warn(
+            f"{name} is missing for {(last - first) / rate_hz:.2f} s from {first / rate_hz:.2f} s on, gaps of {LONGEST_GAP_S} s "
+            f"are bridged at most: only the longest whole piece is kept, from {start / rate_hz:.2f} to "
+            f"{(stop - 1) / rate_hz:.2f} s; fill the gap in the file to keep all",
+            T2DWarning,
+            stacklevel=5,
+        )
+    if stop - start < total:
+        clauses.append(f"first {start} and last {total - stop} frame(s) without all joints cut")
+    return replace(samples.at(slice(start, stop)), told=tuple(clauses))
+
+
+def _unbridged(missing: np.ndarray, most: float) -> np.ndarray:
+    """Those of the missing frames (T,) that cannot be bridged: of gaps longer than `most`, and ends."""
+    found = np.zeros(len(missing), dtype=bool)
+    for start, stop in _runs(missing):
+        found[start:stop] = stop - start > most or start == 0 or stop == len(missing)
+    return found
+
+
+def _bridged(samples: Samples, kind: str) -> Samples:
+    """Samples without NaN, which lie within the record: bones of files with rotations keep their lengths."""
+    missing = {name: np.isnan(track).any(axis=1) for name, track in samples.points.items()}
+    names = [name for name, each in missing.items() if each.any()]
+    if not names:
+        return samples
+    longest = max(stop - start for name in names for start, stop in _runs(missing[name])) / samples.rate_hz
+    if samples.turned:
+        lost = np.any(list(missing.values()), axis=0)
+        clause = f"{int(lost.sum())} {kind} frame(s) bridged, up to {longest:.2f} s"
+        return replace(_bridged_pose(samples, lost), told=(*samples.told, clause))
+    count = sum(int(missing[name].sum()) for name in names)
+    which = f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
+    points = {name: spline(track, missing[name]) for name, track in samples.points.items()}
+    clause = f"{count} {kind} joint position(s) bridged, up to {longest:.2f} s ({which})"
+    return replace(samples, points=points, told=(*samples.told, clause))
+
+
+def _bridged_pose(samples: Samples, lost: np.ndarray) -> Samples:
+    names = [name for name in PARENT_OF if name in samples.points]
+    parents = tuple(names.index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
+    joints, rotations = (np.stack([each[name] for name in names], axis=1) for each in (samples.points, samples.turned))
+    there = np.flatnonzero(~lost)
+    offsets, local = decompose(joints[there], rotations[there], parents)
+    values = np.zeros((len(lost), len(names), 7))
+    values[there] = np.concatenate([quaternions.continuous(local), offsets], axis=-1)
+    values = spline(values.reshape(len(lost), -1), lost).reshape(values.shape)
+    mended = compose(values[lost][..., 4:], quaternions.normalise(values[lost][..., :4]), parents)
+    joints[lost], rotations[lost] = mended
+    points, turned = ({name: each[:, place] for place, name in enumerate(names)} for each in (joints, rotations))
+    return replace(samples, points=points, turned=turned)
+
+
+def spline(track: np.ndarray, lost: np.ndarray) -> np.ndarray:
+    """A track (T, D) with its lost frames on a cubic spline through all others."""
+    if not lost.any():
+        return track
+    from scipy.interpolate import make_interp_spline
+
+    there = np.flatnonzero(~lost)
+    found = track.copy()
+    found[lost] = make_interp_spline(there, track[there], k=min(3, len(there) - 1))(np.flatnonzero(lost))
+    return found
+
+
+# --- joints that leap away and back ---
+
+
+def _jumps(samples: Samples) -> list[Jump]:
+    return jumps(_joints(samples), tuple(samples.points), samples.rate_hz)
+
+
+def _leaps(samples: Samples, found: Sequence[Jump]) -> list[tuple[Jump, Jump]]:
+    """Pairs of jumps of which the second takes back the first within a gap that is bridged."""
+    pairs, after = [], -1
+    steps = [each for each in found if each.frames == 1]
+    for first in steps:
+        near = [each for each in steps if 0 < each.frame - first.frame <= LONGEST_GAP_S * samples.rate_hz]
+        last = next((each for each in near if _returns(samples, first, each)), None)
+        if first.frame > after and last is not None:
+            pairs.append((first, last))
+            after = last.frame
+    return pairs
+
+
+def _returns(samples: Samples, first: Jump, last: Jump) -> bool:
+    """Whether the joints go on, after both jumps, about where their speed before and after leads them."""
+    start, stop = first.frame, last.frame + 1
+    if start < 1 or stop + 1 >= len(samples.points["left_hip"]):
+        return False
+    tracks = np.stack([samples.points[name] for name in first.joints], axis=1)
+    led = 0.5 * (tracks[start] - tracks[start - 1] + tracks[stop + 1] - tracks[stop]) * (stop - start)
+    missed = np.linalg.norm(tracks[stop] - tracks[start] - led, axis=-1)
+    return bool((missed < RETURNS * np.linalg.norm(tracks[start + 1] - tracks[start], axis=-1)).mean() > 0.8)
