@@ -20,14 +20,19 @@ MTI = "mean"
 
 
 def background_records(
-    folder: str | Path, *, processing: Mapping[str, Any] | None = None, lanes: int | None = None
+    folder: str | Path,
+    *,
+    processing: Mapping[str, Any] | None = None,
+    lanes: int | None = None,
+    iq: str = "IQ",
+    conjugate: bool | None = None,
 ) -> list[BackgroundRecord]:
     """The records of a folder, in the order of their names.
 
     folder: holds .npz (records that t2d-rt background simulate writes), .zarr (results), .npy (ADC samples) or .bin (raw captures
         of TI's DCA1000). The radar of NAME.npy or NAME.bin is in NAME.yaml or, for all of them, in radar.yaml.
     processing: options of `signal.spectrogram`, of all but .npz; mti is "mean" unless given. Of a .zarr they change its own.
-    lanes: LVDS lanes of raw captures, 2 or 4.
+    lanes: LVDS lanes of raw captures, 2 or 4. iq, conjugate: of measured samples, as of `load_recording`.
     """
     place = file_path("folder", folder)
     if not place.is_dir():
@@ -35,7 +40,7 @@ def background_records(
     files = sorted(each for each in place.iterdir() if each.suffix.lower() in ENDINGS and each.name[0] != ".")
     if not files:
         raise InputError(f"{place} holds no recording; it must have files that end in {', '.join(ENDINGS)}")
-    return [_record(each, dict(processing or {}), lanes) for each in files]
+    return [_record(each, dict(processing or {}), lanes, iq, conjugate) for each in files]
 
 
 def record_of(recording: Recording, name: str, processing: Mapping[str, Any]) -> BackgroundRecord:
@@ -48,7 +53,9 @@ def record_of(recording: Recording, name: str, processing: Mapping[str, Any]) ->
     )  # fmt: skip
 
 
-def _record(path: Path, processing: dict[str, Any], lanes: int | None) -> BackgroundRecord:
+def _record(
+    path: Path, processing: dict[str, Any], lanes: int | None, iq: str, conjugate: bool | None
+) -> BackgroundRecord:
     ending = path.suffix.lower()
     if ending == ".npz":
         return BackgroundRecord.load(path)
@@ -60,5 +67,5 @@ def _record(path: Path, processing: dict[str, Any], lanes: int | None) -> Backgr
         raise InputError(
             f"{path} holds samples only, and there is neither {own.name} nor {RADAR_FILE} with its radar; write one"
         )
-    recording = load_recording(path, radar, lanes=lanes if ending == ".bin" else None)
+    recording = load_recording(path, radar, lanes=lanes if ending == ".bin" else None, iq=iq, conjugate=conjugate)
     return record_of(recording, path.stem, processing)

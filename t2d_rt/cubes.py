@@ -12,7 +12,7 @@ import numpy as np
 from t2d_rt.backend import aligned_zeros
 from t2d_rt.errors import InputError
 from t2d_rt.products import ProductRows
-from t2d_rt.rows import DTYPE, SavedRows, ScratchRows, block_rows, row_bytes
+from t2d_rt.rows import DTYPE, FileRows, SavedRows, ScratchRows, block_rows, row_bytes
 
 LARGE_BYTES = 512 * 2**20
 """Cubes beyond it are not held in memory, nor those beyond `LARGE_FRACTION` of what a run may take."""
@@ -22,13 +22,13 @@ LARGE_FRACTION = 1 / 8
 class DiskCube:
     """A complex64 cube (chirp, antenna, sample) whose rows, or what they are made of, lie on disk: read by ranges of chirps.
 
-    Whoever holds it, or an array that reads from it, can read it: see `ScratchRows`, `ProductRows` and `SavedRows`.
+    Whoever holds it, or an array that reads from it, can read it: see `ScratchRows`, `ProductRows`, `SavedRows` and `FileRows`.
     """
 
     ndim = 3
     dtype = DTYPE
 
-    def __init__(self, rows: ScratchRows | ProductRows | SavedRows) -> None:
+    def __init__(self, rows: ScratchRows | ProductRows | SavedRows | FileRows) -> None:
         self.rows = rows
 
     @property
@@ -40,7 +40,9 @@ class DiskCube:
         return self.shape[0]
 
     def __repr__(self) -> str:
-        where = self.rows.folder if isinstance(self.rows, SavedRows) else "a temporary file"
+        where: Any = "a temporary file"
+        if isinstance(self.rows, SavedRows | FileRows):
+            where = self.rows.folder if isinstance(self.rows, SavedRows) else self.rows.path
         return f"DiskCube({' x '.join(map(str, self.shape))} in {where})"
 
     def __getitem__(self, place: Any) -> np.ndarray:

@@ -33,6 +33,7 @@ from t2d_rt.saved import (
 )
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
+from t2d_rt.signal.multiplex import check_axes
 from t2d_rt.store import check_taken, replacing
 from t2d_rt.tables import html_table
 from t2d_rt.types import Accuracy, Radar
@@ -72,8 +73,7 @@ class Recording:
         if not isinstance(cube, DiskCube):
             cube = numeric("an ADC cube", cube)
             check_complex64(cube)
-        if cube.ndim != 3 or cube.shape[2] != radar.samples:
-            raise InputError(f"an ADC cube must have shape (chirp, antenna, {radar.samples}), got {cube.shape}")
+        check_axes(cube.shape, radar)
         self.cube = cube
         """(chirp, antenna, sample) complex [sqrt(W)]."""
         self.radar = radar

@@ -7,13 +7,15 @@ import os
 import stat
 import tempfile
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.files import regular_file
 
 BLOCK_BYTES = 8 * 2**20
 """What is read or written at once."""
@@ -190,6 +192,50 @@ class SavedRows:
                 raise _damaged(self.folder, f"chunk {chunk}: {error.strerror}") from error
             if not stat.S_ISREG(found.st_mode) or found.st_size != expected:
                 raise _damaged(self.folder, f"chunk {chunk} has {found.st_size} bytes, expected {expected}")
+
+
+@dataclass(frozen=True, eq=False)
+class FileRows:
+    """Rows (antenna, sample) of a file of measured samples, decoded when read; what is no longer the same file is an error."""
+
+    path: Path
+    """Absolute."""
+    shape: tuple[int, int, int]
+    begin: int
+    """Of the first row in the file [byte]."""
+    dtype: np.dtype[Any]
+    row_numbers: int
+    """Numbers of a row."""
+    decode: Callable[[np.ndarray], np.ndarray] | None = None
+    """From numbers (row, number) to as many samples, complex64."""
+    held: np.ndarray | None = None
+    """All numbers (row, number), where those of a row do not lie together in the file."""
+    state: tuple[int, int] = field(init=False)
+    """Size and time of the file."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "state", self._state(self.path.stat()))
+
+    def numbers(self, start: int, stop: int) -> np.ndarray:
+        """Numbers of rows start..stop as they stand in the file, (row, number)."""
+        if self.held is not None:
+            return self.held[start:stop]
+        found = np.empty((stop - start, self.row_numbers), self.dtype)
+        with regular_file(self.path, noun="recording") as file:
+            file.seek(self.begin + start * self.row_numbers * self.dtype.itemsize)
+            count = file.readinto(found.reshape(-1).view(np.uint8).data)  # type: ignore[attr-defined]
+            if count != found.nbytes or self._state(os.fstat(file.fileno())) != self.state:
+                raise InputError(f"{self.path} has changed since it was loaded; load it again")
+        return found
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        """Samples of rows start..stop, complex64 (row, antenna, sample)."""
+        assert self.decode is not None
+        return self.decode(self.numbers(start, stop)).reshape(stop - start, *self.shape[1:])
+
+    @staticmethod
+    def _state(found: os.stat_result) -> tuple[int, int]:
+        return found.st_size, found.st_mtime_ns
 
 
 def new_array(folder: Path, shape: tuple[int, ...]) -> Any:

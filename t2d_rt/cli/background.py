@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from t2d_rt.checks import integer, positive
-from t2d_rt.cli.options import add_parameters, command_parser
+from t2d_rt.cli.options import add_capture_options, add_parameters, capture_options, command_parser
 from t2d_rt.cli.output import say
 from t2d_rt.errors import InputError
 from t2d_rt.progress import ProgressBar
@@ -58,9 +58,7 @@ def parser() -> ArgumentParser:
     found.add_argument("--codes", type=int, default=32, help="Entries of each code book of a model that is trained.")
     found.add_argument("--codec_steps", type=int, default=800, help="Steps of training of the codec.")
     found.add_argument("--prior_steps", type=int, default=400, help="Steps of training of the prior.")
-    found.add_argument(
-        "--lanes", type=int | None, help="LVDS lanes, 2 or 4, of raw captures of TI's DCA1000 (.bin) in DIR."
-    )
+    add_capture_options(found)
     add_parameters(
         found.add_argument_group("spectrograms of the recordings in DIR (mti is mean unless given)"),
         spectrogram,
@@ -176,7 +174,7 @@ def _records(options: Namespace, folder: str) -> list[BackgroundRecord]:
     from t2d_rt.background_files import background_records
 
     given: dict[str, Any] = {name: value for name, value in options.signal.as_dict().items() if value is not None}
-    return background_records(folder, processing=given, lanes=options.lanes)
+    return background_records(folder, processing=given, **capture_options(options))
 
 
 def _folder(options: Namespace) -> Path:

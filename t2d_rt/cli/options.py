@@ -11,7 +11,7 @@ from t2d_rt.cli.arguments import bounded_yaml
 from t2d_rt.cli.help import field_help, parameter_help
 
 if TYPE_CHECKING:
-    from jsonargparse import ArgumentParser
+    from jsonargparse import ArgumentParser, Namespace
 
 EXAMPLES = {
     "simulate": """examples:
@@ -212,6 +212,19 @@ def command_parser(
             if action.dest == "print_config":
                 action.help = PRINT_CONFIG_HELP
     return parser
+
+
+def add_capture_options(parser: ArgumentParser) -> None:
+    """Options of measured samples, which `capture_options` gives to `load_recording`."""
+    parser.add_argument("--lanes", type=int | None, help="LVDS lanes, 2 or 4, of raw captures of TI's DCA1000 (.bin).")
+    parser.add_argument("--iq", type=str, default="IQ", help="Order of measured samples' channels, IQ or QI.")
+    told = "Whether the IF of measured samples is the conjugate of the one here, whose beats are positive; false: it surely is not."
+    parser.add_argument("--conjugate", type=bool | None, nargs="?", const=True, help=told)
+
+
+def capture_options(options: Namespace) -> dict[str, Any]:
+    """Keywords of `load_recording` that were given."""
+    return {name: options[name] for name in ("lanes", "iq", "conjugate")}
 
 
 def _add_background(parser: ArgumentParser) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from t2d_rt.cli.learning import one_word
-from t2d_rt.cli.options import command_parser
+from t2d_rt.cli.options import add_capture_options, capture_options, command_parser
 from t2d_rt.cli.output import check_picture, say, write_picture
 from t2d_rt.errors import InputError
 
@@ -26,12 +26,15 @@ def parser() -> ArgumentParser:
         "Tells the class of a recording over sliding windows, with its probability, and draws both under the spectrogram.",
         config=False,
         noun="RECORDING --model DIR",
-        file="A result (.zarr), or ADC samples (.npy).",
+        file="A result (.zarr), or ADC samples (.npy, or .bin of a DCA1000).",
         examples=EXAMPLES,
         several=True,
     )
     found.add_argument("--model", type=str | None, help="Folder that t2d-rt train wrote, or several by commas.")
-    found.add_argument("--radar_file", type=str | None, help="Radar of a .npy file: a preset's name or a .yaml file.")
+    found.add_argument(
+        "--radar_file", type=str | None, help="Radar of measured samples: a preset's name or a .yaml file."
+    )
+    add_capture_options(found)
     found.add_argument(
         "--step_s", type=float | None, help="From one window to the next [s]; a tenth of a window by default."
     )
@@ -62,7 +65,7 @@ def run(options: Namespace) -> None:
     from t2d_rt.learn.charts import prediction_figure
     from t2d_rt.learn.windows import predict
 
-    recording = load_recording(source, options.radar_file)
+    recording = load_recording(source, options.radar_file, **capture_options(options))
     found = predict(model, recording, step_s=options.step_s, least_s=options.least_s)
     for start, row in zip(found.starts_s, found.probabilities, strict=True):
         best = int(row.argmax())

@@ -5,53 +5,142 @@ Texas Instruments, Mmwave Radar Device ADC Raw Data Capture, application report 
 
 from __future__ import annotations
 
+import os
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.checks import choice
+from t2d_rt.checks import choice, file_path, flag
+from t2d_rt.cubes import Cube
 from t2d_rt.errors import InputError
 from t2d_rt.files import regular_file
+from t2d_rt.rows import FileRows
+from t2d_rt.signal.measured import (
+    ORDERS,
+    check_samples,
+    code_offset,
+    cube_of,
+    flatness_db,
+    oriented,
+    signed,
+    spread_rows,
+    warn_of_offset,
+)
 from t2d_rt.types import Radar
 
 LANES = "2", "4"
+WORD = np.dtype("<i2")
+FEWEST_CHIRPS = 16
+"""Whose spectra tell orders of samples apart."""
+FLATTER_DB = 0.5
+"""By how much the spectrum of samples in the order that is asked for may be flatter than in another."""
 
 
-def load_dca1000(path: str | Path, radar: Radar, *, lanes: int) -> np.ndarray:
-    """ADC cube, complex64 (chirp, antenna, sample), from a .bin file of complex samples, I before Q.
+def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", conjugate: bool = False) -> Cube:
+    """ADC cube, complex64 (chirp, antenna, sample), from a .bin file of complex samples; a large one is read when it is used.
 
     lanes: 2 (xWR16xx, xWR18xx, xWR68xx) or 4 (xWR12xx, xWR14xx).
+    iq: "QI" where Q stands before I (MSB_LSB_QI).
+    conjugate: whether the IF is the conjugate of the one here, whose beats are positive.
 
     With 2 lanes a chirp brings one receiver after the other, each as I(0) I(1) Q(0) Q(1) I(2) I(3) Q(2) Q(3) ...
     With 4 lanes it brings one sample after the other, each as I of receivers 0 to 3 and then Q of receivers 0 to 3, zeros for
     receivers that are not used.
     With "tdm" every transmitter's chirp follows the one before it; a row of the cube holds those of one loop.
+    Samples that are in another order, or real, are refused: their spectrum is flatter than in that order.
     """
+    choice("iq", iq, ORDERS)
+    cube = read_dca1000(path, radar, lanes=lanes, iq=iq, conjugate=flag("conjugate", conjugate))
+    check_samples(cube, Path(path))
+    return cube
+
+
+def read_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str, conjugate: bool) -> Cube:
+    """`load_dca1000` of samples whose order is looked at alone."""
     choice("lanes", str(lanes), LANES, hint="the LVDS lanes of the radar's chip")
     receivers, senders = len(radar.rx_offsets_m), radar.loop_chirps
     if str(lanes) == "4" and receivers > 4:
         raise InputError(f"a capture over 4 lanes holds 4 receivers at most, the radar has {receivers}; use lanes=2")
     if str(lanes) == "2" and radar.samples % 2:
         raise InputError(f"a capture over 2 lanes holds samples by twos, the radar has {radar.samples}; give its radar")
-    with regular_file(path, noun="recording") as file:
-        data = file.read()
-    row = 4 * senders * radar.samples * (4 if str(lanes) == "4" else receivers)
-    if not data or len(data) % row:
+    source = file_path("path", path).absolute()
+    with regular_file(source, noun="recording") as file:
+        size = os.fstat(file.fileno()).st_size
+    row = 2 * senders * radar.samples * (4 if str(lanes) == "4" else receivers)
+    if not size or size % (2 * row):
         raise InputError(
-            f"{path} holds {len(data)} bytes, and a loop of this radar ({senders} x {receivers} antennas, {radar.samples} samples) "
-            f"has {row}: give the radar that recorded it, or cut the file at the last whole loop"
+            f"{path} holds {size} bytes, and a loop of this radar ({senders} x {receivers} antennas, {radar.samples} samples) "
+            f"has {2 * row}: give the radar that recorded it, or cut the file at the last whole loop"
         )
-    words = np.frombuffer(data, "<i2").astype(np.float32)
-    if str(lanes) == "2":
-        pairs = words.reshape(-1, 2, 2)  # (pair of samples, I or Q, sample)
-        samples = (pairs[:, 0] + 1j * pairs[:, 1]).reshape(-1, senders, receivers, radar.samples)
-    else:
-        both = words.reshape(-1, senders, radar.samples, 2, 4)
-        used = both.any(axis=(0, 1, 2, 3))
+    shape = size // (2 * row), senders * receivers, radar.samples
+    raw = FileRows(source, shape, 0, WORD, row)
+    seen = np.concatenate([raw.numbers(part.start, part.stop).ravel() for part in spread_rows(shape[0])])
+    offset = code_offset(seen)
+    codes = signed(seen, offset)
+    _check_order(codes, radar.samples, str(lanes), source)
+    used: np.ndarray | None = None
+    if str(lanes) == "4":
+        used = np.asarray(seen.reshape(-1, 4).any(axis=0))
         if np.count_nonzero(used) != receivers:
             raise InputError(
                 f"{path} holds {np.count_nonzero(used)} receivers, the radar has {receivers}; give the radar that recorded it"
             )
-        both = both[..., used]
-        samples = (both[..., 0, :] + 1j * both[..., 1, :]).swapaxes(2, 3)
-    return np.ascontiguousarray(samples.reshape(len(samples), senders * receivers, radar.samples).astype(np.complex64))
+    warn_of_offset(source, offset)
+    decode = partial(_decoded, samples=radar.samples, used=used, offset=offset, iq=iq, conjugate=conjugate)
+    return cube_of(FileRows(source, shape, 0, WORD, row, decode))
+
+
+def _two_lanes(codes: np.ndarray, samples: int) -> np.ndarray:
+    """Samples of codes, complex (chirp of a receiver, sample)."""
+    pairs = codes.reshape(-1, 2, 2)  # (pair of samples, I or Q, sample)
+    return (pairs[:, 0] + 1j * pairs[:, 1]).reshape(-1, samples)
+
+
+def _four_lanes(codes: np.ndarray, samples: int) -> np.ndarray:
+    both = codes.reshape(-1, samples, 2, 4)
+    return (both[:, :, 0] + 1j * both[:, :, 1]).swapaxes(1, 2).reshape(-1, samples)
+
+
+def _decoded(
+    words: np.ndarray, *, samples: int, used: np.ndarray | None, offset: int, iq: str, conjugate: bool
+) -> np.ndarray:
+    """Samples of rows of words (row, word), complex64 (chirp of a receiver, sample)."""
+    codes = signed(words, offset).ravel()
+    four = used is not None
+    found = _four_lanes(codes, samples).reshape(-1, 4, samples)[:, used] if four else _two_lanes(codes, samples)
+    return oriented(found.astype(np.complex64), iq, conjugate=conjugate)
+
+
+def _check_order(codes: np.ndarray, samples: int, lanes: str, path: Path) -> None:
+    """Refuses codes that have a flatter spectrum in the order of the given lanes than in another."""
+    orders = {
+        "complex samples over 2 lanes": lambda: _two_lanes(codes, samples),
+        "complex samples over 4 lanes": lambda: _four_lanes(codes, samples),
+        "real samples over 2 lanes": lambda: codes.reshape(-1, samples),
+        "real samples over 4 lanes": lambda: codes.reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples),
+        "complex samples one by one, I Q I Q": lambda: (codes[::2] + 1j * codes[1::2]).reshape(-1, samples),
+    }
+    found = {}
+    for name, ordered in orders.items():
+        try:
+            chirps = ordered()
+        except ValueError:  # so many words are no whole chirps
+            continue
+        chirps = chirps[chirps.any(axis=1)]
+        if len(chirps) >= FEWEST_CHIRPS:
+            rounding = 1 / 6 if np.iscomplexobj(chirps) else 1 / 12
+            found[name] = flatness_db(chirps, noise=rounding)
+    given = f"complex samples over {lanes} lanes"
+    best = min(found, key=lambda name: found[name], default=given)
+    if given not in found or found[given] - found[best] < FLATTER_DB:
+        return
+    advice = {
+        "complex samples over 2 lanes": "give lanes=2",
+        "complex samples over 4 lanes": "give lanes=4",
+        "complex samples one by one, I Q I Q": "save numpy.fromfile(path, '<i2').reshape(chirps, antennas, samples, 2) as .npy",
+    }.get(best, "record I and Q")
+    raise InputError(
+        f"{path} does not hold {given}: taken as {best} its chirps have a spectrum that is less flat by "
+        f"{found[given] - found[best]:.1f} dB; {advice}"
+    )

@@ -59,3 +59,28 @@ def check_antennas(adc: Any, radar: Radar) -> None:
             f"adc has {antennas} antennas, the radar {radar.antennas} ({len(radar.tx_offsets_m)} transmitters, "
             f"{len(radar.rx_offsets_m)} receivers, {radar.multiplexing}); use the radar that recorded it"
         )
+
+
+def check_axes(shape: tuple[int, ...], radar: Radar) -> None:
+    """Refuses a cube whose axes are not chirps, antennas and samples of that radar, with the axes that it may have."""
+    antennas, samples = radar.antennas, radar.samples
+    if len(shape) == 3 and shape[1:] == (antennas, samples):
+        return
+    advice = ""
+    orders = {(1, 0, 2): "antenna, chirp, sample", (0, 2, 1): "chirp, sample, antenna", (2, 0, 1): "antenna, sample, chirp",
+              (1, 2, 0): "sample, chirp, antenna", (2, 1, 0): "sample, antenna, chirp"}  # fmt: skip
+    for order, names in orders.items():
+        if len(shape) == 3 and tuple(shape[axis] for axis in order)[1:] == (antennas, samples):
+            advice = f"; axes ({names})? give cube.transpose{order}"
+            break
+    else:
+        if len(shape) == 3 and shape[1] * radar.loop_chirps == antennas and shape[2] == samples:
+            advice = (
+                f"; chirps of {radar.loop_chirps} transmitters in turn? give cube.reshape(-1, {antennas}, {samples})"
+            )
+    if len(shape) != 3 or shape[2] != samples:
+        raise InputError(f"an ADC cube must have shape (chirp, antenna, {samples}), got {shape}{advice}")
+    raise InputError(
+        f"an ADC cube must have the antennas of its radar: the radar has {antennas} antennas, not {shape[1]}"
+        f"{advice or '; give the radar that recorded it'}"
+    )

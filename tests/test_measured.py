@@ -1,0 +1,274 @@
+"""Measured samples as radars and tools write them: read as what they are, or answered by a sentence, never taken for others."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import t2d_rt as t2d
+from t2d_rt import cubes, rows
+from t2d_rt.cubes import DiskCube
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.signal import load_cube
+from t2d_rt.signal.dca1000 import load_dca1000
+from t2d_rt.types import Radar
+
+RADAR = Radar.preset("table2", samples=128, rx_offsets_m=[(0, 0.002 * k, 0) for k in range(4)])
+TDM = Radar.preset("array-3x4")
+MIRROR = "in the upper half of the beat spectrum"
+
+
+def scene(chirps: int = 96, *, noise: float = 20.0, constant: complex = 0, seed: int = 0) -> np.ndarray:
+    """Whole codes (chirp, antenna, sample) of echoes that fall with range, of noise and a constant."""
+    rng = np.random.default_rng(seed)
+    sample, found = np.arange(RADAR.samples), np.zeros((chirps, 4, RADAR.samples), complex)
+    for beat in rng.uniform(2, 40, 10):
+        phase = rng.uniform(0, 2 * np.pi, (1, 4, 1)) + rng.uniform(-1, 1) * np.arange(chirps)[:, None, None]
+        found += 20_000 / beat**2 * np.exp(1j * (2 * np.pi * beat * sample / RADAR.samples + phase))
+    found += noise * (rng.normal(size=found.shape) + 1j * rng.normal(size=found.shape)) + constant
+    return np.rint(found.real) + 1j * np.rint(found.imag)
+
+
+def two_lanes(cube: np.ndarray) -> np.ndarray:
+    return np.stack([cube.real.reshape(-1, 2), cube.imag.reshape(-1, 2)], axis=1)
+
+
+def four_lanes(cube: np.ndarray) -> np.ndarray:
+    return np.stack([cube.real.swapaxes(1, 2), cube.imag.swapaxes(1, 2)], axis=2)
+
+
+WRITERS = {
+    "complex samples over 2 lanes": two_lanes,
+    "complex samples over 4 lanes": four_lanes,
+    "real samples over 2 lanes": lambda cube: cube.real,
+    "real samples over 4 lanes": lambda cube: cube.real.swapaxes(1, 2),
+    "complex samples one by one, I Q I Q": lambda cube: np.stack([cube.real, cube.imag], axis=-1),
+}
+
+
+def written(path: Path, codes: np.ndarray) -> Path:
+    path.write_bytes(codes.astype("<i2").tobytes())
+    return path
+
+
+# --- axes ---
+
+
+@pytest.mark.parametrize("order", [each for each in itertools.permutations(range(3)) if each != (0, 1, 2)])
+def test_other_axes_are_refused_with_those_that_fit(tmp_path: Path, order: tuple[int, int, int]) -> None:
+    cube = np.full((32, 12, 256), 1 + 2j, np.complex64)
+    np.save(tmp_path / "cube.npy", cube.transpose(order))
+    names = ", ".join(("chirp", "antenna", "sample")[axis] for axis in order)
+    back = tuple(int(axis) for axis in np.argsort(order))
+    with pytest.raises(InputError) as refused:
+        t2d.load_recording(tmp_path / "cube.npy", TDM)
+    assert f"axes ({names})? give cube.transpose{back}" in str(refused.value)
+    assert cube.transpose(order).transpose(back).shape == cube.shape
+
+
+def test_other_antennas_are_refused() -> None:
+    with pytest.raises(InputError, match=r"the radar has 12 antennas, not 7; give the radar that recorded it"):
+        t2d.Recording(np.ones((32, 7, 256), np.complex64), TDM)
+    with pytest.raises(
+        InputError,
+        match=r"the radar has 12 antennas, not 4; chirps of 3 transmitters in turn\? give cube.reshape\(-1, 12, 256\)",
+    ):
+        t2d.Recording(np.ones((96, 4, 256), np.complex64), TDM)
+
+
+# --- I and Q ---
+
+
+@pytest.mark.parametrize("ending", [".bin", ".npy", "pairs.npy"])
+def test_q_before_i_and_conjugate_samples(tmp_path: Path, ending: str) -> None:
+    cube, path = scene(), tmp_path / f"capture{ending}"
+
+    def load(samples: np.ndarray, **options: object) -> np.ndarray:
+        if ending == ".bin":
+            written(path, two_lanes(samples))
+            options["lanes"] = 2
+        else:
+            np.save(path, samples if ending == ".npy" else np.stack([samples.real, samples.imag], axis=-1))
+        return np.asarray(t2d.load_recording(path, RADAR, **options).cube)  # type: ignore[arg-type]
+
+    swapped = cube.imag + 1j * cube.real
+    np.testing.assert_array_equal(load(cube), cube)
+    np.testing.assert_array_equal(load(swapped, iq="QI"), cube)
+    np.testing.assert_array_equal(load(cube.conj(), conjugate=True), cube)
+    both = -cube.imag + 1j * cube.real  # Q before I of the conjugate: either alone would mirror it
+    np.testing.assert_array_equal(load(both, iq="QI", conjugate=True), cube)
+    for mirrored in (swapped, cube.conj()):
+        with pytest.warns(T2DWarning, match=rf"{MIRROR}.* give iq='QI' or give conjugate=True"):
+            load(mirrored)
+        np.testing.assert_array_equal(load(mirrored, conjugate=False), mirrored)  # not told once it was said
+    with pytest.warns(T2DWarning, match=rf"{MIRROR}.* leave out iq='QI'"):
+        load(cube, iq="QI")
+    with pytest.raises(InputError, match="iq must be 'IQ' or 'QI', got 'qi'"):
+        load(cube, iq="qi")
+
+
+@pytest.mark.parametrize("constant", [0, 3000 - 2000j])
+@pytest.mark.parametrize("noise", [0.0, 20.0, 5000.0])
+def test_sound_samples_are_not_warned_of(tmp_path: Path, noise: float, constant: complex) -> None:
+    for seed in range(4):
+        np.save(tmp_path / "cube.npy", scene(noise=noise, constant=constant, seed=seed))
+        t2d.load_recording(tmp_path / "cube.npy", RADAR)
+
+
+def test_a_result_takes_no_options_of_measured_samples(tmp_path: Path) -> None:
+    t2d.Recording(scene().astype(np.complex64), RADAR).save(tmp_path / "one.zarr")
+    for options in ({"iq": "QI"}, {"conjugate": True}, {"lanes": 2}):
+        with pytest.raises(InputError, match="lanes, iq and conjugate are those of measured samples"):
+            t2d.load_recording(tmp_path / "one.zarr", **options)  # type: ignore[arg-type]
+
+
+# --- the order of a raw capture ---
+
+
+@pytest.mark.parametrize("noise", [1.0, 300.0])
+@pytest.mark.parametrize("lanes", [2, 4])
+@pytest.mark.parametrize("name", WRITERS)
+def test_captures_in_another_order_are_refused_by_their_samples(
+    tmp_path: Path, name: str, lanes: int, noise: float
+) -> None:
+    cube = scene(noise=noise)
+    path = written(tmp_path / "a.bin", WRITERS[name](cube))
+    if name == f"complex samples over {lanes} lanes":
+        np.testing.assert_array_equal(t2d.load_recording(path, RADAR, lanes=lanes).cube, cube)
+    else:
+        with pytest.raises(
+            InputError, match=f"does not hold complex samples over {lanes} lanes: taken as {name} its chirps"
+        ):
+            t2d.load_recording(path, RADAR, lanes=lanes)
+
+
+def test_noise_has_no_order(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.integers(-500, 500, (96, 4, 128)) + 1j * rng.integers(-500, 500, (96, 4, 128))
+    for lanes, writer in ((2, two_lanes), (4, four_lanes)):
+        for order in (writer, WRITERS["complex samples one by one, I Q I Q"]):
+            load_dca1000(written(tmp_path / "a.bin", order(noise)), RADAR, lanes=lanes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"samples": 64},
+        {"rx_offsets_m": RADAR.rx_offsets_m[:2]},
+        {"samples": 32},
+    ],
+)
+def test_chirps_cut_at_the_wrong_place_are_told(tmp_path: Path, changes: dict[str, object]) -> None:
+    path = written(tmp_path / "a.bin", two_lanes(scene()))
+    rows_on = 4 if changes == {"samples": 32} else 2
+    with pytest.warns(T2DWarning, match=f"more like those {rows_on} rows on than like the next ones"):
+        t2d.load_recording(path, RADAR.replace(**changes), lanes=2, conjugate=False)
+
+
+def test_transmitters_in_turn_are_told(tmp_path: Path) -> None:
+    one, two = scene(48, seed=1), scene(48, seed=2)
+    np.save(tmp_path / "a.npy", np.stack([one, two], axis=1).reshape(96, 4, 128))
+    with pytest.warns(T2DWarning, match="as 2 transmitters in turn leave them"):
+        t2d.load_recording(tmp_path / "a.npy", RADAR)
+
+
+# --- codes ---
+
+
+@pytest.mark.parametrize("bits", [12, 14, 16])
+@pytest.mark.parametrize("ending", [".bin", ".npy"])
+def test_offset_binary_is_read_and_told(tmp_path: Path, bits: int, ending: str) -> None:
+    cube, middle = np.rint(scene() / 16), 2 ** (bits - 1)
+    path = tmp_path / f"a{ending}"
+    codes = (np.stack([cube.real, cube.imag], axis=-1) + middle).astype(np.uint16)
+    options = {}
+    if ending == ".npy":
+        np.save(path, codes)
+    else:
+        path.write_bytes((two_lanes(cube) + middle).astype("<u2").tobytes())
+        options["lanes"] = 2
+    with pytest.warns(T2DWarning, match=f"codes in offset binary, about {middle} "):
+        np.testing.assert_array_equal(t2d.load_recording(path, RADAR, **options).cube, cube)  # type: ignore[arg-type]
+
+
+def test_lost_packets_saturation_and_a_missing_channel_are_told(tmp_path: Path) -> None:
+    path, cube = tmp_path / "a.npy", scene()
+    lost = cube.copy()
+    lost[10:13] = 0
+    np.save(path, lost)
+    with pytest.warns(T2DWarning, match="zeros alone in 12 of its 384 chirps of an antenna"):
+        t2d.load_recording(path, RADAR)
+    clipped = np.clip(2 * cube.real, -(2**11), 2**11 - 1) + 1j * np.clip(2 * cube.imag, -(2**11), 2**11 - 1)
+    np.save(path, clipped)
+    with pytest.warns(T2DWarning, match=r"is saturated: \d+\.?\d* % of its samples"):
+        t2d.load_recording(path, RADAR)
+    np.save(path, cube.real.astype(complex))
+    with pytest.warns(T2DWarning, match="holds one channel, I, and zeros for the other"):
+        t2d.load_recording(path, RADAR)
+
+
+@pytest.mark.parametrize("value", [0, np.nan, np.inf, 1e300])
+def test_samples_that_say_nothing_are_refused(tmp_path: Path, value: float) -> None:
+    cube = scene()
+    if value == 0:
+        cube[:] = 0
+    cube[5, 1, 7] = value
+    np.save(tmp_path / "a.npy", cube)
+    with pytest.raises(InputError, match=r"holds NaN or infinite samples|holds nothing but zeros"):
+        t2d.load_recording(tmp_path / "a.npy", RADAR)
+
+
+# --- large files ---
+
+
+@pytest.mark.parametrize("ending", [".bin", ".npy"])
+def test_large_files_are_read_by_pieces(tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cubes, "LARGE_BYTES", 2**16)
+    monkeypatch.setattr(rows, "BLOCK_BYTES", 2**18)
+    path, cube = tmp_path / f"a{ending}", np.tile(scene(), (40, 1, 1))  # 16 MB of samples
+    options = {}
+    if ending == ".npy":
+        np.save(path, cube.astype(np.complex64))
+    else:
+        written(path, four_lanes(cube))
+        options["lanes"] = 4
+    t2d.load_recording(path, RADAR, **options)  # type: ignore[arg-type]  # what is imported at first use
+    tracemalloc.start()
+    found = t2d.load_recording(path, RADAR, **options)  # type: ignore[arg-type]
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8e6
+    assert isinstance(found.cube, DiskCube)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(found.cube))[100:700, 2], cube[100:700, 2])
+    found.save(tmp_path / "a.zarr")
+    np.testing.assert_array_equal(t2d.load_recording(tmp_path / "a.zarr").cube, cube)
+    with path.open("ab") as file:
+        file.write(b"0123")
+    with pytest.raises(InputError, match="has changed since it was loaded; load it again"):
+        found.cube[0]
+
+
+def test_arrays_in_other_layouts(tmp_path: Path) -> None:
+    cube, path = scene(), tmp_path / "a.npy"
+    for each in (
+        np.asfortranarray(cube),
+        cube.astype(">c8"),
+        cube.astype(np.complex128),
+        np.stack([cube.real, cube.imag], -1),
+    ):
+        np.save(path, each)
+        np.testing.assert_array_equal(load_cube(path), cube)
+    np.save(path, cube.real)
+    with pytest.raises(
+        InputError, match=r"must hold complex samples .* or pairs of I and Q along a last axis of 2, got float64"
+    ):
+        load_cube(path)
+    np.save(path, cube)
+    path.write_bytes(path.read_bytes()[:-16])
+    with pytest.raises(InputError, match=r"not a whole .npy array of numbers \(it is cut short: "):
+        load_cube(path)
