@@ -221,7 +221,7 @@ def clutter_streams(
         )
     points = np.zeros((0, 3))
     if kind == "diffuse":
-        points, rcs = rough_points(Mirrors.of(scene, backend), radar)
+        points, rcs = rough_points(Mirrors.of(scene, backend, radar.tx_position_m), radar)
     if len(points):
         paths_m = [np.array([radar.tx_position_m, point, radar.rx_position_m]) for point in points]
         passing = unoccluded(paths_m, rays=POINT_RAYS, pieces=POINT_PIECES)

@@ -143,6 +143,22 @@ def test_a_recording_keeps_the_whole_town_and_its_substitutes() -> None:
     assert np.array_equal(recording.cube, recording.again().cube)
 
 
+def test_far_from_the_coordinates_origin_everything_is_the_same() -> None:
+    """A street 1 km away from it: rays are traced in float32 from a place near by."""
+    wall = plate("wall", [(-5, 4, 0), (15, 4, 0), (15, 4, 8), (-5, 4, 8)], "concrete", 0.3)
+    found = []
+    for shift in (np.zeros(3), np.array([-700.3, 1300.2, 0.0])):
+        surfaces = tuple(remade(each, vertices=each.vertices + shift) for each in (ground(60.0), wall, CHEST))
+        times_s, place = np.linspace(0, 0.02, 4), TARGET_M + shift
+        target = Ellipsoids([[0.15] * 3], np.tile(place, (4, 1, 1)), times_s, material="pec")
+        radar = Radar.preset("table2", position_m=tuple(RADAR.position_m + shift))
+        found.append(t2d.simulate(target, radar=radar, scene=Scene(name="street", surfaces=surfaces)))
+    there, here = (np.asarray(each.cube) for each in found)
+    assert found[0].settings["pairs"] == found[1].settings["pairs"]
+    assert found[0].settings["clutter_paths"] == found[1].settings["clutter_paths"]
+    assert np.sum(np.abs(there - here) ** 2) < 1e-9 * np.sum(np.abs(there) ** 2)
+
+
 def test_large_scenes_say_what_is_too_much_and_where() -> None:
     many = Scene(name="town", surfaces=tuple(far_away(9)))
     reaching = Radar.preset("table2", slope_hz_per_s=3e12, position_m=(110.0, 0.0, 1.0))

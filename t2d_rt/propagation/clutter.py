@@ -48,7 +48,7 @@ def static_paths(scene: Scene, radar: Radar, *, order: int, backend: Backend) ->
 
     def searched() -> tuple[StaticPath, ...]:
         found = find_paths(
-            Mirrors.of(scene, backend), places[0], departing, radar.mid_frequency_hz, order=order,
+            Mirrors.of(scene, backend, places[0]), places[0], departing, radar.mid_frequency_hz, order=order,
             probes_m=(places[1] + ASIDE_M)[None],
         )  # fmt: skip
         return tuple(_path(path, places[1], across) for path in found.paths if path.order)

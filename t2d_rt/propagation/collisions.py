@@ -124,7 +124,7 @@ def find_collisions(
 
     Outside, where targets may start or not, is beyond the bounding box of a scene that is a room or has the antennas inside.
     """
-    mirrors = Mirrors.of(scene, backend)
+    mirrors = Mirrors.of(scene, backend, radar.tx_position_m)
     times = uneven_times(start_s, stop_s)
     low, high = scene.bounds_m
     encloses_radar = all(((low < place) & (place < high)).all() for place in (radar.tx_position_m, radar.rx_position_m))

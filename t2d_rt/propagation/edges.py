@@ -85,7 +85,9 @@ class Edges:
         fraction = np.zeros(len(points), np.float32)
         for places in (FEW, MANY):
             if asked.any():
-                some = np.stack([stop[asked] for stop in stops]).astype(np.float32)  # a wavelength is 4 mm
+                some = np.stack([self.mirrors.local(stop[asked]) for stop in stops]).astype(
+                    np.float32
+                )  # a wavelength is 4 mm
                 fraction[asked] = self._free_rays(some, near[:, asked], rims[:, asked], places, path.elements.mirror)
             asked = (fraction > 0) & (fraction < 1)
         return fraction
@@ -93,12 +95,15 @@ class Edges:
     def _free_rays(
         self, stops: np.ndarray, near: np.ndarray, rims: np.ndarray, places: np.ndarray, chain: np.ndarray
     ) -> np.ndarray:
-        """The free fraction of the rays around paths (stop, P, 3), (P,).
+        """The free fraction of the rays around paths (stop, P, 3), `local` to the mirrors, (P,).
 
         A plane that both ends of a straight part stand before cuts no path from one to the other, and what it reflects has an image
         of its own: rays bent into it are left out.
         """
         pieces, used = _pieces(chain), [self.mirrors.each[number] for number in chain]
+        offsets_m = self.offsets_m
+        if self.mirrors.origin_m is not None:
+            offsets_m = offsets_m - self.normals @ self.mirrors.origin_m
         rays = bundle(stops, self.wavelength_m, places, pieces)
         for k, mirror in enumerate(used):  # from the cross-section on to the mirror's plane
             ahead, normal = stops[k + 1] - stops[k], mirror.normal.astype(np.float32)
@@ -115,14 +120,14 @@ class Edges:
             which, ray = np.nonzero(hit)
             piece, point, met = piece[which], point[which], met[which, ray]
             before, after = (
-                np.einsum("hi,hi->h", self.normals[met], stops[piece // pieces + k, point]) - self.offsets_m[met]
+                np.einsum("hi,hi->h", self.normals[met], stops[piece // pieces + k, point]) - offsets_m[met]
                 for k in (0, 1)
             )
             parted = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > SKIN_M)
             fate[piece, point, ray] = np.where(parted, STOPPED, LEFT_OUT)
         for k, mirror in enumerate(used):
             some, after_it = np.flatnonzero(rims[k]), fate[pieces * (k + 1)]
-            after_it[some] = np.where(mirror.holds(rays[k, -1, some]), after_it[some], STOPPED)
+            after_it[some] = np.where(mirror.holds(self.mirrors.world(rays[k, -1, some])), after_it[some], STOPPED)
         # What happens to a ray first counts.
         first = np.take_along_axis(fate, np.argmax(fate > 0, axis=0)[None], axis=0)[0]
         return np.asarray((first == 0).sum(axis=1) / np.maximum((first != LEFT_OUT).sum(axis=1), 1))
@@ -138,7 +143,7 @@ class Edges:
         length = np.sqrt(np.einsum("qri,qri->qr", ahead, ahead))
         ahead /= np.maximum(length, 1e-12)[..., None]
         skin, other = (np.where(each, SKIN_M, -SKIN_M).astype(np.float32)[:, None] for each in (begins, stops))
-        distance, mirror = self.mirrors.first(starts + skin[..., None] * ahead, ahead, length - skin - other)
+        distance, mirror = self.mirrors.first_of_local(starts + skin[..., None] * ahead, ahead, length - skin - other)
         return np.isfinite(distance), mirror
 
     def _cells(self, centres: np.ndarray, path: OneWayPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -25,6 +25,8 @@ OUTLINE_M = 1e-7
 """A reflection that far outside an outline counts as inside: none may fall between two triangles."""
 ONE_PLANE_M = 1e-5
 """Mirrors of different surfaces that near to one plane, and that far into one another, overlap there."""
+FAR_M = 100.0
+"""As far from the origin of the coordinates float32 is right to a tenth of `SKIN_M`."""
 SKIN_M = 1e-4
 """Rays start and end that far from what they are reflected at."""
 MOST_LOSS_DB = 40.0
@@ -107,11 +109,14 @@ class Mirrors:
     """Mirror of each triangle."""
     backend: Backend
     traced: Any = field(repr=False)
-    """Mitsuba's scene of all triangles."""
+    """Mitsuba's scene of all triangles, in float32 from `origin_m`."""
+    origin_m: np.ndarray | None = None
+    """Place (3,) near the radar, where this is far from that of the coordinates; None: the coordinates' own."""
 
     @classmethod
-    def of(cls, scene: Scene, backend: Backend) -> Mirrors:
-        """Plane parts of all surfaces."""
+    def of(cls, scene: Scene, backend: Backend, place_m: np.ndarray | None = None) -> Mirrors:
+        """Plane parts of all surfaces; rays will be traced near a place (3,)."""
+        origin_m = None if place_m is None or np.abs(place_m).max() < FAR_M else np.round(place_m)
         each: list[Mirror] = []
         corners, of_face = [], []
         for number, surface in enumerate(scene.surfaces):
@@ -130,8 +135,17 @@ class Mirrors:
             corners.append(triangles)
             of_face.append(plane + len(each) - (plane.max(initial=-1) + 1))
         mi = mitsuba(backend)
-        body = mitsuba_mesh(mi, np.concatenate(corners).reshape(-1, 3))
-        return cls(scene, each, np.concatenate(of_face), backend, traceable(mi, body))
+        found = cls(scene, each, np.concatenate(of_face), backend, None, origin_m)
+        body = mitsuba_mesh(mi, found.local(np.concatenate(corners).reshape(-1, 3)))
+        return replace(found, traced=traceable(mi, body))
+
+    def local(self, points_m: np.ndarray) -> np.ndarray:
+        """Points (..., 3) from `origin_m`: float32, in which rays are traced, holds no tenth of a millimetre 1 km away."""
+        return points_m if self.origin_m is None else points_m - self.origin_m
+
+    def world(self, points_m: np.ndarray) -> np.ndarray:
+        """Points (..., 3) that were `local`."""
+        return points_m if self.origin_m is None else points_m + self.origin_m
 
     def chains(
         self, place_m: np.ndarray, order: int, *, transmissions: int = 0, loss_db: np.ndarray | None = None
@@ -150,7 +164,7 @@ class Mirrors:
         """The chains of `chains`, by rays in all directions."""
         mi = mitsuba(self.backend)
         directions = sphere(RAYS)
-        origin, direction = np.broadcast_to(place_m, directions.shape), directions
+        origin, direction = np.broadcast_to(self.local(place_m), directions.shape), directions
         waiting = [
             _Rays(
                 mi.Point3f(*columns(mi, origin)), mi.Vector3f(*columns(mi, direction)), mi.Bool(True),
@@ -221,6 +235,12 @@ class Mirrors:
         self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """How far along rays (..., 3) the first mirror stands, infinite where none within their length, and which, (...)."""
+        return self.first_of_local(self.local(origin_m), direction, length_m)
+
+    def first_of_local(
+        self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same from places that are `local`."""
         mi = mitsuba(self.backend)
         ray = mi.Ray3f(mi.Point3f(*columns(mi, origin_m)), mi.Vector3f(*columns(mi, direction)))
         if length_m is not None:
@@ -256,7 +276,7 @@ class Mirrors:
     def free(self, start_m: np.ndarray, stop_m: np.ndarray) -> np.ndarray:
         """Whether segments between points (..., 3) and points (..., 3) are free, bool (...), but for what they lie on."""
         mi = mitsuba(self.backend)
-        start, stop = np.broadcast_arrays(start_m, stop_m)
+        start, stop = np.broadcast_arrays(self.local(start_m), self.local(stop_m))
         if not start.size:  # Dr.Jit aborts the process over rays that are none
             return np.ones(start.shape[:-1], bool)
         offset = (stop - start).reshape(-1, 3)

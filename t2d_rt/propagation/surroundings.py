@@ -57,7 +57,7 @@ def radar_paths(
     scene: Scene, radar: Radar, probes_m: np.ndarray, *, order: int, transmissions: int = 0, backend: Backend
 ) -> RadarPaths:
     """One-way paths of up to `order` reflections and `transmissions` slabs between the radar and any of points (Q, 3) m."""
-    mirrors = Mirrors.of(scene, backend)
+    mirrors = Mirrors.of(scene, backend, radar.tx_position_m)
     _check_inside(scene, mirrors, radar, probes_m, through=transmissions > 0)
     found = []
     for place, angle_deg in (

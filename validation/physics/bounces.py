@@ -127,7 +127,7 @@ def trihedral(towards: np.ndarray) -> Triangles:
 
 def _corner_errors(preset: str, name: str) -> np.ndarray:
     """Of what two or three bounces add [dB], over the angles."""
-    radar, found = Radar.preset(preset), []
+    radar, found = Radar.preset(preset, sample_rate_hz=30e6), []  # whose range axis goes beyond 50 m
     for angle in np.radians(ANGLES_DEG):
         spin = Rotation.from_rotvec([0, 0, angle])
         if name == "dihedral":
