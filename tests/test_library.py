@@ -494,7 +494,7 @@ def test_the_library_command_refuses_in_one_sentence(refused: object, arguments:
 
 def test_what_no_maker_does_is_told_in_the_origin() -> None:
     for sentence, told in (
-        ("a person turns left twice", "not made: count 2 of turn"),
+        ("a person dances twice", "not made: count 2 of dance"),
         ("a person walks with the left hand raised", "not made: left hand of walk"),
     ):
         assert told in motion_from_text(sentence).origin

@@ -22,11 +22,22 @@ _NUMBERS = """
 zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen
 eighteen nineteen twenty
 """
-NUMBERS = {word: number for number, word in enumerate(_NUMBERS.split())} | {"thirty": 30, "a": 1, "an": 1}
-TIMES = {"twice": 2, "thrice": 3}
+NUMBERS = {word: number for number, word in enumerate(_NUMBERS.split())} | {
+    "thirty": 30, "forty": 40, "fifty": 50, "sixty": 60, "ninety": 90, "a": 1, "an": 1,
+}  # fmt: skip
+VAGUE = {"couple": 2, "few": 3, "several": 4}
+"""Numbers that are drawn from no number; "a few" is read as three, and said."""
+TIMES = {"once": 1, "twice": 2, "thrice": 3}
+NOT_ONCE = frozenset(("he", "she", "they", "the", "a", "an", "his", "her", "again", "more", "upon"))
+"""What follows a `once` that is no count: once he has sat down."""
 SECONDS = {
     "second": 1.0, "seconds": 1.0, "sec": 1.0, "secs": 1.0, "s": 1.0, "minute": 60.0, "minutes": 60.0, "min": 60.0,
+    "mins": 60.0, "moment": 1.0, "moments": 1.0,
 }  # fmt: skip
+ROUGHLY = frozenset(
+    ("about", "around", "roughly", "exactly", "approximately", "some", "another", "only", "just", "the", "next", "full")
+)
+"""Words between "for" and a duration."""
 
 SHORTEST_SLIP, SHORTEST_SWAP = 5, 6
 """Letters of a word in which a letter too many, too few or two exchanged ones are read as a slip; and a wrong letter."""
@@ -194,6 +205,7 @@ def _next(tokens: list[str], place: int) -> tuple[list[Item], int]:
         item = Item(entry.kind, " ".join(tokens[place:after]), entry.slots, entry.gerund)
         inner = items_of(" ".join(gap)) if gap else []
         counted = [NUMBERS[word] for word in gap if word in NUMBERS and word not in ("a", "an")]
+        inner = [each for each in inner if not counted or each.words not in NUMBERS]
         if counted and entry.tokens[-1] in ("step", "steps"):
             inner.append(Item("reported", next(word for word in gap if NUMBERS.get(word) == counted[0])))
         elif counted:
@@ -203,7 +215,7 @@ def _next(tokens: list[str], place: int) -> tuple[list[Item], int]:
     word = tokens[place]
     if word.endswith("n't") or word == "cannot":
         return [Item("not", word)], place + 1
-    known = word in nouns.NEUTRAL or word in NUMBERS or not any(char.isalnum() for char in word)
+    known = word in nouns.NEUTRAL or word in ("zero", "one", "a", "an") or not any(char.isalnum() for char in word)
     return [Item("neutral" if known else "unknown", word)], place + 1
 
 
@@ -227,22 +239,73 @@ def _match(pattern: tuple[str, ...], tokens: list[str], place: int) -> tuple[lis
 
 def _measure(tokens: list[str], place: int) -> tuple[Item, int] | None:
     """A number of times or of seconds that begins at a token."""
-    word, rest = tokens[place], tokens[place + 1 : place + 3]
+    word, rest = tokens[place], tokens[place + 1 : place + 5]
     if word in TIMES:
-        return Item("slot", word, {"count": TIMES[word]}), place + 1
+        conjunction = word == "once" and ({*rest[:1]} & NOT_ONCE or tokens[max(place - 1, 0)] == "at")
+        return None if conjunction else (Item("slot", word, {"count": TIMES[word]}), place + 1)
     if word in ("for", "after") and rest:
-        inner = _measure(tokens, place + 1)
-        if inner is None or "duration_s" not in inner[0].slots:
+        start = place + 1 + int(word == "for" and rest[0] in ROUGHLY)
+        inner = _lasting(tokens, start, alone=False)
+        if inner is None or (word == "after" and inner[0].note.endswith("moment")):
             return None
         return inner if word == "for" else (Item("reported", f"after {inner[0].words}"), inner[1])
-    number = float(word) if word[0].isdigit() else NUMBERS.get(word)
-    if number is None or not rest:
+    return _times(tokens, place) or _lasting(tokens, place, alone=True)
+
+
+def _number(tokens: list[str], place: int) -> tuple[float, bool, int] | None:
+    """A number that begins at a token, whether it is a vague one, and where it ends: ten, twenty five, a few, a couple of, 2.5."""
+    words = tokens[place : place + 3]
+    if words and words[0] == "a" and words[1:2] and words[1] in VAGUE:
+        words, place = words[1:], place + 1
+    if not words:
         return None
-    if rest[0] == "times":
-        return Item("slot", f"{word} times", {"count": int(number) if number == int(number) else number}), place + 2
-    if rest[0] in SECONDS and word not in ("a", "an"):
-        return Item("slot", f"{word} {rest[0]}", {"duration_s": float(number) * SECONDS[rest[0]]}), place + 2
+    if words[0] in VAGUE:
+        return VAGUE[words[0]], True, place + 1 + int(words[1:2] == ["of"])
+    if words[0][0].isdigit():
+        return float(words[0]), False, place + 1
+    number = NUMBERS.get(words[0])
+    if number is None:
+        return None
+    ones = NUMBERS.get(words[1]) if number >= 20 and words[1:] else None
+    return (number + ones, False, place + 2) if ones is not None and 0 < ones < 10 else (number, False, place + 1)
+
+
+def _times(tokens: list[str], place: int) -> tuple[Item, int] | None:
+    """How many times: four times, a few times; and four hops."""
+    found = _number(tokens, place)
+    if found is None or found[2] >= len(tokens):
+        return None
+    number, vague, after = found
+    whole = int(number) if number == int(number) else number
+    follows = tokens[after]
+    if follows == "times" or (follows == "time" and tokens[place] not in ("a", "an")):
+        words = " ".join(tokens[place : after + 1])
+        return Item(
+            "slot", f"{whole} times" if vague else words, {"count": whole}, note=words if vague else ""
+        ), after + 1
+    deeds = any(entry.kind == "action" and entry.tokens == (follows,) for entry in _index().get(follows, ()))
+    if deeds and follows.endswith("s") and follows != "steps" and number > 1:
+        return Item("slot", tokens[place], {"count": whole}), after
     return None
+
+
+def _lasting(tokens: list[str], place: int, *, alone: bool) -> tuple[Item, int] | None:
+    """How long: ten seconds, half a minute, a few seconds; where it stands `alone`, behind no "for", not a moment or a second."""
+    words = tokens[place : place + 3]
+    half = words[:2] in (["half", "a"], ["half", "an"])
+    found = (0.5, False, place + 2) if half else _number(tokens, place)
+    if found is None or found[2] >= len(tokens) or tokens[found[2]] not in SECONDS:
+        return None
+    number, vague, after = found
+    unit = tokens[after]
+    if alone and (words[0] in ("a", "an") or unit.startswith("moment")):
+        return None
+    said = " ".join(tokens[place : after + 1])
+    seconds = float(number) * SECONDS[unit]
+    vague = vague or unit.startswith("moment")
+    return Item(
+        "slot", f"{seconds:g} seconds" if vague else said, {"duration_s": seconds}, note=said if vague else ""
+    ), after + 1
 
 
 def _meant(word: str) -> str | None:

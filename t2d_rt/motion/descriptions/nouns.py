@@ -171,6 +171,7 @@ a an the this that these those of to in into on onto at for from with by as is a
 her their he she they him them himself herself themselves themself own who which there while when before after
 afterwards and then next finally again off out over across along around round about through toward towards near beside
 behind between under above past or some each both one other can seen see has had have do does did so just also same
+take takes taking took
 way room place spot space side directly suddenly moment short few several little more very quite rather bit all
 together every first last once seconds second minutes until shows video clip scene motion movement movements action
 manner fashion style mood pace speed gait step steps walk body apart extended upright position up music time times now
@@ -191,13 +192,13 @@ FIXED = (
     "ball of {his} foot | balls of {his} feet | "
     "on the spot | as far as | as high as possible | as far as possible | "
     "with {his} back to | after a moment | a few steps | "
-    "a few times | in place | "
+    "in place | "
     "to {his} side | to the side of | small steps | short steps | long steps | large steps | big steps | even steps | "
     "head down | head up | "
     "next to | in front | in front of | side by side | at the start | to start with | "
     "steps forward in time | the next | on the way | {his} head | by {his} side | by {his} sides | at {his} sides | "
     "at {his} side | a step at a time | "
-    "for a moment | for a while | for some time | for a few seconds | for few seconds | of {him} | one of {his} | "
+    "of {him} | one of {his} | "
     "left and right arms | and lands | "
     "and then lands | lands softly | lands again | landing softly | standing position | sitting position | "
     "starting position | original position"

@@ -38,6 +38,9 @@ ALLOWED: dict[str | None, tuple[By, ...]] = {
 LEAD_S = 2.4, 3.6
 """Duration of the walk or stance before a fall where the description says nothing of it."""
 
+FURTHER_S = 1.2
+"""How much longer a lead is made whose last step is to last for a given time: a fall begins at the step that is nearest to it."""
+
 ATTEMPTS = 8
 """Leads and plans that are tried until the person falls."""
 
@@ -58,6 +61,12 @@ TOPPLES: dict[str, str] = {
 
 SEARCH_S = 0.5
 """Last part of a step in which the next one may begin: a step of a walk."""
+
+PROMPT_S = 0.15
+"""The same of a step that has a duration of its own, and the rest before the next one."""
+
+AT_REST_MPS = 0.05
+"""Speed of the hips of one who stands quietly."""
 
 SEAM_S = 0.5
 """Time in which a difference between steps dies out."""
@@ -105,7 +114,7 @@ class Composer:
         return with_users(shipped(), self.library)
 
 
-COUNTED = frozenset({"jump", "bend", "squat", "stretch", "climb"})
+COUNTED = frozenset({"jump", "bend", "squat", "stretch", "climb", "sit", "stand_up", "turn"})
 """Actions that are done as many times as a description says."""
 
 MOVES_A_PART = frozenset({"jump", "bend", "squat", "stretch", "sit", "stand_up", "lie_down", "climb"})
@@ -136,8 +145,24 @@ def maker_of(step: Step, store: Store) -> By:
     return "library" if step.action in ACTIONS or own_clips(store, step) else "made"
 
 
+def _repeated(steps: Sequence[Step]) -> tuple[Step, ...]:
+    """The steps, those that are made once at a time as often as they say: who sits down twice stands up between."""
+    found: list[Step] = []
+    for step in steps:
+        between = {"sit": "stand_up", "stand_up": "sit", "turn": None}
+        if step.action not in between or (step.count or 1) == 1:
+            found.append(step)
+            continue
+        count, other = step.count or 1, between[step.action]
+        pace_s = None if step.duration_s is None else step.duration_s / (count if other is None else 2 * count - 1)
+        once = step.model_copy(update={"count": None, "duration_s": pace_s})
+        back = [Step(action=other, object=step.object, speed=step.speed, duration_s=pace_s)] if other else []  # type: ignore[arg-type]
+        found += [each for number in range(count) for each in ([*back, once] if number else [once])]
+    return tuple(found)
+
+
 def _composed(maker: Maker, description: Description) -> Motion:
-    steps = description.steps
+    steps = _repeated(description.steps)
     falls = next((number for number, step in enumerate(steps) if step.action == "fall"), None)
     if falls is None:
         return finished(_chained(maker, None, steps), maker.person)
@@ -164,6 +189,8 @@ class Floored:
     """Of the floors that were stood on."""
     highest_m: float = 0.0
     posture: str = "standing"
+    lasting: bool = False
+    """Whether it is one step that has the duration which was asked for."""
 
 
 def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floored:
@@ -180,10 +207,10 @@ def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floo
             # The main step has its own duration, what comes before and after it a part of it.
             piece = _of_clips(maker, step, alone or isinstance(step, Description))
             if whole is None:
-                whole = Floored(piece)
+                whole = Floored(piece, lasting=step.duration_s is not None)
             else:
                 piece = edits.shifted(piece, np.array([0.0, 0.0, whole.floor_m]))
-                whole = replace(whole, piece=_continued(whole.piece, piece))
+                whole = replace(whole, piece=_continued(whole.piece, piece, lasting=whole.lasting), lasting=False)
     assert whole is not None, "a description has a step"
     return whole
 
@@ -201,20 +228,32 @@ def _with_made(maker: Maker, whole: Floored | None, steps: Sequence[Step], *, be
     piece = Piece(poses=found.poses, planted=found.planted, notes=found.notes)
     piece = edits.shifted(piece, np.array([0.0, 0.0, rise]))
     if whole is not None:
-        piece = _continued(whole.piece, piece)
+        piece = _continued(whole.piece, piece, lasting=whole.lasting)
     floor_m = rise + found.floors_m[1]
     lowest, highest = (whole.lowest_m, whole.highest_m) if whole is not None else (0.0, 0.0)
     return Floored(piece, floor_m, min(lowest, floor_m), max(highest, floor_m), found.ends)
 
 
-def _continued(whole: Piece, piece: Piece) -> Piece:
+def _continued(whole: Piece, piece: Piece, *, lasting: bool = False) -> Piece:
     """The next piece, from where what there is comes nearest to its begin: a walk halts before one that begins at rest, and begins
-    with short slow steps after one that ends at rest."""
+    with short slow steps after one that ends at rest. lasting: what there is keeps its duration, and nobody rests after it."""
+    if lasting:
+        piece = piece.part(max(0, _at_rest(piece) - round(PROMPT_S * RATE_HZ)), len(piece))
     before, after = halted(whole, piece), begun(whole, piece)
-    last = range(max(2, len(before) - round(SEARCH_S * RATE_HZ)), len(before))
-    first = range(1 if after is piece else max(1, min(round(SEARCH_S * RATE_HZ), len(after) - 30)))
+    search = SEARCH_S
+    if lasting:
+        before = before.part(max(0, len(before) - len(whole)), len(before))
+        search = PROMPT_S
+    last = range(max(2, len(before) - round(search * RATE_HZ)), len(before))
+    first = range(1 if after is piece else max(1, min(round(search * RATE_HZ), len(after) - 30)))
     cut, start, _ = best_seam(before.poses, after.poses, last, first)
     return joined([before.part(0, cut + 1), after.part(start, len(after))], blend_s=SEAM_S)
+
+
+def _at_rest(piece: Piece) -> int:
+    """Frames at the begin of a piece in which the hips do not move."""
+    moves = np.linalg.norm(np.diff(piece.poses.root, axis=0), axis=1) * RATE_HZ > AT_REST_MPS
+    return int(moves.argmax()) if moves.any() else 0
 
 
 def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
@@ -235,6 +274,8 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
     note = f"{step.type} gait, severity {severity:.2f}"
     piece = Piece(poses=poses, planted=contacts(poses), notes=(*walk.notes, note))
     piece = directed(maker, lively(piece, maker.person, maker.rng, quiet=0.5), step)
+    if step.duration_s is not None:
+        piece = piece.part(0, round(step.duration_s * RATE_HZ) + 1)
     return replace(piece, poses=plant(piece.poses, piece.planted, level=False, floor_m=0.0))
 
 
@@ -261,12 +302,18 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
     wanted = next(step.direction for step in description.steps if step.action == "fall")
     found: tuple[Motion, Motion, float] | None = None
     went: str | None = None
+    lasting_s = before[-1].duration_s if before else None
     for attempt in range(ATTEMPTS):
         plan = plan_of(description, int(maker.rng.integers(2**31)))
         if attempt == 1 and before and before[-1].action == "run":
             # Nobody in full run falls back or aside: the person slows down to a walk first.
-            before = [*before, Step(action="walk", duration_s=LEAD_S[0])]
-        lead, floor_m = _lead(maker, description, before, plan.type)
+            before, lasting_s = [*before, Step(action="walk", duration_s=LEAD_S[0])], None
+        if lasting_s is None:
+            lead, floor_m = _lead(maker, description, before, plan.type)
+        else:  # it begins to fall when the last step has lasted as long as the sentence says
+            further = before[-1].model_copy(update={"duration_s": lasting_s + FURTHER_S})
+            lead, floor_m = _lead(maker, description, [*before[:-1], further], plan.type)
+            plan = replace(plan, time_s=max(lead.duration_s - FURTHER_S, 0.0))
         try:
             fallen = fall(lead, plan, getups)
         except NoFall:  # some leads and plans do not come to a fall like a person's

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from t2d_rt.errors import InputError
+from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.descriptions.slots import Action, Step
 from t2d_rt.motion.easing import minimum_jerk
@@ -17,6 +19,7 @@ from t2d_rt.motion.generate.library.maker import Maker, stand
 from t2d_rt.motion.generate.library.manners import with_manner
 from t2d_rt.motion.generate.library.store import RATE_HZ, Segment, Store
 from t2d_rt.motion.generate.library.transitions import best_crossing
+from t2d_rt.motion.kinematics import INDEX
 
 SPEEDS_MPS: Mapping[tuple[str, str], tuple[float, float]] = {
     ("walk", "slow"): (0.80, 0.10), ("walk", "normal"): (1.27, 0.11), ("walk", "fast"): (1.75, 0.13),
@@ -42,6 +45,18 @@ MOST_QUICKENED = 1.6
 APART_RAD = 0.05
 """Angle by which each leg is held apart in a turn on the spot, 4 cm at the ankle: chosen so that feet pass each other while
 one stays behind the turning body."""
+
+SHORTEST_FLIGHT_S = 0.1
+"""Of a jump; a step of a run takes as long, and jumping jacks 0.25 s."""
+
+LANDING_S = 0.5
+"""Time after a flight in which the knees give and straighten again."""
+
+LIFTED_S = 0.4
+"""Time in which the free leg of one who hops is drawn up, or put down."""
+
+QUIET_S = 0.8
+"""Standing before and after a turn on the spot."""
 
 LONGEST_ON_THE_SPOT_S = 3.5
 """Turns that last longer have steps before and after."""
@@ -177,14 +192,15 @@ def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
         else float(maker.rng.choice([-1, 1]))
     )
     rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed]
-    lasting = max(step.duration_s or 0.0, float(np.degrees(angle)) / (rate * maker.person.tempo) + 0.9)
+    lasting = max((step.duration_s or 0.0) - 2 * QUIET_S, float(np.degrees(angle)) / (rate * maker.person.tempo) + 0.9)
+    quiet_s = QUIET_S if step.duration_s is None else float(np.clip((step.duration_s - lasting) / 2, 0.3, QUIET_S))
     walk = quickened(gait(maker, Step(action="walk", speed="slow"), MOST_QUICKENED * lasting), float(angle), lasting)
     fraction = np.linspace(0, 1, len(walk))
     short = edits.straddled(edits.strided(walk, 0.12 + 0.1 * float(maker.rng.random())), APART_RAD)
     turned = edits.bent(short, sign * angle * minimum_jerk((fraction - 0.1) / 0.8))
     turned = turned.noted(f"turned {'left' if sign > 0 else 'right'} by {np.degrees(angle):.0f} degrees")
-    quiet = stand(maker, Step(action="stand"), 0.8)
-    return joined([quiet, turned, stand(maker, Step(action="stand"), 0.8)], blend_s=0.5)
+    quiet = stand(maker, Step(action="stand"), quiet_s)
+    return joined([quiet, turned, stand(maker, Step(action="stand"), quiet_s)], blend_s=0.5)
 
 
 def quickened(walk: Piece, angle_rad: float, lasting_s: float) -> Piece:
@@ -219,31 +235,90 @@ def _turned_walk(maker: Maker, step: Step, duration_s: float) -> Piece:
 
 
 def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """Jumps one after another: forward, up, on one leg, or jumping jacks."""
-    kinds: tuple[str, ...] = ("forward",) if step.direction in ("forward", "straight") else ("up",)
-    if step.direction is None:
-        # Which way is left open: every recording has the same chance.
-        kinds = (maker.draw(maker.segments("jump", "forward", "up")).kind,)
-    if step.direction is None and step.body_part in ("foot", "leg"):
-        kinds = ("hop",) if any(each.kind == "hop" for each in maker.store.segments) else kinds
-    if step.direction is None and step.body_part in ("arm", "hand"):
-        kinds = ("jacks",)
+    """Jumps one after another: forward, up, on one leg, or jumping jacks; as many as are asked for, or for as long."""
+    kinds = _kinds(maker, step)
     segments = maker.segments("jump", *kinds)
     pace = {"slow": 0.85, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
     # Who jumps quickly takes jumps that follow one another, who jumps slowly those with standing and balancing about them.
     often = {"slow": -1.0, "normal": 0.0, "fast": 1.0}[step.speed]
-    count, total = step.count or 0, 0.0
+    chances = [(max(each.count, 1) / each.duration_s) ** often for each in segments]
     pieces: list[Piece] = []
-    done = 0
-    while done < max(1, count) or (not count and total < 0.75 * duration_s):
-        fitting = [each for each in segments if each.count <= max(count - done, 1)] if count else segments
-        fitting = fitting or segments
-        segment = maker.draw(fitting, [(max(each.count, 1) / each.duration_s) ** often for each in fitting])
-        done += max(segment.count, 1)
-        piece = edits.paced(maker.piece(segment), pace * float(np.exp(0.03 * maker.rng.standard_normal())))
-        pieces.append(_thrown(maker, _begun_late(maker, piece) if not pieces else piece, step))
+    done, total = 0, 0.0
+    while not _enough(step, done, total, duration_s):
+        piece = maker.piece(maker.draw(segments, chances))
+        piece = edits.paced(piece, pace * float(np.exp(0.03 * maker.rng.standard_normal())))
+        if step.count is not None:
+            piece = _with_flights(piece, step.count - done)
+        piece = _thrown(maker, _begun_late(maker, piece) if not pieces else piece, step)
+        pieces.append(piece)
+        done += len(flights(piece))
         total += len(piece) / RATE_HZ
-    return joined(pieces)
+    whole = joined(pieces)
+    if step.duration_s is not None:
+        whole = _until(maker, whole, step.duration_s)
+    return _on_one_leg(maker, whole, step.side) if step.body_part in ("foot", "leg") else whole
+
+
+def _kinds(maker: Maker, step: Step) -> tuple[str, ...]:
+    """Which recorded jumps show what a step asks for."""
+    if step.direction is not None:
+        return ("forward",) if step.direction in ("forward", "straight") else ("up",)
+    if step.body_part in ("foot", "leg") and any(each.kind == "hop" for each in maker.store.segments):
+        return ("hop",)
+    if step.body_part in ("arm", "hand"):
+        return ("jacks",)
+    # Which way is left open: every recording has the same chance.
+    return (maker.draw(maker.segments("jump", "forward", "up")).kind,)
+
+
+def _enough(step: Step, done: int, total_s: float, duration_s: float) -> bool:
+    if step.count is not None:
+        return done >= step.count
+    return total_s >= (duration_s if step.duration_s is not None else 0.75 * duration_s)
+
+
+def flights(piece: Piece) -> list[tuple[int, int]]:
+    """Frames, first and behind the last, in which neither foot stands for `SHORTEST_FLIGHT_S` or longer."""
+    air = np.asarray(~piece.planted.any(axis=(1, 2)))
+    return [(start, stop) for start, stop in runs(air) if stop - start >= SHORTEST_FLIGHT_S * RATE_HZ]
+
+
+def _with_flights(piece: Piece, most: int) -> Piece:
+    """A piece up to the middle of the contact after so many flights."""
+    found = flights(piece)
+    if len(found) <= most:
+        return piece
+    return piece.part(0, (found[most - 1][1] + found[most][0]) // 2)
+
+
+def _until(maker: Maker, piece: Piece, duration_s: float) -> Piece:
+    """Jumps that last so long: up to the last landing before the end, and standing then."""
+    count = round(duration_s * RATE_HZ) + 1
+    landed = [stop for _, stop in flights(piece) if stop + LANDING_S * RATE_HZ < count]
+    if not landed:
+        return piece.part(0, count)
+    kept = min(len(piece), landed[-1] + round(LANDING_S * RATE_HZ))
+    if kept >= count:
+        return piece.part(0, count)
+    quiet = stand(maker, Step(action="stand"), (count - kept) / RATE_HZ)
+    return joined([piece.part(0, kept), quiet], blend_s=0.5).part(0, count)
+
+
+def _on_one_leg(maker: Maker, piece: Piece, side: str | None) -> Piece:
+    """Jumps of both legs with one of them drawn up, from the begin to the end of what is done on the `side` leg."""
+    stands = side or str(maker.rng.choice(["left", "right"]))
+    free = "right" if stands == "left" else "left"
+    frames = np.arange(len(piece))
+    ramp = LIFTED_S * RATE_HZ
+    weight = minimum_jerk(np.clip(np.minimum(frames, frames[::-1]) / ramp, 0.0, 1.0))[:, None]
+    local = piece.poses.local.copy()
+    for joint, degrees in (("hip", -40.0), ("knee", 105.0)):
+        number = INDEX[f"{free}_{joint}"]
+        up = quaternions.about_axis(np.array([0.0, 1.0, 0.0]), np.full(len(piece), np.radians(degrees)))
+        local[:, number] = quaternions.blend(local[:, number], up, weight)
+    planted = piece.planted.copy()
+    planted[weight[:, 0] > 0, int(free == "right")] = False
+    return replace(piece, poses=replace(piece.poses, local=local), planted=planted).noted(f"on the {stands} leg")
 
 
 def _begun_late(maker: Maker, piece: Piece) -> Piece:

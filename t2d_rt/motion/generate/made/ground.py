@@ -307,11 +307,11 @@ def floor_seated(who: Performer, step: Step) -> Score:
     """A score that begins with sitting on the floor."""
     score = stance(who)
     floor_seat(score, who, Step(action="sit", object="floor", manner=step.manner))
-    return seat.begun(score, who)
+    return seat.begun(score, who, step)
 
 
 def lying(who: Performer, step: Step, *, bed: bool) -> Score:
     """A score that begins with lying on the back."""
     score = stance(who)
     lie_down(score, who, Step(action="lie_down", object=None if bed else "floor", manner=step.manner))
-    return seat.begun(score, who)
+    return seat.begun(score, who, step)

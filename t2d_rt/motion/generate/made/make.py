@@ -12,7 +12,7 @@ from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate.made import ground, seat, stairs, standing, stretch
 from t2d_rt.motion.generate.made.anatomy import Anatomy
 from t2d_rt.motion.generate.made.hands import InSpace
-from t2d_rt.motion.generate.made.performer import AFTER_S, Performer, performer, shift, stance, tempo_of
+from t2d_rt.motion.generate.made.performer import AFTER_S, PROMPT, Performer, performer, shift, stance, tempo_of
 from t2d_rt.motion.generate.made.render import render
 from t2d_rt.motion.generate.made.score import INDEX, SIDES, SIGN, Grasp, Posture, Score
 from t2d_rt.motion.kinematics import Poses, Skeleton
@@ -103,7 +103,7 @@ def _start(who: Performer, step: Step, begins: Posture | None) -> Score:
         rises = step.action == "stand_up"
         begins = ("lying on the floor" if step.object == "floor" else "sitting") if rises else "standing"
     if begins == "standing":
-        score = stance(who)
+        score = stance(who, waits=1.0 if step.duration_s is None else PROMPT)
         if step.action == "stand_up":
             ground.sit_down(score, who, Step(action="sit", object=step.object, manner=step.manner))
         return score

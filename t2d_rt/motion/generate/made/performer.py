@@ -22,6 +22,9 @@ head down (Michalak 2009)."""
 BEFORE_S, AFTER_S = (0.2, 1.4), (0.0, 1.0)
 """Time at rest before a motion and after it: recordings begin and end at no fixed instant, and motions differ by it."""
 
+PROMPT = 0.2
+"""Factor on the time at rest before a step that is to last for a given time."""
+
 SHIFT, SHIFT_ASIDE, SHIFT_BACK = (0.12, 0.34), 0.12, 0.3
 """How far one steps ahead or back, and at most aside, before and after what is done on the spot, over stature: half a step to a
 step; and the chance that it is back."""
@@ -107,8 +110,8 @@ def tempo_of(step: Step, rng: np.random.Generator, individual: float) -> float:
     )
 
 
-def stance(who: Performer) -> Score:
-    """A score that begins with quiet standing, ankles about the origin, facing +x."""
+def stance(who: Performer, *, waits: float = 1.0) -> Score:
+    """A score that begins with quiet standing, ankles about the origin, facing +x; `waits` is a factor on how long it stands."""
     body, traits = who.anatomy, who.traits
     values: dict[str, float] = {
         "z": body.standing_m,
@@ -122,7 +125,7 @@ def stance(who: Performer) -> Score:
     values["tilt"] = who.about(0, 1.5) * DEG
     score = Score(values=values)
     score.starts = {side: who.hang() for side in SIDES}
-    score.wait(who.u(*BEFORE_S))
+    score.wait(waits * who.u(*BEFORE_S))
     return score
 
 

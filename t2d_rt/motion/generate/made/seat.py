@@ -6,7 +6,15 @@ import numpy as np
 
 from t2d_rt.motion.descriptions.slots import Step
 from t2d_rt.motion.generate.made.hands import Goal, InSpace, OnBone
-from t2d_rt.motion.generate.made.performer import BEFORE_S, Performer, middle, stance, stand_tall, turn_on_the_spot
+from t2d_rt.motion.generate.made.performer import (
+    BEFORE_S,
+    PROMPT,
+    Performer,
+    middle,
+    stance,
+    stand_tall,
+    turn_on_the_spot,
+)
 from t2d_rt.motion.generate.made.render import still
 from t2d_rt.motion.generate.made.score import DEG, INDEX, OTHER, SIDES, SIGN, Score
 
@@ -111,16 +119,16 @@ def seated(who: Performer, step: Step) -> Score:
     """A score that begins in a chair."""
     score = stance(who)
     sit(score, who, Step(action="sit", object=step.object, manner=step.manner), backrest=True)
-    return begun(score, who)
+    return begun(score, who, step)
 
 
-def begun(score: Score, who: Performer) -> Score:
-    """A score that begins where another one ends, at rest."""
+def begun(score: Score, who: Performer, step: Step) -> Score:
+    """A score that begins where another one ends, at rest, before a step."""
     found = Score(
         values=dict(score.values), place=score.place, home=score.home, notes=list(score.notes), posture=score.posture
     )
     found.starts = {side: score.goal(side) for side in SIDES}
-    found.wait(who.u(*BEFORE_S))
+    found.wait((1.0 if step.duration_s is None else PROMPT) * who.u(*BEFORE_S))
     return found
 
 

@@ -1,0 +1,113 @@
+"""What a sentence says of how often and how long is in the motion: flights, sits and bends are counted, durations measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from t2d_rt.motion.check.support import flights_s
+from t2d_rt.motion.check.tracks import tracks
+from t2d_rt.motion.descriptions import parse_description
+from t2d_rt.motion.generate import motion_from_text
+from t2d_rt.types.motion import Motion
+
+
+def dips(height_m: np.ndarray, low: float) -> int:
+    """How often a height (T,) goes below `low` of its range from above."""
+    below = height_m < height_m.min() + low * np.ptp(height_m)
+    return int(np.count_nonzero(below[1:] & ~below[:-1]))
+
+
+def hips(motion: Motion) -> np.ndarray:
+    return motion.joints[:, motion.index("pelvis"), 2]
+
+
+@pytest.mark.parametrize(
+    ("sentence", "count"),
+    [
+        ("a man jumps up once", 1),
+        ("a man hops on one leg four times", 4),
+        ("she takes three hops", 3),
+        ("a girl jumps to the left twice", 2),
+        ("a boy jumps forward a couple of times and stands still", 2),
+    ],
+)  # fmt: skip
+def test_jumps_are_as_many_as_the_sentence_says(sentence: str, count: int) -> None:
+    for seed in (0, 1):
+        assert len(flights_s(tracks(motion_from_text(sentence, seed=seed)))) == count
+
+
+def test_who_hops_on_one_leg_lands_on_one() -> None:
+    motion = motion_from_text("a woman hops on her left leg three times", seed=3)
+    start, duration, _ = flights_s(tracks(motion))[1]
+    landed = round((start + duration + 0.1) * motion.rate_hz)
+    left, right = (motion.joints[landed, motion.index(f"{side}_ankle"), 2] for side in ("left", "right"))
+    assert left < 0.12
+    assert right > 0.2
+
+
+@pytest.mark.parametrize(
+    ("sentence", "count"),
+    [("a man squats three times", 3), ("a woman sits down twice", 2), ("an old man sits down and stands up three times", 3)],
+)  # fmt: skip
+def test_hips_go_down_as_often_as_the_sentence_says(sentence: str, count: int) -> None:
+    assert dips(hips(motion_from_text(sentence, seed=2)), 0.6) == count
+
+
+def test_the_head_goes_down_as_often_as_the_person_bends() -> None:
+    motion = motion_from_text("a person bends down four times", seed=1)
+    assert dips(motion.joints[:, motion.index("head"), 2], 0.5) == 4
+
+
+@pytest.mark.parametrize(
+    ("sentence", "seconds"),
+    [
+        ("a man walks for eight seconds", 8),
+        ("a man limps for seven seconds", 7),
+        ("a man jumps for ten seconds", 10),
+        ("a woman squats for five seconds", 5),
+        ("a woman turns to the left for three seconds", 3),
+        ("a man dances for a quarter of a minute, no, for half a minute", 30),
+    ],
+)  # fmt: skip
+def test_what_lasts_lasts(sentence: str, seconds: float) -> None:
+    assert motion_from_text(sentence, seed=1).duration_s == pytest.approx(seconds, rel=0.1)
+
+
+def test_a_walk_before_something_else_lasts_too() -> None:
+    for seed in (0, 1, 2):
+        motion = motion_from_text("a person walks for six seconds, then sits down", seed=seed)
+        low = hips(motion) < np.median(hips(motion)[:120]) - 0.06
+        assert 5.4 < np.flatnonzero(low)[0] / motion.rate_hz < 6.9  # who sits down leans forward for 0.3 s before
+
+
+def test_a_fall_begins_when_the_walk_has_lasted() -> None:
+    pytest.importorskip("mujoco")
+    for sentence, seconds in (
+        ("walks for six seconds, then trips", 6.0),
+        ("stands for three seconds and collapses", 3.0),
+    ):
+        motion = motion_from_text(f"a person {sentence}", seed=1)
+        (event,) = [each for each in motion.origin if each.startswith("fall by")]
+        assert float(event.split("event ")[1].split(" s")[0]) == pytest.approx(seconds, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("words", "slot", "value"),
+    [
+        ("once", "count", 1), ("one time", "count", 1), ("a few times", "count", 3), ("several times", "count", 4),
+        ("for half a minute", "duration_s", 30.0),
+        ("for about twenty five seconds", "duration_s", 25.0),
+        ("for a few seconds", "duration_s", 3.0),
+        ("for a minute", "duration_s", 60.0),
+    ],
+)  # fmt: skip
+def test_numbers_in_words(words: str, slot: str, value: float) -> None:
+    parsed = parse_description(f"a man squats {words}")
+    assert getattr(parsed.description, slot) == value
+    assert (parsed.read_as != ()) == ("few" in words or "several" in words)
+    assert parsed.ignored == ()
+
+
+def test_a_once_that_is_a_conjunction_is_no_count() -> None:
+    assert all(step.count is None for step in parse_description("once he has sat down he stands up").description.steps)
