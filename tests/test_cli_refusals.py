@@ -123,7 +123,10 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--motion.units furlong", "units 'furlong' are unknown"),
         ("--motion.flavour foo", "flavour 'foo' is unknown; choose one of"),
         ("--motion.smooth-hz soft", "option motion.smooth_hz must be a number or auto or null, got 'soft'"),
-        ("--motion.up w", "option motion.up must be x or y or z or -x or -y or -z or null, got 'w'"),
+        (
+            "--motion.up w",
+            "option motion.up must be x or y or z or -x or -y or -z or file or a list such as [1, 2.5] or null, got 'w'",
+        ),
         ("--signal.mti foo", "MTI method must be 'none', 'mean', 'highpass' or 'canceller', got 'foo'"),
         ("--signal.window foo", "unknown window 'foo'"),
         ("--signal.n-window 999999", "shorter than the STFT window of 999999"),

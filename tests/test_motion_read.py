@@ -406,7 +406,7 @@ def test_bad_options(tmp_path: Path, momask_text: str) -> None:
         ({"units": "cubit"}, "units 'cubit' are unknown"),
         ({"units": 300.0}, "body would be .* m tall"),
         ({"units": float("nan")}, "units must be finite, got nan"),
-        ({"up": "w"}, "is no axis"),
+        ({"up": "w"}, "up must be .*, got 'w'; or give a vector"),
         ({"flavour": "smpl"}, "flavour 'smpl' is unknown"),
         ({"flavour": "cmu-a"}, "lacks"),
         ({"smooth_hz": 40.0}, "cut-off must lie between"),

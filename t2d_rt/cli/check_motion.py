@@ -24,6 +24,9 @@ MOST_ROWS = 64
 DEEP_M = 0.05
 """Depth of the skin in the floor from which it is told: files know their floor to some centimetres, flesh gives way."""
 
+TOLD = "assumed", "turned level", "tilted by", "inclines"
+"""Words of a motion's report that the verdict hangs on: a wrong rate is a wrong speed."""
+
 EXAMPLES = """examples:
   t2d-rt check-motion walk.bvh                               # passed, or why not; whether there is a fall in it
   t2d-rt check-motion made/*.bvh --class falling --strict    # exit code 1 where one is not a sound fall
@@ -120,9 +123,7 @@ def _told(path: Path, verdict: Verdict, motion: Motion, body: str) -> str:
     from t2d_rt.body import depth_m
 
     lines = [f"{path}: {'passed' if verdict.passed else 'refused'}"]
-    lines += [
-        f"  {clause}" for clause in motion.report.split("; ") if "assumed" in clause
-    ]  # a wrong rate is a wrong speed
+    lines += [f"  {clause}" for clause in motion.report.split("; ") if any(word in clause for word in TOLD)]
     lines += [f"  {reason}" for reason in verdict.reasons]
     if (deep_m := depth_m(motion, body)) > DEEP_M:
         lines.append(f"  skin: body {body} reaches {100 * deep_m:.1f} cm below the floor at z = 0")

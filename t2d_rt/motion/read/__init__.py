@@ -9,7 +9,7 @@ from typing import Literal
 
 from t2d_rt.checks import file_path
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.motion.read.detect import Up
+from t2d_rt.motion.read.detect import GivenUp
 from t2d_rt.motion.read.formats import is_bvh, read_tracks
 from t2d_rt.motion.read.positions import motion_from_joints
 from t2d_rt.motion.read.reading import LOWEST_CUTOFF_HZ, Reading, file_origin
@@ -27,7 +27,7 @@ def load_motion(
     path: str | Path,
     *,
     units: float | str | None = None,
-    up: Up | None = None,
+    up: GivenUp | None = None,
     floor: float | None = None,
     drop_tpose: bool | None = None,
     smooth_hz: float | Literal["auto"] | None = "auto",
@@ -43,7 +43,8 @@ def load_motion(
     Everything left None is detected and told in `Motion.report`.
 
     units: length of the file's unit in metres, or its name: m, cm, mm, inch, ft, dm or cmu.
-    up: the file's upward axis, such as "y" or "-z".
+    up: the file's upward axis, such as "y" or "-z", or a vector in its axes; "file" is the axis that is found. Left out, a motion
+        that a tilted camera saw is turned level by planted feet and balance.
     floor: height of the floor in the file [m].
     drop_tpose: whether the calibration pose at the start is dropped.
     smooth_hz: cut-off of a low-pass filter [Hz]; null does not filter, "auto" filters at 12 Hz where the file jitters, and

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.geometry import vectors
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.posture import STATURE_PER_CHAIN, facing, stature_m
 from t2d_rt.motion.read.complete import FOOT_AHEAD, FOOT_DOWN
@@ -51,6 +52,8 @@ FLOOR_PERCENTILE = 2.0
 """The floor is where the lowest foot joint is in the lowest 2 % of frames: robust to a bad frame, right for jumps."""
 
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
+GivenUp = Up | Literal["file"] | tuple[float, float, float]
+"""What a user says: an axis or any vector, or the file's own axis as it is found."""
 
 
 def unit(points: dict[str, np.ndarray], units: float | str | None, *, cmu_units: bool = False) -> tuple[float, float]:
@@ -238,13 +241,15 @@ def floor_spread(points: dict[str, np.ndarray], up: Up) -> float:
 
 
 def to_z_up(
-    points: dict[str, np.ndarray], orientations: dict[str, np.ndarray], up: str, unit_m: float
+    points: dict[str, np.ndarray],
+    orientations: dict[str, np.ndarray],
+    up: Up | tuple[float, float, float],
+    unit_m: float,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Cyclic change of axes (proper rotation): y up becomes (z, x, y); in metres."""
-    if up not in ("x", "y", "z", "-x", "-y", "-z"):
-        raise InputError(f"up={up!r} is no axis; give 'x', 'y', 'z', '-x', '-y' or '-z'")
-    axis = "xyz".index(up[-1])
-    z, x = (-1.0 if up[0] == "-" else 1.0) * np.eye(3)[axis], np.eye(3)[(axis + 1) % 3]
+    """Cyclic change of axes (proper rotation): y up becomes (z, x, y), a vector is likewise as the axis next to it; in metres."""
+    z = _along(up) if isinstance(up, str) else vectors.unit(np.asarray(up, dtype=float))
+    x = np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3]
+    x = vectors.unit(x - (x @ z) * z)
     rows = np.stack([x, np.cross(z, x), z])
     rotation = quaternions.from_matrix(rows)
     moved = {name: unit_m * (track @ rows.T) for name, track in points.items()}

@@ -7,11 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from t2d_rt.checks import LARGEST_M, flag, number, positive, text
-from t2d_rt.errors import printable
+import numpy as np
+
+from t2d_rt.checks import LARGEST_M, array, choice, flag, number, positive, text
+from t2d_rt.errors import InputError, printable
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, smooth
-from t2d_rt.motion.read.detect import UNITS_M, Up
+from t2d_rt.motion.read.detect import UNITS_M, GivenUp, Up
 from t2d_rt.types.motion import Motion, checked_rate
+
+AXES = ("x", "y", "z", "-x", "-y", "-z", "file")
 
 LOWEST_CUTOFF_HZ = 0.1
 """Below, a low-pass leaves nothing of human movement and the filter's coefficients lose their digits."""
@@ -22,7 +26,7 @@ class Reading:
     """What the user says of a file; None is detected. The fields are `load_motion`'s options."""
 
     units: float | str | None = None
-    up: Up | None = None
+    up: GivenUp | None = None
     floor: float | None = None
     drop_tpose: bool | None = None
     smooth_hz: float | Literal["auto"] | None = "auto"
@@ -41,9 +45,23 @@ class Reading:
             number("smooth_hz", self.smooth_hz, LOWEST_CUTOFF_HZ, unit="Hz", hint="a cut-off in Hz, None or 'auto'")
         if self.rate_hz is not None:
             checked_rate(self.rate_hz)
-        for name, value in (("up", self.up), ("flavour", self.flavour), ("subject", self.subject)):
+        if isinstance(self.up, str):
+            choice("up", self.up, AXES, hint="or give a vector in the file's axes")
+        elif self.up is not None and not np.linalg.norm(array("up", self.up, (3,), limit=LARGEST_M)) > 0:
+            raise InputError(
+                "up must be an axis such as 'z' or '-y', 'file', or a vector of some length, got one without"
+            )
+        for name, value in (("flavour", self.flavour), ("subject", self.subject)):
             if value is not None:
                 text(name, value)
+
+    @property
+    def axis(self) -> Up | tuple[float, float, float] | None:
+        """The upward direction in the file that was given, None where it is to be found."""
+        if self.up is None or isinstance(self.up, str):
+            return None if self.up == "file" else self.up
+        x, y, z = (float(value) for value in self.up)
+        return x, y, z
 
 
 def file_origin(path: Path) -> str:

@@ -13,6 +13,7 @@ from t2d_rt.motion.match import DECISIVE, MOST_FRAMES, Match, match, signs
 from t2d_rt.motion.read.bvh import RawSkeleton, bodies, forward_kinematics, read_bvh
 from t2d_rt.motion.read.detect import add_feet, floor_level, to_z_up, tpose_frames, unit, up_axis
 from t2d_rt.motion.read.flips import flips, told
+from t2d_rt.motion.read.ground import levelled
 from t2d_rt.motion.read.positions import assemble
 from t2d_rt.motion.read.reading import Reading, smoothed
 from t2d_rt.motion.read.samples import Samples, whole, without_leaps
@@ -43,16 +44,16 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     if matched is None:
         _check_sides(points, kind)
     unit_m, stature_m = unit(points, reading.units, cmu_units=kind.cmu_units)
-    axis = reading.up or up_axis(points, _rest_pose(raw, kind))
+    axis = reading.axis or up_axis(points, _rest_pose(raw, kind))
     points, orientations = to_z_up(points, orientations, axis, unit_m)
-    add_feet(points, orientations, stature_m)
     drop = reading.drop_tpose
     dropped = tpose_frames(points) if drop is None else (max(tpose_frames(points), 1) if drop else 0)
     points, orientations = (
         {name: track[dropped:] for name, track in group.items()} for group in (points, orientations)
     )
     steady = without_leaps(Samples(points=points, turned=orientations, rate_hz=samples.rate_hz, told=samples.told))
-    points, orientations = steady.points, steady.turned
+    points, orientations, ground = levelled(steady.points, steady.turned, samples.rate_hz, reading.up)
+    add_feet(points, orientations, stature_m)
     level = floor_level(points) if reading.floor is None else float(reading.floor)
     motion = assemble(points, orientations, samples.rate_hz, level)
     del points, orientations, samples  # half of the memory that a long motion takes
@@ -62,7 +63,7 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     report = [
         f"BVH, {len(motion.joints)} frames at {motion.rate_hz:g} Hz",
         *who, f"flavour {kind.name}" if matched is None else matched.told,
-        *steady.told, f"1 unit = {unit_m:.4g} m (stature {stature_m:.2f} m)", f"up {axis}",
+        *steady.told, f"1 unit = {unit_m:.4g} m (stature {stature_m:.2f} m)", f"up {axis}", *ground,
         f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
     ]  # fmt: skip
     if restored:

@@ -22,6 +22,7 @@ from t2d_rt.motion.read.detect import (
     tpose_frames,
     unit,
 )
+from t2d_rt.motion.read.ground import levelled
 from t2d_rt.motion.read.joint_sets import LEAST_LIKELY, unlikeness
 from t2d_rt.motion.read.noise import denoised
 from t2d_rt.motion.read.orientations import SHORTEST_M, orientations_from_positions
@@ -86,28 +87,27 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     if tracks.rate_assumed and reading.rate_hz is None:
         told.insert(0, f"{rate_hz:g} Hz assumed, the file does not say")
     unit_m, tall_m = _unit(points, tracks.unit_m, reading.units)
-    axis = reading.up or (tracks.up if tracks.up and tracks.up_certain else stance_axis(points, tracks.up))
+    axis = reading.axis or (tracks.up if tracks.up and tracks.up_certain else stance_axis(points, tracks.up))
     points, turned = to_z_up(points, tracks.orientations or {}, axis, unit_m)
     _check_sides(points)
-    told += _feet(points, turned, tall_m)
     points, turned, dropped = _without_tpose(points, turned, reading.drop_tpose)
     steady = without_leaps(Samples(points=points, turned=turned, rate_hz=rate_hz))
     points, turned = steady.points, steady.turned
     told += steady.told
+    points, smoothing = (points, None) if turned else _quiet(points, rate_hz, reading)
+    points, turned, ground = levelled(points, turned, rate_hz, reading.up)
+    told += _feet(points, turned, tall_m)
     level = floor_level(points) if reading.floor is None else float(reading.floor)
     if tracks.orientations is None:
-        points, smoothing = _quiet(points, rate_hz, reading)
         turned = orientations_from_positions(points, rate_hz)
         told.append("rotations from positions")
-    else:
-        smoothing = None
     motion = assemble(points, turned, rate_hz, level)
     if smoothing is None:
         motion, smoothing = smoothed(motion, reading.smooth_hz)
     warn_of_rate(rate_hz)
     told = [
         f"{tracks.form}, {len(motion.joints)} frames at {rate_hz:g} Hz", *told,
-        f"1 unit = {unit_m:.4g} m (stature {tall_m:.2f} m)", f"up {axis}",
+        f"1 unit = {unit_m:.4g} m (stature {tall_m:.2f} m)", f"up {axis}", *ground,
         f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
     ]  # fmt: skip
     return replace(motion, report="; ".join(told))

@@ -1,0 +1,231 @@
+"""Which way gravity points, where a file does not keep to an axis: a tilted camera turns floor and body alike.
+
+Two signs, both free of any axis: planted feet lie on the floor, and over time the centre of mass is above them (else the body would
+fall). Along a walk the floor is seen to a fraction of a degree; across it, and where somebody stays at one place, balance says it
+to 3 degrees. A ramp or stairs incline the feet's places as well, but there the centre of mass stays above the feet along the file's
+own axis: such a floor is kept.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2d_rt.errors import T2DWarning
+from t2d_rt.geometry.vectors import unit
+from t2d_rt.motion.contacts import runs
+from t2d_rt.motion.quaternions import between, multiply, rotate
+
+WEIGHTS = (
+    ("hip", "knee", 0.41, 0.143),
+    ("knee", "ankle", 0.44, 0.06),
+    ("shoulder", "elbow", 0.5, 0.027),
+    ("elbow", "wrist", 0.6, 0.022),
+)
+"""Limbs, where their centres of mass lie between the joints, and their shares of the body's mass, hands and feet with forearm and
+shank (de Leva 1996)."""
+HEAD_FRACTION, TRUNK_FRACTION = 0.08, 1.0 - 0.08 - 2 * sum(part for *_, part in WEIGHTS)
+
+UNDER = 0.06
+"""Of the leg, by which the mean place of a foot's load lies ahead of its ankle: balance is upright within 3 degrees in 70 walks."""
+
+EXTENDED, NEAR = 0.85, 0.12
+"""Over the leg's length: of hip to ankle, at least, of a leg that carries, and by which its foot may be higher than the other."""
+UPRIGHT_LEG, UPRIGHT_TRUNK = 0.6, 0.5
+"""Cosines to the file's axis: of who stands, even where the camera is tilted by 35 degrees."""
+
+SLOW_MPS, SLOW_PART = 0.25, 0.35
+"""Speed of an ankle up to which its foot is planted, or that fraction of the hips' own in a run."""
+SMOOTH_S, SHORTEST_S = 0.1, 0.06
+"""Time over which ankles are averaged for their speed, and the shortest contact."""
+
+SPOT_M, BALANCE_RAD = 0.02, np.radians(2.5)
+"""Standard deviations: of the height of a planted ankle above the floor, and of the direction from feet to centre of mass."""
+
+FEWEST_SPOTS, LEAST_RISE_M, LEAST_SLOPE_RAD, MOST_RESIDUAL = 4, 0.1, np.radians(1.75), 0.15
+"""From when on planted feet lie on an incline: so many of them, so far up, so steep, with a residual of at most that part of the
+rise. Of 144 sound recordings none is there; their floors are uneven, or drift by 8 cm over a walk."""
+
+LEAST_LEAN_RAD, LEAST_STANCE_S, LEAST_STANCE, LEVEL_M = np.radians(6.0), 1.5, 0.5, 0.03
+"""From when on balance alone tilts a file: so far, standing for so long and for such a part of the time that the trunk is upright,
+on feet that lie on a plane up to a residual."""
+WALK_LEAN_RAD, WALK_M, WALK_STANCE, WALK_LEVEL_M = np.radians(3.0), 1.5, 0.6, 0.02
+"""Likewise for a walk that goes so far: left and right stance make up for one another, to 1.3 degrees in 70 walks."""
+
+TILTS = np.log(2.0)
+"""Logarithm of how much more usual a tilted camera is than a floor of like incline."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ground:
+    """What planted feet and balance say of a motion, z up."""
+
+    vertical: np.ndarray
+    """Unit vector (3,) that is upward by them."""
+    tilted: bool
+    """Whether the file's axes are tilted against gravity; else a floor that inclines is real."""
+    rise_m: float
+    """Greatest difference of the heights of planted feet."""
+    residual_m: float
+    """Of them from their plane, RMS."""
+
+    @property
+    def angle_deg(self) -> float:
+        """From the file's axis to the vertical."""
+        return float(np.degrees(np.arccos(np.clip(self.vertical[2], -1.0, 1.0))))
+
+
+def levelled(
+    points: dict[str, np.ndarray], turned: dict[str, np.ndarray], rate_hz: float, up: object
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], list[str]]:
+    """Points (T, 3) [m] and orientations (T, 4), z up, turned so that gravity is down, and clauses for the report.
+
+    up: what the user said. An axis or a vector is kept, with a warning where the motion is tilted against it; "file" without.
+    """
+    found = ground(points, rate_hz)
+    if found is None:
+        return points, turned, []
+    seen = f"planted feet rise by {found.rise_m:.2f} m against the axis, residual {1e3 * found.residual_m:.0f} mm"
+    if not found.tilted:
+        return points, turned, [f"the floor inclines ({seen}) under an upright body and is kept"]
+    if up is not None:
+        if not (isinstance(up, str) and up == "file"):
+            warnings.warn(
+                f"floor and body are tilted together by {found.angle_deg:.1f} degrees ({seen}), as a tilted camera sees them; "
+                "leave up (--motion.up) out to have them levelled",
+                T2DWarning,
+                stacklevel=4,
+            )
+        return points, turned, [f"tilted by {found.angle_deg:.1f} degrees ({seen})"]
+    turn = between(found.vertical, np.array([0.0, 0.0, 1.0]))
+    return (
+        {name: rotate(turn, track) for name, track in points.items()},
+        {name: multiply(turn, track) for name, track in turned.items()},
+        [f"turned level by {found.angle_deg:.1f} degrees, as planted feet and balance have it ({seen})"],
+    )
+
+
+def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
+    """Vertical and floor by planted feet and balance; None where they agree with z, or where too little is seen."""
+    planted = planted_feet(points, rate_hz)
+    balance, stance = _balance(points, planted)
+    if balance is None:
+        return None
+    sides = (points["left_ankle"], points["right_ankle"])
+    spots = np.array(
+        [track[a:b].mean(axis=0) for track, flags in zip(sides, planted, strict=True) for a, b in runs(flags)]
+    )
+    z = np.array([0.0, 0.0, 1.0])
+    level = between(balance, z)
+    normal, residual = _plane(rotate(level, spots))
+    vertical = rotate(level * [-1, -1, -1, 1], normal)
+    slope = float(np.arccos(np.clip(vertical[2], -1.0, 1.0)))
+    rise = float(np.ptp(spots[:, 2]))
+    inclined = (
+        len(spots) >= FEWEST_SPOTS
+        and rise >= LEAST_RISE_M
+        and slope >= LEAST_SLOPE_RAD
+        and residual <= MOST_RESIDUAL * rise
+    )
+    part = stance / max(int(_upright(points).sum()), 1)
+    walks = np.ptp(spots, axis=0).max() >= WALK_M and part >= WALK_STANCE and residual <= WALK_LEVEL_M
+    steady = part >= LEAST_STANCE and residual <= LEVEL_M and stance >= LEAST_STANCE_S * rate_hz
+    leans = steady and slope >= (WALK_LEAN_RAD if walks else LEAST_LEAN_RAD)
+    if not inclined and not leans:
+        return None
+    odds = TILTS + (np.sum((balance - z) ** 2) - np.sum((balance - vertical) ** 2)) / (2 * BALANCE_RAD**2)
+    return Ground(vertical=vertical, tilted=bool(odds > 0), rise_m=rise, residual_m=residual)
+
+
+def planted_feet(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Whether the left and the right foot (T,) each carry a standing body, in any axes within 35 degrees of z up."""
+    from scipy.ndimage import uniform_filter1d
+
+    width = 2 * round(0.5 * SMOOTH_S * rate_hz) + 1
+    hips, upright = _middle(points, "hip"), _upright(points)
+    ankles = [uniform_filter1d(points[f"{side}_ankle"], width, axis=0, mode="nearest") for side in ("left", "right")]
+    legs = [points[f"{side}_hip"] - points[f"{side}_ankle"] for side in ("left", "right")]
+    length = leg_m(points)
+    carries = [
+        upright & (np.linalg.norm(leg, axis=-1) > EXTENDED * length) & (unit(leg)[:, 2] > UPRIGHT_LEG) for leg in legs
+    ]
+    found = carries[0] | carries[1]
+    if not found.any():
+        return carries[0], carries[1]
+    axis = unit(np.median((hips - 0.5 * (ankles[0] + ankles[1]))[found], axis=0))
+    most = max(
+        SLOW_MPS, SLOW_PART * float(np.median(_speed(uniform_filter1d(hips, width, axis=0, mode="nearest"), rate_hz)))
+    )
+    planted = []
+    for side, other in ((0, 1), (1, 0)):
+        low = (ankles[side] - ankles[other]) @ axis < NEAR * length
+        flags = carries[side] & low & (_speed(ankles[side], rate_hz) < most)
+        for start, stop in runs(flags):
+            if stop - start < max(2, SHORTEST_S * rate_hz):
+                flags[start:stop] = False
+        planted.append(flags)
+    return planted[0], planted[1]
+
+
+def _middle(points: dict[str, np.ndarray], joint: str) -> np.ndarray:
+    return np.asarray(0.5 * (points[f"left_{joint}"] + points[f"right_{joint}"]))
+
+
+def _upright(points: dict[str, np.ndarray]) -> np.ndarray:
+    """Whether the trunk is (T,)."""
+    return np.asarray(unit(_middle(points, "shoulder") - _middle(points, "hip"))[:, 2] > UPRIGHT_TRUNK)
+
+
+def leg_m(points: dict[str, np.ndarray]) -> float:
+    """Length of thigh and shank."""
+    bones = [
+        np.linalg.norm(points[f"{side}_{upper}"] - points[f"{side}_{lower}"], axis=-1)
+        for side in ("left", "right")
+        for upper, lower in (("hip", "knee"), ("knee", "ankle"))
+    ]
+    return 0.5 * float(sum(np.median(bone) for bone in bones))
+
+
+def _speed(track: np.ndarray, rate_hz: float) -> np.ndarray:
+    return np.asarray(np.linalg.norm(np.gradient(track, 1.0 / rate_hz, axis=0), axis=-1))
+
+
+def _balance(points: dict[str, np.ndarray], planted: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray | None, int]:
+    """Mean direction (3,) from the feet that carry to the centre of mass, left and right stance counted the same, and over how many
+    frames."""
+    mass = HEAD_FRACTION * points["head"]
+    for side in ("left", "right"):
+        for upper, lower, at, part in WEIGHTS:
+            a, b = points[f"{side}_{upper}"], points[f"{side}_{lower}"]
+            mass = mass + part * (a + at * (b - a))
+        mass = mass + 0.25 * TRUNK_FRACTION * (points[f"{side}_hip"] + points[f"{side}_shoulder"])
+    up = mass - _middle(points, "ankle")
+    ahead = unit(np.cross(points["left_hip"] - points["right_hip"], up))
+    left, right = (mass - points[f"{side}_ankle"] - UNDER * leg_m(points) * ahead for side in ("left", "right"))
+    both = planted[0] & planted[1]
+    one = [vectors[flags & ~both] for vectors, flags in zip((left, right), planted, strict=True)]
+    total, frames = (0.5 * (left + right))[both].sum(axis=0), int(both.sum())
+    if min(len(each) for each in one) > 2:
+        total = total + 0.5 * (len(one[0]) + len(one[1])) * (one[0].mean(axis=0) + one[1].mean(axis=0))
+        frames += len(one[0]) + len(one[1])
+    return (unit(total) if frames else None), frames
+
+
+def _plane(spots: np.ndarray) -> tuple[np.ndarray, float]:
+    """Normal (3,) of planted feet's places (N, 3), already levelled by balance, and their residual [m].
+
+    Least squares, places that lie off count less; the incline that balance leaves is 0 within `BALANCE_RAD`.
+    """
+    centred = spots - spots.mean(axis=0)
+    terms = np.c_[centred[:, :2], np.ones(len(spots))]
+    weight = np.ones(len(spots))
+    prior = np.diag([1.0, 1.0, 0.0]) / BALANCE_RAD**2
+    rest = centred[:, 2]
+    for _ in range(20):
+        weighted = terms.T * (weight / SPOT_M**2)
+        incline = np.linalg.solve(weighted @ terms + prior, weighted @ centred[:, 2])
+        rest = centred[:, 2] - terms @ incline
+        weight = 1.0 / np.sqrt(1.0 + (rest / (2 * SPOT_M)) ** 2)
+    return unit(np.array([-incline[0], -incline[1], 1.0])), float(np.sqrt((rest**2).mean()))
