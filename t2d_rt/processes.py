@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-LOOK_S = 0.25
+INTERVAL_S = 0.25
 """How often a worker looks whether its main process lives [s]."""
 
 
@@ -29,7 +29,7 @@ def end_with(parent: int) -> None:
 
     def watch() -> None:
         while os.getppid() == parent:
-            time.sleep(LOOK_S)
+            time.sleep(INTERVAL_S)
         os._exit(1)
 
     threading.Thread(target=watch, name="watch of the main process", daemon=True).start()
