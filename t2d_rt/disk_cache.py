@@ -1,8 +1,8 @@
 """Arrays that take longer to make than to read, kept on disk from one process to the next.
 
 An entry is named by the hash of all that it follows from: its inputs, the package's own code that made it, and the versions of
-NumPy and SciPy. One that is missing, damaged or from elsewhere is made anew. Nothing depends on the folder: it may be moved,
-emptied at any time, or turned off.
+NumPy and SciPy; it holds the hash of its arrays. One that is missing, damaged, from elsewhere or of another user is made anew.
+Nothing depends on the folder: it may be moved, emptied at any time, or turned off.
 """
 
 from __future__ import annotations
@@ -13,16 +13,23 @@ import hashlib
 import os
 import platform
 import re
+import stat
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
+
+from t2d_rt.files import OPENING
 
 VARIABLE = "T2D_RT_CACHE"
 """Environment variable that names another folder, or turns the cache off where it is "off" or empty."""
 MOST_BYTES, LARGEST_BYTES = 1e9, 100e6
 """Of all entries, the longest unused of which go first, and of one."""
+_HEADERS = 1_000_000
+"""Bytes of a file of arrays beside these, at most."""
+_CHECK = "sha256"
 _ENTRY, _UNFINISHED = ".npz", ".t2d-rt-part"
 _OWN = re.compile(rf"[0-9a-f]{{64}}{re.escape(_ENTRY)}|.*{re.escape(_UNFINISHED)}")
 """Names of files that are removed to make room: the folder may hold others."""
@@ -75,16 +82,41 @@ def read(name: str, wanted: Iterable[str]) -> dict[str, np.ndarray] | None:
         return None
     path = home / (name + _ENTRY)
     try:
-        with path.open("rb") as opened:
-            file = np.load(opened, allow_pickle=False)  # checks the CRC of each array
-            if not isinstance(file, np.lib.npyio.NpzFile) or str(file["name"]) != name:
+        with own_file(path, LARGEST_BYTES + _HEADERS) as opened:
+            file = np.load(opened, allow_pickle=False)
+            if (
+                sum(each.file_size for each in file.zip.infolist()) > LARGEST_BYTES + _HEADERS
+                or str(file["name"]) != name
+            ):
                 return None
             found = {each: file[each] for each in wanted}
+            if str(file[_CHECK]) != _content(found):
+                return None
     except Exception:  # NumPy and zipfile raise what they like of a damaged file
         return None
     with contextlib.suppress(OSError):  # a folder that may only be read
         os.utime(path)
     return found
+
+
+@contextlib.contextmanager
+def own_file(path: Path, most_bytes: float) -> Iterator[BinaryIO]:
+    """An entry, open for reading; OSError for one that somebody else has put there, a link, a pipe, or one of more bytes."""
+    descriptor = os.open(path, OPENING | getattr(os, "O_NOFOLLOW", 0))
+    with os.fdopen(descriptor, "rb") as file:
+        found = os.fstat(descriptor)
+        own = not hasattr(os, "getuid") or found.st_uid == os.getuid()
+        if not own or not stat.S_ISREG(found.st_mode) or found.st_size > most_bytes:
+            raise OSError(f"{path} is no entry of this user's")
+        yield file
+
+
+def _content(arrays: Arrays) -> str:
+    """Hash of the arrays of an entry, their names, types and shapes."""
+    digest = hashlib.sha256()
+    for name, each in sorted(arrays.items()):
+        digest.update(repr((name, each.dtype.str, each.shape)).encode() + np.ascontiguousarray(each).tobytes())
+    return digest.hexdigest()
 
 
 def write(name: str, arrays: Arrays) -> None:
@@ -97,7 +129,7 @@ def write(name: str, arrays: Arrays) -> None:
         descriptor, unfinished = tempfile.mkstemp(suffix=_UNFINISHED, dir=home)
         try:
             with os.fdopen(descriptor, "wb") as file:
-                np.savez(file, name=np.array(name), **arrays)  # type: ignore[arg-type]
+                np.savez(file, name=np.array(name), **{_CHECK: np.array(_content(arrays))}, **arrays)  # type: ignore[arg-type]
             Path(unfinished).replace(home / (name + _ENTRY))
         except BaseException:
             Path(unfinished).unlink(missing_ok=True)

@@ -42,6 +42,33 @@ def test_arrays_come_back_as_they_were(home: Path) -> None:
     assert home.stat().st_mode & 0o077 == 0
 
 
+def test_entries_of_others_are_not_believed(home: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Whatever a file tells of itself: another user's, a link, other arrays under the same name, more than an entry may have."""
+    name = disk_cache.key("geometry", (1.5,))
+    disk_cache.write(name, ARRAYS)
+    (path,) = home.iterdir()
+    with np.load(path) as file:
+        held = dict(file)
+    np.savez(path, **{**held, "a": held["a"] + 1})
+    assert disk_cache.read(name, ARRAYS) is None
+    disk_cache.write(name, ARRAYS)
+    assert disk_cache.read(name, ARRAYS) is not None
+    monkeypatch.setattr(os, "getuid", lambda: 12345)
+    assert disk_cache.read(name, ARRAYS) is None
+    monkeypatch.undo()
+    monkeypatch.setenv(disk_cache.VARIABLE, str(home))
+    path.rename(tmp_path / "elsewhere.npz")
+    path.symlink_to(tmp_path / "elsewhere.npz")
+    assert disk_cache.read(name, ARRAYS) is None
+    path.unlink()
+    os.mkfifo(path)
+    assert disk_cache.read(name, ARRAYS) is None
+    path.unlink()
+    bomb = {**held, "a": np.zeros(30_000_000, np.float32)}
+    np.savez_compressed(path, **bomb)
+    assert disk_cache.read(name, ARRAYS) is None
+
+
 def test_keys_tell_inputs_and_code_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     a = ARRAYS["a"]
     keys = [

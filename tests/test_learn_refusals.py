@@ -22,7 +22,8 @@ from t2d_rt.dataset import Dataset
 from t2d_rt.dataset.lock import locked
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.learn.maps import maps_of
-from t2d_rt.learn.train import SavedModel, TrainOptions, load_model, train_model
+from t2d_rt.learn.models import build
+from t2d_rt.learn.train import Ensemble, SavedModel, TrainOptions, load_model, scores_of, train_model
 from t2d_rt.learn.train.saved import CARD, STATE, WEIGHTS
 from t2d_rt.learn.windows import predict
 from t2d_rt.result import Recording
@@ -55,6 +56,10 @@ def changed(folder: Path, target: Path, **values: Any) -> Path:
         ({"duration_s": -1}, "duration_s must be positive"),
         ({"dynamic_range_db": 0}, "dynamic_range_db must be positive"),
         ({"classes": ["slow"] * 3}, "names one of them twice"),
+        ({"velocity_mps": [1, 1]}, "velocity_mps must rise"),
+        ({"about": {"carriers_hz": ["../x"]}}, "carriers_hz must be a number"),
+        ({"about": {"mti": "x"}}, "mti must be mean or none"),
+        ({"about": {"descriptions": 3}}, "no card of a model"),
         ({"model": "crnn", "size": [64, 64]}, "does not hold the weights of crnn"),
     ],
 )
@@ -205,6 +210,103 @@ def test_recordings_of_another_band_and_of_nothing(folder: Path) -> None:
     model = SavedModel(replace(found.card, velocity_mps=(-1.0, 1.0), duration_s=1.0), found.network)
     with pytest.raises(InputError, match="has the same level in all cells"):
         predict(model, recording(np.zeros_like(noise), radar))
+
+
+def tone(radar: Radar, seconds: float) -> Recording:
+    """A target that comes nearer at 0.5 m/s, in noise."""
+    chirps = int(seconds * radar.prf_hz)
+    phase = -4 * np.pi / radar.wavelength_m * 0.5 * np.arange(chirps) / radar.prf_hz
+    rng = np.random.default_rng(0)
+    cube = np.exp(1j * (phase[:, None] + 0.3 * np.arange(radar.samples)))[:, None]
+    return recording(cube + 0.05 * rng.normal(size=(chirps, 1, radar.samples)), radar)
+
+
+class Seen(SavedModel):
+    """A model that keeps the maps that it is given."""
+
+    def probabilities(self, levels: np.ndarray) -> np.ndarray:
+        maps_seen.append(levels)
+        return super().probabilities(levels)
+
+
+maps_seen: list[np.ndarray] = []
+
+
+def test_a_recording_shorter_than_a_window_goes_on_at_its_floor(folder: Path) -> None:
+    radar = Radar.preset("table2-uniform")
+    found = load_model(folder)
+    model = Seen(replace(found.card, velocity_mps=(-1.0, 1.0), duration_s=1.0), found.network)
+    maps_seen.clear()
+    with pytest.warns(
+        T2DWarning, match=r"has 0\.\d+ s of spectrogram, a window of the model 1 s; .* at the recording's floor"
+    ):
+        told = predict(model, tone(radar, 0.9))
+    assert told.starts_s.shape == (1,)
+    (levels,) = maps_seen[0]
+    row = np.abs(model.card.axis_mps - 0.5).argmin()
+    assert levels[row, : levels.shape[1] // 2].max() > -1.0
+    assert (levels[:, -2:] <= np.quantile(levels[:, :-4], 0.3, axis=1, keepdims=True) + 1.0).all()
+    with pytest.raises(InputError, match=r"record longer, 0\.5 s or more"):
+        predict(model, tone(radar, 0.3))
+    with pytest.raises(InputError, match=r"step_s must lie in 0\.005"):
+        predict(model, tone(radar, 1.2), step_s=1e-9)
+
+
+def test_networks_of_other_cells_are_averaged(folder: Path, tmp_path: Path) -> None:
+    """Each sees the recording in its own cells."""
+    radar, found = Radar.preset("table2-uniform"), load_model(folder)
+    speeds, times = found.card.size
+    fine = build("streaming", 3, (2 * speeds, 2 * times))
+    edge = 1.0 + 1.0 / (speeds - 1)  # the outer edge of the coarse axis
+    ends = (-edge + edge / (2 * speeds), edge - edge / (2 * speeds))
+    cards = (
+        replace(found.card, velocity_mps=(-1.0, 1.0), duration_s=1.0),
+        replace(found.card, velocity_mps=ends, duration_s=1.0, size=(2 * speeds, 2 * times), dynamic_range_db=50.0),
+    )
+    pair = SavedModel(cards[0], found.network), SavedModel(cards[1], fine.eval())
+    both = predict(Ensemble(pair), tone(radar, 1.3))
+    alone = [predict(each, tone(radar, 1.3)).probabilities for each in pair]
+    np.testing.assert_allclose(both.probabilities, 0.5 * (alone[0] + alone[1]), atol=1e-6)
+
+
+def test_broken_weights_are_not_scored(folder: Path) -> None:
+    found = load_model(folder)
+    with torch.no_grad():
+        next(found.network.parameters()).fill_(float("nan"))
+    with pytest.raises(InputError, match="probabilities that are NaN"):
+        found.probabilities(ridges(4).levels)
+    with pytest.raises(InputError, match="probabilities must be finite"):
+        scores_of(np.full((2, 2), np.nan), np.array([0, 1]))
+
+
+@pytest.mark.parametrize(
+    "harm", ["another network", "no losses", "no optimizer", "no loops", "null", "another optimizer"]
+)
+def test_a_state_of_others_is_one_sentence(tmp_path: Path, harm: str) -> None:
+    mine = tmp_path / "mine"
+    train_model("streaming", ridges(12), ridges(6, seed=1), OPTIONS.model_copy(update={"epochs": 1}), output=mine)
+    state = torch.load(mine / STATE, weights_only=True)
+    more = OPTIONS.model_copy(update={"epochs": 2})
+    if harm == "another network":
+        state["t2d_rt"]["best"] = {"head.weight": torch.zeros(2)}
+    elif harm == "no losses":
+        state["t2d_rt"]["history"] = [{"val_loss": float("nan"), "train_loss": 1.0}]
+    elif harm == "no optimizer":
+        state["optimizer_states"] = []
+    elif harm == "no loops":
+        state["loops"] = {"fit_loop": 3}
+    elif harm == "another optimizer":
+        state["optimizer_states"][0]["param_groups"] = [{"lr": "x", "params": [0]}]
+    other = tmp_path / "other"
+    with pytest.raises(KeyboardInterrupt):  # the folder of a training that was stopped
+        train_model("streaming", ridges(12), ridges(6, seed=1), more, output=other, progress=interrupt)
+    torch.save(None if harm == "null" else state, other / STATE)
+    with pytest.raises(InputError, match="is no state of a training"):
+        train_model("streaming", ridges(12), ridges(6, seed=1), more, output=other)
+
+
+def interrupt(_: float) -> None:
+    raise KeyboardInterrupt
 
 
 def test_learning_without_torch_names_the_extra(

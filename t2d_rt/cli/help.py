@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import re
+import sys
+import textwrap
 from collections.abc import Callable
 from typing import Any
 
@@ -24,7 +28,15 @@ def parameter_help(function: Callable[..., Any]) -> dict[str, str]:
     >>> parameter_help(sail)
     {'knots': 'How fast, over ground.'}
     """
-    return {name: one_line(text[0].upper() + text[1:]) for _, name, text in ENTRY.findall(function.__doc__ or "")}
+    return {name: one_line(text[0].upper() + text[1:]) for _, name, text in ENTRY.findall(_docstring(function))}
+
+
+def _docstring(function: Callable[..., Any]) -> str:
+    """A function's docstring; `python -OO` drops it, the source still has it."""
+    if function.__doc__ is not None or not sys.flags.optimize:
+        return function.__doc__ or ""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    return (ast.get_docstring(tree) or "") if isinstance(tree, ast.FunctionDef) else ""
 
 
 def field_help(model: type[BaseModel]) -> dict[str, str]:

@@ -82,7 +82,7 @@ def in_use(folder: Path) -> bool:
 def _holder(file: int) -> dict[str, object]:
     try:
         found = json.loads(os.pread(file, 1000, 0) or b"{}")
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 

@@ -49,7 +49,7 @@ def read_plans(path: Path) -> dict[str, Accuracy]:
         return {}
     try:
         return {name: Accuracy.model_validate(each) for name, each in json.loads(path.read_bytes()).items()}
-    except (OSError, ValueError, AttributeError) as error:
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({error}); remove it and run the recipe again") from None
 
 

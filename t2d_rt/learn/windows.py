@@ -10,15 +10,19 @@ from typing import Literal
 
 import numpy as np
 
-from t2d_rt.checks import number, positive
+from t2d_rt.checks import number
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.learn.lasting import likeliest_course, nearest
 from t2d_rt.learn.maps import check_varied, relative_levels
 from t2d_rt.learn.train.saved import Card, Ensemble, SavedModel
 from t2d_rt.result import Recording
 
-STEPS = 10
-"""Windows that begin within the duration of one, by default."""
+STEPS, MOST_STEPS = 10, 200
+"""Windows that begin within the duration of one, by default and at most."""
+LEAST_COVERED = 0.5
+"""Of a window: what a recording has at least; what it lacks is filled with its floor."""
+FLOOR = 0.1
+"""Of the columns of a recording: those of least power, whose greatest is the floor at a speed."""
 MOST_INSTANTS = 20
 """Of the course within the duration of a window."""
 LEAST = 0.8
@@ -102,13 +106,14 @@ def predict(
 ) -> Prediction:  # fmt: skip
     """The classes of a recording over sliding windows, each as long as the maps of the training.
 
-    step_s: from one window to the next; a tenth of a window by default.
+    step_s: from one window to the next, a two-hundredth of a window or more; a tenth by default.
     least_s: what an activity lasts at least; 0.8 of a window by default, and 0 takes each window for itself.
     """
     duration_s = model.card.duration_s
-    step_s = duration_s / STEPS if step_s is None else positive("step_s", step_s, 1e4, unit="s")
+    step_s = duration_s / STEPS if step_s is None else number("step_s", step_s, duration_s / MOST_STEPS, 1e4, unit="s")
     least_s = LEAST * duration_s if least_s is None else number("least_s", least_s, 0.0, 1e4, unit="s")
-    starts_s, levels = windows_of(model, recording, step_s)
+    whole = model if isinstance(model, Ensemble) else Ensemble((model,))
+    starts_s, maps = windows_of(whole, recording, step_s)
     length_s = float(starts_s[-1] - starts_s[0]) + duration_s
     if least_s > length_s * (1 + APART):
         raise InputError(
@@ -117,21 +122,46 @@ def predict(
         )
     return Prediction(
         classes=model.card.classes, starts_s=starts_s, duration_s=model.card.duration_s,
-        probabilities=model.probabilities(levels), mti=_mti(model.card), least_s=least_s,
+        probabilities=whole.mean_of(maps), mti=_mti(model.card), least_s=least_s,
     )  # fmt: skip
 
 
-def windows_of(model: SavedModel | Ensemble, recording: Recording, step_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Starts of the windows [s] and their maps (W, speed, time), static echoes taken away as they were for the training.
+def windows_of(model: Ensemble, recording: Recording, step_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Starts of the windows [s] and for each network its maps (W, speed, time), static echoes taken away as for the training.
 
     Where the mean is taken away it is that of each window, as it was that of each record of the training: somebody who rests in one
     part of a long recording would be a static echo in all of it. Cells of the maps are means over what they cover of the
-    recording's cells.
+    recording's cells. A recording that is shorter than a window makes one, which goes on at the recording's floor.
     """
+    cards = [each.card for each in model.members]
     card = model.card
-    members = model.members if isinstance(model, Ensemble) else (model,)
-    _warn_of_carrier(recording.radar.carrier_hz, [each.card for each in members])
+    _warn_of_carrier(recording.radar.carrier_hz, cards)
     whole = _Columns.of(recording.processed(mti=_mti(card)))
+    _check_speeds(whole, card)
+    last = _last_start_s(whole, card)
+    starts = np.append(np.arange(0.0, last - APART * step_s, step_s), last)
+    # Networks of the same cells share their maps.
+    kinds = {(each.size, each.velocity_mps, each.dynamic_range_db): each for each in cards}
+    maps: dict[object, list[np.ndarray]] = {kind: [] for kind in kinds}
+    for start in starts:
+        if _mti(card) == "none" or whole.length_s < card.duration_s * 0.999:
+            columns, begin_s = whole, whole.times[0] + start
+        else:
+            columns = _Columns.of(_piece(recording, start, card.duration_s, whole.length_s))
+            begin_s = columns.times[0]
+        columns = columns.until(begin_s + card.duration_s)
+        for kind, each in kinds.items():
+            cells = np.linspace(begin_s, begin_s + each.duration_s, each.size[1] + 1)
+            new = _edges(each.axis_mps)
+            power = _weights(columns.speeds, new) @ columns.power @ _weights(columns.times, cells).T
+            maps[kind].append(relative_levels(power, each.size, each.dynamic_range_db))
+            check_varied(maps[kind][-1], f"the window of the recording from {start + whole.times[0]:.3g} s")
+    stacked = {kind: np.stack(each) for kind, each in maps.items()}
+    return starts + whole.times[0], [stacked[each.size, each.velocity_mps, each.dynamic_range_db] for each in cards]
+
+
+def _check_speeds(whole: _Columns, card: Card) -> None:
+    """Refuses a recording that does not cover the speeds of the training."""
     new = _edges(card.axis_mps)
     bin_mps = whole.speeds[1] - whole.speeds[0]
     if new[0] < whole.speeds[0] - bin_mps or new[-1] > whole.speeds[-1] + bin_mps:
@@ -139,24 +169,22 @@ def windows_of(model: SavedModel | Ensemble, recording: Recording, step_s: float
             f"the recording shows {whole.speeds[0]:.3g} to {whole.speeds[-1]:.3g} m/s, the model was trained on {new[0]:.3g} to "
             f"{new[-1]:.3g} m/s; record with a higher chirp rate, or train on a recipe whose speed_mps is lower"
         )
-    if whole.length_s < card.duration_s * 0.999:
+
+
+def _last_start_s(whole: _Columns, card: Card) -> float:
+    """Where the last window begins after the first [s]; warns of a recording that is shorter than one, and refuses half of one."""
+    told = f"the recording has {whole.length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s"
+    if whole.length_s < LEAST_COVERED * card.duration_s:
         raise InputError(
-            f"the recording has {whole.length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s; record longer"
+            f"{told}; record longer, {LEAST_COVERED * card.duration_s:.3g} s or more, or train on a shorter duration_s"
         )
-    last = max(whole.length_s - card.duration_s, 0.0)
-    starts = np.append(np.arange(0.0, last - APART * step_s, step_s), last)
-    maps = []
-    for start in starts:
-        if _mti(card) == "none":
-            columns, begin_s = whole, whole.times[0] + start
-        else:
-            columns = _Columns.of(_piece(recording, start, card.duration_s, whole.length_s))
-            begin_s = columns.times[0]
-        cells = np.linspace(begin_s, begin_s + card.duration_s, card.size[1] + 1)
-        power = _weights(columns.speeds, new) @ columns.power @ _weights(columns.times, cells).T
-        maps.append(relative_levels(power, card.size, card.dynamic_range_db))
-        check_varied(maps[-1], f"the window of the recording from {start + whole.times[0]:.3g} s")
-    return starts + whole.times[0], np.stack(maps)
+    if whole.length_s < card.duration_s * 0.999:
+        warnings.warn(
+            f"{told}; the one window goes on at the recording's floor, so do not trust its class as one of a whole window",
+            T2DWarning,
+            stacklevel=5,
+        )
+    return max(whole.length_s - card.duration_s, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,12 +201,23 @@ class _Columns:
     @classmethod
     def of(cls, recording: Recording) -> _Columns:
         image = recording.spectrogram
+        if min(image.shape) < 2:
+            raise InputError(
+                f"a spectrogram of {image.shape[0]} speeds and {image.shape[1]} instant(s) tells nothing over time; record longer"
+            )
         power = 10.0 ** (image.values.astype(np.float64) / 10.0)
         return cls(power, _edges(image.velocity_mps.values), _edges(image.time_s.values))
 
     @property
     def length_s(self) -> float:
         return float(self.times[-1] - self.times[0])
+
+    def until(self, end_s: float) -> _Columns:
+        """These columns, and one at their floor that lasts to `end_s` where they end a column or more before."""
+        if end_s - self.times[-1] < self.times[-1] - self.times[-2]:
+            return self
+        floor = np.quantile(self.power, FLOOR, axis=1, keepdims=True)
+        return _Columns(np.hstack([self.power, floor]), self.speeds, np.append(self.times, end_s))
 
 
 def _piece(recording: Recording, start_s: float, duration_s: float, length_s: float) -> Recording:

@@ -104,7 +104,7 @@ def _read(path: Path, cell: Cell, stamp: str) -> dict[str, Any]:
         found = told["stamp"]
         if {name: told[name] for name in asdict(cell)} != asdict(cell) or not ({"refused", "confusion"} & told.keys()):
             raise ValueError
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(f"{path} is not what a benchmark wrote there; remove it, and it is computed again") from None
     if found != stamp:
         raise InputError(f"{path} is of other data or of another scale; choose another folder")

@@ -142,7 +142,7 @@ def _read(path: Path, stamp: str, conditions: Sequence[str]) -> dict[str, np.nda
     try:
         told = json.loads(path.read_text("utf-8"))
         found, confusion = told["stamp"], {each: np.array(told["confusion"][each]) for each in conditions}
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(f"{path} is not what a benchmark wrote there; remove it, and it is computed again") from None
     if found != stamp:
         raise InputError(f"{path} is of other data; choose another folder")

@@ -160,7 +160,7 @@ def _read(path: Path, cell: Cell, stamp: str, with_real: bool) -> dict[str, Any]
         if told["cell"] != cell.name or len(told["test"]) != len(told["simulated"]):
             raise ValueError
         found, complete = told["stamp"], (told["real"] is not None) == with_real
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(f"{path} is not what a study wrote there; remove it, and it is computed again") from None
     if found != stamp or not complete:
         raise InputError(f"{path} is of other events; choose another folder")

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import pickle
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.checks import file_path, interval, positive
+from t2d_rt.checks import file_path, interval, positive, shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 from t2d_rt.learn.maps import LabelledMaps, checked_classes, checked_size
@@ -69,6 +68,13 @@ class Card:
         }  # fmt: skip
 
     @property
+    def speeds_mps(self) -> tuple[float, float]:
+        """Outer edges of the first and last cell of speed, to 1e-6 m/s, which do not depend on the number of cells."""
+        first, last = self.velocity_mps
+        half = 0.5 * (last - first) / (self.size[0] - 1)
+        return round(first - half, 6), round(last + half, 6)
+
+    @property
     def axis_mps(self) -> np.ndarray:
         """Centres of the cells of speed."""
         return np.linspace(*self.velocity_mps, self.size[0])
@@ -100,7 +106,13 @@ class SavedModel:
                 torch.softmax(self.network(as_input(levels[start : start + BATCH], self.card.dynamic_range_db)), dim=1)
                 for start in range(0, len(levels), BATCH)
             ]
-        return np.asarray(torch.cat(found).numpy())
+        probabilities = np.asarray(torch.cat(found).numpy())
+        if not np.isfinite(probabilities).all():
+            raise InputError(
+                f"the network {self.card.model} gives probabilities that are NaN; its weights are of a training that failed, train "
+                "it again at a lower rate"
+            )
+        return probabilities
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,9 +128,8 @@ class Ensemble:
         for each in self.members[1:]:
             card = each.card
             for what, one, other in (
-                ("classes", first.classes, card.classes), ("size", first.size, card.size),
-                ("speeds", first.velocity_mps, card.velocity_mps), ("duration", first.duration_s, card.duration_s),
-                ("dynamic range", first.dynamic_range_db, card.dynamic_range_db),
+                ("classes", first.classes, card.classes), ("speeds", first.speeds_mps, card.speeds_mps),
+                ("duration", first.duration_s, card.duration_s),
                 ("treatment of static echoes", first.about.get("mti", "mean"), card.about.get("mti", "mean")),
             ):  # fmt: skip
                 if one != other:
@@ -133,8 +144,13 @@ class Ensemble:
         return self.members[0].card
 
     def probabilities(self, levels: np.ndarray) -> np.ndarray:
-        """Means over the networks, (N, K), of maps (N, speed, time) [dB below the greatest cell of each]."""
-        return np.asarray(np.mean([each.probabilities(levels) for each in self.members], axis=0))
+        """Means over the networks, (N, K), of maps (N, speed, time) [dB below the greatest cell of each] of the cells of all."""
+        return self.mean_of([levels] * len(self.members))
+
+    def mean_of(self, maps: Sequence[np.ndarray]) -> np.ndarray:
+        """The same of maps of each network's own cells and dynamic range."""
+        each = [member.probabilities(levels) for member, levels in zip(self.members, maps, strict=True)]
+        return np.asarray(np.mean(each, axis=0))
 
 
 def write_model(folder: Path, saved: SavedModel) -> None:
@@ -186,13 +202,26 @@ def _read_card(path: Path) -> tuple[Card, str]:
             velocity_mps=interval("velocity_mps", told["velocity_mps"], unit="m/s"),
             duration_s=positive("duration_s", told["duration_s"], unit="s"),
             dynamic_range_db=positive("dynamic_range_db", told["dynamic_range_db"], 200, unit="dB"), seed=int(told["seed"]),
-            about=dict(told["about"]),
+            about=_about(told["about"]),
         )  # fmt: skip
+        if not card.velocity_mps[0] < card.velocity_mps[1]:
+            raise InputError("velocity_mps must rise")
         return card, str(told["weights_sha256"])
     except KeyError as error:
         raise InputError(f"{path} is no card of a model (it lacks {error}); train it again") from None
-    except (ValueError, TypeError, AttributeError) as error:
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise InputError(f"{path} is no card of a model ({error}); train it again") from None
+
+
+def _about(given: Any) -> dict[str, Any]:
+    """What a card tells of the training, as far as it is used."""
+    about = dict(given)
+    about["carriers_hz"] = [positive("carriers_hz", each, unit="Hz") for each in about.get("carriers_hz", [])]
+    if about.get("mti", "mean") not in (None, "mean", "none"):
+        raise InputError(f"mti must be mean or none, got {shown(about['mti'])}")
+    if not all(isinstance(each, str) for each in about.get("descriptions", [])):
+        raise InputError("descriptions must be texts")
+    return about
 
 
 def refuse_pickle(path: Path) -> None:
@@ -206,7 +235,7 @@ def refuse_pickle(path: Path) -> None:
             )
 
 
-def read_state(path: Path) -> dict[str, Any]:
+def read_state(path: Path, network: nn.Module) -> dict[str, Any]:
     """The state of a training that was stopped: plain numbers and tensors, nothing else."""
     import torch
 
@@ -214,11 +243,20 @@ def read_state(path: Path) -> dict[str, Any]:
         found = torch.load(path, map_location="cpu", weights_only=True)
         kept = found["t2d_rt"]
         complete = isinstance(kept["history"], list) and {"best", "plateau"} <= kept.keys() and "state_dict" in found
+        complete = complete and len(found["optimizer_states"]) == 1
         if not complete:
             raise ValueError("it lacks a part")
-    except (pickle.UnpicklingError, RuntimeError, OSError, EOFError, LookupError, TypeError, ValueError) as error:
-        reason = str(error).split(".")[0][:100] or type(error).__name__
-        raise InputError(
-            f"{path} is no state of a training that can be read safely ({reason}); remove it to begin anew"
-        ) from None
+        if not all(np.isfinite([row[name] for name in ("val_loss", "train_loss")]).all() for row in kept["history"]):
+            raise ValueError("its losses are no numbers")
+        due = {name: each.shape for name, each in network.state_dict().items()}
+        if {name: each.shape for name, each in kept["best"].items()} != due:
+            raise ValueError("it is of another network")
+    except Exception as error:  # torch and zipfile raise what they like of a damaged file
+        raise not_a_state(path, error) from None
     return dict(found)
+
+
+def not_a_state(path: Path, error: BaseException) -> InputError:
+    """What to say of a state that is another's, or damaged."""
+    reason = " ".join(str(error).split()).split(". ")[0][:100] or type(error).__name__
+    return InputError(f"{path} is no state of a training that can be read safely ({reason}); remove it to begin anew")

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.errors import InputError
+
 BINS = 10
 """Of confidence, in a reliability diagram."""
 
@@ -38,6 +40,8 @@ def macro_f1(truth: np.ndarray, predicted: np.ndarray, classes: int) -> np.ndarr
 
 def scores_of(probabilities: np.ndarray, labels: np.ndarray) -> Scores:
     """Scores of probabilities (N, K) and labels (N,)."""
+    if not np.isfinite(probabilities).all():
+        raise InputError("probabilities must be finite, got NaN or infinite ones; look at the model's weights")
     count = probabilities.shape[1]
     told = probabilities.argmax(axis=1)
     confusion = np.zeros((count, count), dtype=np.int64)

@@ -21,7 +21,7 @@ from t2d_rt.learn.models import build
 from t2d_rt.learn.require import require_learning
 from t2d_rt.learn.threads import torch_threads
 from t2d_rt.learn.train.options import TrainOptions
-from t2d_rt.learn.train.saved import STATE, WEIGHTS, Card, SavedModel, read_state, write_model
+from t2d_rt.learn.train.saved import STATE, WEIGHTS, Card, SavedModel, not_a_state, read_state, write_model
 
 if TYPE_CHECKING:
     from lightning import Trainer
@@ -120,7 +120,7 @@ def _fitted(
             logging.getLogger(each).setLevel(logging.ERROR)
         keep_at = None if folder is None else folder / STATE
         module = Training(network, maps, options, dynamic_range_db, keep_at=keep_at, progress=progress)
-        kept = None if keep_at is None or not keep_at.exists() else read_state(keep_at)
+        kept = None if keep_at is None or not keep_at.exists() else read_state(keep_at, network)
         first = 0 if kept is None else len(kept["t2d_rt"]["history"])
         started = time.perf_counter()
         if kept is not None:
@@ -131,7 +131,12 @@ def _fitted(
                 enable_progress_bar=False, enable_model_summary=False, num_sanity_val_steps=0,
                 reload_dataloaders_every_n_epochs=1, barebones=False,
             )  # fmt: skip
-            _run(trainer, module, None if kept is None else str(keep_at))
+            try:
+                _run(trainer, module, None if kept is None else str(keep_at))
+            except Exception as error:  # Lightning raises what it likes of a state that another has written
+                if keep_at is None or kept is None or isinstance(error, InputError) or len(module.history) > first:
+                    raise
+                raise not_a_state(keep_at, error) from None
     done = len(module.history) - first
     seconds = round((time.perf_counter() - started) / done, 3) if done else None
     network.load_state_dict(module.best)

@@ -41,7 +41,11 @@ def read_rows(folder: Path) -> tuple[list[Row], dict[str, Any], dict[str, np.nda
     """Rows of a study's cells, what the study tells of itself, and by method and number the predictions (R, E)."""
     if not (folder / "study.json").is_file():
         raise InputError(f"{folder} holds no transfer study; run t2d-rt transfer first")
-    about = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+    try:
+        about = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+        int(about["real_events"])
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise InputError(f"{folder / 'study.json'} is not what a study wrote there; run t2d-rt transfer anew") from None
     gathered: dict[tuple[str, int | None, str], list[dict[str, Any]]] = {}
     for path in sorted((folder / "cells").glob("*.json")):
         try:
@@ -49,7 +53,7 @@ def read_rows(folder: Path) -> tuple[list[Row], dict[str, Any], dict[str, np.nda
             gathered.setdefault((cell["method"], cell["per_class"], cell["radars"]), []).append(cell)
             named = Cell(**{each.name: cell[each.name] for each in fields(Cell)}).name
             sound = named == path.stem and len(cell["truth"]) == len(cell["predicted"]) == about["real_events"]
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             sound = False
         if not sound:
             raise InputError(f"{path} is not what a study wrote there; remove it, and it is computed again")

@@ -33,9 +33,8 @@ def read(name: str) -> str | None:
         return None
     path = home / FOLDER / f"{name}.json"
     try:
-        if path.stat().st_size > LARGEST_BYTES:
-            return None
-        entry = json.loads(path.read_text("utf-8"))
+        with disk_cache.own_file(path, LARGEST_BYTES) as file:
+            entry = json.loads(file.read())
         reply = entry["reply"]
         sound = entry["name"] == name and entry["check"] == _check(reply)
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
