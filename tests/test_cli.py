@@ -340,3 +340,35 @@ def test_a_closed_standard_output_is_no_traceback() -> None:
     )
     assert done.returncode == 0
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("module", ["numpy", "t2d_rt.cli.options", "jsonargparse"])
+def test_ctrl_c_while_the_program_loads(module: str, tmp_path: Path) -> None:
+    code = (
+        "import runpy, sys\n"
+        "class Stop:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == sys.argv[1]: raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Stop())\n"
+        "sys.argv = ['t2d-rt', *sys.argv[1:]]\n"
+        "word, sys.argv[1:] = sys.argv[1], [sys.argv[1], 'list']\n"
+        "runpy.run_module('t2d_rt.cli', run_name='__main__')"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code, module], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (run.returncode, run.stderr) == (130, "t2d-rt: stopped; nothing was written\n")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["simulate", "motion"])
+def test_help_without_docstrings(command: str) -> None:
+    """`python -OO` drops them; what the options tell is the same."""
+    plain, bare = (
+        subprocess.run(
+            [sys.executable, *flags, "-m", "t2d_rt.cli", command, "--help"], capture_output=True, text=True, check=False
+        )
+        for flags in ([], ["-OO"])
+    )
+    assert (bare.returncode, bare.stderr) == (0, "")
+    assert bare.stdout == plain.stdout

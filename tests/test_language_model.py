@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import builtins
+import gzip
 import itertools
 import json
 import logging
+import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from functools import cache
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -36,6 +39,75 @@ Answer = Callable[[Any], tuple[int, dict[str, str], bytes]]
 def pool() -> list[dict[str, Any]]:
     """What the stub's model writes."""
     return [as_json(each) for each in grammar_descriptions("falling", 150, seed=99)]
+
+
+def body_of(text: str) -> bytes:
+    return json.dumps({"choices": [{"index": 0, "finish_reason": "stop", "message": {"content": text}}]}).encode()
+
+
+class Raw:
+    """A server that writes bytes as they are, piece by piece with pauses, to whoever asks."""
+
+    def __init__(self, pieces: Iterable[bytes], pause_s: float = 0.0) -> None:
+        self.asked = 0
+        self._over = threading.Event()
+        self._socket = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self._socket.getsockname()[1]}/v1"
+
+        def serve() -> None:
+            with suppress(OSError):
+                while True:
+                    connection, _ = self._socket.accept()
+                    self.asked += 1
+                    with connection, suppress(OSError):
+                        connection.settimeout(0.2)  # what stays unread would reset the connection
+                        with suppress(TimeoutError):
+                            while connection.recv(65536):
+                                pass
+                        connection.settimeout(None)
+                        for piece in pieces:
+                            connection.sendall(piece)
+                            if self._over.wait(pause_s):
+                                return
+
+        threading.Thread(target=serve, daemon=True).start()
+
+    def close(self) -> None:
+        self._over.set()
+        self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+
+
+HEAD = b"HTTP/1.1 200 OK\r\ncontent-type: application/json\r\n"
+MEGABYTE = b" " * 2**20
+
+
+@pytest.mark.parametrize(
+    ("pieces", "pause_s", "sentence"),
+    [
+        ([HEAD, *([b"x-a: 1\r\n"] * 10_000)], 0.05, "did not answer within 1 s"),
+        ([HEAD + b"\r\n", *([b" "] * 10_000)], 0.05, "did not answer within 1 s"),
+        ([HEAD + b"\r\n", *([MEGABYTE] * 100)], 0.0, "answers with more than 8 MB"),
+        ([HEAD + b"content-encoding: gzip\r\n\r\n" + gzip.compress(MEGABYTE * 64)], 0.0, "answers with more than 8 MB"),
+        ([HEAD + b"\r\n" + b"[" * 200_000 + b"]" * 200_000], 0.0, "could not be used"),
+        ([HEAD + b"\r\n" + body_of("[" * 200_000)], 0.0, "could not be used"),
+        ([HEAD + b"\r\nnull"], 0.0, "could not be used"),
+        ([b"HTTP/1.1 302 Found\r\nlocation: http://127.0.0.1:1/v1\r\n\r\n"], 0.0, "sends requests on to another address"),
+        ([b"SSH-2.0-OpenSSH_9.2\r\n"], 0.0, "cannot be reached"),
+    ],
+)  # fmt: skip
+def test_servers_that_never_end(pieces: list[bytes], pause_s: float, sentence: str) -> None:
+    server = Raw(pieces, pause_s)
+    begin = time.monotonic()
+    try:
+        with pytest.raises(InputError, match=sentence):
+            model_descriptions(
+                "falling", 5, model=LanguageModel(model="m", base_url=server.url, timeout_s=1.0, tries=1, backoff_s=0.01),
+                sleep=lambda _: None,
+            )  # fmt: skip
+    finally:
+        server.close()
+    assert time.monotonic() - begin < 8
 
 
 class Endpoint:

@@ -10,12 +10,16 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.checks import unknown_name
-from t2d_rt.cli import commands, options
-from t2d_rt.cli.arguments import check_nulls, one_sentence, resolved
-from t2d_rt.cli.output import say
-from t2d_rt.cli.sigterm import stopped_by_sigterm
-from t2d_rt.errors import InputError, T2DError, T2DWarning
+try:
+    from t2d_rt.checks import unknown_name
+    from t2d_rt.cli import commands, options
+    from t2d_rt.cli.arguments import check_nulls, one_sentence, resolved
+    from t2d_rt.cli.output import say
+    from t2d_rt.cli.sigterm import stopped_by_sigterm
+    from t2d_rt.errors import InputError, T2DError, T2DWarning
+except KeyboardInterrupt:  # Ctrl-C while the program loads
+    print("t2d-rt: stopped; nothing was written", file=sys.stderr)
+    sys.exit(130)
 
 if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace

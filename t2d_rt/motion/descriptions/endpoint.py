@@ -7,6 +7,7 @@ error, log or file of this package.
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,6 +23,8 @@ URL_VARIABLE = "OPENAI_BASE_URL"
 DEFAULT_URL = "https://api.openai.com/v1"
 MOST_WAIT_S = 60.0
 """A server that asks for a longer pause is not waited for [s]."""
+MOST_BYTES = 8_000_000
+"""Of an answer, unpacked: a batch of descriptions has some ten thousand."""
 TRIES_TO_CONNECT = 3
 LONGEST_TOLD = 200
 """Characters of a server's own message in a sentence."""
@@ -81,6 +84,14 @@ class Budget:
                 integer(f"budget of {name}", getattr(self, name), 1)
 
 
+class Late(Exception):
+    """An answer that takes longer than it may in all, however steadily its bytes come."""
+
+
+class TooLarge(Exception):
+    """An answer of more than `MOST_BYTES`."""
+
+
 class Stopped(Exception):
     """No further reply can be had; its text is the reason, as the end of a sentence."""
 
@@ -119,7 +130,7 @@ class Session:
             self._spend_request(size)
             tried += 1
             try:
-                return self._reply(client, messages, schema, seed, size)
+                return within(self.model.timeout_s, lambda: self._reply(client, messages, schema, seed, size))
             except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
                 if len(self.formats) == 1 or "context" in str(error).lower():
                     raise Stopped(self._told(error)) from None
@@ -127,7 +138,7 @@ class Session:
                 tried -= 1
             except (openai.AuthenticationError, openai.PermissionDeniedError, openai.NotFoundError) as error:
                 raise Stopped(self._told(error)) from None
-            except openai.APIError as error:
+            except (openai.APIError, Late, TooLarge) as error:
                 self._pause(error, tried)
 
     def _reply(
@@ -144,7 +155,13 @@ class Session:
             choice = found.choices[0]
             content, refusal = choice.message.content or "", getattr(choice.message, "refusal", None) or ""
             reason = choice.finish_reason
-        except (AttributeError, IndexError, TypeError, ValueError):  # the server's answer is no completion, or no JSON
+        except (
+            AttributeError,
+            IndexError,
+            TypeError,
+            ValueError,
+            RecursionError,
+        ):  # the server's answer is no completion, or no JSON
             content, refusal, reason = "", "", "stop"
         content, refusal = (self._without_key(str(each)) for each in (content, refusal))
         used = getattr(getattr(found, "usage", None), "total_tokens", None)
@@ -172,7 +189,7 @@ class Session:
 
         connecting = isinstance(error, openai.APIConnectionError) and not isinstance(error, openai.APITimeoutError)
         tries = min(self.model.tries, TRIES_TO_CONNECT) if connecting else self.model.tries
-        if "insufficient_quota" in str(error):
+        if "insufficient_quota" in str(error) or 300 <= (getattr(error, "status_code", None) or 0) < 400:
             raise Stopped(self._told(error)) from None
         if tried >= tries:
             raise Stopped(f"{self._told(error)} ({tried} tries)") from None
@@ -189,8 +206,10 @@ class Session:
             # Retries are counted here; the client's own would go beyond the budget unseen.
             key = api_key(self.model)
             self._client = openai.OpenAI(
-                api_key=key or "none", base_url=self.model.url, timeout=self.model.timeout_s, max_retries=0
-            )
+                api_key=key or "none", base_url=self.model.url, timeout=self.model.timeout_s, max_retries=0,
+                # Who follows a redirection hands the key and the sentences to whom it names.
+                http_client=openai.DefaultHttpxClient(follow_redirects=False, event_hooks={"response": [read_bounded]}),
+            )  # fmt: skip
         return self._client
 
     def close(self) -> None:
@@ -203,7 +222,9 @@ class Session:
         """What went wrong, in plain words and without the key."""
         import openai
 
-        if isinstance(error, openai.APITimeoutError):
+        if isinstance(error, TooLarge) or isinstance(error.__cause__, TooLarge):
+            return f"{self.model.host} answers with more than {MOST_BYTES // 10**6} MB; check --base-url"
+        if isinstance(error, (openai.APITimeoutError, Late)):
             return f"{self.model.host} did not answer within {self.model.timeout_s:g} s"
         if isinstance(error, openai.APIConnectionError):
             return f"{self.model.host} cannot be reached; check --base-url and whether the server runs"
@@ -213,6 +234,8 @@ class Session:
         message = self._without_key(" ".join(str(message or getattr(error, "message", error)).split()))[:LONGEST_TOLD]
         if status in (401, 403):
             return f"{self.model.host} refuses the key (status {status}); set {' or '.join(KEY_VARIABLES)}"
+        if status is not None and 300 <= status < 400:
+            return f"{self.model.host} sends requests on to another address (status {status}); give that one with --base-url"
         if status == 404:
             return f"{self.model.host} knows no model {shown(self.model.model)} at this address (status 404)"
         return f"{self.model.host} answers with an error (status {status}): {message}"
@@ -220,6 +243,39 @@ class Session:
     def _without_key(self, words: str) -> str:
         key = api_key(self.model)
         return words.replace(key, "(key)") if key else words
+
+
+def within(seconds: float, act: Callable[[], Reply]) -> Reply:
+    """What a function gives, or raises; `Late` where that takes longer. The timeout of the client is that of one piece of an
+    answer, and a server may send one byte after the other."""
+    ended: list[Reply | BaseException] = []
+
+    def run() -> None:
+        try:
+            ended.append(act())
+        except BaseException as error:
+            ended.append(error)
+
+    thread = threading.Thread(target=run, name="request to a language model", daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if not ended:
+        raise Late
+    if isinstance(ended[0], BaseException):
+        raise ended[0]
+    return ended[0]
+
+
+def read_bounded(response: Any) -> None:
+    """Reads the body of an answer of httpx, as far as it may go."""
+    parts, size = [], 0
+    for part in response.iter_bytes():
+        parts.append(part)
+        size += len(part)
+        if size > MOST_BYTES:
+            response.close()
+            raise TooLarge
+    response._content = b"".join(parts)
 
 
 def check_installed() -> None:
