@@ -26,7 +26,7 @@ def load_recording(
 
     radar: of a .npy or .bin file, which holds samples only: a `Radar`, a preset's name or a .yaml file. A result holds its own.
     lanes: LVDS lanes, 2 or 4, of a raw capture of TI's DCA1000 (.bin); see `signal.load_dca1000`.
-    iq: "QI" where measured samples have Q before I.
+    iq: "QI" where measured samples have Q before I, "I" where they are real: their beats are taken to be positive.
     conjugate: whether their IF is the conjugate of the one here, whose beats are positive. Left out, it is not, and samples that
         look so, with most power in the upper half of the range axis, are a warning.
 

@@ -217,7 +217,9 @@ def command_parser(
 def add_capture_options(parser: ArgumentParser) -> None:
     """Options of measured samples, which `capture_options` gives to `load_recording`."""
     parser.add_argument("--lanes", type=int | None, help="LVDS lanes, 2 or 4, of raw captures of TI's DCA1000 (.bin).")
-    parser.add_argument("--iq", type=str, default="IQ", help="Order of measured samples' channels, IQ or QI.")
+    parser.add_argument(
+        "--iq", type=str, default="IQ", help="Order of measured samples' channels: IQ, QI, or I for real samples."
+    )
     told = "Whether the IF of measured samples is the conjugate of the one here, whose beats are positive; false: it surely is not."
     parser.add_argument("--conjugate", type=bool | None, nargs="?", const=True, help=told)
 

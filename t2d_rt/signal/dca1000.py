@@ -6,6 +6,7 @@ Texas Instruments, Mmwave Radar Device ADC Raw Data Capture, application report 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -41,7 +42,8 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
     """ADC cube, complex64 (chirp, antenna, sample), from a .bin file of complex samples; a large one is read when it is used.
 
     lanes: 2 (xWR16xx, xWR18xx, xWR68xx) or 4 (xWR12xx, xWR14xx).
-    iq: "QI" where Q stands before I (MSB_LSB_QI).
+    iq: "QI" where Q stands before I (MSB_LSB_QI), "I" where samples are real: these follow one another, and their beats are taken
+        to be positive, over half the range axis.
     conjugate: whether the IF is the conjugate of the one here, whose beats are positive.
 
     With 2 lanes a chirp brings one receiver after the other, each as I(0) I(1) Q(0) Q(1) I(2) I(3) Q(2) Q(3) ...
@@ -62,12 +64,12 @@ def read_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str, conjuga
     receivers, senders = len(radar.rx_offsets_m), radar.loop_chirps
     if str(lanes) == "4" and receivers > 4:
         raise InputError(f"a capture over 4 lanes holds 4 receivers at most, the radar has {receivers}; use lanes=2")
-    if str(lanes) == "2" and radar.samples % 2:
+    if str(lanes) == "2" and iq != "I" and radar.samples % 2:
         raise InputError(f"a capture over 2 lanes holds samples by twos, the radar has {radar.samples}; give its radar")
     source = file_path("path", path).absolute()
     with regular_file(source, noun="recording") as file:
         size = os.fstat(file.fileno()).st_size
-    row = 2 * senders * radar.samples * (4 if str(lanes) == "4" else receivers)
+    row = (1 if iq == "I" else 2) * senders * radar.samples * (4 if str(lanes) == "4" else receivers)
     if not size or size % (2 * row):
         raise InputError(
             f"{path} holds {size} bytes, and a loop of this radar ({senders} x {receivers} antennas, {radar.samples} samples) "
@@ -78,7 +80,8 @@ def read_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str, conjuga
     seen = np.concatenate([raw.numbers(part.start, part.stop).ravel() for part in spread_rows(shape[0])])
     offset = code_offset(seen)
     codes = signed(seen, offset)
-    _check_order(codes, radar.samples, str(lanes), source)
+    given = f"{'real' if iq == 'I' else 'complex'} samples over {lanes} lanes"
+    _check_order(codes, radar.samples, given, source)
     used: np.ndarray | None = None
     if str(lanes) == "4":
         used = np.asarray(seen.reshape(-1, 4).any(axis=0))
@@ -87,59 +90,59 @@ def read_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str, conjuga
                 f"{path} holds {np.count_nonzero(used)} receivers, the radar has {receivers}; give the radar that recorded it"
             )
     warn_of_offset(source, offset)
-    decode = partial(_decoded, samples=radar.samples, used=used, offset=offset, iq=iq, conjugate=conjugate)
+    decode = partial(_decoded, order=given, samples=radar.samples, used=used, offset=offset, iq=iq, conjugate=conjugate)
     return cube_of(FileRows(source, shape, 0, WORD, row, decode))
 
 
-def _two_lanes(codes: np.ndarray, samples: int) -> np.ndarray:
-    """Samples of codes, complex (chirp of a receiver, sample)."""
-    pairs = codes.reshape(-1, 2, 2)  # (pair of samples, I or Q, sample)
-    return (pairs[:, 0] + 1j * pairs[:, 1]).reshape(-1, samples)
+ORDER: dict[str, Callable[[np.ndarray, int], np.ndarray]] = {
+    "complex samples over 2 lanes": lambda codes, samples: _complex(codes.reshape(-1, 2, 2)).reshape(-1, samples),
+    "complex samples over 4 lanes": lambda codes, samples: (
+        _complex(codes.reshape(-1, 2, 4)).reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples)
+    ),
+    "real samples over 2 lanes": lambda codes, samples: codes.reshape(-1, samples),
+    "real samples over 4 lanes": lambda codes, samples: (
+        codes.reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples)
+    ),
+    "complex samples one by one, I Q I Q": lambda codes, samples: _complex(codes.reshape(-1, 2)).reshape(-1, samples),
+}
+"""From codes (word,) to samples (chirp of a receiver, sample)."""
 
 
-def _four_lanes(codes: np.ndarray, samples: int) -> np.ndarray:
-    both = codes.reshape(-1, samples, 2, 4)
-    return (both[:, :, 0] + 1j * both[:, :, 1]).swapaxes(1, 2).reshape(-1, samples)
+def _complex(pairs: np.ndarray) -> np.ndarray:
+    """I + jQ of an axis 1 of the two."""
+    return pairs[:, 0] + np.complex64(1j) * pairs[:, 1]
 
 
 def _decoded(
-    words: np.ndarray, *, samples: int, used: np.ndarray | None, offset: int, iq: str, conjugate: bool
+    words: np.ndarray, *, order: str, samples: int, used: np.ndarray | None, offset: int, iq: str, conjugate: bool
 ) -> np.ndarray:
     """Samples of rows of words (row, word), complex64 (chirp of a receiver, sample)."""
-    codes = signed(words, offset).ravel()
-    four = used is not None
-    found = _four_lanes(codes, samples).reshape(-1, 4, samples)[:, used] if four else _two_lanes(codes, samples)
-    return oriented(found.astype(np.complex64), iq, conjugate=conjugate)
+    found = ORDER[order](signed(words, offset).ravel(), samples)
+    if used is not None:
+        found = found.reshape(-1, 4, samples)[:, used].reshape(-1, samples)
+    return oriented(found, iq, conjugate=conjugate)
 
 
-def _check_order(codes: np.ndarray, samples: int, lanes: str, path: Path) -> None:
-    """Refuses codes that have a flatter spectrum in the order of the given lanes than in another."""
-    orders = {
-        "complex samples over 2 lanes": lambda: _two_lanes(codes, samples),
-        "complex samples over 4 lanes": lambda: _four_lanes(codes, samples),
-        "real samples over 2 lanes": lambda: codes.reshape(-1, samples),
-        "real samples over 4 lanes": lambda: codes.reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples),
-        "complex samples one by one, I Q I Q": lambda: (codes[::2] + 1j * codes[1::2]).reshape(-1, samples),
-    }
+def _check_order(codes: np.ndarray, samples: int, given: str, path: Path) -> None:
+    """Refuses codes that have a flatter spectrum in the order that is given than in another."""
     found = {}
-    for name, ordered in orders.items():
+    for name, ordered in ORDER.items():
         try:
-            chirps = ordered()
+            chirps = ordered(codes, samples)
         except ValueError:  # so many words are no whole chirps
             continue
         chirps = chirps[chirps.any(axis=1)]
         if len(chirps) >= FEWEST_CHIRPS:
             rounding = 1 / 6 if np.iscomplexobj(chirps) else 1 / 12
             found[name] = flatness_db(chirps, noise=rounding)
-    given = f"complex samples over {lanes} lanes"
     best = min(found, key=lambda name: found[name], default=given)
     if given not in found or found[given] - found[best] < FLATTER_DB:
         return
-    advice = {
-        "complex samples over 2 lanes": "give lanes=2",
-        "complex samples over 4 lanes": "give lanes=4",
-        "complex samples one by one, I Q I Q": "save numpy.fromfile(path, '<i2').reshape(chirps, antennas, samples, 2) as .npy",
-    }.get(best, "record I and Q")
+    advice = f"give lanes={best[-7]}" + (
+        " and iq='I'" if best.startswith("real") else ", not iq='I'" * given.startswith("real")
+    )
+    if best.endswith("I Q"):
+        advice = "save numpy.fromfile(path, '<i2').reshape(chirps, antennas, samples, 2) as .npy"
     raise InputError(
         f"{path} does not hold {given}: taken as {best} its chirps have a spectrum that is less flat by "
         f"{found[given] - found[best]:.1f} dB; {advice}"

@@ -13,7 +13,8 @@ from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.rows import FileRows
 from t2d_rt.types import Radar
 
-ORDERS = "IQ", "QI"
+ORDERS = "IQ", "QI", "I"
+"""Of the channels; "I" alone are real samples."""
 INSPECTED_ROWS = 64
 """Rows that are looked at, spread over the file."""
 AT_ONCE = 8
@@ -73,7 +74,16 @@ def warn_of_offset(path: Path, offset: int) -> None:
 
 
 def oriented(samples: np.ndarray, iq: str, *, conjugate: bool) -> np.ndarray:
-    """Complex samples that were read as I + jQ, as they are: Q before I swapped, a conjugate IF conjugated once more."""
+    """Samples (chirp, sample) that were read as I + jQ, as they are, complex64: Q before I swapped, a conjugate IF conjugated.
+
+    Real ones become analytic: what stands at negative beats is the image of what stands at positive ones.
+    """
+    if iq == "I":
+        half = (samples.shape[-1] + 1) // 2
+        spectrum = np.fft.fft(samples)
+        spectrum[..., 1:half] *= 2
+        spectrum[..., half + (samples.shape[-1] + 1) % 2 :] = 0
+        return np.fft.ifft(spectrum).astype(np.complex64)
     if iq == "QI":
         samples = samples.imag + np.complex64(1j) * samples.real
     return samples.conj() if conjugate else samples
@@ -100,7 +110,7 @@ def check_samples(cube: Cube, path: Path) -> None:
     if not channels.all():
         _warn(
             f"{path} holds one channel, {'IQ'[int(channels[1])]}, and zeros for the other, so that each echo stands at its range "
-            "and mirrored, and speeds have no sign; record both, or save scipy.signal.hilbert of each chirp"
+            "and mirrored, and speeds have no sign; record both, or give iq='I', which takes beats for positive"
         )
     if silent:
         _warn(

@@ -34,7 +34,8 @@ def load_cube(path: str | Path, *, iq: str = "IQ", conjugate: bool = False) -> C
     Raw 16-bit words that were stored as unsigned numbers (0..65535, as OpenRadar does) are turned back into signed ones, those in
     offset binary with a warning; anything that is not made of 16-bit integers stays as it is.
 
-    iq: "QI" where Q stands before I. conjugate: whether the IF is the conjugate of the one here, whose beats are positive.
+    iq: "QI" where Q stands before I, "I" where samples are real; their beats are taken to be positive, over half the range axis.
+    conjugate: whether the IF is the conjugate of the one here, whose beats are positive.
     """
     choice("iq", iq, ORDERS)
     cube = read_npy(path, iq=iq, conjugate=flag("conjugate", conjugate))
@@ -45,7 +46,7 @@ def load_cube(path: str | Path, *, iq: str = "IQ", conjugate: bool = False) -> C
 def read_npy(path: str | Path, *, iq: str, conjugate: bool) -> Cube:
     """`load_cube` of samples that are not looked through yet."""
     try:
-        rows = _rows(file_path("path", path).absolute())
+        rows = _rows(file_path("path", path).absolute(), real=iq == "I")
     except InputError:
         raise
     except (ValueError, EOFError, SyntaxError, MemoryError, OverflowError, TypeError) as error:
@@ -57,11 +58,11 @@ def read_npy(path: str | Path, *, iq: str, conjugate: bool) -> Cube:
         seen = [_words(rows.numbers(part.start, part.stop)) for part in spread_rows(rows.shape[0])]
         offset = code_offset(np.concatenate([each.ravel() for each in seen]))
         warn_of_offset(rows.path, offset)
-    decode = partial(_decoded, words=words, offset=offset, iq=iq, conjugate=conjugate)
+    decode = partial(_decoded, samples=rows.shape[2], words=words, offset=offset, iq=iq, conjugate=conjugate)
     return cube_of(FileRows(rows.path, rows.shape, rows.begin, rows.dtype, rows.row_numbers, decode, rows.held))
 
 
-def _rows(path: Path) -> FileRows:
+def _rows(path: Path, *, real: bool) -> FileRows:
     """Where the rows of a .npy file stand, of what shape they are."""
     with regular_file(path, noun="recording") as file:
         version = np.lib.format.read_magic(file)
@@ -75,7 +76,7 @@ def _rows(path: Path) -> FileRows:
         needed = math.prod(shape) * dtype.itemsize
         if needed > size - begin:
             raise ValueError(f"it is cut short: {size - begin} of {needed} bytes")
-        samples = _axes(path, shape, dtype)
+        samples = _axes(path, shape, dtype, real=real)
         held = None
         if by_columns:
             if needed > LARGEST_CHUNK_BYTES:
@@ -87,12 +88,13 @@ def _rows(path: Path) -> FileRows:
     return FileRows(path, samples, begin, dtype, math.prod(shape[1:]), None, held)
 
 
-def _axes(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, int, int]:
+def _axes(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any], *, real: bool) -> tuple[int, int, int]:
     """(chirp, antenna, sample) of an array's shape."""
-    pairs = dtype.kind != "c"
+    pairs = dtype.kind != "c" and not real
     if pairs and (len(shape) not in (3, 4) or shape[-1] != 2):
         raise InputError(
-            f"{path} must hold complex samples (I + jQ) or pairs of I and Q along a last axis of 2, got {dtype} of shape {shape}"
+            f"{path} must hold complex samples (I + jQ) or pairs of I and Q along a last axis of 2, got {dtype} of shape {shape}; "
+            "give iq='I' where they are real"
         )
     axes = shape[:-1] if pairs else shape
     if len(axes) not in (2, 3) or any(length < 1 for length in axes):
@@ -124,8 +126,11 @@ def _are_words(rows: FileRows) -> bool:
     return True
 
 
-def _decoded(numbers: np.ndarray, *, words: bool, offset: int, iq: str, conjugate: bool) -> np.ndarray:
-    """Samples of rows (row, number), complex64 (row, number of them)."""
+def _decoded(numbers: np.ndarray, *, samples: int, words: bool, offset: int, iq: str, conjugate: bool) -> np.ndarray:
+    """Samples of rows (row, number), complex64, as many as there are."""
     with np.errstate(over="ignore"):
         parts = signed(_words(numbers), offset) if words else _parts(numbers).astype(np.float32)
+    if iq == "I":
+        parts = parts[:, ::2] if numbers.dtype.kind == "c" else parts
+        return oriented(parts.reshape(-1, samples), iq, conjugate=conjugate)
     return oriented(np.ascontiguousarray(parts).view(np.complex64), iq, conjugate=conjugate)
