@@ -72,7 +72,7 @@ def gait_of(body: Tracks) -> Gait:
 
     ankles = body["left_ankle"] - body["right_ankle"]
     apart, across = along(ankles, ahead) / tall, along(ankles, side) / tall
-    peaks = _alternations(apart, LEAST_STEP)
+    peaks = alternations(apart, LEAST_STEP)
     left = apart[peaks] > np.median(apart[peaks]) if len(peaks) else np.zeros(0, bool)
     times = np.diff(peaks) / RATE_HZ
     lengths = np.abs(apart[peaks])
@@ -122,7 +122,7 @@ def _heading(body: Tracks) -> np.ndarray:
     return unit(np.stack([np.convolve(body.facing[:, axis], kernel, mode="same") for axis in range(3)], axis=-1))
 
 
-def _alternations(signal: np.ndarray, least: float) -> np.ndarray:
+def alternations(signal: np.ndarray, least: float) -> np.ndarray:
     """Frames of alternating maxima and minima that differ by `least` or more; the ends of the record are none."""
     found: list[int] = []
     high = low = 0

@@ -82,7 +82,7 @@ def feet_of(body: Tracks) -> Feet:
 
 def airborne(body: Tracks) -> np.ndarray:
     """Where no part of the body is at the floor, no foot is planted at any height and nobody sits, (T,)."""
-    lowest = _clearance(body).min(axis=1)
+    lowest = clearance(body).min(axis=1)
     feet = feet_of(body)
     slow = np.linalg.norm(feet.velocity, axis=-1) < PLANTED_MPS
     # Planted on a step: slow for a while. At the top of a jump the feet are slow for 0.1 s at most.
@@ -100,7 +100,7 @@ def seated(body: Tracks) -> np.ndarray:
     return (drop < SEATED_THIGH) & (speed < SEATED_SPEED_MPS)
 
 
-def _clearance(body: Tracks) -> np.ndarray:
+def clearance(body: Tracks) -> np.ndarray:
     """Height of the skin at each joint over the floor [m], (T, J)."""
     radii = [RADII[name.removeprefix("left_").removeprefix("right_")] for name in body.names]
     return body.joints[..., 2] - np.array(radii) * body.stature_m
@@ -108,7 +108,7 @@ def _clearance(body: Tracks) -> np.ndarray:
 
 def penetration_m(body: Tracks) -> float:
     """Deepest that the body sinks into the floor for two frames or more [m]."""
-    depth = -_clearance(body).min(axis=1)
+    depth = -clearance(body).min(axis=1)
     return max(0.0, float(np.minimum(depth[1:], depth[:-1]).max()))
 
 
@@ -180,7 +180,7 @@ def sliding_s(body: Tracks) -> float:
     It tells feet that slide over the floor, and bodies that are carried by nothing.
     """
     speed = np.linalg.norm(body.velocity, axis=-1)
-    near = _clearance(body) < NEAR * body.stature_m
+    near = clearance(body) < NEAR * body.stature_m
     near[:, [body.names.index(name) for name in feet_names(body)]] = True
     resting = (near & (speed < PLANTED_MPS)).any(axis=1) | seated(body)
     return _excess_s(body, ~resting)

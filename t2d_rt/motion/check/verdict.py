@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from t2d_rt.checks import choice
 from t2d_rt.motion.check.anatomy import RANGES_DEG
 from t2d_rt.motion.check.classes import class_faults
+from t2d_rt.motion.check.clock import rate_doubt
 from t2d_rt.motion.check.falls import FallFinding, fall_in
 from t2d_rt.motion.check.limits import Limits
 from t2d_rt.motion.check.limits import limits as shipped_limits
@@ -105,6 +106,9 @@ def _of_record(motion: Motion, measures: Measures, limits: Limits, fall: FallFin
             f"nothing moves: the joints' mean speed is {measures.activity_mps:.3f} m/s, at least "
             f"{LEAST_ACTIVITY_MPS:g} m/s are needed"
         )
+    doubt = rate_doubt(motion)
+    if doubt is not None:
+        reasons.append(doubt)
     jump, found = limits.jump_m(motion.rate_hz), jumps(motion.joints, motion.names, motion.rate_hz)
     if found or told_before(motion.report):
         reasons.append(told(found) if found else told_before(motion.report))

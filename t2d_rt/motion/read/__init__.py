@@ -54,6 +54,8 @@ def load_motion(
     rate_hz: frames per second, instead of the file's own.
     subject: name of the person who is taken of a file that holds several; left out, the first who is complete.
     """
+    from t2d_rt.motion.check.clock import rate_doubt
+
     path = file_path("path", path)
     reading = Reading(
         units=units, up=up, floor=floor, drop_tpose=drop_tpose, smooth_hz=smooth_hz, flavour=flavour, rate_hz=rate_hz,
@@ -71,4 +73,7 @@ def load_motion(
             T2DWarning,
             stacklevel=2,
         )
+    doubt = rate_doubt(motion)
+    if doubt is not None:
+        warnings.warn(f"{path.name}: {doubt}; give the true one (--motion.rate_hz)", T2DWarning, stacklevel=2)
     return replace(motion, origin=(file_origin(path), *motion.origin))

@@ -14,6 +14,7 @@ import numpy as np
 from t2d_rt.errors import InputError
 from t2d_rt.motion.quaternions import multiply, rotate
 from t2d_rt.motion.read.arrays import Arrays
+from t2d_rt.motion.read.clock import stated_rate, times_of
 from t2d_rt.motion.read.detect import stance_axis
 from t2d_rt.motion.read.samples import filled
 from t2d_rt.motion.read.tracks import Tracks
@@ -22,10 +23,10 @@ from t2d_rt.types.motion import CANONICAL_JOINTS
 
 STATURE_M = 1.70
 
+USUAL_RATE_HZ = 60.0
+
 BODY_ANGLES = 66
 """Axis-angle vectors of the 22 canonical joints; hands, jaw and eyes follow in SMPL-H (156) and SMPL-X (165)."""
-
-RATE_FIELDS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate")
 
 _CENTRAL = {
     "spine1": (0.0, 0.065, -0.016), "spine2": (0.0, 0.081, 0.001), "spine3": (0.0, 0.032, 0.015), "neck": (0.0, 0.128, -0.026),
@@ -66,9 +67,10 @@ def read_amass(arrays: Arrays) -> Tracks:
         raise InputError(
             f"{arrays.path}: poses must have shape (time, 66 or more) and trans (time, 3), got {poses.shape} and {moved.shape}"
         )
-    rate_hz = arrays.scalar(*RATE_FIELDS)
-    if rate_hz is None:
+    stated_hz = stated_rate(arrays, len(poses))
+    if stated_hz is None and times_of(arrays, len(poses)) is None:
         raise InputError(f"{arrays.path} has no mocap_framerate; store it")
+    rate_hz = stated_hz or USUAL_RATE_HZ
     rows, lost = filled(np.concatenate([moved, poses[:, :BODY_ANGLES]], axis=1), f"{arrays.path}", slice(3))
     moved = rows[:, :3]
     turned = _orientations(rows[:, 3:].reshape(len(poses), -1, 3))
@@ -79,7 +81,8 @@ def read_amass(arrays: Arrays) -> Tracks:
     clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({told}), betas not used"
     form = {156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)", 72: "AMASS (SMPL)"}.get(poses.shape[1], "AMASS")
     return Tracks(
-        form=form, points=points, orientations={name: turned[name] for name in points}, rate_hz=rate_hz, told=(clause,),
+        form=form, points=points, orientations={name: turned[name] for name in points}, rate_hz=rate_hz,
+        rate_assumed=stated_hz is None, told=(clause,),
         unit_m=1.0, up=up,
     )  # fmt: skip
 

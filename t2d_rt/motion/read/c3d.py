@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import struct
 import subprocess
 import sys
 import tempfile
@@ -14,6 +15,7 @@ from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
+from t2d_rt.motion.read.clock import same_rate, warn_of_contradiction
 from t2d_rt.motion.read.markers import joints_from
 from t2d_rt.motion.read.subjects import numbered
 from t2d_rt.motion.read.tracks import Tracks
@@ -47,10 +49,22 @@ def read_c3d(path: Path, subject: str | None = None) -> Tracks:
     if len(data) < 1024 or data[1] != C3D_MARK:
         raise InputError(f"{path} is not a C3D file, or cut short")
     markers, rate_hz, unit = _markers(path)
+    header_hz = _header_rate(data)
+    if RATES_HZ[0] <= header_hz <= RATES_HZ[1] and not same_rate(header_hz, rate_hz):
+        warn_of_contradiction(
+            f"the header's {header_hz:g} Hz contradict POINT:RATE of {rate_hz:g} Hz, which is taken", header_hz
+        )
     points, told = joints_from(markers, subject)
     return Tracks(
         form="C3D", points=points, rate_hz=rate_hz, told=told, unit_m=UNITS_M.get(unit), up="z", up_certain=False
     )
+
+
+def _header_rate(data: bytes) -> float:
+    """Frame rate [Hz] of the first block, 0 where it is written by other processors than today's."""
+    processor = data[512 * max(data[0] - 1, 0) :][3:4]
+    order = {b"T": "<f", b"V": ">f"}.get(processor)  # 84 Intel, 86 MIPS
+    return float(struct.unpack(order, data[20:24])[0]) if order else 0.0
 
 
 def _markers(path: Path) -> tuple[dict[str, np.ndarray], float, str]:

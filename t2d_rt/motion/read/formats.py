@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from t2d_rt.checks import shown
@@ -10,6 +11,7 @@ from t2d_rt.motion.read.amass import read_amass
 from t2d_rt.motion.read.arrays import Arrays, read_arrays
 from t2d_rt.motion.read.asf_amc import read_asf_amc
 from t2d_rt.motion.read.c3d import read_c3d
+from t2d_rt.motion.read.clock import times_of
 from t2d_rt.motion.read.deepmimic import read_deepmimic
 from t2d_rt.motion.read.joints_npz import read_plain
 from t2d_rt.motion.read.kimodo import read_kimodo
@@ -29,7 +31,9 @@ def read_tracks(path: Path, subject: str | None = None) -> Tracks:
     """Tracks of any file but BVH, of one subject where the format may hold several."""
     suffix = path.suffix.lower()
     if suffix in (".npy", ".npz"):
-        return _from_arrays(read_arrays(path), subject)
+        arrays = read_arrays(path)
+        tracks = _from_arrays(arrays, subject)
+        return replace(tracks, times=times_of(arrays, len(next(iter(tracks.points.values())))))
     if suffix in (labelled := {".c3d": read_c3d, ".trc": read_trc}):
         return labelled[suffix](path, subject)
     readers = {".json": read_deepmimic, ".txt": read_deepmimic, ".amc": read_asf_amc}

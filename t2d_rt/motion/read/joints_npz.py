@@ -11,6 +11,7 @@ import numpy as np
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.motion.read.arrays import Arrays, samples_of
+from t2d_rt.motion.read.clock import stated_rate
 from t2d_rt.motion.read.detect import Up
 from t2d_rt.motion.read.humanml3d import WIDTH, read_joints, read_vectors
 from t2d_rt.motion.read.joint_sets import ORDERS, absent_joints, guessed_order, named_points
@@ -21,8 +22,6 @@ from t2d_rt.types.motion import CANONICAL_JOINTS
 
 JOINT_FIELDS = ("joints", "positions", "joints3d", "keypoints", "keypoints3d", "motion", "poses3d", "arr_0", "")
 NAME_FIELDS = ("names", "joint_names", "joints_names")
-RATE_FIELDS = ("fps", "rate_hz", "rate", "frame_rate", "framerate", "mocap_framerate")
-
 NAMED_RATE_HZ = 30.0
 """Of cameras, where a file does not say."""
 
@@ -61,13 +60,12 @@ def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
 def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
     if values.ndim == 3 and values.shape[0] == 1 and values.shape[2] != 3:
         values = values[0]
-    rate_hz = arrays.scalar(*RATE_FIELDS)
     names = _names(arrays)
     if names is None:
         check_only(subject)
         if values.ndim == 2 and values.shape[1] == WIDTH:
-            return _at_rate(read_vectors(values), rate_hz)
-        return _at_rate(_in_order(_joints(values, arrays, names), arrays), rate_hz)
+            return _at_rate(read_vectors(values), arrays)
+        return _at_rate(_in_order(_joints(values, arrays, names), arrays), arrays)
     joints, labels = _joints(values, arrays, names), numbered(names)
     if len(set(names)) < len(names) and not subjects(labels, absent_joints):
         named_points(joints, names)  # refuses names that are repeated by mistake
@@ -79,11 +77,12 @@ def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
     (points, sources), who = of_labels(labels, absent_joints, subject, read)
     told = (*who, f"{len({each for source in sources.values() for each in source})} of its {len(names)} named joints")
     return _at_rate(
-        Tracks(form="named joints", points=points, rate_hz=NAMED_RATE_HZ, told=told, up=_up(arrays)), rate_hz
+        Tracks(form="named joints", points=points, rate_hz=NAMED_RATE_HZ, told=told, up=_up(arrays)), arrays
     )
 
 
-def _at_rate(tracks: Tracks, rate_hz: float | None) -> Tracks:
+def _at_rate(tracks: Tracks, arrays: Arrays) -> Tracks:
+    rate_hz = stated_rate(arrays, len(next(iter(tracks.points.values()))))
     return replace(tracks, rate_hz=tracks.rate_hz if rate_hz is None else rate_hz, rate_assumed=rate_hz is None)
 
 

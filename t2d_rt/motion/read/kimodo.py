@@ -12,6 +12,7 @@ from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.motion.quaternions import from_matrix
 from t2d_rt.motion.read.arrays import Arrays
+from t2d_rt.motion.read.clock import stated_rate
 from t2d_rt.motion.read.samples import filled, seen
 from t2d_rt.motion.read.tracks import Tracks
 
@@ -35,7 +36,7 @@ def read_kimodo(arrays: Arrays) -> Tracks:
     joints = arrays.samples("posed_joints", (3,))
     if joints.shape[1:] != (JOINTS, 3):
         raise InputError(f"{arrays.path}: posed_joints must have shape (time, {JOINTS}, 3), got {joints.shape}")
-    given_hz = arrays.scalar("fps", "rate_hz", "framerate")
+    given_hz = stated_rate(arrays, len(joints))
     rate_hz = RATE_HZ if given_hz is None else given_hz
     joints = seen(joints)
     points = {name: joints[:, place] for name, place in PLACES.items()}

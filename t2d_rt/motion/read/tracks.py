@@ -11,6 +11,7 @@ import numpy as np
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion.posture import facing, stature_m
 from t2d_rt.motion.read.bvh import MAX_FRAMES
+from t2d_rt.motion.read.clock import Times, on_clock
 from t2d_rt.motion.read.complete import add_level_feet, complete
 from t2d_rt.motion.read.detect import (
     AUTO_STATURE_M,
@@ -57,6 +58,8 @@ class Tracks:
     rate_hz: float
     orientations: dict[str, np.ndarray] | None = None
     """Global orientations x, y, z, w (T, 4) of the same joints; None where the file holds positions alone."""
+    times: Times | None = None
+    """When the frames were taken, where the file says so."""
     rate_assumed: bool = False
     """Whether the rate is the format's usual one, which the file does not give."""
     told: tuple[str, ...] = ()
@@ -71,6 +74,7 @@ class Tracks:
 
 def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     """The motion in metres, z up, floor at z = 0, with its report."""
+    tracks = tracks if reading.rate_hz is not None else on_clock(tracks)
     rate_hz = checked_rate(tracks.rate_hz if reading.rate_hz is None else reading.rate_hz)
     given = Samples(points=tracks.points, turned=tracks.orientations or {}, rate_hz=rate_hz)
     samples = whole(tracks.form, given)

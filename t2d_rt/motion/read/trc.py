@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
+from t2d_rt.motion.read.clock import Times
 from t2d_rt.motion.read.markers import joints_from
 from t2d_rt.motion.read.subjects import numbered
 from t2d_rt.motion.read.tracks import Tracks
@@ -41,21 +43,27 @@ def read_trc(path: Path, subject: str | None = None) -> Tracks:
     columns = dict(zip(numbered(labels[place] for place in places), places, strict=True))
     if not columns or len(columns) > MAX_MARKERS:
         raise InputError(f"{path}: its fourth line must name 1 to {MAX_MARKERS} markers, got {len(columns)}")
-    table = _table(lines[5:], len(labels), path)
+    times_s, table = _table(lines[5:], len(labels), path)
     markers = {label: table[:, place : place + 3] for label, place in columns.items() if place + 3 <= table.shape[1]}
     points, told = joints_from(markers, subject)
-    return Tracks(form="TRC", points=points, rate_hz=rate_hz, told=told, unit_m=unit_m, up="y", up_certain=False)
+    times = Times(values=times_s, name="Time column", unit_s=1.0, rate_name="DataRate")
+    return Tracks(
+        form="TRC", points=points, rate_hz=rate_hz, times=times, told=told, unit_m=unit_m, up="y", up_certain=False
+    )
 
 
-def _table(lines: list[str], width: int, path: Path) -> np.ndarray:
-    """Coordinates (T, columns), NaN where a cell is empty."""
+def _table(lines: list[str], width: int, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s], (T,) or fewer, and coordinates (T, columns), NaN where a cell is empty."""
     rows: list[list[float]] = []
+    times: list[float] = []
     for line in lines:
         if not line.strip():
             continue
         if len(rows) == MAX_FRAMES:
             raise InputError(f"{path} has more than {MAX_FRAMES} frames; cut the motion into shorter files")
-        cells = line.rstrip("\r\n").split("\t")[2:]
+        clock, *cells = line.rstrip("\r\n").split("\t")[1:] or [""]
+        with suppress(ValueError):  # times in hours and minutes, or none
+            times.append(float(clock))
         cells = (cells + [""] * (width + 2))[: width + 2]
         try:
             rows.append([float(cell) if cell.strip() else np.nan for cell in cells])
@@ -66,4 +74,4 @@ def _table(lines: list[str], width: int, path: Path) -> np.ndarray:
     table = np.array(rows)
     if np.abs(np.nan_to_num(table)).max() >= LARGEST_NUMBER:
         raise InputError(f"{path} holds infinite or absurd values; repair or re-export the file")
-    return table
+    return np.array(times), table

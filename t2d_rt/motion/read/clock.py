@@ -1,0 +1,244 @@
+"""The times that a file gives its frames: their rate, against the one that it states, and frames brought onto an even clock."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.motion.quaternions import continuous, normalise
+from t2d_rt.motion.read.arrays import Arrays
+from t2d_rt.types.motion import checked_rate
+
+if TYPE_CHECKING:
+    from t2d_rt.motion.read.tracks import Tracks
+
+UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+TIME_FIELDS = tuple(
+    f"{name}{unit}"
+    for unit in ("", *(f"_{each}" for each in UNITS_S))
+    for name in ("timestamps", "timestamp", "times", "time", "t", "frame_times")
+)
+RATE_FIELDS = (
+    "fps", "rate_hz", "rate", "frame_rate", "framerate", "mocap_framerate", "mocap_frame_rate", "sampling_rate", "sample_rate",
+)  # fmt: skip
+
+LENGTH_FIELD = "mocap_time_length"
+
+STEP_FIELDS = ("dt", "frame_time", "timestep", "time_step", "step_s")
+
+STEPS = ((1e-3, 1.0, 1.0), (1.001, 1e3, 1e-3), (1.001e3, 1.5e5, 1e-6), (1.5e5, 1e6, 1e-7), (1.001e6, 1e9, 1e-9))
+"""Least and greatest usual step of times without a unit, and the unit [s] that it tells: Windows counts tenths of a microsecond. A
+step of 1 counts frames."""
+
+SAME = 0.02
+"""Relative difference up to which two rates are the same."""
+
+ROUNDED = 0.55
+"""Of the last digit of times, what an even clock may deviate by once it is rounded or cut there."""
+
+UNEVEN = 0.05
+"""Of a step, the deviation from an even clock from which frames are brought onto one: a walker's foot at 4 m/s is then 3 mm off at
+60 Hz."""
+
+OFF_GRID = 0.25
+"""Of a step, the greatest deviation from whole steps where frames between are lost."""
+
+LEAST_FRAMES = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Times:
+    """When a file says that its frames were taken."""
+
+    values: np.ndarray
+    """(T,), in `unit_s`."""
+    name: str
+    """What the file calls them."""
+    unit_s: float | None
+    """None where the file does not say."""
+    rate_name: str = "its rate"
+    """What the file calls the rate that it states."""
+
+
+def times_of(arrays: Arrays, frames: int) -> Times | None:
+    """Times of the frames in a file of arrays, if there are any."""
+    rate_name = arrays.first(*RATE_FIELDS, *STEP_FIELDS) or ""
+    for name in TIME_FIELDS:
+        if name in arrays:
+            found = arrays.get(name)
+            if found.size == frames and found.dtype.kind in "fiu":
+                unit = UNITS_S.get(name.rpartition("_")[2]) if "_" in name else None
+                return Times(values=found.ravel().astype(np.float64), name=name, unit_s=unit, rate_name=rate_name)
+    return None
+
+
+def stated_rate(arrays: Arrays, frames: int) -> float | None:
+    """The rate [Hz] that a file of arrays states; a warning where it states another one besides."""
+    found = {name: arrays.scalar(name) for name in RATE_FIELDS if name in arrays}
+    found |= {name: 1.0 / step for name in STEP_FIELDS if name in arrays and (step := arrays.scalar(name))}
+    rates = {name: checked_rate(rate) for name, rate in found.items() if rate is not None}
+    length_s = arrays.scalar(LENGTH_FIELD) if LENGTH_FIELD in arrays else None
+    if not rates:
+        return _tidy(frames / length_s) if length_s else None
+    name, rate_hz = next(iter(rates.items()))
+    if any(field in arrays for field in TIME_FIELDS):
+        return rate_hz
+    for other, rate in rates.items():
+        if not same_rate(rate, rate_hz):
+            warn_of_contradiction(f"{other} of {rate:g} Hz contradicts {name} of {rate_hz:g} Hz, which is taken", rate)
+            return rate_hz
+    if not length_s or length_s < 0 or abs(length_s * rate_hz - frames) <= max(2.0, SAME * frames):
+        return rate_hz
+    by_length_hz, contradiction = _tidy(frames / length_s), f"{frames} frames at {name} of {rate_hz:g} Hz contradict"
+    times = max(rate_hz, by_length_hz) / min(rate_hz, by_length_hz)
+    if times > 1.5 and abs(times - round(times)) < SAME * times:  # every second frame left out, or doubled
+        warn_of_contradiction(
+            f"{contradiction} {LENGTH_FIELD} of {length_s:g} s, by which {by_length_hz:g} Hz are taken", rate_hz
+        )
+        return by_length_hz
+    warn_of_contradiction(f"{contradiction} {LENGTH_FIELD} of {length_s:g} s; {rate_hz:g} Hz are taken", by_length_hz)
+    return rate_hz
+
+
+def on_clock(tracks: Tracks) -> Tracks:
+    """Tracks at the rate of their times, evenly: frames at uneven times are interpolated, NaN stands where frames are lost."""
+    times, frames = tracks.times, len(next(iter(tracks.points.values())))
+    if times is None or len(times.values) != frames or frames < LEAST_FRAMES:
+        return tracks
+    stated_hz = None if tracks.rate_assumed else tracks.rate_hz
+    seconds, kept = _seconds(times, stated_hz)
+    if seconds is None:
+        return replace(tracks, told=(*tracks.told, f"its {times.name} tells no rate"))
+    tracks = _at(tracks, np.flatnonzero(kept))
+    told = [f"{frames - len(seconds)} frame(s) left out whose {times.name} does not go on"] if not kept.all() else []
+    step_s, places = _grid(seconds)
+    rate_hz = _tidy(1.0 / step_s)
+    if places is None:
+        steps = 1e3 * np.diff(seconds)
+        rate_hz = max(1.0, float(round(rate_hz)))
+        told.append(f"frames {steps.min():.3g} to {steps.max():.3g} ms apart brought onto an even clock")
+        tracks = _resampled(tracks, seconds, rate_hz)
+    elif len(places) < places[-1] + 1:
+        told.append(f"{places[-1] + 1 - len(places)} frame(s) lost by its {times.name}")
+        tracks = _spread(tracks, places)
+    if stated_hz is not None and not same_rate(rate_hz, stated_hz):
+        warn_of_contradiction(
+            f"{times.rate_name} of {stated_hz:g} Hz contradicts {times.name}, whose steps of {1e3 * step_s:.4g} ms are "
+            f"{rate_hz:g} Hz, which is taken", stated_hz,
+        )  # fmt: skip
+    checked_rate(rate_hz)
+    return replace(tracks, rate_hz=rate_hz, rate_assumed=False, told=(*tracks.told, f"rate by its {times.name}", *told))
+
+
+def warn_of_contradiction(sentence: str, other_hz: float) -> None:
+    """A warning that says how the other of two rates is taken."""
+    warnings.warn(
+        f"{sentence}; give rate_hz={other_hz:g} (--motion.rate_hz {other_hz:g}) if that is right",
+        T2DWarning,
+        stacklevel=5,
+    )
+
+
+def same_rate(rate_hz: float, other_hz: float) -> bool:
+    """Whether two rates are one, as far as files round them."""
+    return abs(rate_hz - other_hz) <= SAME * other_hz
+
+
+def _tidy(rate_hz: float) -> float:
+    """A rate within 0.05 % of a whole number is that number: times are rounded."""
+    return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 5e-4 * rate_hz else rate_hz
+
+
+def _seconds(times: Times, stated_hz: float | None) -> tuple[np.ndarray | None, np.ndarray]:
+    """Ascending times [s] and which frames they are of, (T,); None where they are no times."""
+    values = times.values - times.values[np.isfinite(times.values)][:1].sum()  # those since 1970 have no digits left
+    before = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(values, nan=-np.inf)[:-1]]))
+    kept = values > before
+    ascending = values[kept]
+    if np.count_nonzero(values <= before) > 0.05 * len(values) and len(ascending) >= LEAST_FRAMES:
+        # Digits too few to tell neighbours apart, or no times.
+        whole = np.polyfit(np.arange(len(values)), values, 1) if np.isfinite(values).all() else np.zeros(2)
+        coarse = (
+            whole[0] > 0
+            and np.abs(values - np.polyval(whole, np.arange(len(values)))).max() <= np.diff(ascending).max()
+        )
+        kept, ascending = (
+            np.ones(len(values), bool),
+            np.polyval(whole, np.arange(len(values))) if coarse else ascending[:0],
+        )
+    if len(ascending) < LEAST_FRAMES:
+        return None, kept
+    step = float(np.median(np.diff(ascending)))
+    unit_s = times.unit_s
+    if unit_s is None and stated_hz is not None:
+        unit_s = next((unit for unit in (*UNITS_S.values(), 1e-7) if same_rate(1.0 / (step * unit), stated_hz)), None)
+    if unit_s is None:
+        unit_s = next((unit for low, high, unit in STEPS if low <= step < high), None)
+    if unit_s is None or not 1e-4 < step * unit_s < 1.0:
+        return None, kept
+    return ascending * unit_s, kept
+
+
+def _grid(seconds: np.ndarray) -> tuple[float, np.ndarray | None]:
+    """Step of the clock [s], and of each frame its whole number of steps from the first, (T,); None where times are uneven."""
+    frames, step_s = np.arange(len(seconds)), float(np.median(np.diff(seconds)))
+    mean_s, start_s = np.polyfit(frames, seconds, 1).tolist()
+    digit = next((10.0**-power for power in range(1, 10) if _whole(seconds * 10.0**power)), 0.0)
+    rounding = ROUNDED * digit if digit < 0.99 * mean_s else 0.0
+    if np.abs(seconds - start_s - mean_s * frames).max() <= max(UNEVEN * mean_s, rounding):
+        return mean_s, frames
+    places = np.concatenate([[0], np.cumsum(np.maximum(1, np.round(np.diff(seconds) / step_s)))]).astype(int)
+    step_s, start_s = np.polyfit(places, seconds, 1).tolist()
+    even = np.abs(seconds - start_s - step_s * places).max() <= max(OFF_GRID * step_s, rounding)
+    if places[-1] > 100 * len(places):
+        raise InputError(
+            f"the times of the frames leap by {np.diff(seconds).max():.3g} s; repair them, or give rate_hz"
+        )
+    return step_s, places if even and places[-1] >= len(places) else None
+
+
+def _whole(values: np.ndarray) -> bool:
+    return bool((np.abs(values - np.round(values)) < 1e-3).all())
+
+
+def _at(tracks: Tracks, frames: np.ndarray) -> Tracks:
+    turned = tracks.orientations and {name: track[frames] for name, track in tracks.orientations.items()}
+    return replace(tracks, points={name: track[frames] for name, track in tracks.points.items()}, orientations=turned)
+
+
+def _spread(tracks: Tracks, places: np.ndarray) -> Tracks:
+    """Each frame at its place, NaN between."""
+    every = np.arange(places[-1] + 1)
+    before = np.searchsorted(places, every, side="right") - 1
+    spread = _at(tracks, before)
+    lost = (places[before] != every)[:, None]
+    return replace(spread, points={name: np.where(lost, np.nan, track) for name, track in spread.points.items()})
+
+
+def _resampled(tracks: Tracks, seconds: np.ndarray, rate_hz: float) -> Tracks:
+    """Frames at even times, by cubic splines; NaN between those more than two steps apart."""
+    from scipy.interpolate import make_interp_spline
+
+    even = seconds[0] + np.arange(math.floor((seconds[-1] - seconds[0]) * rate_hz + 0.5) + 1) / rate_hz
+    after = np.clip(np.searchsorted(seconds, even - 1e-3 / rate_hz), 1, len(seconds) - 1)
+    near = np.minimum(np.abs(even - seconds[after]), np.abs(even - seconds[after - 1])) < 1e-2 / rate_hz
+    lost = (seconds[after] - seconds[after - 1] > 2.0 / rate_hz) & ~near
+
+    def at(track: np.ndarray) -> np.ndarray:
+        seen = np.isfinite(track).all(axis=-1)
+        if seen.sum() < 2:
+            return np.full((len(even), track.shape[1]), np.nan)
+        found = make_interp_spline(seconds[seen], track[seen], k=min(3, int(seen.sum()) - 1))(
+            np.minimum(even, seconds[-1])
+        )
+        unseen = np.interp(even, seconds, ~seen) > 0
+        return np.where((lost | unseen)[:, None], np.nan, found)
+
+    turned = tracks.orientations and {n: normalise(at(continuous(track))) for n, track in tracks.orientations.items()}
+    return replace(tracks, points={name: at(track) for name, track in tracks.points.items()}, orientations=turned)
