@@ -15,8 +15,9 @@ from t2d_rt.files import read_yaml
 from t2d_rt.inputs import Inputs, named_arrays
 from t2d_rt.named import noise_named, radar_named
 from t2d_rt.propagation.collisions import Collisions
+from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.room import Clutter
-from t2d_rt.sources import Plain, Source, StoredScene, Substance, Unknown, found_beside, target_from
+from t2d_rt.sources import Plain, SceneFile, Source, StoredScene, Substance, Unknown, found_beside, target_from
 from t2d_rt.targets import TargetLike
 from t2d_rt.types import Radar, Receiver, Scene, Surface
 from t2d_rt.types.fields import Count
@@ -32,15 +33,16 @@ class Experiment(Plain):
 
     noun: ClassVar[str] = "experiment"
     written: ClassVar[Mapping[str, str]] = {
-        "targets": "a list of mappings with a kind, as in [{kind: file, file: walk}]"
+        "targets": "a list of mappings with a kind, as in [{kind: file, file: walk}]",
+        "scene": "a name, a path, or a mapping, as in {file: street.xml, materials: {brick: concrete}}",
     }
 
     targets: Annotated[tuple[Source, ...], Field(min_length=1, max_length=1000)]
     """Motions, meshes, ellipsoids and movers by their sources."""
     radar: Radar
     """Its fields, or the name of a preset."""
-    scene: str | StoredScene = "free_space"
-    """"free_space", a room by name, the path of an XML file, or a stored scene."""
+    scene: str | SceneFile | StoredScene = "free_space"
+    """"free_space", a room by name, the path of an XML file or a mapping of its `file` and its `materials`, or a stored scene."""
     reflections: Annotated[Count, Field(ge=0, le=4)] = 2
     """Greatest number of reflections on the paths out and back together."""
     transmissions: Annotated[Count, Field(ge=0, le=4)] = 0
@@ -98,6 +100,8 @@ class Experiment(Plain):
         """The scene, or its name."""
         if isinstance(self.scene, str):
             return self.scene
+        if isinstance(self.scene, SceneFile):
+            return load_scene(self.scene.file, materials=self.scene.materials, frequency_hz=self.radar.mid_frequency_hz)
         arrays = named_arrays(inputs, self.scene.input, ("vertices", "faces"))
         vertices, faces, surfaces = arrays["vertices"], arrays["faces"], []
         for each in self.scene.surfaces:
@@ -130,6 +134,8 @@ class Experiment(Plain):
         scene = found.scene
         if isinstance(scene, str) and scene.lower().endswith(".xml"):
             scene = str(folder / scene)
+        if isinstance(scene, SceneFile) and scene.file.lower().endswith(".xml"):
+            scene = scene.model_copy(update={"file": str(folder / scene.file)})
         return found.model_copy(update={"targets": targets, "scene": scene})
 
     def to_yaml(self) -> str:

@@ -218,6 +218,17 @@ class StoredScene(Plain):
     surfaces: tuple[StoredSurface, ...]
 
 
+class SceneFile(Plain):
+    """A scene of a file with substitutes for its materials."""
+
+    noun: ClassVar[str] = "scene"
+
+    file: str
+    """Path of an XML file, in a YAML file relative to its folder; or a room by name."""
+    materials: dict[str, Substance] = Field(default_factory=dict)
+    """Substitutes by the names of what they stand for, as {brick: concrete}."""
+
+
 Source = Annotated[
     MotionFile | MotionText | MotionArrays | BodyMesh | MoverMesh | MeshArrays | EllipsoidArrays | Unknown
     | TableFan | CeilingFan | Curtain | Door | Pet,

@@ -227,6 +227,20 @@ def test_own_values_of_a_material_named_itu_are_told_to_be_dropped(make: Make) -
         assert load_scene(make(shape(inside=own))).surfaces[0].material == "wood"
 
 
+def test_an_experiments_file_substitutes(make: Make) -> None:
+    file = make(shape(inside=BRICK))
+    yaml = file.parent / "experiment.yaml"
+    walk = "targets: [{kind: file, file: walk, stop_s: 0.1}]\nradar: table2\nmethod: ellipsoid\ncollisions: ignore\n"
+    yaml.write_text(walk + f"scene: {{file: {file.name}, materials: {{brick: concrete}}}}\n")
+    recording = t2d.run(t2d.Experiment.from_yaml(yaml))
+    assert [each.material for each in recording.experiment.scene.surfaces] == ["concrete"]
+    yaml.write_text(walk + f"scene: {{file: {file.name}, material: {{brick: concrete}}}}\n")
+    with pytest.raises(
+        InputError, match=r"key scene: got .* write it as .* \{file: street.xml, materials: \{brick: concrete\}\}"
+    ):
+        t2d.Experiment.from_yaml(yaml)
+
+
 def test_the_command_line_substitutes(make: Make, run: Command) -> None:
     file = str(make(shape(inside=BRICK)))
     assert "no values for brick at 77.8" in run("scene", file).err

@@ -262,11 +262,12 @@ class Mirrors:
 
     def shells_enclosing(self, place_m: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
         """Closed pieces of surfaces around a place, whichever side they face: the surface's name and triangles (F, 3, 3)."""
-        for number, surface in enumerate(self.scene.surfaces):
-            triangles = np.concatenate(
-                [mirror.triangles for mirror in self.each if mirror.surface == number] or [_NONE]
-            )
-            low, high = triangles.min(axis=(0, 1), initial=np.inf), triangles.max(axis=(0, 1), initial=-np.inf)
+        parts: dict[int, list[np.ndarray]] = {}
+        for mirror in self.each:
+            parts.setdefault(mirror.surface, []).append(mirror.triangles)
+        for number, mine in parts.items():
+            surface, triangles = self.scene.surfaces[number], np.concatenate(mine)
+            low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
             if ((low < place_m) & (place_m < high)).all():
                 piece = _piece_of(triangles)
                 for index in range(piece.max() + 1):
@@ -322,9 +323,6 @@ class _Rays:
 def has_room(size_m: np.ndarray) -> bool:
     """Whether a box of that size (3,) is as large as a room; what is smaller and closed is furniture."""
     return bool(size_m[0] * size_m[1] >= LEAST_FLOOR_M2 and size_m[2] >= LEAST_HEIGHT_M)
-
-
-_NONE = np.zeros((0, 3, 3))
 
 
 def _piece_of(triangles: np.ndarray) -> np.ndarray:
