@@ -162,6 +162,10 @@ sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from t2d_rt.versions import versions
+
+        return versions()["t2d-rt"]
     if name not in _HOME:
         raise AttributeError(f"module 't2d_rt' has no attribute '{name}'")
     value = getattr(import_module(_HOME[name]), name)

@@ -313,20 +313,29 @@ class _OneBlasThread(contextlib.ContextDecorator):
         self._limits: Any = None
 
     def __enter__(self) -> None:
-        import threadpoolctl
+        import scipy.linalg  # noqa: F401  # a BLAS of its own, which would come with as many threads as there are cores
+        from threadpoolctl import threadpool_limits
 
         with self._lock:
             if self._users == 0:
-                import scipy.linalg  # noqa: F401  # a BLAS of its own, which would come with as many threads as there are cores
-
-                self._limits = threadpoolctl.threadpool_limits(1, user_api="blas")
+                _anyone_limits_blas()
+                self._limits = threadpool_limits(1, user_api="blas")
             self._users += 1
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._users -= 1
             if self._users == 0:
+                _anyone_limits_blas()
                 self._limits.restore_original_limits()
+                _anyone_limits_blas()
+
+
+def _anyone_limits_blas() -> None:
+    """threadpoolctl lets the thread that was first limit OpenBLAS, and does nothing, without a word, for all others."""
+    from threadpoolctl import OpenBLASController
+
+    OpenBLASController.clear_controlling_thread(force=True)
 
 
 one_blas_thread = _OneBlasThread()

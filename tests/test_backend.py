@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -185,10 +186,25 @@ def test_one_blas_thread_holds_until_the_last_thread_has_left() -> None:
 
     with threadpool_limits(2, user_api="blas"):
         before = threads()
-        first, second = contextlib.ExitStack(), contextlib.ExitStack()
-        first.enter_context(backend.one_blas_thread)
-        second.enter_context(backend.one_blas_thread)
-        first.close()
-        assert threads() == {1}
-        second.close()
+        seen: dict[str, set[int]] = {}
+        entered, left = threading.Event(), threading.Event()
+
+        def second() -> None:
+            with backend.one_blas_thread:
+                entered.set()
+                left.wait()
+                seen["alone"] = threads()
+
+        other = threading.Thread(target=second)
+        with backend.one_blas_thread:
+            other.start()
+            entered.wait()
+        left.set()
+        other.join()
+        assert seen["alone"] == {1}
+        assert threads() == before
+        third = threading.Thread(target=second)  # threadpoolctl alone would not let it: the main thread was first
+        third.start()
+        third.join()
+        assert seen["alone"] == {1}
         assert threads() == before

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import limited_threads
+from t2d_rt.backend import limited_threads, one_blas_thread
 from t2d_rt.dataset.motions import provenance
 from t2d_rt.dataset.products import record_length_s
 from t2d_rt.dataset.recipe import Recipe
@@ -88,6 +88,7 @@ def _recipe(text: str) -> Recipe:
     return Recipe.model_validate_json(text)
 
 
+@one_blas_thread
 def make_sample(recipe: Recipe, plans: Plans, index: int) -> Made:
     """One sample; what goes wrong becomes the reason in its record."""
     try:
