@@ -13,6 +13,15 @@ def printable(text: str) -> str:
     )
 
 
+def install(extra: str) -> str:
+    """What to do where an optional part is not installed; t2d-rt is installed from a clone.
+
+    >>> install("learn")
+    "run pip install -e '.[learn]' in your clone of t2d-rt"
+    """
+    return f"run pip install -e '.[{extra}]' in your clone of t2d-rt"
+
+
 class T2DError(Exception):
     """Base of every error that t2d-rt raises on purpose; the command line prints it in one line and exits with 2.
 

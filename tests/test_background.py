@@ -450,7 +450,7 @@ def test_without_torch_a_sentence_tells_what_to_install(
     monkeypatch: pytest.MonkeyPatch, records: list[BackgroundRecord]
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(InputError, match=r'pip install "t2d-rt\[learn\]"'):
+    with pytest.raises(InputError, match=r"pip install -e '.\[learn\]'"):
         learn_background(records)
 
 

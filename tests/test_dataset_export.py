@@ -235,7 +235,7 @@ def test_a_package_that_is_not_installed_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(
-        InputError, match=r"need the package pyarrow, which is not installed; run pip install 't2d-rt\[export\]'"
+        InputError, match=r"need the package pyarrow, which is not installed; run pip install -e '.\[export\]'"
     ):
         export_dataset(folder, tmp_path / "parquet", "parquet")
     monkeypatch.setitem(sys.modules, "torch", None)

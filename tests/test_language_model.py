@@ -516,7 +516,7 @@ def test_a_missing_client_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         return real(name, *arguments, **more)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"need the package openai, .* pip install 't2d-rt\[text\]'"):
+    with pytest.raises(InputError, match=r"need the package openai, .* pip install -e '.\[text\]'"):
         model_descriptions("falling", 1, model=LanguageModel(model="m"))
 
 

@@ -101,7 +101,7 @@ sys.exit(main(["train", "somewhere", "-o", "out"]))
 """
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
     assert run.returncode == 2
-    assert "run pip install 't2d-rt[learn]'" in run.stderr
+    assert "run pip install -e '.[learn]'" in run.stderr
     assert len(run.stderr.splitlines()) == 1
     program = """
 import sys

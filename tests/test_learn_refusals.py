@@ -325,7 +325,7 @@ def test_learning_without_torch_names_the_extra(
         (tmp_path / CARD).touch()
         code, err = run(capsys, *words, "-o", str(tmp_path / "out.md"))
         assert code == 2, words
-        assert "pip install 't2d-rt[learn]'" in err, words
+        assert "pip install -e '.[learn]'" in err, words
 
 
 def test_an_interrupt_in_training_stays_one(tmp_path: Path) -> None:

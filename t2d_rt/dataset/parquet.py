@@ -14,7 +14,7 @@ import numpy as np
 from t2d_rt.dataset.kept import Kept
 from t2d_rt.dataset.records import array_of, check_array, read_record
 from t2d_rt.dataset.shards import RAGGED
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, install
 
 if TYPE_CHECKING:
     from t2d_rt.dataset.recipe import Recipe
@@ -117,7 +117,7 @@ def pyarrow() -> tuple[Any, Any]:
 
         return pa, pq
     raise InputError(
-        "parquet files need the package pyarrow, which is not installed; run pip install 't2d-rt[export]', or export to png or npz"
+        f"parquet files need the package pyarrow, which is not installed; {install('export')}, or export to png or npz"
     )
 
 

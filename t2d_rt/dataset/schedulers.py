@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 from t2d_rt.dataset.work import Made
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, install
 from t2d_rt.processes import end_with
 
 Task = tuple[Any, ...]
@@ -92,7 +92,7 @@ def on_a_cluster(tasks: Sequence[Task], address: str | None, workers: int) -> It
         from distributed import CancelledError, Client, KilledWorker, LocalCluster, as_completed
         from distributed.comm import CommClosedError
     except ImportError:
-        raise InputError("a scheduler needs dask.distributed; install it with pip install 't2d-rt[cluster]'") from None
+        raise InputError(f"a scheduler needs dask.distributed; {install('cluster')}") from None
     from t2d_rt.dataset.work import make_samples
 
     cluster: Any = None

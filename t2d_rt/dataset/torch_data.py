@@ -11,13 +11,13 @@ import numpy as np
 from t2d_rt.checks import call, integer, positive
 from t2d_rt.dataset.products import POINT_COLUMNS
 from t2d_rt.dataset.stored import TIME_AXIS, Dataset, Product
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, install
 
 try:
     import torch
     from torch.utils.data import Dataset as MapDataset
 except ImportError:
-    raise InputError("TorchDataset needs PyTorch, which is not installed; run pip install 't2d-rt[learn]'") from None
+    raise InputError(f"TorchDataset needs PyTorch, which is not installed; {install('learn')}") from None
 
 MAPS = "spectrogram", "range_doppler"
 

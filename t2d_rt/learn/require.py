@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, install
 
 NEEDED = "torch", "lightning", "torchmetrics", "monai", "sklearn", "safetensors"
 
@@ -13,4 +13,4 @@ def require_learning() -> None:
     """Raises a sentence that names the extra, where something that learning needs is not installed."""
     lacking = [name for name in NEEDED if find_spec(name) is None]
     if lacking:
-        raise InputError(f"learning needs {', '.join(lacking)}, not installed; run pip install 't2d-rt[learn]'")
+        raise InputError(f"learning needs {', '.join(lacking)}, not installed; {install('learn')}")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from t2d_rt.checks import array, numeric
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, install
 from t2d_rt.learn.adapters.interface import Adapter, AdapterOptions, Piece, class_of, maps_from
 from t2d_rt.learn.maps import LabelledMaps
 
@@ -35,7 +35,7 @@ def read_hdf5(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[P
     try:
         import h5py
     except ImportError:
-        raise InputError('HDF5 files need h5py: pip install "t2d-rt[hdf5]"; or give an .npz file') from None
+        raise InputError(f"HDF5 files need h5py: {install('hdf5')}, or give an .npz file") from None
     try:
         with h5py.File(path, "r") as file:
             found = {name: _array(file[name]) for name in file if isinstance(file[name], h5py.Dataset)}

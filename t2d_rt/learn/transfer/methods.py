@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, install
 from t2d_rt.learn.transfer.events import Events
 
 try:
@@ -17,7 +17,7 @@ try:
 
     from t2d_rt.learn.transfer.network import EventNet, SkipTuned
 except ImportError:
-    raise InputError("transfer needs PyTorch, which is not installed; run pip install 't2d-rt[learn]'") from None
+    raise InputError(f"transfer needs PyTorch, which is not installed; {install('learn')}") from None
 
 SHIFT_ROWS = 8
 """Greatest shift in time of an augmented event."""

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from t2d_rt.checks import integer, positive, shown, text
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, install
 
 KEY_VARIABLES = "T2D_API_KEY", "OPENAI_API_KEY"
 """Variables of the environment that may hold the key, the first one first."""
@@ -284,8 +284,7 @@ def check_installed() -> None:
         import openai  # noqa: F401
     except ImportError:
         raise InputError(
-            "descriptions by a language model need the package openai, which is not installed; pip install "
-            "'t2d-rt[text]'"
+            f"descriptions by a language model need the package openai, which is not installed; {install('text')}"
         ) from None
 
 

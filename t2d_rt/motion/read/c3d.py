@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from t2d_rt.checks import shown
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, install
 from t2d_rt.files import read_bytes
 from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
 from t2d_rt.motion.read.clock import same_rate, warn_of_contradiction
@@ -70,7 +70,7 @@ def _header_rate(data: bytes) -> float:
 def _markers(path: Path) -> tuple[dict[str, np.ndarray], float, str]:
     """Positions (T, 3) by label, NaN where not seen, the frame rate and the name of the unit."""
     if importlib.util.find_spec("ezc3d") is None:
-        raise InputError(f"reading {path} needs the package ezc3d; install t2d-rt with the extra [c3d]")
+        raise InputError(f"reading {path} needs the package ezc3d; {install('c3d')}")
     labels, rate_hz, unit, table = _decoded(path)
     if table.ndim != 3 or not 2 <= table.shape[2] <= MAX_FRAMES or not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
         raise InputError(

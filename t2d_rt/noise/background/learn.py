@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from t2d_rt.checks import integer
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, install
 from t2d_rt.noise.background.architecture import HALO, Architecture
 from t2d_rt.noise.background.model import BackgroundModel
 from t2d_rt.noise.background.records import BackgroundRecord, common_grid
@@ -62,5 +62,5 @@ def require_torch() -> None:
         import vector_quantize_pytorch  # noqa: F401
     except ImportError as error:
         raise InputError(
-            f'training a background needs torch and vector-quantize-pytorch ({error}); pip install "t2d-rt[learn]"'
+            f"training a background needs torch and vector-quantize-pytorch ({error}); {install('learn')}"
         ) from None

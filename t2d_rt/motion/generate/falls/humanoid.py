@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.errors import InputError
+from t2d_rt.errors import InputError, install
 from t2d_rt.motion.generate.falls.anatomy import PARENTS, SIDES
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -104,7 +104,7 @@ def mujoco() -> Any:
     try:
         import mujoco as module
     except ImportError:
-        raise InputError("falls by physics need MuJoCo, which is not installed; pip install 't2d-rt[falls]'") from None
+        raise InputError(f"falls by physics need MuJoCo, which is not installed; {install('falls')}") from None
     return module
 
 
