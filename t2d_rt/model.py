@@ -113,15 +113,22 @@ class Model:
             return [accuracy.surface_rate_hz] * len(self.geometries)
         sampled_hz = accuracy.visibility_rate_hz if accuracy.occlusion else 0.0
         return [
-            max(self._needed(number, accuracy.spline_error_db), sampled_hz if isinstance(geometry, MovingMesh) else 0.0)
+            max(self.rate(number).needed_hz(accuracy.spline_error_db), sampled_hz if isinstance(geometry, MovingMesh) else 0.0)
             for number, geometry in enumerate(self.geometries)
         ]
 
-    def _needed(self, number: int, error_db: float) -> float:
+    def rate(self, number: int) -> SurfaceRate:
+        """What the motion of the target of that number needs."""
         if number not in self.surface_rates:
             stand_in = self.modelled[number].ellipsoids()
             self.surface_rates[number] = SurfaceRate(self.geometries[number], self.radar, self.span_s, stand_in)
-        return self.surface_rates[number].needed_hz(error_db)
+        return self.surface_rates[number]
+
+    def spline_error_db(self, accuracy: Accuracy) -> float:
+        """What splines between surface frames add to the field's error at most."""
+        if accuracy.surface_rate_hz is None:
+            return accuracy.spline_error_db
+        return max(self.rate(number).error_db(accuracy.surface_rate_hz) for number in range(len(self.geometries)))
 
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
         """Surface frames of each target [s] at its rate or more; those that need about the same rate have the same ones."""
@@ -151,7 +158,7 @@ class Model:
     def fast_rotating(self, accuracy: Accuracy) -> list[bool]:
         """Which targets rotate too fast for their visibility to be sampled point by point."""
         return [
-            target.may_rotate_fast and self._needed(number, SPLINE_ERROR_DB) > accuracy.fastest_sampled_hz
+            target.may_rotate_fast and self.rate(number).rotation_hz(SPLINE_ERROR_DB) > accuracy.fastest_sampled_hz
             for number, target in enumerate(self.modelled)
         ]
 

@@ -205,11 +205,7 @@ class Budget:
 
     def in_time(self, accuracy: Accuracy) -> list[Omission]:
         """What interpolation between surface frames and the merging of echoes may add."""
-        splines_db = accuracy.spline_error_db
-        if accuracy.surface_rate_hz is not None:
-            # A cubic's error falls with the fourth power of its step.
-            needed_hz = max(self.model.rates_hz(Accuracy()))
-            splines_db = min(MOST_DB, SPLINE_ERROR_DB + 80 * math.log10(needed_hz / accuracy.surface_rate_hz))
+        splines_db = min(MOST_DB, self.model.spline_error_db(accuracy))
         return [
             Omission("motion between surface frames, by splines", splines_db),
             Omission("the sum of echoes, merged", accuracy.synthesis_error_db),

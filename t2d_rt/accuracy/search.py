@@ -45,7 +45,7 @@ GREATEST_SAGITTA_RAD = 6.0
 """Limit of secondary facets' phase sagitta: beyond it they say nothing."""
 LEAST_FRACTION = 0.3
 """Facets are not made finer than that fraction of the error allowed asks for, even where visibility alone costs more."""
-SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 16.0, 20.0
+SPLINES_BELOW_DB, SYNTHESIS_BELOW_DB = 9.0, 20.0
 """What the splines and the sum may add lies that far below the tolerance; the splines' error is never more than the default's, for
 at lower surface rates their law says too little."""
 GREATEST_SYNTHESIS_DB = -40.0

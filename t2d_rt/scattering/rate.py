@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 
 import numpy as np
 
@@ -10,8 +11,10 @@ from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.geometry.vectors import lengths
 from t2d_rt.memory import blocks
 from t2d_rt.types import Ellipsoids, MovingMesh, Radar
+from t2d_rt.types.mesh import Track
+from t2d_rt.types.splines import spline
 
-TOLERANCE_DB = -38.0
+TOLERANCE_DB = -29.0
 """What the splines may add to the field's error unless something else is asked for."""
 ROTATION_RAD = 0.1
 """Greatest rotation of a mesh's edges between frames, root mean square, for the cubics of facets' amplitudes: a fan's moving
@@ -19,18 +22,29 @@ field errs by -23.6 dB at 0.1 rad, by -18 dB at 0.2 (validation/report, movers).
 DB_PER_OCTAVE = 6.0
 """What half of that rotation gains, by the same figures."""
 LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 10_000.0, 5.0
+RAISED = 2**0.25
+"""Rates are tried in such steps."""
+STEEP_DB, RESOLVED_DB, SMALL_DB = -6.0, -36.0, -50.0
+"""What splines miss falls by more than the first from octave to octave, or there is a faster, smaller motion that they all miss. Of
+the fastest motion they may miss the second: 4.2 frames a period, the amplitude within 1.2 %. Below the third none counts: that is
+a vibration of 1.4 um at 77 GHz."""
+LEAST_OCTAVES = 0.3
+"""Over less the first is not to be told."""
 PROBE_RATE_HZ, FINER = 240.0, 4.0
 """Rate at which motion is sampled, unless the record is shorter than such a short record; factor on it for faster motion."""
 PROBE_FRAMES = 12
 """Frames of one short record, five of which make a fourth difference."""
-RECORDS_PER_S, LEAST_RECORDS, MOST_RECORDS = 3, 4, 40
+RECORDS_PER_S, LEAST_RECORDS, MOST_RECORDS = 3, 4, 20
 LEAST_PROBED_S = 0.5
 """So much of a periodic motion is probed, or a period."""
-MISSED = 1.15
-"""The rate rises where the whole record asks for so many times more than its short records: less is their scatter."""
 CHEAP_POINTS = 2_000_000
 """Points times instants at which a whole record is probed: a mesh of 600 vertices has as many in 14 s, a body's 17 ellipsoids in
-eight minutes. Of more, as many short records are taken."""
+eight minutes. Of more, pieces of the record are taken."""
+PIECES, LEAST_FRAMES, END_FRAMES = 4, 240, 3
+"""Number of these pieces, and instants in all of them together, at least. Where they begin and end is no end of the record: so many
+frames of the spline there do not count."""
+MOST_POINTS, MOST_FACES = 300, 1000
+"""Points of a mesh whose paths are interpolated, and faces of which an edge tells how it rotates."""
 
 
 def needed_rate_hz(
@@ -46,11 +60,11 @@ def needed_rate_hz(
 
 
 class SurfaceRate:
-    """Rate of surface frames that a target needs between two times, from the fourth derivative of its points' paths.
+    """Rate of surface frames that a target needs between two times, from what splines of its points' paths miss.
 
-    A cubic spline of frames h apart misses x(t) by 16 u^2 (1 - u)^2 h^4 x''''/384 within an interval; the square of that has the
-    mean 0.406. It is found in short records; `stand_in`, a few points that move with the geometry, tell from the whole record, or
-    from as much of it as `CHEAP_POINTS` allow, whether these missed a jerk. Motion is probed once for all tolerances.
+    This is found by such splines, of a target too large to be probed as a whole by those of a `stand_in`, a few points that move
+    with it; fourth derivatives in short records tell how much more than these its own points ask for. Motion is probed
+    once for all tolerances.
     """
 
     def __init__(
@@ -64,81 +78,157 @@ class SurfaceRate:
             span_s = span_s[0], min(span_s[1], span_s[0] + max(geometry.period_s, LEAST_PROBED_S))
         self._geometry, self._radar, self._span_s = geometry, radar, span_s
         self._stand_in = geometry if stand_in is None else stand_in
-        self._known: dict[tuple[int, float, int], tuple[float, float]] = {}
+        self._known: dict[tuple[int, float], tuple[float, float]] = {}
+        self._pieces: dict[float, list[tuple[np.ndarray, np.ndarray, Track]]] = {}
+        self._missed: dict[float, float] = {}
         self._needed_hz: dict[float, float] = {}
 
     def needed_hz(self, tolerance_db: float = TOLERANCE_DB) -> float:
-        """The rate [Hz] at which splines add no more than that to the field's error."""
+        """The rate [Hz] at which splines add no more than that to the field's error, and resolve all that moves."""
         if tolerance_db not in self._needed_hz:
-            self._needed_hz[tolerance_db] = self._found_hz(tolerance_db)
+            needed = max(self.rotation_hz(tolerance_db), self._more * self._resolving_hz(tolerance_db))
+            self._needed_hz[tolerance_db] = float(np.clip(_stepped(needed), LEAST_HZ, MOST_HZ))
         return self._needed_hz[tolerance_db]
 
-    def _found_hz(self, tolerance_db: float) -> float:
-        probe_hz = max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / self._length_s)
-        needed = self._probed_hz(probe_hz, tolerance_db)
-        while probe_hz < needed < MOST_HZ:
-            probe_hz *= FINER
-            needed = self._probed_hz(probe_hz, tolerance_db)
-        return float(np.clip(math.ceil(needed / STEP_HZ) * STEP_HZ, LEAST_HZ, MOST_HZ))
+    def rotation_hz(self, tolerance_db: float = TOLERANCE_DB) -> float:
+        """The rate [Hz] that the rotation of a mesh's edges asks for."""
+        probe_hz, rad_per_s = 0.0, 1.0
+        angle_rad = ROTATION_RAD * 2 ** ((tolerance_db - TOLERANCE_DB) / DB_PER_OCTAVE)
+        while probe_hz < min(rad_per_s / angle_rad, MOST_HZ):
+            probe_hz = max(FINER * probe_hz, self._probe_hz)
+            rad_per_s = math.sqrt(self._mean_squares(self._geometry, probe_hz)[1]) * probe_hz
+        return rad_per_s / angle_rad
+
+    def error_db(self, rate_hz: float) -> float:
+        """What splines at that rate add to the field's error [dB]."""
+        rotation_db = TOLERANCE_DB + DB_PER_OCTAVE * math.log2(max(self.rotation_hz() / rate_hz, 1e-3))
+        return max(rotation_db, self._missed_db(rate_hz / self._more))
 
     @property
     def _length_s(self) -> float:
         return self._span_s[1] - self._span_s[0]
 
-    def _probed_hz(self, probe_hz: float, tolerance_db: float) -> float:
-        """The rate that motion sampled so often asks for."""
-        records = int(np.clip(RECORDS_PER_S * self._length_s, LEAST_RECORDS, MOST_RECORDS))
-        needed = self._asked_hz(self._geometry, probe_hz, records, tolerance_db)
-        affordable = CHEAP_POINTS // (PROBE_FRAMES * self._stand_in.point_count)
-        whole = min(affordable, math.ceil(self._length_s * probe_hz / (PROBE_FRAMES - 1)))
-        if whole > records:
-            short, all_of_it = (
-                self._asked_hz(self._stand_in, probe_hz, count, tolerance_db) for count in (records, whole)
-            )
-            if all_of_it > MISSED * short:
-                return needed * all_of_it / short
-        return needed
+    @property
+    def _probe_hz(self) -> float:
+        return max(PROBE_RATE_HZ, (PROBE_FRAMES - 1) / self._length_s)
 
-    def _asked_hz(self, geometry: MovingMesh | Ellipsoids, probe_hz: float, records: int, tolerance_db: float) -> float:
-        """The rate that so many short records of a geometry ask for [Hz], at least 1."""
-        step = 1 / probe_hz
-        key = id(geometry), probe_hz, records
+    def _probe_hz_for(self, rate_hz: float) -> float:
+        """How often motion is sampled to tell what splines of frames at that rate miss: twice as often at least."""
+        return self._probe_hz * 2 ** max(0, math.ceil(math.log2(2 * rate_hz / self._probe_hz)))
+
+    @property
+    def _more(self) -> float:
+        """How much higher a rate the geometry asks for than its stand-in, by their fourth derivatives."""
+        if self._stand_in is self._geometry:
+            return 1.0
+        own, other = (self._mean_squares(each, self._probe_hz)[0] for each in (self._geometry, self._stand_in))
+        return float((own / other) ** 0.125) if other > 0 else 1.0
+
+    def _resolving_hz(self, tolerance_db: float) -> float:
+        """The lowest rate that will do, from `LEAST_HZ` on."""
+        failed, rate = 0.0, LEAST_HZ
+        while rate < MOST_HZ and not self._resolves(rate, tolerance_db):
+            failed, rate = rate, rate * RAISED
+        between = range(math.floor(failed) + 1, math.ceil(rate))
+        number = bisect_left(between, True, key=lambda each: self._resolves(each, tolerance_db))
+        return between[number] if failed and number < len(between) else rate
+
+    def _resolves(self, rate_hz: float, tolerance_db: float) -> bool:
+        """Whether splines of frames at that rate miss no more than is tolerated, and little of the fastest motion that counts."""
+        missed_db = self._missed_db(rate_hz)
+        if missed_db > tolerance_db:
+            return False
+        # As high as the same probing tells of, and as low as the record has frames for.
+        faster_hz, slower_hz = min(2 * rate_hz, self._probe_hz_for(rate_hz) / 2), max(rate_hz / 4, 3 / self._length_s)
+        octaves = math.log2(faster_hz / rate_hz)
+        if octaves > LEAST_OCTAVES and self._missed_db(faster_hz) > max(missed_db + octaves * STEEP_DB, SMALL_DB):
+            return False
+        octaves = max(0.0, math.log2(rate_hz / slower_hz))
+        return missed_db <= max(self._missed_db(slower_hz), SMALL_DB) + octaves / 2 * RESOLVED_DB
+
+    def _missed_db(self, rate_hz: float) -> float:
+        """Energy of what splines of frames at that rate miss of the phases of the stand-in."""
+        if rate_hz not in self._missed:
+            total, count = 0.0, 0
+            for times_s, phases, curve in self._probed(rate_hz):
+                length_s = times_s[-1] - times_s[0]
+                frames_s = np.linspace(times_s[0], times_s[-1], max(4, math.ceil(length_s * rate_hz) + 1))
+                wrong = spline(frames_s, curve(frames_s))(times_s) - phases
+                if length_s < 0.9 * self._length_s:
+                    ends_s = min(END_FRAMES / rate_hz, length_s / 3)
+                    wrong = wrong[(times_s >= times_s[0] + ends_s) & (times_s <= times_s[-1] - ends_s)]
+                total, count = total + float(np.vdot(wrong, wrong)), count + wrong.size
+            self._missed[rate_hz] = 10 * math.log10(total / count + 1e-30)
+        return self._missed[rate_hz]
+
+    def _probed(self, rate_hz: float) -> list[tuple[np.ndarray, np.ndarray, Track]]:
+        """Times (K,) [s] and phases (K, V) [rad] of the whole record or of pieces, often enough for frames at that rate, and their
+        splines."""
+        probe_hz = self._probe_hz_for(rate_hz)
+        if probe_hz not in self._pieces:
+            count = math.ceil(self._length_s * probe_hz) + 1
+            most = max(LEAST_FRAMES, CHEAP_POINTS // self._stand_in.point_count)
+            if count <= most:
+                times = [np.linspace(*self._span_s, count)]
+            else:
+                long = np.arange(most // PIECES) / probe_hz
+                times = [begin + long for begin in np.linspace(self._span_s[0], self._span_s[1] - long[-1], PIECES)]
+            phases = [_phases(self._stand_in, self._radar, each) for each in times]
+            self._pieces[probe_hz] = [(each, some, spline(each, some)) for each, some in zip(times, phases, strict=True)]
+        return self._pieces[probe_hz]
+
+    def _mean_squares(self, geometry: MovingMesh | Ellipsoids, probe_hz: float) -> tuple[float, float]:
+        """Those of `_mean_squares` in short records all over the record, probed so often."""
+        key = id(geometry), probe_hz
         if key not in self._known:
+            step = 1 / probe_hz
+            records = int(np.clip(RECORDS_PER_S * self._length_s, LEAST_RECORDS, MOST_RECORDS))
             begin = np.linspace(self._span_s[0], self._span_s[1] - (PROBE_FRAMES - 1) * step, records)
             some = list(blocks(begin, PROBE_FRAMES * geometry.point_count))
             found = [_mean_squares(geometry, self._radar, each, step) for each in some]
             self._known[key] = _mean(found, [len(each) for each in some])
-        phase, rotation = self._known[key]
-        for_delays = max(1.0, float((0.406 * phase / 10 ** (tolerance_db / 10)) ** 0.125))
-        if not len(geometry.faces):
-            return for_delays
-        rotation_rad = ROTATION_RAD * 2 ** ((tolerance_db - TOLERANCE_DB) / DB_PER_OCTAVE)
-        return max(for_delays, math.sqrt(rotation) / step / rotation_rad)
+        return self._known[key]
 
 
 def _mean_squares(
     geometry: MovingMesh | Ellipsoids, radar: Radar, begin_s: np.ndarray, step_s: float
 ) -> tuple[float, float]:
-    """Mean squares over short records that begin at `begin_s`: of what a spline misses of the phases,
-    for frames one second apart [rad], and of the angles by which edges rotate from frame to frame [rad]."""
+    """Mean squares over short records that begin at `begin_s`: of the fourth derivative of the paths [m/s^4], and of the angles by
+    which edges rotate from frame to frame [rad]."""
     times = (begin_s[:, None] + step_s * np.arange(PROBE_FRAMES)).ravel()
     points = geometry.points_at(times)
-    paths = sum(lengths(points - place) for place in (radar.tx_position_m, radar.rx_position_m))
-    fourth = np.diff(np.reshape(paths, (len(begin_s), PROBE_FRAMES, -1)), n=4, axis=1) / step_s**4
-    rad_per_m = 2 * math.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT
-    phase = np.mean((rad_per_m * fourth / 384) ** 2)
+    paths = _paths(points, radar).reshape(len(begin_s), PROBE_FRAMES, -1)
+    fourth = float(np.mean((np.diff(paths, n=4, axis=1) / step_s**4) ** 2))
     if not len(geometry.faces):
-        return float(phase), 0.0
+        return fourth, 0.0
 
-    def squares(faces: np.ndarray) -> tuple[float, float]:
-        edges = points.take(faces[:, 1], axis=1)
-        edges -= points.take(faces[:, 0], axis=1)  # `take` is several times as fast as an index
-        rotation = np.diff(edges.reshape(len(begin_s), PROBE_FRAMES, -1, 3), axis=1)
-        return float(np.vdot(rotation, rotation)) / rotation.size, float(np.vdot(edges, edges)) / edges.size
+    faces = geometry.faces[_some(len(geometry.faces), MOST_FACES)]
+    edges = points.take(faces[:, 1], axis=1)
+    edges -= points.take(faces[:, 0], axis=1)  # `take` is several times as fast as an index
+    rotation = np.diff(edges.reshape(len(begin_s), PROBE_FRAMES, -1, 3), axis=1)
+    return fourth, float(np.mean(rotation**2) / np.mean(edges**2))
 
-    some = list(blocks(geometry.faces, 2 * len(times)))  # edges and their differences
-    rotation, edges = _mean([squares(each) for each in some], [len(each) for each in some])
-    return float(phase), rotation / edges
+
+def _phases(geometry: MovingMesh | Ellipsoids, radar: Radar, times_s: np.ndarray) -> np.ndarray:
+    """Phases (K, V) [rad] of paths over the geometry's points, `MOST_POINTS` of them at most."""
+    count = geometry.point_count
+    which = _some(count, MOST_POINTS)
+    paths = [_paths(geometry.points_at(some)[:, which], radar) for some in blocks(times_s, count)]
+    return 2 * math.pi * radar.mid_frequency_hz / SPEED_OF_LIGHT * np.concatenate(paths)
+
+
+def _paths(points: np.ndarray, radar: Radar) -> np.ndarray:
+    """Lengths (K, V) [m] of the paths over points (K, V, 3)."""
+    return lengths(points - radar.tx_position_m) + lengths(points - radar.rx_position_m)
+
+
+def _some(count: int, most: int) -> np.ndarray:
+    """So many of the numbers below a count, at most."""
+    return np.linspace(0, count - 1, min(count, most)).astype(int)
+
+
+def _stepped(rate_hz: float) -> float:
+    return math.ceil(rate_hz / STEP_HZ) * STEP_HZ
 
 
 def _mean(values: list[tuple[float, float]], counts: list[int]) -> tuple[float, float]:

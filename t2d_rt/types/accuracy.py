@@ -82,7 +82,7 @@ class Accuracy(Fields):
     """Factor on that phase sagitta."""
     surface_rate_hz: Rate | None = None
     """Rate at which the shape of every target is evaluated [Hz], in place of what its motion needs. Cost is proportional."""
-    spline_error_db: Annotated[Number, Field(ge=-100, le=0)] = -41.0
+    spline_error_db: Annotated[Number, Field(ge=-100, le=0)] = -32.0
     """Field error that splines between surface frames may add [dB]; it sets the surface rate where none is given."""
     occlusion: bool = True
     """Whether targets occlude themselves and one another; the furniture of a room blocks paths in any case."""
