@@ -113,7 +113,10 @@ class Model:
             return [accuracy.surface_rate_hz] * len(self.geometries)
         sampled_hz = accuracy.visibility_rate_hz if accuracy.occlusion else 0.0
         return [
-            max(self.rate(number).needed_hz(accuracy.spline_error_db), sampled_hz if isinstance(geometry, MovingMesh) else 0.0)
+            max(
+                self.rate(number).needed_hz(accuracy.spline_error_db),
+                sampled_hz if isinstance(geometry, MovingMesh) else 0.0,
+            )
             for number, geometry in enumerate(self.geometries)
         ]
 

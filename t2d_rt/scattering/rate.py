@@ -24,12 +24,15 @@ DB_PER_OCTAVE = 6.0
 LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 10_000.0, 5.0
 RAISED = 2**0.25
 """Rates are tried in such steps."""
-STEEP_DB, RESOLVED_DB, SMALL_DB = -6.0, -36.0, -50.0
-"""What splines miss falls by more than the first from octave to octave, or there is a faster, smaller motion that they all miss. Of
-the fastest motion they may miss the second: 4.2 frames a period, the amplitude within 1.2 %. Below the third none counts: that is
+LEVEL, STEEP_DB = 2, -3.0
+"""Where what splines miss falls by less than this over so many steps, there is a motion that they all miss."""
+RESOLVED_DB, SMALL_DB = -36.0, -50.0
+"""Of that motion they may miss the first: 4.2 frames a period, the amplitude within 1.2 %. Below the second none counts: that is
 a vibration of 1.4 um at 77 GHz."""
-LEAST_OCTAVES = 0.3
-"""Over less the first is not to be told."""
+QUIET = 0.25
+"""Fraction of a target's points that move least: what they miss shows a vibration beside a walker's feet."""
+FASTEST_HZ = 480.0
+"""Up to this rate smaller motions are looked for in what is no recorded motion of a body."""
 PROBE_RATE_HZ, FINER = 240.0, 4.0
 """Rate at which motion is sampled, unless the record is shorter than such a short record; factor on it for faster motion."""
 PROBE_FRAMES = 12
@@ -80,7 +83,7 @@ class SurfaceRate:
         self._stand_in = geometry if stand_in is None else stand_in
         self._known: dict[tuple[int, float], tuple[float, float]] = {}
         self._pieces: dict[float, list[tuple[np.ndarray, np.ndarray, Track]]] = {}
-        self._missed: dict[float, float] = {}
+        self._missed: dict[float, np.ndarray] = {}
         self._needed_hz: dict[float, float] = {}
 
     def needed_hz(self, tolerance_db: float = TOLERANCE_DB) -> float:
@@ -102,7 +105,7 @@ class SurfaceRate:
     def error_db(self, rate_hz: float) -> float:
         """What splines at that rate add to the field's error [dB]."""
         rotation_db = TOLERANCE_DB + DB_PER_OCTAVE * math.log2(max(self.rotation_hz() / rate_hz, 1e-3))
-        return max(rotation_db, self._missed_db(rate_hz / self._more))
+        return max(rotation_db, float(self._missed_db(rate_hz / self._more)[0]))
 
     @property
     def _length_s(self) -> float:
@@ -134,22 +137,29 @@ class SurfaceRate:
         return between[number] if failed and number < len(between) else rate
 
     def _resolves(self, rate_hz: float, tolerance_db: float) -> bool:
-        """Whether splines of frames at that rate miss no more than is tolerated, and little of the fastest motion that counts."""
-        missed_db = self._missed_db(rate_hz)
-        if missed_db > tolerance_db:
-            return False
-        # As high as the same probing tells of, and as low as the record has frames for.
-        faster_hz, slower_hz = min(2 * rate_hz, self._probe_hz_for(rate_hz) / 2), max(rate_hz / 4, 3 / self._length_s)
-        octaves = math.log2(faster_hz / rate_hz)
-        if octaves > LEAST_OCTAVES and self._missed_db(faster_hz) > max(missed_db + octaves * STEEP_DB, SMALL_DB):
-            return False
-        octaves = max(0.0, math.log2(rate_hz / slower_hz))
-        return missed_db <= max(self._missed_db(slower_hz), SMALL_DB) + octaves / 2 * RESOLVED_DB
+        """Whether splines of frames at that rate miss no more than is tolerated, and little of the fastest motion that counts.
 
-    def _missed_db(self, rate_hz: float) -> float:
-        """Energy of what splines of frames at that rate miss of the phases of the stand-in."""
+        Below twice its frequency splines miss all of a motion, whatever their rate.
+        """
+        missed_db = self._missed_db(rate_hz)
+        if missed_db[0] > tolerance_db:
+            return False
+        highest_hz = min(2 * rate_hz, self._probe_hz_for(rate_hz) / 2)
+        if self._stand_in is self._geometry:  # its maker may have made it vibrate
+            highest_hz = max(highest_hz, FASTEST_HZ)
+        rates = LEAST_HZ * RAISED ** np.arange(-8, 4 * math.log2(highest_hz / LEAST_HZ))
+        rates = rates[rates > 3 / self._length_s]
+        found = np.reshape([self._missed_db(each) for each in rates], (-1, 2))
+        level = (found[LEVEL:] > found[:-LEVEL] + STEEP_DB) & (found[LEVEL:] > SMALL_DB)
+        # Twice in a row: frames that fall together with those of the file miss less.
+        counts = np.where(level[1:] & level[:-1], found[LEVEL + 1 :], math.inf)
+        return bool((missed_db <= counts + RESOLVED_DB).all())
+
+    def _missed_db(self, rate_hz: float) -> np.ndarray:
+        """Energy (2,) of what splines of frames at that rate miss of the phases of the stand-in: the mean over its points, and that
+        of the quieter ones, of which a quarter misses less."""
         if rate_hz not in self._missed:
-            total, count = 0.0, 0
+            total, count = np.zeros(1), 0
             for times_s, phases, curve in self._probed(rate_hz):
                 length_s = times_s[-1] - times_s[0]
                 frames_s = np.linspace(times_s[0], times_s[-1], max(4, math.ceil(length_s * rate_hz) + 1))
@@ -157,8 +167,8 @@ class SurfaceRate:
                 if length_s < 0.9 * self._length_s:
                     ends_s = min(END_FRAMES / rate_hz, length_s / 3)
                     wrong = wrong[(times_s >= times_s[0] + ends_s) & (times_s <= times_s[-1] - ends_s)]
-                total, count = total + float(np.vdot(wrong, wrong)), count + wrong.size
-            self._missed[rate_hz] = 10 * math.log10(total / count + 1e-30)
+                total, count = total + np.einsum("tv,tv->v", wrong, wrong), count + len(wrong)
+            self._missed[rate_hz] = 10 * np.log10(np.array([total.mean(), np.quantile(total, QUIET)]) / count + 1e-30)
         return self._missed[rate_hz]
 
     def _probed(self, rate_hz: float) -> list[tuple[np.ndarray, np.ndarray, Track]]:
@@ -174,7 +184,9 @@ class SurfaceRate:
                 long = np.arange(most // PIECES) / probe_hz
                 times = [begin + long for begin in np.linspace(self._span_s[0], self._span_s[1] - long[-1], PIECES)]
             phases = [_phases(self._stand_in, self._radar, each) for each in times]
-            self._pieces[probe_hz] = [(each, some, spline(each, some)) for each, some in zip(times, phases, strict=True)]
+            self._pieces[probe_hz] = [
+                (each, some, spline(each, some)) for each, some in zip(times, phases, strict=True)
+            ]
         return self._pieces[probe_hz]
 
     def _mean_squares(self, geometry: MovingMesh | Ellipsoids, probe_hz: float) -> tuple[float, float]:
