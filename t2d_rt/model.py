@@ -128,10 +128,8 @@ class Model:
         return self.surface_rates[number]
 
     def spline_error_db(self, accuracy: Accuracy) -> float:
-        """What splines between surface frames add to the field's error at most."""
-        if accuracy.surface_rate_hz is None:
-            return accuracy.spline_error_db
-        return max(self.rate(number).error_db(accuracy.surface_rate_hz) for number in range(len(self.geometries)))
+        """What splines between surface frames add to the field's error [dB], of the target of which they miss most."""
+        return max(self.rate(number).error_db(hz) for number, hz in enumerate(self.rates_hz(accuracy)))
 
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
         """Surface frames of each target [s] at its rate or more; those that need about the same rate have the same ones."""
