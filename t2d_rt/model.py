@@ -127,10 +127,6 @@ class Model:
             self.surface_rates[number] = SurfaceRate(self.geometries[number], self.radar, self.span_s, stand_in)
         return self.surface_rates[number]
 
-    def spline_error_db(self, accuracy: Accuracy) -> float:
-        """What splines between surface frames add to the field's error [dB], of the target of which they miss most."""
-        return max(self.rate(number).error_db(hz) for number, hz in enumerate(self.rates_hz(accuracy)))
-
     def frame_times(self, accuracy: Accuracy) -> list[np.ndarray]:
         """Surface frames of each target [s] at its rate or more; those that need about the same rate have the same ones."""
         rates = self.rates_hz(accuracy)

@@ -205,7 +205,8 @@ class Budget:
 
     def in_time(self, accuracy: Accuracy) -> list[Omission]:
         """What interpolation between surface frames and the merging of echoes may add."""
-        splines_db = min(MOST_DB, self.model.spline_error_db(accuracy))
+        rates = enumerate(self.model.rates_hz(accuracy))
+        splines_db = min(MOST_DB, max(self.model.rate(number).error_db(rate) for number, rate in rates))
         return [
             Omission("motion between surface frames, by splines", splines_db),
             Omission("the sum of echoes, merged", accuracy.synthesis_error_db),

@@ -1,7 +1,7 @@
 """Vibrations of a sphere, of an ellipsoid and of a walking body: their amplitude, lines that are not there, and the rate chosen.
 
-`python -m validation.methods.vibrations` prints a table. The sphere's phase is known in closed form; the body is held against itself at
-four times the surface rate, its vibration as the difference from the same body without.
+`python -m validation.methods.vibrations` prints a table. The sphere's phase is known in closed form; the body is held against
+itself at four times the surface rate, its vibration as the difference from the same body without.
 """
 
 from __future__ import annotations
