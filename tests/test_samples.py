@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,8 @@ from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.jumps import deviations, jumps
 from t2d_rt.motion.read import samples
 from t2d_rt.motion.read.samples import Samples, seen
-from validation.robustness.corruptions import CORRUPTIONS, FORMS, clean, outcome
+from t2d_rt.types.motion import Motion
+from validation.robustness.corruptions import CORRUPTIONS, FORMS, clean, noisy, outcome
 
 NAMES = ("left_hip", "right_hip", "left_shoulder", "right_shoulder", "left_wrist")
 
@@ -193,6 +195,54 @@ def test_repeated_frames_are_dropped(source_hz: float, file_hz: float, still: bo
     if not still:
         np.testing.assert_array_equal(found.points["left_hip"], source[:, 0])
     assert "each frame stood" in found.told[0]
+
+
+# --- noise of rotations ---
+
+
+@pytest.mark.parametrize("form", ["bvh", "amass"])
+@pytest.mark.parametrize(
+    ("rate_hz", "root_m", "degrees"), [(20, 0.01, 2), (30, 0.003, 1), (60, 0.003, 1), (60, 0.001, 0.3)]
+)
+def test_noise_of_rotations_is_measured_smoothed_and_told(
+    form: str, rate_hz: int, root_m: float, degrees: float, tmp_path: Path
+) -> None:
+    table = clean(form)
+    table = replace(table, values=table.values[:: round(60 / rate_hz)], rate_hz=float(rate_hz))
+    truth = load_motion(table.write(tmp_path), smooth_hz=None)
+    rough, raw = load_noisy(noisy(root_m, degrees)(table).write(tmp_path))
+    found = re.search(r"noise of (\S+) degrees and (\S+) mm .* err by about (\S+) m/s", rough.report)
+    assert found
+    assert float(found[1]) == pytest.approx(degrees, rel=0.2)
+    assert float(found[2]) == pytest.approx(1e3 * root_m, rel=0.25)
+    before, after = (
+        float(np.sqrt(((np.diff(each.joints - truth.joints, axis=0) * rate_hz) ** 2).sum(axis=-1).mean()))
+        for each in (raw, rough)
+    )
+    assert after < before / 4
+    assert float(found[3]) == pytest.approx(
+        after, rel=0.45
+    )  # the truth has noise of its own, and its impacts go with the noise
+
+
+def load_noisy(path: Path) -> tuple[Motion, Motion]:
+    """As it is read, with the warning of what remains, and as it stands."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", T2DWarning)
+        return load_motion(path), load_motion(path, smooth_hz=None)
+
+
+def test_who_stands_and_waves_has_still_feet(tmp_path: Path) -> None:
+    """SMPL at 30 Hz with 1 degree and 3 mm: feet moved at 0.7 m/s and more, without a word."""
+    times = np.arange(120) / 30.0
+    table = replace(clean("amass"), values=np.zeros((120, 69)), rate_hz=30.0)
+    table.root[:, 2], table.turns[:, 0] = 0.95, np.pi / 2
+    table.turns[:, 3 * 16 + 2] = -0.8 + 0.5 * np.sin(2 * np.pi * times)
+    motion, raw = load_noisy(noisy(0.003, 1.0)(table).write(tmp_path))
+    feet = [np.linalg.norm(np.diff(each.joints[:, [10, 11]], axis=0), axis=-1) * 30.0 for each in (motion, raw)]
+    assert feet[0].mean() < 0.1 < 1.0 < feet[1].mean()
+    wrist = np.ptp(motion.joints[:, motion.index("left_wrist"), 2])
+    assert wrist > 0.4  # it goes on waving
 
 
 # --- all together ---

@@ -219,7 +219,7 @@ def _swapped(start_s: float, stop_s: float | None, *joints: str) -> Callable[[Ta
     return corrupted
 
 
-def _noisy(place_m: float, degrees: float) -> Callable[[Table], Table]:
+def noisy(place_m: float, degrees: float) -> Callable[[Table], Table]:
     """Noise of each frame: of places, and of angles."""
 
     def corrupted(table: Table) -> Table:
@@ -305,8 +305,8 @@ CORRUPTIONS: dict[str, tuple[Callable[[Table], Table], tuple[str, ...], tuple[st
     "25 in 60 Hz": (_repeated(25.0, 60.0), HELD, FORMS),
     "24 in 30 Hz": (_repeated(24.0, 30.0), HELD, FORMS),
     "20 in 60 Hz, last digit loose": (_repeated(20.0, 60.0, 1e-4), HELD, FORMS),
-    "noise of 3 mm and 1 degree": (_noisy(0.003, 1.0), NOISE, FORMS),
-    "noise of 10 mm and 2 degrees": (_noisy(0.01, 2.0), NOISE, FORMS),
+    "noise of 3 mm and 1 degree": (noisy(0.003, 1.0), NOISE, FORMS),
+    "noise of 10 mm and 2 degrees": (noisy(0.01, 2.0), NOISE, FORMS),
 }  # fmt: skip
 """What is done to a file, the words of which one must be said where another motion is read, and the formats that can have it."""
 
@@ -340,15 +340,20 @@ def outcome(form: str, name: str) -> Outcome:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", T2DWarning)
         options = {"rate_hz": change(table).rate_hz} if form == "npy" else {}
-        truth = _speeds(load_motion(table.write(Path(folder)), rate_hz=table.rate_hz))
-        caught.clear()
         try:
             motion = load_motion(change(table).write(Path(folder)), **options)
         except InputError as error:
             return Outcome(form, name, str(error), np.inf, any(word in str(error) for word in words))
         said = "; ".join([motion.report, *(str(each.message) for each in caught)])
-    wrong = float(np.abs(_speeds(motion) - truth).max())
+    wrong = float(np.abs(_speeds(motion) - _true_speeds(form)).max())
     return Outcome(form, name, said, wrong, any(word in said for word in words))
+
+
+@cache
+def _true_speeds(form: str) -> np.ndarray:
+    table = clean(form)
+    with tempfile.TemporaryDirectory() as folder:
+        return _speeds(load_motion(table.write(Path(folder)), rate_hz=table.rate_hz))
 
 
 def _speeds(motion: Motion) -> np.ndarray:

@@ -20,6 +20,11 @@ from t2d_rt.motion.read.joint_sets import LIMBS
 NOISE_LIMIT_MPS = 0.03
 """Speed that noise may add before joints are filtered; `t2d_rt.motion.interpolate.JITTER_LIMIT_MPS` for files with rotations."""
 
+SPEED_ERROR_MPS = 0.1
+"""Remaining error of speed from which the user is warned: a little more than what a window of 25 ms resolves at 77 GHz, 0.078 m/s
+(lambda / 2 T)."""
+
+
 CUTOFFS_HZ = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.3, 16.0, 22.6, 32.0)
 
 HIGHEST_CUTOFF = 0.45

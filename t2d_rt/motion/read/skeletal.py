@@ -58,7 +58,7 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     motion = assemble(points, orientations, samples.rate_hz, level)
     del points, orientations, samples  # half of the memory that a long motion takes
     flipped = flips(motion)
-    motion, smoothing = smoothed(motion, reading.smooth_hz)
+    motion, smoothing = smoothed(motion, reading.smooth_hz, rotations=True)
     warn_of_rate(motion.rate_hz)
     report = [
         f"BVH, {len(motion.joints)} frames at {motion.rate_hz:g} Hz",

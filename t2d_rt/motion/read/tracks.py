@@ -25,7 +25,7 @@ from t2d_rt.motion.read.detect import (
 )
 from t2d_rt.motion.read.ground import levelled
 from t2d_rt.motion.read.joint_sets import LEAST_LIKELY, unlikeness
-from t2d_rt.motion.read.noise import denoised
+from t2d_rt.motion.read.noise import SPEED_ERROR_MPS, denoised
 from t2d_rt.motion.read.orientations import SHORTEST_M, orientations_from_positions
 from t2d_rt.motion.read.positions import assemble
 from t2d_rt.motion.read.reading import Reading, smoothed
@@ -34,11 +34,6 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Motion, check
 
 LOW_RATE_HZ = 15.0
 """Below, frames alone leave errors of 0.1 m/s and more in the speed of a walker's joints, of 0.2 m/s in a runner's."""
-
-SPEED_ERROR_MPS = 0.1
-"""Remaining error of speed from which the user is warned: a little more than what a window of 25 ms resolves at 77 GHz, 0.078 m/s
-(lambda / 2 T)."""
-
 
 MISLABELLED = 2 * LEAST_LIKELY
 """Score of limbs above which joints are not what they are called; noise of 3 cm adds 0.2."""
@@ -107,7 +102,7 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
         told.append("rotations from positions")
     motion = assemble(points, turned, rate_hz, level)
     if smoothing is None:
-        motion, smoothing = smoothed(motion, reading.smooth_hz)
+        motion, smoothing = smoothed(motion, reading.smooth_hz, rotations=tracks.orientations is not None)
     warn_of_rate(rate_hz)
     told = [
         f"{tracks.form}, {len(motion.joints)} frames at {rate_hz:g} Hz", *told,

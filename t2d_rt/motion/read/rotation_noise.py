@@ -1,0 +1,142 @@
+"""Noise of a skeleton's rotations and of its root, measured, and the low-pass of each that leaves the least error of speed.
+
+Body models fitted to video err anew in each frame. Their bones keep their lengths, and the noise of rotations adds up along the
+limbs: 1 degree in every joint and 3 mm of the root are 1.2 m/s at 30 Hz. The noise is measured where no motion hides it, in sixth
+differences in time, in the calmest tenth of a record and in the calmer joints: it is there all the time and everywhere, as impacts
+and fast limbs are not. Each rotation is then filtered like a position (`noise.best_cutoff`).
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from math import comb
+
+import numpy as np
+
+from t2d_rt.errors import T2DWarning
+from t2d_rt.motion import quaternions
+from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, compose, decompose, low_pass
+from t2d_rt.motion.read.noise import SPEED_ERROR_MPS, best_cutoff
+from t2d_rt.types.motion import Motion
+
+ORDER = 6
+"""Of the differences: at 30 Hz a movement at 3 Hz keeps 6 % of its amplitude beside noise."""
+
+WINDOW_S, FEWEST_FRAMES = 0.4, 9
+"""Time over which they are averaged."""
+
+CALM = 10.0
+"""Percent of these windows, and"""
+CALM_JOINTS = 25.0
+"""percent of the joints that turn at all, in which noise is what is there."""
+
+BIAS = 1.3
+"""Standard deviation of white noise over what the calmest tenth of 4 s at 30 Hz says of it."""
+
+FOUND = 8.0
+"""Speed that the usual smoothing would leave, times the frame rate [m/s Hz], from which rotations are noisy: recordings have up to
+5.8 at their own rates (7.4 decimated to 20 to 30 Hz, a roll), 1 degree and 3 mm have 23 at 30 Hz."""
+
+ROOT_M = 2e-3
+"""Noise of the root's coordinates from which it is noisy; recordings have up to 1.7 mm."""
+
+SHORT_S, SHORTEST_S, LOWEST_RATE_HZ = 2.0, 1.0, 18.0
+"""Records shorter than the first hold few calm windows: twice the limit; none below the second, nor at lower rates, at which
+movement looks like noise."""
+
+MOST = 4.0
+"""Noise power of a joint over that of the calmer ones."""
+
+
+def without_noise(motion: Motion, *, filtered: bool) -> tuple[Motion, str] | None:
+    """The motion without measured noise and a clause for its report; None where the noise is less than what the limit tells.
+
+    filtered: whether the usual low-pass at 12 Hz would follow.
+    """
+    if motion.rate_hz < LOWEST_RATE_HZ or motion.duration_s < SHORTEST_S:
+        return None
+    offsets, local = decompose(motion.joints, motion.rotations, motion.parents)
+    local = quaternions.continuous(local)
+    # Twice a quaternion's step is the angle.
+    tracks = [motion.joints[:, 0], *np.moveaxis(2.0 * local, 1, 0)]
+    levels = BIAS**2 * np.array([_level(track, motion.rate_hz) for track in tracks])
+    usual = _usual(levels[1:])
+    reach = _reach(motion)
+    omega = np.linspace(0.0, math.pi * motion.rate_hz, len(local))
+    kept = np.where(filtered, _gain(omega, motion.rate_hz), 1.0)
+    calm = np.array([levels[0], *np.minimum(levels[1:], usual)])
+    left = _speed_mps(calm * float((omega**2 * kept**2).mean()), reach)
+    limit = FOUND / motion.rate_hz * (2.0 if motion.duration_s < SHORT_S else 1.0)
+    if left <= limit and levels[0] <= 3.0 * ROOT_M**2:
+        return None
+    levels = np.array([levels[0], *np.minimum(levels[1:], MOST * usual)])
+    found = [
+        best_cutoff(track, np.full(len(track), level), motion.rate_hz)
+        for track, level in zip(tracks, levels, strict=True)
+    ]
+    smooth = [t if cut is None else low_pass(t, cut, motion.rate_hz) for t, (cut, _) in zip(tracks, found, strict=True)]
+    offsets[:, 0] = smooth[0]
+    joints, rotations = compose(offsets, quaternions.normalise(np.stack(smooth[1:], axis=1)), motion.parents)
+    error = _speed_mps(np.array([each for _, each in found]), reach)
+    used = sorted({cut for cut, _ in found if cut is not None})
+    noise = f"noise of {_degrees(usual):.1f} degrees and {1e3 * math.sqrt(levels[0] / 3):.1f} mm"
+    told = f"joint speeds err by about {error:.2f} m/s"
+    if error > SPEED_ERROR_MPS:
+        warnings.warn(
+            f"the rotations' and the root's {noise} at {motion.rate_hz:g} Hz leaves too much after smoothing: {told}; "
+            "micro-Doppler finer than that is noise",
+            T2DWarning,
+            stacklevel=5,
+        )
+    span = (
+        f"{used[0]:g} Hz" if len(used) == 1 else f"{used[0]:g} to {used[-1]:g} Hz, joint by joint" if used else "no Hz"
+    )
+    return (
+        motion.edited("smoothed as its noise asks for", joints=joints, rotations=rotations),
+        f"{noise} (in calm frames) smoothed at {span} ({told})",
+    )
+
+
+def _level(track: np.ndarray, rate_hz: float) -> float:
+    """Variance of white noise in all columns of a track (T, N) together, at most, by its calmest frames."""
+    square = (np.diff(track, n=ORDER, axis=0) ** 2).sum(axis=-1) / comb(2 * ORDER, ORDER)
+    frames = min(max(FEWEST_FRAMES, round(WINDOW_S * rate_hz)), len(square))
+    total = np.concatenate([[0.0], np.cumsum(square)])
+    return float(np.percentile((total[frames:] - total[:-frames]) / frames, CALM))
+
+
+def _usual(levels: np.ndarray) -> float:
+    """Noise of the calmer joints among those that turn."""
+    turning = levels[levels > 1e-12]
+    return float(np.percentile(turning, CALM_JOINTS)) if len(turning) else 0.0
+
+
+def _degrees(level: float) -> float:
+    """About one axis."""
+    return math.degrees(math.sqrt(level / 3.0))
+
+
+def _reach(motion: Motion) -> np.ndarray:
+    """Mean squared distances [m^2] (J, J) of joints (rows) from those above them in the skeleton (columns), else 0."""
+    found = np.zeros((len(motion.names), len(motion.names)))
+    for joint in range(len(motion.names)):
+        above = motion.parents[joint]
+        while above >= 0:
+            found[joint, above] = ((motion.joints[:, joint] - motion.joints[:, above]) ** 2).sum(axis=-1).mean()
+            above = motion.parents[above]
+    return found
+
+
+def _speed_mps(squares: np.ndarray, reach: np.ndarray) -> float:
+    """RMS speed of joints whose root and rotations move by these squares of speed, (1 + J,): of three
+    axes two lie across an arm."""
+    return math.sqrt(float((squares[0] + 2.0 / 3.0 * reach @ squares[1:]).mean()))
+
+
+def _gain(omega: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Of the low-pass at 12 Hz."""
+    corner = math.tan(math.pi * min(JITTER_CUTOFF_HZ / rate_hz, 0.49))
+    return 1.0 / (
+        1.0 + (math.sqrt(2.0) - 1.0) * (np.tan(np.minimum(0.5 * omega / rate_hz, 0.49999 * math.pi)) / corner) ** 4
+    )
