@@ -204,7 +204,7 @@ def test_jitter_is_found_and_removed(walk: Motion) -> None:
 def test_a_noisy_file_is_smoothed_by_itself(tmp_path: Path) -> None:
     lines = (MOTIONS / "momask_22j_120frames.bvh").read_text().splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("Frame Time")) + 1
-    noise = np.random.default_rng(0).normal(scale=2e-3, size=(120, 3))
+    noise = np.random.default_rng(0).normal(scale=1.5e-3, size=(120, 3))
     for row, shift in enumerate(noise):
         words = lines[start + row].split()
         lines[start + row] = " ".join(

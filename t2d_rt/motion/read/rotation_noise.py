@@ -31,8 +31,9 @@ CALM = 10.0
 CALM_JOINTS = 25.0
 """percent of the joints that turn at all, in which noise is what is there."""
 
-BIAS = 1.3
-"""Standard deviation of white noise over what the calmest tenth of 4 s at 30 Hz says of it."""
+BIAS = 1.05
+"""Standard deviation of white noise over what the calmest tenth of windows of n frames says of it, less one, times sqrt(n): within
+5 % in records of 60 to 600 frames."""
 
 FOUND = 8.0
 """Speed that the usual smoothing would leave, times the frame rate [m/s Hz], from which rotations are noisy: recordings have up to
@@ -60,7 +61,7 @@ def without_noise(motion: Motion, *, filtered: bool) -> tuple[Motion, str] | Non
     local = quaternions.continuous(local)
     # Twice a quaternion's step is the angle.
     tracks = [motion.joints[:, 0], *np.moveaxis(2.0 * local, 1, 0)]
-    levels = BIAS**2 * np.array([_level(track, motion.rate_hz) for track in tracks])
+    levels = np.array([_level(track, motion.rate_hz) for track in tracks])
     usual = _usual(levels[1:])
     reach = _reach(motion)
     omega = np.linspace(0.0, math.pi * motion.rate_hz, len(local))
@@ -103,7 +104,9 @@ def _level(track: np.ndarray, rate_hz: float) -> float:
     square = (np.diff(track, n=ORDER, axis=0) ** 2).sum(axis=-1) / comb(2 * ORDER, ORDER)
     frames = min(max(FEWEST_FRAMES, round(WINDOW_S * rate_hz)), len(square))
     total = np.concatenate([[0.0], np.cumsum(square)])
-    return float(np.percentile((total[frames:] - total[:-frames]) / frames, CALM))
+    return (1.0 + BIAS / math.sqrt(frames)) ** 2 * float(
+        np.percentile((total[frames:] - total[:-frames]) / frames, CALM)
+    )
 
 
 def _usual(levels: np.ndarray) -> float:
