@@ -45,10 +45,10 @@ def run_guarded(
     """
     ours, theirs = os.pipe()  # ours is at its end when nobody holds theirs any more
     try:
-        guard = [sys.executable, "-I", "-S", __file__, str(ours), str(len(temporary)), *map(str, temporary), *command]
+        guard = [sys.executable, "-I", "-S", __file__, str(len(temporary)), *map(str, temporary), *command]
         with subprocess.Popen(
-            guard, cwd=folder, env=dict(env), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            pass_fds=[ours], start_new_session=True,
+            guard, cwd=folder, env=dict(env), stdin=ours, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            start_new_session=True,
         ) as process:  # fmt: skip
             try:
                 out, err = process.communicate(timeout=limit_s)
@@ -72,8 +72,8 @@ def _guard(words: Sequence[str]) -> int:
     """The process beside; it imports nothing of this package, and so starts within a hundredth of a second."""
     import select
 
-    pipe, count = int(words[0]), int(words[1])
-    temporary, command = words[2 : 2 + count], words[2 + count :]
+    count = int(words[0])
+    temporary, command = words[1 : 1 + count], words[1 + count :]
     try:
         program = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
     except PermissionError:
@@ -81,7 +81,7 @@ def _guard(words: Sequence[str]) -> int:
     except OSError:
         return NOT_FOUND
     while (code := program.poll()) is None:
-        if select.select([pipe], [], [], 0.05)[0]:  # nobody writes: the end
+        if select.select([sys.stdin], [], [], 0.05)[0]:  # nobody writes: the end
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(program.pid, signal.SIGKILL)
             program.wait()

@@ -11,8 +11,9 @@ from pathlib import Path
 from validation.robustness.fuzz.process import KINDS, MEGABYTES, SECONDS, Outcome, Settings, outcomes
 
 FRACTIONS = {
-    "bvh": 0.2, "radar_yaml": 0.1, "scene_xml": 0.15, "recording_zarr": 0.15, "command_line": 0.15, "api_calls": 0.125,
-    "api_values": 0.125,
+    "bvh": 0.12, "radar_yaml": 0.06, "scene_xml": 0.09, "recording_zarr": 0.09, "command_line": 0.09, "api_calls": 0.075,
+    "api_values": 0.075, "shards": 0.12, "result_files": 0.12, "endpoint": 0.04, "momask": 0.02, "cached": 0.06, "trained": 0.03,
+    "dead_parents": 0.01,
 }  # fmt: skip
 """Parts of the inputs that are of each kind."""
 KEPT = Path("out") / "fuzz"
@@ -21,7 +22,7 @@ REGRESSIONS = Path(__file__).with_name("regressions.txt")
 
 def numbered(count: int, start: int = 0) -> list[str]:
     """Names of that many inputs, the kinds mixed."""
-    each = {kind: round(count * fraction) for kind, fraction in FRACTIONS.items()}
+    each = {kind: max(1, round(count * fraction)) for kind, fraction in FRACTIONS.items()}
     ordered = sorted((number / each[kind], kind, number) for kind in KINDS for number in range(each[kind]))
     return [f"{kind}:{start + number}" for _, kind, number in ordered]
 

@@ -8,6 +8,7 @@ import io
 import os
 import re
 import sys
+import time
 import warnings
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -243,6 +244,66 @@ def leaving_nothing(act: Callable[[], T], folder: Path) -> Callable[[], T]:
             raise
 
     return checked
+
+
+def writing_only(act: Callable[[], T], folder: Path, allowed: str) -> Callable[[], T]:
+    """The same, wrong where it writes elsewhere below the folder than below `allowed`."""
+
+    def checked() -> T:
+        before = listing(folder)
+        try:
+            return act()
+        finally:
+            after = listing(folder)
+            changed = {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
+            outside = sorted(name for name in changed if not name.startswith(f"{allowed}/"))
+            if outside:
+                raise Wrong(f"{outside[0]} was written, outside {allowed}")
+
+    return checked
+
+
+def running(pid: int) -> bool:
+    """Whether a process runs; one that nobody has waited for does not."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    return False
+
+
+def check_gone(pids: Sequence[int], seconds: float = 5.0) -> None:
+    """No process of these is left after so much time."""
+    end = time.monotonic() + seconds
+    while left := [pid for pid in pids if running(pid)]:
+        if time.monotonic() > end:
+            raise Wrong(f"{len(left)} of {len(pids)} processes were left behind")
+        time.sleep(0.02)
+
+
+ODD: tuple[Any, ...] = (
+    None, True, 0, -1, 1.5, 10**30, float("nan"), float("inf"), "", "x", "../../x", "/tmp/x", "a\0b", "\x1b[31m", "a" * 5000, [],
+    {}, [[]], [1, 2, 3], {"a": 1},
+)  # fmt: skip
+"""Values in the place of others."""
+
+
+def replaced(rng: np.random.Generator, values: Any) -> tuple[str, Any]:
+    """Plain values of which one, at any depth, is another or is gone."""
+    if isinstance(values, dict) and values:
+        name = pick(rng, sorted(values))
+        if chance(rng, 0.1):
+            return f"{name} gone", {key: each for key, each in values.items() if key != name}
+        told, value = replaced(rng, values[name])
+        return f"{name} {told}", {**values, name: value}
+    if isinstance(values, list) and values and chance(rng, 0.6):
+        place = int(rng.integers(len(values)))
+        told, value = replaced(rng, values[place])
+        return f"[{place}] {told}", [*values[:place], value, *values[place + 1 :]]
+    value = pick(rng, ODD)
+    return f"= {value!r}"[:60], value
+
+
+DEEP = "[" * 100_000 + "]" * 100_000
+"""JSON that no recursive reader reaches the bottom of."""
 
 
 # --- small inputs ---------------------------------------------------------------------------------------------------

@@ -29,7 +29,10 @@ ADDRESS_BYTES = 12 * 2**30
 """Of the address space: LLVM and Mitsuba map more than they use, and a bomb must not take the machine."""
 FILE_BYTES = 2**30
 POLL_S = 0.02
-KINDS = ("bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls", "api_values")
+KINDS = (
+    "bvh", "radar_yaml", "scene_xml", "recording_zarr", "command_line", "api_calls", "api_values", "shards", "result_files",
+    "endpoint", "momask", "cached", "trained", "dead_parents",
+)  # fmt: skip
 KEPT_BYTES = 4 * 2**20
 """Larger files of a failed input are not kept: it can be made again."""
 
@@ -107,9 +110,13 @@ def ready(kinds: Collection[str]) -> None:
     for name in (
         "matplotlib.backends.backend_agg", "scipy.signal", "scipy.interpolate", "scipy.spatial", "trimesh", "xarray", "zarr",
         "jsonargparse", "yaml", "mitsuba", "sionna.rt", "tqdm", "t2d_rt.cli", "t2d_rt.simulate", "t2d_rt.compare",
-        "t2d_rt.plots",
+        "t2d_rt.plots", "t2d_rt.dataset", "t2d_rt.dataset.labelled",
     ):  # fmt: skip
         import_module(name)
+    if "trained" in kinds:
+        import_module("t2d_rt.learn.train")
+    if "endpoint" in kinds:
+        import_module("openai")
     for name in kinds:
         import_module(f"validation.robustness.fuzz.{name}")
 

@@ -1,0 +1,106 @@
+"""Endpoints of language models that answer with anything: pieces of HTTP, endless bytes, redirections, JSON of other things."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import socket
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from t2d_rt.motion.descriptions.endpoint import Budget, LanguageModel
+from t2d_rt.motion.descriptions.language_model import model_descriptions
+from validation.robustness.fuzz.case import DEEP, Attempt, Wrong, check_text, corrupted, pick, replaced, writing_only
+
+LONGEST_S = 1.0
+REQUESTS = 3
+
+
+def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
+    """One way to answer, and a request for descriptions."""
+    os.environ["T2D_RT_CACHE"] = "off"
+    os.environ["T2D_API_KEY"] = "sk-secret"
+    told, pieces, pause_s = _answer(rng)
+    return Attempt(f"{told}: model_descriptions", writing_only(lambda: _asked(pieces, pause_s), folder, "nowhere"))
+
+
+def _answer(rng: np.random.Generator) -> tuple[str, list[bytes], float]:
+    row = {
+        "class": "falling",
+        "action": "fall",
+        "type": "trip",
+        "direction": "forward",
+        "sentence": "A man trips and falls forward.",
+    }
+    how, values = replaced(rng, {"descriptions": [row, row]})
+    text = pick(
+        rng, (json.dumps(values), json.dumps(values), DEEP, "null", "```json\n{}\n```", "a" * 300_000, "\x1b[31m")
+    )
+    completion = {
+        "id": "1", "object": "chat.completion", "created": 1, "model": "m", "usage": {"total_tokens": 10},
+        "choices": [{"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": text}}],
+    }  # fmt: skip
+    kind = pick(
+        rng,
+        ("text", "text", "completion", "completion", "head", "drip", "large", "gzip", "redirect", "bytes", "status"),
+    )
+    if kind == "completion":
+        how, completion = replaced(rng, completion)
+    body = json.dumps(completion).encode()
+    head = b"HTTP/1.1 200 OK\r\ncontent-type: application/json\r\nconnection: close\r\n"
+    whole = head + b"content-length: %d\r\n\r\n" % len(body) + body
+    if kind == "head":
+        return "a header without end", [head, *([b"x-a: 1\r\n"] * 5000)], 0.05
+    if kind == "drip":
+        return "one byte after the other", [head + b"\r\n", *([b" "] * 5000)], 0.02
+    if kind == "large":
+        return "a body without end", [head + b"\r\n", *([b" " * 2**20] * 50)], 0.0
+    if kind == "gzip":
+        return "a bomb", [head + b"content-encoding: gzip\r\n\r\n" + gzip.compress(b" " * 2**27)], 0.0
+    if kind == "redirect":
+        return "a redirection", [b"HTTP/1.1 307 Elsewhere\r\nlocation: http://127.0.0.1:9/\r\n\r\n"], 0.0
+    if kind == "status":
+        code = int(rng.integers(100, 600))
+        return f"status {code}", [b"HTTP/1.1 %d x\r\ncontent-length: 4\r\nretry-after: nan\r\n\r\nnull" % code], 0.0
+    if kind == "bytes":
+        how, whole = corrupted(rng, whole)
+    return f"{kind} {how}", [whole], 0.0
+
+
+def _asked(pieces: list[bytes], pause_s: float) -> None:
+    over, server = threading.Event(), socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        with suppress(OSError):
+            while True:
+                connection, _ = server.accept()
+                with connection, suppress(OSError):
+                    connection.settimeout(0.05)
+                    with suppress(TimeoutError):
+                        while connection.recv(65536):
+                            pass
+                    connection.settimeout(2.0)
+                    for piece in pieces:
+                        connection.sendall(piece)
+                        if over.wait(pause_s):
+                            return
+
+    threading.Thread(target=serve, daemon=True).start()
+    url = f"http://127.0.0.1:{server.getsockname()[1]}/v1"
+    begin = time.monotonic()
+    try:
+        found = model_descriptions(
+            "falling", 2, model=LanguageModel(model="m", base_url=url, timeout_s=LONGEST_S, tries=2, backoff_s=0.01),
+            budget=Budget(requests=REQUESTS), sleep=lambda _: None,
+        )  # fmt: skip
+        check_text(str(found), what="the count", lines=1)
+    finally:
+        over.set()
+        server.close()
+        if time.monotonic() - begin > REQUESTS * LONGEST_S + 4.0:
+            raise Wrong(f"{time.monotonic() - begin:.1f} s for {REQUESTS} requests of {LONGEST_S:g} s")
