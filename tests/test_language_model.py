@@ -92,6 +92,7 @@ MEGABYTE = b" " * 2**20
         ([HEAD + b"\r\n" + b"[" * 200_000 + b"]" * 200_000], 0.0, "could not be used"),
         ([HEAD + b"\r\n" + body_of("[" * 200_000)], 0.0, "could not be used"),
         ([HEAD + b"\r\nnull"], 0.0, "could not be used"),
+        ([HEAD + b'\r\n{"choices": {}}'], 0.0, "could not be used"),
         ([b"HTTP/1.1 302 Found\r\nlocation: http://127.0.0.1:1/v1\r\n\r\n"], 0.0, "sends requests on to another address"),
         ([b"SSH-2.0-OpenSSH_9.2\r\n"], 0.0, "cannot be reached"),
     ],

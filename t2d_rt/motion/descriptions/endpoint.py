@@ -155,13 +155,7 @@ class Session:
             choice = found.choices[0]
             content, refusal = choice.message.content or "", getattr(choice.message, "refusal", None) or ""
             reason = choice.finish_reason
-        except (
-            AttributeError,
-            IndexError,
-            TypeError,
-            ValueError,
-            RecursionError,
-        ):  # the server's answer is no completion, or no JSON
+        except (AttributeError, LookupError, TypeError, ValueError, RecursionError):  # it is no completion, or no JSON
             content, refusal, reason = "", "", "stop"
         content, refusal = (self._without_key(str(each)) for each in (content, refusal))
         used = getattr(getattr(found, "usage", None), "total_tokens", None)

@@ -48,9 +48,9 @@ def section(outcomes: Sequence[Mapping[str, Any]]) -> Section:
     return Section(
         title="Fuzzing",
         checks=checks,
-        note="Motion files, radar and config files, scenes with their meshes, saved recordings, words on the command line, calls of "
-        "the public functions, data sets, results and trained models of others, cached entries, answers of endpoints and programs "
-        "in the place of MoMask, each valid but for a few changes drawn at random; and main processes that are killed. "
+        note="Motion files, radar and config files, scenes with their meshes, saved recordings, words on the command line, calls "
+        "of the public functions, data sets, results and trained models of others, cached entries, answers of endpoints and "
+        "programs in the place of MoMask, each valid but for a few changes drawn at random; and main processes that are killed. "
         "`python -m validation.robustness.fuzz --only bvh:137` makes an input again. Each runs in a process of its own and has to "
         "end well (finite numbers, what was saved is what loads, nothing outside a folder is opened or written, no process is "
         "left) or with one sentence, within 10 s and 2 GB. Inputs that failed once are tried first. `refused` counts sentences, "
