@@ -103,6 +103,13 @@ def test_what_are_no_times_is_told(tmp_path: Path, walk: Motion, factor: float) 
     assert "its t tells no rate" in motion.report
 
 
+def test_times_of_other_frames_are_told_and_dates_are_times(tmp_path: Path, walk: Motion) -> None:
+    with pytest.warns(T2DWarning, match="timestamps has 228 entries for 229 frames and is left unread"):
+        load_motion(npz(tmp_path, walk, timestamps=times_s(walk)[1:], fps=60))
+    dates = np.datetime64("2026-01-01T10:00:00") + np.round(1e6 * times_s(walk)).astype("timedelta64[us]")
+    assert load_motion(npz(tmp_path, walk, timestamps=dates)).rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
+
+
 def test_rates_that_contradict_each_other(tmp_path: Path, walk: Motion) -> None:
     with pytest.warns(
         T2DWarning, match="mocap_framerate of 120 Hz contradicts fps of 60 Hz, which is taken; give rate_hz=120"

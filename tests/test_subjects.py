@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import WALK
+from builders import MOTIONS, WALK
+from t2d_rt.cli.add import Person, additions
+from t2d_rt.cli.options import simulate_parser
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
+from t2d_rt.motion.read.bodies import bodies
+from t2d_rt.motion.read.bvh import read_bvh
 from t2d_rt.motion.read.joint_sets import absent_joints
 from t2d_rt.motion.read.markers import MODELLED
 from t2d_rt.motion.read.subjects import numbered, subjects
-from t2d_rt.types.motion import Motion
+from t2d_rt.sources import MotionFile, target_from
+from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 from validation.motions import independent
 
 RATE_HZ = 30.0
@@ -164,6 +169,23 @@ def test_prefixes_of_one_persons_parts_are_told(tmp_path: Path, walk: Motion) ->
     assert "labels with ['Leg', 'Trunk'] before the colon taken as one person's" in motion.report
 
 
+def test_parts_of_two_persons_are_no_person(tmp_path: Path, walk: Motion) -> None:
+    legs = [name for name in joint_centres(walk) if any(part in name for part in ("Hip", "Knee", "Ankle", "Toe"))]
+    tracks = {name: track for name, track in two(walk).items() if (name[2:] in legs) == name.startswith("A")}
+    with pytest.raises(InputError, match=r"hips and shoulders lie \d.\d lengths of a leg apart, as of several persons"):
+        load_motion(write(tmp_path / "a.trc", tracks))
+
+
+def test_the_command_line_takes_a_subject(tmp_path: Path, walk: Motion) -> None:
+    path = write(tmp_path / "a.npz", two(walk))
+    (person,) = additions([f"person:{path},subject=B,distance_m=3"])
+    assert isinstance(person, Person)
+    assert travel_m(person.motion(t2d.Radar.preset("table2"))) < 0.01
+    source = MotionFile(file=str(path), subject="B", distance_m=3.0)
+    assert travel_m(target_from(source, {}, t2d.Radar.preset("table2"), None)) < 0.01
+    assert "subject" in {action.dest.removeprefix("motion.") for action in simulate_parser()._actions}
+
+
 def test_sides_and_numbers_of_a_skeleton_name_no_subject() -> None:
     for names in (
         ["pelvis", "spine1", "spine2", *(f"{s}_{j}" for s in ("left", "right") for j in NAMES)],
@@ -179,6 +201,17 @@ def test_sides_and_numbers_of_a_skeleton_name_no_subject() -> None:
     assert found["B"] == {name: f"B.{name}" for name in body}
     found = subjects(numbered([*body, *body]), absent_joints)
     assert list(found) == ["unnamed", "2"]
+
+
+def test_persons_in_the_order_of_a_camera(tmp_path: Path, walk: Motion) -> None:
+    body = np.stack([walk.joints[:, walk.index(name)] for name in CANONICAL_JOINTS], axis=1)
+    still = np.tile(body[:1] + AWAY_M, (len(body), 1, 1))
+    np.save(tmp_path / "a.npy", np.stack([still, body], axis=1) @ independent.Y_UP.T)
+    with pytest.warns(T2DWarning, match="holds 2 subjects, 1, 2: 1 is taken"):
+        assert travel_m(load_motion(tmp_path / "a.npy")) < 0.01
+    assert travel_m(load_motion(tmp_path / "a.npy", subject="2", rate_hz=RATE_HZ)) == pytest.approx(
+        travel_m(walk), abs=0.02
+    )
 
 
 def by_time(people: np.ndarray) -> np.ndarray:
@@ -222,3 +255,21 @@ def test_two_roots_of_a_bvh(tmp_path: Path, first: str, second: str, names: str)
     path = tmp_path / "a.bvh"
     path.write_text(bvh_of_two(first, second))
     check(path, t2d.trim(load_motion(WALK, drop_tpose=True), 0.0, 198 / 120), *names)
+
+
+@pytest.mark.parametrize(("first", "second", "names"), [("A:", "B:", "AB"), ("Bip01 ", "Bip02 ", ("Bip01", "Bip02"))])
+def test_two_bodies_under_one_root(tmp_path: Path, first: str, second: str, names: Sequence[str]) -> None:
+    text = bvh_of_two(first, second).replace("ROOT", "JOINT")
+    stage = "ROOT Scene\n{\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n"
+    text = text.replace("HIERARCHY\n", f"HIERARCHY\n{stage}").replace("\nMOTION", "}\nMOTION")
+    head, _, rows = text.partition("Frame Time")
+    step, *rows = rows.splitlines()
+    path = tmp_path / "a.bvh"
+    path.write_text("\n".join([f"{head}Frame Time{step}", *(f"0 0 0 {row}" for row in rows)]))
+    check(path, t2d.trim(load_motion(WALK, drop_tpose=True), 0.0, 198 / 120), *names)
+
+
+def test_one_skeleton_is_one_body() -> None:
+    for path in sorted(MOTIONS.glob("*.bvh*")):
+        raw = read_bvh(path)
+        assert bodies(raw) == {"": raw}, path.name

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from t2d_rt.checks import choice
-from t2d_rt.cli.options import command_parser
+from t2d_rt.cli.options import add_reading, command_parser
 from t2d_rt.cli.output import check_picture, say, write_picture
 from t2d_rt.errors import InputError
 from t2d_rt.motion import load_motion
@@ -63,6 +63,7 @@ def parser() -> ArgumentParser:
         action="store_true",
         help="Whether a picture of that name is replaced; without it one is an error.",
     )
+    add_reading(found)
     return found
 
 
@@ -82,7 +83,7 @@ def run(options: Namespace) -> int:
                 f"a sheet has {MOST_ROWS} motions at most, got {len(files)}; give fewer, or leave out --sheet"
             )
     named = len(files)
-    motions, files = _read(files)
+    motions, files = _read(files, options.motion.as_dict())
     verdicts = [check_motion(motion, expected=cast(Activity | None, expected)) for motion in motions]
     drawn = picture is not None and bool(motions)
     if picture is not None and drawn:
@@ -97,12 +98,12 @@ def run(options: Namespace) -> int:
     return 2 if len(files) < named else int(options.strict and passed < len(files))
 
 
-def _read(files: list[Path]) -> tuple[list[Motion], list[Path]]:
+def _read(files: list[Path], reading: dict[str, Any]) -> tuple[list[Motion], list[Path]]:
     """Motions, and their files; of each that cannot be read a line says why."""
     motions, read = [], []
     for path in files:
         try:
-            motions.append(load_motion(path))
+            motions.append(load_motion(path, **reading))
         except InputError as error:
             say(f"t2d-rt: {' '.join(str(error).split())}", file=sys.stderr)
         else:

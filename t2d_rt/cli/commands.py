@@ -199,7 +199,7 @@ def info_command(options: Namespace) -> None:
     else:
         from t2d_rt.motion import describe, load_motion
 
-        motion = load_motion(source)
+        motion = load_motion(source, **options.motion.as_dict())
         say(motion.report)
         say(describe(motion))
 

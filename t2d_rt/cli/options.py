@@ -132,9 +132,11 @@ def scene_parser() -> ArgumentParser:
 
 def info_parser() -> ArgumentParser:
     """Options of `t2d-rt info`."""
-    return command_parser(
+    parser = command_parser(
         "info", "Tells what a motion file, a result (.zarr) or a radar file (.yaml) holds.", config=False
     )
+    add_reading(parser)
+    return parser
 
 
 def export_parser() -> ArgumentParser:
@@ -267,8 +269,15 @@ def _add_piece(parser: ArgumentParser) -> None:
     )
 
 
-def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bool = True) -> None:
+def add_reading(parser: ArgumentParser) -> None:
+    """How a motion file is read."""
     from t2d_rt.motion import load_motion
+
+    group = parser.add_argument_group("reading the motion file (what is not given is detected)")
+    add_parameters(group, load_motion, "motion.")
+
+
+def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bool = True) -> None:
     from t2d_rt.propagation.scenes import scene_names
     from t2d_rt.signal import spectrogram
     from t2d_rt.simulate import simulate
@@ -289,9 +298,7 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bo
         model.add_argument("--noise", type=str | dict[str, Any], default="none", help=parameter_help(simulate)["noise"])
     _add_accuracy(parser)
     _add_radar(parser)
-    add_parameters(
-        parser.add_argument_group("reading the motion file (what is not given is detected)"), load_motion, "motion."
-    )
+    add_reading(parser)
     if signal:
         add_parameters(parser.add_argument_group("spectrogram"), spectrogram, "signal.")
 

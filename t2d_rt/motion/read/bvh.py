@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,6 @@ from t2d_rt.errors import InputError
 from t2d_rt.files import gunzip, read_bytes, size
 from t2d_rt.motion.quaternions import about_axis, multiply, normalise, rotate
 from t2d_rt.motion.read.samples import filled
-from t2d_rt.motion.read.subjects import FEWEST_LABELS
 
 MAX_BYTES = 150_000_000
 """Largest text that is read: MAX_VALUES with 15 characters each."""
@@ -81,35 +80,6 @@ def read_bvh(path: str | Path) -> RawSkeleton:
         names=tuple(names), parents=tuple(parents), offsets=np.array(offsets), channels=tuple(channels),
         values=values, rate_hz=rate_hz, lost=lost,
     )  # fmt: skip
-
-
-def bodies(raw: RawSkeleton) -> dict[str, RawSkeleton]:
-    """The trees of a file's ROOTs that have joints enough for a person, by the namespace of their names, else the ROOT's own name,
-    else their number; a file with one ROOT is one body without a name."""
-    starts = [joint for joint, parent in enumerate(raw.parents) if parent < 0]
-    stops = [*starts[1:], len(raw.parents)]
-    columns = np.cumsum([0, *map(len, raw.channels)])
-    large = [
-        slice(start, stop)
-        for start, stop in zip(starts, stops, strict=True)
-        if sum(map(bool, raw.channels[start:stop])) >= FEWEST_LABELS or len(starts) == 1
-    ]
-    names = [raw.names[each.start] for each in large]
-    spaces = [name.rpartition(":")[0] for name in names]
-    called = next(
-        (each for each in (spaces, names) if len({*each} - {""}) == len(large)), [*map(str, range(1, len(large) + 1))]
-    )
-    return {
-        name if len(large) > 1 else "": replace(
-            raw,
-            names=raw.names[each],
-            parents=tuple(max(parent - each.start, -1) for parent in raw.parents[each]),
-            offsets=raw.offsets[each],
-            channels=raw.channels[each],
-            values=raw.values[:, columns[each.start] : columns[each.stop]],
-        )
-        for name, each in zip(called, large, strict=True)
-    }
 
 
 def forward_kinematics(

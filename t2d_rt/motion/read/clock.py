@@ -70,11 +70,18 @@ def times_of(arrays: Arrays, frames: int) -> Times | None:
     """Times of the frames in a file of arrays, if there are any."""
     rate_name = arrays.first(*RATE_FIELDS, *STEP_FIELDS) or ""
     for name in TIME_FIELDS:
-        if name in arrays:
-            found = arrays.get(name)
-            if found.size == frames and found.dtype.kind in "fiu":
+        found = arrays.get(name) if name in arrays else np.zeros(0)
+        if found.dtype.kind == "M":
+            found = found.astype("datetime64[ns]").astype(np.int64)
+        if found.size > 1 and found.size == max(found.shape) and found.dtype.kind in "fiu":
+            if found.size == frames:
                 unit = UNITS_S.get(name.rpartition("_")[2]) if "_" in name else None
                 return Times(values=found.ravel().astype(np.float64), name=name, unit_s=unit, rate_name=rate_name)
+            warnings.warn(
+                f"{arrays.path.name}: {name} has {found.size} entries for {frames} frames and is left unread; store one for each",
+                T2DWarning,
+                stacklevel=5,
+            )
     return None
 
 

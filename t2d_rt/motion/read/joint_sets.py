@@ -95,7 +95,7 @@ def canonical_sources(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Canonical joint -> the names whose mean stands for it, for the joints that have any."""
     if set(CANONICAL_JOINTS) <= set(names):
         return {joint: (joint,) for joint in PARENT_OF if joint in names}
-    parts = {_side_and_part(name): name for name in reversed(names)}
+    parts = {side_and_part(name): name for name in reversed(names)}
     found: dict[str, tuple[str, ...]] = {}
     for side in ("left", "right"):
         taken: set[str] = set()
@@ -114,7 +114,8 @@ def canonical_sources(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def _side_and_part(name: str) -> tuple[str, str]:
+def side_and_part(name: str) -> tuple[str, str]:
+    """Side, "left", "right" or none, and part of the body that a joint's name tells, in lower case."""
     words = [word.lower() for word in WORD.findall(name)]
     for side, rest in ((words[:1], words[1:]), (words[-1:], words[:-1])):
         if rest and side[0] in SIDES:

@@ -10,7 +10,8 @@ import numpy as np
 
 from t2d_rt.errors import T2DWarning
 from t2d_rt.motion.match import DECISIVE, MOST_FRAMES, Match, match, signs
-from t2d_rt.motion.read.bvh import RawSkeleton, bodies, forward_kinematics, read_bvh
+from t2d_rt.motion.read.bodies import bodies
+from t2d_rt.motion.read.bvh import RawSkeleton, forward_kinematics, read_bvh
 from t2d_rt.motion.read.detect import add_feet, floor_level, to_z_up, tpose_frames, unit, up_axis
 from t2d_rt.motion.read.flips import flips, told
 from t2d_rt.motion.read.ground import levelled

@@ -38,6 +38,9 @@ LOW_RATE_HZ = 15.0
 MISLABELLED = 2 * LEAST_LIKELY
 """Score of limbs above which joints are not what they are called; noise of 3 cm adds 0.2."""
 
+WIDEST = 1.5
+"""Lengths of a leg from which a trunk is too long, or hips or shoulders too wide, for one person; trunks have 0.6."""
+
 BACKWARD = -0.3
 """Mean forward component of feet and knees (-1 to 1) from which left and right must be swapped."""
 
@@ -80,6 +83,7 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
             f"{tracks.form}: limbs change their length by half, or differ as much left and right; the joints' names or their order "
             "are wrong, or the tracks are damaged"
         )
+    _check_together(tracks)
     tracks, apart = _without_coincident(tracks)
     points, filled = _whole(tracks)
     told = [*samples.told, *tracks.told, *apart, *filled]
@@ -110,6 +114,27 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
         f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
     ]  # fmt: skip
     return replace(motion, report="; ".join(told))
+
+
+def _check_together(tracks: Tracks) -> None:
+    """Refuses hips and shoulders that are those of several bodies."""
+    at = {
+        f"{s}_{joint}": tracks.points[f"{s}_{joint}"]
+        for s in ("left", "right")
+        for joint in ("hip", "knee", "ankle", "shoulder")
+    }
+    middle = {joint: 0.5 * (at[f"left_{joint}"] + at[f"right_{joint}"]) for joint in ("hip", "shoulder")}
+    apart = [middle["hip"] - middle["shoulder"], *(at[f"left_{joint}"] - at[f"right_{joint}"] for joint in middle)]
+    bones = [
+        at[f"{s}_{a}"] - at[f"{s}_{b}"] for s in ("left", "right") for a, b in (("hip", "knee"), ("knee", "ankle"))
+    ]
+    width, leg = (np.median(np.linalg.norm(each, axis=-1), axis=-1) for each in (apart, bones))
+    legs = float(width.max() / max(0.5 * leg.sum(), 1e-12))
+    if legs > WIDEST:
+        raise InputError(
+            f"{tracks.form}: hips and shoulders lie {legs:.1f} lengths of a leg apart, as of several persons; give each person's "
+            "points names of their own"
+        )
 
 
 def _without_coincident(tracks: Tracks) -> tuple[Tracks, list[str]]:
