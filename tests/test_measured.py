@@ -12,6 +12,7 @@ import pytest
 
 import t2d_rt as t2d
 from t2d_rt import cubes, rows
+from t2d_rt.background_files import background_records
 from t2d_rt.cubes import DiskCube
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.signal import load_cube
@@ -120,6 +121,19 @@ def test_sound_samples_are_not_warned_of(tmp_path: Path, noise: float, constant:
         t2d.load_recording(tmp_path / "cube.npy", RADAR)
 
 
+def test_backgrounds_take_the_order_of_the_channels(tmp_path: Path) -> None:
+    cube, folders = scene(600, noise=200.0), {}
+    for name, samples in (("IQ", cube), ("QI", cube.imag + 1j * cube.real)):
+        folders[name] = tmp_path / name
+        folders[name].mkdir()
+        written(folders[name] / "a.bin", two_lanes(samples))
+        RADAR.to_yaml(folders[name] / "radar.yaml")
+    one, two = (background_records(folders[iq], lanes=2, iq=iq)[0] for iq in ("IQ", "QI"))
+    np.testing.assert_array_equal(one.relative_db, two.relative_db)
+    with pytest.warns(T2DWarning, match=MIRROR):
+        background_records(folders["QI"], lanes=2)
+
+
 def test_a_result_takes_no_options_of_measured_samples(tmp_path: Path) -> None:
     t2d.Recording(scene().astype(np.complex64), RADAR).save(tmp_path / "one.zarr")
     for options in ({"iq": "QI"}, {"conjugate": True}, {"lanes": 2}):
@@ -163,6 +177,12 @@ def test_captures_in_another_order_are_refused_by_their_samples(
             InputError, match=f"does not hold complex samples over {lanes} lanes: taken as {name} its chirps"
         ):
             t2d.load_recording(path, RADAR, lanes=lanes)
+
+
+def test_an_odd_number_of_real_loops_is_no_whole_number_of_complex_ones(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.bin", scene(95).real)
+    with pytest.raises(InputError, match=r"cut the file at the last whole loop, or iq='I' where samples are real"):
+        t2d.load_recording(path, RADAR, lanes=2)
 
 
 def test_noise_has_no_order(tmp_path: Path) -> None:

@@ -71,9 +71,10 @@ def read_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str, conjuga
         size = os.fstat(file.fileno()).st_size
     row = (1 if iq == "I" else 2) * senders * radar.samples * (4 if str(lanes) == "4" else receivers)
     if not size or size % (2 * row):
+        real = ", or iq='I' where samples are real" if size and iq != "I" and size % row == 0 else ""
         raise InputError(
             f"{path} holds {size} bytes, and a loop of this radar ({senders} x {receivers} antennas, {radar.samples} samples) "
-            f"has {2 * row}: give the radar that recorded it, or cut the file at the last whole loop"
+            f"has {2 * row}: give the radar that recorded it, or cut the file at the last whole loop{real}"
         )
     shape = size // (2 * row), senders * receivers, radar.samples
     raw = FileRows(source, shape, 0, WORD, row)

@@ -91,7 +91,13 @@ def oriented(samples: np.ndarray, iq: str, *, conjugate: bool) -> np.ndarray:
 
 def cube_of(rows: FileRows) -> Cube:
     """The cube, in memory or, where it is large, read from its file when used."""
-    return DiskCube(rows) if is_large(rows.shape) else rows.read(0, rows.shape[0])
+    on_disk = DiskCube(rows)
+    if is_large(rows.shape):
+        return on_disk
+    cube = np.empty(rows.shape, np.complex64)
+    for part, block in row_blocks(on_disk):
+        cube[part] = block
+    return cube
 
 
 def check_samples(cube: Cube, path: Path) -> None:
