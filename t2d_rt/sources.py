@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Discriminator, Field
 from t2d_rt.errors import InputError
 from t2d_rt.inputs import Hash, Inputs, Store, named_arrays
 from t2d_rt.motion import aside, load_motion, place, trim
-from t2d_rt.motion.generate import COMPOSED, LONGEST_S, motion_from_text
+from t2d_rt.motion.generate import COMPOSED, LONGEST_S, motion_from_text, understood
 from t2d_rt.motion.vary import hold, vary_gait
 from t2d_rt.named import found_from, motion_path
 from t2d_rt.scene import CeilingFan, Curtain, Door, Mover, Pet, TableFan
@@ -106,7 +106,7 @@ class MotionText(_Placed):
 
 def _generated(source: MotionText) -> Motion:
     made = motion_from_text(
-        source.text, provider=source.provider, seed=source.seed, body=source.body, stature_m=source.stature_m,
+        understood(source.text)[0], provider=source.provider, seed=source.seed, body=source.body, stature_m=source.stature_m,
         duration_s=source.duration_s,
     )  # fmt: skip
     if source.gait_factor == 1.0 and source.gait_spread == 0.0:

@@ -1,10 +1,11 @@
-"""What a sentence says of how often and how long is in the motion: flights, sits and bends are counted, durations measured."""
+"""What a sentence says is in the motion, or said not to be: flights, sits and bends are counted, durations measured, words told."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from t2d_rt.errors import T2DWarning
 from t2d_rt.motion.check.support import flights_s
 from t2d_rt.motion.check.tracks import tracks
 from t2d_rt.motion.descriptions import parse_description
@@ -111,3 +112,72 @@ def test_numbers_in_words(words: str, slot: str, value: float) -> None:
 
 def test_a_once_that_is_a_conjunction_is_no_count() -> None:
     assert all(step.count is None for step in parse_description("once he has sat down he stands up").description.steps)
+
+
+# --- words that change nothing ---
+
+
+@pytest.mark.parametrize(
+    ("sentence", "told"),
+    [
+        ("a man picks up a box and carries it away", ("box", "carries", "away")),
+        ("a woman tiptoes across the room", ("tiptoes", "room")),
+        ("he gets out of bed", ("bed",)),
+        ("she climbs a ladder", ("ladder",)),
+        ("a boy walks on the spot", ("on the spot",)),
+        ("a man squats on one leg", ("on one leg",)),
+        ("a tired man walks with heavy steps", ("tired", "heavy")),
+        ("a girl waltzes", ("waltzes",)),
+        ("a man walks three metres", ("three", "metres")),
+        ("he lands softly after a jump", ("softly",)),
+        ("she suddenly swings the bag and runs", ("suddenly", "swings", "bag")),
+    ],
+)  # fmt: skip
+def test_words_that_change_nothing_are_told(sentence: str, told: tuple[str, ...]) -> None:
+    said = str(parse_description(sentence))
+    assert all(word in said for word in told), said
+
+
+@pytest.mark.parametrize(
+    ("sentence", "told"),
+    [
+        ("a man walks towards a ball", "not made: ball of walk"),
+        ("a man runs with clenched fists and stops", "not made: hand of run"),
+        ("a man tiptoes forward", "not made as said: tiptoes"),
+        ("a man dances twice in the kitchen", "kitchen; not made: count 2 of dance"),
+    ],
+)
+def test_a_motion_of_a_sentence_warns_of_what_it_lacks(sentence: str, told: str) -> None:
+    with pytest.warns(T2DWarning, match=told):
+        motion_from_text(sentence)
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "a man walks slowly to a chair and sits down", "a man walks to the stairs and climbs up", "a woman lies down on a bed",
+        "a man jumps in place twice with both feet", "she jumps three times on her left foot", "an old man sits down on the floor",
+        "a man bends to pick up a ball", "a child runs in a counterclockwise circle", "the person turns around on the spot",
+        "a man with a limp walks forward, sparing his left leg", "he squats, holding the handrail", "a man walks upstairs",
+    ],
+)  # fmt: skip
+def test_what_is_made_is_not_warned_of(sentence: str) -> None:
+    motion_from_text(sentence)  # warnings are errors
+
+
+def test_who_walks_upstairs_rises() -> None:
+    motion = motion_from_text("a man walks upstairs", seed=1)
+    assert hips(motion)[-1] - hips(motion)[0] > 0.5
+
+
+def test_who_turns_on_the_spot_stays_there() -> None:
+    motion = motion_from_text("a woman turns around on the spot", seed=1)
+    assert np.ptp(motion.joints[:, 0, :2], axis=0).max() < 0.4
+
+
+def test_jumping_jacks_open_arms_and_legs() -> None:
+    parsed = parse_description("a man does five jumping jacks")
+    assert (parsed.description.count, parsed.read_as) == (10, (("5 jumping jacks", "10 jumps out and in"),))
+    motion = motion_from_text(parsed.description, seed=1)
+    feet = motion.joints[:, motion.index("left_ankle")] - motion.joints[:, motion.index("right_ankle")]
+    assert dips(-np.linalg.norm(feet, axis=1), 0.5) == 5

@@ -163,7 +163,7 @@ SENTENCES = [
     ("walks in a circle clockwise", "walking", [{"action": WALK, "direction": "clockwise"}]),
     ("walks counter-clockwise", "walking", [{"action": WALK, "direction": "counterclockwise"}]),
     ("jumps up and down three times", "jumping", [{"action": "jump", "direction": "up", "count": 3}]),
-    ("He does five jumping jacks.", "jumping", [{"action": "jump", "count": 5}]),
+    ("He does five jumping jacks.", "jumping", [{"action": "jump", "body_part": "arm", "count": 10}]),
     ("the man in the red shirt jogs for 5 seconds", "running", [{"action": "run", "speed": "slow", "duration_s": 5.0}]),
     ("runs for half an hour, then walks for 2 minutes", "running",
      [{"action": "run"}, {"action": WALK, "duration_s": 120.0}]),

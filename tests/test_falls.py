@@ -19,7 +19,7 @@ from t2d_rt.body import depth_m, skin
 from t2d_rt.errors import InputError
 from t2d_rt.motion import load_motion, place, resample, trim
 from t2d_rt.motion.descriptions.slots import Description
-from t2d_rt.motion.generate import motion_from_text
+from t2d_rt.motion.generate import motion_from_text, understood
 from t2d_rt.motion.generate.falls import Fall, FallPlan, plan_of, simulate_fall
 from t2d_rt.motion.generate.falls import make as making
 from t2d_rt.motion.generate.falls.anatomy import anatomy
@@ -81,7 +81,9 @@ def test_falls_go_as_measured_falls_do(kind: str) -> None:
 
 def test_the_skin_lies_on_the_floor_and_so_do_pieces() -> None:
     """A foot was 11 cm deep while the person still walked: the lying feet had told what a level sole is."""
-    motion = motion_from_text("grandmother slips on the wet tiles and lands on her bottom", seed=11)
+    description, left_out = understood("grandmother slips on the wet tiles and lands on her bottom")
+    assert left_out == "not understood and left out: wet, tiles"
+    motion = motion_from_text(description, seed=11)
     pieces = [motion, trim(motion, 0.5, 5.0), trim(motion, 2.0, 6.0), resample(motion, 50.0), mirror(place(motion))]
     pieces.append(dataclasses.replace(motion, rate_hz=80.0))  # slowed down
     for piece in pieces:

@@ -24,7 +24,7 @@ from t2d_rt.files import read_bytes
 from t2d_rt.learn.adapters.parrad import BIN_MPS, BINS, RADARS, RANGE_CELLS, ROW_S, ROWS, ZERO_BIN, notched
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, LabelledMaps, check_varied
 from t2d_rt.motion import aside, place, trim
-from t2d_rt.motion.generate import motion_from_text
+from t2d_rt.motion.generate import motion_from_text, understood
 from t2d_rt.motion.vary import hold
 from t2d_rt.radar.synthesize import Progress
 from t2d_rt.simulate import simulate
@@ -182,7 +182,7 @@ def range_mean_levels(chirps: np.ndarray) -> np.ndarray:
 
 def _made(label: str, sentence: str, rng: np.random.Generator) -> Motion:
     duration_s = round(float(rng.uniform(2.0, 4.5)), 2) if label == "walk" and "turns" not in sentence else None
-    return motion_from_text(sentence, seed=int(rng.integers(2**31)), duration_s=duration_s)
+    return motion_from_text(understood(sentence)[0], seed=int(rng.integers(2**31)), duration_s=duration_s)
 
 
 def _spanned(motion: Motion, label: str) -> Motion:

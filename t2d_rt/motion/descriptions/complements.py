@@ -169,7 +169,7 @@ BODY = {
     ("squat", "hand"): "with folded hands | with both hands held out",
     ("squat", "leg"): "with {his} legs apart | with {his} legs together",
     ("squat", "foot"): "with {his} feet apart | on the tips of {his} toes",
-    ("jump", "foot"): "on one foot | with both feet | on {his} {side} foot",
+    ("jump", "foot"): "on one foot | on {his} {side} foot",
     ("jump", "leg"): "on one leg | on {his} {side} leg",
     ("jump", "arm"): _ARMS,
     ("jump", "knee"): "drawing up {his} knees | with stiff knees",

@@ -27,6 +27,13 @@ STOPPING = frozenset(form for verb in ("stop", "halt", "pause") for form in form
 """Verbs before what is no longer done: stops walking."""
 
 
+AUXILIARY = frozenset(form for verb in ("have", "let", "keep", "use", "set") for form in forms(verb))
+"""Verbs of limbs that are also auxiliary to others."""
+
+STOREYS = "upstairs", "downstairs"
+"""Directions that lead over a stair."""
+
+
 class Opposite(Exception):
     """Two directions of one step that cannot both be."""
 
@@ -87,6 +94,12 @@ class Reader:
     """Just behind a part of the body: arms up."""
     attending: bool = False
     """Within what a limb does."""
+    limb: bool = False
+    """Whether a part of the body has been named since the last action or join."""
+    loose: list[str] = field(default_factory=list)
+    """What limbs do and how they are, of which none has been named yet."""
+    partly: list[str] = field(default_factory=list)
+    """Words that say more than is made of them."""
 
     def read(self, item: Item) -> None:
         """Takes one more item."""
@@ -94,6 +107,12 @@ class Reader:
         self.of_part, before = limb or item.words == "together", self.of_part
         if item.kind == "direction":
             self.of_part = before
+        named = item.kind == "part" or "body_part" in item.slots
+        self.limb = self.limb or named
+        if named or item.kind == "object":
+            self.loose.clear()
+        if item.kind in ("join", "action", "weak", "other"):
+            self.settle_loose()
         if item.kind == "join":
             self._join(str(item.slots["join"]))
         elif item.kind == "subject":
@@ -112,9 +131,30 @@ class Reader:
         elif item.kind == "attend":
             if item.slots or self.denied:
                 self._modifier(item)
+            elif not self.limb and item.words not in AUXILIARY:
+                self.loose.append(item.words)
             self.attending = True
+        elif item.kind == "of limb":
+            if not self.limb:
+                self.loose.append(item.words)
+        elif item.kind == "spot":
+            self._spot(item.words)
         elif item.kind not in ("fixed", "neutral"):
             self._modifier(item)
+
+    def settle_loose(self) -> None:
+        """Reports what is said of limbs where none is named, before what begins another clause."""
+        self.ignored += self.loose
+        self.loose.clear()
+        self.limb = False
+
+    def _spot(self, words: str) -> None:
+        """Who jumps on the spot jumps up; walking and running on the spot are not made."""
+        steps = self.clauses[-1].steps
+        if not steps or steps[-1].action in ("walk", "run", "climb") or self.dead:
+            self.ignored.append(words)
+        elif steps[-1].action == "jump" and steps[-1].get("direction") is None:
+            steps[-1].said["direction"] = "up"
 
     def _subject(self, subject: str, words: str) -> None:
         named = words not in PRONOUNS
@@ -142,6 +182,8 @@ class Reader:
         draft = Draft(
             str(implied.pop("action")), implied, weak=item.kind == "weak", gerund=item.gerund, words=item.words
         )
+        if item.partly:
+            self.partly.append(f"{item.words} (made as any {draft.action.replace('_', ' ')})")
         draft.joined = "" if clause.steps else clause.join
         for each in clause.pending:
             attach(draft, each, self.ignored)
@@ -222,6 +264,7 @@ class Reader:
 
     def ordered(self) -> list[Draft]:
         """The steps in the order in which they happen."""
+        self.settle_loose()
         self.settle()
         found: list[list[Draft]] = []
         held: list[Draft] = []
@@ -257,7 +300,14 @@ def attach(draft: Draft, item: Item, ignored: list[str]) -> None:
     ):
         ignored.append(item.words)
         return
-    stairs = item.slots.get("object") == "stair" and draft.get("direction") in ("up", "down")
+    storey = item.words in STOREYS and draft.action in ("walk", "run", "climb")
+    if storey:
+        draft.said["object"] = "stair"
+    if (draft.action, item.words) == ("stand_up", "bed") or item.words == "ladder":
+        ignored.append(item.words)  # made as a seat, and as a stair
+    if item.words in ("on one leg", "on one foot") and draft.action not in ("jump", "turn", "walk", "run", "dance"):
+        ignored.append(item.words)
+    stairs = storey or (item.slots.get("object") == "stair" and draft.get("direction") in ("up", "down"))
     if stairs and draft.action == "walk" and draft.get("type") is None:
         draft.action, draft.weak = "climb", False
     for slot, value in item.slots.items():

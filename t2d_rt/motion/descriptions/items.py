@@ -56,6 +56,8 @@ class Item:
     gerund: bool = False
     note: str = ""
     """The known word as which a misspelt one was read."""
+    partly: bool = False
+    """Whether it says more than is made of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +68,7 @@ class Entry:
     kind: str
     slots: Mapping[str, object]
     gerund: bool = False
+    partly: bool = False
 
 
 def tokens_of(text: str) -> list[str]:
@@ -100,7 +103,12 @@ def _verb_entries(phrase: str, kind: str, slots: Mapping[str, object]) -> Iterat
     for name in Forms._fields:
         inflected = " and ".join(f"{getattr(forms(verb), name)} {rest}" for verb, _, rest in verbs)
         for spelled in _spelled(inflected):
-            yield Entry(tuple(tokens_of(spelled)), kind, slots, gerund=name == "gerund")
+            yield Entry(tuple(tokens_of(spelled)), kind, slots, gerund=name == "gerund", partly=phrase in _partly())
+
+
+@cache
+def _partly() -> frozenset[str]:
+    return frozenset(each.strip() for each in lexicon.PARTLY.split("|"))
 
 
 def _entries() -> Iterator[Entry]:
@@ -129,7 +137,12 @@ def _entries() -> Iterator[Entry]:
                 if kind == "part" and value != "waist":
                     for side in ("left", "right"):
                         yield Entry((side, *tokens_of(phrase)), kind, {slot: value, "side": side})
-    for kind, phrases in (("fixed", nouns.FIXED), ("reported", nouns.REPORTED), ("not", lexicon.NOT)):
+    for kind, phrases in (
+        ("fixed", nouns.FIXED),
+        ("reported", nouns.REPORTED),
+        ("spot", nouns.ON_THE_SPOT),
+        ("not", lexicon.NOT),
+    ):
         yield from (Entry(t, kind, {}) for phrase in phrases.split("|") for t in _all(phrase.strip()))
     for join, phrases in nouns.PHRASES_OF_TIME.items():
         yield from (Entry(tuple(tokens_of(phrase)), "join", {"join": join}) for phrase in phrases.split("|"))
@@ -160,7 +173,9 @@ def _part_words() -> list[list[str]]:
 @cache
 def _vocabulary() -> frozenset[str]:
     words = {token for entries in _index().values() for entry in entries for token in entry.tokens}
-    return frozenset(words | nouns.NEUTRAL | NUMBERS.keys() | TIMES.keys() | SECONDS.keys() | {"times"}) - {GAP}
+    return frozenset(
+        words | nouns.NEUTRAL | nouns.OF_LIMBS | NUMBERS.keys() | TIMES.keys() | SECONDS.keys() | {"times"}
+    ) - {GAP}
 
 
 def items_of(sentence: str) -> list[Item]:
@@ -202,7 +217,7 @@ def _next(tokens: list[str], place: int) -> tuple[list[Item], int]:
             and tokens[after : after + 1] in _part_words()
         ):
             continue  # on his left foot
-        item = Item(entry.kind, " ".join(tokens[place:after]), entry.slots, entry.gerund)
+        item = Item(entry.kind, " ".join(tokens[place:after]), entry.slots, entry.gerund, partly=entry.partly)
         inner = items_of(" ".join(gap)) if gap else []
         counted = [NUMBERS[word] for word in gap if word in NUMBERS and word not in ("a", "an")]
         inner = [each for each in inner if not counted or each.words not in NUMBERS]
@@ -216,7 +231,8 @@ def _next(tokens: list[str], place: int) -> tuple[list[Item], int]:
     if word.endswith("n't") or word == "cannot":
         return [Item("not", word)], place + 1
     known = word in nouns.NEUTRAL or word in ("zero", "one", "a", "an") or not any(char.isalnum() for char in word)
-    return [Item("neutral" if known else "unknown", word)], place + 1
+    kind = "of limb" if word in nouns.OF_LIMBS else "neutral" if known else "unknown"
+    return [Item(kind, word)], place + 1
 
 
 def _match(pattern: tuple[str, ...], tokens: list[str], place: int) -> tuple[list[str], int] | None:

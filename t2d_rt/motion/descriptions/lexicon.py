@@ -78,9 +78,10 @@ MORE_VERBS = {
     "hunker down | get down on one knee | "
     "go down on one knee | drop into a squat | lower into a squat",
     "stretch": "stretch ~ out | do stretches | do some stretches | limber up",
-    "jump": "bounce | skip | vault | hurdle | bound | do a jump | do jumping jacks | perform a jump | do ~ jumps | "
+    "jump": "bounce | skip | vault | hurdle | bound | do a jump | perform a jump | do ~ jumps | "
     "jump rope | "
-    "do ~ jumping jacks | leapfrog | take a leap | make a jump | star jump",
+    "leapfrog | take a leap | make a jump | star jump",
+    "jump body_part=arm": "do jumping jacks | do ~ jumping jacks | do a jumping jack | perform ~ jumping jacks | jumping jack",
     "dance": "boogie | tango | salsa | jive | groove | pirouette | do the waltz | do ~ dance | perform ~ dance | "
     "do ballet | "
     "do a pirouette | breakdance | tap dance | dance along | move to the music | move to the beat | cha cha | "
@@ -107,6 +108,14 @@ MORE_VERBS = {
     "weak bend": "lean | tilt",
 }
 """Verbs that only the parser knows; a weak one counts where no other verb tells an action, or with a direction."""
+
+PARTLY = (
+    "tiptoe | sidestep | march | gallop | skip | vault | hurdle | leapfrog | jump rope | star jump | kneel | kneel down | "
+    "get down on one knee | go down on one knee | waltz | do the waltz | tango | salsa | jive | boogie | breakdance | tap dance | "
+    "cha cha | pirouette | do a pirouette | do ballet | do the twist | twirl | hike | tie {his} shoe | tie {his} shoes | "
+    "tie {his} shoelaces | suffer a seizure | have a seizure | crawl | fall off"
+)
+"""Verbs of the tables above that say more than is made of them: who waltzes dances, but no waltz. That is told."""
 
 ATTENDING = (
     "swing | raise | lift | hold | carry | keep | rest | "

@@ -57,8 +57,8 @@ OBJECTS = {
 PARTS = {
     "arm": "arm | arms | elbow | elbows | forearm | forearms",
     "hand": "hand | hands | palm | palms | finger | fingers | fist | fists | wrist | wrists",
-    "foot": "foot | feet | toe | toes | heel | heels | ankle | ankles | tiptoes",
-    "leg": "leg | legs | thigh | thighs | calf",
+    "foot": "on one foot | foot | feet | toe | toes | heel | heels | ankle | ankles | tiptoes",
+    "leg": "on one leg | leg | legs | thigh | thighs | calf",
     "knee": "knee | knees",
     "waist": "waist | hip | hips | midriff",
 }
@@ -171,41 +171,41 @@ a an the this that these those of to in into on onto at for from with by as is a
 her their he she they him them himself herself themselves themself own who which there while when before after
 afterwards and then next finally again off out over across along around round about through toward towards near beside
 behind between under above past or some each both one other can seen see has had have do does did so just also same
-take takes taking took
-way room place spot space side directly suddenly moment short few several little more very quite rather bit all
+take takes taking took way place spot space side moment short few several little more very quite rather bit all
 together every first last once seconds second minutes until shows video clip scene motion movement movements action
-manner fashion style mood pace speed gait step steps walk body apart extended upright position up music time times now
-if like gets starts start starting begins begin beginning continues continue continuing keeps keeping makes making
-ends ending performs performing within would could will shall may another direction long end middle front against let
-lets lightly simply casually land lands landing landed wall hurts hurt lap bare painful because stick pockets tips
-raised folded crossed clenched open heavy light tired stiff soft shaky trembling hanging dangling far pressed close
-held help head exercise legged hardly balance away too something somewhere object objects thing things feeling feels feel
-seems seem appears appear we us our
+manner fashion style mood pace speed gait step steps walk body position up time times now if like gets starts start
+starting begins begin beginning continues continue continuing keeps keeping makes making ends ending performs
+performing within would could will shall may another direction end middle front against let lets land lands landing
+landed too something somewhere object objects thing things feeling feels feel seems seem appears appear we us our
 """
 NEUTRAL = frozenset(_NEUTRAL.split())
 """Words that fill no slot and are not reported."""
 
+_OF_LIMBS = """
+raised folded crossed clenched open heavy light tired stiff soft shaky trembling hanging dangling far pressed close
+held apart extended bare tips pockets lap stick hardly painful help head wall
+"""
+OF_LIMBS = frozenset(_OF_LIMBS.split())
+"""How a limb is, which its part of the body tells; beside none they are reported."""
+
+ON_THE_SPOT = "on the spot | in place | on one spot | in one place"
+"""Where jumps and turns go nowhere; of who walks or runs it is reported."""
+
 FIXED = (
-    "from sitting | from a seated position | from lying | from lying down | right away | right then | right now | "
-    "all right | {his} back hurts | "
-    "hold {his} back | lower back | with a straight back | {his} back straight | back pain | sore back | "
-    "ball of {his} foot | balls of {his} feet | "
-    "on the spot | as far as | as high as possible | as far as possible | "
-    "with {his} back to | after a moment | a few steps | "
-    "in place | "
-    "to {his} side | to the side of | small steps | short steps | long steps | large steps | big steps | even steps | "
-    "head down | head up | "
-    "next to | in front | in front of | side by side | at the start | to start with | "
-    "steps forward in time | the next | on the way | {his} head | by {his} side | by {his} sides | at {his} sides | "
-    "at {his} side | a step at a time | "
-    "of {him} | one of {his} | "
-    "left and right arms | and lands | "
-    "and then lands | lands softly | lands again | landing softly | standing position | sitting position | "
-    "starting position | original position"
+    "from sitting | from a seated position | from lying | from lying down | right away | right then | right now | all right | "
+    "as far as | with {his} back to | after a moment | to {his} side | to the side of | next to | in front | in front of | "
+    "at the start | to start with | steps forward in time | the next | on the way | by {his} side | by {his} sides | "
+    "at {his} sides | at {his} side | under {his} head | of {him} | one of {his} | and lands | and then lands | lands again | "
+    "standing position | sitting position | starting position | original position | both feet | both legs | two feet | two legs"
 )
 """Phrases that fill no slot and are not reported, although they hold words that elsewhere do."""
 
 REPORTED = (
+    "{his} back hurts | hold {his} back | lower back | a straight back | {his} back straight | back pain | sore back | "
+    "ball of {his} foot | balls of {his} feet | as high as possible | as far as possible | a few steps | small steps | "
+    "short steps | long steps | large steps | big steps | even steps | "
+    "head down | head up | {his} head | side by side | left and right arms | "
+    "a step at a time | out of bed | at every step | "
     "two steps | three steps | four steps | five steps | "
     "two people | two persons | three people | two men | two women | two children | both people | "
     "back and forth | to and fro | forth and back | forward and backward | forwards and backwards | "

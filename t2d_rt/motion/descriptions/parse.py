@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from t2d_rt.checks import shown, text
 from t2d_rt.errors import InputError
@@ -58,12 +58,16 @@ class Parsed:
     """Words that were not understood, and fill no slot."""
     read_as: tuple[tuple[str, str], ...] = ()
     """Words that were read as others: misspelt ones, and a circle without its sense."""
+    partly: tuple[str, ...] = field(default=(), compare=False)
+    """Words that say more than is made of them, each with what is made."""
 
     def __str__(self) -> str:
         """What should be said to whoever wrote the sentence; nothing where all was understood."""
         said = [f"read {given!r} as {meant!r}" for given, meant in self.read_as]
         if self.ignored:
             said.append(f"not understood and left out: {', '.join(self.ignored)}")
+        if self.partly:
+            said.append(f"not made as said: {', '.join(self.partly)}")
         return "; ".join(said)
 
 
@@ -87,7 +91,7 @@ def parse_description(sentence: str) -> Parsed:
         ) from None
     description, read_as = _description(drafts, reader, sentence)
     slips = tuple((each.note, each.words) for each in items if each.note)
-    return Parsed(description, tuple(reader.ignored), (*slips, *read_as))
+    return Parsed(description, tuple(reader.ignored), (*slips, *read_as), tuple(reader.partly))
 
 
 def _checked(sentence: str) -> str:
@@ -204,6 +208,11 @@ def _together(first: Draft, second: Draft) -> Draft | None:
 def _description(drafts: list[Draft], reader: Reader, sentence: str) -> tuple[Description, list[tuple[str, str]]]:
     read_as: list[tuple[str, str]] = []
     _check_any(drafts, reader)
+    for draft in drafts:
+        count = draft.get("count")
+        if "jumping jack" in draft.words and isinstance(count, int):  # out and in again
+            draft.said["count"] = 2 * count
+            read_as.append((f"{count} jumping jacks", f"{2 * count} jumps out and in"))
     if len(drafts) > MOST_STEPS:
         raise InputError(f"a description has at most {MOST_STEPS} steps, got {len(drafts)}; leave some out")
     turned = False

@@ -7,12 +7,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Protocol
 
-from t2d_rt.checks import instance, integer, number, unknown_name
-from t2d_rt.errors import InputError
+from t2d_rt.checks import instance, integer, number, shown, unknown_name
+from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.types.motion import Motion
 
@@ -42,6 +43,9 @@ COMPOSED = "auto", "library", "physics"
 LONGEST_S = 120.0
 """Longest motion that is made."""
 
+NOT_MADE = "not made: "
+"""How a line of a motion's origin begins that tells what its description asks for and nothing makes."""
+
 
 def motion_from_text(
     description: str | Description,
@@ -63,11 +67,13 @@ def motion_from_text(
     library: index file of clips of your own that join those that ship (`t2d-rt library add` writes one); without it, those that
         ship alone, so that a sentence and a seed give the same motion on every machine.
     body, stature_m and library are for auto, library and physics: other providers choose the person themselves.
+
+    What a sentence says that is not in the motion is a warning; of a Description the origin tells it ("not made").
     """
     seed = integer("seed", seed, 0, 2**63 - 1)
     if duration_s is not None:
         duration_s = number("duration_s", duration_s, 0.5, LONGEST_S, unit="s")
-    found = understood(description)[0] if isinstance(description, str) else description
+    found, left_out = understood(description) if isinstance(description, str) else (description, "")
     instance("description", found, Description, "a sentence or a Description")
     _refuse_unused(provider, body=body, stature_m=stature_m, library=library, duration_s=duration_s)
     if duration_s is not None and found.duration_s is None:
@@ -86,7 +92,13 @@ def motion_from_text(
         raise InputError(
             f"provider must be a name or a function, got {provider!r}; choose one of {', '.join(PROVIDERS)}"
         )
-    return make(found, seed=seed)
+    motion = make(found, seed=seed)
+    if isinstance(description, str) and provider in COMPOSED:  # what others understand is theirs to say
+        lacking = [each.removeprefix(NOT_MADE) for each in motion.origin if each.startswith(NOT_MADE)]
+        told = [each for each in (left_out, f"{NOT_MADE}{', '.join(lacking)}" if lacking else "") if each]
+        if told:
+            warnings.warn(f"of {shown(description)}: {'; '.join(told)}", T2DWarning, stacklevel=2)
+    return motion
 
 
 def _refuse_unused(provider: str | Provider, **options: object) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -13,8 +13,8 @@ import numpy as np
 from t2d_rt.errors import InputError
 from t2d_rt.motion.check import check_motion, detect_fall
 from t2d_rt.motion.contacts import contacts, plant
-from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Description, Step
-from t2d_rt.motion.generate import LONGEST_S
+from t2d_rt.motion.descriptions.slots import GAIT_TYPES, Action, Description, Step
+from t2d_rt.motion.generate import LONGEST_S, NOT_MADE
 from t2d_rt.motion.generate.chain import Piece, best_seam, joined
 from t2d_rt.motion.generate.library import edits
 from t2d_rt.motion.generate.library.individual import Individual, individual, lively, sole_m
@@ -101,7 +101,10 @@ class Composer:
         if self.library is not None:
             made += f", with clips of {file_origin(Path(self.library))}"
         who = f"{description.subject.replace('_', ' ')} of {person.stature_m:.2f} m, body {person.body}"
-        lacking = [f"not made: {each}" for step in description.steps for each in not_made(step)]
+        steps = description.steps
+        lacking = [
+            f"{NOT_MADE}{each}" for number, step in enumerate(steps) for each in not_made(step, steps[number + 1 :])
+        ]
         return replace(
             motion, origin=(made, who, *lacking, *motion.origin), report=f"generated; {who}; floor at 0 m", placed=False
         )
@@ -117,20 +120,49 @@ class Composer:
 COUNTED = frozenset({"jump", "bend", "squat", "stretch", "climb", "sit", "stand_up", "turn"})
 """Actions that are done as many times as a description says."""
 
-MOVES_A_PART = frozenset({"jump", "bend", "squat", "stretch", "sit", "stand_up", "lie_down", "climb"})
-"""Actions that heed the part of the body that a description names."""
+PARTS: Mapping[Action, str] = {
+    "jump": "foot leg arm hand", "bend": "arm hand foot leg waist knee", "squat": "arm hand foot leg",
+    "stretch": "arm hand foot leg waist knee", "sit": "foot leg", "stand_up": "foot leg",
+}  # fmt: skip
+"""Parts of the body that each action heeds, where a description names one; every abnormal gait heeds them."""
+
+OBJECTS: Mapping[Action, str] = {
+    "climb": "stair handrail", "sit": "chair stair handrail", "stand_up": "chair stair handrail", "lie_down": "chair",
+    "bend": "ball handrail", "squat": "ball handrail", "stretch": "handrail",
+}  # fmt: skip
+"""Objects that each action heeds, beside the floor that everybody is on."""
+
+IDLE_DIRECTIONS: Mapping[Action, str] = {"sit": "back forward", "stand_up": "forward back left right"}
+"""Directions that change nothing, beside those in which an action goes anyway."""
 
 
-def not_made(step: Step) -> list[str]:
-    """What a step asks for and no maker does, in words."""
+def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
+    """What a step asks for and no maker does, in words. then: steps that follow, which may use what is walked to."""
     action = step.action.replace("_", " ")
+    gait = step.type in GAIT_TYPES
     said = []
     if step.count is not None and step.count > 1 and step.action not in COUNTED:
         said.append(f"count {step.count} of {action}")
     if step.duration_s is not None and step.action == "fall":
         said.append(f"duration {step.duration_s:g} s of {action}")
-    if step.body_part is not None and step.action not in MOVES_A_PART and step.type not in GAIT_TYPES:
+    parts = PARTS.get(step.action, "").split()
+    if step.action == "jump" and step.direction is not None:  # jumping jacks go nowhere
+        parts = ["foot", "leg"]
+    if step.body_part is not None and step.body_part not in parts and not gait:
         said.append(f"{step.side + ' ' if step.side else ''}{step.body_part} of {action}")
+    used = step.type == "trip" or (
+        step.action in ("walk", "run")
+        and (
+            (step.object == "stair" and step.direction in ("up", "down"))
+            or any(step.object in OBJECTS.get(each.action, "").split() for each in then)
+        )
+    )
+    if step.object not in (None, "floor", *OBJECTS.get(step.action, "").split()) and not used:
+        said.append(f"{step.object} of {action}")
+    if step.direction is not None and step.direction in IDLE_DIRECTIONS.get(step.action, "").split():
+        said.append(f"direction {step.direction} of {action}")
+    if step.manner is not None and step.action == "fall":
+        said.append(f"manner {step.manner} of {action}")
     return said
 
 
@@ -333,7 +365,7 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
     if went != TOPPLES.get(wanted or "", went):
         origin = (
             *origin,
-            f"not made: a fall {wanted}; the body topples {went} and lands on the side that was asked for",
+            f"{NOT_MADE}a fall {wanted}; the body topples {went} and lands on the side that was asked for",
         )
     return replace(fallen, joints=fallen.joints + [0.0, 0.0, floor_m], origin=origin), floor_m
 

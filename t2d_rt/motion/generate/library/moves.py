@@ -179,7 +179,7 @@ def turn(maker: Maker, step: Step, duration_s: float) -> Piece:
 
     Where it is all that is done, the person comes and goes: a walk with a turn in it.
     """
-    if duration_s > LONGEST_ON_THE_SPOT_S:
+    if (step.duration_s or 0.0) > LONGEST_ON_THE_SPOT_S:
         return _turned_walk(maker, step, duration_s)
     angle = {"back": np.pi, "clockwise": 2 * np.pi, "counterclockwise": 2 * np.pi}.get(
         step.direction or "left", np.pi / 2
