@@ -37,6 +37,9 @@ NOISE = 6.0
 """Medians of a track's own deviations that a jump must exceed beyond the limit: a camera's noise is none."""
 
 TOLD = "the motion jumps: "
+MOST = 200
+"""Jumps that are looked at, the largest: of files that are nothing but jumps."""
+
 SHOWN = 3
 
 
@@ -110,6 +113,8 @@ def _excess(deviation: np.ndarray, limit: tuple[float, float], rate_hz: float) -
 def _peaks(size: np.ndarray, frames: int) -> list[int]:
     """Places of the largest of neighbours that are above nothing."""
     places = np.flatnonzero(size > 0)
+    if len(places) > MOST:
+        places = np.sort(places[np.argsort(-size[places])[:MOST]])
     return [
         int(place)
         for place in places
@@ -151,6 +156,6 @@ def _swaps(joints: np.ndarray, column: dict[str, int], rate_hz: float) -> list[J
         names = tuple(f"{side}_{joint}" for joint in pair for side in ("left", "right"))
         found += [
             Jump(f"left and right {pair[0]} and {pair[1]}", int(at) + 1, 1, (at + 2) / rate_hz, 0.0, names)
-            for at in np.flatnonzero(exchanged)
+            for at in np.flatnonzero(exchanged)[:MOST]
         ]
     return found

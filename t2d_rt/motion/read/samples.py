@@ -263,11 +263,11 @@ def _holds(points: np.ndarray, extent: float, rate_hz: float) -> np.ndarray:
     steps = _steps(points)
     found = np.zeros(len(points), dtype=bool)
     for first, out in _runs(steps <= EQUAL * extent):  # frames first ... out are equal
-        if first == 0 or out == len(steps) or out - first > LONGEST_GAP_S * rate_hz:
+        if first == 0 or out == len(steps) or out - first > LONGEST_GAP_S * rate_hz or steps[out] <= LEAST_STEP * extent:
             continue
         ends = points[max(0, first - 3) : first + 1], points[out + 1 : out + 5]
         paces = [float(_steps(each[[0, -1]])[0]) / (len(each) - 1) for each in ends if len(each) > 1]
-        if steps[out] > max(HELD * max(paces, default=0.0), LEAST_STEP * extent):
+        if steps[out] > HELD * max(paces, default=0.0):
             found[first + 1 : out + 1] = True
     return found
 
