@@ -19,7 +19,8 @@ from t2d_rt.motion.jumps import deviations, jumps
 from t2d_rt.motion.read import samples
 from t2d_rt.motion.read.samples import Samples, seen
 from t2d_rt.types.motion import Motion
-from validation.robustness.corruptions import CORRUPTIONS, FORMS, clean, noisy, outcome
+from validation.robustness.corruptions import CORRUPTIONS, noisy, outcome
+from validation.robustness.motion_tables import FORMS, clean
 
 NAMES = ("left_hip", "right_hip", "left_shoulder", "right_shoulder", "left_wrist")
 

@@ -17,119 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
-from t2d_rt.motion import load_motion, resample
-from t2d_rt.motion.read.joint_sets import ORDERS, canonical_sources
-from t2d_rt.motion.write import bvh_text
+from t2d_rt.motion import load_motion
 from t2d_rt.types.motion import Motion
-from validation.motions import independent
 from validation.report import Check, Section
-
-WALK = Path(__file__).parent.parent / "motions" / "iclone_002_01_walk.bvh.gz"
-RATE_HZ = 60.0
-FORMS = ("bvh", "amass", "trc", "npz", "npy")
-SMPL_ANGLES = 66
+from validation.robustness.motion_tables import FORMS, Table, clean
 
 AGREES_MPS = 0.05
 """Difference of RMS speeds of pelvis and feet that is no other motion; 5 % of a walker's."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table:
-    """What a file of one format holds."""
-
-    form: str
-    values: np.ndarray
-    """Points (T, K, 3), or rows (T, C) of the root's place and angles."""
-    rate_hz: float = RATE_HZ
-    names: tuple[str, ...] = ()
-    """Of the points."""
-    head: str = ""
-    """Of a BVH file."""
-
-    @property
-    def root(self) -> np.ndarray:
-        """Places of the body's root (T, 3), or of all points (T, K, 3): a view."""
-        return self.values if self.names else self.values[:, :3]
-
-    @property
-    def turns(self) -> np.ndarray:
-        """Angles (T, C - 3) of a format with rotations, in its own unit: a view."""
-        return self.values[:, 3:]
-
-    @property
-    def metre(self) -> float:
-        """The file's units in a metre."""
-        return 100.0 if self.form == "bvh" else 1.0
-
-    @property
-    def degree(self) -> float:
-        """The file's units in a degree."""
-        return 1.0 if self.form == "bvh" else np.pi / 180
-
-    def point(self, name: str) -> np.ndarray:
-        """Places (T, 3) of a canonical joint among the points: a view."""
-        return self.values[:, self.names.index(canonical_sources(self.names)[name][0])]
-
-    def write(self, folder: Path) -> Path:
-        """The file."""
-        path = folder / f"a.{'npz' if self.form == 'amass' else self.form}"
-        if self.form == "bvh":
-            rows = "\n".join(" ".join(f"{value:.5f}" for value in row) for row in self.values.tolist())
-            head = f"{self.head}\nMOTION\nFrames: {len(self.values)}\nFrame Time: {1 / self.rate_hz:.10g}\n"
-            path.write_text(f"{head}{rows}\n")
-        elif self.form == "amass":
-            poses = np.pad(self.turns, ((0, 0), (0, 156 - SMPL_ANGLES)))
-            np.savez(path, poses=poses, trans=self.root, mocap_framerate=self.rate_hz)
-        elif self.form == "trc":
-            path.write_text(
-                independent.trc(dict(zip(self.names, np.moveaxis(self.values, 1, 0), strict=True)), self.rate_hz, "m")
-            )
-        elif self.form == "npz":
-            np.savez(path, joints=self.values, names=np.array(self.names), fps=self.rate_hz)
-        else:
-            np.save(path, self.values)
-        return path
-
-
-@cache
-def walk(rate_hz: float = RATE_HZ) -> Motion:
-    """A recorded walk of 2.8 s, 1.34 m/s."""
-    return resample(load_motion(WALK), rate_hz)
-
-
-@cache
-def clean(form: str) -> Table:
-    """The walk in a format; of AMASS a walk of sines, 1.2 m/s."""
-    motion = walk(30.0 if form == "npy" else RATE_HZ)
-    if form == "bvh":
-        head, text = bvh_text(motion).split("\nMOTION\n")
-        return Table(form=form, values=np.array([row.split() for row in text.splitlines()[2:]], dtype=float), head=head)
-    if form == "amass":
-        return Table(form=form, values=_smpl_walk(3.0))
-    points = motion.joints @ independent.Y_UP.T
-    if form == "npz":
-        return Table(form=form, values=points, names=motion.names)
-    names = ORDERS["Kinect v2"][: 25 if form == "npy" else 21]
-    sources = canonical_sources(names)
-    place = {source[0]: joint for joint, source in sources.items()}
-    columns = [motion.index(place.get(name, "head")) for name in names]
-    return Table(form=form, values=points[:, columns], names=names, rate_hz=motion.rate_hz)
-
-
-def _smpl_walk(duration_s: float) -> np.ndarray:
-    """Rows of SMPL's root place and 22 axis-angle vectors: z up, along y, arms down, legs and arms swinging at 1 Hz."""
-    times = np.arange(int(duration_s * RATE_HZ)) / RATE_HZ
-    rows = np.zeros((len(times), 3 + SMPL_ANGLES))
-    swing = np.sin(2 * np.pi * times)
-    rows[:, 1], rows[:, 2] = 1.2 * times, 0.95 + 0.02 * np.cos(4 * np.pi * times)
-    angles = rows[:, 3:].reshape(len(times), -1, 3)
-    angles[:, 0, 0] = np.pi / 2  # SMPL's y to z
-    for sign, hip, knee, shoulder in ((1, 1, 4, 16), (-1, 2, 5, 17)):
-        angles[:, hip, 0] = -0.4 * sign * swing
-        angles[:, knee, 0] = 0.4 + 0.35 * sign * np.cos(2 * np.pi * times)
-        angles[:, shoulder, 2] = -1.3 * sign
-        angles[:, shoulder, 1] = 0.3 * swing
-    return rows
 
 
 # --- corruptions ---
@@ -257,6 +151,29 @@ def _other(table: Table) -> Table:
     return found
 
 
+def _two_subjects(table: Table) -> Table:
+    """A second person, 1.5 m aside and the other way, whose points follow under another prefix."""
+    other = table.values[::-1] + np.array([1.5, 0.0, 0.0])
+    names = tuple(f"{who}:{name}" for who in ("Ann", "Ben") for name in table.names)
+    return replace(table, values=np.concatenate([table.values, other], axis=1), names=names)
+
+
+def _tilted(degrees: float, rise_m: float) -> Callable[[Table], Table]:
+    """Seen by a camera that is pitched and stands above the floor (y up)."""
+
+    def corrupted(table: Table) -> Table:
+        sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+        return replace(table, values=table.values @ turn.T - np.array([0.0, rise_m, 0.0]))
+
+    return corrupted
+
+
+def _clocked(factor: float) -> Callable[[Table], Table]:
+    """A rate that is not that of the frames."""
+    return lambda table: replace(table, rate_hz=factor * table.rate_hz)
+
+
 def _copy(table: Table) -> Table:
     return replace(table, values=table.values.copy())
 
@@ -307,6 +224,10 @@ CORRUPTIONS: dict[str, tuple[Callable[[Table], Table], tuple[str, ...], tuple[st
     "20 in 60 Hz, last digit loose": (_repeated(20.0, 60.0, 1e-4), HELD, FORMS),
     "noise of 3 mm and 1 degree": (noisy(0.003, 1.0), NOISE, FORMS),
     "noise of 10 mm and 2 degrees": (noisy(0.01, 2.0), NOISE, FORMS),
+    "two subjects": (_two_subjects, ("Ben", "Ann"), ("trc", "npz")),
+    "a camera pitched by 10 degrees": (_tilted(10.0, 0.7), ("level", "tilt", "turned"), POINTS),
+    "a camera pitched by 25 degrees": (_tilted(25.0, 1.2), ("level", "tilt", "turned"), POINTS),
+    "twice the rate": (_clocked(2.0), ("would fit",), ("bvh", "trc", "npz")),
 }  # fmt: skip
 """What is done to a file, the words of which one must be said where another motion is read, and the formats that can have it."""
 

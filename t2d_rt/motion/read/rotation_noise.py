@@ -37,10 +37,10 @@ BIAS = 1.05
 
 FOUND = 8.0
 """Speed that the usual smoothing would leave, times the frame rate [m/s Hz], from which rotations are noisy: recordings have up to
-5.8 at their own rates (7.4 decimated to 20 to 30 Hz, a roll), 1 degree and 3 mm have 23 at 30 Hz."""
+5.4 at their own rates (7.4 decimated to 20 to 30 Hz, a roll), 1 degree and 3 mm have 23 at 30 Hz."""
 
 ROOT_M = 2e-3
-"""Noise of the root's coordinates from which it is noisy; recordings have up to 1.7 mm."""
+"""Noise of the root's coordinates from which it is noisy; recordings have up to 1.6 mm."""
 
 SHORT_S, SHORTEST_S, LOWEST_RATE_HZ = 2.0, 1.0, 18.0
 """Records shorter than the first hold few calm windows: twice the limit; none below the second, nor at lower rates, at which

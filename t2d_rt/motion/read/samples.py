@@ -152,7 +152,7 @@ def whole(form: str, samples: Samples) -> Samples:
 
 def without_leaps(samples: Samples) -> Samples:
     """Samples in metres without joints that leap away and back; a warning of the jumps that remain."""
-    found = _jumps(samples)
+    found = jumps(_joints(samples), tuple(samples.points), samples.rate_hz)
     leaps = _leaps(samples, found)
     if leaps:
         points = {name: track.copy() for name, track in samples.points.items()}
@@ -160,7 +160,7 @@ def without_leaps(samples: Samples) -> Samples:
             for name in points if samples.turned else {*first.joints, *last.joints}:
                 points[name][first.frame + 1 : last.frame + 1] = np.nan
         samples = _bridged(replace(samples, points=points), "leaping")
-        found = _jumps(samples)
+        found = jumps(_joints(samples), tuple(samples.points), samples.rate_hz)
     if not found:
         return samples
     warnings.warn(
@@ -263,7 +263,12 @@ def _holds(points: np.ndarray, extent: float, rate_hz: float) -> np.ndarray:
     steps = _steps(points)
     found = np.zeros(len(points), dtype=bool)
     for first, out in _runs(steps <= EQUAL * extent):  # frames first ... out are equal
-        if first == 0 or out == len(steps) or out - first > LONGEST_GAP_S * rate_hz or steps[out] <= LEAST_STEP * extent:
+        if (
+            first == 0
+            or out == len(steps)
+            or out - first > LONGEST_GAP_S * rate_hz
+            or steps[out] <= LEAST_STEP * extent
+        ):
             continue
         ends = points[max(0, first - 3) : first + 1], points[out + 1 : out + 5]
         paces = [float(_steps(each[[0, -1]])[0]) / (len(each) - 1) for each in ends if len(each) > 1]
@@ -366,10 +371,6 @@ def spline(track: np.ndarray, lost: np.ndarray) -> np.ndarray:
 
 
 # --- joints that leap away and back ---
-
-
-def _jumps(samples: Samples) -> list[Jump]:
-    return jumps(_joints(samples), tuple(samples.points), samples.rate_hz)
 
 
 def _leaps(samples: Samples, found: Sequence[Jump]) -> list[tuple[Jump, Jump]]:
