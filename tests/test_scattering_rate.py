@@ -85,7 +85,7 @@ def test_a_vibration_has_its_amplitude_and_no_other_lines(what: str) -> None:
     times = np.linspace(0, stop_s, 201)
     ahead = 3 + amplitude_m * np.sin(2 * np.pi * frequency_hz * times)
     centre = np.stack([ahead, 0 * ahead, 1 + 0 * ahead], axis=1)[:, None]
-    target = MovingMesh(REST + centre, FACES, times, "pec")
+    target: MovingMesh | t2d.Ellipsoids = MovingMesh(REST + centre, FACES, times, "pec")
     if what == "ellipsoids":
         target = t2d.Ellipsoids(np.full((1, 3), 0.05), centre, times, material="pec")
     cube = np.asarray(t2d.simulate(target, radar=RADAR, clutter="none").cube)[:, 0]
