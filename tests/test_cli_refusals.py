@@ -35,8 +35,8 @@ def spoiled(name: str) -> bytes:
         "truncated": text[: len(text) // 2].encode(),
         "no motion": text[:1500].encode(),
         "count": with_rows(9999, rows),
-        "nan": with_rows(len(rows), [*rows[:5], rows[5].replace(rows[5].split()[0], "nan", 1), *rows[6:]]),
-        "inf": with_rows(len(rows), [*rows[:5], rows[5].replace(rows[5].split()[0], "inf", 1), *rows[6:]]),
+        "nan": with_rows(len(rows), [row.replace(row.split()[0], "nan", 1) for row in rows]),
+        "inf": with_rows(len(rows), [row.replace(row.split()[0], "inf", 1) for row in rows]),
         "zero": with_rows(0, []),
         "one": with_rows(1, rows[:1]),
         "joints": b"HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\nEnd Site\n{\nOFFSET 0 1 0\n}\n}\n"

@@ -127,9 +127,9 @@ def on_clock(tracks: Tracks) -> Tracks:
     step_s, places = _grid(seconds)
     rate_hz = _tidy(1.0 / step_s)
     if places is None:
-        steps = 1e3 * np.diff(seconds)
-        rate_hz = max(1.0, float(round(rate_hz)))
-        told.append(f"frames {steps.min():.3g} to {steps.max():.3g} ms apart brought onto an even clock")
+        steps = np.diff(seconds)
+        rate_hz = max(1.0, float(round(1.0 / steps[steps < 1.5 * step_s].mean())))
+        told.append(f"frames {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart brought onto an even clock")
         tracks = _resampled(tracks, seconds, rate_hz)
     elif len(places) < places[-1] + 1:
         told.append(f"{places[-1] + 1 - len(places)} frame(s) lost by its {times.name}")
