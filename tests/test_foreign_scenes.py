@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from trimesh import Trimesh
 from trimesh.creation import box
 
 import t2d_rt as t2d
@@ -159,13 +160,19 @@ def test_far_from_the_coordinates_origin_everything_is_the_same() -> None:
     assert np.sum(np.abs(there - here) ** 2) < 1e-9 * np.sum(np.abs(there) ** 2)
 
 
-def test_large_scenes_say_what_is_too_much_and_where() -> None:
+def test_large_scenes_say_what_is_too_much_and_where(monkeypatch: pytest.MonkeyPatch) -> None:
     many = Scene(name="town", surfaces=tuple(far_away(9)))
     reaching = Radar.preset("table2", slope_hz_per_s=3e12, position_m=(110.0, 0.0, 1.0))
     with pytest.raises(
-        InputError, match=r"9 surfaces and 11520 triangles within the 342 m that the radar reaches, more than"
+        InputError, match="has more than 10000 plane parts where its rays are traced; give what is round"
     ):
-        within_reach(many, reaching)
+        paths_to(many, reaching, TARGET_M, reflections=1)
+    with monkeypatch.context() as patch:
+        patch.setattr("t2d_rt.room.ROOM_TRIANGLES", 10_000)
+        with pytest.raises(
+            InputError, match=r"9 surfaces and 11520 triangles within the 342 m that the radar reaches, more"
+        ):
+            within_reach(many, reaching)
     with pytest.warns(
         T2DWarning,
         match=r"nothing of town, which reaches from .* is within 22.1 m of the radar .* so there is free space",
@@ -177,6 +184,16 @@ def test_a_room_in_centimetres_is_told() -> None:
     cm = remade(SHELL, vertices=100 * SHELL.vertices + [0, 0, 0])
     with pytest.warns(T2DWarning, match="the ceiling of cm is 259 m above the radar, higher than any room"):
         within_reach(Scene(name="cm", surfaces=(cm,)), RADAR)
+
+
+def test_a_wall_of_many_triangles_is_one_mirror() -> None:
+    """As exporters and Boolean operations leave walls: the shell's 12 triangles cut into 12 288."""
+    cut = Trimesh(SHELL.vertices, SHELL.faces)
+    for _ in range(5):
+        cut = cut.subdivide()
+    shell = remade(SHELL, vertices=np.array(cut.vertices), faces=np.array(cut.faces))
+    assert len(shell.faces) == 12_288
+    assert len(paths_to(Scene(name="cut", surfaces=(shell,)), RADAR, TARGET_M, reflections=1)) == 7
 
 
 # --- materials ---
@@ -221,9 +238,9 @@ def test_materials_that_are_not_known_have_substitutes_too(make: Make, bsdf: str
 
 
 def test_own_values_of_a_material_named_itu_are_told_to_be_dropped(make: Make) -> None:
-    values = '<float name="relative_permittivity" value="9"/><float name="conductivity" value="0.5"/>'
+    values = '<float name="relative_permittivity" value="9"/><float name="scattering_coefficient" value="0.5"/>'
     own = f'<bsdf type="radio-material" id="itu_wood">{values}</bsdf>'
-    with pytest.warns(T2DWarning, match="relative_permittivity and conductivity of itu_wood are left out"):
+    with pytest.warns(T2DWarning, match="relative_permittivity and scattering_coefficient of itu_wood are left out"):
         assert load_scene(make(shape(inside=own))).surfaces[0].material == "wood"
 
 

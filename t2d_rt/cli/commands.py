@@ -151,6 +151,7 @@ def scene_command(options: Namespace) -> None:
     radar = _radar(options)
     scene = load_scene(options.file, materials=_substitutes(options), frequency_hz=radar.mid_frequency_hz)
     near = within_reach(scene, radar)
+    cut = "" if near is None or near is scene else f" of {len(scene.surfaces)}, within {radar.max_range_m:.3g} m"
     scene = near or scene
     picture = Path(options.output or f"{scene.name}.png")
     check_picture(picture, overwrite=options.overwrite)
@@ -169,7 +170,7 @@ def scene_command(options: Namespace) -> None:
     figure = plot_scene(scene, radar.tx_position_m, paths_m=paths, track_m=track, title=scene.name)
     write_picture(figure, picture, overwrite=options.overwrite)
     say(
-        f"{len(scene.surfaces)} objects, {len(paths)} paths to ({', '.join(f'{x:.2f}' for x in target)}) m: "
+        f"{len(scene.surfaces)} objects{cut}, {len(paths)} paths to ({', '.join(f'{x:.2f}' for x in target)}) m: "
         f"{', '.join(name for name, _ in paths)}"
     )
     say(f"wrote {picture}")

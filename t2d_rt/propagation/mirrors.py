@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 
 from t2d_rt.backend import Backend, aligned
+from t2d_rt.errors import InputError
 from t2d_rt.geometry import winding
 from t2d_rt.geometry.vectors import edge_cross
 from t2d_rt.memory import LastUsed, blocks
 from t2d_rt.propagation.mitsuba import columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import Scene
+from t2d_rt.types.scene import ROOM_PLANES
 
 Chain = tuple[int, ...]
 """What a ray meets: k is a reflection by mirror k, ~k (that is -1 - k) a passage through it."""
@@ -118,6 +122,7 @@ class Mirrors:
         """Plane parts of all surfaces; rays will be traced near a place (3,)."""
         origin_m = None if place_m is None or np.abs(place_m).max() < FAR_M else np.round(place_m)
         each: list[Mirror] = []
+        named: Counter[str] = Counter()
         corners, of_face = [], []
         for number, surface in enumerate(scene.surfaces):
             triangles = surface.vertices[surface.faces]
@@ -126,11 +131,16 @@ class Mirrors:
             kept = _once(triangles) & (area > 1e-12)
             triangles, normal = triangles[kept], normal[kept] / area[kept, None]
             plane = _plane_of(triangles, normal)
+            if len(each) + plane.max(initial=-1) >= ROOM_PLANES:
+                raise InputError(
+                    f"scene {scene.name} has more than {ROOM_PLANES} plane parts where its rays are traced; give what is round or "
+                    "rough, as a scan is, fewer triangles"
+                )
             for index in range(plane.max(initial=-1) + 1):
                 some = np.flatnonzero(plane == index)
                 name = surface.name if plane.max() == 0 else f"{surface.name} {_side(normal[some[0]])}"
-                alike = sum(mirror.name == name or mirror.name.startswith(f"{name} ") for mirror in each)
-                name = f"{name} {alike + 1}" if alike and plane.max() else name
+                name = f"{name} {named[name] + 1}" if named[name] and plane.max() else name
+                named.update(accumulate(name.split(" "), "{} {}".format))  # names that it begins with, too
                 each.append(Mirror.of(name, number, normal[some[0]], triangles[some]))
             corners.append(triangles)
             of_face.append(plane + len(each) - (plane.max(initial=-1) + 1))
@@ -185,8 +195,11 @@ class Mirrors:
         met = sorted({max(k, ~k) for chain in chains for k in chain})
         each = list(self.each)
         overlapping: dict[int, list[int]] = {}
+        corner = np.array([self.each[number].triangles[0, 0] for number in met]).reshape(-1, 3)
         for place, number in enumerate(met):
-            before = [k for k in met[:place] if self.each[number].overlaps(self.each[k])]
+            mine = self.each[number]
+            near = np.flatnonzero(np.abs(corner[:place] @ mine.normal - mine.offset_m) < 2 * ONE_PLANE_M)
+            before = [met[k] for k in near.tolist() if mine.overlaps(self.each[met[k]])]
             each[number] = replace(each[number], covers=tuple(self.each[k] for k in before))
             for k in before:
                 overlapping.setdefault(number, []).append(k)

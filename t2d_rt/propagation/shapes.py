@@ -149,7 +149,10 @@ def material_of(bsdf: Element, substitutes: Mapping[str, str | Material]) -> tup
         if each in substitutes:
             return substitutes[each], _thickness(bsdf)
     if name.startswith(("itu_", "itu-")):
-        dropped = [each.get("name", "") for each in bsdf.iter() if each.get("name") in OWN_VALUES]
+        dropped = [each.get("name", "") for each in bsdf if each.get("name") in OWN_VALUES]
+        rough = bsdf.find("float[@name='scattering_coefficient']")
+        if rough is not None and _value({"rough": rough}, "rough", 0.0):
+            dropped.append("scattering_coefficient")
         if dropped:
             warnings.warn(
                 f"{' and '.join(dropped)} of {name} are left out: an id that begins with itu_ is that of an ITU material; give it "
