@@ -80,6 +80,7 @@ RECORDS: dict[str, tuple[Callable[[list[Any]], Any], str]] = {
     "a condition": (set_first(condition="../x"), "condition must be ellipsoids"),
     "a description": (set_first(description=99), "description must be"),
     "no distance": (set_first(distance_m=float("nan")), "distance_m must"),
+    "no SNR": (lambda found: found[0].pop("snr_db") and None, "snr_db must be a number"),
     "a seed": (set_first(seed="x"), "seed must be"),
     "sources": (set_first(sources=7), "sources must be a list"),
     "a second person": (set_first(second_person=[1]), "second_person must be"),

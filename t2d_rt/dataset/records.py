@@ -66,8 +66,8 @@ def _check_numbers(record: Mapping[str, Any]) -> None:
     for name in ("distance_m", "angle_deg", "duration_s"):
         number(name, record.get(name))
     for name in ("snr_db", "error_db"):
-        if record.get(name) is not None:
-            number(name, record[name])
+        if record.get(name, "nothing") is not None:
+            number(name, record.get(name, "nothing"))
     for name in ("sources", "reasons"):
         _check_texts(name, record.get(name))
     second = record.get("second_person")
