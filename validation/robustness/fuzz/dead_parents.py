@@ -34,7 +34,7 @@ def work(number):
 with locked(Path.cwd()), parallel_config(backend="loky", initializer=end_with, initargs=(os.getpid(),)):
     Parallel(n_jobs=2)(delayed(work)(number) for number in range(4))
 """
-SIGNALS = signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV, signal.SIGABRT, signal.SIGHUP
+SIGNALS = signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS
 
 
 def attempt(rng: np.random.Generator, folder: Path) -> Attempt:

@@ -114,7 +114,7 @@ def ready(kinds: Collection[str]) -> None:
     ):  # fmt: skip
         import_module(name)
     if "trained" in kinds:
-        import_module("t2d_rt.learn.train")
+        import_module("torch")
     if "endpoint" in kinds:
         import_module("openai")
     for name in kinds:
