@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from dataset_folder import recipe, write_dataset
-from t2d_rt.dataset import Dataset, check_dataset, export_dataset
+from t2d_rt.dataset import Dataset, check_dataset, export_dataset, read_split
 from t2d_rt.dataset.shards import archive, sha256
 from t2d_rt.errors import InputError
 
@@ -170,3 +170,16 @@ def test_parquet_of_others(tmp_path: Path) -> None:
         pq.write_table(table.set_column(place, "record", pa.array([json.dumps(each) for each in rows])), path)
         with pytest.raises(InputError, match=sentence):
             Dataset(whole)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 100_000, "null", '{"sides": {"a": [1e400]}, "apart": 3, "left_out": [], "shared": {}}',
+        '{"sides": {"a": [null]}, "apart": ["seed"], "left_out": [], "shared": {}}', '{"sides": {"a": 5}, "apart": "seed"}',
+    ],
+)  # fmt: skip
+def test_splits_of_others(text: str, tmp_path: Path) -> None:
+    (tmp_path / "split.json").write_text(text)
+    with pytest.raises(InputError, match=r"split\.json is no split"):
+        read_split(tmp_path / "split.json", [])

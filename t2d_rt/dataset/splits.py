@@ -85,7 +85,7 @@ def read_split(path: str | Path, records: Records) -> Split:
             tuple(values["left_out"]),
             MappingProxyType(values["shared"]),
         )
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         raise InputError(f"{path} is no split; make one with t2d-rt dataset split") from None
     check_split(records, found.sides, apart=found.apart)
     return found

@@ -286,7 +286,7 @@ def _check_complete(target: Path, count: int) -> None:
     try:
         told = json.loads(stored)
         wanted = int(told["per_class"]) * len(told["classes"])
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
         raise InputError(
             f"{known} is no recipe of twins ({error}); make the twins with t2d-rt transfer twins"
         ) from None

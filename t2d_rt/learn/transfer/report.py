@@ -44,7 +44,7 @@ def read_rows(folder: Path) -> tuple[list[Row], dict[str, Any], dict[str, np.nda
     try:
         about = json.loads((folder / "study.json").read_text(encoding="utf-8"))
         int(about["real_events"])
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except (ValueError, KeyError, TypeError, RecursionError, OverflowError):
         raise InputError(f"{folder / 'study.json'} is not what a study wrote there; run t2d-rt transfer anew") from None
     gathered: dict[tuple[str, int | None, str], list[dict[str, Any]]] = {}
     for path in sorted((folder / "cells").glob("*.json")):
@@ -53,7 +53,7 @@ def read_rows(folder: Path) -> tuple[list[Row], dict[str, Any], dict[str, np.nda
             gathered.setdefault((cell["method"], cell["per_class"], cell["radars"]), []).append(cell)
             named = Cell(**{each.name: cell[each.name] for each in fields(Cell)}).name
             sound = named == path.stem and len(cell["truth"]) == len(cell["predicted"]) == about["real_events"]
-        except (ValueError, KeyError, TypeError, RecursionError):
+        except (ValueError, KeyError, TypeError, RecursionError, OverflowError):
             sound = False
         if not sound:
             raise InputError(f"{path} is not what a study wrote there; remove it, and it is computed again")
