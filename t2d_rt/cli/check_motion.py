@@ -24,7 +24,7 @@ MOST_ROWS = 64
 DEEP_M = 0.05
 """Depth of the skin in the floor from which it is told: files know their floor to some centimetres, flesh gives way."""
 
-TOLD = "assumed", "turned level", "tilted by", "inclines"
+TOLD = "assumed", "turned level", "tilted by", "inclines", "never move", "root motion"
 """Words of a motion's report that the verdict hangs on: a wrong rate is a wrong speed."""
 
 EXAMPLES = """examples:

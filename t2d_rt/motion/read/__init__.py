@@ -13,6 +13,7 @@ from t2d_rt.motion.read.detect import GivenUp
 from t2d_rt.motion.read.formats import is_bvh, read_tracks
 from t2d_rt.motion.read.positions import motion_from_joints
 from t2d_rt.motion.read.reading import LOWEST_CUTOFF_HZ, Reading, file_origin
+from t2d_rt.motion.read.root import Root
 from t2d_rt.motion.read.skeletal import read_skeletal
 from t2d_rt.motion.read.tracks import motion_of
 from t2d_rt.types.motion import Motion
@@ -34,6 +35,7 @@ def load_motion(
     flavour: str | None = None,
     rate_hz: float | None = None,
     subject: str | None = None,
+    root: Root | None = None,
 ) -> Motion:
     """Read a motion file: canonical joints, metres, right-handed, z up, floor at z = 0.
 
@@ -52,6 +54,8 @@ def load_motion(
     flavour: how a BVH file names its joints, one of `t2d_rt.motion.flavours()` or a flavour file (.yaml, see
         `t2d_rt.motion.flavour_files`); left out, joints of any names are matched by names and form.
     rate_hz: frames per second, instead of the file's own.
+    root: "feet" carries the body to where planted feet stay, in files whose hips never move (exports in place, treadmills, joints
+        about the hips), which are warned of; "file" leaves it.
     subject: name of the person who is taken of a file that holds several; left out, the first who is complete.
     """
     from t2d_rt.motion.check.clock import rate_doubt
@@ -59,7 +63,7 @@ def load_motion(
     path = file_path("path", path)
     reading = Reading(
         units=units, up=up, floor=floor, drop_tpose=drop_tpose, smooth_hz=smooth_hz, flavour=flavour, rate_hz=rate_hz,
-        subject=subject,
+        subject=subject, root=root,
     )  # fmt: skip
     try:
         motion = read_skeletal(path, reading) if is_bvh(path) else motion_of(read_tracks(path, subject), reading)

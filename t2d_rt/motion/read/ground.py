@@ -129,7 +129,7 @@ def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
         and slope >= LEAST_SLOPE_RAD
         and residual <= MOST_RESIDUAL * rise
     )
-    part = stance / max(int(_upright(points).sum()), 1)
+    part = stance / max(int(upright_trunk(points).sum()), 1)
     walks = np.ptp(spots, axis=0).max() >= WALK_M and part >= WALK_STANCE and residual <= WALK_LEVEL_M
     steady = part >= LEAST_STANCE and residual <= LEVEL_M and stance >= LEAST_STANCE_S * rate_hz
     leans = steady and slope >= (WALK_LEAN_RAD if walks else LEAST_LEAN_RAD)
@@ -144,7 +144,7 @@ def planted_feet(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndar
     from scipy.ndimage import uniform_filter1d
 
     width = 2 * round(0.5 * SMOOTH_S * rate_hz) + 1
-    hips, upright = _middle(points, "hip"), _upright(points)
+    hips, upright = _middle(points, "hip"), upright_trunk(points)
     ankles = [uniform_filter1d(points[f"{side}_ankle"], width, axis=0, mode="nearest") for side in ("left", "right")]
     legs = [points[f"{side}_hip"] - points[f"{side}_ankle"] for side in ("left", "right")]
     length = leg_m(points)
@@ -173,7 +173,7 @@ def _middle(points: dict[str, np.ndarray], joint: str) -> np.ndarray:
     return np.asarray(0.5 * (points[f"left_{joint}"] + points[f"right_{joint}"]))
 
 
-def _upright(points: dict[str, np.ndarray]) -> np.ndarray:
+def upright_trunk(points: dict[str, np.ndarray]) -> np.ndarray:
     """Whether the trunk is (T,)."""
     return np.asarray(unit(_middle(points, "shoulder") - _middle(points, "hip"))[:, 2] > UPRIGHT_TRUNK)
 

@@ -13,6 +13,7 @@ from t2d_rt.checks import LARGEST_M, array, choice, flag, number, positive, text
 from t2d_rt.errors import InputError, printable
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, smooth
 from t2d_rt.motion.read.detect import UNITS_M, GivenUp, Up
+from t2d_rt.motion.read.root import Root
 from t2d_rt.motion.read.rotation_noise import without_noise
 from t2d_rt.types.motion import Motion, checked_rate
 
@@ -34,6 +35,7 @@ class Reading:
     flavour: str | None = None
     rate_hz: float | None = None
     subject: str | None = None
+    root: Root | None = None
 
     def __post_init__(self) -> None:
         if self.units is not None and not isinstance(self.units, str):
@@ -46,6 +48,8 @@ class Reading:
             number("smooth_hz", self.smooth_hz, LOWEST_CUTOFF_HZ, unit="Hz", hint="a cut-off in Hz, None or 'auto'")
         if self.rate_hz is not None:
             checked_rate(self.rate_hz)
+        if self.root is not None:
+            choice("root", self.root, ("file", "feet"))
         if isinstance(self.up, str):
             choice("up", self.up, AXES, hint="or give a vector in the file's axes")
         elif self.up is not None and not np.linalg.norm(array("up", self.up, (3,), limit=LARGEST_M)) > 0:

@@ -17,6 +17,7 @@ from t2d_rt.motion.read.flips import flips, told
 from t2d_rt.motion.read.ground import levelled
 from t2d_rt.motion.read.positions import assemble
 from t2d_rt.motion.read.reading import Reading, smoothed
+from t2d_rt.motion.read.root import rooted
 from t2d_rt.motion.read.samples import Samples, whole, without_leaps
 from t2d_rt.motion.read.subjects import chosen
 from t2d_rt.motion.read.tracks import warn_of_rate
@@ -55,6 +56,7 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     steady = without_leaps(Samples(points=points, turned=orientations, rate_hz=samples.rate_hz, told=samples.told))
     points, orientations, ground = levelled(steady.points, steady.turned, samples.rate_hz, reading.up)
     add_feet(points, orientations, stature_m)
+    points, walked = rooted(points, samples.rate_hz, reading.root)
     level = floor_level(points) if reading.floor is None else float(reading.floor)
     motion = assemble(points, orientations, samples.rate_hz, level)
     del points, orientations, samples  # half of the memory that a long motion takes
@@ -64,7 +66,7 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     report = [
         f"BVH, {len(motion.joints)} frames at {motion.rate_hz:g} Hz",
         *who, f"flavour {kind.name}" if matched is None else matched.told,
-        *steady.told, f"1 unit = {unit_m:.4g} m (stature {stature_m:.2f} m)", f"up {axis}", *ground,
+        *steady.told, f"1 unit = {unit_m:.4g} m (stature {stature_m:.2f} m)", f"up {axis}", *ground, *walked,
         f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
     ]  # fmt: skip
     if restored:

@@ -29,6 +29,7 @@ from t2d_rt.motion.read.noise import SPEED_ERROR_MPS, denoised
 from t2d_rt.motion.read.orientations import SHORTEST_M, orientations_from_positions
 from t2d_rt.motion.read.positions import assemble
 from t2d_rt.motion.read.reading import Reading, smoothed
+from t2d_rt.motion.read.root import rooted
 from t2d_rt.motion.read.samples import Samples, whole, without_leaps
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Motion, checked_rate
 
@@ -100,6 +101,7 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     points, smoothing = (points, None) if turned else _quiet(points, rate_hz, reading)
     points, turned, ground = levelled(points, turned, rate_hz, reading.up)
     told += _feet(points, turned, tall_m)
+    points, walked = rooted(points, rate_hz, reading.root)
     level = floor_level(points) if reading.floor is None else float(reading.floor)
     if tracks.orientations is None:
         turned = orientations_from_positions(points, rate_hz)
@@ -110,7 +112,7 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     warn_of_rate(rate_hz)
     told = [
         f"{tracks.form}, {len(motion.joints)} frames at {rate_hz:g} Hz", *told,
-        f"1 unit = {unit_m:.4g} m (stature {tall_m:.2f} m)", f"up {axis}", *ground,
+        f"1 unit = {unit_m:.4g} m (stature {tall_m:.2f} m)", f"up {axis}", *ground, *walked,
         f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
     ]  # fmt: skip
     return replace(motion, report="; ".join(told))

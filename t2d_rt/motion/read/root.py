@@ -1,0 +1,112 @@
+"""Files whose hips never move: exports in place, treadmills, pose estimators that give joints about the hips.
+
+Where the body goes is then told by its planted feet, which stay on the floor.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Literal
+
+import numpy as np
+
+from t2d_rt.errors import T2DWarning
+from t2d_rt.motion.read.ground import upright_trunk
+
+Root = Literal["file", "feet"]
+
+TIPS = 0.0, 0.6
+"""Where a foot may stand: on its ball, or on the tip of its toes, so far beyond the ball over the distance from ankle to ball."""
+
+NEAR_M, FLIGHT_M = 0.005, 0.03
+"""Height of a foot above the lower one up to which it may carry the body as well, and height of the lower one above its level from
+which on both are in flight."""
+
+SWAY_S, SMOOTH_S = 1.0, 0.1
+"""Time of a stride, over which sway is averaged away, and the time over which the velocity of the ground is smoothed."""
+
+LEAST_WALK_M, LEAST_MPS, STILL = 0.8, 0.3, 0.2
+"""Path and speed of the ground below planted feet from which on it is a walk, and the path of the hips over it up to which they
+stay; of 144 sound recordings one has hips that go less than 0.3 of it, a pirouette."""
+
+FIXED_M, LEAST_RISE_M = 0.002, 0.1
+"""Extent of hips that are fixed, and by how much feet below them rise and fall that carry a body in fact."""
+
+
+def rooted(points: dict[str, np.ndarray], rate_hz: float, root: Root | None) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Points (T, 3) [m], z up, feet and all, and clauses for the report; a warning where hips never move.
+
+    root: "feet" carries the body to where planted feet stay; "file" leaves it where the file has it, and says nothing.
+    """
+    ground, lowest = _ground_mps(points, rate_hz)
+    hips = 0.5 * (points["left_hip"] + points["right_hip"])
+    fixed = _fixed(points["pelvis"]) or _fixed(hips)
+    if root == "feet":
+        shift = np.zeros((len(hips), 3))
+        shift[1:, :2] = np.cumsum(0.5 * (ground[1:] + ground[:-1]), axis=0) / rate_hz
+        if fixed:
+            shift[:, 2] = lowest[0] - _smooth(lowest, SMOOTH_S * rate_hz)
+        mean_mps = _path_m(ground, rate_hz) * rate_hz / len(hips)
+        return {name: track + shift for name, track in points.items()}, [
+            f"root motion from planted feet, {mean_mps:.2f} m/s"
+        ]
+    if root is None and (fixed or upright_trunk(points).mean() > 0.5):
+        gone_m = _path_m(np.gradient(hips, 1.0 / rate_hz, axis=0)[:, :2], rate_hz)
+        ground_m, rise_m = _path_m(ground, rate_hz), float(np.ptp(np.percentile(lowest, [2, 98])))
+        why = ""
+        if ground_m > max(LEAST_WALK_M, LEAST_MPS * len(hips) / rate_hz) and gone_m < STILL * ground_m:
+            why = f"planted feet slide at {ground_m * rate_hz / len(hips):.1f} m/s below them"
+        elif fixed and rise_m > LEAST_RISE_M:
+            why = f"the feet rise by {rise_m:.2f} m below them"
+        if why:
+            warnings.warn(
+                f"the hips never move, and {why}, as in exports in place, on treadmills and in joints about the hips: "
+                "the torso has no speed; give root='feet' (--motion.root feet) to carry the body to where planted feet stay, or "
+                "'file' as it is",
+                T2DWarning,
+                stacklevel=4,
+            )
+            return points, [f"the hips never move, {why}"]
+    return points, []
+
+
+def _fixed(track: np.ndarray) -> bool:
+    return bool(np.ptp(track, axis=0).max() < FIXED_M)
+
+
+def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity (T, 2) at which a planted foot goes backward in the file, and the height (T,) of the lower one.
+
+    Feet stand on that point of theirs below which the ground goes most steadily.
+    """
+    found = []
+    for tip in TIPS:
+        feet = np.stack(
+            [(1 + tip) * points[f"{side}_foot"] - tip * points[f"{side}_ankle"] for side in ("left", "right")], axis=1
+        )
+        height = _smooth(feet[..., 2], 0.05 * rate_hz)
+        lowest, frames = height.min(axis=1), np.arange(len(feet))
+        backward = -np.gradient(feet, 1.0 / rate_hz, axis=0)[..., :2]
+        # Where both feet are low, that one carries which goes backward along the heading.
+        heading = _smooth(backward[frames, height.argmin(axis=1)], SWAY_S * rate_hz)
+        along = np.where(height - lowest[:, None] < NEAR_M, (backward * heading[:, None]).sum(axis=-1), -np.inf)
+        ground = backward[frames, along.argmax(axis=1)]
+        if np.ptp(points["pelvis"][:, 2]) > FIXED_M:
+            stands = np.flatnonzero(lowest < np.percentile(lowest, 5) + FLIGHT_M)
+            ground = np.stack([np.interp(frames, stands, column[stands]) for column in ground.T], axis=-1)
+        steady = _path_m(ground, rate_hz) / max(float(np.linalg.norm(ground, axis=-1).sum()) / rate_hz, 1e-9)
+        found.append((steady, ground, lowest))
+    _, ground, lowest = max(found, key=lambda each: each[0])
+    return _smooth(ground, SMOOTH_S * rate_hz), lowest
+
+
+def _path_m(velocity: np.ndarray, rate_hz: float) -> float:
+    """Length of the path without sway."""
+    return float(np.linalg.norm(_smooth(velocity, SWAY_S * rate_hz), axis=-1).sum() / rate_hz)
+
+
+def _smooth(track: np.ndarray, frames: float) -> np.ndarray:
+    """Means over some frames, an odd number."""
+    from scipy.ndimage import uniform_filter1d
+
+    return np.asarray(uniform_filter1d(track, 2 * round(0.5 * min(frames, len(track))) + 1, axis=0, mode="nearest"))
