@@ -35,8 +35,8 @@ SOFT_M = 0.02
 """Depth in the floor that no vertex exceeds: flesh and soles give way; what is less deep than half of it stays where it is."""
 FLOOR_M = -0.05
 """Height of its lowest joint from which a motion's floor is at z = 0; others stand on a floor of their own somewhere below."""
-ON_FLOOR = 0.4
-"""Least height of the hips over the leg's length of one who neither sits on the floor nor lies: the floor shapes soles only, and
+ON_FLOOR = 0.55
+"""Least height of the hips over the leg's length of one who neither crouches nor sits on the floor nor lies: the floor shapes soles only, and
 where files put it under them is known to some centimetres."""
 
 FRAMES_AT_ONCE = 16

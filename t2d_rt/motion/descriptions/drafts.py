@@ -345,7 +345,7 @@ def _direct(draft: Draft, value: str, words: str, ignored: list[str]) -> None:
         raise Opposite(f"{before} and {value}", draft.words)
     elif value in YIELDING.get(str(before), ()):
         draft.said["direction"] = value
-    elif before not in YIELDING.get(value, ()) and value not in ("up", "down"):
+    elif before not in YIELDING.get(value, ()) and (value not in ("up", "down") or draft.action in ("walk", "run")):
         ignored.append(words)
 
 
