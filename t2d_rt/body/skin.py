@@ -36,8 +36,8 @@ SOFT_M = 0.02
 FLOOR_M = -0.05
 """Height of its lowest joint from which a motion's floor is at z = 0; others stand on a floor of their own somewhere below."""
 ON_FLOOR = 0.55
-"""Least height of the hips over the leg's length of one who neither crouches nor sits on the floor nor lies: the floor shapes soles only, and
-where files put it under them is known to some centimetres."""
+"""Least height of the hips over the leg's length of one who neither crouches, sits on the floor nor lies: the floor shapes only
+soles then, and where files put it under them is known to some centimetres."""
 
 FRAMES_AT_ONCE = 16
 """The product of that many frames fits the cache."""
