@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import struct
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from t2d_rt.motion.read.clock import same_rate, warn_of_contradiction
 from t2d_rt.motion.read.markers import joints_from
 from t2d_rt.motion.read.subjects import numbered
 from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.processes import run_guarded
 from t2d_rt.types.motion import RATES_HZ
 
 MAX_BYTES = 250_000_000
@@ -90,9 +92,9 @@ def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "points.npz"
         try:
-            done = subprocess.run(
-                [sys.executable, "-c", DECODE, str(path.resolve()), str(out)], cwd=folder, capture_output=True, timeout=LONGEST_S,
-                check=False,
+            done = run_guarded(
+                [sys.executable, "-c", DECODE, str(path.resolve()), str(out)], folder=Path(folder), env=os.environ,
+                limit_s=LONGEST_S, temporary=[Path(folder)],
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             raise InputError(f"{path} was not decoded within {LONGEST_S} s; it is damaged or too large") from None
