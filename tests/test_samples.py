@@ -168,6 +168,15 @@ def test_held_samples_are_missing(held: int, lost: bool) -> None:
         np.testing.assert_allclose(found.points["left_hip"], body(90)[:, 0], atol=1e-9)
 
 
+def test_longer_holds_of_a_joint_are_told() -> None:
+    joints = body(90)
+    joints[30:54, 4] = joints[30, 4]
+    with pytest.warns(
+        T2DWarning, match=r"left_wrist stands still to the last digit for 0\.38 s from 0\.52 s on and then leaps"
+    ):
+        samples.whole("a", Samples(points=points(joints), turned={}, rate_hz=60.0))
+
+
 def test_who_stands_still_is_not_held() -> None:
     """To the last digit, then off with 3 m/s^2, also where only a foot rests."""
     times = np.maximum(0.0, np.arange(90) / 60.0 - 0.5)

@@ -19,6 +19,7 @@ from t2d_rt.motion import quaternions
 from t2d_rt.motion.interpolate import compose, decompose
 from t2d_rt.motion.jumps import Jump, jumps, told
 from t2d_rt.motion.read.joint_sets import NEEDED
+from t2d_rt.motion.read.repeats import new_frames, rms_steps
 from t2d_rt.motion.skeletons import PARENT_OF
 
 LONGEST_GAP_S = 0.25
@@ -42,14 +43,6 @@ LEAST_STEP = 0.003
 
 EQUAL = 1e-9
 """Of the body's extent, within which samples are the same: what rounding differs by."""
-
-MOST_REPEATS = 8
-LEAST_REPEATS = 6
-REPEATED = 0.1
-"""Repeats of a frame in files of a slower source: most in a row, fewest in all, their least share."""
-
-DITHER = 0.1
-"""Of the largest step nearby, below which a frame counts as repeated."""
 
 RARE = 0.1
 """Part of the time that a joint which others stand in for may be lost in long gaps before it is filled as one that lacks."""
@@ -103,7 +96,7 @@ def seen(positions: np.ndarray) -> np.ndarray:
         place = np.searchsorted(there, stands)
         nearest = [there[np.clip(place - 1, 0, len(there) - 1)], there[np.clip(place, 0, len(there) - 1)]]
         away = np.min([np.linalg.norm(found[stands, point] - true[near, point], axis=-1) for near in nearest], axis=0)
-        steps = _steps(true[:, point : point + 1])
+        steps = rms_steps(true[:, point : point + 1])
         fast = float(np.nanpercentile(steps, 90)) if np.isfinite(steps).any() else 0.0
         found[stands[away > OFF_BODY * extent + OWN_STEPS * fast], point] = np.nan
     alone = np.isfinite(found[..., 0]).sum(axis=1) == 1  # the centre of a body that was not seen
@@ -179,101 +172,94 @@ def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
     return [(start, stop) for start, stop in edges.tolist()]
 
 
-# --- frames of a slower source ---
-
-
 def _at_own_rate(samples: Samples) -> Samples:
-    """Samples without frames that a slower source repeats, evenly (3, 3, 3) or by turns (2, 1, 2, 1)."""
-    steps = np.nan_to_num(_steps(_joints(samples)))
-    if len(steps) < LEAST_REPEATS:
+    """Samples without frames that a slower source repeats."""
+    found = new_frames(_joints(samples))
+    if found is None:
         return samples
-    nearby = np.lib.stride_tricks.sliding_window_view(np.pad(steps, MOST_REPEATS), 2 * MOST_REPEATS + 1).max(axis=1)
-    new = np.flatnonzero(steps > DITHER * nearby) + 1
-    if len(steps) - len(new) < max(LEAST_REPEATS, REPEATED * len(steps)) or len(new) < 4:
-        return samples
-    runs = np.split(new, np.flatnonzero(np.diff(new) > MOST_REPEATS) + 1)
-    ratio = _ratio(max(runs, key=len))
-    if ratio is None or not all(_spread(run, ratio) < 1.0 for run in runs):
-        return samples
-    # Somebody who stands still makes no new frames; the source's clock goes on.
-    starts = [float((run - ratio * np.arange(len(run))).mean()) for run in runs]
-    first = int(runs[0][0])
-    kept = np.linspace(0, first, max(1, int(first / ratio)), endpoint=False).round().astype(int).tolist()
-    for place, run in enumerate(runs):
-        if place:
-            before = runs[place - 1]
-            pause = max(1, round((starts[place] - starts[place - 1]) / ratio) - len(before) + 1)
-            kept += np.linspace(before[-1], run[0], pause, endpoint=False).round().astype(int).tolist()[1:]
-        kept += run.tolist()
+    kept, ratio = found
     rate_hz = samples.rate_hz / ratio
     rate_hz = float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 0.01 * rate_hz else rate_hz
-    often = f"{ratio:.0f}" if abs(ratio - round(ratio)) < 1e-6 else f"{ratio:.3g}"
-    average = "" if often.isdigit() else " on average"
-    clause = f"each frame stood {often} times{average} at {samples.rate_hz:g} Hz"
-    return replace(samples.at(np.array(kept)), rate_hz=rate_hz, told=(*samples.told, clause))
-
-
-def _ratio(new: np.ndarray) -> float | None:
-    """File's frames per frame of the source, from the frames (K,) that are new; None where no even clock makes them."""
-    if len(new) < 4:
-        return None
-    middle, reach = (new[-1] - new[0]) / (len(new) - 1), 1.0 / (len(new) - 1)
-    choices = [float(round(middle)), *(middle + reach * np.linspace(-1.0, 1.0, 201))]
-    best = min(choices, key=lambda ratio: _spread(new, ratio))
-    return float(best) if best > 1.0 + 0.5 * REPEATED and _spread(new, best) < 1.0 else None
-
-
-def _spread(new: np.ndarray, ratio: float) -> float:
-    return float(np.ptp(new - ratio * np.arange(len(new))))
-
-
-def _steps(joints: np.ndarray) -> np.ndarray:
-    """RMS step (T - 1,) of the points (T, K, 3) that are known in both frames, NaN where none is."""
-    square = (np.diff(joints, axis=0) ** 2).sum(axis=-1)
-    known = np.isfinite(square)
-    count = known.sum(axis=1)
-    mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(count, 1)
-    return np.where(count > 0, np.sqrt(mean), np.nan)
+    often = f"{ratio:.0f} times" if abs(ratio - round(ratio)) < 1e-6 else f"{ratio:.3g} times on average"
+    clause = f"each frame stood {often} at {samples.rate_hz:g} Hz"
+    return replace(samples.at(kept), rate_hz=rate_hz, told=(*samples.told, clause))
 
 
 # --- samples held while a tracker saw nothing ---
 
 
 def _held(samples: Samples) -> Samples:
-    """Samples with NaN where the body or a point stands still to the last digit and then makes up for it in one step."""
-    joints = _joints(samples)
-    extent = _frame_of(joints)[1]
-    body = _holds(joints, extent, samples.rate_hz)
-    if not samples.turned:
-        points = {
-            name: np.where((body | _holds(track[:, None], extent, samples.rate_hz))[:, None], np.nan, track)
-            for name, track in samples.points.items()
-        }
-        return replace(samples, points=points)
-    root = samples.points["pelvis"]
-    lost = _holds(root[:, None], extent, samples.rate_hz) & ~body
-    moved = spline(root, lost) - root if lost.any() else 0.0
-    points = {name: np.where(body[:, None], np.nan, track + moved) for name, track in samples.points.items()}
-    clause = (f"the root's position, held in {int(lost.sum())} frames, bridged",) if lost.any() else ()
-    return replace(samples, points=points, told=(*samples.told, *clause))
+    """Samples with NaN where the body or a point is held to the last digit and then makes up for it in one step.
+
+    Of a file with rotations, the body and its root: single joints stand still at their limits (knees of CMU's files).
+    """
+    joints, names = _joints(samples), list(samples.points)
+    extent, most = _frame_of(joints)[1], LONGEST_GAP_S * samples.rate_hz
+    whole_runs = _holds(joints, extent)
+    body, known = (_flags(whole_runs, len(joints), limit) for limit in (most, np.inf))
+    points = dict(samples.points)
+    clauses = samples.told
+    for name in ("pelvis",) if samples.turned else names:
+        runs = [run for run in _holds(points[name][:, None], extent) if not known[run[0] : run[1]].all()]
+        _warn_of_long(name, [run for run in runs if run[1] - run[0] > most], samples.rate_hz)
+        held = _flags(runs, len(joints), most)
+        if held.any() and samples.turned:
+            moved = spline(points[name], held) - points[name]
+            points = {name: track + moved for name, track in points.items()}
+            clauses = (*clauses, f"the root's position, held in {int(held.sum())} frame(s), bridged")
+        points[name] = points[name] if samples.turned else np.where(held[:, None], np.nan, points[name])
+    points = {name: np.where(body[:, None], np.nan, track) for name, track in points.items()}
+    return replace(samples, points=points, told=clauses)
 
 
-def _holds(points: np.ndarray, extent: float, rate_hz: float) -> np.ndarray:
-    """Frames (T,) in which points (T, K, 3) are held and then leap, no longer than the gaps that are bridged."""
-    steps = _steps(points)
-    found = np.zeros(len(points), dtype=bool)
+def _flags(runs: Sequence[tuple[int, int]], frames: int, most: float) -> np.ndarray:
+    """Frames (T,) of runs that are no longer than `most`."""
+    found = np.zeros(frames, dtype=bool)
+    for start, stop in runs:
+        found[start:stop] = stop - start <= most
+    return found
+
+
+def _warn_of_long(name: str, runs: Sequence[tuple[int, int]], rate_hz: float) -> None:
+    if runs:
+        start, stop = max(runs, key=lambda run: run[1] - run[0])
+        warnings.warn(
+            f"{name} stands still to the last digit for {(stop - start) / rate_hz:.2f} s from {start / rate_hz:.2f} s on and then "
+            f"leaps, as a tracker does that has lost it; {LONGEST_GAP_S} s are bridged at most: cut or repair the motion there",
+            T2DWarning,
+            stacklevel=6,
+        )
+
+
+def _local(samples: Samples) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Offsets (T, J, 3) and rotations (T, J, 4) in the parents' frames, and their joints."""
+    names = [name for name in PARENT_OF if name in samples.points]
+    joints, rotations = (np.stack([each[name] for name in names], axis=1) for each in (samples.points, samples.turned))
+    offsets, local = decompose(joints, rotations, _parents(names))
+    return offsets, quaternions.continuous(local), names
+
+
+def _parents(names: list[str]) -> tuple[int, ...]:
+    return tuple(names.index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
+
+
+def _global(
+    offsets: np.ndarray, local: np.ndarray, names: list[str]
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    joints, rotations = compose(offsets, quaternions.normalise(local), _parents(names))
+    return tuple({name: each[:, at] for at, name in enumerate(names)} for each in (joints, rotations))  # type: ignore[return-value]
+
+
+def _holds(points: np.ndarray, extent: float) -> list[tuple[int, int]]:
+    """Runs of frames, from start to before stop, in which points (T, K, D) are held before they leap."""
+    steps, found = rms_steps(points), []
     for first, out in _runs(steps <= EQUAL * extent):  # frames first ... out are equal
-        if (
-            first == 0
-            or out == len(steps)
-            or out - first > LONGEST_GAP_S * rate_hz
-            or steps[out] <= LEAST_STEP * extent
-        ):
+        if first == 0 or out == len(steps) or steps[out] <= LEAST_STEP * extent:
             continue
         ends = points[max(0, first - 3) : first + 1], points[out + 1 : out + 5]
-        paces = [float(_steps(each[[0, -1]])[0]) / (len(each) - 1) for each in ends if len(each) > 1]
+        paces = [float(rms_steps(each[[0, -1]])[0]) / (len(each) - 1) for each in ends if len(each) > 1]
         if steps[out] > HELD * max(paces, default=0.0):
-            found[first + 1 : out + 1] = True
+            found.append((first + 1, out + 1))
     return found
 
 
@@ -344,17 +330,15 @@ def _bridged(samples: Samples, kind: str) -> Samples:
 
 
 def _bridged_pose(samples: Samples, lost: np.ndarray) -> Samples:
-    names = [name for name in PARENT_OF if name in samples.points]
-    parents = tuple(names.index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
-    joints, rotations = (np.stack([each[name] for name in names], axis=1) for each in (samples.points, samples.turned))
-    there = np.flatnonzero(~lost)
-    offsets, local = decompose(joints[there], rotations[there], parents)
+    offsets, local, names = _local(samples.at(~lost))
     values = np.zeros((len(lost), len(names), 7))
-    values[there] = np.concatenate([quaternions.continuous(local), offsets], axis=-1)
+    values[~lost] = np.concatenate([local, offsets], axis=-1)
     values = spline(values.reshape(len(lost), -1), lost).reshape(values.shape)
-    mended = compose(values[lost][..., 4:], quaternions.normalise(values[lost][..., :4]), parents)
-    joints[lost], rotations[lost] = mended
-    points, turned = ({name: each[:, place] for place, name in enumerate(names)} for each in (joints, rotations))
+    mended = _global(values[lost][..., 4:], values[lost][..., :4], names)
+    points, turned = ({name: each[name].copy() for name in names} for each in (samples.points, samples.turned))
+    for group, found in zip((points, turned), mended, strict=True):
+        for name in names:
+            group[name][lost] = found[name]
     return replace(samples, points=points, turned=turned)
 
 
@@ -364,7 +348,7 @@ def spline(track: np.ndarray, lost: np.ndarray) -> np.ndarray:
         return track
     from scipy.interpolate import make_interp_spline
 
-    there = np.flatnonzero(~lost)
+    there = np.flatnonzero(~lost & np.isfinite(track).all(axis=1))
     found = track.copy()
     found[lost] = make_interp_spline(there, track[there], k=min(3, len(there) - 1))(np.flatnonzero(lost))
     return found
