@@ -684,6 +684,18 @@ def test_bad_acclaim_files(tmp_path: Path, case: str) -> None:
     assert len(str(caught.value)) < 600
 
 
+def test_skipped_frames_of_an_amc_are_missing(tmp_path: Path) -> None:
+    asf, amc, _ = cmu_pair()
+    (tmp_path / "a.asf").write_text(asf)
+    (tmp_path / "a.amc").write_text(amc)
+    expected = load_motion(tmp_path / "a.amc", smooth_hz=None)
+    head, *frames = re.split(r"\n(?=\d+\n)", amc)
+    (tmp_path / "a.amc").write_text("\n".join([head, *frames[:20], *frames[30:]]))
+    motion = load_motion(tmp_path / "a.amc", smooth_hz=None)
+    assert "10 missing frame(s) bridged" in motion.report
+    np.testing.assert_allclose(motion.joints, expected.joints, atol=0.01)
+
+
 def test_swapped_sides_are_refused(tmp_path: Path) -> None:
     joints = y_up(walk_20hz().joints[:, :22])
     np.save(tmp_path / "a.npy", joints * [-1.0, 1.0, 1.0])

@@ -243,6 +243,7 @@ def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.n
     """Values (T, angles) of every bone that has any, and which frames (T,) lack some."""
     wanted = {name: len(bone.angles) for name, bone in skeleton.bones.items() if bone.angles}
     rows: dict[str, list[list[str]]] = {name: [] for name in wanted}
+    numbers: list[int] = []
     count = 0
     degrees = skeleton.degrees
     for line in _text(path, MAX_BYTES, "AMC file").splitlines():
@@ -251,6 +252,7 @@ def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.n
             degrees = {":degrees": True, ":radians": False}.get(words[0].lower() if words else "", degrees)
         elif len(words) == 1 and words[0].isdigit():
             count += 1
+            numbers.append(int(words[0]))
         elif (
             count == 0
             or words[0] not in wanted
@@ -276,6 +278,7 @@ def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.n
         sum(each.shape[1] for name, each in list(values.items())[: list(values).index(ROOT)]) if ROOT in values else 0
     )
     place = [first + column for column, angle in enumerate(skeleton.bones[ROOT].angles) if angle.startswith("t")]
+    table = _numbered(table, np.array(numbers))
     table, lost = filled(np.where(np.abs(table) < LARGEST_NUMBER, table, np.nan), f"{path}", place)
     stops = np.cumsum([each.shape[1] for each in values.values()])
     values = dict(zip(values, np.split(table, stops[:-1], axis=1), strict=True))
@@ -283,6 +286,16 @@ def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.n
         turns = [place for place, angle in enumerate(skeleton.bones[name].angles) if angle.startswith("r")]
         each[:, turns] = np.radians(each[:, turns]) if degrees else each[:, turns]
     return values, lost
+
+
+def _numbered(table: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Rows (T, C) at their frames' numbers, NaN for those that are skipped; as they follow where the numbers do not ascend."""
+    place = numbers - numbers[0]
+    if not (np.diff(numbers) > 0).all() or place[-1] >= min(2 * len(table), MAX_FRAMES):
+        return table
+    found = np.full((place[-1] + 1, table.shape[1]), np.nan)
+    found[place] = table
+    return found
 
 
 def _forward(
