@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import builders
 import t2d_rt as t2d
 from t2d_rt.accuracy import cost
-from t2d_rt.accuracy.budget import SURELY, Omission, Total
-from t2d_rt.accuracy.estimate import Chirps, Field
+from t2d_rt.accuracy.budget import SURELY, Budget, Omission, Total
+from t2d_rt.accuracy.estimate import Chirps, Field, field, nmse_db
 from t2d_rt.accuracy.laws import COARSER, FacetLaw, Laws
 from t2d_rt.accuracy.measuring import _mean
 from t2d_rt.accuracy.occlusion import LEAST_DB, Occluded
 from t2d_rt.propagation.visibility import KeptVisibility, sample_times
-from t2d_rt.types import Radar
+from t2d_rt.types import Accuracy, Radar
+from validation.methods.models import modelled
 
 LAWS = Laws.fitted()
 RADAR = Radar.preset("table2")
@@ -30,6 +33,35 @@ def test_coarser_facets_never_err_less(law: FacetLaw) -> None:
     for sagitta in (0.15, 0.3, 0.6):
         apart_db = law.difference_db(sagitta) - law.error_db(COARSER * sagitta)
         assert abs(apart_db) < 2 * math.hypot(law.scatter_db, law.difference_scatter_db)
+
+
+def test_smaller_bodies_err_more_down_to_their_own_mesh() -> None:
+    sagittas, adult = np.geomspace(0.05, 10, 40), LAWS.bodies
+    assert adult.at_size(460, body=True) is adult
+    child, baby = (adult.at_size(size, body=True) for size in (300, 180))
+    for smaller, taller in ((child, adult), (baby, child)):
+        fine = sagittas[sagittas < 0.8]
+        assert all(smaller.error_db(each) > taller.error_db(each) + 1 for each in fine)
+        assert (np.diff([smaller.error_db(each) for each in sagittas]) >= 0).all()
+    # Nothing is coarser than the mesh itself: there is no difference between what is.
+    assert baby.error_db(5) == baby.error_db(10) < -20
+    assert baby.difference_db(5) < baby.error_db(5) - 20
+    assert abs(baby.difference_db(0.05) - baby.error_db(COARSER * 0.05)) < 1
+    assert adult.at_size(180, body=False).error_db(5) > -5
+
+
+@pytest.mark.slow
+def test_the_law_of_facets_holds_for_a_child() -> None:
+    walk = t2d.trim(t2d.place(builders.walk(), distance_m=3.0), 2.0, 2.3)
+    child = replace(walk, joints=walk.joints * (0.5, 0.5, 0.5) + (1.5, 0, 0))
+    model = modelled(child)
+    budget = Budget(model, Accuracy())
+    chirps = Chirps.random(model.radar, model.span_s, seed=5, count=8)
+    free = Accuracy(occlusion=False)
+    found, fine = (field(model, free.replace(sagitta_scale=scale), chirps) for scale in (1.0, 0.35))
+    sagitta, law = budget.facets(free.tiers[0], 1.0)
+    assert nmse_db(found, fine) == pytest.approx(law.error_db(sagitta), abs=5)
+    assert nmse_db(found, fine) > LAWS.bodies.error_db(sagitta) + 2
 
 
 def test_each_kind_of_work_has_its_time() -> None:

@@ -128,8 +128,13 @@ class Budget:
             if isinstance(mesh, MovingMesh):
                 own = float(np.max(sagitta_rad(mesh, self.given.replace(sagitta_scale=1.0))))
                 sagitta = BODY_SAGITTA_RAD if mesh.curved and self.given.sagitta_rad is None else own
-                found.append((sagitta, self.laws.bodies if mesh.curved else self.laws.smooth))
+                bodies = self.laws.bodies.at_size(self._size(mesh), body=mesh.refined_as is not None)
+                found.append((sagitta, bodies if mesh.curved else self.laws.smooth))
         return found
+
+    def _size(self, mesh: MovingMesh) -> float:
+        """Height or length of a mesh over the wavelength."""
+        return float(np.ptp(mesh.rest, axis=0).max()) / self.model.radar.wavelength_m
 
     def facets(self, tier: PathTier, scale: float) -> tuple[float, FacetLaw]:
         """Phase sagitta [rad] of the facets that err most over a tier's paths at a sagitta scale, and their law."""
@@ -162,7 +167,9 @@ class Budget:
         if not accuracy.occlusion:
             return [Omission(OCCLUSION, law.mean_db, law.scatter_db, law="occlusion"), *never]
         rate_hz, n = accuracy.visibility_rate_hz, accuracy.visibility_subdivision
-        edges = self.laws.sampled(law.mean_db, rate_hz, n)
+        bodies = [mesh for mesh in self.model.geometries if isinstance(mesh, MovingMesh) and mesh.curved]
+        smallest = min((self._size(mesh) for mesh in bodies), default=math.inf)
+        edges = self.laws.sampled(law.mean_db, rate_hz, n, smallest)
         nothing = Omission(OCCLUSION, law.mean_db, law.scatter_db, taken=False)
         what = f"shadows' edges, {sampled(rate_hz, n)}"
         return [nothing, Omission(what, edges.mean_db, edges.scatter_db, law="shadows"), *never]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,18 @@ MOST_DB = 3.0
 """Error of a field of right power whose phase means nothing."""
 PERIMETER = 0.5
 """The edge of what is occluded grows with the square root of its area, and so does the error along it, about."""
+
+
+FITTED_SIZE, SIZE_POWER, MOST_SIZE_SCALE = 450.0, 0.75, 2.0
+"""Size over wavelength of the bodies that the law of facets was fitted to, at 77 GHz: smaller ones err as if their facets' phase
+sagittas were greater, by this power of it, at most by the last (`validation.methods.small_bodies`)."""
+CAGE_SIZE, CAGE_RAD, CAGE_POWER = 350.0, 4.3, 0.75
+"""Below this size a body's own mesh, of which nothing coarser is made, errs as facets of that phase sagitta [rad] do, times that
+power of the size over this one."""
+SMALL_SCATTER_DB, SMALL_DIFFERENCE_DB, SMALL_RATIO_DB = 3.0, 3.5, 4.0
+"""Standard deviations about the law below that size."""
+SAME_DB = -30.0
+"""Facets that are no coarser than others differ from them by that much less than these err."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +66,10 @@ class FacetLaw:
     """Of the one over the other."""
     correlation: float
     """Of the deviations of the first and of that ratio."""
+    size_scale: float = 1.0
+    """Factor by which phase sagittas count more of what is smaller than the bodies of the fit."""
+    cage_rad: float = math.inf
+    """Phase sagitta of the mesh itself, so counted, which nothing exceeds."""
 
     @classmethod
     def of(cls, found: dict[str, Any]) -> FacetLaw:
@@ -64,13 +80,34 @@ class FacetLaw:
             found["correlation"],
         )  # fmt: skip
 
+    def at_size(self, size: float, *, body: bool) -> FacetLaw:
+        """The law for what is so many wavelengths tall: of a `body`, whose own mesh is a person's, or of another curved mesh."""
+        if size >= FITTED_SIZE:
+            return self
+        scatter = self if size > CAGE_SIZE else replace(
+            self, scatter_db=SMALL_SCATTER_DB, difference_scatter_db=SMALL_DIFFERENCE_DB, ratio_scatter_db=SMALL_RATIO_DB
+        )  # fmt: skip
+        return replace(
+            scatter,
+            size_scale=min((FITTED_SIZE / size) ** SIZE_POWER, MOST_SIZE_SCALE),
+            cage_rad=CAGE_RAD * (size / CAGE_SIZE) ** CAGE_POWER if body and size < CAGE_SIZE else math.inf,
+        )
+
     def error_db(self, sagitta_rad: float) -> float:
         """Error of facets of that phase sagitta."""
-        return self._at(sagitta_rad, self.facets_db)
+        return self._at(self._seen(sagitta_rad), self.facets_db)
 
     def difference_db(self, sagitta_rad: float) -> float:
         """Energy of what they differ by from facets of `COARSER` times the phase sagitta."""
-        return self._at(sagitta_rad, self.coarser_db)
+        own, other = self._seen(sagitta_rad), self._seen(COARSER * sagitta_rad)
+        if other > 0.999 * COARSER * own:
+            return self._at(own, self.coarser_db)
+        own_db, other_db = (self._at(each, self.facets_db) for each in (own, other))
+        return 10 * math.log10(max(10 ** (other_db / 10) - 10 ** (own_db / 10), 10 ** ((own_db + SAME_DB) / 10)))
+
+    def _seen(self, sagitta_rad: float) -> float:
+        """Phase sagitta at which facets of the fitted size err as much."""
+        return min(self.size_scale * sagitta_rad, self.cage_rad)
 
     def _at(self, sagitta_rad: float, table_db: np.ndarray) -> float:
         """Between fitted phase sagittas; beyond them the amplitude of the error goes with the phase sagitta."""
@@ -127,12 +164,13 @@ class Laws:
             seconds=found["cost"]["seconds"], seconds_scatter=found["cost"]["scatter"],
         )  # fmt: skip
 
-    def sampled(self, none_db: float, rate_hz: float, subdivision: int) -> Law:
+    def sampled(self, none_db: float, rate_hz: float, subdivision: int, size: float = FITTED_SIZE) -> Law:
         """Cost of visibility sampled at that rate from vertices subdivided so often, where no occlusion at all costs `none_db`: no
-        more than that."""
+        more than that. Of bodies so many wavelengths tall, of which shadows' edges are a greater part if they are small."""
         law, lowest_hz = _between(self.edges, rate_hz, subdivision)
         # Below the fitted rates the error grows with the time between samples.
         edge_db = law.mean_db + 20 * max(0.0, math.log10(lowest_hz / rate_hz))
+        edge_db += 5 * math.log10(np.clip(FITTED_SIZE / size, 1.0, MOST_SIZE_SCALE))
         return Law(min(none_db, PERIMETER * none_db + edge_db), law.scatter_db)
 
     def over_direct(self, accuracy: Accuracy) -> Law:
