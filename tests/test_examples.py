@@ -6,7 +6,6 @@ import re
 import runpy
 import shlex
 import sys
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +14,26 @@ import pytest
 
 import t2d_rt as t2d
 from builders import ROOT, WALK, remember_samples
+from dataset_folder import made as made_up
 from measures import check_picture, nmse_db
 from t2d_rt import named
 from t2d_rt.cli import main
-from t2d_rt.dataset.work import Made
-from t2d_rt.errors import T2DWarning
+from t2d_rt.dataset import work
+from t2d_rt.dataset.recipe import Recipe
+from t2d_rt.dataset.work import Made, Plans
 
 pytestmark = pytest.mark.usefixtures("coarse_bodies")
 
-FRAMES, DOCS_FRAMES = 20, 200
-BUNDLED_FRAMES, FEW = 280, {"background": 100, "results-and-files": 60}
-"""Of the bundled walk, of which pages take stretches up to 2.3 s; of both walks on pages that take all of them."""
+FRAMES, FEW = 280, {"README": 20, "background": 100, "results-and-files": 60, "learning": 20}
+"""Of the bundled walk, of which pages take stretches up to 2.3 s; of pages that take all of it."""
 README = ROOT / "README.md"
-PAGES = sorted((ROOT / "docs").glob("*.md"))
+PAGES = [README, *sorted((ROOT / "docs").glob("*.md"))]
 SLOW = "t2d-rt plan", "t2d-rt simulate walk --start-s 2 --stop-s 2.3 --scene"
 """Commands that take a minute: `test_tolerance` and the README's commands have the same in small."""
+SHORTER = {"t2d-rt train": ["--epochs", "2"], "t2d-rt dataset small-hard": ["--workers", "1"]}
+"""Options that a page's command has in the tests besides: made-up samples are made in this process."""
+REAL_SAMPLES = 2
+"""Samples of data sets that are simulated; the others are made up."""
 
 
 def blocks(page: Path, language: str = "python|sh") -> list[tuple[int, str, str]]:
@@ -62,14 +66,6 @@ def write_walk(path: Path, frame_count: int) -> None:
     path.write_text(f"{head}MOTION\n{text}\n")
 
 
-@pytest.fixture
-def walk_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder that the README is run in: nothing but walk.bvh, the first sixth of a second of the CMU walk."""
-    write_walk(tmp_path / "walk.bvh", FRAMES)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 @pytest.fixture(scope="module")
 def known() -> dict[tuple[str, int], Made]:
     return {}
@@ -77,8 +73,19 @@ def known() -> dict[tuple[str, int], Made]:
 
 @pytest.fixture
 def remembered(known: dict[tuple[str, int], Made], monkeypatch: pytest.MonkeyPatch) -> None:
-    """The README and a page of the docs make the same two samples of a data set."""
+    """Pages make the same samples of a data set; those after the first ones are made up."""
     remember_samples(monkeypatch, known)
+    make_sample = work.make_sample
+
+    def sample(recipe: Recipe, plans: Plans, index: int) -> Made:
+        if index < REAL_SAMPLES:
+            return make_sample(recipe, plans, index)
+        found, first = made_up(recipe, index), make_sample(recipe, plans, 0)
+        for name, told in found.record["products"].items():
+            told["velocity_mps"] = first.record["products"][name]["velocity_mps"]
+        return found
+
+    monkeypatch.setattr(work, "make_sample", sample)
 
 
 # --- examples -------------------------------------------------------------------------------------------------------
@@ -153,55 +160,24 @@ def test_point_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert 4 < nearest < farthest < 7  # the body's, and no other
 
 
-# --- README ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_programs_of_the_readme(walk_folder: Path) -> None:
-    programs = blocks(README, "python")
-    assert programs
-    names: dict[str, Any] = {}
-    # With half of the facets the tolerance may be missed.
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", T2DWarning)
-        for line, _, text in programs:
-            run_program(README, line, text, names)
-    saved = t2d.Recording.load(walk_folder / "walk.zarr")
-    made = names["recording"]
-    assert np.array_equal(saved.cube, made.cube)
-    assert np.array_equal(saved.spectrogram, made.spectrogram)
-    assert nmse_db(names["finer"].cube, made.cube) < -3  # the same walk
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("remembered")
-def test_commands_of_the_readme(walk_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = [each for line, _, text in blocks(README, "sh") for each in commands(README, line, text)]
-    assert {words[0] for _, words in found} >= {"simulate", "compare", "info"}
-    for place, words in found:
-        assert main(words) == 0, f"{place}: {capsys.readouterr().err}"
-    check_picture(walk_folder / "walk.png")
-    assert t2d.Recording.load(walk_folder / "walk.zarr").settings["method"] == "mesh"
-
-
-# --- docs -----------------------------------------------------------------------------------------------------------
+# --- README and docs ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("remembered")
 @pytest.mark.filterwarnings("ignore::t2d_rt.errors.T2DWarning")  # coarse bodies miss tolerances, a walk may alias
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
-def test_programs_and_commands_of_the_docs(
+def test_pages_run_from_top_to_bottom(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_walk(tmp_path / "walk.bvh", FEW.get(page.stem, DOCS_FRAMES))
-    (tmp_path / "bundled").mkdir()
-    write_walk(tmp_path / "bundled" / WALK.name, FEW.get(page.stem, BUNDLED_FRAMES))
+    """In an empty folder, each block as it stands, but that the bundled walk and trainings are shorter."""
+    bundled = tmp_path / "bundled" / WALK.name
+    bundled.parent.mkdir()
+    write_walk(bundled, FEW.get(page.stem, FRAMES))
     path_of = named._example_path
-    monkeypatch.setattr(
-        named, "_example_path", lambda name: tmp_path / "bundled" / WALK.name if name == "walk" else path_of(name)
-    )
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(named, "_example_path", lambda name: bundled if name == "walk" else path_of(name))
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
     names: dict[str, Any] = {}
     for line, language, text in blocks(page):
         if language == "python":
@@ -211,17 +187,39 @@ def test_programs_and_commands_of_the_docs(
             if place.partition(": ")[2].startswith(SLOW):
                 continue
             into = re.search(r"> (\S+)$", place)
+            if "predict walk.zarr" in place:  # half of the model's window at least
+                t2d.simulate(t2d.trim(t2d.load_motion(WALK), 1.0, 4.0), method="ellipsoid").save(
+                    "walk.zarr", overwrite=True
+                )
+            besides = [option for start, options in SHORTER.items() if f": {start}" in place for option in options]
             try:
-                status: Any = main(words[:-2] if into else words)
+                status: Any = main([*(words[:-2] if into else words), *besides])
             except SystemExit as stop:  # --print_config
                 status = stop.code
             told = capsys.readouterr()
             assert status == 0, f"{place}: {told.err}"
             if into:
-                (tmp_path / into[1]).write_text(told.out)
+                Path(into[1]).write_text(told.out)
+    if page == README:
+        check_picture(Path("walk.png"))
+        again, made = t2d.Recording.load("again.zarr"), names["recording"]
+        assert np.array_equal(again.cube, made.cube)
+        assert np.array_equal(again.spectrogram, made.spectrogram)
+        assert nmse_db(names["finer"].cube, made.cube) < -3  # the same walk
 
 
-@pytest.mark.parametrize("page", [README, ROOT / "scenes" / "README.md", *PAGES], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_what_is_not_run_needs_what_a_clone_does_not_have(page: Path) -> None:
+    """Commands in blocks that no test runs take recordings of one's own, an endpoint, or hours."""
+    needs = r"recordings|parrad|NAME|twins|hard|held_out|one,two"
+    for line, language, text in blocks(page, r"\w*"):
+        assert language in ("python", "sh", "text", "yaml"), f"{page.name}:{line}"
+        if language == "text":
+            for command in re.findall("^t2d-rt .*", text, re.MULTILINE):
+                assert re.search(needs, command), f"{page.name}:{line}: {command}"
+
+
+@pytest.mark.parametrize("page", [ROOT / "scenes" / "README.md", *PAGES], ids=lambda page: page.stem)
 def test_links_lead_somewhere(page: Path) -> None:
     targets = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8"))
     assert targets or page != README
