@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from builders import MOTIONS, WALK
@@ -92,3 +93,19 @@ def test_who_stays_in_place_is_not_told(sentence: str) -> None:
 def test_a_root_is_the_file_s_or_the_feet_s() -> None:
     with pytest.raises(InputError, match="root must be 'file' or 'feet', got 'hips'"):
         load_motion(WALK, root="hips")  # type: ignore[arg-type]
+
+
+def test_a_tilted_camera_hides_no_missing_root(tmp_path: Path) -> None:
+    """Joints about the hips, as MediaPipe gives them, are often in the camera's axes; what is then planted levels them."""
+    motion, path = without_root(walk(), "nothing"), tmp_path / "a.npz"
+    turn = Rotation.from_euler("y", 15, degrees=True)
+    joints = turn.apply(motion.joints[:, :22].reshape(-1, 3)).reshape(-1, 22, 3)
+    np.savez(path, joints=joints, names=np.array(CANONICAL_JOINTS), fps=30.0)
+    with pytest.warns(T2DWarning, match="hips never move, and planted feet slide"):
+        load_motion(path)
+    found = load_motion(path, root="feet", smooth_hz=None)
+    assert "turned level" in found.report
+    true = walk().joints[:, 0]
+    way, expected = (np.linalg.norm((each[-1] - each[0])[:2]) for each in (found.joints[:, 0], true))
+    assert way == pytest.approx(expected, rel=0.1)
+    assert np.ptp(found.joints[:, 0, 2]) < 0.1

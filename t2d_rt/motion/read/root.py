@@ -11,6 +11,8 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.errors import T2DWarning
+from t2d_rt.geometry.vectors import unit
+from t2d_rt.motion.quaternions import between, conjugate, rotate
 from t2d_rt.motion.read.ground import upright_trunk
 
 Root = Literal["file", "feet"]
@@ -29,6 +31,11 @@ LEAST_WALK_M, LEAST_MPS, STILL = 0.8, 0.3, 0.2
 """Path and speed of the ground below planted feet from which on it is a walk, and the path of the hips over it up to which they
 stay; of 144 sound recordings one has hips that go less than 0.3 of it, a pirouette."""
 
+FEET = ("pelvis", "left_ankle", "right_ankle", "left_foot", "right_foot")
+LEAN, UPRIGHT, LYING = np.tan(np.radians(5.0)), np.cos(np.radians(11.0)), np.cos(np.radians(40.0))
+"""How far a walker's hips are ahead of the ankles in the mean, and the cosines of a body's axis to the vertical, but for that,
+between which a camera may be tilted; runners lean by 10 degrees more than walkers."""
+
 FIXED_M, LEAST_RISE_M = 0.002, 0.1
 """Extent of hips that are fixed, and by how much feet below them rise and fall that carry a body in fact."""
 
@@ -38,14 +45,18 @@ def rooted(points: dict[str, np.ndarray], rate_hz: float, root: Root | None) -> 
 
     root: "feet" carries the body to where planted feet stay; "file" leaves it where the file has it, and says nothing.
     """
-    ground, lowest = _ground_mps(points, rate_hz)
     hips = 0.5 * (points["left_hip"] + points["right_hip"])
+    turn = _upward(points, hips)
+    ground, lowest = _ground_mps(
+        points if turn is None else {name: rotate(turn, points[name]) for name in FEET}, rate_hz
+    )
     fixed = _fixed(points["pelvis"]) or _fixed(hips)
     if root == "feet":
         shift = np.zeros((len(hips), 3))
         shift[1:, :2] = np.cumsum(0.5 * (ground[1:] + ground[:-1]), axis=0) / rate_hz
         if fixed:
             shift[:, 2] = lowest[0] - _smooth(lowest, SMOOTH_S * rate_hz)
+        shift = shift if turn is None else rotate(conjugate(turn), shift)
         mean_mps = _path_m(ground, rate_hz) * rate_hz / len(hips)
         return {name: track + shift for name, track in points.items()}, [
             f"root motion from planted feet, {mean_mps:.2f} m/s"
@@ -68,6 +79,14 @@ def rooted(points: dict[str, np.ndarray], rate_hz: float, root: Root | None) -> 
             )
             return points, [f"the hips never move, {why}"]
     return points, []
+
+
+def _upward(points: dict[str, np.ndarray], hips: np.ndarray) -> np.ndarray | None:
+    """The turn (4,) that raises a body above its feet; None where it is upright already."""
+    axis = unit((hips - 0.5 * (points["left_ankle"] + points["right_ankle"])).mean(axis=0))
+    ahead = unit(np.cross(points["left_hip"] - points["right_hip"], axis).mean(axis=0))
+    axis = unit(axis - LEAN * ahead)
+    return between(axis, np.array([0.0, 0.0, 1.0])) if UPRIGHT > axis[2] > LYING else None
 
 
 def _fixed(track: np.ndarray) -> bool:

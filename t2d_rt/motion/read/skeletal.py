@@ -57,6 +57,8 @@ def read_skeletal(path: Path, reading: Reading) -> Motion:
     points, orientations, ground = levelled(steady.points, steady.turned, samples.rate_hz, reading.up)
     add_feet(points, orientations, stature_m)
     points, walked = rooted(points, samples.rate_hz, reading.root)
+    if reading.root == "feet" and not ground:  # which planted feet show only now
+        points, orientations, ground = levelled(points, orientations, samples.rate_hz, reading.up)
     level = floor_level(points) if reading.floor is None else float(reading.floor)
     motion = assemble(points, orientations, samples.rate_hz, level)
     del points, orientations, samples  # half of the memory that a long motion takes

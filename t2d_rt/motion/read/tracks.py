@@ -102,6 +102,8 @@ def motion_of(tracks: Tracks, reading: Reading) -> Motion:
     points, turned, ground = levelled(points, turned, rate_hz, reading.up)
     told += _feet(points, turned, tall_m)
     points, walked = rooted(points, rate_hz, reading.root)
+    if reading.root == "feet" and not ground:  # which planted feet show only now
+        points, turned, ground = levelled(points, turned, rate_hz, reading.up)
     level = floor_level(points) if reading.floor is None else float(reading.floor)
     if tracks.orientations is None:
         turned = orientations_from_positions(points, rate_hz)
