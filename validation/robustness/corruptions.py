@@ -174,6 +174,16 @@ def _clocked(factor: float) -> Callable[[Table], Table]:
     return lambda table: replace(table, rate_hz=factor * table.rate_hz)
 
 
+def _in_place(table: Table) -> Table:
+    """The hips stay where they were."""
+    found = _copy(table)
+    if table.names:
+        found.values[:] -= 0.5 * (table.point("left_hip") + table.point("right_hip"))[:, None]
+    else:
+        found.root[:] = found.root[:1]
+    return found
+
+
 def _copy(table: Table) -> Table:
     return replace(table, values=table.values.copy())
 
@@ -228,6 +238,7 @@ CORRUPTIONS: dict[str, tuple[Callable[[Table], Table], tuple[str, ...], tuple[st
     "a camera pitched by 10 degrees": (_tilted(10.0, 0.7), ("level", "tilt", "turned"), POINTS),
     "a camera pitched by 25 degrees": (_tilted(25.0, 1.2), ("level", "tilt", "turned"), POINTS),
     "twice the rate": (_clocked(2.0), ("would fit",), ("bvh", "trc", "npz")),
+    "in place": (_in_place, ("hips never move",), FORMS),
 }  # fmt: skip
 """What is done to a file, the words of which one must be said where another motion is read, and the formats that can have it."""
 
