@@ -8,9 +8,9 @@ from t2d_rt.checks import choice, file_path, flag, instance
 from t2d_rt.errors import InputError
 from t2d_rt.named import radar_named
 from t2d_rt.result import Recording
-from t2d_rt.signal.dca1000 import read_dca1000
-from t2d_rt.signal.measured import ORDERS, check_samples, warn_of_mirror, warn_of_period
-from t2d_rt.signal.recording import read_npy
+from t2d_rt.signal import load_cube
+from t2d_rt.signal.dca1000 import load_dca1000
+from t2d_rt.signal.measured import ORDERS, warn_of_mirror, warn_of_period
 from t2d_rt.types import Radar
 
 
@@ -56,11 +56,10 @@ def load_recording(
     known = radar_named(radar)
     instance("radar", known, Radar, "a Radar", hint="Radar.preset('table2') makes one")
     if lanes is not None:
-        cube = read_dca1000(source, known, lanes=lanes, iq=iq, conjugate=mirrored)
+        cube = load_dca1000(source, known, lanes=lanes, iq=iq, conjugate=mirrored)
     else:
-        cube = read_npy(source, iq=iq, conjugate=mirrored)
+        cube = load_cube(source, iq=iq, conjugate=mirrored)
     found = Recording(cube, known)
-    check_samples(cube, source)
     warn_of_period(cube, known, source)
     if conjugate is None:
         warn_of_mirror(cube, source, iq)

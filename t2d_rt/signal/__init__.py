@@ -10,10 +10,10 @@ from t2d_rt.signal.doppler import range_doppler, spectrogram, stft
 from t2d_rt.signal.maps import ArraySpectrum, PointCloud, RangeAngle, RangeDoppler, RangeProfile, RangeTime, Spectrogram
 from t2d_rt.signal.mti import mti
 from t2d_rt.signal.multiplex import separate_ddm
+from t2d_rt.signal.npy import load_cube
 from t2d_rt.signal.points import point_cloud
 from t2d_rt.signal.range import gate, range_fft, range_profile, taper
 from t2d_rt.signal.range_time import coherent_interval, range_time
-from t2d_rt.signal.recording import load_cube
 
 __all__ = [
     "ArraySpectrum",

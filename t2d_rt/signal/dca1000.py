@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,7 +20,6 @@ from t2d_rt.files import regular_file
 from t2d_rt.rows import FileRows
 from t2d_rt.signal.measured import (
     ORDERS,
-    check_samples,
     code_offset,
     cube_of,
     flatness_db,
@@ -53,13 +53,7 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
     Samples that are in another order, or real, are refused: their spectrum is flatter than in that order.
     """
     choice("iq", iq, ORDERS)
-    cube = read_dca1000(path, radar, lanes=lanes, iq=iq, conjugate=flag("conjugate", conjugate))
-    check_samples(cube, Path(path))
-    return cube
-
-
-def read_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str, conjugate: bool) -> Cube:
-    """`load_dca1000` of samples whose order is looked at alone."""
+    flag("conjugate", conjugate)
     choice("lanes", str(lanes), LANES, hint="the LVDS lanes of the radar's chip")
     receivers, senders = len(radar.rx_offsets_m), radar.loop_chirps
     if str(lanes) == "4" and receivers > 4:
@@ -92,33 +86,41 @@ def read_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str, conjuga
             )
     warn_of_offset(source, offset)
     decode = partial(_decoded, order=given, samples=radar.samples, used=used, offset=offset, iq=iq, conjugate=conjugate)
-    return cube_of(FileRows(source, shape, 0, WORD, row, decode))
-
-
-ORDER: dict[str, Callable[[np.ndarray, int], np.ndarray]] = {
-    "complex samples over 2 lanes": lambda codes, samples: _complex(codes.reshape(-1, 2, 2)).reshape(-1, samples),
-    "complex samples over 4 lanes": lambda codes, samples: (
-        _complex(codes.reshape(-1, 2, 4)).reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples)
-    ),
-    "real samples over 2 lanes": lambda codes, samples: codes.reshape(-1, samples),
-    "real samples over 4 lanes": lambda codes, samples: (
-        codes.reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples)
-    ),
-    "complex samples one by one, I Q I Q": lambda codes, samples: _complex(codes.reshape(-1, 2)).reshape(-1, samples),
-}
-"""From codes (word,) to samples (chirp of a receiver, sample)."""
+    return cube_of(replace(raw, decode=decode))
 
 
 def _complex(pairs: np.ndarray) -> np.ndarray:
-    """I + jQ of an axis 1 of the two."""
-    return pairs[:, 0] + np.complex64(1j) * pairs[:, 1]
+    """I + jQ of an axis 1 of the two, one after the other."""
+    return (pairs[:, 0] + np.complex64(1j) * pairs[:, 1]).ravel()
+
+
+def _receivers(values: np.ndarray, samples: int) -> np.ndarray:
+    """Chirps (chirp of a receiver, sample) of values of 4 receivers at one sample after the other."""
+    return values.reshape(-1, samples, 4).swapaxes(1, 2).reshape(-1, samples)
+
+
+LAYOUTS: dict[str, tuple[Callable[[np.ndarray, int], np.ndarray], str]] = {
+    "complex samples over 2 lanes": (
+        lambda codes, samples: _complex(codes.reshape(-1, 2, 2)).reshape(-1, samples), "give lanes=2 and iq='IQ' or 'QI'",
+    ),
+    "complex samples over 4 lanes": (
+        lambda codes, samples: _receivers(_complex(codes.reshape(-1, 2, 4)), samples), "give lanes=4 and iq='IQ' or 'QI'",
+    ),
+    "real samples over 2 lanes": (lambda codes, samples: codes.reshape(-1, samples), "give lanes=2 and iq='I'"),
+    "real samples over 4 lanes": (_receivers, "give lanes=4 and iq='I'"),
+    "complex samples one by one, I Q I Q": (
+        lambda codes, samples: _complex(codes.reshape(-1, 2)).reshape(-1, samples),
+        "save numpy.fromfile(path, '<i2').reshape(chirps, antennas, samples, 2) as .npy",
+    ),
+}  # fmt: skip
+"""From codes (word,) to samples (chirp of a receiver, sample), and what to do with a file in this order."""
 
 
 def _decoded(
     words: np.ndarray, *, order: str, samples: int, used: np.ndarray | None, offset: int, iq: str, conjugate: bool
 ) -> np.ndarray:
     """Samples of rows of words (row, word), complex64 (chirp of a receiver, sample)."""
-    found = ORDER[order](signed(words, offset).ravel(), samples)
+    found = LAYOUTS[order][0](signed(words, offset).ravel(), samples)
     if used is not None:
         found = found.reshape(-1, 4, samples)[:, used].reshape(-1, samples)
     return oriented(found, iq, conjugate=conjugate)
@@ -127,7 +129,7 @@ def _decoded(
 def _check_order(codes: np.ndarray, samples: int, given: str, path: Path) -> None:
     """Refuses codes that have a flatter spectrum in the order that is given than in another."""
     found = {}
-    for name, ordered in ORDER.items():
+    for name, (ordered, _) in LAYOUTS.items():
         try:
             chirps = ordered(codes, samples)
         except ValueError:  # so many words are no whole chirps
@@ -139,12 +141,7 @@ def _check_order(codes: np.ndarray, samples: int, given: str, path: Path) -> Non
     best = min(found, key=lambda name: found[name], default=given)
     if given not in found or found[given] - found[best] < FLATTER_DB:
         return
-    advice = f"give lanes={best[-7]}" + (
-        " and iq='I'" if best.startswith("real") else ", not iq='I'" * given.startswith("real")
-    )
-    if best.endswith("I Q"):
-        advice = "save numpy.fromfile(path, '<i2').reshape(chirps, antennas, samples, 2) as .npy"
     raise InputError(
         f"{path} does not hold {given}: taken as {best} its chirps have a spectrum that is less flat by "
-        f"{found[given] - found[best]:.1f} dB; {advice}"
+        f"{found[given] - found[best]:.1f} dB; {LAYOUTS[best][1]}"
     )

@@ -65,11 +65,10 @@ def signed(words: np.ndarray, offset: int) -> np.ndarray:
 def warn_of_offset(path: Path, offset: int) -> None:
     """Tells of codes in offset binary, which are read as such."""
     if offset:
-        warnings.warn(
+        _warn(
             f"{path} holds codes in offset binary, about {offset} and none below 0 as unsigned words; {offset} is subtracted "
             "from each, and if they are signed after all, only their constant changes",
-            T2DWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 
@@ -79,34 +78,33 @@ def oriented(samples: np.ndarray, iq: str, *, conjugate: bool) -> np.ndarray:
     Real ones become analytic: what stands at negative beats is the image of what stands at positive ones.
     """
     if iq == "I":
-        half = (samples.shape[-1] + 1) // 2
-        spectrum = np.fft.fft(samples)
-        spectrum[..., 1:half] *= 2
-        spectrum[..., half + (samples.shape[-1] + 1) % 2 :] = 0
-        return np.fft.ifft(spectrum).astype(np.complex64)
+        from scipy.signal import hilbert
+
+        return np.asarray(hilbert(samples), np.complex64)
     if iq == "QI":
         samples = samples.imag + np.complex64(1j) * samples.real
     return samples.conj() if conjugate else samples
 
 
 def cube_of(rows: FileRows) -> Cube:
-    """The cube, in memory or, where it is large, read from its file when used."""
+    """The cube, its samples checked: in memory or, where it is large, read from its file when used."""
     on_disk = DiskCube(rows)
-    if is_large(rows.shape):
-        return on_disk
-    cube = np.empty(rows.shape, np.complex64)
-    for part, block in row_blocks(on_disk):
-        cube[part] = block
+    cube: Cube = on_disk if is_large(rows.shape) else np.empty(rows.shape, np.complex64)
+    if isinstance(cube, np.ndarray):
+        for part, block in row_blocks(on_disk):  # decoding takes several times the memory of what it makes
+            cube[part] = block
+    _check_samples(cube, rows.path)
     return cube
 
 
-def check_samples(cube: Cube, path: Path) -> None:
+def _check_samples(cube: Cube, path: Path) -> None:
     """Refuses samples that are not finite or all zero; tells of lost and clipped ones and of a channel that is missing."""
     silent = clipped = 0
     channels = np.zeros(2, bool)
     for _, block in row_blocks(cube):
         parts = np.ascontiguousarray(block).view(np.float32).reshape(-1, 2)
-        _check_finite(parts, path)
+        if not np.isfinite(parts).all():
+            raise InputError(f"{path} holds NaN or infinite samples; remove those chirps")
         channels |= parts.any(axis=0)
         silent += int(np.count_nonzero(~block.any(axis=2)))
         clipped += _at_ends(parts)
@@ -116,26 +114,21 @@ def check_samples(cube: Cube, path: Path) -> None:
     if not channels.all():
         _warn(
             f"{path} holds one channel, {'IQ'[int(channels[1])]}, and zeros for the other, so that each echo stands at its range "
-            "and mirrored, and speeds have no sign; record both, or give iq='I', which takes beats for positive"
+            "and mirrored, and speeds have no sign; record both, or give iq='I', which takes beats for positive",
+            stacklevel=6,
         )
     if silent:
         _warn(
             f"{path} holds zeros alone in {silent} of its {chirps} chirps of an antenna, as lost packets leave them; cut these "
-            "out, or expect bands over all speeds"
+            "out, or expect bands over all speeds",
+            stacklevel=6,
         )
     if clipped > max(CLIPPED * size, CLIPPED_LEAST):
         _warn(
             f"{path} is saturated: {100 * clipped / size:.3g} % of its samples stand at the end of the converters' scale; record "
-            "with less gain, or expect harmonics of the strongest echoes"
+            "with less gain, or expect harmonics of the strongest echoes",
+            stacklevel=6,
         )
-
-
-def _check_finite(parts: np.ndarray, path: Path) -> None:
-    """Refuses NaN and infinite numbers."""
-    with np.errstate(all="ignore"):
-        total = parts.sum()  # finite where all of it is
-    if not np.isfinite(total) and not np.isfinite(parts).all():
-        raise InputError(f"{path} holds NaN or infinite samples; remove those chirps")
 
 
 def _at_ends(parts: np.ndarray) -> int:
@@ -200,5 +193,6 @@ def flatness_db(chirps: np.ndarray, *, noise: float = 0.0) -> float:
     return float(10 * (np.mean(np.log10(power)) - np.log10(power.mean())))
 
 
-def _warn(message: str) -> None:
-    warnings.warn(message, T2DWarning, stacklevel=5)
+def _warn(message: str, *, stacklevel: int = 4) -> None:
+    """By default from a function that `load_recording` calls; what readers call lies deeper."""
+    warnings.warn(message, T2DWarning, stacklevel=stacklevel)

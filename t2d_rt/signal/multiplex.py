@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import permutations
 from typing import Any
 
 import numpy as np
@@ -53,31 +54,22 @@ def separated(adc: Any, radar: Radar) -> tuple[Any, Radar]:
 def check_antennas(adc: Any, radar: Radar) -> None:
     """Refuses a cube that does not hold every antenna of the radar."""
     check_recording(adc, radar)
-    antennas = 1 if adc.ndim == 2 else adc.shape[1]
-    if adc.ndim != 3 or antennas != radar.antennas:
-        raise InputError(
-            f"adc has {antennas} antennas, the radar {radar.antennas} ({len(radar.tx_offsets_m)} transmitters, "
-            f"{len(radar.rx_offsets_m)} receivers, {radar.multiplexing}); use the radar that recorded it"
-        )
+    check_axes(adc.shape, radar)
 
 
 def check_axes(shape: tuple[int, ...], radar: Radar) -> None:
     """Refuses a cube whose axes are not chirps, antennas and samples of that radar, with the axes that it may have."""
     antennas, samples = radar.antennas, radar.samples
-    if len(shape) == 3 and shape[1:] == (antennas, samples):
+    orders = permutations(range(3)) if len(shape) == 3 else ()
+    fitting = [order for order in orders if (shape[order[1]], shape[order[2]]) == (antennas, samples)]
+    if (0, 1, 2) in fitting:
         return
     advice = ""
-    orders = {(1, 0, 2): "antenna, chirp, sample", (0, 2, 1): "chirp, sample, antenna", (2, 0, 1): "antenna, sample, chirp",
-              (1, 2, 0): "sample, chirp, antenna", (2, 1, 0): "sample, antenna, chirp"}  # fmt: skip
-    for order, names in orders.items():
-        if len(shape) == 3 and tuple(shape[axis] for axis in order)[1:] == (antennas, samples):
-            advice = f"; axes ({names})? give cube.transpose{order}"
-            break
-    else:
-        if len(shape) == 3 and shape[1] * radar.loop_chirps == antennas and shape[2] == samples:
-            advice = (
-                f"; chirps of {radar.loop_chirps} transmitters in turn? give cube.reshape(-1, {antennas}, {samples})"
-            )
+    if fitting:
+        names = (("chirp", "antenna", "sample")[fitting[0].index(axis)] for axis in range(3))
+        advice = f"; axes ({', '.join(names)})? give cube.transpose{fitting[0]}"
+    elif len(shape) == 3 and (shape[1] * radar.loop_chirps, shape[2]) == (antennas, samples):
+        advice = f"; chirps of {radar.loop_chirps} transmitters in turn? give cube.reshape(-1, {antennas}, {samples})"
     if len(shape) != 3 or shape[2] != samples:
         raise InputError(f"an ADC cube must have shape (chirp, antenna, {samples}), got {shape}{advice}")
     raise InputError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,6 @@ from t2d_rt.files import regular_file
 from t2d_rt.rows import LARGEST_CHUNK_BYTES, FileRows, block_rows
 from t2d_rt.signal.measured import (
     ORDERS,
-    check_samples,
     code_offset,
     cube_of,
     oriented,
@@ -38,13 +38,7 @@ def load_cube(path: str | Path, *, iq: str = "IQ", conjugate: bool = False) -> C
     conjugate: whether the IF is the conjugate of the one here, whose beats are positive.
     """
     choice("iq", iq, ORDERS)
-    cube = read_npy(path, iq=iq, conjugate=flag("conjugate", conjugate))
-    check_samples(cube, Path(path))
-    return cube
-
-
-def read_npy(path: str | Path, *, iq: str, conjugate: bool) -> Cube:
-    """`load_cube` of samples that are not looked through yet."""
+    flag("conjugate", conjugate)
     try:
         rows = _rows(file_path("path", path).absolute(), real=iq == "I")
     except InputError:
@@ -59,7 +53,7 @@ def read_npy(path: str | Path, *, iq: str, conjugate: bool) -> Cube:
         offset = code_offset(np.concatenate([each.ravel() for each in seen]))
         warn_of_offset(rows.path, offset)
     decode = partial(_decoded, samples=rows.shape[2], words=words, offset=offset, iq=iq, conjugate=conjugate)
-    return cube_of(FileRows(rows.path, rows.shape, rows.begin, rows.dtype, rows.row_numbers, decode, rows.held))
+    return cube_of(replace(rows, decode=decode))
 
 
 def _rows(path: Path, *, real: bool) -> FileRows:
@@ -85,7 +79,7 @@ def _rows(path: Path, *, real: bool) -> FileRows:
                 )
             file.seek(0)
             held = np.lib.format.read_array(file, allow_pickle=False).reshape(shape[0], -1)
-    return FileRows(path, samples, begin, dtype, math.prod(shape[1:]), None, held)
+    return FileRows(path, samples, begin, dtype, row_numbers=math.prod(shape[1:]), held=held)
 
 
 def _axes(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any], *, real: bool) -> tuple[int, int, int]:
