@@ -146,11 +146,12 @@ def _ceiling_m(scene: Scene, place_m: np.ndarray) -> float:
     """Height over a place of the first surface straight above it [m]; 0 where there is none."""
     corners = np.concatenate([each.vertices[each.faces] for each in scene.surfaces]) - place_m
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.transpose(1, 2, 0)
+    # Barycentric coordinates of the place within each triangle, seen from above.
     weights = np.stack([bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx])
     total = weights.sum(axis=0)
     over = ((weights >= 0).all(axis=0) | (weights <= 0).all(axis=0)) & (total != 0)
-    height = (weights * [az, bz, cz]).sum(axis=0)[over] / total[over]
-    return float(height[height > 0].min(initial=np.inf)) if (height > 0).any() else 0.0
+    heights = (weights * [az, bz, cz]).sum(axis=0)[over] / total[over]
+    return float(min(heights[heights > 0], default=0.0))
 
 
 def find_path_pairs(

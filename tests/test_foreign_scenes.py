@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +40,6 @@ def joined(name: str, *surfaces: Surface) -> Surface:
     return Surface(name=name, vertices=vertices, faces=np.concatenate(faces), material="concrete", thickness_m=0.1)
 
 
-def remade(surface: Surface, **changes: object) -> Surface:
-    fields = ("name", "vertices", "faces", "material", "thickness_m")
-    return Surface(**{name: getattr(surface, name) for name in fields} | changes)  # type: ignore[arg-type]
-
-
 SHELL = solid("room", (-1, -3, 0), (7, 3, 2.6))
 CHEST = solid("chest", (2.5, -2, 0), (3.5, -1.4, 0.5))
 
@@ -55,11 +51,11 @@ CHEST = solid("chest", (2.5, -2, 0), (3.5, -1.4, 0.5))
     "surfaces",
     [
         (SHELL,),
-        (remade(SHELL, faces=SHELL.faces[:, ::-1]),),
-        tuple(remade(SHELL, name=f"side{k}", faces=SHELL.faces[[k, k + 1]]) for k in range(0, 12, 2)),
+        (replace(SHELL, faces=SHELL.faces[:, ::-1]),),
+        tuple(replace(SHELL, name=f"side{k}", faces=SHELL.faces[[k, k + 1]]) for k in range(0, 12, 2)),
         (SHELL, CHEST),
         (joined("all", SHELL, CHEST),),
-        (joined("all", SHELL, remade(CHEST, faces=CHEST.faces[:, ::-1])),),
+        (joined("all", SHELL, replace(CHEST, faces=CHEST.faces[:, ::-1])),),
     ],
     ids=["outward", "inward", "six", "chest", "one mesh", "one mesh of two senses"],
 )
@@ -81,7 +77,7 @@ def test_a_closed_shell_around_radar_and_target_is_the_room(surfaces: tuple[Surf
 
 def test_a_closed_shell_may_stand_askew() -> None:
     turn = Rotation.from_euler("zyx", [30, 10, -5], degrees=True).as_matrix()
-    shell = remade(SHELL, vertices=(SHELL.vertices - [3, 0, 1.3]) @ turn.T + [3, 0, 1.3])
+    shell = replace(SHELL, vertices=(SHELL.vertices - [3, 0, 1.3]) @ turn.T + [3, 0, 1.3])
     assert len(paths_to(Scene(name="askew", surfaces=(shell,)), RADAR, TARGET_M, reflections=1)) == 7
 
 
@@ -94,7 +90,7 @@ def test_furniture_around_the_radar_is_refused_within_a_shell(together: bool) ->
 
 
 def test_a_target_outside_the_shell_needs_transmissions() -> None:
-    thin = remade(SHELL, material="wood", thickness_m=0.02)
+    thin = replace(SHELL, material="wood", thickness_m=0.02)
     scene, outside = Scene(name="shell", surfaces=(thin,)), still(8.5)
     with pytest.raises(
         InputError, match=r"is inside room of scene shell and the target is not; .* allow transmissions"
@@ -149,7 +145,7 @@ def test_far_from_the_coordinates_origin_everything_is_the_same() -> None:
     wall = plate("wall", [(-5, 4, 0), (15, 4, 0), (15, 4, 8), (-5, 4, 8)], "concrete", 0.3)
     found = []
     for shift in (np.zeros(3), np.array([-700.3, 1300.2, 0.0])):
-        surfaces = tuple(remade(each, vertices=each.vertices + shift) for each in (ground(60.0), wall, CHEST))
+        surfaces = tuple(replace(each, vertices=each.vertices + shift) for each in (ground(60.0), wall, CHEST))
         times_s, place = np.linspace(0, 0.02, 4), TARGET_M + shift
         target = Ellipsoids([[0.15] * 3], np.tile(place, (4, 1, 1)), times_s, material="pec")
         radar = Radar.preset("table2", position_m=tuple(RADAR.position_m + shift))
@@ -181,7 +177,7 @@ def test_large_scenes_say_what_is_too_much_and_where(monkeypatch: pytest.MonkeyP
 
 
 def test_a_room_in_centimetres_is_told() -> None:
-    cm = remade(SHELL, vertices=100 * SHELL.vertices + [0, 0, 0])
+    cm = replace(SHELL, vertices=100 * SHELL.vertices)
     with pytest.warns(T2DWarning, match="the ceiling of cm is 259 m above the radar, higher than any room"):
         within_reach(Scene(name="cm", surfaces=(cm,)), RADAR)
 
@@ -191,7 +187,7 @@ def test_a_wall_of_many_triangles_is_one_mirror() -> None:
     cut = Trimesh(SHELL.vertices, SHELL.faces)
     for _ in range(5):
         cut = cut.subdivide()
-    shell = remade(SHELL, vertices=np.array(cut.vertices), faces=np.array(cut.faces))
+    shell = replace(SHELL, vertices=np.array(cut.vertices), faces=np.array(cut.faces))
     assert len(shell.faces) == 12_288
     assert len(paths_to(Scene(name="cut", surfaces=(shell,)), RADAR, TARGET_M, reflections=1)) == 7
 

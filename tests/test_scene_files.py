@@ -245,7 +245,10 @@ LAUGHS = (
         ("<scene><default name='a' value='$a'/></scene>", "uses a parameter without a <default> before"),
         (f"<scene>{shape('$i.ply')}</scene>", "uses a parameter without a <default> before"),
         ("<scene><include filename='scene.xml'/></scene>", "it includes more than 20 files"),
-        (f"<scene>{shape('ring.ply')}</scene>", "cannot be found|does not exist"),
+        (
+            f"<scene><bsdf type='diffuse' id='mat-itu_concrete'/>{shape('ring.ply')}</scene>",
+            "cannot be found|does not exist",
+        ),
     ],
 )
 def test_xml_that_is_no_scene(make: Make, text: str | bytes, message: str) -> None:
@@ -317,12 +320,11 @@ def test_limits_of_a_scene(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
         ("triangles_left", 5, "more than 500000 triangles"),
         ("bytes_left", 300, "more than 16 MB in all"),
     ):
-        path = make(three)
-        file = scene_xml.SceneFile(path)
+        file = scene_xml.SceneFile(make(three))
         _, *elements = file.read()
-        reader = shapes.Shapes(file, {"mat-itu_concrete": _}, **{field: value})
+        reader = shapes.Shapes(file, {}, {}, **{field: value})
         with pytest.raises(InputError, match=message):
-            [reader.surface(each, f"w{number}") for number, each in enumerate(elements)]
+            [reader.surface(each, f"w{number}", "concrete", 0.1) for number, each in enumerate(elements)]
 
 
 def test_scenes_that_are_no_files(tmp_path: Path) -> None:

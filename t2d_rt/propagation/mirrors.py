@@ -140,7 +140,8 @@ class Mirrors:
                 some = np.flatnonzero(plane == index)
                 name = surface.name if plane.max() == 0 else f"{surface.name} {_side(normal[some[0]])}"
                 name = f"{name} {named[name] + 1}" if named[name] and plane.max() else name
-                named.update(accumulate(name.split(" "), "{} {}".format))  # names that it begins with, too
+                # "wall +x 2" counts for "wall +x" and "wall" as well: no name is given twice, whatever surfaces are called.
+                named.update(accumulate(name.split(" "), "{} {}".format))
                 each.append(Mirror.of(name, number, normal[some[0]], triangles[some]))
             corners.append(triangles)
             of_face.append(plane + len(each) - (plane.max(initial=-1) + 1))

@@ -62,9 +62,11 @@ def find_paths(
     candidates = _path_set(mirrors, materials, chains, np.array(place_m, float), np.array(polarization, float))
     fraction = existing(mirrors, candidates, probes_m).astype(np.float32)
     edges = Edges.of(mirrors, SPEED_OF_LIGHT / frequency_hz)
-    # Just inside a shadow no straight ray comes, but some of the field. That matters where no stronger path leads there.
-    for row in range(0 if fraction[0].any() else 1 if fraction.any() else len(candidates)):
-        fraction[row] = edges.fraction(candidates[row], probes_m)
+    # Just inside a shadow no straight ray comes, but some of the field. That matters of the direct path, the first one, and of
+    # all others where no path is left.
+    if not fraction[0].any():
+        for row in range(1 if fraction.any() else len(candidates)):
+            fraction[row] = edges.fraction(candidates[row], probes_m)
     rows = np.flatnonzero(fraction.any(axis=1))
     return FoundPaths(candidates.taken(rows), edges, fraction[rows])
 

@@ -103,7 +103,7 @@ def _surfaces(file: SceneFile, substitutes: Mapping[str, str | Material], freque
     reader, nameless = Shapes(file, materials, substitutes), count(1)
     # mesh- before a name is Blender's exporter's.
     names = [(shape.get("id") or f"no-name-{next(nameless)}").removeprefix("mesh-") for shape in shapes]
+    made = [reader.material(*each) for each in zip(shapes, names, strict=True)]
     if frequency_hz is not None:
-        made = (reader.material(*each)[0] for each in zip(shapes, names, strict=True))
-        check_values(made, frequency_hz)
-    return [reader.surface(*each) for each in zip(shapes, names, strict=True)]
+        check_values((material for material, _ in made), frequency_hz)
+    return [reader.surface(shape, name, *of) for shape, name, of in zip(shapes, names, made, strict=True)]

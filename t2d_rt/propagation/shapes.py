@@ -20,22 +20,9 @@ from t2d_rt.propagation.transforms import moved, numbers, to_world
 from t2d_rt.types import Material, Surface
 from t2d_rt.types.scene import MAX_TRIANGLES
 
-PICTURE = frozenset(
-    {
-        "integrator",
-        "sensor",
-        "emitter",
-        "film",
-        "sampler",
-        "rfilter",
-        "texture",
-        "medium",
-        "phase",
-        "volume",
-        "spectrum",
-        "rgb",
-    }
-)
+PICTURE = frozenset({
+    "integrator", "sensor", "emitter", "film", "sampler", "rfilter", "texture", "medium", "phase", "volume", "spectrum", "rgb",
+})  # fmt: skip
 """Elements that only a picture needs: left out unread."""
 NORMALS = frozenset({"face_normals", "flip_normals", "flip_tex_coords"})
 """Switches of a shape that change neither its place nor its form; surfaces reflect from both sides."""
@@ -60,22 +47,26 @@ class Shapes:
 
     file: SceneFile
     materials: dict[str, Element]
-    substitutes: Mapping[str, str | Material] = field(default_factory=dict)
+    substitutes: Mapping[str, str | Material]
     """What stands for materials of some names."""
     bytes_left: int = MAX_MESH_BYTES
     triangles_left: int = MAX_TRIANGLES
-    known: dict[tuple[str, bytes], tuple[str | Material, float]] = field(default_factory=dict)
+    known: dict[bytes, tuple[str | Material, float]] = field(default_factory=dict)
     """Materials that were read before."""
 
     def material(self, shape: Element, name: str) -> tuple[str | Material, float]:
         """What a shape of that name is made of and its thickness [m]."""
         try:
-            return self._material(shape)
+            bsdf = self._bsdf(shape)
+            text = ElementTree.tostring(bsdf)
+            if text not in self.known:  # hundreds of shapes are of one, which is told of once
+                self.known[text] = material_of(bsdf, self.substitutes)
+            return self.known[text]
         except InputError as error:
             raise InputError(f"shape {shown(name)}: {error}") from None
 
-    def surface(self, shape: Element, name: str) -> Surface:
-        """The surface of a shape."""
+    def surface(self, shape: Element, name: str, material: str | Material, thickness_m: float) -> Surface:
+        """The surface of a shape of that material."""
         try:
             found = properties(shape, {"boolean": NORMALS, "string": {"filename"}, "transform": {"to_world"}})
             vertices, faces = self._mesh(shape.get("type", ""), found.get("filename"))
@@ -84,7 +75,6 @@ class Shapes:
                 raise InputError(
                     f"the scene has more than {MAX_TRIANGLES} triangles; cut out what lies around the radar"
                 )
-            material, thickness_m = self._material(shape)
             return Surface(
                 name=name,
                 vertices=moved(vertices, to_world(found.get("to_world"))),
@@ -109,7 +99,7 @@ class Shapes:
             raise InputError(f"the scene's meshes have more than {size(MAX_MESH_BYTES)} in all; make them coarser")
         return parsed_mesh(data, path)
 
-    def _material(self, shape: Element) -> tuple[str | Material, float]:
+    def _bsdf(self, shape: Element) -> Element:
         found = list(shape.findall("bsdf"))
         for reference in shape.findall("ref"):
             if reference.get("id") not in self.materials:
@@ -117,10 +107,7 @@ class Shapes:
             found.append(self.materials[reference.get("id", "")])
         if len(found) != 1:
             raise InputError(f"it has {len(found)} materials; give it one")
-        key = found[0].get("id", ""), ElementTree.tostring(found[0])
-        if key not in self.known:  # hundreds of shapes are of one, which is told of once
-            self.known[key] = material_of(found[0], self.substitutes)
-        return self.known[key]
+        return found[0]
 
 
 def properties(element: Element, known: dict[str, set[str] | frozenset[str]]) -> dict[str, Element]:

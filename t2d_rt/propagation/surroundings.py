@@ -93,12 +93,11 @@ def _check_inside(scene: Scene, mirrors: Mirrors, radar: Radar, probes_m: np.nda
         for name, as_room in found:
             if as_room and through:
                 continue
-            told = f"the radar at ({', '.join(f'{x:.3g}' for x in place)}) m is inside {name} of scene {scene.name}"
+            advice = "; move the radar (position_m) or the furniture"
             if as_room:
-                told += " and the target is not; move one of them, or allow transmissions for paths through walls"
-            else:
-                told += "; move the radar (position_m) or the furniture"
-            raise InputError(told)
+                advice = " and the target is not; move one of them, or allow transmissions for paths through walls"
+            where = ", ".join(f"{x:.3g}" for x in place)
+            raise InputError(f"the radar at ({where}) m is inside {name} of scene {scene.name}{advice}")
 
 
 class Blockage:
