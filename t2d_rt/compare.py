@@ -36,7 +36,7 @@ class Figures:
 class Comparison:
     """Figures of two recordings and how their spectrograms agree."""
 
-    labels: tuple[str, str] = ("first", "second")
+    labels: tuple[str, str]
     """What the two are: their methods, or "measured"."""
     first: Figures
     second: Figures

@@ -81,6 +81,14 @@ def test_a_closed_shell_may_stand_askew() -> None:
     assert len(paths_to(Scene(name="askew", surfaces=(shell,)), RADAR, TARGET_M, reflections=1)) == 7
 
 
+def test_an_open_box_is_no_shell() -> None:
+    """The radar in a pit of one mesh, the target above its rim: the direct path leads out."""
+    pit = replace(SHELL, faces=SHELL.faces[(SHELL.vertices[SHELL.faces][:, :, 2] < 2.6).any(axis=1)])
+    assert len(pit.faces) == 10
+    paths = paths_to(Scene(name="pit", surfaces=(pit,)), RADAR, np.array([3.0, 0.0, 6.0]), reflections=0)
+    assert len(paths) == 1
+
+
 @pytest.mark.parametrize("together", [False, True])
 def test_furniture_around_the_radar_is_refused_within_a_shell(together: bool) -> None:
     cupboard = solid("cupboard", (-0.3, -0.3, 0), (0.3, 0.3, 2))

@@ -374,7 +374,7 @@ def test_load_recording_shapes_and_words(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("array", "message"),
     [
-        (np.zeros((4, 4)), "must hold complex samples .* got float64"),
+        (np.zeros((4, 4)), "must hold complex samples .* or pairs of I and Q along a last axis of 2, got float64"),
         (np.zeros(4, complex), "must have shape"),
         (np.zeros((0, 4), complex), "must have shape"),
         (np.full((2, 2), np.nan + 0j), "holds NaN or infinite"),

@@ -35,6 +35,8 @@ SKIN_M = 1e-4
 """Rays start and end that far from what they are reflected at."""
 MOST_LOSS_DB = 40.0
 """Slabs that together take more than that from a ray at normal incidence stop it."""
+CLOSED = 0.9
+"""Winding number beyond which triangles are closed around a place: 1 within a shell, less in a valley or an open box."""
 LEAST_FLOOR_M2, LEAST_HEIGHT_M = 2.0, 1.8
 """Of a room."""
 
@@ -285,7 +287,7 @@ class Mirrors:
             if ((low < place_m) & (place_m < high)).all():
                 piece = _piece_of(triangles)
                 for index in range(piece.max() + 1):
-                    if abs(winding(triangles[piece == index] - place_m)) > 0.5:
+                    if abs(winding(triangles[piece == index] - place_m)) > CLOSED:
                         yield surface.name, triangles[piece == index]
 
     def free(self, start_m: np.ndarray, stop_m: np.ndarray) -> np.ndarray:

@@ -149,7 +149,8 @@ def warn_of_mirror(cube: Cube, path: Path, iq: str) -> None:
     power = np.mean(np.abs(spectrum) ** 2, axis=(0, 1))
     power = np.maximum(power - 2 * np.median(power), 0.0)
     half = samples // 2
-    lower, upper = power[SIDE_BINS : half - SIDE_BINS].sum(), power[half + SIDE_BINS : samples - SIDE_BINS + 1].sum()
+    lower = power[SIDE_BINS : half - SIDE_BINS + 1].sum()
+    upper = power[samples - half + SIDE_BINS : samples - SIDE_BINS + 1].sum()
     if upper > MIRRORED * lower:
         _warn(
             f"{path} has {100 * upper / (lower + upper):.0f} % of its echoes' power in the upper half of the beat spectrum, as "

@@ -18,6 +18,7 @@ from t2d_rt.types.radar import Radar
 COARSEST = 0.1
 """Step of the search in direction cosine where the array is small."""
 NEAREST_M = 0.3
+"""Range within which a receiver's own leakage gives points."""
 REFINEMENTS = 4
 AT_ONCE = 256
 """Detections whose beams are formed together: bounds memory."""
