@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from builders import MOTIONS, WALK
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.errors import InputError, T2DWarning, install
 from t2d_rt.motion import flavours, load_motion
 from t2d_rt.motion.interpolate import decompose
 from t2d_rt.motion.read import amass, humanml3d, joint_sets, kimodo
@@ -735,7 +735,7 @@ def test_a_missing_package_is_one_sentence(tmp_path: Path, monkeypatch: pytest.M
     path = tmp_path / "a.c3d"
     path.write_bytes(b"\x02\x50" + b"\0" * 2000)
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(InputError, match=r"needs the package ezc3d; install t2d-rt with the extra \[c3d\]"):
+    with pytest.raises(InputError, match=f"needs the package ezc3d; {re.escape(install('c3d'))}"):
         load_motion(path)
 
 

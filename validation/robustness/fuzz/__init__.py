@@ -53,8 +53,8 @@ def section(outcomes: Sequence[Mapping[str, Any]]) -> Section:
         "programs in the place of MoMask, each valid but for a few changes drawn at random; and main processes that are killed. "
         "`python -m validation.robustness.fuzz --only bvh:137` makes an input again. Each runs in a process of its own and has to "
         "end well (finite numbers, what was saved is what loads, nothing outside a folder is opened or written, no process is "
-        "left) or with one sentence, within 10 s and 2 GB. Inputs that failed once are tried first. `refused` counts sentences, "
-        "`worst` is the longest time and the most memory of one input.",
+        "left) or with one sentence, within 10 s of the processor and 2 GB. Inputs that failed once are tried first. `refused` "
+        "counts sentences, `worst` is the longest time of the processor and the most memory of one input.",
         table=[_row(kind, [o for o in outcomes if o["name"].startswith(f"{kind}:")]) for kind in sorted(kinds)],
     )
 

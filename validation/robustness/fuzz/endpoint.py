@@ -19,6 +19,8 @@ from validation.robustness.fuzz.case import DEEP, Attempt, Wrong, check_text, co
 
 LONGEST_S = 1.0
 REQUESTS = 3
+LATE_S = 30.0
+"""How much later than its limit an answer may be on a busy machine; those without end last for longer than 100 s."""
 
 
 def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
@@ -102,5 +104,5 @@ def _asked(pieces: list[bytes], pause_s: float) -> None:
     finally:
         over.set()
         server.close()
-        if time.monotonic() - begin > REQUESTS * LONGEST_S + 4.0:
+        if time.monotonic() - begin > REQUESTS * LONGEST_S + LATE_S:
             raise Wrong(f"{time.monotonic() - begin:.1f} s for {REQUESTS} requests of {LONGEST_S:g} s")

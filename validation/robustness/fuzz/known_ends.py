@@ -14,7 +14,7 @@ from validation.robustness.fuzz.case import Attempt, check_finite, leaving_nothi
 
 ENDS = (
     "well", "refused", "traceback", "crash", "hang", "memory", "two lines", "escape", "raw warning", "NaN", "opened", "left behind",
-    "exit", "too large a number",
+    "exit", "too large a number", "busy",
 )  # fmt: skip
 
 
@@ -44,6 +44,9 @@ def _ended(how: str, folder: Path) -> None:
         ctypes.string_at(0)
     elif how == "hang":
         time.sleep(60)
+    elif how == "busy":
+        while True:
+            pass
     elif how == "memory":
         held = [np.ones(2**22) for _ in range(20)]
         time.sleep(len(held))

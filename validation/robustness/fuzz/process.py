@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import json
+import math
 import os
 import re
 import resource
@@ -15,7 +16,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import IO
@@ -24,6 +25,9 @@ from t2d_rt.errors import T2DError
 from validation.robustness.fuzz.case import Wrong, check_sentence, random_source
 
 SECONDS = 10.0
+"""Of the processor, with which nothing depends on what else the machine does."""
+WAITING = 6.0
+"""Times as long by the clock, for what waits and needs no processor."""
 MEGABYTES = 2048
 ADDRESS_BYTES = 12 * 2**30
 """Of the address space: LLVM and Mitsuba map more than they use, and a bomb must not take the machine."""
@@ -52,6 +56,7 @@ class Outcome:
     where: str = ""
     """The innermost function of the package."""
     seconds: float = 0.0
+    """Of the processor."""
     megabytes: float = 0.0
 
     @property
@@ -81,7 +86,7 @@ class Settings:
     jobs: int = 2
     """Inputs at a time."""
     seconds: float = SECONDS
-    """Longest time of one."""
+    """Most of the processor's time of one."""
     megabytes: float = MEGABYTES
     """Most memory of one."""
     keep: Path | None = None
@@ -89,15 +94,20 @@ class Settings:
 
 
 def outcomes(names: Sequence[str], settings: Settings) -> Iterator[Outcome]:
-    """The outcomes of inputs, in the order in which they end; one that takes too long is tried again alone."""
+    """The outcomes of inputs, in the order in which they end."""
     ready({name.partition(":")[0] for name in names})
-    late: list[str] = []
-    for outcome in _at_work(names, settings):
-        if outcome.problem == "hang":
-            late.append(outcome.name)
-        else:
-            yield outcome
-    yield from _at_work(late, replace(settings, jobs=1))
+    waiting, working = list(names)[::-1], list[Child]()
+    with tempfile.TemporaryDirectory(prefix="t2d-fuzz-") as place:
+        while waiting or working:
+            while waiting and len(working) < settings.jobs:
+                working.append(_started(waiting.pop(), settings, Path(place)))
+            time.sleep(POLL_S)
+            for child in list(working):
+                outcome = _polled(child, settings)
+                if outcome is not None:
+                    working.remove(child)
+                    _clean_up(child, outcome, settings.keep)
+                    yield outcome
 
 
 def ready(kinds: Collection[str]) -> None:
@@ -121,21 +131,6 @@ def ready(kinds: Collection[str]) -> None:
         import_module(f"validation.robustness.fuzz.{name}")
 
 
-def _at_work(names: Sequence[str], settings: Settings) -> Iterator[Outcome]:
-    waiting, working = list(names)[::-1], list[Child]()
-    with tempfile.TemporaryDirectory(prefix="t2d-fuzz-") as place:
-        while waiting or working:
-            while waiting and len(working) < settings.jobs:
-                working.append(_started(waiting.pop(), settings, Path(place)))
-            time.sleep(POLL_S)
-            for child in list(working):
-                outcome = _polled(child, settings)
-                if outcome is not None:
-                    working.remove(child)
-                    _clean_up(child, outcome, settings.keep)
-                    yield outcome
-
-
 def _started(name: str, settings: Settings, place: Path) -> Child:
     folder = Path(tempfile.mkdtemp(prefix=name.replace(":", "-") + "-", dir=place))
     sys.stdout.flush(), sys.stderr.flush()
@@ -150,11 +145,10 @@ def _started(name: str, settings: Settings, place: Path) -> Child:
 
 def _polled(child: Child, limits: Settings) -> Outcome | None:
     """The outcome of a child that has ended; one beyond its limits is stopped."""
-    seconds = time.perf_counter() - child.started
     pid, status, usage = os.wait4(child.pid, os.WNOHANG)
     if pid == 0:
         if not child.killed:
-            if seconds > limits.seconds:
+            if time.perf_counter() - child.started > WAITING * limits.seconds:
                 child.killed = "hang"
             elif _resident_mb(child.pid) > limits.megabytes:
                 child.killed = "memory"
@@ -165,20 +159,22 @@ def _polled(child: Child, limits: Settings) -> Outcome | None:
                 _kill(child.pid)
         return None
     _kill(child.pid)  # processes that it may have left
-    megabytes = usage.ru_maxrss / 1024
+    seconds, megabytes = usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+    if seconds > limits.seconds:
+        child.killed = child.killed or "hang"
     told = _read(child.folder / "told.txt")
     end = {"seconds": seconds, "megabytes": megabytes, "name": child.name, "told": told}
     if child.killed or megabytes > limits.megabytes:
         problem = child.killed or "memory"
-        what = f"more than {limits.seconds:g} s" if problem == "hang" else f"{megabytes:.0f} MB"
+        what = f"{megabytes:.0f} MB"
+        if problem == "hang":
+            what = f"{seconds:.1f} s of the processor, {time.perf_counter() - child.started:.1f} s by the clock"
         return Outcome(problem=problem, what=what, where=_where(_read(child.folder / "stack.txt")), **end)
     try:
         found = json.loads(_read(child.folder / "outcome.json"))
     except ValueError:
         code = f"signal {os.WTERMSIG(status)}" if os.WIFSIGNALED(status) else f"exit code {os.WEXITSTATUS(status)}"
         return Outcome(problem="crash", what=code, where=_where(_read(child.folder / "stack.txt")), **end)
-    if found.get("problem") == "" and seconds > limits.seconds:
-        found = {"problem": "hang", "what": f"{seconds:.1f} s"}
     return Outcome(**found, **end)
 
 
@@ -258,16 +254,20 @@ def _limited(folder: Path, seconds: float) -> IO[str]:
     os.environ["TMPDIR"] = tempfile.tempdir = str(folder / "tmp")
     for limit, value in (
         (resource.RLIMIT_AS, ADDRESS_BYTES), (resource.RLIMIT_FSIZE, FILE_BYTES), (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_CPU, int(3 * seconds) + 1),
     ):  # fmt: skip
         resource.setrlimit(limit, (value, value))
+    end_s = math.ceil(seconds) + 1
+    resource.setrlimit(
+        resource.RLIMIT_CPU, (end_s, end_s + 2)
+    )  # SIGXCPU, and SIGKILL if it writes its stack for too long
     os.close(0)
     printed = os.open(folder / "printed.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     os.dup2(printed, 1), os.dup2(printed, 2)
     stack = (folder / "stack.txt").open("w")
     faulthandler.enable(stack)
     faulthandler.register(signal.SIGUSR1, stack)
-    faulthandler.dump_traceback_later(0.95 * seconds, file=stack)
+    faulthandler.register(signal.SIGXCPU, stack, chain=True)  # writes where it is, and ends
+    faulthandler.dump_traceback_later(0.95 * WAITING * seconds, file=stack)
     return stack
 
 
