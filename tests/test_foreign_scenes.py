@@ -131,7 +131,7 @@ def still(range_m: float) -> Ellipsoids:
     return Ellipsoids([[0.15] * 3], np.tile([range_m, 0.3, 1.1], (4, 1, 1)), np.linspace(0, 0.02, 4), material="pec")
 
 
-@pytest.mark.parametrize("size_m", [150.0, 186.0, 1500.0])
+@pytest.mark.parametrize("size_m", [150.0, 1500.0])
 def test_what_lies_beyond_the_farthest_range_changes_nothing(size_m: float) -> None:
     """The ground of a town with many triangles gives what a piece of it around the radar gives."""
     wall = plate("wall", [(-5, 4, 0), (15, 4, 0), (15, 4, 8), (-5, 4, 8)], "concrete", 0.3)
@@ -167,16 +167,16 @@ def test_far_from_the_coordinates_origin_everything_is_the_same() -> None:
 def test_large_scenes_say_what_is_too_much_and_where(monkeypatch: pytest.MonkeyPatch) -> None:
     many = Scene(name="town", surfaces=tuple(far_away(9)))
     reaching = Radar.preset("table2", slope_hz_per_s=3e12, position_m=(110.0, 0.0, 1.0))
+    monkeypatch.setattr("t2d_rt.propagation.mirrors.ROOM_PLANES", 1_000)
     with pytest.raises(
-        InputError, match="has more than 10000 plane parts where its rays are traced; give what is round"
+        InputError, match="has more than 1000 plane parts where its rays are traced; give what is round"
     ):
         paths_to(many, reaching, TARGET_M, reflections=1)
-    with monkeypatch.context() as patch:
-        patch.setattr("t2d_rt.room.ROOM_TRIANGLES", 10_000)
-        with pytest.raises(
-            InputError, match=r"9 surfaces and 11520 triangles within the 342 m that the radar reaches, more"
-        ):
-            within_reach(many, reaching)
+    monkeypatch.setattr("t2d_rt.room.ROOM_TRIANGLES", 10_000)
+    with pytest.raises(
+        InputError, match="9 surfaces and 11520 triangles within the 342 m that the radar reaches, more"
+    ):
+        within_reach(many, reaching)
     with pytest.warns(
         T2DWarning,
         match=r"nothing of town, which reaches from .* is within 22.1 m of the radar .* so there is free space",

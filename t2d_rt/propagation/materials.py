@@ -15,9 +15,6 @@ from t2d_rt.errors import InputError
 from t2d_rt.propagation.mitsuba import imported
 from t2d_rt.types import Material
 
-SUBSTITUTES = {"plywood": "wood"}
-"""What is proposed for materials without values; concrete for all others, which are mineral: brick, marble, ground."""
-
 
 def itu_material(name: str, frequency_hz: float) -> Material:
     """An ITU material at one frequency, smooth; "itu_concrete" is "concrete" (ITU-R P.2040-3, section 2.1.4)."""
@@ -51,7 +48,8 @@ def check_values(materials: Iterable[str | Material], frequency_hz: float) -> No
     named = {_short(each) for each in materials if isinstance(each, str)}
     missing = [known_itu(name) for name in sorted(named - set(valid))]
     if missing:
-        plain = {name: SUBSTITUTES.get(name, "concrete") for name in missing}
+        # All others are mineral: brick, marble, ground.
+        plain = {name: "wood" if name == "plywood" else "concrete" for name in missing}
         told = ",".join(f"{name}={other}" for name, other in plain.items())
         raise InputError(
             f"ITU-R P.2040 has no values for {' and '.join(missing)} at {frequency_hz / 1e9:g} GHz; name substitutes, as "

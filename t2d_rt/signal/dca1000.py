@@ -74,9 +74,8 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
     raw = FileRows(source, shape, 0, WORD, row)
     seen = np.concatenate([raw.numbers(part.start, part.stop).ravel() for part in spread_rows(shape[0])])
     offset = code_offset(seen)
-    codes = signed(seen, offset)
     given = f"{'real' if iq == 'I' else 'complex'} samples over {lanes} lanes"
-    _check_order(codes, radar.samples, given, source)
+    _check_order(signed(seen, offset, radar.samples), radar.samples, given, source)
     used: np.ndarray | None = None
     if str(lanes) == "4":
         used = np.asarray(seen.reshape(-1, 4).any(axis=0))
@@ -120,7 +119,7 @@ def _decoded(
     words: np.ndarray, *, order: str, samples: int, used: np.ndarray | None, offset: int, iq: str, conjugate: bool
 ) -> np.ndarray:
     """Samples of rows of words (row, word), complex64 (chirp of a receiver, sample)."""
-    found = LAYOUTS[order][0](signed(words, offset).ravel(), samples)
+    found = LAYOUTS[order][0](signed(words, offset, samples).ravel(), samples)
     if used is not None:
         found = found.reshape(-1, 4, samples)[:, used].reshape(-1, samples)
     return oriented(found, iq, conjugate=conjugate)

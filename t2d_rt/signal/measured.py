@@ -55,11 +55,13 @@ def code_offset(words: np.ndarray) -> int:
     return middle if fits and abs(codes.mean() / middle - 1) < 0.1 else 0
 
 
-def signed(words: np.ndarray, offset: int) -> np.ndarray:
-    """Codes of int16 words as float32."""
+def signed(words: np.ndarray, offset: int, samples: int) -> np.ndarray:
+    """Codes of int16 words as float32, less the offset but where as many words as a chirp has samples are zeros: lost packets."""
     if not offset:
         return words.astype(np.float32)
-    return (words.view(np.uint16).astype(np.int32) - offset).astype(np.float32)
+    codes = (words.view(np.uint16).astype(np.int32) - offset).astype(np.float32)
+    codes.reshape(-1, samples)[~words.reshape(-1, samples).any(axis=1)] = 0
+    return codes
 
 
 def warn_of_offset(path: Path, offset: int) -> None:

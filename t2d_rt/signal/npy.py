@@ -123,7 +123,7 @@ def _are_words(rows: FileRows) -> bool:
 def _decoded(numbers: np.ndarray, *, samples: int, words: bool, offset: int, iq: str, conjugate: bool) -> np.ndarray:
     """Samples of rows (row, number), complex64, as many as there are."""
     with np.errstate(over="ignore"):
-        parts = signed(_words(numbers), offset) if words else _parts(numbers).astype(np.float32)
+        parts = signed(_words(numbers), offset, samples) if words else _parts(numbers).astype(np.float32)
     if iq == "I":
         parts = parts[:, ::2] if numbers.dtype.kind == "c" else parts
         return oriented(parts.reshape(-1, samples), iq, conjugate=conjugate)
