@@ -16,6 +16,7 @@ from builders import MOTIONS, WALK
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.read.root import rooted
+from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 
 
@@ -34,6 +35,10 @@ def without_root(motion: Motion, keep: str) -> Motion:
     way = np.linspace(0, 1, len(pelvis))[:, None] * (pelvis[-1] - pelvis[0])
     moved = {"height": pelvis * [1, 1, 0], "nothing": pelvis, "sway": way * [1, 1, 0]}[keep]
     return replace(motion, joints=motion.joints - moved[:, None])
+
+
+def tracks_of(points: dict[str, np.ndarray], rate_hz: float) -> Tracks:
+    return Tracks(form="a", points=points, rate_hz=rate_hz)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".bvh"])
@@ -66,10 +71,10 @@ def test_a_walk_without_root_motion_is_told_and_regained(tmp_path: Path, keep: s
 def test_other_ways_are_regained(sentence: str) -> None:
     points = points_of(t2d.motion_from_text(sentence, seed=1))
     rate_hz = 30.0
-    placed = {name: track - points["pelvis"] for name, track in points.items()}
+    placed = tracks_of({name: track - points["pelvis"] for name, track in points.items()}, rate_hz)
     with pytest.warns(T2DWarning, match="hips never move"):
-        rooted(placed, rate_hz, None)
-    found, _ = rooted(placed, rate_hz, "feet")
+        rooted(placed, None)
+    found = rooted(placed, "feet").points
     error = (found["pelvis"] - found["pelvis"][0]) - (points["pelvis"] - points["pelvis"][0])
     assert np.abs(error[-1, :2]).max() < 0.1 + 0.1 * np.linalg.norm(points["pelvis"][-1] - points["pelvis"][0])
     assert np.ptp(error[:, 2]) < 0.05
@@ -87,7 +92,7 @@ def test_recordings_are_not_told(path: Path) -> None:
 )
 def test_who_stays_in_place_is_not_told(sentence: str) -> None:
     motion = t2d.motion_from_text(sentence, seed=1)
-    assert rooted(points_of(motion), motion.rate_hz, None)[1] == []
+    assert not rooted(tracks_of(points_of(motion), motion.rate_hz), None).told
 
 
 def test_a_root_is_the_file_s_or_the_feet_s() -> None:

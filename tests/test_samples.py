@@ -17,7 +17,8 @@ from t2d_rt.motion import load_motion
 from t2d_rt.motion.check import check_motion
 from t2d_rt.motion.jumps import deviations, jumps
 from t2d_rt.motion.read import samples
-from t2d_rt.motion.read.samples import Samples, seen
+from t2d_rt.motion.read.samples import seen
+from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.types.motion import Motion
 from validation.robustness.corruptions import CORRUPTIONS, noisy, outcome
 from validation.robustness.motion_tables import FORMS, clean
@@ -122,7 +123,7 @@ def test_gaps_are_bridged_by_splines(gap: int) -> None:
     joints = body()
     lost = joints.copy()
     lost[30 : 30 + gap, 4] = np.nan
-    found = samples.whole("a", Samples(points=points(lost), turned={}, rate_hz=60.0))
+    found = samples.whole(Tracks(form="a", points=points(lost), rate_hz=60.0))
     error = np.linalg.norm(found.points["left_wrist"] - joints[:, 4], axis=-1).max()
     assert error < 2 * 0.2 * (2 * np.pi * (gap + 1) / 60) ** 4 / 384 + 1e-9
     assert f"{gap} missing joint position(s) bridged, up to {gap / 60:.2f} s (left_wrist)" in found.told
@@ -162,7 +163,7 @@ def test_longer_gaps_leave_the_longest_piece(tmp_path: Path) -> None:
 def test_held_samples_are_missing(held: int, lost: bool) -> None:
     joints = body(90)
     joints[30 : 31 + held] = joints[30]
-    found = samples.whole("a", Samples(points=points(joints), turned={}, rate_hz=60.0))
+    found = samples.whole(Tracks(form="a", points=points(joints), rate_hz=60.0))
     assert any("bridged" in each for each in found.told) == lost
     if lost:
         np.testing.assert_allclose(found.points["left_hip"], body(90)[:, 0], atol=1e-9)
@@ -174,7 +175,7 @@ def test_longer_holds_of_a_joint_are_told() -> None:
     with pytest.warns(
         T2DWarning, match=r"left_wrist stands still to the last digit for 0\.38 s from 0\.52 s on and then leaps"
     ):
-        samples.whole("a", Samples(points=points(joints), turned={}, rate_hz=60.0))
+        samples.whole(Tracks(form="a", points=points(joints), rate_hz=60.0))
 
 
 def test_who_stands_still_is_not_held() -> None:
@@ -184,7 +185,7 @@ def test_who_stands_still_is_not_held() -> None:
     joints[:, 4] = joints[0, 4]
     joints[..., 0] += 1.5 * times[:, None] ** 2
     joints[70:] = joints[70]
-    found = samples.whole("a", Samples(points=points(joints), turned={}, rate_hz=60.0))
+    found = samples.whole(Tracks(form="a", points=points(joints), rate_hz=60.0))
     assert not found.told
     np.testing.assert_array_equal(found.points["left_wrist"], joints[:, 4])
 
@@ -199,7 +200,7 @@ def test_repeated_frames_are_dropped(source_hz: float, file_hz: float, still: bo
         source[int(2 * source_hz) : int(3 * source_hz)] = source[int(2 * source_hz)]
         source[int(3 * source_hz) :] += source[int(2 * source_hz)] - source[int(3 * source_hz)]
     shown = np.floor(np.arange(int(4 * file_hz)) * source_hz / file_hz + 1e-9).astype(int)
-    found = samples.whole("a", Samples(points=points(source[shown]), turned={}, rate_hz=file_hz))
+    found = samples.whole(Tracks(form="a", points=points(source[shown]), rate_hz=file_hz))
     assert found.rate_hz == source_hz
     assert abs(len(found.points["left_hip"]) - len(source)) <= (1 if still else 0)
     if not still:

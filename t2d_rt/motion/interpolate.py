@@ -131,6 +131,12 @@ def low_pass(values: np.ndarray, cutoff_hz: float, rate_hz: float) -> np.ndarray
     return twice[pad : pad + len(values)]
 
 
+def low_pass_gain(count: int, cutoff_hz: float, rate_hz: float) -> np.ndarray:
+    """Gain (count,) of `low_pass` at even frequencies from 0 to half the rate."""
+    tangent = np.tan(np.linspace(0.0, 0.49999 * math.pi, count))
+    return np.asarray(1 / (1 + (math.sqrt(2) - 1) * (tangent / math.tan(math.pi * cutoff_hz / rate_hz)) ** 4))
+
+
 def _butterworth(values: np.ndarray, warped: float) -> np.ndarray:
     """Low-pass of 2nd order along axis 0, at rest at the first value; `warped` is the tangent of half its corner's phase advance.
 

@@ -1,6 +1,8 @@
-"""What the joints of a person say in any pose: stature and the direction that the body faces."""
+"""What the joints of a person say in any pose: stature, the length of legs and the direction that the body faces."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -15,20 +17,28 @@ def stature_m(points: dict[str, np.ndarray]) -> float:
     Only joints that all skeletons have in one place count: the pelvis lies up to 9 cm above the hips (CMU), and how many joints a
     spine has, and how it winds through them, differs. A sum over them is too long by 4 to 9 % in files with full spines.
     """
+    shoulders = middle(points, "shoulder")
+    trunk = _length(middle(points, "hip"), shoulders) + _length(shoulders, points["head"])
+    return STATURE_PER_CHAIN * (leg_m(points) + trunk)
 
-    def length(lower: np.ndarray, upper: np.ndarray) -> float:
-        return float(np.median(np.linalg.norm(lower - upper, axis=-1)))
 
-    def middle(joint: str) -> np.ndarray:
-        return 0.5 * (points[f"left_{joint}"] + points[f"right_{joint}"])
-
-    legs = [
-        length(points[f"{side}_{lower}"], points[f"{side}_{upper}"])
+def leg_m(points: Mapping[str, np.ndarray]) -> float:
+    """Length of thigh and shank, median in time and mean of both sides, in the unit of the points."""
+    bones = [
+        _length(points[f"{side}_{lower}"], points[f"{side}_{upper}"])
         for side in ("left", "right")
         for lower, upper in (("hip", "knee"), ("knee", "ankle"))
     ]
-    trunk = length(middle("hip"), middle("shoulder")) + length(middle("shoulder"), points["head"])
-    return STATURE_PER_CHAIN * (0.5 * sum(legs) + trunk)
+    return 0.5 * sum(bones)
+
+
+def middle(points: Mapping[str, np.ndarray], joint: str) -> np.ndarray:
+    """Track (T, 3) between the left and the right one of a joint."""
+    return np.asarray(0.5 * (points[f"left_{joint}"] + points[f"right_{joint}"]))
+
+
+def _length(lower: np.ndarray, upper: np.ndarray) -> float:
+    return float(np.median(np.linalg.norm(lower - upper, axis=-1)))
 
 
 def facing(points: dict[str, np.ndarray]) -> np.ndarray:

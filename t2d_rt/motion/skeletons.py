@@ -44,6 +44,11 @@ PARENT_OF: Mapping[str, str | None] = MappingProxyType(
 )
 
 
+def parents_of(names: Sequence[str]) -> tuple[int, ...]:
+    """Places of the parents of joints, parents before children, among them; -1 for the root."""
+    return tuple(list(names).index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flavour:
     """A convention for naming joints."""

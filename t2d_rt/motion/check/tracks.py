@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from t2d_rt.geometry.vectors import unit
+from t2d_rt.motion import posture
 from t2d_rt.motion.interpolate import low_pass
-from t2d_rt.motion.posture import facing, stature_m
 from t2d_rt.types.motion import Motion
 
 RATE_HZ = 60.0
@@ -69,7 +69,9 @@ class Tracks:
     @cached_property
     def facing(self) -> np.ndarray:
         """Horizontal unit vectors that hips and shoulders face, (T, 3)."""
-        return facing({name: self[name] for name in ("left_hip", "right_hip", "left_shoulder", "right_shoulder")})
+        return posture.facing(
+            {name: self[name] for name in ("left_hip", "right_hip", "left_shoulder", "right_shoulder")}
+        )
 
     @cached_property
     def trunk(self) -> np.ndarray:
@@ -79,12 +81,7 @@ class Tracks:
     @cached_property
     def leg_m(self) -> float:
         """Length of thigh and shank [m]."""
-        bones = [
-            np.median(np.linalg.norm(self[f"{side}_{a}"] - self[f"{side}_{b}"], axis=-1))
-            for side in ("left", "right")
-            for a, b in (("hip", "knee"), ("knee", "ankle"))
-        ]
-        return 0.5 * float(sum(bones))
+        return posture.leg_m({name: self.joints[:, place] for place, name in enumerate(self.names)})
 
 
 def tracks(motion: Motion) -> Tracks:
@@ -101,7 +98,7 @@ def tracks(motion: Motion) -> Tracks:
         spline = make_interp_spline(motion.times_s, flat, k=min(3, len(flat) - 1))
         joints = spline(instants).reshape(count, *joints.shape[1:])
     points = {name: joints[:, index] for index, name in enumerate(motion.names)}
-    return Tracks(names=motion.names, joints=joints, stature_m=max(stature_m(points), 1e-3))
+    return Tracks(names=motion.names, joints=joints, stature_m=max(posture.stature_m(points), 1e-3))
 
 
 def rate_of(values: np.ndarray) -> np.ndarray:

@@ -29,8 +29,8 @@ from t2d_rt.motion.generate.unpickled import unpickled
 from t2d_rt.motion.read import load_motion
 from t2d_rt.motion.read.arrays import MAX_BYTES
 from t2d_rt.motion.read.humanml3d import read_joints
+from t2d_rt.motion.read.passes import motion_of
 from t2d_rt.motion.read.reading import Reading
-from t2d_rt.motion.read.tracks import motion_of
 from t2d_rt.types.motion import Motion
 
 MOST_TEXT_BYTES = 10_000_000

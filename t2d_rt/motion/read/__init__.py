@@ -11,11 +11,11 @@ from t2d_rt.checks import file_path
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion.read.detect import GivenUp
 from t2d_rt.motion.read.formats import is_bvh, read_tracks
+from t2d_rt.motion.read.passes import motion_of
 from t2d_rt.motion.read.positions import motion_from_joints
 from t2d_rt.motion.read.reading import LOWEST_CUTOFF_HZ, Reading, file_origin
 from t2d_rt.motion.read.root import Root
 from t2d_rt.motion.read.skeletal import read_skeletal
-from t2d_rt.motion.read.tracks import motion_of
 from t2d_rt.types.motion import Motion
 
 SHORT_S = 0.1

@@ -77,14 +77,14 @@ def read_amass(arrays: Arrays) -> Tracks:
     about = _forward(turned)
     up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=SURE)
     stature, told = _stature(about, moved, rate_hz, "xyz".index(up[-1]))
-    points = {name: np.where(lost[:, None], np.nan, moved + stature * point) for name, point in about.items()}
+    points = {name: moved + stature * point for name, point in about.items()}
     clause = f"bone lengths of SMPL's mean body, {stature:.2f} m tall ({told}), betas not used"
     form = {156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)", 72: "AMASS (SMPL)"}.get(poses.shape[1], "AMASS")
     return Tracks(
-        form=form, points=points, orientations={name: turned[name] for name in points}, rate_hz=rate_hz,
+        form=form, points=points, turned={name: turned[name] for name in points}, rate_hz=rate_hz,
         rate_assumed=stated_hz is None, told=(clause,),
         unit_m=1.0, up=up,
-    )  # fmt: skip
+    ).without(lost)  # fmt: skip
 
 
 def _joined(arrays: Arrays) -> np.ndarray:

@@ -99,12 +99,11 @@ def read_asf_amc(path: Path) -> Tracks:
         start = ends[skeleton.parents[f"{side[0]}clavicle"]]
         points[f"{side}_collar"] = (1 - COLLAR) * start + COLLAR * points[f"{side}_shoulder"]
         orientations[f"{side}_collar"] = turned[f"{side[0]}clavicle"]
-    points = {name: np.where(lost[:, None], np.nan, track) for name, track in points.items()}
     told = (f"skeleton {skeleton_path.name}",)
     return Tracks(
-        form="ASF/AMC", points=points, orientations=orientations, rate_hz=RATE_HZ, rate_assumed=True, told=told,
+        form="ASF/AMC", points=points, turned=orientations, rate_hz=RATE_HZ, rate_assumed=True, told=told,
         unit_m=skeleton.unit_m, up="y",
-    )  # fmt: skip
+    ).without(lost)  # fmt: skip
 
 
 def _skeleton_beside(path: Path) -> Path:

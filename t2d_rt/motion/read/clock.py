@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion.quaternions import continuous, normalise
 from t2d_rt.motion.read.arrays import Arrays
+from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.types.motion import checked_rate
-
-if TYPE_CHECKING:
-    from t2d_rt.motion.read.tracks import Tracks
 
 UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -50,20 +47,6 @@ OFF_GRID = 0.25
 """Of a step, the greatest deviation from whole steps where frames between are lost."""
 
 LEAST_FRAMES = 3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Times:
-    """When a file says that its frames were taken."""
-
-    values: np.ndarray
-    """(T,), in `unit_s`."""
-    name: str
-    """What the file calls them."""
-    unit_s: float | None
-    """None where the file does not say."""
-    rate_name: str = "its rate"
-    """What the file calls the rate that it states."""
 
 
 def times_of(arrays: Arrays, frames: int) -> Times | None:
@@ -115,14 +98,14 @@ def stated_rate(arrays: Arrays, frames: int) -> float | None:
 
 def on_clock(tracks: Tracks) -> Tracks:
     """Tracks at the rate of their times, evenly: frames at uneven times are interpolated, NaN stands where frames are lost."""
-    times, frames = tracks.times, len(next(iter(tracks.points.values())))
+    times, frames = tracks.times, len(tracks)
     if times is None or len(times.values) != frames or frames < LEAST_FRAMES:
         return tracks
     stated_hz = None if tracks.rate_assumed else tracks.rate_hz
     seconds, kept = _seconds(times, stated_hz)
     if seconds is None:
-        return replace(tracks, told=(*tracks.told, f"its {times.name} tells no rate"))
-    tracks = _at(tracks, np.flatnonzero(kept))
+        return tracks.saying(f"its {times.name} tells no rate")
+    tracks = tracks.at(np.flatnonzero(kept))
     told = [f"{frames - len(seconds)} frame(s) left out whose {times.name} does not go on"] if not kept.all() else []
     step_s, places = _grid(seconds)
     rate_hz = _tidy(1.0 / step_s)
@@ -140,7 +123,7 @@ def on_clock(tracks: Tracks) -> Tracks:
             f"{rate_hz:g} Hz, which is taken", stated_hz,
         )  # fmt: skip
     checked_rate(rate_hz)
-    return replace(tracks, rate_hz=rate_hz, rate_assumed=False, told=(*tracks.told, f"rate by its {times.name}", *told))
+    return replace(tracks, rate_hz=rate_hz, rate_assumed=False).saying(f"rate by its {times.name}", *told)
 
 
 def warn_of_contradiction(sentence: str, other_hz: float) -> None:
@@ -214,18 +197,11 @@ def _whole(values: np.ndarray) -> bool:
     return bool((np.abs(values - np.round(values)) < 1e-3).all())
 
 
-def _at(tracks: Tracks, frames: np.ndarray) -> Tracks:
-    turned = tracks.orientations and {name: track[frames] for name, track in tracks.orientations.items()}
-    return replace(tracks, points={name: track[frames] for name, track in tracks.points.items()}, orientations=turned)
-
-
 def _spread(tracks: Tracks, places: np.ndarray) -> Tracks:
     """Each frame at its place, NaN between."""
     every = np.arange(places[-1] + 1)
     before = np.searchsorted(places, every, side="right") - 1
-    spread = _at(tracks, before)
-    lost = (places[before] != every)[:, None]
-    return replace(spread, points={name: np.where(lost, np.nan, track) for name, track in spread.points.items()})
+    return tracks.at(before).without(places[before] != every)
 
 
 def _resampled(tracks: Tracks, seconds: np.ndarray, rate_hz: float) -> Tracks:
@@ -247,5 +223,5 @@ def _resampled(tracks: Tracks, seconds: np.ndarray, rate_hz: float) -> Tracks:
         unseen = np.interp(even, seconds, ~seen) > 0
         return np.where((lost | unseen)[:, None], np.nan, found)
 
-    turned = tracks.orientations and {n: normalise(at(continuous(track))) for n, track in tracks.orientations.items()}
-    return replace(tracks, points={name: at(track) for name, track in tracks.points.items()}, orientations=turned)
+    turned = {name: normalise(at(continuous(track))) for name, track in tracks.turned.items()}
+    return replace(tracks, points={name: at(track) for name, track in tracks.points.items()}, turned=turned)

@@ -89,13 +89,12 @@ def read_deepmimic(path: Path) -> Tracks:
     for name, (carrier, offset) in ENDS.items():
         points[name] = at[carrier] + rotate(turned[carrier], np.array(offset))
         orientations[name] = turned[carrier]
-    points = {name: np.where(lost[:, None], np.nan, track) for name, track in points.items()}
     rate_hz = 1.0 / step_s
     rate_hz = float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 2e-4 * rate_hz else rate_hz
     told = ("humanoid3d's bone lengths", "feet, hands and head rigid on ankles, forearms and neck", *told)
     return Tracks(
-        form="DeepMimic", points=points, orientations=orientations, rate_hz=rate_hz, told=told, unit_m=1.0, up="y"
-    )
+        form="DeepMimic", points=points, turned=orientations, rate_hz=rate_hz, told=told, unit_m=1.0, up="y"
+    ).without(lost)
 
 
 def _even(frames: np.ndarray, lost: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray, float, tuple[str, ...]]:

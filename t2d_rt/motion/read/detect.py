@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.geometry import vectors
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.posture import STATURE_PER_CHAIN, facing, stature_m
+from t2d_rt.motion.posture import STATURE_PER_CHAIN, facing, leg_m, middle, stature_m
 from t2d_rt.motion.read.complete import FOOT_AHEAD, FOOT_DOWN
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048, "dm": 0.1, "cmu": 0.0254 / 0.45}
@@ -107,7 +107,7 @@ def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
                 "give units (--motion.units) if it is another"
             )
         return names[0] if names else None
-    fraction = _leg_fraction(points, tall)
+    fraction = leg_m(points) * STATURE_PER_CHAIN / tall
     chances = {name: _chance(tall * UNITS_M[name], fraction) for name in names}
     best = max(chances, key=lambda name: chances[name])
     stature = tall * UNITS_M[best]
@@ -124,16 +124,6 @@ def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
             "(--motion.units) if it is another"
         )
     return best
-
-
-def _leg_fraction(points: dict[str, np.ndarray], tall: float) -> float:
-    """Thigh and shank over thigh, shank, trunk and neck."""
-    bones = [
-        np.median(np.linalg.norm(points[f"{side}_{upper}"] - points[f"{side}_{lower}"], axis=-1))
-        for side in ("left", "right")
-        for upper, lower in (("hip", "knee"), ("knee", "ankle"))
-    ]
-    return 0.5 * float(sum(bones)) * STATURE_PER_CHAIN / tall
 
 
 def _expected_fraction(stature: float) -> float:
@@ -206,14 +196,12 @@ def stance_axis(points: dict[str, np.ndarray], own: Up | None, *, margin: float 
 
 def ankles_to_head(points: dict[str, np.ndarray]) -> np.ndarray:
     """From the ankles to the head, (T, 3)."""
-    return points["head"] - 0.5 * (points["left_ankle"] + points["right_ankle"])
+    return points["head"] - middle(points, "ankle")
 
 
 def _is_a_stance(rest: dict[str, np.ndarray]) -> bool:
     """Are legs and trunk on one line? (Many files have all bones along one axis without rotations.)"""
-    hips, shoulders, ankles = (
-        0.5 * (rest[f"left_{joint}"] + rest[f"right_{joint}"])[0] for joint in ("hip", "shoulder", "ankle")
-    )
+    hips, shoulders, ankles = (middle(rest, joint)[0] for joint in ("hip", "shoulder", "ankle"))
     legs, trunk = ankles - hips, shoulders - hips
     return float(legs @ trunk) < -0.9 * float(np.linalg.norm(legs) * np.linalg.norm(trunk))
 

@@ -53,7 +53,7 @@ def flips(motion: Motion) -> list[Flip]:
     return sorted(found, key=lambda flip: -flip.angle_deg)
 
 
-def told(found: list[Flip]) -> str:
+def told_flips(found: list[Flip]) -> str:
     """A clause for the report; the largest flips by name."""
     more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
     return f"single-frame flips: {', '.join(map(str, found[:SHOWN]))}{more}"

@@ -33,7 +33,7 @@ def read_tracks(path: Path, subject: str | None = None) -> Tracks:
     if suffix in (".npy", ".npz"):
         arrays = read_arrays(path)
         tracks = _from_arrays(arrays, subject)
-        return replace(tracks, times=times_of(arrays, len(next(iter(tracks.points.values())))))
+        return replace(tracks, times=times_of(arrays, len(tracks)))
     if suffix in (labelled := {".c3d": read_c3d, ".trc": read_trc}):
         return labelled[suffix](path, subject)
     readers = {".json": read_deepmimic, ".txt": read_deepmimic, ".amc": read_asf_amc}

@@ -9,14 +9,16 @@ own axis: such a floor is kept.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.contacts import runs
+from t2d_rt.motion.posture import leg_m, middle
 from t2d_rt.motion.quaternions import between, multiply, rotate
+from t2d_rt.motion.read.tracks import Tracks
 
 WEIGHTS = (
     ("hip", "knee", 0.41, 0.143),
@@ -77,34 +79,34 @@ class Ground:
         return float(np.degrees(np.arccos(np.clip(self.vertical[2], -1.0, 1.0))))
 
 
-def levelled(
-    points: dict[str, np.ndarray], turned: dict[str, np.ndarray], rate_hz: float, up: object
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], list[str]]:
-    """Points (T, 3) [m] and orientations (T, 4), z up, turned so that gravity is down, and clauses for the report.
+def levelled(tracks: Tracks, up: object) -> tuple[Tracks, Ground | None]:
+    """Tracks in metres, z up, turned so that gravity is down, and what feet and balance say against their axis.
 
     up: what the user said. An axis or a vector is kept, with a warning where the motion is tilted against it; "file" without.
     """
-    found = ground(points, rate_hz)
+    found = ground(tracks.points, tracks.rate_hz)
     if found is None:
-        return points, turned, []
+        return tracks, None
     seen = f"planted feet rise by {found.rise_m:.2f} m against the axis, residual {1e3 * found.residual_m:.0f} mm"
     if not found.tilted:
-        return points, turned, [f"the floor inclines ({seen}) under an upright body and is kept"]
+        return tracks.saying(f"the floor inclines ({seen}) under an upright body and is kept"), found
     if up is not None:
         if not (isinstance(up, str) and up == "file"):
             warnings.warn(
                 f"floor and body are tilted together by {found.angle_deg:.1f} degrees ({seen}), as a tilted camera sees them; "
                 "leave up (--motion.up) out to have them levelled",
                 T2DWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
-        return points, turned, [f"tilted by {found.angle_deg:.1f} degrees ({seen})"]
+        return tracks.saying(f"tilted by {found.angle_deg:.1f} degrees ({seen})"), found
     turn = between(found.vertical, np.array([0.0, 0.0, 1.0]))
-    return (
-        {name: rotate(turn, track) for name, track in points.items()},
-        {name: multiply(turn, track) for name, track in turned.items()},
-        [f"turned level by {found.angle_deg:.1f} degrees, as planted feet and balance have it ({seen})"],
+    level = replace(
+        tracks,
+        points={name: rotate(turn, track) for name, track in tracks.points.items()},
+        turned={name: multiply(turn, track) for name, track in tracks.turned.items()},
     )
+    told = f"turned level by {found.angle_deg:.1f} degrees, as planted feet and balance have it ({seen})"
+    return level.saying(told), found
 
 
 def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
@@ -144,7 +146,7 @@ def planted_feet(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndar
     from scipy.ndimage import uniform_filter1d
 
     width = 2 * round(0.5 * SMOOTH_S * rate_hz) + 1
-    hips, upright = _middle(points, "hip"), upright_trunk(points)
+    hips, upright = middle(points, "hip"), upright_trunk(points)
     ankles = [uniform_filter1d(points[f"{side}_ankle"], width, axis=0, mode="nearest") for side in ("left", "right")]
     legs = [points[f"{side}_hip"] - points[f"{side}_ankle"] for side in ("left", "right")]
     length = leg_m(points)
@@ -169,23 +171,9 @@ def planted_feet(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndar
     return planted[0], planted[1]
 
 
-def _middle(points: dict[str, np.ndarray], joint: str) -> np.ndarray:
-    return np.asarray(0.5 * (points[f"left_{joint}"] + points[f"right_{joint}"]))
-
-
 def upright_trunk(points: dict[str, np.ndarray]) -> np.ndarray:
     """Whether the trunk is (T,)."""
-    return np.asarray(unit(_middle(points, "shoulder") - _middle(points, "hip"))[:, 2] > UPRIGHT_TRUNK)
-
-
-def leg_m(points: dict[str, np.ndarray]) -> float:
-    """Length of thigh and shank."""
-    bones = [
-        np.linalg.norm(points[f"{side}_{upper}"] - points[f"{side}_{lower}"], axis=-1)
-        for side in ("left", "right")
-        for upper, lower in (("hip", "knee"), ("knee", "ankle"))
-    ]
-    return 0.5 * float(sum(np.median(bone) for bone in bones))
+    return np.asarray(unit(middle(points, "shoulder") - middle(points, "hip"))[:, 2] > UPRIGHT_TRUNK)
 
 
 def _speed(track: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -201,7 +189,7 @@ def _balance(points: dict[str, np.ndarray], planted: tuple[np.ndarray, np.ndarra
             a, b = points[f"{side}_{upper}"], points[f"{side}_{lower}"]
             mass = mass + part * (a + at * (b - a))
         mass = mass + 0.25 * TRUNK_FRACTION * (points[f"{side}_hip"] + points[f"{side}_shoulder"])
-    up = mass - _middle(points, "ankle")
+    up = mass - middle(points, "ankle")
     ahead = unit(np.cross(points["left_hip"] - points["right_hip"], up))
     left, right = (mass - points[f"{side}_ankle"] - UNDER * leg_m(points) * ahead for side in ("left", "right"))
     both = planted[0] & planted[1]

@@ -94,8 +94,7 @@ def read_vectors(vectors: np.ndarray) -> Tracks:
         f"its joint steps agree with the positions within {1e3 * moved:.1f} mm",
         f"its 6D rotations within {np.degrees(np.arccos(np.clip(cosine, -1, 1)).mean()):.1f} degrees",
     )
-    points = {name: np.where(lost[:, None], np.nan, track) for name, track in tracks.points.items()}
-    return replace(tracks, points=points, form="HumanML3D vectors", told=told)
+    return replace(tracks, form="HumanML3D vectors", told=told).without(lost)
 
 
 def read_joints(joints: np.ndarray) -> Tracks:

@@ -82,7 +82,7 @@ def _of_one(values: np.ndarray, arrays: Arrays, subject: str | None) -> Tracks:
 
 
 def _at_rate(tracks: Tracks, arrays: Arrays) -> Tracks:
-    rate_hz = stated_rate(arrays, len(next(iter(tracks.points.values()))))
+    rate_hz = stated_rate(arrays, len(tracks))
     return replace(tracks, rate_hz=tracks.rate_hz if rate_hz is None else rate_hz, rate_assumed=rate_hz is None)
 
 

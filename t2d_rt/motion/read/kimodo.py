@@ -40,7 +40,7 @@ def read_kimodo(arrays: Arrays) -> Tracks:
     rate_hz = RATE_HZ if given_hz is None else given_hz
     joints = seen(joints)
     points = {name: joints[:, place] for name, place in PLACES.items()}
-    orientations = None
+    orientations, lost = {}, np.zeros(len(joints), dtype=bool)
     if "global_rot_mats" in arrays:
         matrices = arrays.samples("global_rot_mats", (4,))
         if matrices.shape != (*joints.shape, 3):
@@ -49,7 +49,6 @@ def read_kimodo(arrays: Arrays) -> Tracks:
             )
         rows, lost = filled(matrices.reshape(len(matrices), -1), f"{arrays.path}: global_rot_mats")
         matrices = rows.reshape(matrices.shape)
-        points = {name: np.where(lost[:, None], np.nan, track) for name, track in points.items()}
         deviation = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max()
         if not (deviation < LEAST_ORTHONORMAL and (np.linalg.det(matrices) > 0).all()):
             raise InputError(
@@ -57,4 +56,4 @@ def read_kimodo(arrays: Arrays) -> Tracks:
             )
         turned = from_matrix(matrices)
         orientations = {name: turned[:, place] for name, place in PLACES.items()}
-    return Tracks(form="Kimodo", points=points, orientations=orientations, rate_hz=rate_hz, unit_m=1.0, up="y")
+    return Tracks(form="Kimodo", points=points, turned=orientations, rate_hz=rate_hz, unit_m=1.0, up="y").without(lost)

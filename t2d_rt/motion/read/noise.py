@@ -9,13 +9,16 @@ errs in bursts. Each joint is then filtered at the cut-off at which noise let th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from t2d_rt.errors import T2DWarning
 from t2d_rt.motion.contacts import runs
-from t2d_rt.motion.interpolate import low_pass
+from t2d_rt.motion.interpolate import low_pass, low_pass_gain
 from t2d_rt.motion.read.joint_sets import LIMBS
+from t2d_rt.motion.read.tracks import Tracks
 
 NOISE_LIMIT_MPS = 0.03
 """Speed that noise may add before joints are filtered; `t2d_rt.motion.interpolate.JITTER_LIMIT_MPS` for files with rotations."""
@@ -58,6 +61,34 @@ class Denoised:
     """Cut-offs used, ascending; empty where nothing was filtered."""
     speed_error_mps: float
     """RMS error of the joints' speed that remains, by estimate."""
+
+
+def without_noise(tracks: Tracks) -> tuple[Tracks, str | None]:
+    """Tracks [m] freed of measured noise and a clause for the report; None where the usual smoothing is to decide."""
+    found = denoised(tracks.points, tracks.rate_hz)
+    if not found.cutoffs_hz:
+        return tracks, None
+    noise = f"noise of {1e3 * found.noise_m:.1f} mm"
+    told = told_noise(
+        "joints'", noise, "from bone lengths", found.cutoffs_hz, found.speed_error_mps, rate_hz=tracks.rate_hz
+    )
+    return replace(tracks, points=found.points), told
+
+
+def told_noise(
+    whose: str, noise: str, seen: str, cutoffs_hz: tuple[float, ...], error_mps: float, *, rate_hz: float
+) -> str:
+    """A clause for the report on noise that was smoothed away, and a warning where too much remains."""
+    told = f"joint speeds err by about {error_mps:.2f} m/s"
+    if error_mps > SPEED_ERROR_MPS:
+        warnings.warn(
+            f"the {whose} {noise} at {rate_hz:g} Hz leaves too much after smoothing: {told}; micro-Doppler finer "
+            "than that is noise",
+            T2DWarning,
+            stacklevel=6,
+        )
+    span = " to ".join(f"{cutoff:g}" for cutoff in dict.fromkeys(cutoffs_hz[:1] + cutoffs_hz[-1:])) or "no"
+    return f"{noise} ({seen}) smoothed at {span} Hz{', joint by joint' if len(cutoffs_hz) > 1 else ''} ({told})"
 
 
 def _lengths(points: dict[str, np.ndarray]) -> np.ndarray:
@@ -122,9 +153,8 @@ def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[f
         if (power > SURELY * noise)[low:high].any():
             signal[low:high] = (power - noise)[low:high]
     errors: dict[float | None, float] = {None: float((omega**2 * noise).mean())}
-    tangent = np.tan(np.minimum(0.5 * omega / rate_hz, 0.49999 * math.pi))
     for cutoff in (cutoff for cutoff in CUTOFFS_HZ if cutoff < HIGHEST_CUTOFF * rate_hz):
-        gain = 1 / (1 + (math.sqrt(2) - 1) * (tangent / math.tan(math.pi * cutoff / rate_hz)) ** 4)
+        gain = low_pass_gain(len(power), cutoff, rate_hz)
         errors[cutoff] = float((omega**2 * ((1 - gain) ** 2 * signal + gain**2 * noise)).mean())
     best = min(errors, key=lambda cutoff: errors[cutoff])
     return best, errors[best]

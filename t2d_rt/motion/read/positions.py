@@ -11,7 +11,7 @@ from t2d_rt.checks import LARGEST_M, array, shown
 from t2d_rt.errors import InputError
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.read.orientations import orientations_from_positions
-from t2d_rt.motion.skeletons import PARENT_OF
+from t2d_rt.motion.skeletons import PARENT_OF, parents_of
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_rate
 
 
@@ -53,9 +53,14 @@ def assemble(
 ) -> Motion:
     """A motion of joints and orientations by canonical name, the floor put at z = 0."""
     names = tuple(name for name in PARENT_OF if name in points)
-    parents = tuple(names.index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
     joints = np.stack([points[name] for name in names], axis=1) - np.array([0.0, 0.0, floor_m])
     rotations = quaternions.continuous(np.stack([orientations[name] for name in names], axis=1))
     return Motion(
-        joints=joints, rotations=rotations, rate_hz=rate_hz, names=names, parents=parents, placed=False, report=report
+        joints=joints,
+        rotations=rotations,
+        rate_hz=rate_hz,
+        names=names,
+        parents=parents_of(names),
+        placed=False,
+        report=report,
     )

@@ -1,4 +1,4 @@
-"""How a file is to be read, and the last steps that all formats share: smoothing and provenance."""
+"""How a file is to be read, and where a motion comes from."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ import numpy as np
 
 from t2d_rt.checks import LARGEST_M, array, choice, flag, number, positive, text
 from t2d_rt.errors import InputError, printable
-from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, smooth
 from t2d_rt.motion.read.detect import UNITS_M, GivenUp, Up
 from t2d_rt.motion.read.root import Root
-from t2d_rt.motion.read.rotation_noise import without_noise
-from t2d_rt.types.motion import Motion, checked_rate
+from t2d_rt.types.motion import checked_rate
 
 AXES = ("x", "y", "z", "-x", "-y", "-z", "file")
 
@@ -73,22 +71,3 @@ def file_origin(path: Path) -> str:
     """A file by its name, without the folders of this machine, and its content."""
     with path.open("rb") as file:
         return f"{printable(path.name)}, sha256 {hashlib.file_digest(file, 'sha256').hexdigest()}"
-
-
-def smoothed(motion: Motion, smooth_hz: float | str | None, *, rotations: bool) -> tuple[Motion, str]:
-    """The motion low-passed as asked for, and a clause for its report.
-
-    rotations: whether they are the file's own, whose noise is to be measured.
-    """
-    if smooth_hz is None:
-        return motion, "not smoothed"
-    if smooth_hz != "auto":
-        return smooth(motion, float(smooth_hz)), f"smoothed at {float(smooth_hz):g} Hz"
-    jitter = jitter_mps(motion)
-    found = without_noise(motion, filtered=jitter > JITTER_LIMIT_MPS) if rotations else None
-    if found is not None:
-        return found
-    if jitter <= JITTER_LIMIT_MPS:
-        return motion, f"not smoothed (jitter {jitter:.3f} m/s above {JITTER_CUTOFF_HZ:g} Hz)"
-    told = f"smoothed at {JITTER_CUTOFF_HZ:g} Hz (jitter {jitter:.2f} m/s above it)"
-    return smooth(motion, JITTER_CUTOFF_HZ), told

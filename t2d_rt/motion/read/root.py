@@ -6,14 +6,17 @@ Where the body goes is then told by its planted feet, which stay on the floor.
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry.vectors import unit
+from t2d_rt.motion.posture import middle
 from t2d_rt.motion.quaternions import between, conjugate, rotate
 from t2d_rt.motion.read.ground import upright_trunk
+from t2d_rt.motion.read.tracks import Tracks
 
 Root = Literal["file", "feet"]
 
@@ -40,12 +43,15 @@ FIXED_M, LEAST_RISE_M = 0.002, 0.1
 """Extent of hips that are fixed, and by how much feet below them rise and fall that carry a body in fact."""
 
 
-def rooted(points: dict[str, np.ndarray], rate_hz: float, root: Root | None) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Points (T, 3) [m], z up, feet and all, and clauses for the report; a warning where hips never move.
+def rooted(tracks: Tracks, root: Root | None) -> Tracks:
+    """Tracks in metres, z up, feet and all; a warning where hips never move.
 
     root: "feet" carries the body to where planted feet stay; "file" leaves it where the file has it, and says nothing.
     """
-    hips = 0.5 * (points["left_hip"] + points["right_hip"])
+    if root == "file":
+        return tracks
+    points, rate_hz = tracks.points, tracks.rate_hz
+    hips = middle(points, "hip")
     turn = _upward(points, hips)
     ground, lowest = _ground_mps(
         points if turn is None else {name: rotate(turn, points[name]) for name in FEET}, rate_hz
@@ -57,33 +63,30 @@ def rooted(points: dict[str, np.ndarray], rate_hz: float, root: Root | None) -> 
         if fixed:
             shift[:, 2] = lowest[0] - _smooth(lowest, SMOOTH_S * rate_hz)
         shift = shift if turn is None else rotate(conjugate(turn), shift)
-        mean_mps = _path_m(ground, rate_hz) * rate_hz / len(hips)
-        return {name: track + shift for name, track in points.items()}, [
-            f"root motion from planted feet, {mean_mps:.2f} m/s"
-        ]
-    if root is None and (fixed or upright_trunk(points).mean() > 0.5):
-        gone_m = _path_m(np.gradient(hips, 1.0 / rate_hz, axis=0)[:, :2], rate_hz)
-        ground_m, rise_m = _path_m(ground, rate_hz), float(np.ptp(np.percentile(lowest, [2, 98])))
-        why = ""
-        if ground_m > max(LEAST_WALK_M, LEAST_MPS * len(hips) / rate_hz) and gone_m < STILL * ground_m:
-            why = f"planted feet slide at {ground_m * rate_hz / len(hips):.1f} m/s below them"
-        elif fixed and rise_m > LEAST_RISE_M:
-            why = f"the feet rise by {rise_m:.2f} m below them"
-        if why:
-            warnings.warn(
-                f"the hips never move, and {why}, as in exports in place, on treadmills and in joints about the hips: "
-                "the torso has no speed; give root='feet' (--motion.root feet) to carry the body to where planted feet stay, or "
-                "'file' as it is",
-                T2DWarning,
-                stacklevel=4,
-            )
-            return points, [f"the hips never move, {why}"]
-    return points, []
+        told = f"root motion from planted feet, {_path_m(ground, rate_hz) * rate_hz / len(hips):.2f} m/s"
+        return replace(tracks, points={name: track + shift for name, track in points.items()}).saying(told)
+    if not fixed and upright_trunk(points).mean() <= 0.5:
+        return tracks
+    gone_m = _path_m(np.gradient(hips, 1.0 / rate_hz, axis=0)[:, :2], rate_hz)
+    ground_m, rise_m = _path_m(ground, rate_hz), float(np.ptp(np.percentile(lowest, [2, 98])))
+    if ground_m > max(LEAST_WALK_M, LEAST_MPS * len(hips) / rate_hz) and gone_m < STILL * ground_m:
+        why = f"planted feet slide at {ground_m * rate_hz / len(hips):.1f} m/s below them"
+    elif fixed and rise_m > LEAST_RISE_M:
+        why = f"the feet rise by {rise_m:.2f} m below them"
+    else:
+        return tracks
+    warnings.warn(
+        f"the hips never move, and {why}, as in exports in place, on treadmills and in joints about the hips: the torso has no "
+        "speed; give root='feet' (--motion.root feet) to carry the body to where planted feet stay, or 'file' as it is",
+        T2DWarning,
+        stacklevel=5,
+    )
+    return tracks.saying(f"the hips never move, {why}")
 
 
 def _upward(points: dict[str, np.ndarray], hips: np.ndarray) -> np.ndarray | None:
     """The turn (4,) that raises a body above its feet; None where it is upright already."""
-    axis = unit((hips - 0.5 * (points["left_ankle"] + points["right_ankle"])).mean(axis=0))
+    axis = unit((hips - middle(points, "ankle")).mean(axis=0))
     ahead = unit(np.cross(points["left_hip"] - points["right_hip"], axis).mean(axis=0))
     axis = unit(axis - LEAN * ahead)
     return between(axis, np.array([0.0, 0.0, 1.0])) if UPRIGHT > axis[2] > LYING else None

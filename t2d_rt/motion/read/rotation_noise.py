@@ -9,15 +9,13 @@ and fast limbs are not. Each rotation is then filtered like a position (`noise.b
 from __future__ import annotations
 
 import math
-import warnings
 from math import comb
 
 import numpy as np
 
-from t2d_rt.errors import T2DWarning
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, compose, decompose, low_pass
-from t2d_rt.motion.read.noise import SPEED_ERROR_MPS, best_cutoff
+from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, compose, decompose, low_pass, low_pass_gain
+from t2d_rt.motion.read.noise import best_cutoff, told_noise
 from t2d_rt.types.motion import Motion
 
 ORDER = 6
@@ -50,7 +48,7 @@ MOST = 4.0
 """Noise power of a joint over that of the calmer ones."""
 
 
-def without_noise(motion: Motion, *, filtered: bool) -> tuple[Motion, str] | None:
+def without_rotation_noise(motion: Motion, *, filtered: bool) -> tuple[Motion, str] | None:
     """The motion without measured noise and a clause for its report; None where the noise is less than what the limit tells.
 
     filtered: whether the usual low-pass at 12 Hz would follow.
@@ -65,7 +63,7 @@ def without_noise(motion: Motion, *, filtered: bool) -> tuple[Motion, str] | Non
     usual = _usual(levels[1:])
     reach = _reach(motion)
     omega = np.linspace(0.0, math.pi * motion.rate_hz, len(local))
-    kept = np.where(filtered, _gain(omega, motion.rate_hz), 1.0)
+    kept = low_pass_gain(len(omega), min(JITTER_CUTOFF_HZ, 0.49 * motion.rate_hz), motion.rate_hz) if filtered else 1.0
     calm = np.array([levels[0], *np.minimum(levels[1:], usual)])
     left = _speed_mps(calm * float((omega**2 * kept**2).mean()), reach)
     limit = FOUND / motion.rate_hz * (2.0 if motion.duration_s < SHORT_S else 1.0)
@@ -79,24 +77,11 @@ def without_noise(motion: Motion, *, filtered: bool) -> tuple[Motion, str] | Non
     smooth = [t if cut is None else low_pass(t, cut, motion.rate_hz) for t, (cut, _) in zip(tracks, found, strict=True)]
     offsets[:, 0] = smooth[0]
     joints, rotations = compose(offsets, quaternions.normalise(np.stack(smooth[1:], axis=1)), motion.parents)
-    error = _speed_mps(np.array([each for _, each in found]), reach)
-    used = sorted({cut for cut, _ in found if cut is not None})
+    used = tuple(sorted({cut for cut, _ in found if cut is not None}))
     noise = f"noise of {_degrees(usual):.1f} degrees and {1e3 * math.sqrt(levels[0] / 3):.1f} mm"
-    told = f"joint speeds err by about {error:.2f} m/s"
-    if error > SPEED_ERROR_MPS:
-        warnings.warn(
-            f"the rotations' and the root's {noise} at {motion.rate_hz:g} Hz leaves too much after smoothing: {told}; "
-            "micro-Doppler finer than that is noise",
-            T2DWarning,
-            stacklevel=5,
-        )
-    span = (
-        f"{used[0]:g} Hz" if len(used) == 1 else f"{used[0]:g} to {used[-1]:g} Hz, joint by joint" if used else "no Hz"
-    )
-    return (
-        motion.edited("smoothed as its noise asks for", joints=joints, rotations=rotations),
-        f"{noise} (in calm frames) smoothed at {span} ({told})",
-    )
+    error = _speed_mps(np.array([each for _, each in found]), reach)
+    told = told_noise("rotations' and the root's", noise, "in calm frames", used, error, rate_hz=motion.rate_hz)
+    return motion.edited("smoothed as its noise asks for", joints=joints, rotations=rotations), told
 
 
 def _level(track: np.ndarray, rate_hz: float) -> float:
@@ -135,11 +120,3 @@ def _speed_mps(squares: np.ndarray, reach: np.ndarray) -> float:
     """RMS speed of joints whose root and rotations move by these squares of speed, (1 + J,): of three
     axes two lie across an arm."""
     return math.sqrt(float((squares[0] + 2.0 / 3.0 * reach @ squares[1:]).mean()))
-
-
-def _gain(omega: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Of the low-pass at 12 Hz."""
-    corner = math.tan(math.pi * min(JITTER_CUTOFF_HZ / rate_hz, 0.49))
-    return 1.0 / (
-        1.0 + (math.sqrt(2.0) - 1.0) * (np.tan(np.minimum(0.5 * omega / rate_hz, 0.49999 * math.pi)) / corner) ** 4
-    )

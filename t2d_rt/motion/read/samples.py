@@ -10,17 +10,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import quaternions
+from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import compose, decompose
 from t2d_rt.motion.jumps import Jump, jumps, told
 from t2d_rt.motion.read.joint_sets import NEEDED
 from t2d_rt.motion.read.repeats import new_frames, rms_steps
-from t2d_rt.motion.skeletons import PARENT_OF
+from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.motion.skeletons import PARENT_OF, parents_of
 
 LONGEST_GAP_S = 0.25
 """Gaps up to here are bridged, by cubic splines through what is there: a wrist that swings by 20 cm in a walk, at 1 Hz, is then
@@ -49,24 +51,6 @@ RARE = 0.1
 
 RETURNS = 0.5
 """Of a leap, by which the joints may miss their way when they come back."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Samples:
-    """Joints of one person by canonical name."""
-
-    points: dict[str, np.ndarray]
-    """Positions (T, 3), NaN where missing."""
-    turned: dict[str, np.ndarray]
-    """Global orientations (T, 4) of the same joints; empty where the file holds positions alone."""
-    rate_hz: float
-    told: tuple[str, ...] = ()
-    """What was done, in clauses for the report."""
-
-    def at(self, frames: slice | np.ndarray) -> Samples:
-        """Some of the frames."""
-        points, turned = ({name: track[frames] for name, track in each.items()} for each in (self.points, self.turned))
-        return replace(self, points=points, turned=turned)
 
 
 # --- what is missing, as readers see it ---
@@ -138,14 +122,14 @@ def filled(rows: np.ndarray, what: str, root: slice | Sequence[int] = ()) -> tup
 # --- mended ---
 
 
-def whole(form: str, samples: Samples) -> Samples:
+def whole(samples: Tracks) -> Tracks:
     """Samples at the rate at which they were taken, without gaps."""
-    return _bridged(_cut(form, _held(_at_own_rate(samples))), "missing")
+    return _bridged(_cut(_held(_at_own_rate(samples))), "missing")
 
 
-def without_leaps(samples: Samples) -> Samples:
+def without_leaps(samples: Tracks) -> Tracks:
     """Samples in metres without joints that leap away and back; a warning of the jumps that remain."""
-    found = jumps(_joints(samples), tuple(samples.points), samples.rate_hz)
+    found = jumps(samples.joints, tuple(samples.points), samples.rate_hz)
     leaps = _leaps(samples, found)
     if leaps:
         points = {name: track.copy() for name, track in samples.points.items()}
@@ -153,28 +137,18 @@ def without_leaps(samples: Samples) -> Samples:
             for name in points if samples.turned else {*first.joints, *last.joints}:
                 points[name][first.frame + 1 : last.frame + 1] = np.nan
         samples = _bridged(replace(samples, points=points), "leaping")
-        found = jumps(_joints(samples), tuple(samples.points), samples.rate_hz)
+        found = jumps(samples.joints, tuple(samples.points), samples.rate_hz)
     if not found:
         return samples
     warnings.warn(
-        f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there", T2DWarning, stacklevel=4
+        f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there", T2DWarning, stacklevel=5
     )
-    return replace(samples, told=(*samples.told, told(found)))
+    return samples.saying(told(found))
 
 
-def _joints(samples: Samples) -> np.ndarray:
-    return np.stack(list(samples.points.values()), axis=1)
-
-
-def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
-    """Runs of True in (T,) as (start, stop)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int))).reshape(-1, 2)
-    return [(start, stop) for start, stop in edges.tolist()]
-
-
-def _at_own_rate(samples: Samples) -> Samples:
+def _at_own_rate(samples: Tracks) -> Tracks:
     """Samples without frames that a slower source repeats."""
-    found = new_frames(_joints(samples))
+    found = new_frames(samples.joints)
     if found is None:
         return samples
     kept, ratio = found
@@ -182,78 +156,57 @@ def _at_own_rate(samples: Samples) -> Samples:
     rate_hz = float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < 0.01 * rate_hz else rate_hz
     often = f"{ratio:.0f} times" if abs(ratio - round(ratio)) < 1e-6 else f"{ratio:.3g} times on average"
     clause = f"each frame stood {often} at {samples.rate_hz:g} Hz"
-    return replace(samples.at(kept), rate_hz=rate_hz, told=(*samples.told, clause))
+    return replace(samples.at(kept), rate_hz=rate_hz).saying(clause)
 
 
 # --- samples held while a tracker saw nothing ---
 
 
-def _held(samples: Samples) -> Samples:
+def _held(samples: Tracks) -> Tracks:
     """Samples with NaN where the body or a point is held to the last digit and then makes up for it in one step.
 
     Of a file with rotations, the body and its root: single joints stand still at their limits (knees of CMU's files).
     """
-    joints, names = _joints(samples), list(samples.points)
+    joints, points = samples.joints, dict(samples.points)
     extent, most = _frame_of(joints)[1], LONGEST_GAP_S * samples.rate_hz
-    whole_runs = _holds(joints, extent)
-    body, known = (_flags(whole_runs, len(joints), limit) for limit in (most, np.inf))
-    points = dict(samples.points)
-    clauses = samples.told
-    for name in ("pelvis",) if samples.turned else names:
-        runs = [run for run in _holds(points[name][:, None], extent) if not known[run[0] : run[1]].all()]
-        _warn_of_long(name, [run for run in runs if run[1] - run[0] > most], samples.rate_hz)
-        held = _flags(runs, len(joints), most)
-        if held.any() and samples.turned:
+    of_body = _holds(joints, extent)
+    known = _flags(of_body, len(joints), np.inf)
+    for name in ("pelvis",) if samples.turned else tuple(points):
+        holds = [hold for hold in _holds(points[name][:, None], extent) if not known[slice(*hold)].all()]
+        _warn_of_long(name, [hold for hold in holds if hold[1] - hold[0] > most], samples.rate_hz)
+        held = _flags(holds, len(joints), most)
+        if not samples.turned:
+            points[name] = np.where(held[:, None], np.nan, points[name])
+        elif held.any():
             moved = spline(points[name], held) - points[name]
             points = {name: track + moved for name, track in points.items()}
-            clauses = (*clauses, f"the root's position, held in {int(held.sum())} frame(s), bridged")
-        points[name] = points[name] if samples.turned else np.where(held[:, None], np.nan, points[name])
-    points = {name: np.where(body[:, None], np.nan, track) for name, track in points.items()}
-    return replace(samples, points=points, told=clauses)
+            samples = samples.saying(f"the root's position, held in {int(held.sum())} frame(s), bridged")
+    return replace(samples, points=points).without(_flags(of_body, len(joints), most))
 
 
-def _flags(runs: Sequence[tuple[int, int]], frames: int, most: float) -> np.ndarray:
-    """Frames (T,) of runs that are no longer than `most`."""
+def _flags(holds: Sequence[tuple[int, int]], frames: int, most: float) -> np.ndarray:
+    """Frames (T,) of holds that are no longer than `most`."""
     found = np.zeros(frames, dtype=bool)
-    for start, stop in runs:
+    for start, stop in holds:
         found[start:stop] = stop - start <= most
     return found
 
 
-def _warn_of_long(name: str, runs: Sequence[tuple[int, int]], rate_hz: float) -> None:
-    if runs:
-        start, stop = max(runs, key=lambda run: run[1] - run[0])
+def _warn_of_long(name: str, holds: Sequence[tuple[int, int]], rate_hz: float) -> None:
+    if holds:
+        start, stop = max(holds, key=lambda hold: hold[1] - hold[0])
         warnings.warn(
             f"{name} stands still to the last digit for {(stop - start) / rate_hz:.2f} s from {start / rate_hz:.2f} s on and then "
             f"leaps, as a tracker does that has lost it; {LONGEST_GAP_S} s are bridged at most: cut or repair the motion there",
             T2DWarning,
-            stacklevel=6,
+            stacklevel=7,
         )
-
-
-def _local(samples: Samples) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Offsets (T, J, 3) and rotations (T, J, 4) in the parents' frames, and their joints."""
-    names = [name for name in PARENT_OF if name in samples.points]
-    joints, rotations = (np.stack([each[name] for name in names], axis=1) for each in (samples.points, samples.turned))
-    offsets, local = decompose(joints, rotations, _parents(names))
-    return offsets, quaternions.continuous(local), names
-
-
-def _parents(names: list[str]) -> tuple[int, ...]:
-    return tuple(names.index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
-
-
-def _global(
-    offsets: np.ndarray, local: np.ndarray, names: list[str]
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    joints, rotations = compose(offsets, quaternions.normalise(local), _parents(names))
-    return tuple({name: each[:, at] for at, name in enumerate(names)} for each in (joints, rotations))  # type: ignore[return-value]
 
 
 def _holds(points: np.ndarray, extent: float) -> list[tuple[int, int]]:
     """Runs of frames, from start to before stop, in which points (T, K, D) are held before they leap."""
     steps, found = rms_steps(points), []
-    for first, out in _runs(steps <= EQUAL * extent):  # frames first ... out are equal
+    for first, out in runs(steps <= EQUAL * extent):  # frames first ... out are equal
         if first == 0 or out == len(steps) or steps[out] <= LEAST_STEP * extent:
             continue
         ends = points[max(0, first - 3) : first + 1], points[out + 1 : out + 5]
@@ -266,29 +219,28 @@ def _holds(points: np.ndarray, extent: float) -> list[tuple[int, int]]:
 # --- gaps ---
 
 
-def _cut(form: str, samples: Samples) -> Samples:
+def _cut(samples: Tracks) -> Tracks:
     """The longest piece in which no gap is longer than what is bridged, with a warning where one was."""
     missing = {name: np.isnan(track).any(axis=1) for name, track in samples.points.items()}
     if not any(each.any() for each in missing.values()):
         return samples
     lost = {name: _unbridged(each, LONGEST_GAP_S * samples.rate_hz) for name, each in missing.items()}
-    clauses = list(samples.told)
     rare = [name for name, each in lost.items() if name not in NEEDED and not samples.turned and each.mean() > RARE]
     if rare:
         lost = {name: each for name, each in lost.items() if name not in rare}
         samples = replace(samples, points={name: samples.points[name] for name in lost})
-        clauses.append(f"{', '.join(rare)} seen too seldom")
-    pieces = _runs(~np.any(list(lost.values()), axis=0))
+        samples = samples.saying(f"{', '.join(rare)} seen too seldom")
+    pieces = runs(~np.any(list(lost.values()), axis=0))
     start, stop = max(pieces, key=lambda piece: piece[1] - piece[0], default=(0, 0))
-    total, rate_hz = len(next(iter(lost.values()))), samples.rate_hz
+    total, rate_hz = len(samples), samples.rate_hz
     if stop - start < max(2, min(SHORTEST_S * rate_hz, 0.5 * total)):
         worst = max(lost, key=lambda name: int(missing[name].sum()))
         raise InputError(
-            f"{form}: {worst} is not seen in {int(missing[worst].sum())} of {total} frames; gaps of {LONGEST_GAP_S} s are "
+            f"{samples.form}: {worst} is not seen in {int(missing[worst].sum())} of {total} frames; gaps of {LONGEST_GAP_S} s are "
             f"bridged at most, and between them no {SHORTEST_S} s are left; fill the gaps, or take another record"
         )
     if len(pieces) > 1:
-        gaps = {name: max(_runs(each), key=lambda gap: gap[1] - gap[0]) for name, each in lost.items() if each.any()}
+        gaps = {name: max(runs(each), key=lambda gap: gap[1] - gap[0]) for name, each in lost.items() if each.any()}
         name = max(gaps, key=lambda name: gaps[name][1] - gaps[name][0])
         first, last = gaps[name]
         warnings.warn(
@@ -296,49 +248,53 @@ def _cut(form: str, samples: Samples) -> Samples:
             f"are bridged at most: only the longest whole piece is kept, from {start / rate_hz:.2f} to "
             f"{(stop - 1) / rate_hz:.2f} s; fill the gap in the file to keep all",
             T2DWarning,
-            stacklevel=5,
+            stacklevel=6,
         )
-    if stop - start < total:
-        clauses.append(f"first {start} and last {total - stop} frame(s) without all joints cut")
-    return replace(samples.at(slice(start, stop)), told=tuple(clauses))
+    if stop - start == total:
+        return samples
+    clause = f"first {start} and last {total - stop} frame(s) without all joints cut"
+    return samples.at(slice(start, stop)).saying(clause)
 
 
 def _unbridged(missing: np.ndarray, most: float) -> np.ndarray:
     """Those of the missing frames (T,) that cannot be bridged: of gaps longer than `most`, and ends."""
     found = np.zeros(len(missing), dtype=bool)
-    for start, stop in _runs(missing):
+    for start, stop in runs(missing):
         found[start:stop] = stop - start > most or start == 0 or stop == len(missing)
     return found
 
 
-def _bridged(samples: Samples, kind: str) -> Samples:
+def _bridged(samples: Tracks, kind: str) -> Tracks:
     """Samples without NaN, which lie within the record: bones of files with rotations keep their lengths."""
     missing = {name: np.isnan(track).any(axis=1) for name, track in samples.points.items()}
     names = [name for name, each in missing.items() if each.any()]
     if not names:
         return samples
-    longest = max(stop - start for name in names for start, stop in _runs(missing[name])) / samples.rate_hz
+    longest = max(stop - start for name in names for start, stop in runs(missing[name])) / samples.rate_hz
     if samples.turned:
         lost = np.any(list(missing.values()), axis=0)
         clause = f"{int(lost.sum())} {kind} frame(s) bridged, up to {longest:.2f} s"
-        return replace(_bridged_pose(samples, lost), told=(*samples.told, clause))
+        return _bridged_pose(samples, lost).saying(clause)
     count = sum(int(missing[name].sum()) for name in names)
     which = f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
     points = {name: spline(track, missing[name]) for name, track in samples.points.items()}
     clause = f"{count} {kind} joint position(s) bridged, up to {longest:.2f} s ({which})"
-    return replace(samples, points=points, told=(*samples.told, clause))
+    return replace(samples, points=points).saying(clause)
 
 
-def _bridged_pose(samples: Samples, lost: np.ndarray) -> Samples:
-    offsets, local, names = _local(samples.at(~lost))
+def _bridged_pose(samples: Tracks, lost: np.ndarray) -> Tracks:
+    """Samples with lost frames from splines of offsets and rotations in the parents' frames."""
+    there, names = samples.at(~lost), [name for name in PARENT_OF if name in samples.points]
+    parents = parents_of(names)
+    placed, rotations = (np.stack([each[name] for name in names], axis=1) for each in (there.points, there.turned))
+    offsets, local = decompose(placed, rotations, parents)
     values = np.zeros((len(lost), len(names), 7))
-    values[~lost] = np.concatenate([local, offsets], axis=-1)
-    values = spline(values.reshape(len(lost), -1), lost).reshape(values.shape)
-    mended = _global(values[lost][..., 4:], values[lost][..., :4], names)
+    values[~lost] = np.concatenate([quaternions.continuous(local), offsets], axis=-1)
+    values = spline(values.reshape(len(lost), -1), lost).reshape(values.shape)[lost]
+    joints, rotations = compose(values[..., 4:], quaternions.normalise(values[..., :4]), parents)
     points, turned = ({name: each[name].copy() for name in names} for each in (samples.points, samples.turned))
-    for group, found in zip((points, turned), mended, strict=True):
-        for name in names:
-            group[name][lost] = found[name]
+    for place, name in enumerate(names):
+        points[name][lost], turned[name][lost] = joints[:, place], rotations[:, place]
     return replace(samples, points=points, turned=turned)
 
 
@@ -357,7 +313,7 @@ def spline(track: np.ndarray, lost: np.ndarray) -> np.ndarray:
 # --- joints that leap away and back ---
 
 
-def _leaps(samples: Samples, found: Sequence[Jump]) -> list[tuple[Jump, Jump]]:
+def _leaps(samples: Tracks, found: Sequence[Jump]) -> list[tuple[Jump, Jump]]:
     """Pairs of jumps of which the second takes back the first within a gap that is bridged."""
     pairs, after = [], -1
     steps = [each for each in found if each.frames == 1]
@@ -370,7 +326,7 @@ def _leaps(samples: Samples, found: Sequence[Jump]) -> list[tuple[Jump, Jump]]:
     return pairs
 
 
-def _returns(samples: Samples, first: Jump, last: Jump) -> bool:
+def _returns(samples: Tracks, first: Jump, last: Jump) -> bool:
     """Whether the joints go on, after both jumps, about where their speed before and after leads them."""
     start, stop = first.frame, last.frame + 1
     if start < 1 or stop + 1 >= len(samples.points["left_hip"]):

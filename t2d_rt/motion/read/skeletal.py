@@ -12,15 +12,11 @@ from t2d_rt.errors import T2DWarning
 from t2d_rt.motion.match import DECISIVE, MOST_FRAMES, Match, match, signs
 from t2d_rt.motion.read.bodies import bodies
 from t2d_rt.motion.read.bvh import RawSkeleton, forward_kinematics, read_bvh
-from t2d_rt.motion.read.detect import add_feet, floor_level, to_z_up, tpose_frames, unit, up_axis
-from t2d_rt.motion.read.flips import flips, told
-from t2d_rt.motion.read.ground import levelled
-from t2d_rt.motion.read.positions import assemble
-from t2d_rt.motion.read.reading import Reading, smoothed
-from t2d_rt.motion.read.root import rooted
-from t2d_rt.motion.read.samples import Samples, whole, without_leaps
+from t2d_rt.motion.read.detect import unit, up_axis
+from t2d_rt.motion.read.passes import placed, sampled, upright
+from t2d_rt.motion.read.reading import Reading
 from t2d_rt.motion.read.subjects import chosen
-from t2d_rt.motion.read.tracks import warn_of_rate
+from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import (
     Flavour,
     canonical,
@@ -35,48 +31,26 @@ from t2d_rt.types.motion import Motion
 
 def read_skeletal(path: Path, reading: Reading) -> Motion:
     """A .bvh or .bvh.gz file as a motion with its report."""
+    return placed(*_understood(path, reading), reading)
+
+
+def _understood(path: Path, reading: Reading) -> tuple[Tracks, float]:
+    """Canonical joints of one skeleton, z up, and the stature [m]."""
     found = bodies(read_bvh(path))
     (raw, kind, matched), who = chosen(found, reading.subject, lambda body: _mapped(body, reading.flavour))
     names = raw.names
     offsets, restored = restored_offsets(raw, names, kind)
-    points, orientations = canonical(raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind)))
-    points = {name: np.where(raw.lost[:, None], np.nan, track) for name, track in points.items()}
-    samples = whole("BVH", Samples(points=points, turned=orientations, rate_hz=reading.rate_hz or raw.rate_hz))
-    points, orientations = samples.points, samples.turned
-    if matched is None:
-        _check_sides(points, kind)
-    unit_m, stature_m = unit(points, reading.units, cmu_units=kind.cmu_units)
-    axis = reading.axis or up_axis(points, _rest_pose(raw, kind))
-    points, orientations = to_z_up(points, orientations, axis, unit_m)
-    drop = reading.drop_tpose
-    dropped = tpose_frames(points) if drop is None else (max(tpose_frames(points), 1) if drop else 0)
-    points, orientations = (
-        {name: track[dropped:] for name, track in group.items()} for group in (points, orientations)
-    )
-    steady = without_leaps(Samples(points=points, turned=orientations, rate_hz=samples.rate_hz, told=samples.told))
-    points, orientations, ground = levelled(steady.points, steady.turned, samples.rate_hz, reading.up)
-    add_feet(points, orientations, stature_m)
-    points, walked = rooted(points, samples.rate_hz, reading.root)
-    if reading.root == "feet" and not ground:  # which planted feet show only now
-        points, orientations, ground = levelled(points, orientations, samples.rate_hz, reading.up)
-    level = floor_level(points) if reading.floor is None else float(reading.floor)
-    motion = assemble(points, orientations, samples.rate_hz, level)
-    del points, orientations, samples  # half of the memory that a long motion takes
-    flipped = flips(motion)
-    motion, smoothing = smoothed(motion, reading.smooth_hz, rotations=True)
-    warn_of_rate(motion.rate_hz)
-    report = [
-        f"BVH, {len(motion.joints)} frames at {motion.rate_hz:g} Hz",
-        *who, f"flavour {kind.name}" if matched is None else matched.told,
-        *steady.told, f"1 unit = {unit_m:.4g} m (stature {stature_m:.2f} m)", f"up {axis}", *ground, *walked,
-        f"first {dropped} frame(s) dropped (T-pose)" if dropped else "no T-pose", f"floor at {level:.3f} m", smoothing,
-    ]  # fmt: skip
+    points, turned = canonical(raw, names, kind, *forward_kinematics(raw, offsets, source_joints(names, kind)))
+    told = *who, f"flavour {kind.name}" if matched is None else matched.told
     if restored:
-        report.insert(2, f"lost bones restored at {', '.join(restored)}")
-    if flipped:
-        report.append(told(flipped))
-        _warn(f"{told(flipped)}; mend them in the file, for a radar sees them as fast movement")
-    return replace(motion, report="; ".join(report))
+        told = *told, f"lost bones restored at {', '.join(restored)}"
+    tracks = Tracks(form="BVH", points=points, turned=turned, rate_hz=raw.rate_hz, told=told)
+    tracks = sampled(tracks.without(raw.lost), reading)
+    if matched is None:
+        _check_sides(tracks.points, kind)
+    unit_m, tall_m = unit(tracks.points, reading.units, cmu_units=kind.cmu_units)
+    axis = reading.axis or up_axis(tracks.points, _rest_pose(raw, kind))
+    return upright(tracks, axis, unit_m, tall_m), tall_m
 
 
 def _mapped(raw: RawSkeleton, wanted: str | None) -> tuple[RawSkeleton, Flavour, Match | None]:

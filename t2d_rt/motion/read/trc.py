@@ -11,10 +11,9 @@ from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import read_bytes
 from t2d_rt.motion.read.bvh import LARGEST_NUMBER, MAX_FRAMES
-from t2d_rt.motion.read.clock import Times
 from t2d_rt.motion.read.markers import joints_from
 from t2d_rt.motion.read.subjects import numbered
-from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.types.motion import RATES_HZ
 
 MAX_BYTES = 150_000_000

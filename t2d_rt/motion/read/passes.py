@@ -1,0 +1,240 @@
+"""Tracks as readers find them -> `Motion`: the passes that files of all formats go through, in one order.
+
+`sampled` brings samples onto their clock and bridges gaps, in the file's own unit and axes; `upright` turns them z up in metres;
+`placed` drops a calibration pose, mends leaps, takes measured noise away, levels what a tilted camera saw, adds feet, finds the
+root's way and the floor. What each of them did is a clause of the report, in this order.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, smooth
+from t2d_rt.motion.posture import facing, leg_m, middle, stature_m
+from t2d_rt.motion.read.bvh import MAX_FRAMES
+from t2d_rt.motion.read.clock import on_clock
+from t2d_rt.motion.read.complete import add_level_feet, complete
+from t2d_rt.motion.read.detect import (
+    AUTO_STATURE_M,
+    Up,
+    add_feet,
+    floor_level,
+    stance_axis,
+    to_z_up,
+    tpose_frames,
+    unit,
+)
+from t2d_rt.motion.read.flips import flips, told_flips
+from t2d_rt.motion.read.ground import levelled
+from t2d_rt.motion.read.joint_sets import LEAST_LIKELY, unlikeness
+from t2d_rt.motion.read.noise import without_noise
+from t2d_rt.motion.read.orientations import SHORTEST_M, orientations_from_positions
+from t2d_rt.motion.read.positions import assemble
+from t2d_rt.motion.read.reading import Reading
+from t2d_rt.motion.read.root import rooted
+from t2d_rt.motion.read.rotation_noise import without_rotation_noise
+from t2d_rt.motion.read.samples import whole, without_leaps
+from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Motion, checked_rate
+
+LOW_RATE_HZ = 15.0
+"""Below, frames alone leave errors of 0.1 m/s and more in the speed of a walker's joints, of 0.2 m/s in a runner's."""
+
+MISLABELLED = 2 * LEAST_LIKELY
+"""Score of limbs above which joints are not what they are called; noise of 3 cm adds 0.2."""
+
+WIDEST = 1.5
+"""Lengths of a leg from which a trunk is too long, or hips or shoulders too wide, for one person; trunks have 0.6."""
+
+BACKWARD = -0.3
+"""Mean forward component of feet and knees (-1 to 1) from which left and right must be swapped."""
+
+
+def motion_of(tracks: Tracks, reading: Reading) -> Motion:
+    """The motion of any file but BVH in metres, z up, floor at z = 0, with its report."""
+    return placed(*_understood(sampled(tracks, reading), reading), reading)
+
+
+def sampled(tracks: Tracks, reading: Reading) -> Tracks:
+    """Tracks at their own rate, without gaps."""
+    given_hz = reading.rate_hz
+    tracks = on_clock(tracks) if given_hz is None else replace(tracks, rate_hz=float(given_hz), rate_assumed=False)
+    checked_rate(tracks.rate_hz)
+    return whole(tracks)
+
+
+def _understood(tracks: Tracks, reading: Reading) -> tuple[Tracks, float]:
+    """Canonical joints of one person, z up, and the stature [m]; refuses what is none."""
+    if tracks.rate_assumed:
+        assumed = f"{tracks.rate_hz:g} Hz assumed, the file does not say"
+        tracks = replace(tracks, told=(assumed, *tracks.told))
+    if not tracks.turned and not unlikeness(tracks.points) <= MISLABELLED:
+        raise InputError(
+            f"{tracks.form}: limbs change their length by half, or differ as much left and right; the joints' names or their order "
+            "are wrong, or the tracks are damaged"
+        )
+    _check_together(tracks)
+    tracks = _whole(_without_coincident(tracks))
+    unit_m, tall_m = _unit(tracks.points, tracks.unit_m, reading.units)
+    axis = reading.axis or (tracks.up if tracks.up and tracks.up_certain else stance_axis(tracks.points, tracks.up))
+    tracks = upright(tracks, axis, unit_m, tall_m)
+    _check_sides(tracks.points)
+    return tracks, tall_m
+
+
+def upright(tracks: Tracks, axis: Up | tuple[float, float, float], unit_m: float, tall_m: float) -> Tracks:
+    """Tracks in metres, z up."""
+    points, turned = to_z_up(tracks.points, tracks.turned, axis, unit_m)
+    told = f"1 unit = {unit_m:.4g} m (stature {tall_m:.2f} m)", f"up {axis}"
+    return replace(tracks, points=points, turned=turned).saying(*told)
+
+
+def placed(tracks: Tracks, tall_m: float, reading: Reading) -> Motion:
+    """The motion of tracks in metres, z up; its floor is at z = 0."""
+    own = bool(tracks.turned)
+    tracks = _without_tpose(tracks, reading.drop_tpose)
+    tracks = without_leaps(tracks)
+    tracks, smoothing = (tracks, None) if own or reading.smooth_hz != "auto" else without_noise(tracks)
+    tracks, ground = levelled(tracks, reading.up)
+    tracks = _with_feet(tracks, tall_m)
+    tracks = rooted(tracks, reading.root)
+    if reading.root == "feet" and ground is None:  # which planted feet show only now
+        tracks, _ = levelled(tracks, reading.up)
+    level = floor_level(tracks.points) if reading.floor is None else float(reading.floor)
+    tracks = tracks.saying(f"floor at {level:.3f} m")
+    if not own:
+        turned = orientations_from_positions(tracks.points, tracks.rate_hz)
+        tracks = replace(tracks, turned=turned).saying("rotations from positions")
+    motion = assemble(tracks.points, tracks.turned, tracks.rate_hz, level)
+    form, told = tracks.form, tracks.told
+    del tracks  # half of the memory that a long motion takes
+    if own and (flipped := flips(motion)):
+        told = (*told, told_flips(flipped))
+        warnings.warn(
+            f"{told[-1]}; mend them in the file, for a radar sees them as fast movement", T2DWarning, stacklevel=4
+        )
+    if smoothing is None:
+        motion, smoothing = _smoothed(motion, reading.smooth_hz, rotations=own)
+    if motion.rate_hz < LOW_RATE_HZ:
+        warnings.warn(
+            f"{motion.rate_hz:g} frames a second hold movements up to {0.5 * motion.rate_hz:g} Hz only, a walker's feet and hands "
+            "move faster: joint speeds err by 0.1 m/s and more; record at 20 Hz or above",
+            T2DWarning,
+            stacklevel=4,
+        )
+    frames = f"{form}, {len(motion.joints)} frames at {motion.rate_hz:g} Hz"
+    return replace(motion, report="; ".join([frames, *told, smoothing]))
+
+
+def _smoothed(motion: Motion, smooth_hz: float | str | None, *, rotations: bool) -> tuple[Motion, str]:
+    """The motion low-passed as asked for, and a clause for its report.
+
+    rotations: whether they are the file's own, whose noise is to be measured.
+    """
+    if smooth_hz is None:
+        return motion, "not smoothed"
+    if smooth_hz != "auto":
+        return smooth(motion, float(smooth_hz)), f"smoothed at {float(smooth_hz):g} Hz"
+    jitter = jitter_mps(motion)
+    found = without_rotation_noise(motion, filtered=jitter > JITTER_LIMIT_MPS) if rotations else None
+    if found is not None:
+        return found
+    if jitter <= JITTER_LIMIT_MPS:
+        return motion, f"not smoothed (jitter {jitter:.3f} m/s above {JITTER_CUTOFF_HZ:g} Hz)"
+    told = f"smoothed at {JITTER_CUTOFF_HZ:g} Hz (jitter {jitter:.2f} m/s above it)"
+    return smooth(motion, JITTER_CUTOFF_HZ), told
+
+
+def _check_together(tracks: Tracks) -> None:
+    """Refuses hips and shoulders that are those of several bodies."""
+    at = tracks.points
+    between = [at[f"left_{joint}"] - at[f"right_{joint}"] for joint in ("hip", "shoulder")]
+    apart = [middle(at, "hip") - middle(at, "shoulder"), *between]
+    width = max(float(np.median(np.linalg.norm(each, axis=-1))) for each in apart)
+    legs = width / max(leg_m(at), 1e-12)
+    if legs > WIDEST:
+        raise InputError(
+            f"{tracks.form}: hips and shoulders lie {legs:.1f} lengths of a leg apart, as of several persons; give each person's "
+            "points names of their own"
+        )
+
+
+def _without_coincident(tracks: Tracks) -> Tracks:
+    """Tracks without optional joints that lie on their parents in any frame, as SMPL's hands where they are only filled."""
+    points = tracks.points
+    left_out = [
+        name
+        for name, parent in OPTIONAL_JOINTS.items()
+        if name in points
+        and parent in points
+        and (np.abs(points[name] - points[parent]).max(axis=-1) <= SHORTEST_M).any()
+    ]
+    if not left_out:
+        return tracks
+    points, turned = (
+        {name: track for name, track in each.items() if name not in left_out} for each in (points, tracks.turned)
+    )
+    return replace(tracks, points=points, turned=turned).saying(f"left out {', '.join(left_out)} (on the joint before)")
+
+
+def _whole(tracks: Tracks) -> Tracks:
+    """Points of every canonical joint but feet; refuses too few or too many frames."""
+    frames = len(tracks)
+    if frames < 2:
+        raise InputError(f"{tracks.form}: a motion needs at least 2 frames, got {frames}")
+    if frames > MAX_FRAMES:
+        raise InputError(f"{tracks.form}: {frames} frames are too many, {MAX_FRAMES} are read at most; cut the motion")
+    if all(name in tracks.points or name.endswith("_foot") for name in CANONICAL_JOINTS):
+        return tracks
+    assert not tracks.turned, "formats with rotations give every joint"
+    points, told = complete(tracks.points)
+    return replace(tracks, points=points).saying(*told)
+
+
+def _unit(points: dict[str, np.ndarray], nominal_m: float | None, units: float | str | None) -> tuple[float, float]:
+    if units is None and nominal_m is not None:
+        tall_m = nominal_m * stature_m(points)
+        if AUTO_STATURE_M[0] <= tall_m <= AUTO_STATURE_M[1]:
+            return nominal_m, tall_m
+    return unit(points, units)
+
+
+def _check_sides(points: dict[str, np.ndarray]) -> None:
+    """Refuses a body whose knees and feet point backward: its sides are swapped, or its axes left-handed."""
+    ahead = facing(points)
+    signs = []
+    for side in ("left", "right"):
+        hip, knee, ankle = (points[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle"))
+        middle = 0.5 * (hip + ankle)
+        bend = ((knee - middle) * ahead).sum(axis=-1).mean() / max(
+            float(np.linalg.norm(knee - middle, axis=-1).mean()), 1e-9
+        )
+        signs.append(bend)
+        if f"{side}_foot" in points:
+            foot = points[f"{side}_foot"] - ankle
+            signs.append((foot * ahead).sum(axis=-1).mean() / max(float(np.linalg.norm(foot, axis=-1).mean()), 1e-9))
+    if np.mean(signs) < BACKWARD:
+        raise InputError(
+            "knees and feet point backward: left and right are swapped, or the axes are left-handed; swap the names or "
+            "reverse one axis"
+        )
+
+
+def _with_feet(tracks: Tracks, tall_m: float) -> Tracks:
+    """Tracks with the balls of feet that lack."""
+    points, turned = dict(tracks.points), dict(tracks.turned)
+    if turned:
+        add_feet(points, turned, tall_m)
+        return replace(tracks, points=points, turned=turned)
+    filled = add_level_feet(points, tall_m)
+    return replace(tracks, points=points).saying(*([f"filled {', '.join(filled)}"] if filled else []))
+
+
+def _without_tpose(tracks: Tracks, drop: bool | None) -> Tracks:
+    """Tracks without a calibration pose at the start: as it is found, one frame at least or none as the user says."""
+    frames = 0 if drop is False else max(tpose_frames(tracks.points), int(drop is True))
+    return tracks.at(slice(frames, None)).saying(f"first {frames} frame(s) dropped (T-pose)" if frames else "no T-pose")
