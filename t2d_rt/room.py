@@ -181,7 +181,7 @@ def probed(found: RadarPaths, probes_m: np.ndarray) -> Probed:
     """Paths of a radar to the points that they were searched to."""
     return Probed(
         probes_m=probes_m, out=found.out.paths, back=found.back.paths, one_antenna=found.one_antenna,
-        reached=(found.out.fraction, found.back.fraction),
+        fraction=(found.out.fraction, found.back.fraction),
     )  # fmt: skip
 
 

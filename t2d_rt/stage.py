@@ -149,7 +149,7 @@ def _placed(motion: Motion, radar: Radar) -> Motion:
 
 def _tell_of_cuts(targets: Sequence[TargetLike], geometries: Sequence[Geometry], stop_s: float) -> None:
     """Warns of a motion that goes on after the record, which ends with the target that ends first."""
-    # Movers have the time that the others have in common, and a mesh of the user may be given for as long as he likes.
+    # Movers have the time that the others have in common, and whoever gives a mesh chooses its length.
     ends_s = [
         np.inf if isinstance(t, Mover) else float(g.times_s[-1]) for t, g in zip(targets, geometries, strict=True)
     ]

@@ -99,7 +99,7 @@ def test_paths_exist_inside_outlines_where_nothing_stands_between(found: FoundPa
                 crossed = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > 1e-6)
                 at = start + (before / np.where(crossed, before - after, 1))[:, None] * (stop - start)
                 free &= ~(crossed & ((at > low - 1e-9) & (at < high + 1e-9)).all(axis=1))
-        assert np.array_equal(found.reached[row], inside & free), path.name
+        assert np.array_equal(found.fraction[row], inside & free), path.name
         counts += [(expected & ~inside).sum(), (inside & ~free).sum()]
     assert (counts > 20).all(), "some end beside an outline, some are blocked"
 
@@ -107,7 +107,7 @@ def test_paths_exist_inside_outlines_where_nothing_stands_between(found: FoundPa
 def test_a_set_is_evaluated_as_its_rows_are(found: FoundPaths, points: np.ndarray) -> None:
     paths, mirrors = found.paths, found.edges.mirrors
     whole = existing(mirrors, paths, points)
-    assert np.array_equal(whole, found.reached)
+    assert np.array_equal(whole, found.fraction)
     assert not whole.all()
     assert whole.any(axis=1).all()
     for row, path in enumerate(paths):
@@ -124,7 +124,7 @@ def test_existing_says_the_same_in_blocks(
     found: FoundPaths, points: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("t2d_rt.memory.BLOCK_BYTES", 3 * 24 * len(points) * (found.paths.mask.shape[1] + 2))
-    assert np.array_equal(existing(found.edges.mirrors, found.paths, points), found.reached)
+    assert np.array_equal(existing(found.edges.mirrors, found.paths, points), found.fraction)
 
 
 def test_pickled_sets_are_equal_and_evaluate_the_same(found: FoundPaths, points: np.ndarray) -> None:
@@ -155,7 +155,7 @@ def test_the_line_of_sight(points: np.ndarray) -> None:
     expected = UP - (ray @ UP)[:, None] * ray
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
     np.testing.assert_allclose(field_over(path, points, FREQUENCIES_HZ), np.tile(expected, (3, 1, 1)), atol=1e-12)
-    behind = (np.abs(vertices(path, points)[1] - ANTENNA_M)[:, 0] > 1.5) & ~found.reached[0]
+    behind = (np.abs(vertices(path, points)[1] - ANTENNA_M)[:, 0] > 1.5) & (found.fraction[0] == 0)
     assert behind.any()
 
 
@@ -224,7 +224,7 @@ def test_which_ends_are_one_antenna_is_said() -> None:
     assert {each.pair.copies for each in joined} == {1, 2}
     separate = ranked_pairs(
         radar,
-        type(ends)(probes_m=middle, out=ends.out, back=ends.back, one_antenna=False, reached=ends.reached),
+        type(ends)(probes_m=middle, out=ends.out, back=ends.back, one_antenna=False, fraction=ends.fraction),
         order=2,
     )
     assert {each.pair.copies for each in separate} == {1}

@@ -37,11 +37,6 @@ class FoundPaths:
     def __len__(self) -> int:
         return len(self.paths)
 
-    @property
-    def reached(self) -> np.ndarray:
-        """Which of the points each path reaches, bool (P, Q)."""
-        return self.fraction > 0
-
 
 def find_paths(
     mirrors: Mirrors,

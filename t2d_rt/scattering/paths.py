@@ -231,13 +231,13 @@ class Probed:
     back: PathSet
     one_antenna: bool
     """Whether one antenna, of one polarisation, transmits and receives: then both sets are the same."""
-    reached: tuple[np.ndarray, np.ndarray]
-    """To which of the points the P paths of each end exist, or the fraction of their field that reaches these, (P, Q)."""
+    fraction: tuple[np.ndarray, np.ndarray]
+    """Of the field of the P paths of each end that reaches the points, (P, Q)."""
 
     def spreading(self) -> Iterator[np.ndarray]:
         """1 / distance from the paths' images to the points, times what reaches these: (P, Q) of each end."""
-        for paths, reached in zip((self.out, self.back), self.reached, strict=True):
-            yield reached / np.linalg.norm(self.probes_m - paths.image_m[:, None], axis=-1)
+        for paths, fraction in zip((self.out, self.back), self.fraction, strict=True):
+            yield fraction / np.linalg.norm(self.probes_m - paths.image_m[:, None], axis=-1)
 
 
 def ranked_pairs(radar: Radar, probed: Probed, *, order: int, transmissions: int = 0) -> list[Ranked]:

@@ -50,7 +50,7 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
     With 4 lanes it brings one sample after the other, each as I of receivers 0 to 3 and then Q of receivers 0 to 3, zeros for
     receivers that are not used.
     With "tdm" every transmitter's chirp follows the one before it; a row of the cube holds those of one loop.
-    Samples that are in another order, or real, are refused: their spectrum is flatter than in that order.
+    Samples in another order, or real ones without iq="I", are refused: taken so, their spectrum is flatter than in their own order.
     """
     choice("iq", iq, ORDERS)
     flag("conjugate", conjugate)

@@ -134,11 +134,11 @@ def _check_samples(cube: Cube, path: Path) -> None:
 
 
 def _at_ends(parts: np.ndarray) -> int:
-    """Samples (..., 2) whose I or Q is the last code of a converter: the greatest of all, and 2^n - 1, or the least, and -2^n."""
+    """How many samples (..., 2) have I or Q at an end of a converter's scale: the greatest is 2^n - 1, or the least -2^n."""
     found = np.zeros(parts.shape[:-1], bool)
     for end in (float(parts.max()), float(parts.min())):
         codes = end + 1 if end > 0 else -end
-        if codes >= 2**7 and codes == 2.0 ** round(math.log2(codes)):
+        if codes >= 2**7 and math.log2(codes).is_integer():
             found |= (parts == end).any(axis=-1)
     return int(np.count_nonzero(found))
 
