@@ -23,7 +23,7 @@ INTERVAL_S = 0.25
 
 @functools.cache
 def end_with(parent: int) -> None:
-    """From now on this process ends as soon as `parent`, which started it, is no more its parent."""
+    """From now on this process ends as soon as `parent`, which started it, is no more its parent; one watch is enough for it."""
     if os.getppid() != parent:
         os._exit(1)
 
@@ -43,25 +43,19 @@ def run_guarded(
     A process beside watches over it: where this one ends first, it stops the program with all that the program has started, and
     removes the `temporary` folders.
     """
+    guard = [sys.executable, "-I", "-S", __file__, str(len(temporary)), *map(str, temporary), *command]
     ours, theirs = os.pipe()  # ours is at its end when nobody holds theirs any more
-    try:
-        guard = [sys.executable, "-I", "-S", __file__, str(len(temporary)), *map(str, temporary), *command]
+    with os.fdopen(ours, "rb") as end, os.fdopen(theirs, "wb") as held:
         with subprocess.Popen(
-            guard, cwd=folder, env=dict(env), stdin=ours, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            start_new_session=True,
+            guard, cwd=folder, env=dict(env), stdin=end, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
         ) as process:  # fmt: skip
             try:
                 out, err = process.communicate(timeout=limit_s)
             except BaseException:
-                os.close(theirs)
-                theirs = -1
+                held.close()
                 process.wait()
                 raise
-            return subprocess.CompletedProcess([*command], process.returncode, out, err)
-    finally:
-        os.close(ours)
-        if theirs >= 0:
-            os.close(theirs)
+        return subprocess.CompletedProcess([*command], process.returncode, out, err)
 
 
 NOT_FOUND, NOT_ALLOWED = 127, 126

@@ -48,15 +48,17 @@ def told_first(product: str, **changes: Any) -> Callable[[list[Any]], None]:
     return lambda found: found[0]["products"][product].update(changes)
 
 
-def header_only(shape: tuple[int, ...], dtype: str = "<f2") -> Callable[[dict[str, Any]], bytes]:
-    """A shard whose spectrograms tell of a shape that nothing follows."""
+def header_only(
+    shape: tuple[int, ...], dtype: str = "<f2", of: str = "spectrogram"
+) -> Callable[[dict[str, Any]], bytes]:
+    """A shard, an array of which tells of a shape that nothing follows."""
 
     def packed(arrays: dict[str, Any]) -> bytes:
         file = io.BytesIO()
         with zipfile.ZipFile(file, "w") as out:
             for name, array in arrays.items():
                 entry = io.BytesIO()
-                if name == "spectrogram":
+                if name == of:
                     about = {"descr": dtype, "fortran_order": False, "shape": shape}
                     np.lib.format.write_array_header_1_0(entry, about)
                 else:
@@ -108,6 +110,7 @@ ARRAYS: dict[str, tuple[Change, str]] = {
     "nothing after the shape": (header_only((5, 16, 24)), "not as long as it tells"),
     "no archive": (lambda _: b"PK nothing", "is damaged"),
     "points without columns": (lambda of: of.update(points_0=of["points_0"][:, :2]), "points_0 must be float32"),
+    "more points than memory has": (header_only((10**12, 6), "<f4", "points_0"), r"points_0 takes 2\.4e\+04 GB"),
     "points of no number": (lambda of: of.update(points_0=of["points_0"] * np.nan), "NaN or infinite"),
     "ADC of another radar": (lambda of: of.update(adc_0=of["adc_0"][:, :, :9]), "adc_0 must be float16"),
 }  # fmt: skip

@@ -288,7 +288,8 @@ def _scene(options: Namespace, radar: Radar) -> Scene | str:
 
 def _substitutes(options: Namespace) -> dict[str, str]:
     found = {}
-    for each in ",".join(options.scene_material or ()).split(",") if options.scene_material else ():
+    given = ",".join(options.scene_material or ())
+    for each in given.split(",") if given else ():
         name, _, other = (part.strip() for part in each.partition("="))
         if not name or not other:
             raise InputError(

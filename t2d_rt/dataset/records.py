@@ -6,6 +6,7 @@ A data set may come from anybody: a class becomes the name of a folder, an axis 
 from __future__ import annotations
 
 import json
+import math
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,6 +25,8 @@ Sizes = tuple[int | None, ...]
 
 MAPS = {"spectrogram": ("velocity_mps", "time_s"), "range_doppler": ("velocity_mps", "range_m")}
 """Axes of maps, of which records tell the ends."""
+LARGEST_BYTES = 4e9
+"""Of an array, unpacked: a packed one may be a thousandth of that."""
 LEAST_ABOVE_DB = 1e-3
 """Rounding of the greatest cell, which is at 0 dB."""
 
@@ -141,7 +144,9 @@ def read_array(path: Path, member: str, dtype: np.dtype[Any], shape: Sizes) -> n
         read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
         sizes, _, given = read(stream)
         _check_kind(given, sizes, dtype, shape, member)
-        length = stream.tell() + dtype.itemsize * int(np.prod(sizes, dtype=object))
+        length = stream.tell() + dtype.itemsize * math.prod(sizes)
+        if length > LARGEST_BYTES:
+            raise InputError(f"{member} takes {length / 1e9:.3g} GB, more than {LARGEST_BYTES / 1e9:g} GB")
         if packed.getinfo(f"{member}.npy").file_size != length:
             raise InputError(f"{member} is not as long as it tells")
         stream.seek(0)

@@ -139,7 +139,6 @@ IDLE_DIRECTIONS: Mapping[Action, str] = {"sit": "back forward", "stand_up": "for
 def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
     """What a step asks for and no maker does, in words. then: steps that follow, which may use what is walked to."""
     action = step.action.replace("_", " ")
-    gait = step.type in GAIT_TYPES
     said = []
     if step.count is not None and step.count > 1 and step.action not in COUNTED:
         said.append(f"count {step.count} of {action}")
@@ -148,7 +147,7 @@ def not_made(step: Step, then: Sequence[Step] = ()) -> list[str]:
     parts = PARTS.get(step.action, "").split()
     if step.action == "jump" and step.direction is not None:  # jumping jacks go nowhere
         parts = ["foot", "leg"]
-    if step.body_part is not None and step.body_part not in parts and not gait:
+    if step.body_part is not None and step.body_part not in parts and step.type not in GAIT_TYPES:
         said.append(f"{step.side + ' ' if step.side else ''}{step.body_part} of {action}")
     used = step.type == "trip" or (
         step.action in ("walk", "run")
@@ -177,19 +176,23 @@ def maker_of(step: Step, store: Store) -> By:
     return "library" if step.action in ACTIONS or own_clips(store, step) else "made"
 
 
+BETWEEN: Mapping[Action, Action | None] = {"sit": "stand_up", "stand_up": "sit", "turn": None}
+"""Actions that are made once at a time, and what comes between two of them."""
+
+
 def _repeated(steps: Sequence[Step]) -> tuple[Step, ...]:
-    """The steps, those that are made once at a time as often as they say: who sits down twice stands up between."""
+    """The steps, those of `BETWEEN` as often as they say."""
     found: list[Step] = []
     for step in steps:
-        between = {"sit": "stand_up", "stand_up": "sit", "turn": None}
-        if step.action not in between or (step.count or 1) == 1:
+        count = step.count or 1
+        if step.action not in BETWEEN or count == 1:
             found.append(step)
             continue
-        count, other = step.count or 1, between[step.action]
-        pace_s = None if step.duration_s is None else step.duration_s / (count if other is None else 2 * count - 1)
-        once = step.model_copy(update={"count": None, "duration_s": pace_s})
-        back = [Step(action=other, object=step.object, speed=step.speed, duration_s=pace_s)] if other else []  # type: ignore[arg-type]
-        found += [each for number in range(count) for each in ([*back, once] if number else [once])]
+        other = BETWEEN[step.action]
+        each_s = None if step.duration_s is None else step.duration_s / (count if other is None else 2 * count - 1)
+        once = step.model_copy(update={"count": None, "duration_s": each_s})
+        back = [Step(action=other, object=step.object, speed=step.speed, duration_s=each_s)] if other else []
+        found += [once, *(count - 1) * [*back, once]]
     return tuple(found)
 
 

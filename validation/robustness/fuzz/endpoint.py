@@ -8,6 +8,7 @@ import os
 import socket
 import threading
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -21,6 +22,37 @@ LONGEST_S = 1.0
 REQUESTS = 3
 LATE_S = 30.0
 """How much later than its limit an answer may be on a busy machine; those without end last for longer than 100 s."""
+
+
+class Server:
+    """Writes bytes as they are, piece by piece with pauses, to whoever asks."""
+
+    def __init__(self, pieces: Iterable[bytes], pause_s: float = 0.0) -> None:
+        self._over, self._socket = threading.Event(), socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self._socket.getsockname()[1]}/v1"
+
+        def serve() -> None:
+            with suppress(OSError):
+                while True:
+                    connection, _ = self._socket.accept()
+                    with connection, suppress(OSError):
+                        connection.settimeout(0.1)  # what stays unread would reset the connection
+                        with suppress(TimeoutError):
+                            while connection.recv(65536):
+                                pass
+                        connection.settimeout(None)
+                        for piece in pieces:
+                            connection.sendall(piece)
+                            if self._over.wait(pause_s):
+                                return
+
+        threading.Thread(target=serve, daemon=True).start()
+
+    def close(self) -> None:
+        """Ends what is written, and takes no more requests."""
+        self._over.set()
+        self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
 
 
 def attempt(rng: np.random.Generator, folder: Path) -> Attempt:
@@ -75,34 +107,15 @@ def _answer(rng: np.random.Generator) -> tuple[str, list[bytes], float]:
 
 
 def _asked(pieces: list[bytes], pause_s: float) -> None:
-    over, server = threading.Event(), socket.create_server(("127.0.0.1", 0))
-
-    def serve() -> None:
-        with suppress(OSError):
-            while True:
-                connection, _ = server.accept()
-                with connection, suppress(OSError):
-                    connection.settimeout(0.05)
-                    with suppress(TimeoutError):
-                        while connection.recv(65536):
-                            pass
-                    connection.settimeout(2.0)
-                    for piece in pieces:
-                        connection.sendall(piece)
-                        if over.wait(pause_s):
-                            return
-
-    threading.Thread(target=serve, daemon=True).start()
-    url = f"http://127.0.0.1:{server.getsockname()[1]}/v1"
+    server = Server(pieces, pause_s)
     begin = time.monotonic()
     try:
         found = model_descriptions(
-            "falling", 2, model=LanguageModel(model="m", base_url=url, timeout_s=LONGEST_S, tries=2, backoff_s=0.01),
+            "falling", 2, model=LanguageModel(model="m", base_url=server.url, timeout_s=LONGEST_S, tries=2, backoff_s=0.01),
             budget=Budget(requests=REQUESTS), sleep=lambda _: None,
         )  # fmt: skip
         check_text(str(found), what="the count", lines=1)
     finally:
-        over.set()
         server.close()
         if time.monotonic() - begin > REQUESTS * LONGEST_S + LATE_S:
             raise Wrong(f"{time.monotonic() - begin:.1f} s for {REQUESTS} requests of {LONGEST_S:g} s")
