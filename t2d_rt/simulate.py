@@ -27,7 +27,6 @@ from t2d_rt.types.target import Method
 from t2d_rt.versions import versions
 
 
-@one_blas_thread
 def simulate(
     target: TargetLike | str | Path | Sequence[TargetLike | str | Path],
     *,
@@ -93,11 +92,11 @@ def simulate(
         "phase_from": phase_from,
     }  # fmt: skip
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, method)
-    stage = set_up(target, radar, scene, physics, device=device, memory_gb=memory_gb)
-    return recorded(stage, wanted, device, progress)
+    with one_blas_thread:  # no decorator, which would stand between a warning and the user's line
+        stage = set_up(target, radar, scene, physics, device=device, memory_gb=memory_gb)
+        return recorded(stage, wanted, device, progress)
 
 
-@one_blas_thread
 def run(
     experiment: Experiment | Recording, accuracy: Accuracy | Mapping[str, Any] | None = None, *,
     tolerance_db: float | None = None, measure_error: bool | None = None, device: Device = "auto", memory_gb: float = LIMIT_GB,
@@ -107,9 +106,10 @@ def run(
     It keeps its own accuracy unless another one is given: the same samples, bit for bit, on the same machine."""
     experiment, inputs, accuracy, known = again(experiment, accuracy, tolerance_db)
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
-    targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
-    stage = set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
-    recording = recorded(stage, wanted, device, progress)
+    with one_blas_thread:
+        targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
+        stage = set_up(targets, experiment.radar, scene, experiment.physics, device=device, memory_gb=memory_gb)
+        recording = recorded(stage, wanted, device, progress)
     recording.settings |= {**known, **recording.settings}
     return recording
 

@@ -242,8 +242,9 @@ def test_lost_packets_saturation_and_a_missing_channel_are_told(tmp_path: Path) 
     lost = cube.copy()
     lost[10:13] = 0
     np.save(path, lost)
-    with pytest.warns(T2DWarning, match="zeros alone in 12 of its 384 chirps of an antenna"):
+    with pytest.warns(T2DWarning, match="zeros alone in 12 of its 384 chirps of an antenna") as told:
         t2d.load_recording(path, RADAR)
+    assert told[0].filename == __file__  # the user's line
     clipped = np.clip(2 * cube.real, -(2**11), 2**11 - 1) + 1j * np.clip(2 * cube.imag, -(2**11), 2**11 - 1)
     np.save(path, clipped)
     with pytest.warns(T2DWarning, match=r"is saturated: \d+\.?\d* % of its samples"):

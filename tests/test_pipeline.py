@@ -234,8 +234,9 @@ def test_a_motion_that_goes_on_after_the_record_is_told(walk: Motion) -> None:
             r"0.3 s of target 2 \(12_01_walk.bvh\) the last 0.1 s",
         ),
     ):
-        with pytest.warns(T2DWarning, match=f"the record ends with {ends}, and of the {cut} are left out"):
+        with pytest.warns(T2DWarning, match=f"the record ends with {ends}, and of the {cut} are left out") as told:
             t2d.simulate(targets, radar=RADAR, method="ellipsoid", accuracy={"occlusion": False})
+        assert told[0].filename == __file__  # the user's line
     t2d.simulate(
         [egg, short, t2d.trim(walk, 0.0, 0.13)], radar=RADAR, method="ellipsoid", accuracy={"occlusion": False}
     )
