@@ -25,8 +25,8 @@ eighteen nineteen twenty
 NUMBERS = {word: number for number, word in enumerate(_NUMBERS.split())} | {
     "thirty": 30, "forty": 40, "fifty": 50, "sixty": 60, "ninety": 90, "a": 1, "an": 1,
 }  # fmt: skip
-VAGUE = {"couple": 2, "few": 3, "several": 4}
-"""Numbers that are drawn from no number; "a few" is read as three, and said."""
+SOME = {"couple": 2, "few": 3, "several": 4}
+"""Words for some small number; all but a couple are vague, and how they were read is told."""
 TIMES = {"once": 1, "twice": 2, "thrice": 3}
 NOT_ONCE = frozenset(("he", "she", "they", "the", "a", "an", "his", "her", "again", "more", "upon"))
 """What follows a `once` that is no count: once he has sat down."""
@@ -271,12 +271,12 @@ def _measure(tokens: list[str], place: int) -> tuple[Item, int] | None:
 def _number(tokens: list[str], place: int) -> tuple[float, bool, int] | None:
     """A number that begins at a token, whether it is a vague one, and where it ends: ten, twenty five, a few, a couple of, 2.5."""
     words = tokens[place : place + 3]
-    if words and words[0] == "a" and words[1:2] and words[1] in VAGUE:
+    if words and words[0] == "a" and words[1:2] and words[1] in SOME:
         words, place = words[1:], place + 1
     if not words:
         return None
-    if words[0] in VAGUE:
-        return VAGUE[words[0]], True, place + 1 + int(words[1:2] == ["of"])
+    if words[0] in SOME:
+        return SOME[words[0]], words[0] != "couple", place + 1 + int(words[1:2] == ["of"])
     if words[0][0].isdigit():
         return float(words[0]), False, place + 1
     number = NUMBERS.get(words[0])

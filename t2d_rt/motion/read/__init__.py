@@ -7,16 +7,28 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from t2d_rt.checks import file_path
+from t2d_rt.checks import file_path, shown
 from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.motion.read.amass import read_amass
+from t2d_rt.motion.read.arrays import Arrays, read_arrays
+from t2d_rt.motion.read.asf_amc import read_asf_amc
+from t2d_rt.motion.read.c3d import read_c3d
+from t2d_rt.motion.read.clock import times_of
+from t2d_rt.motion.read.deepmimic import read_deepmimic
 from t2d_rt.motion.read.detect import GivenUp
-from t2d_rt.motion.read.formats import is_bvh, read_tracks
+from t2d_rt.motion.read.joints_npz import read_plain
+from t2d_rt.motion.read.kimodo import read_kimodo
 from t2d_rt.motion.read.passes import motion_of
 from t2d_rt.motion.read.positions import motion_from_joints
 from t2d_rt.motion.read.reading import LOWEST_CUTOFF_HZ, Reading, file_origin
 from t2d_rt.motion.read.root import Root
 from t2d_rt.motion.read.skeletal import read_skeletal
+from t2d_rt.motion.read.subjects import check_only
+from t2d_rt.motion.read.tracks import Tracks
+from t2d_rt.motion.read.trc import read_trc
 from t2d_rt.types.motion import Motion
+
+BVH_SUFFIXES = (".bvh", ".bvh.gz")
 
 SHORT_S = 0.1
 """Below, a file holds no movement that could be seen: a tenth of a step, four windows of a spectrogram of 25 ms."""
@@ -66,7 +78,11 @@ def load_motion(
         subject=subject, root=root,
     )  # fmt: skip
     try:
-        motion = read_skeletal(path, reading) if is_bvh(path) else motion_of(read_tracks(path, subject), reading)
+        motion = (
+            read_skeletal(path, reading)
+            if path.name.lower().endswith(BVH_SUFFIXES)
+            else motion_of(_read_tracks(path, subject), reading)
+        )
     except InputError as error:
         told = str(error)
         raise InputError(told if path.name in told else f"{path}: {told}") from None
@@ -81,3 +97,31 @@ def load_motion(
     if doubt is not None:
         warnings.warn(f"{path.name}: {doubt}; give the true one (--motion.rate_hz)", T2DWarning, stacklevel=2)
     return replace(motion, origin=(file_origin(path), *motion.origin))
+
+
+def _read_tracks(path: Path, subject: str | None = None) -> Tracks:
+    """Tracks of any file but BVH, of one subject where the format may hold several."""
+    suffix = path.suffix.lower()
+    if suffix in (".npy", ".npz"):
+        arrays = read_arrays(path)
+        tracks = _from_arrays(arrays, subject)
+        return replace(tracks, times=times_of(arrays, len(tracks)))
+    if suffix in (labelled := {".c3d": read_c3d, ".trc": read_trc}):
+        return labelled[suffix](path, subject)
+    readers = {".json": read_deepmimic, ".txt": read_deepmimic, ".amc": read_asf_amc}
+    if suffix not in readers:
+        hint = "; give the .amc, whose skeleton it is" if suffix == ".asf" else ""
+        others = ", ".join(sorted({".npy", ".npz", *labelled, *readers}))
+        raise InputError(
+            f"cannot read {shown(str(path))}: motions come as {' or '.join(BVH_SUFFIXES)}, or as {others}{hint}"
+        )
+    check_only(subject)
+    return readers[suffix](path)
+
+
+def _from_arrays(arrays: Arrays, subject: str | None) -> Tracks:
+    kimodo = "posed_joints" in arrays
+    if kimodo or ("trans" in arrays and arrays.first("poses", "root_orient")):
+        check_only(subject)
+        return read_kimodo(arrays) if kimodo else read_amass(arrays)
+    return read_plain(arrays, subject)

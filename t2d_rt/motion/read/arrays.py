@@ -44,12 +44,8 @@ class Arrays:
         """An array; an InputError where it holds Python objects or is damaged."""
         return _decoded(self.texts[name], f"{self.path}{f': {name}' if name else ''}")
 
-    def numbers(self, name: str, dims: tuple[int, ...]) -> np.ndarray:
-        """Real, finite numbers as float64 of one of some numbers of dimensions; leading dimensions of 1 too many are dropped."""
-        return finite(self.samples(name, dims), f"{self.path}: {name or 'the array'}")
-
     def samples(self, name: str, dims: tuple[int, ...]) -> np.ndarray:
-        """Likewise, with NaN where values lack or are absurd."""
+        """As `samples_of` has them."""
         return samples_of(self.get(name), f"{self.path}: {name or 'the array'}", dims)
 
     def scalar(self, *names: str) -> float | None:
@@ -113,8 +109,9 @@ def _decoded(text: bytes, what: str) -> np.ndarray:
         raise InputError(f"{what} is damaged: its data cannot be read") from None
 
 
-def real_numbers(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
-    """Real numbers as float64 of one of some numbers of dimensions; leading dimensions of 1 too many are dropped."""
+def samples_of(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
+    """Real numbers as float64 of one of some numbers of dimensions, NaN where they are absurd; leading dimensions of 1 too many are
+    dropped."""
     if not (np.issubdtype(found.dtype, np.floating) or np.issubdtype(found.dtype, np.integer)):
         raise InputError(f"{what} must hold real numbers, got {shown(found)}")
     while found.ndim > max(dims) and found.shape[0] == 1:
@@ -123,18 +120,5 @@ def real_numbers(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
         raise InputError(
             f"{what} must have {' or '.join(map(str, dims))} dimensions and some frames, got {shown(found)}"
         )
-    return np.asarray(found.astype(np.float64))
-
-
-def samples_of(found: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
-    """`real_numbers`, with NaN for what is absurd."""
-    values = real_numbers(found, what, dims)
+    values = found.astype(np.float64)
     return np.where(np.abs(values) < LARGEST, values, np.nan)
-
-
-def finite(values: np.ndarray, what: str) -> np.ndarray:
-    """The values, none of which is NaN, infinite or absurd."""
-    wrong = int(np.count_nonzero(~(np.abs(values) < LARGEST)))
-    if wrong:
-        raise InputError(f"{what} holds {wrong} NaN, infinite or absurd values; repair or cut the tracks first")
-    return values

@@ -143,11 +143,9 @@ def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
 
 def planted_feet(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Whether the left and the right foot (T,) each carry a standing body, in any axes within 35 degrees of z up."""
-    from scipy.ndimage import uniform_filter1d
-
-    width = 2 * round(0.5 * SMOOTH_S * rate_hz) + 1
+    width = SMOOTH_S * rate_hz
     hips, upright = middle(points, "hip"), upright_trunk(points)
-    ankles = [uniform_filter1d(points[f"{side}_ankle"], width, axis=0, mode="nearest") for side in ("left", "right")]
+    ankles = [averaged(points[f"{side}_ankle"], width) for side in ("left", "right")]
     legs = [points[f"{side}_hip"] - points[f"{side}_ankle"] for side in ("left", "right")]
     length = leg_m(points)
     carries = [
@@ -157,9 +155,7 @@ def planted_feet(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndar
     if not found.any():
         return carries[0], carries[1]
     axis = unit(np.median((hips - 0.5 * (ankles[0] + ankles[1]))[found], axis=0))
-    most = max(
-        SLOW_MPS, SLOW_PART * float(np.median(_speed(uniform_filter1d(hips, width, axis=0, mode="nearest"), rate_hz)))
-    )
+    most = max(SLOW_MPS, SLOW_PART * float(np.median(_speed(averaged(hips, width), rate_hz))))
     planted = []
     for side, other in ((0, 1), (1, 0)):
         low = (ankles[side] - ankles[other]) @ axis < NEAR * length
@@ -174,6 +170,13 @@ def planted_feet(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndar
 def upright_trunk(points: dict[str, np.ndarray]) -> np.ndarray:
     """Whether the trunk is (T,)."""
     return np.asarray(unit(middle(points, "shoulder") - middle(points, "hip"))[:, 2] > UPRIGHT_TRUNK)
+
+
+def averaged(track: np.ndarray, frames: float) -> np.ndarray:
+    """Means of a track (T, N) over some frames, an odd number."""
+    from scipy.ndimage import uniform_filter1d
+
+    return np.asarray(uniform_filter1d(track, 2 * round(0.5 * min(frames, len(track))) + 1, axis=0, mode="nearest"))
 
 
 def _speed(track: np.ndarray, rate_hz: float) -> np.ndarray:

@@ -15,7 +15,7 @@ from t2d_rt.errors import T2DWarning
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.posture import middle
 from t2d_rt.motion.quaternions import between, conjugate, rotate
-from t2d_rt.motion.read.ground import upright_trunk
+from t2d_rt.motion.read.ground import averaged, upright_trunk
 from t2d_rt.motion.read.tracks import Tracks
 
 Root = Literal["file", "feet"]
@@ -61,7 +61,7 @@ def rooted(tracks: Tracks, root: Root | None) -> Tracks:
         shift = np.zeros((len(hips), 3))
         shift[1:, :2] = np.cumsum(0.5 * (ground[1:] + ground[:-1]), axis=0) / rate_hz
         if fixed:
-            shift[:, 2] = lowest[0] - _smooth(lowest, SMOOTH_S * rate_hz)
+            shift[:, 2] = lowest[0] - averaged(lowest, SMOOTH_S * rate_hz)
         shift = shift if turn is None else rotate(conjugate(turn), shift)
         told = f"root motion from planted feet, {_path_m(ground, rate_hz) * rate_hz / len(hips):.2f} m/s"
         return replace(tracks, points={name: track + shift for name, track in points.items()}).saying(told)
@@ -106,11 +106,11 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
         feet = np.stack(
             [(1 + tip) * points[f"{side}_foot"] - tip * points[f"{side}_ankle"] for side in ("left", "right")], axis=1
         )
-        height = _smooth(feet[..., 2], 0.05 * rate_hz)
+        height = averaged(feet[..., 2], 0.05 * rate_hz)
         lowest, frames = height.min(axis=1), np.arange(len(feet))
         backward = -np.gradient(feet, 1.0 / rate_hz, axis=0)[..., :2]
         # Where both feet are low, that one carries which goes backward along the heading.
-        heading = _smooth(backward[frames, height.argmin(axis=1)], SWAY_S * rate_hz)
+        heading = averaged(backward[frames, height.argmin(axis=1)], SWAY_S * rate_hz)
         along = np.where(height - lowest[:, None] < NEAR_M, (backward * heading[:, None]).sum(axis=-1), -np.inf)
         ground = backward[frames, along.argmax(axis=1)]
         if np.ptp(points["pelvis"][:, 2]) > FIXED_M:
@@ -119,16 +119,9 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
         steady = _path_m(ground, rate_hz) / max(float(np.linalg.norm(ground, axis=-1).sum()) / rate_hz, 1e-9)
         found.append((steady, ground, lowest))
     _, ground, lowest = max(found, key=lambda each: each[0])
-    return _smooth(ground, SMOOTH_S * rate_hz), lowest
+    return averaged(ground, SMOOTH_S * rate_hz), lowest
 
 
 def _path_m(velocity: np.ndarray, rate_hz: float) -> float:
     """Length of the path without sway."""
-    return float(np.linalg.norm(_smooth(velocity, SWAY_S * rate_hz), axis=-1).sum() / rate_hz)
-
-
-def _smooth(track: np.ndarray, frames: float) -> np.ndarray:
-    """Means over some frames, an odd number."""
-    from scipy.ndimage import uniform_filter1d
-
-    return np.asarray(uniform_filter1d(track, 2 * round(0.5 * min(frames, len(track))) + 1, axis=0, mode="nearest"))
+    return float(np.linalg.norm(averaged(velocity, SWAY_S * rate_hz), axis=-1).sum() / rate_hz)

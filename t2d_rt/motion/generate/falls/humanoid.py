@@ -30,8 +30,6 @@ BODIES: dict[str, str] = {
 }  # fmt: skip
 """Canonical joint -> body of the humanoid that turns about it."""
 
-FOOT_GEOMS = ("foot", "foot_ch", "toes0", "toes1", "toes2")
-
 STEP_S = 1 / 720
 STEPS_PER_FRAME = 6
 RATE_HZ = 1 / (STEP_S * STEPS_PER_FRAME)
