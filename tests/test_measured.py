@@ -250,7 +250,12 @@ def test_lost_packets_saturation_and_a_missing_channel_are_told(tmp_path: Path) 
     with pytest.warns(T2DWarning, match=r"is saturated: \d+\.?\d* % of its samples"):
         t2d.load_recording(path, RADAR)
     np.save(path, cube.real.astype(complex))
-    with pytest.warns(T2DWarning, match="holds one channel, I, and zeros for the other"):
+    with pytest.warns(
+        T2DWarning, match="holds one channel, I, and zeros for the other, .* record both, or give iq='I'"
+    ):
+        t2d.load_recording(path, RADAR)
+    np.save(path, 1j * cube.imag)
+    with pytest.warns(T2DWarning, match="one channel, Q, .* record both, or save its numbers alone and give iq='I'"):
         t2d.load_recording(path, RADAR)
 
 

@@ -114,9 +114,10 @@ def _check_samples(cube: Cube, path: Path) -> None:
     if not channels.any():
         raise InputError(f"{path} holds nothing but zeros; check the capture")
     if not channels.all():
+        name, alone = ("Q", "save its numbers alone and ") if channels[1] else ("I", "")
         _warn(
-            f"{path} holds one channel, {'IQ'[int(channels[1])]}, and zeros for the other, so that each echo stands at its range "
-            "and mirrored, and speeds have no sign; record both, or give iq='I', which takes beats for positive",
+            f"{path} holds one channel, {name}, and zeros for the other, so that each echo stands at its range and mirrored, and "
+            f"speeds have no sign; record both, or {alone}give iq='I', which takes beats for positive",
             stacklevel=6,
         )
     if silent:
