@@ -9,10 +9,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, TYPE_CHECKING, Any, BinaryIO
 
 from t2d_rt.checks import file_path, shown
 from t2d_rt.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 MAX_YAML_BYTES = 1_000_000
 MAX_YAML_VALUES = 20_000
@@ -41,6 +44,17 @@ def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
     if data is None or len(data) > limit:
         raise InputError(f"{path} is larger than the {size(limit)} that a {noun} may have; give a smaller one")
     return data
+
+
+def npy_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether it is in Fortran's order, and type of the array of a .npy file, whose values come next in the file."""
+    from numpy.lib import format as npy
+
+    version = npy.read_magic(file)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"version {version} of the format")
+    shape, by_columns, dtype = npy.read_array_header_1_0(file) if version == (1, 0) else npy.read_array_header_2_0(file)
+    return shape, by_columns, dtype
 
 
 @contextmanager

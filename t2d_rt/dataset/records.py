@@ -18,7 +18,7 @@ from t2d_rt.checks import flag, integer, interval, number, positive, shown, text
 from t2d_rt.dataset.products import POINT_COLUMNS
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.errors import InputError
-from t2d_rt.files import regular_file
+from t2d_rt.files import npy_header, regular_file
 
 Sizes = tuple[int | None, ...]
 """Of an array; None is any length."""
@@ -140,9 +140,7 @@ def read_array(path: Path, member: str, dtype: np.dtype[Any], shape: Sizes) -> n
         zipfile.ZipFile(file) as packed,
         packed.open(f"{member}.npy") as stream,
     ):
-        version = np.lib.format.read_magic(stream)
-        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
-        sizes, _, given = read(stream)
+        sizes, _, given = npy_header(stream)
         _check_kind(given, sizes, dtype, shape, member)
         length = stream.tell() + dtype.itemsize * math.prod(sizes)
         if length > LARGEST_BYTES:

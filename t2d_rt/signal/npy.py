@@ -14,7 +14,7 @@ import numpy as np
 from t2d_rt.checks import choice, file_path, flag
 from t2d_rt.cubes import Cube
 from t2d_rt.errors import InputError
-from t2d_rt.files import regular_file
+from t2d_rt.files import npy_header, regular_file
 from t2d_rt.rows import LARGEST_CHUNK_BYTES, FileRows, block_rows
 from t2d_rt.signal.measured import (
     ORDERS,
@@ -59,11 +59,7 @@ def load_cube(path: str | Path, *, iq: str = "IQ", conjugate: bool = False) -> C
 def _rows(path: Path, *, real: bool) -> FileRows:
     """Where the rows of a .npy file stand, of what shape they are."""
     with regular_file(path, noun="recording") as file:
-        version = np.lib.format.read_magic(file)
-        if version not in ((1, 0), (2, 0)):
-            raise ValueError(f"version {version} of the format")
-        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, by_columns, dtype = header(file)
+        shape, by_columns, dtype = npy_header(file)
         begin, size = file.tell(), os.fstat(file.fileno()).st_size
         if dtype.hasobject or dtype.kind not in "fiuc":
             raise ValueError(f"it holds {dtype}")

@@ -23,7 +23,7 @@ import numpy as np
 
 from t2d_rt.checks import file_path, shown
 from t2d_rt.errors import InputError, printable
-from t2d_rt.files import read_bytes
+from t2d_rt.files import npy_header, read_bytes
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.motion.generate.unpickled import unpickled
 from t2d_rt.motion.read import load_motion
@@ -176,9 +176,7 @@ def _mdm(path: Path) -> list[np.ndarray]:
     data = read_bytes(path, limit=MAX_BYTES, noun="array file")
     stream = io.BytesIO(data)
     try:
-        version = np.lib.format.read_magic(stream)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        read(stream)
+        npy_header(stream)
         held = unpickled(data[stream.tell() :])
         motions, lengths = held["motion"], held["lengths"]
         if isinstance(lengths, list):

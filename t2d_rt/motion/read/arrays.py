@@ -14,7 +14,7 @@ import numpy as np
 
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
-from t2d_rt.files import read_bytes, size
+from t2d_rt.files import npy_header, read_bytes, size
 
 MAX_BYTES = 250_000_000
 """Largest file, and largest array in it: 100 000 frames of SMPL-X in double precision are 130 MB."""
@@ -93,9 +93,7 @@ def _members(data: bytes, path: Path) -> dict[str, bytes]:
 def _decoded(text: bytes, what: str) -> np.ndarray:
     stream = io.BytesIO(text)
     try:
-        version = np.lib.format.read_magic(stream)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, dtype = read(stream)
+        shape, _, dtype = npy_header(stream)
     except Exception:  # numpy raises whatever a malformed header makes its parser raise
         raise InputError(f"{what} is damaged: its header cannot be read") from None
     if dtype.hasobject:
