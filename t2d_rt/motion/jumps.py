@@ -27,8 +27,8 @@ SWAPPED_M, SWAPPED = 0.12, 0.3
 PAIRS = (("hip", "shoulder"), ("knee", "ankle"), ("elbow", "wrist"))
 """Pairs of joints that are swapped together."""
 
-LONGEST = 3
-"""Frames over which a jump may be spread, by filters or by interpolation."""
+SPREAD, LONGEST, LONGEST_S = (1, 2, 3, 6, 12, 24), 3, 0.12
+"""Frames over which a jump may be spread, by filters or by interpolation, up to so many or so long."""
 
 LARGER = 1.5
 """How much larger a jump must be over more frames to be one that is spread over them."""
@@ -69,8 +69,8 @@ def jumps(joints: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Jump
     column = {name: place for place, name in enumerate(names)}
     middle = joints[:, [column[name] for name in TRUNK]].mean(axis=1, keepdims=True)
     found: list[Jump] = []
-    for frames in range(1, LONGEST + 1):
-        if len(joints) < 4 * frames:
+    for frames in SPREAD:
+        if frames > max(LONGEST, LONGEST_S * rate_hz) or len(joints) < 4 * frames:
             break
         body, each = deviations(middle, frames), deviations(joints, frames)
         excess = _excess(each, JOINT_LIMIT, rate_hz / frames)

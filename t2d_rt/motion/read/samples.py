@@ -47,7 +47,8 @@ EQUAL = 1e-9
 """Of the body's extent, within which samples are the same: what rounding differs by."""
 
 RARE = 0.1
-"""Part of the time that a joint which others stand in for may be lost in long gaps before it is filled as one that lacks."""
+"""Part of the time that a joint which others stand in for may be lost in long gaps, while those that nothing stands in for are seen,
+before it is filled as one that lacks."""
 
 RETURNS = 0.5
 """Of a leap, by which the joints may miss their way when they come back."""
@@ -225,7 +226,9 @@ def _cut(samples: Tracks) -> Tracks:
     if not any(each.any() for each in missing.values()):
         return samples
     lost = {name: _unbridged(each, LONGEST_GAP_S * samples.rate_hz) for name, each in missing.items()}
-    rare = [name for name, each in lost.items() if name not in NEEDED and not samples.turned and each.mean() > RARE]
+    there = ~np.any([lost[name] for name in lost if name in NEEDED], axis=0)
+    seldom = [name for name, each in lost.items() if name not in NEEDED and (each & there).sum() > RARE * there.sum()]
+    rare = [] if samples.turned else seldom
     if rare:
         lost = {name: each for name, each in lost.items() if name not in rare}
         samples = replace(samples, points={name: samples.points[name] for name in lost})
