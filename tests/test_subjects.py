@@ -68,7 +68,7 @@ def write(path: Path, tracks: dict[str, np.ndarray]) -> Path:
         np.savez(path, joints=np.stack(list(tracks.values()), axis=1), names=np.array(list(tracks)), fps=RATE_HZ)
     elif path.suffix == ".trc":
         y_up = {name: track @ independent.Y_UP.T for name, track in tracks.items()}
-        path.write_text(independent.trc(y_up, RATE_HZ, "m"))
+        path.write_text(independent.trc(y_up, RATE_HZ, "m"), encoding="utf-8")
     else:
         ezc3d = pytest.importorskip("ezc3d")
         file = ezc3d.c3d()
@@ -104,6 +104,7 @@ def check(path: Path, walk: Motion, first: str = "A", second: str = "B") -> None
 
 MANNERS = {
     "colon": ("A:{}", "B:{}", "A", "B"),
+    "umlauts": ("Jörg:{}", "Änne:{}", "Jörg", "Änne"),
     "underscore": ("Subject_01_{}", "Subject_02_{}", "Subject_01", "Subject_02"),
     "dot": ("A.{}", "B.{}", "A", "B"),
     "behind": ("{}_1", "{}_2", "1", "2"),

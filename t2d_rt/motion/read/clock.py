@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -14,13 +16,13 @@ from t2d_rt.motion.read.arrays import Arrays
 from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.types.motion import checked_rate
 
-UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+UNITS_S = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "ns": 1e-9}
 
-TIME_FIELDS = tuple(
-    f"{name}{unit}"
-    for unit in ("", *(f"_{each}" for each in UNITS_S))
-    for name in ("timestamps", "timestamp", "times", "time", "t", "frame_times")
+TIME_FIELD = re.compile(
+    rf"(?:frame_?)?(?:time_?stamps?|times?|ts?|elapsed(?:_?time)?|clock)(?:_?({'|'.join(UNITS_S)}))?", re.IGNORECASE
 )
+"""What files of arrays call the times of their frames, and their unit."""
+
 RATE_FIELDS = (
     "fps", "rate_hz", "rate", "frame_rate", "framerate", "mocap_framerate", "mocap_frame_rate", "sampling_rate", "sample_rate",
 )  # fmt: skip
@@ -52,20 +54,28 @@ LEAST_FRAMES = 3
 def times_of(arrays: Arrays, frames: int) -> Times | None:
     """Times of the frames in a file of arrays, if there are any."""
     rate_name = arrays.first(*RATE_FIELDS, *STEP_FIELDS) or ""
-    for name in TIME_FIELDS:
-        found = arrays.get(name) if name in arrays else np.zeros(0)
+    for name, unit in _time_fields(arrays):
+        found = arrays.get(name)
         if found.dtype.kind == "M":
             found = found.astype("datetime64[ns]").astype(np.int64)
+        if found.dtype.kind in "US":
+            with suppress(ValueError):  # dates, or no times
+                found = found.astype(np.float64)
         if found.size > 1 and found.size == max(found.shape) and found.dtype.kind in "fiu":
             if found.size == frames:
-                unit = UNITS_S.get(name.rpartition("_")[2]) if "_" in name else None
-                return Times(values=found.ravel().astype(np.float64), name=name, unit_s=unit, rate_name=rate_name)
+                unit_s = UNITS_S[unit.lower()] if unit else None
+                return Times(values=found.ravel().astype(np.float64), name=name, unit_s=unit_s, rate_name=rate_name)
             warnings.warn(
                 f"{arrays.path.name}: {name} has {found.size} entries for {frames} frames and is left unread; store one for each",
                 T2DWarning,
                 stacklevel=5,
             )
     return None
+
+
+def _time_fields(arrays: Arrays) -> list[tuple[str, str | None]]:
+    """Names of arrays that are those of times, and the unit that each tells."""
+    return [(name, match[1]) for name in arrays.texts if (match := TIME_FIELD.fullmatch(name))]
 
 
 def stated_rate(arrays: Arrays, frames: int) -> float | None:
@@ -77,7 +87,7 @@ def stated_rate(arrays: Arrays, frames: int) -> float | None:
     if not rates:
         return _tidy(frames / length_s) if length_s else None
     name, rate_hz = next(iter(rates.items()))
-    if any(field in arrays for field in TIME_FIELDS):
+    if _time_fields(arrays):
         return rate_hz
     for other, rate in rates.items():
         if not same_rate(rate, rate_hz):
@@ -102,6 +112,14 @@ def on_clock(tracks: Tracks) -> Tracks:
     if times is None or len(times.values) != frames or frames < LEAST_FRAMES:
         return tracks
     stated_hz = None if tracks.rate_assumed else tracks.rate_hz
+    if (np.diff(times.values) < 0).all():
+        warnings.warn(
+            f"its {times.name} runs backward: the frames are taken in the order of their times, the last one first; reverse the "
+            "times if the frames stand in their own order",
+            T2DWarning,
+            stacklevel=4,
+        )
+        tracks, times = tracks.at(np.arange(frames)[::-1]), replace(times, values=times.values[::-1])
     seconds, kept = _seconds(times, stated_hz)
     if seconds is None:
         return tracks.saying(f"its {times.name} tells no rate")

@@ -25,8 +25,11 @@ UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 def read_trc(path: Path, subject: str | None = None) -> Tracks:
     """Joints of the file's joint centres or markers."""
     data = read_bytes(path, limit=MAX_BYTES, noun="TRC file")
-    lines = data.decode("latin-1").lstrip("\ufeff").splitlines()
-    if len(lines) < 6 or not lines[0].startswith(("PathFileType", "ï»¿PathFileType")):
+    try:
+        lines = data.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        lines = data.decode("latin-1").splitlines()
+    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         raise InputError(f"{path} is not a TRC file: it must be a table that starts with PathFileType")
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     try:
