@@ -95,6 +95,15 @@ def test_who_stays_in_place_is_not_told(sentence: str) -> None:
     assert not rooted(tracks_of(points_of(motion), motion.rate_hz), None).told
 
 
+def test_pieces_of_a_dance_are_not_told() -> None:
+    """Who kicks leans over: the mean axis from feet to hips is no vertical, by which the swinging leg would stand."""
+    dance = t2d.resample(t2d.motion_from_text("a person dances", seed=7), 30.0)
+    for frames in (15, 30):
+        for start in range(0, len(dance.joints) - frames, 4):
+            piece = {name: track[start : start + frames] for name, track in points_of(dance).items()}
+            assert rooted(piece, dance.rate_hz, None)[1] == [], start
+
+
 def test_a_root_is_the_file_s_or_the_feet_s() -> None:
     with pytest.raises(InputError, match="root must be 'file' or 'feet', got 'hips'"):
         load_motion(WALK, root="hips")  # type: ignore[arg-type]

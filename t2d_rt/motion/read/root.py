@@ -35,6 +35,8 @@ LEAST_WALK_M, LEAST_MPS, STILL = 0.8, 0.3, 0.2
 stay; of 144 sound recordings one has hips that go less than 0.3 of it, a pirouette."""
 
 FEET = ("pelvis", "left_ankle", "right_ankle", "left_foot", "right_foot")
+STEADY = 0.985
+"""Least mean cosine of a walker's axis to its own mean: 4 to 7 degrees; a kick, whose mean axis is no vertical, has 20."""
 LEAN, UPRIGHT, LYING = np.tan(np.radians(5.0)), np.cos(np.radians(11.0)), np.cos(np.radians(40.0))
 """How far a walker's hips are ahead of the ankles in the mean, and the cosines of a body's axis to the vertical, but for that,
 between which a camera may be tilted; runners lean by 10 degrees more than walkers."""
@@ -52,7 +54,7 @@ def rooted(tracks: Tracks, root: Root | None) -> Tracks:
         return tracks
     points, rate_hz = tracks.points, tracks.rate_hz
     hips = middle(points, "hip")
-    turn = _upward(points, hips)
+    turn = _upward(points, hips) if len(hips) >= 2 * SWAY_S * rate_hz else None
     ground, lowest = _ground_mps(
         points if turn is None else {name: rotate(turn, points[name]) for name in FEET}, rate_hz
     )
@@ -85,8 +87,11 @@ def rooted(tracks: Tracks, root: Root | None) -> Tracks:
 
 
 def _upward(points: dict[str, np.ndarray], hips: np.ndarray) -> np.ndarray | None:
-    """The turn (4,) that raises a body above its feet; None where it is upright already."""
-    axis = unit((hips - middle(points, "ankle")).mean(axis=0))
+    """The turn (4,) that raises a body above its feet; None where it is upright already, or bends."""
+    axes = unit(hips - middle(points, "ankle"))
+    axis = unit(axes.mean(axis=0))
+    if (axes @ axis).mean() < STEADY:
+        return None
     ahead = unit(np.cross(points["left_hip"] - points["right_hip"], axis).mean(axis=0))
     axis = unit(axis - LEAN * ahead)
     return between(axis, np.array([0.0, 0.0, 1.0])) if UPRIGHT > axis[2] > LYING else None

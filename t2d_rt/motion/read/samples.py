@@ -47,8 +47,8 @@ EQUAL = 1e-9
 """Of the body's extent, within which samples are the same: what rounding differs by."""
 
 RARE = 0.1
-"""Part of the time that a joint which others stand in for may be lost in long gaps, while those that nothing stands in for are seen,
-before it is filled as one that lacks."""
+"""Part of the time that a joint which others stand in for may be lost in long gaps before it is filled as one that lacks, counted
+where those that nothing stands in for are seen."""
 
 RETURNS = 0.5
 """Of a leap, by which the joints may miss their way when they come back."""
