@@ -101,7 +101,7 @@ def test_pieces_of_a_dance_are_not_told() -> None:
     for frames in (15, 30):
         for start in range(0, len(dance.joints) - frames, 4):
             piece = {name: track[start : start + frames] for name, track in points_of(dance).items()}
-            assert rooted(piece, dance.rate_hz, None)[1] == [], start
+            assert not rooted(tracks_of(piece, dance.rate_hz), None).told, start
 
 
 def test_a_root_is_the_file_s_or_the_feet_s() -> None:

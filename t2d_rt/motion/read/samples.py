@@ -227,9 +227,8 @@ def _cut(samples: Tracks) -> Tracks:
         return samples
     lost = {name: _unbridged(each, LONGEST_GAP_S * samples.rate_hz) for name, each in missing.items()}
     there = ~np.any([lost[name] for name in lost if name in NEEDED], axis=0)
-    seldom = [name for name, each in lost.items() if name not in NEEDED and (each & there).sum() > RARE * there.sum()]
-    rare = [] if samples.turned else seldom
-    if rare:
+    rare = [name for name, each in lost.items() if name not in NEEDED and (each & there).sum() > RARE * there.sum()]
+    if rare and not samples.turned:
         lost = {name: each for name, each in lost.items() if name not in rare}
         samples = replace(samples, points={name: samples.points[name] for name in lost})
         samples = samples.saying(f"{', '.join(rare)} seen too seldom")
