@@ -39,7 +39,7 @@ PROCESSES.set_forkserver_preload(["xarray", "zarr", "scipy.signal", "t2d_rt.resu
 
 
 def recording(value: complex) -> Recording:
-    return Recording(np.full((300, 1, 256), value, np.complex64), RADAR)
+    return Recording(np.full((400, 1, 256), value, np.complex64), RADAR)
 
 
 def value_of(path: Path) -> complex:
