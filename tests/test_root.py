@@ -88,11 +88,12 @@ def test_recordings_are_not_told(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "sentence", ["someone sits down on a chair and stands up", "a man squats twice", "a person stretches"]
+    "sentence", ["someone sits down on a chair and stands up", "a woman squats twice", "a person stretches"]
 )
 def test_who_stays_in_place_is_not_told(sentence: str) -> None:
-    motion = t2d.motion_from_text(sentence, seed=1)
-    assert not rooted(tracks_of(points_of(motion), motion.rate_hz), None).told
+    for seed in (1, 2):
+        motion = t2d.motion_from_text(sentence, seed=seed)
+        assert not rooted(tracks_of(points_of(motion), motion.rate_hz), None).told
 
 
 def test_pieces_of_a_dance_are_not_told() -> None:

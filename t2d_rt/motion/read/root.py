@@ -27,6 +27,9 @@ NEAR_M, FLIGHT_M = 0.005, 0.03
 """Height of a foot above the lower one up to which it may carry the body as well, and height of the lower one above its level from
 which on both are in flight."""
 
+LEAST_STANCE = 0.25
+"""Part of the time that a foot must stand to tell the ground's speed in flight; a sprinter's feet do for half of it."""
+
 SWAY_S, SMOOTH_S = 1.0, 0.1
 """Time of a stride, over which sway is averaged away, and the time over which the velocity of the ground is smoothed."""
 
@@ -120,7 +123,8 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
         ground = backward[frames, along.argmax(axis=1)]
         if np.ptp(points["pelvis"][:, 2]) > FIXED_M:
             stands = np.flatnonzero(lowest < np.percentile(lowest, 5) + FLIGHT_M)
-            ground = np.stack([np.interp(frames, stands, column[stands]) for column in ground.T], axis=-1)
+            if len(stands) > LEAST_STANCE * len(frames):
+                ground = np.stack([np.interp(frames, stands, column[stands]) for column in ground.T], axis=-1)
         steady = _path_m(ground, rate_hz) / max(float(np.linalg.norm(ground, axis=-1).sum()) / rate_hz, 1e-9)
         found.append((steady, ground, lowest))
     _, ground, lowest = max(found, key=lambda each: each[0])
