@@ -13,8 +13,9 @@ from builders import rest_pose
 from measures import volume
 from t2d_rt.body import bodies, depth_m, regressed_joints, skin, template
 from t2d_rt.body.fit import fit, stance
+from t2d_rt.body.pose import posing
 from t2d_rt.body.rotations import between, matrices, quaternion, swing
-from t2d_rt.body.skin import SOFT_M, _flatten, blend_basis, bone_weights
+from t2d_rt.body.skin import SOFT_M, _flatten, blend, blend_basis, bone_weights, linear_track
 from t2d_rt.errors import InputError
 from t2d_rt.motion import load_motion, track
 from t2d_rt.motion.kinematics import INDEX, motion_of, poses_of
@@ -322,7 +323,7 @@ def test_heels_of_one_who_lies_do_not_tell_how_a_foot_stands(walk):
     assert skin(whole).vertices[..., 2].min() > -SOFT_M
 
 
-def test_flesh_gives_way_to_the_floor_and_only_where_somebody_comes_down(walk):
+def test_flesh_gives_way_to_the_floor(walk):
     heights = np.array([-0.2, -0.05, -0.011, -0.01, -0.005, 0.3])
     flat = heights.copy()
     _flatten(flat)
@@ -334,7 +335,22 @@ def test_flesh_gives_way_to_the_floor_and_only_where_somebody_comes_down(walk):
     assert -SOFT_M <= skin(lying).vertices[..., 2].min() < -0.015
     sunk = replace(lying, joints=lying.joints - [0.0, 0.0, 1.0])  # its floor is elsewhere
     assert skin(sunk).vertices[..., 2].min() < -1.0
-    assert skin(walk).vertices[..., 2].min() < -SOFT_M
+
+
+def test_soles_give_way_to_the_floor_where_it_is_theirs(walk):
+    """What is less than 1 cm deep stays, bit for bit, as do soles on a floor that lies lower."""
+    body = fit(template(), walk)
+    plain = blend(blend_basis(body), *posing(body, walk).bones(*linear_track(walk)(walk.times_s)))
+    vertices = skin(walk).vertices
+    assert plain[..., 2].min() < -1.2 * SOFT_M  # a toe that bends late
+    assert vertices[..., 2].min() >= -SOFT_M
+    np.testing.assert_array_equal(vertices[plain[..., 2] > -SOFT_M / 2], plain[plain[..., 2] > -SOFT_M / 2])
+    np.testing.assert_array_equal(vertices[..., :2], plain[..., :2])
+    down = np.linspace(0.0, 0.3, len(walk.times_s))[:, None] * [0.0, 0.0, 1.0]
+    ramp = replace(walk, joints=walk.joints - down[:, None])
+    assert skin(ramp).vertices[..., 2].min() < -0.25
+    run = load_motion(resource("motions", RUN))  # its floor is where its lowest joint is, a toe's middle
+    assert skin(run).vertices[..., 2].min() < -0.08
 
 
 def test_lying_and_hand_standing_bodies_are_posed_too():

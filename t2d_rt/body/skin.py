@@ -36,8 +36,10 @@ SOFT_M = 0.02
 FLOOR_M = -0.05
 """Height of its lowest joint from which a motion's floor is at z = 0; others stand on a floor of their own somewhere below."""
 ON_FLOOR = 0.55
-"""Least height of the hips over the leg's length of one who neither crouches, sits on the floor nor lies: the floor shapes only
-soles then, and where files put it under them is known to some centimetres."""
+"""Least height of the hips over the leg's length of one who neither crouches, sits on the floor nor lies."""
+LOW_M, INSTANTS = 0.025, 40
+"""Depth of the skin's lowest point from which somebody on the feet stands on a floor of the file's own, below z = 0 as it was
+put under the joints; the median of so many instants."""
 
 FRAMES_AT_ONCE = 16
 """The product of that many frames fits the cache."""
@@ -57,7 +59,7 @@ def skin(
     """The body's control cage (about 3200 vertices, 6400 faces) moving with a skeleton.
 
     `track` interpolates the motion in time (C2, for a radar); without it straight lines join its frames.
-    `made` says how to make the mesh again. The skin of one who comes down to the floor at z = 0 lies flat on it, not within it.
+    `made` says how to make the mesh again. Where the floor at z = 0 is the person's, the skin lies flat on it, not within it.
     """
     checked_motion(motion)
     fitted = fit(template(body), motion)
@@ -69,7 +71,7 @@ def skin(
     bend = 1 + curvature(like, fitted.template.faces, 180.0)  # 1/m: the curvature of a wave at indoor range
 
     return MovingMesh.from_track(
-        partial(_vertices, basis, pose, track, _comes_down(motion)),
+        partial(_vertices, basis, pose, track, _on_floor(motion, basis, pose)),
         fitted.template.faces,
         motion.times_s,
         material,
@@ -90,11 +92,17 @@ def _vertices(basis: Csr, pose: Posing, track: JointTrack, floor: bool, times_s:
     return vertices
 
 
-def _comes_down(motion: Motion) -> bool:
-    """Whether the person sits, crouches or lies on a floor at z = 0."""
+def _on_floor(motion: Motion, basis: Csr, pose: Posing) -> bool:
+    """Whether the floor at z = 0 is the person's, who stands, walks, sits, crouches or lies on it."""
+    if motion.joints[..., 2].min() <= FLOOR_M:
+        return False
     hip, knee, ankle = (motion.joints[:, motion.index(f"left_{joint}")] for joint in ("hip", "knee", "ankle"))
     leg_m = sum(float(np.median(np.linalg.norm(bone, axis=1))) for bone in (hip - knee, knee - ankle))
-    return bool(motion.joints[..., 2].min() > FLOOR_M and hip[:, 2].min() < ON_FLOOR * leg_m)
+    if hip[:, 2].min() < ON_FLOOR * leg_m:
+        return True
+    times_s = np.linspace(0.0, motion.duration_s, INSTANTS)
+    lowest = blend(basis, *pose.bones(*linear_track(motion)(times_s)))[..., 2].min(axis=1)
+    return bool(np.median(lowest) > -LOW_M)
 
 
 def _flatten(heights_m: np.ndarray) -> None:
