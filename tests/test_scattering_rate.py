@@ -10,10 +10,22 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+import builders
 import t2d_rt as t2d
 from builders import icosphere
 from t2d_rt.constants import SPEED_OF_LIGHT
-from t2d_rt.scattering.rate import LEAST_HZ, MOST_HZ, ROTATION_RAD, STEP_HZ, TOLERANCE_DB, SurfaceRate, needed_rate_hz
+from t2d_rt.scattering.rate import (
+    LEAST_HZ,
+    MOST_HZ,
+    PROBE_RATE_HZ,
+    ROTATION_DB,
+    ROTATION_RAD,
+    STEP_HZ,
+    TOLERANCE_DB,
+    SurfaceRate,
+    needed_rate_hz,
+)
+from t2d_rt.targets import segments
 from t2d_rt.types import MovingMesh, Radar
 
 RADAR = Radar.preset("table2")
@@ -119,7 +131,26 @@ def test_what_rotates_fast_has_a_high_surface_rate(rotation_hz: float) -> None:
     ball = MovingMesh.from_track(turning, FACES, np.array([0.0, 1.0]), rest=REST)
     # Edges in all directions: two thirds of their mean square lie across the axis.
     expected = 2 * np.pi * rotation_hz * math.sqrt(2 / 3) / ROTATION_RAD
-    assert needed_rate_hz(ball, RADAR, (0.0, 1.0)) == pytest.approx(expected, rel=0.05)  # one edge of each of 80 faces
+    rates = SurfaceRate(ball, RADAR, (0.0, 1.0))
+    assert rates.needed_hz() == pytest.approx(expected, rel=0.05)  # one edge of each of 80 faces
+    # Amplitudes of facets err by that much, as fans do, whatever the delays need.
+    assert rates.error_db(rates.needed_hz()) == pytest.approx(ROTATION_DB, abs=1)
+
+
+def test_a_recorded_body_is_not_searched_for_vibrations() -> None:
+    """Its ellipsoids were probed four times as often as the motion asks for, which took longer than all their echoes."""
+    motion = t2d.place(t2d.trim(builders.walk(), 2.0, 2.8))
+    limbs, probed = segments(motion), 0
+
+    def counting(times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        nonlocal probed
+        probed += len(times_s)
+        return limbs.track(times_s)
+
+    body = t2d.Ellipsoids.from_track(counting, limbs.semi_axes_m, limbs.times_s, made=limbs.made)
+    rate = needed_rate_hz(body, RADAR, (float(motion.times_s[0]), float(motion.times_s[-1])))
+    assert rate < PROBE_RATE_HZ / 2
+    assert probed < 1.1 * PROBE_RATE_HZ * 0.8
 
 
 def test_a_jerk_between_the_short_records_counts() -> None:

@@ -47,7 +47,7 @@ def test_the_measured_error_is_that_against_a_much_finer_run() -> None:
     coarse = t2d.simulate(walk, radar=RADAR, accuracy={"sagitta_rad": 1.6}, measure_error=True)
     fine = t2d.simulate(walk, radar=RADAR, accuracy={"sagitta_rad": 0.4, "surface_rate_hz": 150})
     assert coarse.error_db is not None
-    assert coarse.error_db == pytest.approx(nmse_db(coarse.cube, fine.cube), abs=3)
+    assert coarse.error_db == pytest.approx(nmse_db(coarse.cube, fine.cube), abs=2)
     assert fine.error_db is None
     assert json.loads(coarse.attributes["settings"])["error_db"] == coarse.error_db
 

@@ -19,8 +19,8 @@ TOLERANCE_DB = -29.0
 ROTATION_RAD = 0.1
 """Greatest rotation of a mesh's edges between frames, root mean square, for the cubics of facets' amplitudes: a fan's moving
 field errs by -23.6 dB at 0.1 rad, by -18 dB at 0.2 (validation/report, movers). A walker's delays ask for more than that."""
-DB_PER_OCTAVE = 6.0
-"""What half of that rotation gains, by the same figures."""
+ROTATION_DB, DB_PER_OCTAVE = -23.6, 6.0
+"""Error of that rotation, and what half of it gains, by the same figures."""
 LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 10_000.0, 5.0
 RAISED = 2**0.25
 """Rates are tried in such steps."""
@@ -95,6 +95,8 @@ class SurfaceRate:
 
     def rotation_hz(self, tolerance_db: float = TOLERANCE_DB) -> float:
         """The rate [Hz] that the rotation of a mesh's edges asks for."""
+        if not len(self._geometry.faces):
+            return 0.0
         probe_hz, rad_per_s = 0.0, 1.0
         angle_rad = ROTATION_RAD * 2 ** ((tolerance_db - TOLERANCE_DB) / DB_PER_OCTAVE)
         while probe_hz < min(rad_per_s / angle_rad, MOST_HZ):
@@ -103,13 +105,22 @@ class SurfaceRate:
         return rad_per_s / angle_rad
 
     def error_db(self, rate_hz: float) -> float:
-        """What splines at that rate add to the field's error [dB]."""
-        rotation_db = TOLERANCE_DB + DB_PER_OCTAVE * math.log2(max(self.rotation_hz() / rate_hz, 1e-3))
-        return max(rotation_db, float(self._missed_db(rate_hz / self._more)[0]))
+        """What splines at that rate add to the field's error [dB]: of delays and of facets' amplitudes."""
+        rotation_db = ROTATION_DB + DB_PER_OCTAVE * math.log2(max(self.rotation_hz() / rate_hz, 1e-3))
+        return float(10 * np.log10(10 ** (rotation_db / 10) + 10 ** (self._missed_db(rate_hz / self._more)[0] / 10)))
 
     @property
     def _length_s(self) -> float:
         return self._span_s[1] - self._span_s[0]
+
+    @property
+    def _fastest_hz(self) -> float:
+        """Up to this rate of frames smaller motions are looked for: at most that of the frames that were given."""
+        made = self._stand_in.made
+        if made is not None and made.by in {"skin", "segments"}:
+            return 0.0
+        given = made is not None and made.by == "arrays"
+        return min(FASTEST_HZ, 1 / float(np.diff(self._stand_in.times_s).min())) if given else FASTEST_HZ
 
     @property
     def _probe_hz(self) -> float:
@@ -145,8 +156,7 @@ class SurfaceRate:
         if missed_db[0] > tolerance_db:
             return False
         highest_hz = min(2 * rate_hz, self._probe_hz_for(rate_hz) / 2)
-        if self._stand_in is self._geometry:  # its maker may have made it vibrate
-            highest_hz = max(highest_hz, FASTEST_HZ)
+        highest_hz = max(highest_hz, self._fastest_hz)
         rates = LEAST_HZ * RAISED ** np.arange(-8, 4 * math.log2(highest_hz / LEAST_HZ))
         rates = rates[rates > 3 / self._length_s]
         found = np.reshape([self._missed_db(each) for each in rates], (-1, 2))
