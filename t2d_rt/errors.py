@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
+
 LONGEST = 2_000
 """Characters of a sentence; a list of names that a scene or a file holds may be long."""
 
@@ -46,3 +49,11 @@ class BackendError(T2DError, RuntimeError):
 
 class T2DWarning(UserWarning):
     """Something the user should know although the run goes on."""
+
+
+def warn(sentence: str) -> None:
+    """A T2DWarning at the line of the user's that led here, however deep in t2d-rt."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and f"{frame.f_globals.get('__name__')}.".startswith("t2d_rt."):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(sentence, T2DWarning, stacklevel=level)

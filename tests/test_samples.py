@@ -147,8 +147,11 @@ def test_longer_gaps_leave_the_longest_piece(tmp_path: Path) -> None:
     table = clean("npz")
     table = replace(table, values=table.values.copy())
     table.point("left_knee")[60:90] = 0.0
-    with pytest.warns(T2DWarning, match=r"left_knee is missing for 0.50 s from 1.00 s on.* kept, from 1.50 to 2.83 s"):
+    with pytest.warns(
+        T2DWarning, match=r"left_knee is missing for 0.50 s from 1.00 s on.* kept, from 1.50 to 2.83 s"
+    ) as told:
         motion = load_motion(table.write(tmp_path))
+    assert {each.filename for each in told} == {__file__}  # the user's line
     assert len(motion.joints) == 81
     table.point("left_knee")[:] = 0.0
     with pytest.raises(InputError, match="left_knee is not seen in 171 of 171 frames"):
@@ -265,6 +268,13 @@ def test_who_stands_and_waves_has_still_feet(tmp_path: Path) -> None:
     assert feet[0].mean() < 0.1 < 1.0 < feet[1].mean()
     wrist = np.ptp(motion.joints[:, motion.index("left_wrist"), 2])
     assert wrist == pytest.approx(0.341, abs=0.02)  # it goes on waving
+
+
+def test_flips_of_rotations_are_told_in_all_formats(tmp_path: Path) -> None:
+    table = replace(clean("amass"), values=clean("amass").values.copy())
+    table.turns[60, 3 * 15 : 3 * 16] += [0.0, np.pi, 0.0]  # the head's
+    with pytest.warns(T2DWarning, match="single-frame flips: head turns by 180 degrees for one frame at 1.000 s"):
+        assert "single-frame flips: head" in load_motion(table.write(tmp_path)).report
 
 
 # --- all together ---

@@ -7,13 +7,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Protocol
 
 from t2d_rt.checks import instance, integer, number, shown, unknown_name
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.errors import InputError, warn
 from t2d_rt.motion.descriptions.slots import Description
 from t2d_rt.types.motion import Motion
 
@@ -97,7 +96,7 @@ def motion_from_text(
         lacking = [each.removeprefix(NOT_MADE) for each in motion.origin if each.startswith(NOT_MADE)]
         told = [each for each in (left_out, f"{NOT_MADE}{', '.join(lacking)}" if lacking else "") if each]
         if told:
-            warnings.warn(f"of {shown(description)}: {'; '.join(told)}", T2DWarning, stacklevel=2)
+            warn(f"of {shown(description)}: {'; '.join(told)}")
     return motion
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from t2d_rt.checks import file_path, shown
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.errors import InputError, warn
 from t2d_rt.motion.read.amass import read_amass
 from t2d_rt.motion.read.arrays import Arrays, read_arrays
 from t2d_rt.motion.read.asf_amc import read_asf_amc
@@ -87,15 +86,13 @@ def load_motion(
         told = str(error)
         raise InputError(told if path.name in told else f"{path}: {told}") from None
     if motion.duration_s < SHORT_S:
-        warnings.warn(
+        warn(
             f"{path.name} lasts {motion.duration_s:.3g} s ({len(motion.joints)} frames at {motion.rate_hz:g} Hz), a step takes "
-            "0.5 s: nothing of a movement can be seen in it; take a longer motion, or check its rate (rate_hz)",
-            T2DWarning,
-            stacklevel=2,
+            "0.5 s: nothing of a movement can be seen in it; take a longer motion, or check its rate (rate_hz)"
         )
     doubt = rate_doubt(motion)
     if doubt is not None:
-        warnings.warn(f"{path.name}: {doubt}; give the true one (--motion.rate_hz)", T2DWarning, stacklevel=2)
+        warn(f"{path.name}: {doubt}; give the true one (--motion.rate_hz)")
     return replace(motion, origin=(file_origin(path), *motion.origin))
 
 

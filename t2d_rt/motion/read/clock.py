@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.errors import InputError, warn
 from t2d_rt.motion.quaternions import continuous, normalise
 from t2d_rt.motion.read.arrays import Arrays
 from t2d_rt.motion.read.tracks import Times, Tracks
@@ -65,10 +64,8 @@ def times_of(arrays: Arrays, frames: int) -> Times | None:
             if found.size == frames:
                 unit_s = UNITS_S[unit.lower()] if unit else None
                 return Times(values=found.ravel().astype(np.float64), name=name, unit_s=unit_s, rate_name=rate_name)
-            warnings.warn(
-                f"{arrays.path.name}: {name} has {found.size} entries for {frames} frames and is left unread; store one for each",
-                T2DWarning,
-                stacklevel=5,
+            warn(
+                f"{arrays.path.name}: {name} has {found.size} entries for {frames} frames and is left unread; store one for each"
             )
     return None
 
@@ -113,11 +110,9 @@ def on_clock(tracks: Tracks) -> Tracks:
         return tracks
     stated_hz = None if tracks.rate_assumed else tracks.rate_hz
     if (np.diff(times.values) < 0).all():
-        warnings.warn(
+        warn(
             f"its {times.name} runs backward: the frames are taken in the order of their times, the last one first; reverse the "
-            "times if the frames stand in their own order",
-            T2DWarning,
-            stacklevel=4,
+            "times if the frames stand in their own order"
         )
         tracks, times = tracks.at(np.arange(frames)[::-1]), replace(times, values=times.values[::-1])
     seconds, kept = _seconds(times, stated_hz)
@@ -146,11 +141,7 @@ def on_clock(tracks: Tracks) -> Tracks:
 
 def warn_of_contradiction(sentence: str, other_hz: float) -> None:
     """A warning that says how the other of two rates is taken."""
-    warnings.warn(
-        f"{sentence}; give rate_hz={other_hz:g} (--motion.rate_hz {other_hz:g}) if that is right",
-        T2DWarning,
-        stacklevel=5,
-    )
+    warn(f"{sentence}; give rate_hz={other_hz:g} (--motion.rate_hz {other_hz:g}) if that is right")
 
 
 def same_rate(rate_hz: float, other_hz: float) -> bool:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Literal
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.errors import InputError, warn
 from t2d_rt.geometry import vectors
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.posture import STATURE_PER_CHAIN, facing, leg_m, middle, stature_m
@@ -77,7 +76,7 @@ def unit(points: dict[str, np.ndarray], units: float | str | None, *, cmu_units:
             f"the body is {tall:.3g} units tall, which no usual unit makes a person; give units=metres per unit"
         )
     if tall * UNITS_M[name] > TALL_M:
-        _doubt(
+        warn(
             f"the body is {tall * UNITS_M[name]:.2f} m tall if the file's unit is {name}; "
             "give units (--motion.units) if it is another"
         )
@@ -102,7 +101,7 @@ def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
     if not names:
         names = possible(("dm",))
         if names:
-            _doubt(
+            warn(
                 f"the body is {tall * UNITS_M['dm']:.2f} m tall only if the file's unit is an unusual 0.1 m; "
                 "give units (--motion.units) if it is another"
             )
@@ -114,12 +113,12 @@ def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
     others = [name for name in names if name != best and chances[name] > DOUBT * sum(chances.values())]
     if others:
         other = others[0]
-        _doubt(
+        warn(
             f"the file's unit may be {best} (stature {stature:.2f} m) or {other} ({tall * UNITS_M[other]:.2f} m), {best} is taken "
             f"by the body's proportions; give units={other!r} (--motion.units {other}) if it is the other"
         )
     elif stature < 1.2 and fraction - _expected_fraction(stature) > 3.0 * PROPORTION_SPREAD:
-        _doubt(
+        warn(
             f"the body is {stature:.2f} m tall if the file's unit is {best}, but has an adult's proportions; give units "
             "(--motion.units) if it is another"
         )
@@ -136,10 +135,6 @@ def _chance(stature: float, fraction: float) -> float:
     adult = 0.9 * math.exp(-0.5 * (math.log(stature / 1.68) / 0.085) ** 2) / (0.085 * math.sqrt(2.0 * math.pi))
     child = 0.1 / math.log(1.5 / 0.7) * (stature < 1.5)
     return (adult + child) * math.exp(-0.5 * ((fraction - _expected_fraction(stature)) / PROPORTION_SPREAD) ** 2)
-
-
-def _doubt(sentence: str) -> None:
-    warnings.warn(sentence, T2DWarning, stacklevel=4)
 
 
 def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = None) -> Up:
@@ -163,7 +158,7 @@ def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = 
         return steady
     if axis[-1] == "x" or _standing_fraction(moving, other) > 0.1:
         return other
-    _doubt(
+    warn(
         f"the body is upright along {axis} throughout, but along {other} in its rest pose: up is taken as {axis}; "
         f"give up={other!r} (--motion.up {other}) if the person lies"
     )
@@ -187,7 +182,7 @@ def stance_axis(points: dict[str, np.ndarray], own: Up | None, *, margin: float 
         return found
     lowest = np.median(np.min([track @ _along(found) for track in points.values()], axis=0))
     if better > 0 and abs(lowest) < 0.1 * stature_m(points):
-        _doubt(
+        warn(
             f"the body is upright along {found} throughout and rests on {found} = 0, but files of this format have {own} up: "
             f"up is taken as {own}; give up={found!r} (--motion.up {found}) if the person stands"
         )

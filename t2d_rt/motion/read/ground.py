@@ -8,12 +8,11 @@ own axis: such a floor is kept.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.errors import T2DWarning
+from t2d_rt.errors import warn
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.posture import leg_m, middle
@@ -92,11 +91,9 @@ def levelled(tracks: Tracks, up: object) -> tuple[Tracks, Ground | None]:
         return tracks.saying(f"the floor inclines ({seen}) under an upright body and is kept"), found
     if up is not None:
         if not (isinstance(up, str) and up == "file"):
-            warnings.warn(
+            warn(
                 f"floor and body are tilted together by {found.angle_deg:.1f} degrees ({seen}), as a tilted camera sees them; "
-                "leave up (--motion.up) out to have them levelled",
-                T2DWarning,
-                stacklevel=5,
+                "leave up (--motion.up) out to have them levelled"
             )
         return tracks.saying(f"tilted by {found.angle_deg:.1f} degrees ({seen})"), found
     turn = between(found.vertical, np.array([0.0, 0.0, 1.0]))

@@ -9,12 +9,11 @@ errs in bursts. Each joint is then filtered at the cut-off at which noise let th
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2d_rt.errors import T2DWarning
+from t2d_rt.errors import warn
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import low_pass, low_pass_gain
 from t2d_rt.motion.read.joint_sets import LIMBS
@@ -81,11 +80,9 @@ def told_noise(
     """A clause for the report on noise that was smoothed away, and a warning where too much remains."""
     told = f"joint speeds err by about {error_mps:.2f} m/s"
     if error_mps > SPEED_ERROR_MPS:
-        warnings.warn(
+        warn(
             f"the {whose} {noise} at {rate_hz:g} Hz leaves too much after smoothing: {told}; micro-Doppler finer "
-            "than that is noise",
-            T2DWarning,
-            stacklevel=6,
+            "than that is noise"
         )
     span = " to ".join(f"{cutoff:g}" for cutoff in dict.fromkeys(cutoffs_hz[:1] + cutoffs_hz[-1:])) or "no"
     return f"{noise} ({seen}) smoothed at {span} Hz{', joint by joint' if len(cutoffs_hz) > 1 else ''} ({told})"

@@ -7,12 +7,11 @@ root's way and the floor. What each of them did is a clause of the report, in th
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.errors import InputError, warn
 from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, smooth
 from t2d_rt.motion.posture import facing, leg_m, middle, stature_m
 from t2d_rt.motion.read.bvh import MAX_FRAMES
@@ -114,17 +113,13 @@ def placed(tracks: Tracks, tall_m: float, reading: Reading) -> Motion:
     del tracks  # half of the memory that a long motion takes
     if own and (flipped := flips(motion)):
         told = (*told, told_flips(flipped))
-        warnings.warn(
-            f"{told[-1]}; mend them in the file, for a radar sees them as fast movement", T2DWarning, stacklevel=4
-        )
+        warn(f"{told[-1]}; mend them in the file, for a radar sees them as fast movement")
     if smoothing is None:
         motion, smoothing = _smoothed(motion, reading.smooth_hz, rotations=own)
     if motion.rate_hz < LOW_RATE_HZ:
-        warnings.warn(
+        warn(
             f"{motion.rate_hz:g} frames a second hold movements up to {0.5 * motion.rate_hz:g} Hz only, a walker's feet and hands "
-            "move faster: joint speeds err by 0.1 m/s and more; record at 20 Hz or above",
-            T2DWarning,
-            stacklevel=4,
+            "move faster: joint speeds err by 0.1 m/s and more; record at 20 Hz or above"
         )
     frames = f"{form}, {len(motion.joints)} frames at {motion.rate_hz:g} Hz"
     return replace(motion, report="; ".join([frames, *told, smoothing]))

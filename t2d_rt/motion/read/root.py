@@ -5,13 +5,12 @@ Where the body goes is then told by its planted feet, which stay on the floor.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from t2d_rt.errors import T2DWarning
+from t2d_rt.errors import warn
 from t2d_rt.geometry.vectors import unit
 from t2d_rt.motion.posture import middle
 from t2d_rt.motion.quaternions import between, conjugate, rotate
@@ -80,11 +79,9 @@ def rooted(tracks: Tracks, root: Root | None) -> Tracks:
         why = f"the feet rise by {rise_m:.2f} m below them"
     else:
         return tracks
-    warnings.warn(
+    warn(
         f"the hips never move, and {why}, as in exports in place, on treadmills and in joints about the hips: the torso has no "
-        "speed; give root='feet' (--motion.root feet) to carry the body to where planted feet stay, or 'file' as it is",
-        T2DWarning,
-        stacklevel=5,
+        "speed; give root='feet' (--motion.root feet) to carry the body to where planted feet stay, or 'file' as it is"
     )
     return tracks.saying(f"the hips never move, {why}")
 

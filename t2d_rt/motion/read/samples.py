@@ -8,13 +8,12 @@ leap away and back. Frames held throughout, as of a camera in a faster file, are
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.errors import InputError, T2DWarning
+from t2d_rt.errors import InputError, warn
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import compose, decompose
@@ -141,9 +140,7 @@ def without_leaps(samples: Tracks) -> Tracks:
         found = jumps(samples.joints, tuple(samples.points), samples.rate_hz)
     if not found:
         return samples
-    warnings.warn(
-        f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there", T2DWarning, stacklevel=5
-    )
+    warn(f"{told(found)}; a radar sees that as fast movement: cut or repair the motion there")
     return samples.saying(told(found))
 
 
@@ -196,11 +193,9 @@ def _flags(holds: Sequence[tuple[int, int]], frames: int, most: float) -> np.nda
 def _warn_of_long(name: str, holds: Sequence[tuple[int, int]], rate_hz: float) -> None:
     if holds:
         start, stop = max(holds, key=lambda hold: hold[1] - hold[0])
-        warnings.warn(
+        warn(
             f"{name} stands still to the last digit for {(stop - start) / rate_hz:.2f} s from {start / rate_hz:.2f} s on and then "
-            f"leaps, as a tracker does that has lost it; {LONGEST_GAP_S} s are bridged at most: cut or repair the motion there",
-            T2DWarning,
-            stacklevel=7,
+            f"leaps, as a tracker does that has lost it; {LONGEST_GAP_S} s are bridged at most: cut or repair the motion there"
         )
 
 
@@ -245,12 +240,10 @@ def _cut(samples: Tracks) -> Tracks:
         gaps = {name: max(runs(each), key=lambda gap: gap[1] - gap[0]) for name, each in lost.items() if each.any()}
         name = max(gaps, key=lambda name: gaps[name][1] - gaps[name][0])
         first, last = gaps[name]
-        warnings.warn(
+        warn(
             f"{name} is missing for {(last - first) / rate_hz:.2f} s from {first / rate_hz:.2f} s on, gaps of {LONGEST_GAP_S} s "
             f"are bridged at most: only the longest whole piece is kept, from {start / rate_hz:.2f} to "
-            f"{(stop - 1) / rate_hz:.2f} s; fill the gap in the file to keep all",
-            T2DWarning,
-            stacklevel=6,
+            f"{(stop - 1) / rate_hz:.2f} s; fill the gap in the file to keep all"
         )
     if stop - start == total:
         return samples

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from t2d_rt.errors import T2DWarning
+from t2d_rt.errors import warn
 from t2d_rt.motion.match import DECISIVE, MOST_FRAMES, Match, match, signs
 from t2d_rt.motion.read.bodies import bodies
 from t2d_rt.motion.read.bvh import RawSkeleton, forward_kinematics, read_bvh
@@ -67,7 +66,7 @@ def _mapped(raw: RawSkeleton, wanted: str | None) -> tuple[RawSkeleton, Flavour,
     some = forward_kinematics(replace(raw, values=raw.values[frames]))[0]
     matched = match(plain, raw.parents, some, forward_kinematics(_at_rest(raw))[0][0])
     for doubt in matched.doubts:
-        _warn(doubt)
+        warn(doubt)
     return raw, Flavour(name="matched", joints=matched.joints), matched
 
 
@@ -94,11 +93,7 @@ def _check_sides(points: dict[str, np.ndarray], kind: Flavour) -> None:
     """Names decide where a flavour is known; a person whose left is on the right is said."""
     frames = np.unique(np.linspace(0, len(points["pelvis"]) - 1, MOST_FRAMES).round().astype(int))
     if signs({name: track[frames] for name, track in points.items()}).body < -DECISIVE:
-        _warn(
+        warn(
             f"the joints that flavour {kind.name!r:.60} calls left lie on the person's right by feet and knees, so the "
             "file seems to be mirrored; mirror it back"
         )
-
-
-def _warn(sentence: str) -> None:
-    warnings.warn(sentence, T2DWarning, stacklevel=4)

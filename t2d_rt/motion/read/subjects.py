@@ -8,13 +8,12 @@ Nothing of one subject completes another.
 from __future__ import annotations
 
 import re
-import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
 from t2d_rt.checks import shown
-from t2d_rt.errors import InputError, T2DWarning, printable
+from t2d_rt.errors import InputError, printable, warn
 
 Source = TypeVar("Source")
 Found = TypeVar("Found")
@@ -114,11 +113,7 @@ def chosen(
         others = names[names.index(name) + 1 :]
         why = f" ({faults[0].partition(';')[0]})" if faults else ""
         advice = f"; give subject={others[0]!r} (--motion.subject {others[0]}) for another" if others else ""
-        warnings.warn(
-            f"the file holds {len(found)} subjects, {', '.join(found)}: {name} is taken{why}{advice}",
-            T2DWarning,
-            stacklevel=4,
-        )
+        warn(f"the file holds {len(found)} subjects, {', '.join(found)}: {name} is taken{why}{advice}")
     return result, (f"subject {name} of {', '.join(found)}",)
 
 
