@@ -325,7 +325,9 @@ def test_surfaces_too_large_for_the_memory_are_refused(corner: MovingMesh) -> No
     with pytest.raises(
         InputError, match=r"tracing rays from .* GB of memory, more than the limit .* or take bounces=1"
     ):
-        t2d.simulate([corner, wall], radar=Radar.preset("table2", samples=16, sample_rate_hz=2e7), bounces=2, memory_gb=1)
+        t2d.simulate(
+            [corner, wall], radar=Radar.preset("table2", samples=16, sample_rate_hz=2e7), bounces=2, memory_gb=1
+        )
 
 
 def test_without_a_direct_path_there_are_none_and_that_is_told() -> None:
