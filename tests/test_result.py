@@ -322,6 +322,6 @@ def test_recordings_are_loaded_alike_simulated_or_measured(tmp_path: Path) -> No
     ],
 )
 def test_what_is_no_recording_is_refused(tmp_path: Path, name: str, radar: object, sentence: str) -> None:
-    np.save(tmp_path / "frames.npy", np.ones((4, 8), np.complex64))
+    np.save(tmp_path / "frames.npy", np.full((4, 8), 1 + 1j, np.complex64))
     with pytest.raises(InputError, match=sentence):
         t2d.load_recording(tmp_path / name, radar)  # type: ignore[arg-type]
