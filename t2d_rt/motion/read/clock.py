@@ -111,13 +111,13 @@ def on_clock(tracks: Tracks) -> Tracks:
     stated_hz = None if tracks.rate_assumed else tracks.rate_hz
     if (np.diff(times.values) < 0).all():
         warn(
-            f"its {times.name} runs backward: the frames are taken in the order of their times, the last one first; reverse the "
+            f"its clock ({times.name}) runs backward: the frames are taken in the order of their times, the last one first; reverse the "
             "times if the frames stand in their own order"
         )
         tracks, times = tracks.at(np.arange(frames)[::-1]), replace(times, values=times.values[::-1])
     seconds, kept = _seconds(times, stated_hz)
     if seconds is None:
-        return tracks.saying(f"its {times.name} tells no rate")
+        return tracks.saying(f"its clock ({times.name}) tells no rate")
     tracks = tracks.at(np.flatnonzero(kept))
     told = [f"{frames - len(seconds)} frame(s) left out whose {times.name} does not go on"] if not kept.all() else []
     step_s, places = _grid(seconds)
