@@ -103,7 +103,7 @@ def test_rounded_times_of_a_trc_are_even(tmp_path: Path, walk: Motion, digits: i
 def test_what_are_no_times_is_told(tmp_path: Path, walk: Motion, factor: float) -> None:
     motion = load_motion(npz(tmp_path, walk, fps=RATE_HZ, t=factor * np.arange(len(walk.joints))), smooth_hz=None)
     assert motion.rate_hz == RATE_HZ
-    assert "its t tells no rate" in motion.report
+    assert "its clock (t) tells no rate" in motion.report
 
 
 def test_times_as_text_are_read_and_those_that_run_backward_turn_the_frames(tmp_path: Path, walk: Motion) -> None:

@@ -111,8 +111,8 @@ def on_clock(tracks: Tracks) -> Tracks:
     stated_hz = None if tracks.rate_assumed else tracks.rate_hz
     if (np.diff(times.values) < 0).all():
         warn(
-            f"its clock ({times.name}) runs backward: the frames are taken in the order of their times, the last one first; reverse the "
-            "times if the frames stand in their own order"
+            f"its clock ({times.name}) runs backward: the frames are taken in the order of their times, the last one first; "
+            "reverse the times if the frames stand in their own order"
         )
         tracks, times = tracks.at(np.arange(frames)[::-1]), replace(times, values=times.values[::-1])
     seconds, kept = _seconds(times, stated_hz)
