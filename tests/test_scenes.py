@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
+from builders import shape
 from measures import volume
 from t2d_rt.backend import select
 from t2d_rt.errors import InputError
@@ -159,17 +160,20 @@ def test_shipped_scenes_load_in_sionna_alone(name: str) -> None:
     assert thickness == pytest.approx({surface.name: surface.thickness_m for surface in ours})
 
 
+METAL = '<bsdf type="itu-radio-material" id="m"><string name="type" value="metal"/></bsdf>'
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("no xml", "is not XML"),
         ("<room/>", "begins with <room>, not <scene>"),
         (
-            '<scene version="2.1.0"><shape type="ply" id="a"><string name="filename" value="../../etc/passwd"/></shape></scene>',
+            f'<scene version="2.1.0">{shape("../../etc/passwd", METAL)}</scene>',
             "lies outside its folder",
         ),
         (
-            '<scene version="2.1.0"><shape type="ply" id="a"><string name="filename" value="gone.ply"/></shape></scene>',
+            f'<scene version="2.1.0">{shape("gone.ply", METAL)}</scene>',
             "'gone.ply', which does not exist",
         ),
         ('<scene version="2.1.0"><bsdf type="plastic-radio" id="m"/></scene>', "cannot load scene"),
