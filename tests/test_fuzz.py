@@ -47,7 +47,7 @@ def fuzzed(place: Path, *arguments: str) -> list[dict[str, Any]]:
 
 @pytest.mark.slow
 def test_odd_inputs_of_all_kinds_end_well(tmp_path: Path) -> None:
-    outcomes = fuzzed(tmp_path, "--count", "4", "--start", "5000")
+    outcomes = fuzzed(tmp_path, "--count", "2", "--start", "5000")
     failed = [f"{o['name']} {o['problem']}: {o['told'][:150]} {o['what'][:200]}" for o in outcomes if o["problem"]]
     assert not failed, "\n".join(failed)
     assert {o["name"].partition(":")[0] for o in outcomes} == KINDS
