@@ -287,7 +287,8 @@ def limited_threads(count: int) -> Iterator[None]:
     computes stays the same. It holds for the whole process, so that two of its threads must not use it at the same time."""
     import threadpoolctl
 
-    require_llvm()
+    if not _has_cuda():
+        require_llvm()
     import drjit as dr
 
     before = dr.thread_count()
