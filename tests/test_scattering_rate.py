@@ -113,6 +113,23 @@ def test_a_vibration_has_its_amplitude_and_no_other_lines(what: str) -> None:
     assert np.abs(phase - line @ found).max() < 0.05 * expected
 
 
+@pytest.mark.parametrize(("amplitude_m", "frequency_hz"), [(5e-5, 20.0), (2e-5, 30.0), (5e-6, 36.0)])
+def test_a_tremor_on_a_walking_body_is_resolved(amplitude_m: float, frequency_hz: float) -> None:
+    motion = t2d.place(builders.walk(), distance_m=6)
+    limbs = segments(motion)
+    centres, axes = limbs.track(motion.times_s)
+    span_s = float(motion.times_s[0]), float(motion.times_s[-1])
+
+    def rate_of(tremor_m: float) -> float:
+        shaken = centres + tremor_m * np.sin(2 * np.pi * frequency_hz * motion.times_s)[:, None, None] * [1, 0, 0]
+        return needed_rate_hz(t2d.Ellipsoids(limbs.semi_axes_m, shaken, motion.times_s, axes=axes), RADAR, span_s)
+
+    assert rate_of(0.0) < 4 * frequency_hz
+    assert 4.1 * frequency_hz <= rate_of(amplitude_m) <= 5 * frequency_hz
+    # Twenty times weaker it is less than what the file's own rounding and filters leave.
+    assert rate_of(0.05 * amplitude_m) == rate_of(0.0)
+
+
 def test_static_and_short_records() -> None:
     assert needed_rate_hz(swinging(0.0, 1.0), RADAR, (0.0, 4.0)) == LEAST_HZ
     # A part of a swing, about its middle.
