@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from t2d_rt.checks import instance
-from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.inputs import Inputs
 from t2d_rt.result import Recording
+from t2d_rt.stage import repeatable
 from t2d_rt.types import Accuracy
 
 KNOWN = "error_db", "error_scatter_db", "error_chirps", "tolerance_db"
@@ -23,15 +23,7 @@ def again(
     instance("experiment", experiment, (Experiment, Recording), "an Experiment or a Recording")
     if isinstance(experiment, Experiment):
         return experiment, {}, accuracy, {}
-    recording, made = experiment, experiment.experiment
-    if made is None:
-        raise InputError(
-            "the recording was measured and has no experiment, so it cannot be simulated again; give an Experiment"
-        )
-    if made.lost is not None:
-        raise InputError(
-            f"the recording cannot be made again: {made.lost} was computed by a function, which is not stored"
-        )
+    recording, made = experiment, repeatable(experiment.experiment)
     if accuracy is not None or tolerance_db is not None:
         return made, recording.inputs, accuracy, {}
     known: dict[str, Any] = {name: recording.settings[name] for name in KNOWN if name in recording.settings}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -25,6 +25,14 @@ MARGIN = 0.15
 
 LONGEST_TITLE = 300
 """Characters of a title that are drawn."""
+
+
+class Colours(TypedDict, total=False):
+    """Options of a `Scale`."""
+
+    cmap: str
+    dynamic_range_db: float
+    limits_db: tuple[float, float] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,14 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.canvas import Scale, checked_axes
+import numpy as np
+
+from t2d_rt.canvas import Scale, checked_axes, drawable
 from t2d_rt.checks import positive
+from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.cubes import Cube
 from t2d_rt.plots import draw_map, new_figure
 from t2d_rt.signal import coherent_interval, range_doppler, range_time
 from t2d_rt.signal.doppler import checked_windows
 from t2d_rt.signal.maps import RangeDoppler, RangeTime
 from t2d_rt.types import Radar
+
+AXIS_UNITS = {"m": "m", "s": "s", "mps": "m/s"}
+"""Units of an axis by the end of its name."""
+GHOSTS = 15
+"""Most paths that are marked on a map."""
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,11 +72,49 @@ class Maps:
         return checked_windows(radar, rows, n_window, overlap, None)[:2]
 
 
-def drawn(image: xr.DataArray, ax: Any, scale: Scale, title: str | None, note: str | None = None) -> Figure | Axes:
-    """A labelled map in a figure of its own, or in axes of the user's, which are returned."""
+def labelled(
+    name: str, values: Any, dims: tuple[str, ...], axes: Mapping[str, Any], attributes: Mapping[str, str]
+) -> xr.DataArray:
+    """Values with their axes, each with its unit."""
+    import xarray as xr
+
+    array = xr.DataArray(values, dims=dims, coords=axes, name=name, attrs=attributes)
+    for axis in axes:
+        array[axis].attrs["units"] = AXIS_UNITS[axis.rpartition("_")[2]]
+    return array
+
+
+def drawn(
+    image: xr.DataArray, ax: Any, scale: Scale, title: str | None, note: str | None = None, paths: xr.Dataset | None = None
+) -> Figure | Axes:  # fmt: skip
+    """A labelled map in a figure of its own, or in axes of the user's, which are returned; with the strongest of `paths` marked."""
     kind: Any = image.name
     y, x = (image[axis].values for axis in image.dims)
     figure = None if ax is not None else new_figure(kind)
     axes = checked_axes(ax) if figure is None else figure.subplots()
     draw_map(axes, kind, y, x, image.values, scale=scale, title=title, note=note)
+    if paths is not None:
+        mark_ghosts(axes, paths)
     return axes if figure is None else figure
+
+
+def mark_ghosts(axes: Axes, paths: xr.Dataset) -> None:
+    """Numbers the strongest of the paths at one instant on a range-Doppler map that shows them, and names them below it."""
+    (left, right), (low, high) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
+    range_m, speed_mps = 0.5 * SPEED_OF_LIGHT * paths.delay_s.values[..., 0], paths.speed_mps.values[..., 0]
+    shown = (range_m > left) & (range_m < right) & (speed_mps > low) & (speed_mps < high)
+    level = np.where(shown, paths.level_dbm.values[..., 0], -np.inf)
+    strongest = [np.unravel_index(each, level.shape) for each in np.argsort(-level, axis=None)[:GHOSTS]]
+    names = []
+    for number, at in enumerate((at for at in strongest if np.isfinite(level[at])), start=1):
+        place = range_m[at], speed_mps[at]
+        axes.plot(*place, "o", markersize=9, markerfacecolor="none", markeredgecolor="white", markeredgewidth=0.8)
+        axes.annotate(str(number), place, xytext=(5, 4), textcoords="offset points", color="white", fontsize=7)
+        whose = f"{paths.target.values[at[0]]}: " if paths.sizes["target"] > 1 else ""
+        names.append(f"{number}  {whose}{paths.pair.values[at[1]]}")
+    columns = ["\n".join(names[first::2]) for first in (0, 1)]
+    for column, across in zip(columns, (0.0, 0.5), strict=True):
+        axes.annotate(
+            drawable("names of paths", column), (across, 0.0), xytext=(0, -36), xycoords="axes fraction",
+            textcoords="offset points", va="top", fontsize=7, annotation_clip=False, parse_math=False,
+        )  # fmt: skip

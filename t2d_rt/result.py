@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import inspect
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Unpack, overload
 
 from t2d_rt.added_background import background_power, background_settings
 from t2d_rt.checks import call, file_path, flag, instance, numeric
@@ -18,7 +17,8 @@ from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.export import check_export, write_export
 from t2d_rt.inputs import Inputs
-from t2d_rt.result_text import cube_size, made_with, noise_of
+from t2d_rt.path_table import checked_times, path_table
+from t2d_rt.result_text import at_a_glance, cube_size, made_with
 from t2d_rt.rows import DIMENSIONS, NAME
 from t2d_rt.saved import (
     FORMAT,
@@ -34,8 +34,9 @@ from t2d_rt.saved import (
 from t2d_rt.signal import range_doppler, range_profile, spectrogram
 from t2d_rt.signal.doppler import check_processing
 from t2d_rt.signal.multiplex import check_axes
+from t2d_rt.stage import set_up_again
 from t2d_rt.store import check_taken, replacing
-from t2d_rt.tables import html_table
+from t2d_rt.truth import truth_table
 from t2d_rt.types import Accuracy, Radar
 
 if TYPE_CHECKING:
@@ -43,10 +44,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from t2d_rt.canvas import Colours
     from t2d_rt.maps import Maps
-
-AXIS_UNITS = {"m": "m", "s": "s", "mps": "m/s"}
-"""Units of an axis by the end of its name."""
 
 
 class Recording:
@@ -105,17 +104,7 @@ class Recording:
 
     def _repr_html_(self) -> str:
         measured = self.experiment is None
-        error = "not measured" if self.error_db is None else f"{self.error_db:.1f} dB"
-        rows = [
-            ("ADC cube", f"{cube_size(self.cube.shape, self.radar)}, {8 * math.prod(self.cube.shape) / 1e6:.4g} MB"),
-            ("made with", made_with(self.settings, measured=measured)),
-            ("error of the field", error),
-            ("noise", noise_of(self.settings, measured=measured)),
-            ("radar", repr(self.radar)),
-            ("spectrogram", ", ".join(f"{name} {value}" for name, value in self.processing.items()) or "by default"),
-            ("pictures", "plot(), plot_range_time(), plot_range_doppler()"),
-        ]
-        return html_table("Recording", rows)
+        return at_a_glance(self.cube.shape, self.radar, self.settings, self.processing, measured=measured)
 
     @property
     def error_db(self) -> float | None:
@@ -200,12 +189,31 @@ class Recording:
     def _labelled(
         self, name: str, values: Any, dims: tuple[str, ...], axes: Mapping[str, Any], units: str
     ) -> xr.DataArray:
-        import xarray as xr
+        from t2d_rt.maps import labelled
 
-        array = xr.DataArray(values, dims=dims, coords=axes, name=name, attrs={**self.attributes, "units": units})
-        for axis in axes:
-            array[axis].attrs["units"] = AXIS_UNITS[axis.rpartition("_")[2]]
-        return array
+        return labelled(name, values, dims, axes, {**self.attributes, "units": units})
+
+    @property
+    def paths(self) -> xr.Dataset:
+        """The paths to the targets over (target, pair, time_s), every 40 ms: delay, length, speed, level, directions, and what each
+        meets and where, as `paths_at` says. They are worked out from the experiment each time: keep what you use again."""
+        return self.paths_at()
+
+    def paths_at(self, times_s: Any = None) -> xr.Dataset:
+        """As `paths`, at instants of the record (K,) [s]. docs/rooms.md explains the variables."""
+        model = set_up_again(self.experiment, self.inputs).model
+        return path_table(model, self.accuracy or Accuracy(), checked_times(model, times_s))
+
+    @property
+    def truth(self) -> xr.Dataset:
+        """What the radar has before it, every 20 ms: joints in its own coordinates, range, speed, direction and visible fraction of
+        each segment, contacts of the feet, as `truth_at` says. It is worked out from the experiment each time."""
+        return self.truth_at()
+
+    def truth_at(self, times_s: Any = None) -> xr.Dataset:
+        """As `truth`, at instants of the record (K,) [s]. docs/results-and-files.md explains the variables."""
+        model = set_up_again(self.experiment, self.inputs).model
+        return truth_table(model, self.accuracy or Accuracy(), checked_times(model, times_s))
 
     def again(self, **options: Any) -> Recording:
         """The same recording simulated anew from its experiment, accuracy and inputs: the same samples, bit for bit, on the same
@@ -270,15 +278,9 @@ class Recording:
         return Maps(cube=self.cube, radar=self.radar, processing=self.processing, mti=self._mti)
 
     @overload
-    def plot(
-        self, title: str | None = None, *, ax: None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
-        limits_db: tuple[float, float] | None = None,
-    ) -> Figure: ...  # fmt: skip
+    def plot(self, title: str | None = None, *, ax: None = None, **colours: Unpack[Colours]) -> Figure: ...
     @overload
-    def plot(
-        self, title: str | None = None, *, ax: Axes, cmap: str = "viridis", dynamic_range_db: float = 50.0,
-        limits_db: tuple[float, float] | None = None,
-    ) -> Axes: ...  # fmt: skip
+    def plot(self, title: str | None = None, *, ax: Axes, **colours: Unpack[Colours]) -> Axes: ...
     def plot(
         self, title: str | None = None, *, ax: Axes | None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
         limits_db: tuple[float, float] | None = None,
@@ -293,15 +295,9 @@ class Recording:
         return self._drawn(self.spectrogram, ax, title, note, cmap, dynamic_range_db, limits_db)
 
     @overload
-    def plot_range_time(
-        self, title: str | None = None, *, ax: None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
-        limits_db: tuple[float, float] | None = None,
-    ) -> Figure: ...  # fmt: skip
+    def plot_range_time(self, title: str | None = None, *, ax: None = None, **colours: Unpack[Colours]) -> Figure: ...
     @overload
-    def plot_range_time(
-        self, title: str | None = None, *, ax: Axes, cmap: str = "viridis", dynamic_range_db: float = 50.0,
-        limits_db: tuple[float, float] | None = None,
-    ) -> Axes: ...  # fmt: skip
+    def plot_range_time(self, title: str | None = None, *, ax: Axes, **colours: Unpack[Colours]) -> Axes: ...
     def plot_range_time(
         self, title: str | None = None, *, ax: Axes | None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
         limits_db: tuple[float, float] | None = None,
@@ -311,33 +307,38 @@ class Recording:
 
     @overload
     def plot_range_doppler(
-        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ax: None = None,
-        cmap: str = "viridis", dynamic_range_db: float = 50.0, limits_db: tuple[float, float] | None = None,
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
+        ax: None = None, **colours: Unpack[Colours],
     ) -> Figure: ...  # fmt: skip
     @overload
     def plot_range_doppler(
-        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ax: Axes,
-        cmap: str = "viridis", dynamic_range_db: float = 50.0, limits_db: tuple[float, float] | None = None,
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
+        ax: Axes, **colours: Unpack[Colours],
     ) -> Axes: ...  # fmt: skip
     def plot_range_doppler(
-        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None,
+        self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
         ax: Axes | None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
         limits_db: tuple[float, float] | None = None,
     ) -> Figure | Axes:  # fmt: skip
-        """`range_doppler_at` as a figure; options as of `plot`, and time and length of the interval [s]."""
+        """`range_doppler_at` as a figure; options as of `plot`, and time and length of the interval [s].
+
+        ghosts: whether the strongest paths are marked at their ranges and speeds, with their names.
+        """
         image = self.range_doppler_at(time_s, interval_s=interval_s)
         note = f"{1e3 * image.attrs['interval_s']:.3g} ms, its middle at {image.attrs['time_s']:.3f} s"
-        return self._drawn(image, ax, title, note, cmap, dynamic_range_db, limits_db)
+        paths = self.paths_at(image.attrs["time_s"]) if flag("ghosts", ghosts) else None
+        return self._drawn(image, ax, title, note, cmap, dynamic_range_db, limits_db, paths)
 
     def _drawn(
         self, image: xr.DataArray, ax: Axes | None, title: str | None, note: str | None, cmap: str, dynamic_range_db: float,
-        limits_db: tuple[float, float] | None,
+        limits_db: tuple[float, float] | None, paths: xr.Dataset | None = None,
     ) -> Figure | Axes:  # fmt: skip
-        """A map in a figure of its own, or in axes of the user's."""
+        """A map in a figure of its own, or in axes of the user's, with marks of paths."""
         from t2d_rt.canvas import Scale
         from t2d_rt.maps import drawn
 
-        return drawn(image, ax, Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db), title, note)
+        scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
+        return drawn(image, ax, scale, title, note, paths)
 
     def save(self, path: str | Path, *, overwrite: bool = False, figure: Figure | None = None) -> None:
         """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were.

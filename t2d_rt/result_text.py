@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from t2d_rt.errors import printable
-from t2d_rt.tables import size
+from t2d_rt.tables import html_table, size
 from t2d_rt.types import Radar
 
 
@@ -28,6 +29,24 @@ def made_with(settings: Mapping[str, Any], *, measured: bool) -> str:
     ):  # earlier versions had one over white noise
         known.append(f"SNR {settings['snr_db']:.1f} dB")
     return printable(", ".join(known)) or ("measured" if measured else "simulated")
+
+
+def at_a_glance(
+    shape: tuple[int, ...], radar: Radar, settings: Mapping[str, Any], processing: Mapping[str, Any], *, measured: bool
+) -> str:
+    """The table that a notebook shows of a recording with a cube of that shape (chirp, antenna, sample)."""
+    error = "not measured" if settings.get("error_db") is None else f"{settings['error_db']:.1f} dB"
+    pictures = "plot(), plot_range_time(), plot_range_doppler()"
+    rows = [
+        ("ADC cube", f"{cube_size(shape, radar)}, {8 * math.prod(shape) / 1e6:.4g} MB"),
+        ("made with", made_with(settings, measured=measured)),
+        ("error of the field", error),
+        ("noise", noise_of(settings, measured=measured)),
+        ("radar", repr(radar)),
+        ("spectrogram", ", ".join(f"{name} {value}" for name, value in processing.items()) or "by default"),
+        ("pictures", pictures),
+    ]
+    return html_table("Recording", rows)
 
 
 def noise_of(settings: Mapping[str, Any], *, measured: bool) -> str:

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from t2d_rt.backend import select
+from t2d_rt.backend import one_blas_thread, select
 from t2d_rt.checks import choice, integer, shown, text
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.experiment import Experiment
 from t2d_rt.inputs import Inputs, Store
-from t2d_rt.memory import Budget
+from t2d_rt.memory import LIMIT_GB, Budget
 from t2d_rt.model import Model, farthest_and_fastest
 from t2d_rt.motion import placement
 from t2d_rt.motion.jumps import jumps, told, told_before
@@ -131,6 +131,28 @@ def set_up(
         targets=sources_of(targets, store), radar=radar, scene=stored_scene(whole, store), **physics
     )
     return Stage(experiment, store.inputs, model)
+
+
+def set_up_again(experiment: Experiment | None, inputs: Inputs) -> Stage:
+    """A recording's experiment set up once more, for what follows from it beside the samples; its warnings have been told."""
+    experiment = repeatable(experiment)
+    with warnings.catch_warnings(), one_blas_thread:
+        warnings.simplefilter("ignore", T2DWarning)
+        targets, scene = experiment.targets_from(inputs), experiment.scene_from(inputs)
+        return set_up(targets, experiment.radar, scene, experiment.physics, device="auto", memory_gb=LIMIT_GB)
+
+
+def repeatable(experiment: Experiment | None) -> Experiment:
+    """The experiment of a recording, if there is one and all of it is stored."""
+    if experiment is None:
+        raise InputError(
+            "the recording was measured and has no experiment, so it cannot be simulated again; give an Experiment"
+        )
+    if experiment.lost is not None:
+        raise InputError(
+            f"the recording cannot be made again: {experiment.lost} was computed by a function, which is not stored"
+        )
+    return experiment
 
 
 def _placed(motion: Motion, radar: Radar) -> Motion:

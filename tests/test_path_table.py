@@ -1,0 +1,197 @@
+"""Paths and truth beside a recording: tables against closed forms and geometry worked out anew."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from trimesh.creation import box
+
+import t2d_rt as t2d
+from builders import ball, icosphere, static_mesh, walk
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.errors import InputError
+from t2d_rt.motion.contacts import contacts
+from t2d_rt.motion.kinematics import poses_of
+from t2d_rt.stage import set_up
+from t2d_rt.truth import truth_table
+
+SPEED_MPS = np.array([-2.0, 0.5, 0.0])
+
+
+def elsewhere(radar: t2d.Radar, point: np.ndarray) -> np.ndarray:
+    """A point of the world as the radar has it: forward, left, up."""
+    return np.asarray((point - np.asarray(radar.position_m)) @ radar.axes.T)
+
+
+@pytest.fixture(scope="module")
+def in_room() -> t2d.Recording:
+    """A person and a fan in the empty room, before a radar that looks a little to the left."""
+    radar = t2d.Radar.preset("ci4r", position_m=(0.5, 0.2, 1.2), boresight=(1.0, 0.1, 0.0))
+    fan = t2d.TableFan(position_m=(2.5, 0.8, 1.0), rpm=60)
+    return t2d.simulate(
+        [t2d.trim(walk(), 0, 0.3), fan], radar=radar, scene="empty_room", method="ellipsoid", clutter="none"
+    )
+
+
+def test_the_direct_path_in_free_space_is_the_radar_equation() -> None:
+    radar = t2d.Radar.preset("table2", rx_offsets_m=[[0.0, 0.3, 0.0]])
+    recording = t2d.simulate(ball((4.0, 0.3, 1.2), SPEED_MPS, 0.1), radar=radar)
+    paths = recording.paths
+    assert dict(paths.sizes) == {"target": 1, "pair": 1, "time_s": 3, "point": 3, "xyz": 3}
+    assert (paths.pair.values.tolist(), paths.meets.values.tolist()) == (["direct"], [["radar", "target", "radar"]])
+    assert paths.target.values.tolist() == ["ball"]
+    direct = paths.isel(target=0, pair=0)
+    centre = np.array([4.0, 0.3, 1.2]) + SPEED_MPS * paths.time_s.values[:, None]
+    ends = [centre - place for place in (radar.tx_position_m, radar.rx_position_m)]
+    lengths = [np.linalg.norm(each, axis=1) for each in ends]
+    np.testing.assert_allclose(direct.length_m, sum(lengths), rtol=1e-9)
+    np.testing.assert_allclose(direct.delay_s, sum(lengths) / SPEED_OF_LIGHT, rtol=1e-9)
+    speed = -0.5 * sum(each @ SPEED_MPS / length for each, length in zip(ends, lengths, strict=True))
+    np.testing.assert_allclose(direct.speed_mps, speed, rtol=1e-5)
+    # Reflected in the plane between both antennas, the polarisation is as it was but for a part in a thousand.
+    power = radar.received_power_w(1.0, *lengths)
+    np.testing.assert_allclose(direct.level_dbm, 10 * np.log10(power) + 30, atol=0.03)
+    for name, each in zip(("departure", "arrival"), ends, strict=True):
+        ahead, left, up = each.T
+        np.testing.assert_allclose(direct[f"{name}_azimuth_rad"], np.arctan2(left, ahead), atol=1e-9)
+        np.testing.assert_allclose(
+            direct[f"{name}_elevation_rad"], np.arcsin(up / np.linalg.norm(each, axis=1)), atol=1e-9
+        )
+    assert (direct.blocked == 0).all()
+    np.testing.assert_allclose(direct.points_m[:, 1], centre, atol=1e-9)
+
+
+def test_paths_of_a_room_are_as_long_as_their_points_say(in_room: t2d.Recording) -> None:
+    paths = in_room.paths_at([0.0, 0.11, 0.3])
+    assert paths.pair.values.tolist() == in_room.settings["pairs"]
+    assert paths.target.values.tolist() == ["adult", "fan"]
+    there = paths.blocked.values < 1
+    assert there.any(axis=(0, 2)).sum() > 20
+    assert np.isnan(paths.delay_s.values[~there]).all()
+    assert np.isneginf(paths.level_dbm.values[~there]).all()
+    points = paths.points_m.values
+    steps = np.nansum(np.linalg.norm(np.diff(points, axis=3), axis=-1), axis=-1)
+    np.testing.assert_allclose(steps[there], paths.length_m.values[there], rtol=1e-9)
+    np.testing.assert_allclose(paths.delay_s.values[there], paths.length_m.values[there] / SPEED_OF_LIGHT, rtol=1e-12)
+    names = [[name for name in row if name] for row in paths.meets.values.tolist()]
+    for number, (row, pair) in enumerate(zip(names, paths.pair.values.tolist(), strict=True)):
+        out, back = (each.split(" > ") if each != "direct" else [] for each in (pair.split(", ") * 2)[:2])
+        assert row == ["radar", *out, "target", *back[::-1], "radar"]
+        assert int(paths.reflections[number]) == len(row) - 3
+        here = points[:, number][there[:, number]]
+        assert np.isfinite(here[:, : len(row)]).all()
+        assert np.isnan(here[:, len(row) :]).all()
+        for place, name in enumerate(row):
+            heights = {"floor": 0.0, "ceiling": 2.6}
+            if name in heights:
+                np.testing.assert_allclose(here[:, place, 2], heights[name], atol=1e-9)
+        # Directions are those of the polyline's first and last piece.
+        for end, ahead in (
+            ("departure", here[:, 1] - here[:, 0]),
+            ("arrival", here[:, -1 - points.shape[3] + len(row) - 1] - here[:, len(row) - 1]),
+        ):
+            forward, left, up = (ahead @ in_room.radar.axes.T).T
+            for word, angle in (
+                ("azimuth", np.arctan2(left, forward)),
+                ("elevation", np.arctan2(up, np.hypot(forward, left))),
+            ):
+                found = paths[f"{end}_{word}_rad"].values[:, number][there[:, number]]
+                np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angle), atol=1e-7)
+
+
+def test_speeds_are_those_at_which_paths_get_shorter(in_room: t2d.Recording) -> None:
+    paths = in_room.paths_at(np.array([0.1, 0.15, 0.2]))
+    closer = -0.5 * np.diff(paths.length_m.values[..., [0, 2]], axis=-1)[..., 0] / 0.1
+    person, fan = paths.speed_mps.values[..., 1]
+    assert np.nanmax(np.abs(person - closer[0])) < 0.02 < np.nanmax(person)
+    assert np.nanmax(np.abs(fan)) < 1e-3
+
+
+def test_truth_of_a_person_and_a_fan(in_room: t2d.Recording) -> None:
+    truth = in_room.truth
+    assert truth.target.values.tolist() == ["adult", "fan"]
+    assert truth.person.values.tolist() == ["adult"]
+    assert truth.time_s.values == pytest.approx(np.arange(16) / 50)
+    motion = in_room.experiment.targets_from(in_room.inputs)[0]  # type: ignore[union-attr]
+    assert isinstance(motion, t2d.Motion)
+    frame = round(0.2 * motion.rate_hz)
+    at = in_room.truth_at(frame / motion.rate_hz).isel(time_s=0)
+    for name in ("pelvis", "left_wrist", "right_ankle"):
+        expected = elsewhere(in_room.radar, motion.joints[frame, motion.index(name)])
+        np.testing.assert_allclose(at.joints_m.sel(person="adult", joint=name), expected, atol=1e-6)
+    fan = elsewhere(in_room.radar, np.array([2.5, 0.8, 1.0]))
+    assert float(at.range_m.sel(target="fan")) == pytest.approx(np.linalg.norm(fan), abs=0.1)
+    assert float(at.azimuth_rad.sel(target="fan")) == pytest.approx(np.arctan2(fan[1], fan[0]), abs=0.05)
+    limbs = t2d.segments(motion).at(np.array([frame / motion.rate_hz]))[0][0]
+    assert truth.segment.values.tolist() == list(t2d.segments(motion).names)
+    own = elsewhere(in_room.radar, limbs)
+    np.testing.assert_allclose(at.segment_range_m[0], np.linalg.norm(own, axis=1), atol=1e-6)
+    np.testing.assert_allclose(at.segment_azimuth_rad[0], np.arctan2(own[:, 1], own[:, 0]), atol=1e-9)
+    later = in_room.truth_at([0.1, 0.101])
+    closer = -np.diff(later.segment_range_m.values[0], axis=0)[0] / 1e-3
+    np.testing.assert_allclose(closer, later.segment_speed_mps.values[0].mean(axis=0), atol=1e-3)
+    stands = contacts(poses_of(motion))
+    assert stands.any()
+    assert not stands.all()
+    frames = np.rint(truth.time_s.values * motion.rate_hz).astype(int)
+    assert np.array_equal(truth.contact.values[0], stands[frames])
+
+
+def test_a_segment_is_visible_as_far_as_nothing_stands_before_it(in_room: t2d.Recording) -> None:
+    """A plate hides the legs: its edge is the height at which segments begin to be seen."""
+    motion = t2d.place(t2d.trim(walk(), 0, 0.1), distance_m=3.0)
+    shade = box(bounds=[[1.5, -1.0, 0.0], [1.51, 1.0, 0.92]])
+    screen = static_mesh(np.array(shade.vertices), np.array(shade.faces), 0.1, name="screen")
+    physics = in_room.experiment.physics | {"method": "mesh"}  # type: ignore[union-attr]
+    free, hidden = (
+        truth_table(
+            set_up(targets, "ci4r", "free_space", physics, device="auto", memory_gb=2.0).model, t2d.Accuracy(), np.array([0.05])
+        ).isel(time_s=0, person=0)
+        for targets in ([motion], [motion, screen])
+    )  # fmt: skip
+    # Seen from 1 m, the edge stands at 0.84 m where the person walks.
+    names = [f"{side}_{limb}" for side in ("left", "right") for limb in ("shank", "foot")]
+    assert (hidden.segment_visible.sel(segment=names) < 0.01).all()
+    above = ["head", "neck", "chest"]
+    np.testing.assert_allclose(
+        hidden.segment_visible.sel(segment=above), free.segment_visible.sel(segment=above), atol=1e-6
+    )
+    assert (free.segment_visible.sel(segment=above) > 0.9).all()
+    assert (free.segment_visible > 0.3).all()
+
+
+def test_meshes_without_joints_are_no_persons() -> None:
+    recording = t2d.simulate([ball((3.0, 0.0, 1.0)), ball((4.0, 0.5, 1.0))], radar="ci4r")
+    truth, paths = recording.truth, recording.paths
+    assert (truth.sizes["person"], truth.joints_m.size) == (0, 0)
+    assert truth.target.values.tolist() == paths.target.values.tolist() == ["ball", "ball 2"]
+    assert float(truth.range_m.sel(target="ball 2")[0]) == pytest.approx(np.hypot(4, 0.5))
+
+
+def test_a_skin_of_the_user_is_a_person() -> None:
+    motion = t2d.place(t2d.trim(walk(), 0, 0.1), distance_m=3.0)
+    truth = t2d.simulate(t2d.segments(motion), radar="ci4r").truth_at(0.0)
+    assert truth.person.values.tolist() == ["ellipsoids"]
+    np.testing.assert_allclose(truth.joints_m[0, 0, 0], motion.joints[0, 0] - [0.0, 0.0, 1.0], atol=1e-6)
+
+
+def test_what_has_no_experiment_has_no_paths() -> None:
+    radar = t2d.Radar.preset("ci4r")
+    measured = t2d.Recording(np.ones((4, 1, radar.samples), np.complex64), radar)
+    with pytest.raises(InputError, match="the recording was measured and has no experiment"):
+        _ = measured.paths
+    with pytest.raises(InputError, match="the recording was measured and has no experiment"):
+        _ = measured.truth
+    shaped, faces = icosphere(1, 0.1)
+    own = t2d.MovingMesh.from_track(
+        lambda t: np.repeat((shaped + [3.0, 0, 1])[None], len(t), 0), faces, np.linspace(0, 0.1, 3)
+    )
+    with pytest.raises(InputError, match="computed by a function, which is not stored"):
+        _ = t2d.simulate(own, radar="ci4r").truth
+
+
+@pytest.mark.parametrize("times_s", [[0.0, 0.4], -0.1, [], [[0.1]], "now", [np.nan]])
+def test_times_outside_the_record_are_refused(in_room: t2d.Recording, times_s: object) -> None:
+    for table in (in_room.paths_at, in_room.truth_at):
+        with pytest.raises(InputError, match="times_s"):
+            table(times_s)
