@@ -53,9 +53,9 @@ def activities(output: Path, *, seed: int = 0, longest_s: float = 6.0, sentences
             place.tick_params(labelsize=7)
         print(f"{name}: {sentence!r}, {motion.duration_s:.1f} s")
     for place in axes[-1]:
-        place.set_xlabel("Time (s)", fontsize=8)
+        place.set_xlabel("Time [s]", fontsize=8)
     for place in axes[:, 0]:
-        place.set_ylabel("Radial velocity (m/s)", fontsize=8)
+        place.set_ylabel("Radial velocity [m/s]", fontsize=8)
     figure.colorbar(drawn, ax=axes, label="Power (dB re peak)", pad=0.01, shrink=0.6)
     output.mkdir(parents=True, exist_ok=True)
     picture = output / "activities.png"

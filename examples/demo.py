@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import t2d_rt as t2d
-from t2d_rt.compare import compare
+from t2d_rt.comparison import compare
 from t2d_rt.plots import plot_comparison
 from t2d_rt.resources import resource
 

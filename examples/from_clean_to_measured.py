@@ -49,9 +49,9 @@ def steps(output: Path, seed: int = 0, duration_s: float | None = None) -> Path:
         drawn = ax.pcolormesh(
             image.time_s, image.velocity_mps, level, vmin=low_db, vmax=high_db, shading="nearest", rasterized=True
         )
-        ax.set(title=title, xlabel="Time (s)", ylim=SPEEDS_MPS)
+        ax.set(title=title, xlabel="Time [s]", ylim=SPEEDS_MPS)
     axes[0].set_ylabel(VELOCITY_LABEL)
-    figure.colorbar(drawn, ax=axes, label="Power (dB re 1 W)", extend="both")
+    figure.colorbar(drawn, ax=axes, label="Power [dB re 1 W]", extend="both")
     output.mkdir(parents=True, exist_ok=True)
     picture = output / "from_clean_to_measured.png"
     figure.savefig(picture, dpi=80, metadata={"Software": None})

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from t2d_rt.accuracy import plan
+    from t2d_rt.comparison import compare
     from t2d_rt.errors import BackendError, InputError, T2DError, T2DWarning
     from t2d_rt.experiment import Experiment
     from t2d_rt.motion import describe, load_motion, motion_from_joints, place, repeat, resample, smooth, trim
@@ -62,6 +63,7 @@ _HOMES = {
     "t2d_rt.recordings": ("load_recording",),
     "t2d_rt.result": ("Recording",),
     "t2d_rt.scene": ("CeilingFan", "Curtain", "Door", "Pet", "Room", "TableFan", "mover", "save_scene"),
+    "t2d_rt.comparison": ("compare",),
     "t2d_rt.experiment": ("Experiment",),
     "t2d_rt.named": ("bodies", "example", "examples", "movers", "presets", "scenes"),
     "t2d_rt.accuracy": ("plan",),
@@ -118,6 +120,7 @@ __all__ = [
     "add_noise",
     "bodies",
     "check_motion",
+    "compare",
     "describe",
     "example",
     "examples",

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
-from t2d_rt.checks import array, instance, interval, numeric, positive, shown, text
+from t2d_rt.checks import array, flag, instance, interval, number, numeric, positive, shown, text
 from t2d_rt.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
+    from matplotlib.collections import Collection
     from matplotlib.figure import Figure
 
 COLUMNS = 2000
@@ -27,17 +27,19 @@ LONGEST_TITLE = 300
 """Characters of a title that are drawn."""
 
 
-class Colours(TypedDict, total=False):
-    """Options of a `Scale`."""
+class StyleOptions(TypedDict, total=False):
+    """Fields of a `Style`, as keywords of plot functions."""
 
     cmap: str
     dynamic_range_db: float
-    limits_db: tuple[float, float] | None
+    limits_db: tuple[float, float]
+    bar: bool
+    width_in: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scale:
-    """Colours of the levels of a map."""
+class Style:
+    """How a map is drawn: the colours of its levels, its colour bar, its width."""
 
     cmap: str = "viridis"
     """A colour map of Matplotlib."""
@@ -46,6 +48,11 @@ class Scale:
     limits_db: tuple[float, float] | None = None
     """Least and greatest level [dB re 1 W], for pictures that are to be compared; by default the peak and what lies below it within
     `dynamic_range_db`."""
+    bar: bool = True
+    """Whether a colour bar stands beside the map; a grid of maps on one scale needs only one."""
+    width_in: float | None = None
+    """Width of the figure [inch], 3.5 for a column of a paper and 7 for its width; by default 7, and 5.4 of maps over range or
+    angle. In axes of a figure of one's own it has no effect."""
 
     def __post_init__(self) -> None:
         check_colours(self.cmap)
@@ -56,6 +63,9 @@ class Scale:
             if not -1e4 <= low < high <= 1e4:
                 raise InputError(f"limits_db must be two levels, the lower one first, got {shown(self.limits_db)}")
             object.__setattr__(self, "limits_db", (low, high))
+        flag("bar", self.bar)
+        if self.width_in is not None:
+            object.__setattr__(self, "width_in", checked_width(self.width_in))
 
     def bounds_db(self, power_db: np.ndarray) -> tuple[float, float]:
         """Least and greatest level [dB] that colours tell apart in a map."""
@@ -73,6 +83,24 @@ def occupied(axis: np.ndarray, levels_db: np.ndarray, floor_db: float, *, zero: 
         least, greatest = min(least, 0.0), max(greatest, 0.0)
     margin = max(MARGIN * (greatest - least), 10 * float(axis[1] - axis[0]))
     return max(least - margin, float(axis[0])), min(greatest + margin, float(axis[-1]))
+
+
+def checked_width(width_in: Any) -> float:
+    """A width that a page or a screen may have [inch]."""
+    return number("width_in", width_in, 2, 40, unit="inch", hint="3.5 is a column of a paper, 7 its width")
+
+
+def sized(width_in: float, height_in: float, wanted_in: float | None) -> tuple[float, float]:
+    """Width and height of a figure of another width [inch]; its height changes less, as labels keep their size."""
+    return (width_in, height_in) if wanted_in is None else (wanted_in, height_in * (wanted_in / width_in) ** 0.65)
+
+
+def is_small(axes: Axes) -> bool:
+    """Whether axes have less room than a figure across a page gives them, so that their texts must be smaller and shorter."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    width, height = figure.get_size_inches() * axes.get_position(original=True).size
+    return bool(width < 3.2 or height < 1.8)
 
 
 def blank_figure(width_in: float, height_in: float) -> Figure:
@@ -101,22 +129,26 @@ def checked_axes(axes: Any) -> Axes:
     found: Axes = instance("ax", axes, Axes, "axes of a figure of Matplotlib", hint=hint)
     if found.name == "3d":
         raise InputError("ax must be flat, got axes in three dimensions; make others")
+    figure = found.get_figure(root=True)
+    if figure is not None and figure.get_layout_engine() is None and len(figure.axes) > 1:
+        # In a grid labels and colour bars would lie over one another; who has placed a colour bar has arranged the figure.
+        with suppress(RuntimeError):
+            figure.set_layout_engine("constrained")
     return found
 
 
-def scaled_image(
-    axes: Axes, x: np.ndarray, y: np.ndarray, power_db: np.ndarray, scale: Scale | None
-) -> tuple[float, float]:
+def scaled_image(axes: Axes, x: np.ndarray, y: np.ndarray, power_db: np.ndarray, style: Style) -> tuple[float, float]:
     """Draws a map with its colour bar, relative to the peak or, where levels are given, as it is; the levels at both ends."""
-    scale = scale or Scale()
-    low, high = scale.bounds_db(power_db)
-    if scale.limits_db is None:
-        draw_image(axes, x, y, power_db, scale.dynamic_range_db, scale.cmap, peak=high)
-    else:
-        mesh = axes.pcolormesh(
-            x, y, np.maximum(power_db, low), cmap=scale.cmap, vmin=low, vmax=high, shading="nearest", rasterized=True
-        )
-        draw_bar(axes, mesh, "Power (dB re 1 W)", extend="max" if peak_db(power_db) > high else "neither")
+    low, high = style.bounds_db(power_db)
+    offset = high if style.limits_db is None else 0.0
+    mesh = axes.pcolormesh(
+        x, y, np.clip(power_db, low, None) - offset, cmap=style.cmap, vmin=low - offset, vmax=high - offset, shading="nearest",
+        rasterized=True,
+    )  # fmt: skip
+    if style.bar and style.limits_db is None:
+        draw_bar(axes, mesh, "Power rel. to peak [dB]")
+    elif style.bar:
+        draw_bar(axes, mesh, "Power [dB re 1 W]", extend="max" if peak_db(power_db) > high else "neither")
     return low, high
 
 
@@ -128,40 +160,22 @@ def draw_note(axes: Axes, note: str | None) -> None:
         )
 
 
-def draw_image(
-    axes: Axes,
-    x: np.ndarray,
-    y: np.ndarray,
-    power_db: np.ndarray,
-    dynamic_range_db: float,
-    cmap: str,
-    *,
-    peak: float | None = None,
-) -> None:
-    """A map relative to its peak, or to a `peak` common to several, with its colour bar; levels below the range are clipped."""
-    dynamic_range_db = positive("dynamic_range_db", dynamic_range_db, 1000, unit="dB", hint="50 is usual")
-    check_colours(cmap)
-    relative = np.clip(power_db - (peak_db(power_db) if peak is None else peak), -dynamic_range_db, 0)
-    mesh = axes.pcolormesh(
-        x, y, relative, cmap=cmap, vmin=-dynamic_range_db, vmax=0, shading="nearest", rasterized=True
-    )
-    draw_bar(axes, mesh, "Power rel. to peak (dB)")
-
-
-def draw_bar(axes: Axes, mesh: QuadMesh, label: str, extend: str = "neither") -> None:
+def draw_bar(axes: Axes, mesh: Collection, label: str, extend: str = "neither") -> None:
     """The colour bar of a map."""
+    small = is_small(axes)
     bar = axes.figure.colorbar(mesh, ax=axes, pad=0.015, extend=extend)
-    bar.set_label(label, fontsize=9)
-    bar.ax.tick_params(labelsize=8)
+    bar.set_label(label, fontsize=8 if small else 9)
+    bar.ax.tick_params(labelsize=7 if small else 8)
 
 
 def label_axes(axes: Axes, x: str, y: str, title: str | None) -> None:
     """Names of both axes, and a title."""
-    axes.set_xlabel(x, fontsize=9)
-    axes.set_ylabel(y, fontsize=9)
-    axes.tick_params(labelsize=8)
+    small = is_small(axes)
+    axes.set_xlabel(x, fontsize=8 if small else 9)
+    axes.set_ylabel(y, fontsize=8 if small else 9)
+    axes.tick_params(labelsize=7 if small else 8)
     if title is not None:
-        axes.set_title(drawable("title", title), fontsize=10, parse_math=False)
+        axes.set_title(drawable("title", title), fontsize=8 if small else 10, parse_math=False)
 
 
 def drawable(name: str, value: Any) -> str:

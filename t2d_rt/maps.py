@@ -1,4 +1,4 @@
-"""Maps of a recording as its spectrogram is made: the same MTI, the same windows; and figures of maps."""
+"""Maps of a recording as its spectrogram is made: the same MTI, the same windows."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2d_rt.canvas import Scale, checked_axes, drawable
+from t2d_rt.canvas import Style, drawable
 from t2d_rt.checks import positive
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.cubes import Cube
-from t2d_rt.plots import draw_map, new_figure
+from t2d_rt.plots import plotted
 from t2d_rt.signal import coherent_interval, range_doppler, range_time
 from t2d_rt.signal.doppler import checked_windows
 from t2d_rt.signal.maps import RangeDoppler, RangeTime
@@ -85,17 +85,15 @@ def labelled(
 
 
 def drawn(
-    image: xr.DataArray, ax: Any, scale: Scale, title: str | None, note: str | None = None, paths: xr.Dataset | None = None
+    image: xr.DataArray, ax: Any, style: Style, title: str | None, note: str | None = None, paths: xr.Dataset | None = None
 ) -> Figure | Axes:  # fmt: skip
     """A labelled map in a figure of its own, or in axes of the user's, which are returned; with the strongest of `paths` marked."""
     kind: Any = image.name
     y, x = (image[axis].values for axis in image.dims)
-    figure = None if ax is not None else new_figure(kind)
-    axes = checked_axes(ax) if figure is None else figure.subplots()
-    draw_map(axes, kind, y, x, image.values, scale=scale, title=title, note=note)
+    made = plotted(kind, y, x, image.values, ax, style, title, note)
     if paths is not None:
-        mark_ghosts(axes, paths)
-    return axes if figure is None else figure
+        mark_ghosts(made.axes[0] if ax is None else ax, paths)
+    return made
 
 
 def mark_ghosts(axes: Axes, paths: xr.Dataset) -> None:

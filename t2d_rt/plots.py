@@ -1,29 +1,34 @@
 """Figures for a paper: axes with units, dB relative to the peak, a perceptual map, rasterised images, no global state.
 
-Every function returns a `matplotlib.figure.Figure`; `figure.savefig("walk.png")` or `.pdf` writes it.
+Every function returns a `matplotlib.figure.Figure`, and `figure.savefig("walk.png")` or `.pdf` writes it; or draws into axes `ax`
+of a figure of the user's and returns these.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 
 import numpy as np
 
 from t2d_rt.canvas import (
-    Scale,
+    Style,
+    StyleOptions,
     blank_figure,
     check_colours,
+    checked_axes,
     checked_map,
+    checked_width,
     draw_bar,
-    draw_image,
     draw_note,
     drawable,
+    is_small,
     label_axes,
     occupied,
     peak_db,
     scaled_image,
+    sized,
     thinned,
 )
 from t2d_rt.checks import LARGEST_M, array, instance, numeric, positive, shown, text
@@ -34,18 +39,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MapKind = Literal["spectrogram", "range_time", "range_doppler"]
+MapKind = Literal["spectrogram", "range_time", "range_doppler", "range_angle"]
 
 MAPS: dict[MapKind, tuple[tuple[str, str], tuple[float, float]]] = {
     "spectrogram": (("velocity_mps", "time_s"), (7.0, 3.6)),
     "range_time": (("range_m", "time_s"), (7.0, 3.6)),
     "range_doppler": (("velocity_mps", "range_m"), (5.4, 4.2)),
+    "range_angle": (("range_m", "azimuth_rad"), (5.4, 4.2)),
 }
 """Names of a map's axes, upward and to the right, and width and height of its figure [inch]."""
 
-VELOCITY_LABEL = "Radial velocity (m/s), approaching > 0"
+VELOCITY_LABEL = "Radial velocity [m/s], approaching > 0"
 
-LABELS = {"velocity_mps": VELOCITY_LABEL, "range_m": "Range (m)", "time_s": "Time (s)"}
+LABELS = {
+    "velocity_mps": VELOCITY_LABEL, "range_m": "Range [m]", "time_s": "Time [s]", "azimuth_rad": "Azimuth [deg], left > 0",
+}  # fmt: skip
 
 
 def draw_map(
@@ -55,20 +63,25 @@ def draw_map(
     x: np.ndarray,
     power_db: np.ndarray,
     *,
-    scale: Scale | None = None,
+    style: Style,
     title: str | None = None,
     note: str | None = None,
 ) -> None:
-    """A map (y, x) into axes of a figure of one's own, and only as much of it as holds anything."""
+    """A map (y, x) into axes, and only as much of it as holds anything."""
     (y_name, x_name), _ = MAPS[kind]
     y, x, power_db = checked_map(y_name, y, x_name, x, power_db)
     if x_name == "time_s":
         x, power_db = _with_width(x, power_db) if len(x) == 1 else thinned(x, power_db)
-    low, _ = scaled_image(axes, x, y, power_db, scale)
+    elif x_name == "azimuth_rad":
+        x = np.degrees(x)
+    low, _ = scaled_image(axes, x, y, power_db, style)
     axes.set_ylim(occupied(y, power_db.max(axis=1), low))
-    if x_name != "time_s":
+    if x_name == "azimuth_rad":  # left on the left
+        axes.set_xlim(x[-1], x[0])
+    elif x_name != "time_s":
         axes.set_xlim(occupied(x, power_db.max(axis=0), low, zero=False))
-    label_axes(axes, LABELS[x_name], LABELS[y_name], title)
+    up = LABELS[y_name].partition(",")[0] if is_small(axes) else LABELS[y_name]
+    label_axes(axes, LABELS[x_name], up, title)
     draw_note(axes, note)
 
 
@@ -84,86 +97,104 @@ def _with_width(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, n
     return time_s[0] + half * np.array([-1.0, 1.0]), np.repeat(power_db, 2, axis=1)
 
 
-def _plotted(
-    kind: MapKind, y: np.ndarray, x: np.ndarray, power_db: np.ndarray, scale: Scale, title: Any, note: Any
-) -> Figure:
-    """A map in a figure of its own."""
-    figure = new_figure(kind)
-    draw_map(figure.subplots(), kind, y, x, power_db, scale=scale, title=title, note=note)
-    return figure
+def plotted(
+    kind: MapKind, y: np.ndarray, x: np.ndarray, power_db: np.ndarray, ax: Any, style: Style, title: Any, note: Any
+) -> Figure | Axes:
+    """A map in a figure of its own, or in axes of the user's, which are returned."""
+    figure = None if ax is not None else blank_figure(*sized(*MAPS[kind][1], style.width_in))
+    axes = checked_axes(ax) if figure is None else figure.subplots()
+    draw_map(axes, kind, y, x, power_db, style=style, title=title, note=note)
+    return axes if figure is None else figure
 
 
+@overload
 def plot_spectrogram(
-    velocity_mps: np.ndarray,
-    time_s: np.ndarray,
-    power_db: np.ndarray,
-    *,
-    title: str | None = None,
-    note: str | None = None,
-    dynamic_range_db: float = 50.0,
-    limits_db: tuple[float, float] | None = None,
-    cmap: str = "viridis",
-) -> Figure:
-    """Micro-Doppler spectrogram; `power_db` (velocity, time). `note` stands in a corner of it."""
-    scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
-    return _plotted("spectrogram", velocity_mps, time_s, power_db, scale, title, note)
+    velocity_mps: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_spectrogram(
+    velocity_mps: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Axes: ...  # fmt: skip
+def plot_spectrogram(
+    velocity_mps: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure | Axes:  # fmt: skip
+    """Micro-Doppler spectrogram; `power_db` (velocity, time). `note` stands in a corner of it; options as `canvas.Style`."""
+    return plotted("spectrogram", velocity_mps, time_s, power_db, ax, Style(**style), title, note)
 
 
+@overload
 def plot_range_time(
-    range_m: np.ndarray,
-    time_s: np.ndarray,
-    power_db: np.ndarray,
-    *,
-    title: str | None = None,
-    note: str | None = None,
-    dynamic_range_db: float = 50.0,
-    limits_db: tuple[float, float] | None = None,
-    cmap: str = "viridis",
-) -> Figure:
+    range_m: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_range_time(
+    range_m: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Axes: ...  # fmt: skip
+def plot_range_time(
+    range_m: np.ndarray, time_s: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure | Axes:  # fmt: skip
     """Range over time; `power_db` (range, time). `note` stands in a corner of it."""
-    scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
-    return _plotted("range_time", range_m, time_s, power_db, scale, title, note)
+    return plotted("range_time", range_m, time_s, power_db, ax, Style(**style), title, note)
 
 
+@overload
 def plot_range_doppler(
-    range_m: np.ndarray,
-    velocity_mps: np.ndarray,
-    power_db: np.ndarray,
-    *,
-    title: str | None = None,
-    note: str | None = None,
-    dynamic_range_db: float = 50.0,
-    limits_db: tuple[float, float] | None = None,
-    cmap: str = "viridis",
-) -> Figure:
+    range_m: np.ndarray, velocity_mps: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_range_doppler(
+    range_m: np.ndarray, velocity_mps: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Axes: ...  # fmt: skip
+def plot_range_doppler(
+    range_m: np.ndarray, velocity_mps: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure | Axes:  # fmt: skip
     """Range-Doppler map; `power_db` (velocity, range). `note` stands in a corner of it."""
-    scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
-    return _plotted("range_doppler", velocity_mps, range_m, power_db, scale, title, note)
+    return plotted("range_doppler", velocity_mps, range_m, power_db, ax, Style(**style), title, note)
 
 
+@overload
 def plot_range_angle(
-    range_m: np.ndarray,
-    azimuth_rad: np.ndarray,
-    power_db: np.ndarray,
-    *,
-    title: str | None = None,
-    dynamic_range_db: float = 40.0,
-    cmap: str = "viridis",
-) -> Figure:
-    """Range-azimuth map with left on the left; `power_db` (range, azimuth)."""
-    range_m, azimuth_rad, power_db = checked_map("range_m", range_m, "azimuth_rad", azimuth_rad, power_db)
-    figure = blank_figure(5.4, 4.2)
-    axes = figure.subplots()
-    draw_image(axes, np.degrees(azimuth_rad), range_m, power_db, dynamic_range_db, cmap)
-    axes.invert_xaxis()
-    label_axes(axes, "Azimuth (deg), left > 0", "Range (m)", title)
-    return figure
+    range_m: np.ndarray, azimuth_rad: np.ndarray, power_db: np.ndarray, *, ax: None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_range_angle(
+    range_m: np.ndarray, azimuth_rad: np.ndarray, power_db: np.ndarray, *, ax: Axes, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Axes: ...  # fmt: skip
+def plot_range_angle(
+    range_m: np.ndarray, azimuth_rad: np.ndarray, power_db: np.ndarray, *, ax: Axes | None = None, title: str | None = None,
+    note: str | None = None, **style: Unpack[StyleOptions],
+) -> Figure | Axes:  # fmt: skip
+    """Range-azimuth map with left on the left; `power_db` (range, azimuth). `note` stands in a corner of it."""
+    return plotted("range_angle", range_m, azimuth_rad, power_db, ax, Style(**style), title, note)
 
 
+@overload
 def plot_point_cloud(
-    xyz_m: np.ndarray, speed_mps: np.ndarray, *, title: str | None = None, cmap: str = "coolwarm"
-) -> Figure:
-    """Points in the radar's frame from above and from the side, coloured by speed; `xyz_m` (point, 3)."""
+    xyz_m: np.ndarray, speed_mps: np.ndarray, *, ax: None = None, title: str | None = None, cmap: str = "coolwarm",
+    width_in: float = 7.0,
+) -> Figure: ...  # fmt: skip
+@overload
+def plot_point_cloud(
+    xyz_m: np.ndarray, speed_mps: np.ndarray, *, ax: Axes, title: str | None = None, cmap: str = "coolwarm",
+    width_in: float = 7.0,
+) -> Axes: ...  # fmt: skip
+def plot_point_cloud(
+    xyz_m: np.ndarray, speed_mps: np.ndarray, *, ax: Axes | None = None, title: str | None = None, cmap: str = "coolwarm",
+    width_in: float = 7.0,
+) -> Figure | Axes:  # fmt: skip
+    """Points in the radar's frame from above and from the side, or in axes of the user's from above alone, coloured by speed;
+    `xyz_m` (point, 3)."""
     speed_mps = array("speed_mps", speed_mps, ("point",), limit=1e9, unit="m/s")
     xyz_m = array("xyz_m", xyz_m, limit=LARGEST_M, unit="m")
     if xyz_m.shape != (len(speed_mps), 3):
@@ -172,21 +203,21 @@ def plot_point_cloud(
         raise InputError(
             "nothing to plot: the point cloud is empty; raise the false-alarm rate, or plot the range-Doppler map"
         )
-    figure = blank_figure(7.0, 3.6)
     check_colours(cmap)
-    above, side = figure.subplots(1, 2)
+    figure = blank_figure(*sized(7.0, 3.6, checked_width(width_in))) if ax is None else None
+    views = [checked_axes(ax)] if figure is None else [*figure.subplots(1, 2)]
     limit = max(float(np.abs(speed_mps).max()), 1e-3)
     x, y, z = xyz_m.T
-    for axes, across, up in ((above, y, x), (side, x, z)):
+    named = ((y, x, "Left [m]", "Forward [m]", "From above"), (x, z, "Forward [m]", "Up [m]", "From the side"))
+    for axes, (across, up, right, upward, name) in zip(views, named, strict=False):
         drawn = axes.scatter(across, up, c=speed_mps, s=8, cmap=cmap, vmin=-limit, vmax=limit, rasterized=True)
         axes.set_aspect("equal", adjustable="datalim")
         axes.grid(alpha=0.3)
-    above.invert_xaxis()
-    label_axes(above, "Left (m)", "Forward (m)", "From above")
-    label_axes(side, "Forward (m)", "Up (m)", "From the side")
-    bar = figure.colorbar(drawn, ax=(above, side), pad=0.015)
-    bar.set_label(VELOCITY_LABEL, fontsize=9)
-    bar.ax.tick_params(labelsize=8)
+        label_axes(axes, right, upward, name if figure is not None else title)
+    views[0].invert_xaxis()
+    draw_bar(views[-1], drawn, VELOCITY_LABEL.partition(",")[0] if is_small(views[-1]) else VELOCITY_LABEL)
+    if figure is None:
+        return views[0]
     if title is not None:
         figure.suptitle(drawable("title", title), fontsize=11, parse_math=False)
     return figure
@@ -232,9 +263,9 @@ def plot_scene(
     plan.autoscale_view()
     extent = scene.bounds_m[1] - scene.bounds_m[0]
     view.set_box_aspect(np.maximum(extent, 0.01 * extent.max()))  # one wall alone has no depth
-    view.set_zlabel("z (m)")
+    view.set_zlabel("z [m]")
     for axes, head in ((plan, title), (view, None)):
-        label_axes(axes, "x (m)", "y (m)", head)
+        label_axes(axes, "x [m]", "y [m]", head)
     legend = plan.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=7, frameon=False)
     for each in legend.get_texts():
         each.set_parse_math(False)
@@ -273,14 +304,14 @@ def plot_comparison(
     first_db: np.ndarray,
     second_db: np.ndarray,
     *,
-    labels: tuple[str, str] = ("ellipsoid", "mesh"),
+    labels: tuple[str, str] = ("first", "second"),
     title: str | None = None,
     dynamic_range_db: float = 50.0,
     difference_db: float = 20.0,
     cmap: str = "viridis",
+    width_in: float = 7.0,
 ) -> Figure:
-    """Two spectrograms (velocity, time) of one motion on one colour scale, and second minus first where either is in
-    range."""
+    """Two spectrograms (velocity, time) on one colour scale, and second minus first where either is in range."""
     first_db, second_db = numeric("first_db", first_db), numeric("second_db", second_db)
     if first_db.shape != second_db.shape:
         raise InputError(
@@ -291,13 +322,15 @@ def plot_comparison(
     velocity_mps, time_s, second_db = checked_map("velocity_mps", velocity_mps, "time_s", time_s, second_db)
     positive("difference_db", difference_db, 1000, unit="dB")
     labels = _checked_labels(labels)
-    figure = blank_figure(7.0, 8.0)
+    figure = blank_figure(*sized(7.0, 8.0, checked_width(width_in)))
     upper, middle, lower = figure.subplots(3, 1, sharex=True, sharey=True)
     _, first_db = thinned(whole_s, first_db)
     time_s, second_db = thinned(time_s, second_db)
     peak = max(peak_db(first_db), peak_db(second_db))
+    dynamic_range_db = positive("dynamic_range_db", dynamic_range_db, 1000, unit="dB", hint="50 is usual")
+    style = Style(cmap=cmap, limits_db=(peak - dynamic_range_db, peak))
     for axes, power_db, label in ((upper, first_db, labels[0]), (middle, second_db, labels[1])):
-        draw_image(axes, time_s, velocity_mps, power_db, dynamic_range_db, cmap, peak=peak)
+        scaled_image(axes, time_s, velocity_mps, power_db, style)
         label_axes(axes, "", "", label)
     # Below the floor of the pictures a difference says nothing: clip both to it, leave out where both are below.
     floor = peak - dynamic_range_db
@@ -316,8 +349,8 @@ def plot_comparison(
     lower.set_facecolor("0.92")
     both = np.maximum(first_db, second_db)
     lower.set_ylim(occupied_speeds(velocity_mps, both, dynamic_range_db))
-    draw_bar(lower, mesh, "Difference (dB)", extend="both")
-    label_axes(lower, "Time (s)", "", f"{labels[1]} minus {labels[0]}")
+    draw_bar(lower, mesh, "Difference [dB]", extend="both")
+    label_axes(lower, "Time [s]", "", f"{labels[1]} minus {labels[0]}")
     figure.supylabel(VELOCITY_LABEL, fontsize=9)
     if title is not None:
         figure.suptitle(drawable("title", title), fontsize=11, parse_math=False)
@@ -336,8 +369,3 @@ def occupied_speeds(velocity_mps: np.ndarray, power_db: np.ndarray, dynamic_rang
     A radar may see three times the speed that a person has; what is left out is empty.
     """
     return occupied(velocity_mps, power_db.max(axis=1), peak_db(power_db) - dynamic_range_db)
-
-
-def new_figure(kind: MapKind) -> Figure:
-    """An empty figure of the size of a map of that kind."""
-    return blank_figure(*MAPS[kind][1])

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from t2d_rt.canvas import Colours
+    from t2d_rt.canvas import StyleOptions
     from t2d_rt.maps import Maps
 
 
@@ -278,47 +278,46 @@ class Recording:
         return Maps(cube=self.cube, radar=self.radar, processing=self.processing, mti=self._mti)
 
     @overload
-    def plot(self, title: str | None = None, *, ax: None = None, **colours: Unpack[Colours]) -> Figure: ...
+    def plot(self, title: str | None = None, *, ax: None = None, **style: Unpack[StyleOptions]) -> Figure: ...
     @overload
-    def plot(self, title: str | None = None, *, ax: Axes, **colours: Unpack[Colours]) -> Axes: ...
-    def plot(
-        self, title: str | None = None, *, ax: Axes | None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
-        limits_db: tuple[float, float] | None = None,
-    ) -> Figure | Axes:  # fmt: skip
+    def plot(self, title: str | None = None, *, ax: Axes, **style: Unpack[StyleOptions]) -> Axes: ...
+    def plot(self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]) -> Figure | Axes:
         """Spectrogram as a figure, which a notebook shows; or in the axes `ax`, which are returned.
 
         cmap: a colour map of Matplotlib.
-        dynamic_range_db: of the colours, below the peak.
+        dynamic_range_db: of the colours, below the peak; 50 by default.
         limits_db: least and greatest level of the colours [dB re 1 W] instead, for pictures that are to be compared.
+        bar: whether a colour bar is drawn; a grid of pictures on one scale needs only one.
+        width_in: width of the figure [inch]: 3.5 for a column of a paper, 7 for its width.
         """
         note = None if self.error_db is None else f"measured error {self.error_db:.1f} dB"
-        return self._drawn(self.spectrogram, ax, title, note, cmap, dynamic_range_db, limits_db)
+        return self._drawn(self.spectrogram, ax, title, note, style)
 
     @overload
-    def plot_range_time(self, title: str | None = None, *, ax: None = None, **colours: Unpack[Colours]) -> Figure: ...
-    @overload
-    def plot_range_time(self, title: str | None = None, *, ax: Axes, **colours: Unpack[Colours]) -> Axes: ...
     def plot_range_time(
-        self, title: str | None = None, *, ax: Axes | None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
-        limits_db: tuple[float, float] | None = None,
-    ) -> Figure | Axes:  # fmt: skip
+        self, title: str | None = None, *, ax: None = None, **style: Unpack[StyleOptions]
+    ) -> Figure: ...
+    @overload
+    def plot_range_time(self, title: str | None = None, *, ax: Axes, **style: Unpack[StyleOptions]) -> Axes: ...
+    def plot_range_time(
+        self, title: str | None = None, *, ax: Axes | None = None, **style: Unpack[StyleOptions]
+    ) -> Figure | Axes:
         """`range_time` as a figure; options as of `plot`."""
-        return self._drawn(self.range_time, ax, title, None, cmap, dynamic_range_db, limits_db)
+        return self._drawn(self.range_time, ax, title, None, style)
 
     @overload
     def plot_range_doppler(
         self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
-        ax: None = None, **colours: Unpack[Colours],
+        ax: None = None, **style: Unpack[StyleOptions],
     ) -> Figure: ...  # fmt: skip
     @overload
     def plot_range_doppler(
         self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
-        ax: Axes, **colours: Unpack[Colours],
+        ax: Axes, **style: Unpack[StyleOptions],
     ) -> Axes: ...  # fmt: skip
     def plot_range_doppler(
         self, title: str | None = None, *, time_s: float | None = None, interval_s: float | None = None, ghosts: bool = False,
-        ax: Axes | None = None, cmap: str = "viridis", dynamic_range_db: float = 50.0,
-        limits_db: tuple[float, float] | None = None,
+        ax: Axes | None = None, **style: Unpack[StyleOptions],
     ) -> Figure | Axes:  # fmt: skip
         """`range_doppler_at` as a figure; options as of `plot`, and time and length of the interval [s].
 
@@ -327,18 +326,17 @@ class Recording:
         image = self.range_doppler_at(time_s, interval_s=interval_s)
         note = f"{1e3 * image.attrs['interval_s']:.3g} ms, its middle at {image.attrs['time_s']:.3f} s"
         paths = self.paths_at(image.attrs["time_s"]) if flag("ghosts", ghosts) else None
-        return self._drawn(image, ax, title, note, cmap, dynamic_range_db, limits_db, paths)
+        return self._drawn(image, ax, title, note, style, paths)
 
     def _drawn(
-        self, image: xr.DataArray, ax: Axes | None, title: str | None, note: str | None, cmap: str, dynamic_range_db: float,
-        limits_db: tuple[float, float] | None, paths: xr.Dataset | None = None,
+        self, image: xr.DataArray, ax: Axes | None, title: str | None, note: str | None, style: StyleOptions,
+        paths: xr.Dataset | None = None,
     ) -> Figure | Axes:  # fmt: skip
         """A map in a figure of its own, or in axes of the user's, with marks of paths."""
-        from t2d_rt.canvas import Scale
+        from t2d_rt.canvas import Style
         from t2d_rt.maps import drawn
 
-        scale = Scale(cmap=cmap, dynamic_range_db=dynamic_range_db, limits_db=limits_db)
-        return drawn(image, ax, scale, title, note, paths)
+        return drawn(image, ax, Style(**style), title, note, paths)
 
     def save(self, path: str | Path, *, overwrite: bool = False, figure: Figure | None = None) -> None:
         """Write adc and spectrogram with all attributes to a zarr folder; a failure leaves things as they were.

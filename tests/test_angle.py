@@ -404,8 +404,8 @@ def test_figures(tmp_path) -> None:
     assert axes.get_xlim()[0] > axes.get_xlim()[1]  # left on the left
     above, side, bar = figures["points"].axes
     assert above.get_xlim()[0] > above.get_xlim()[1]
-    assert side.get_ylabel() == "Up (m)"
-    assert "(m/s)" in bar.get_ylabel()
+    assert side.get_ylabel() == "Up [m]"
+    assert "[m/s]" in bar.get_ylabel()
     with pytest.raises(InputError, match=r"xyz_m must have shape \(4, 3\), one row for each speed, got \(3, 3\)"):
         plot_point_cloud(np.zeros((3, 3)), np.zeros(4))
     with pytest.raises(InputError, match="nothing to plot: the point cloud is empty"):

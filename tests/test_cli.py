@@ -24,7 +24,7 @@ from builders import WALK, walk
 from command_line import Command, dump, listing
 from measures import check_picture
 from t2d_rt import backend, summation
-from t2d_rt.compare import compare
+from t2d_rt.comparison import compare
 from t2d_rt.errors import T2DWarning
 from t2d_rt.radar.synthesize import synthesize
 

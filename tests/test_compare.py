@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import t2d_rt as t2d
 from builders import point_cube, walk
-from t2d_rt.compare import compare, envelope, figures, mean_rcs_m2, ridge
+from command_line import Command
+from t2d_rt.comparison import compare, envelope, figures, mean_rcs_m2, ridge
 from t2d_rt.errors import InputError
 from t2d_rt.plots import occupied_speeds, plot_comparison
 from t2d_rt.types import Radar
 
 RADAR = Radar.preset("table2-uniform", prf_hz=10240)
+RADAR_FILE = Path("radar.yaml")
 CHIRPS = 4000
 
 
@@ -104,6 +109,58 @@ def test_columns_say_what_they_are() -> None:
     assert compare(measured, measured).labels == ("measured 1", "measured 2")
 
 
+def test_names_are_what_tells_the_recordings_apart() -> None:
+    cube = recording(point(0.9, 0.1)).cube
+    rooms = [t2d.Recording(cube, RADAR, settings={"method": "mesh", "scene": scene}) for scene in ("street", "hall")]
+    assert compare(*rooms).labels == ("street", "hall")
+    found = compare(*rooms, labels=("without a fan at all", "with one"))
+    heading, rcs, *_ = str(found).splitlines()
+    assert heading.split() == ["without", "a", "fan", "at", "all", "with", "one"]
+    assert len(heading) == len(rcs)
+    assert found.plot().axes[2].get_title() == "with one minus without a fan at all"
+
+
+def test_the_second_is_shifted_to_where_it_is_like_the_first() -> None:
+    torso, limb = point(0.9, 0.1), point(swing(3.5), 0.003)
+    whole = (torso + limb).astype(np.complex64)
+    late = t2d.Recording(np.concatenate([whole[:1000] * 1e-3, whole])[:3600], RADAR)
+    first = t2d.Recording(whole, RADAR)
+    apart, together = compare(first, late), compare(first, late, align=True)
+    step = float(np.diff(first.spectrogram.time_s)[0])
+    assert together.shift_s == pytest.approx(1000 / RADAR.prf_hz, abs=step)
+    assert compare(late, first, align=True).shift_s == pytest.approx(-together.shift_s, abs=step)
+    assert together.mean_difference_db < 3 < apart.mean_difference_db
+    assert together.time_s[-1] <= float(first.spectrogram.time_s[-1])
+    assert f"second lags by {together.shift_s:.3f} s" in str(
+        compare(first, late, align=True, labels=("first", "second"))
+    )
+    assert compare(first, first, align=True).shift_s == 0
+
+
+def test_radars_with_other_axes_are_compared_over_what_both_have() -> None:
+    slow = RADAR.replace(prf_hz=RADAR.prf_hz / 2)
+    first, second = recording(point(0.9, 0.1)), t2d.Recording(point(0.9, 0.1)[::2].astype(np.complex64), slow)
+    second = second.processed(n_window=128, overlap=100)  # as long as the others
+    found = compare(first, second)
+    assert np.abs(found.velocity_mps).max() <= slow.max_speed_mps
+    assert found.level_difference_db == pytest.approx(0, abs=1.0)
+    assert found.mean_difference_db < 6
+    seen = found.velocity_mps[found.second_db.max(axis=1).argmax()]
+    assert seen == pytest.approx(0.9, abs=0.1)
+    short = compare(first, t2d.Recording(first.cube[:2000], RADAR))
+    assert short.mean_difference_db < 1e-3
+    assert short.time_s[-1] < 2000 / RADAR.prf_hz
+
+
+def test_samples_that_are_not_calibrated_are_compared_by_their_pattern() -> None:
+    simulated = recording(point(0.9, 0.1), point(swing(3.5), 0.003))
+    measured = t2d.Recording(1e4 * simulated.cube, RADAR)
+    assert compare(simulated, measured).mean_difference_db == pytest.approx(40.0, abs=10)  # silence, 60 dB below, stays
+    found = compare(simulated, measured, relative=True)
+    assert found.level_difference_db == pytest.approx(80.0, abs=0.01)
+    assert found.mean_difference_db == pytest.approx(0, abs=0.01)
+
+
 def test_two_speckle_patterns_differ_by_six_decibels() -> None:
     rng = np.random.default_rng(1)
     parts = rng.normal(size=(2, 2, 2000, 1, RADAR.samples))
@@ -123,10 +180,13 @@ def test_envelopes_must_move_together_to_correlate() -> None:
 
 def test_refusals() -> None:
     result = recording(point(0.9, 0.1))
-    with pytest.raises(InputError, match="spectrograms must have the same axes"):
-        compare(result, t2d.Recording(result.cube[:2000], RADAR))
-    with pytest.raises(InputError, match="spectrograms must have the same axes"):
-        compare(result, t2d.Recording(result.cube, RADAR.replace(prf_hz=9000)))
+    bursts = RADAR.replace(chirps_per_frame=128, frame_interval_s=0.1)
+    with pytest.raises(InputError, match="records of one column cannot be aligned"):
+        compare(result, t2d.Recording(result.cube[:128], bursts), align=True)
+    with pytest.raises(InputError, match="labels must be two texts"):
+        compare(result, result, labels=("one",))
+    with pytest.raises(InputError, match="align must be True or False"):
+        compare(result, result, align="yes")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="the recording is silent"):
         figures(t2d.Recording(np.zeros_like(result.cube), RADAR))
 
@@ -136,9 +196,9 @@ def test_picture() -> None:
     one, two = recording(point(0.9, 0.1)).spectrogram, recording(point(0.9, 0.2)).spectrogram
     figure = plot_comparison(one.velocity_mps.values, one.time_s.values, one.values, two.values, title="a point")
     upper, middle, lower, *bars = figure.axes
-    assert [axes.get_title() for axes in (upper, middle, lower)] == ["ellipsoid", "mesh", "mesh minus ellipsoid"]
-    assert lower.get_xlabel() == "Time (s)"
-    assert [bar.get_ylabel() for bar in bars] == ["Power rel. to peak (dB)"] * 2 + ["Difference (dB)"]
+    assert [axes.get_title() for axes in (upper, middle, lower)] == ["first", "second", "second minus first"]
+    assert lower.get_xlabel() == "Time [s]"
+    assert [bar.get_ylabel() for bar in bars] == ["Power [dB re 1 W]"] * 2 + ["Difference [dB]"]
     low, high = upper.get_ylim()
     assert (low, high) == middle.get_ylim() == lower.get_ylim()
     assert low < 0 < 0.9 < high < 3
@@ -151,6 +211,35 @@ def test_drawn_speeds_hold_all_that_is_seen() -> None:
     assert occupied_speeds(speeds, power, 50.0) == pytest.approx((-4.0, 2.0))
     power[0] = -10  # folded over: the whole axis on that side
     assert occupied_speeds(speeds, power, 50.0)[0] == -10
+
+
+# --- the command ----------------------------------------------------------------------------------------------------
+
+
+def test_the_command_names_the_columns_by_the_files(run: Command) -> None:
+    simulated = recording(point(0.9, 0.1), point(swing(3.5), 0.003))
+    simulated.save("simulated.zarr")
+    np.save("frames.npy", simulated.cube[500:])
+    RADAR_FILE.write_text(yaml.safe_dump(RADAR.model_dump(mode="json")))
+    code, out, err = run(
+        "compare", "simulated.zarr", "frames.npy", "--radar", str(RADAR_FILE), "--align", "-o", "both.pdf"
+    )
+    assert code == 0, err
+    assert out.splitlines()[0].split() == ["simulated", "frames"]
+    assert f"frames leads by {500 / RADAR.prf_hz:.3f} s" in out
+    assert Path("both.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_refusals_of_the_command(run: Command, refused: Callable[..., str]) -> None:
+    result = recording(point(0.9, 0.1))
+    result.save("one.zarr")
+    assert (
+        "one motion file, or two recordings (.zarr, .npy, .bin), got one.zarr;" in refused("compare", "one.zarr") + ";"
+    )
+    assert "got walk.bvh, one.zarr" in refused("compare", "walk.bvh", "one.zarr")
+    sentence = refused("compare", "one.zarr", "one.zarr", "--seed", "3")
+    assert "option seed is of a simulation, and one.zarr and one.zarr are recordings; leave it out" in sentence
+    assert "option radar.carrier_hz is of a simulation" in refused("compare", "one.zarr", "one.zarr", "--radar", "ci4r")
 
 
 @pytest.mark.slow

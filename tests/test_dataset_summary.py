@@ -104,10 +104,10 @@ def test_the_sheet_has_a_row_for_each_class_and_axes_in_units(folder: Path) -> N
     assert len(images) == 8
     assert images[0].get_extent() == [0.0, 5.0, pytest.approx(-4.2667, abs=1e-3), pytest.approx(4.2667, abs=1e-3)]
     assert images[0].get_clim() == pytest.approx((-30, 0), abs=0.01)  # noise is at -40 dB and less
-    assert bar.get_ylabel() == "Power (dB re 1 W)"
+    assert bar.get_ylabel() == "Power [dB re 1 W]"
     texts = [each.get_text() for each in figure.texts]
-    assert "Time (s)" in texts
-    assert "Radial velocity (m/s), approaching > 0" in texts
+    assert "Time [s]" in texts
+    assert "Radial velocity [m/s], approaching > 0" in texts
     # Three descriptions first, then another sample of one of them.
     dataset = Dataset(folder)
     np.testing.assert_array_equal(images[4].get_array(), dataset.values(1, "spectrogram"))
@@ -117,7 +117,7 @@ def test_the_summary_is_drawn(folder: Path) -> None:
     balance, *_, extents = plot_summary(summarise(folder)).axes
     assert [each.get_text() for each in balance.get_yticklabels()] == ["walking", "bending"]
     assert [bar.get_width() for bar in balance.containers[1]] == [0, 3]
-    assert extents.get_xlabel() == "Least and greatest speed (m/s), approaching > 0"
+    assert extents.get_xlabel() == "Least and greatest speed [m/s], approaching > 0"
 
 
 def test_the_command_prints_and_draws(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

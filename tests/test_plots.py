@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import math
 import pickle
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -185,9 +187,9 @@ def test_a_figure_can_be_kept(walker: Recording) -> None:
 @pytest.mark.parametrize(
     ("kind", "across", "up", "dims"),
     [
-        ("plot", "Time (s)", "Radial velocity (m/s), approaching > 0", ("time_s", "velocity_mps")),
-        ("plot_range_time", "Time (s)", "Range (m)", ("time_s", "range_m")),
-        ("plot_range_doppler", "Range (m)", "Radial velocity (m/s), approaching > 0", ("range_m", "velocity_mps")),
+        ("plot", "Time [s]", "Radial velocity [m/s], approaching > 0", ("time_s", "velocity_mps")),
+        ("plot_range_time", "Time [s]", "Range [m]", ("time_s", "range_m")),
+        ("plot_range_doppler", "Range [m]", "Radial velocity [m/s], approaching > 0", ("range_m", "velocity_mps")),
     ],
 )
 def test_axes_have_names_units_and_the_places_of_the_target(
@@ -196,7 +198,7 @@ def test_axes_have_names_units_and_the_places_of_the_target(
     figure = getattr(walker, kind)("A title", dynamic_range_db=40)
     axes, bar = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_title()) == (across, up, "A title")
-    assert bar.get_ylabel() == "Power rel. to peak (dB)"
+    assert bar.get_ylabel() == "Power rel. to peak [dB]"
     assert colours(figure).get_clim() == (-40, 0)
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     image = {"plot": walker.spectrogram, "plot_range_time": walker.range_time}.get(kind, walker.range_doppler_at())
@@ -215,7 +217,7 @@ def test_levels_may_be_given(walker: Recording, kind: str) -> None:
     figure = getattr(walker, kind)(limits_db=(-130, -95), cmap="magma")
     assert colours(figure).get_clim() == (-130, -95)
     assert colours(figure).cmap.name == "magma"
-    assert figure.axes[1].get_ylabel() == "Power (dB re 1 W)"
+    assert figure.axes[1].get_ylabel() == "Power [dB re 1 W]"
     # Absolute levels: the colours of the peak are those of 1e-9 W = -90 dB.
     assert colours(figure).get_array().max() == pytest.approx(-90, abs=1.7)
     dark = getattr(walker, kind)(limits_db=(0, 10))
@@ -233,9 +235,37 @@ def test_axes_of_a_figure_of_ones_own(walker: Recording, kind: str) -> None:
     figure.draw_without_rendering()
 
 
+def test_a_grid_of_pictures_has_room_for_its_labels(walker: Recording) -> None:
+    figure = Figure(figsize=(7.0, 4.0))
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    for number, axes in enumerate(figure.subplots(2, 2).flat):
+        walker.plot(f"number {number}", ax=axes, bar=number == 1, limits_db=(-140, -90))
+    figure.draw_without_rendering()
+    boxes = [axes.get_tightbbox(renderer) for axes in figure.axes]
+    assert len(boxes) == 5  # four maps and one colour bar
+    for place, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:place])
+    assert {axes.collections[0].get_clim() for axes in figure.axes[:4]} == {(-140, -90)}
+
+
+@pytest.mark.parametrize(("kind", "size"), [("plot", (3.5, 2.29)), ("plot_range_doppler", (3.5, 3.17))])
+def test_a_column_of_a_paper(walker: Recording, kind: str, size: tuple[float, float], tmp_path: Path) -> None:
+    figure = getattr(walker, kind)("walk", width_in=3.5)
+    assert tuple(figure.get_size_inches()) == pytest.approx(size, abs=0.01)
+    assert figure.axes[0].get_ylabel() == "Radial velocity [m/s]"  # the longer label has no room
+    figure.savefig(tmp_path / "walk.pdf")
+    text = (tmp_path / "walk.pdf").read_bytes()
+    assert b"/FontType 3" not in text
+    assert b"/TrueType" in text or b"/CIDFontType2" in text
+    figure.savefig(tmp_path / "walk.svg")
+    assert "Radial velocity [m/s]" in (tmp_path / "walk.svg").read_text()
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
+        ({"width_in": 0.1}, "width_in must lie in 2..40 inch, got 0.1; 3.5 is a column of a paper"),
+        ({"bar": 1}, "bar must be True or False"),
         ({"ax": 3}, "ax must be axes of a figure of Matplotlib, got 3"),
         ({"ax": Figure().add_subplot(projection="3d")}, "ax must be flat"),
         ({"cmap": "mauve"}, "cmap must be the name of a colour map"),

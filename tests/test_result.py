@@ -96,7 +96,7 @@ def test_plots(result: Recording, tmp_path: Path) -> None:
     figure = result.plot(title="a mover")
     axes, bar = figure.axes
     assert axes.get_title() == "a mover"
-    assert axes.get_xlabel() == "Time (s)"
+    assert axes.get_xlabel() == "Time [s]"
     assert "m/s" in axes.get_ylabel()
     assert "dB" in bar.get_ylabel()
     # Only where something moves: the mover with a margin, and zero.

@@ -474,8 +474,8 @@ def test_figures(tmp_path) -> None:
         figure.savefig(tmp_path / f"{name}.png")
         check_picture(tmp_path / f"{name}.png")
     axes, bar = figures["spectrogram"].axes
-    assert "(m/s)" in axes.get_ylabel()
-    assert axes.get_xlabel() == "Time (s)"
+    assert "[m/s]" in axes.get_ylabel()
+    assert axes.get_xlabel() == "Time [s]"
     assert "dB" in bar.get_ylabel()
     assert axes.collections[0].get_clim() == (-50, 0)
     # 6144 chirps come down to at most 2000 columns.

@@ -39,7 +39,7 @@ CONFIGURABLE = "simulate", "plan", "compare", "scene"
 """Those that take --config and --radar."""
 
 SEVERAL_FILES = (
-    "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap",
+    "compare", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap",
 )  # fmt: skip
 """Those that take more than one file."""
 
@@ -146,7 +146,7 @@ def _overview() -> str:
         "t2d-rt: ray-traced human micro-Doppler; skeleton motion in, coherent FMCW radar data out\n\n"
         "  t2d-rt simulate FILE   Simulates a motion file or an experiment (.yaml), or a result (.zarr) again.\n"
         "  t2d-rt plan FILE       Tells what an error tolerance would model and leave out, and the time and memory it would take.\n"
-        "  t2d-rt compare FILE    Compares the ellipsoid model with the mesh model of a motion file.\n"
+        "  t2d-rt compare A B     Compares two recordings, or the ellipsoid model of a motion file with the mesh model.\n"
         "  t2d-rt scene NAME      Draws a room from above and in three dimensions, with the paths from the radar to a walker.\n"
         "  t2d-rt motion SENTENCE Makes a motion file of what a sentence says that a person does.\n"
         "  t2d-rt describe        Writes descriptions of activities, or reads a sentence's slots.\n"

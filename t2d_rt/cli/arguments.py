@@ -18,7 +18,17 @@ if TYPE_CHECKING:
 
 SHORT = {"-o": "--output", "-n": "--count"}
 
-FLAGS = ("--overwrite", "--help", "--print_config", "--strict", "--leave_out", "--augment", "--sliding")
+FLAGS = (
+    "--overwrite",
+    "--align",
+    "--relative",
+    "--help",
+    "--print_config",
+    "--strict",
+    "--leave_out",
+    "--augment",
+    "--sliding",
+)
 """Options that need no value."""
 
 PLAIN_TYPES = {
@@ -93,7 +103,7 @@ def check_nulls(parser: ArgumentParser, options: Namespace) -> None:
     """Refuses null for options that do not take it: the parser lets it pass in config files, as if it were no value."""
     for name, value in options.items():
         if value is None and parser.get_default(name) is not None:
-            again = parser.parse_args(["--file=any", f"--{name}=null"])
+            again = parser.parse_args(["--file=[any]", f"--{name}=null"])
             if again[name] is not None:
                 raise InputError(f"option {name} must be a text, got null; leave it out to have its default")
 

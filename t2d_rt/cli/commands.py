@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from t2d_rt.checks import shown, unknown_name
 from t2d_rt.cli.experiments import is_experiment, planned, recorded
-from t2d_rt.cli.options import plan_parser, simulate_parser
+from t2d_rt.cli.options import compare_parser, plan_parser, simulate_parser
 from t2d_rt.cli.output import check_picture, radar_info, recording_info, say, write_picture
 from t2d_rt.errors import InputError, T2DError, T2DWarning
 from t2d_rt.progress import ProgressBar
@@ -31,6 +31,10 @@ MODEL = (
     "material", "phase_from", "measure_error", "device", "memory_gb",
 )  # fmt: skip
 """Options that go to the pipeline by their names."""
+RECORDINGS = ".zarr", ".npy", ".bin"
+"""Endings of recordings, as `compare` tells them from motion files."""
+COMPARED = "file", "output", "overwrite", "config", "align", "relative", "signal"
+"""Options of `compare` that hold for two recordings."""
 
 
 def simulate_command(options: Namespace) -> None:
@@ -118,25 +122,56 @@ def plan_command(options: Namespace) -> None:
 
 
 def compare_command(options: Namespace) -> None:
-    """Simulates a motion with both methods, writes their picture and prints figures of their difference."""
-    from t2d_rt.compare import compare
-    from t2d_rt.plots import plot_comparison
+    """Compares two recordings, or both methods on a motion: writes their picture and prints figures of their difference."""
+    from t2d_rt.comparison import compare
 
-    source = Path(options.file)
-    picture = Path(options.output or f"{_stem(source)}_compare.png")
+    files = [Path(each) for each in options.file or ()]
+    two = len(files) == 2 and all(each.suffix.lower() in RECORDINGS for each in files)
+    if not two and (len(files) != 1 or files[0].suffix.lower() in RECORDINGS):
+        given = ", ".join(map(str, files)) or "none"
+        raise InputError(f"compare takes one motion file, or two recordings ({', '.join(RECORDINGS)}), got {given}")
+    stem = "_".join(_stem(each.with_suffix("") if two else each) for each in files)
+    picture = Path(options.output or f"{stem}_compare.png")
     check_picture(picture, overwrite=options.overwrite)
-    radar = _radar(options)
-    motion = _motion(options, source, radar)
-    ellipsoid = _recorded(motion, options, radar, "ellipsoid")
-    mesh = _recorded(motion, options, radar, "mesh")
-    found = compare(ellipsoid, mesh)
-    image, other = ellipsoid.spectrogram, mesh.spectrogram
-    figure = plot_comparison(
-        image.velocity_mps.values, image.time_s.values, image.values, other.values, title=source.name
-    )
+    if two:
+        recordings = _read_both(files, options)
+        names = [each.stem for each in files]
+        labels = names if names[0] != names[1] else [str(each) for each in files]
+    else:
+        radar = _radar(options)
+        motion = _motion(options, files[0], radar)
+        recordings = [_recorded(motion, options, radar, method) for method in ("ellipsoid", "mesh")]
+        labels = ["ellipsoid", "mesh"]
+    found = compare(*recordings, align=options.align, relative=options.relative, labels=labels)
+    figure = found.plot(None if two else files[0].name)
     write_picture(figure, picture, overwrite=options.overwrite)
     say(found)
     say(f"wrote {picture}")
+
+
+def _read_both(files: Sequence[Path], options: Namespace) -> list[Recording]:
+    """Two recordings, measured ones with the radar that is given, and spectrograms by the options that are."""
+    from t2d_rt.recordings import load_recording
+
+    parser = compare_parser()
+    measured = any(each.suffix.lower() != ".zarr" for each in files)
+    known = COMPARED + (("radar", "lanes", "iq", "conjugate") if measured else ())
+    for name, value in options.items():
+        if name.partition(".")[0] not in known and value != parser.get_default(name):
+            raise InputError(
+                f"option {name} is of a simulation, and {files[0]} and {files[1]} are recordings; leave it out"
+            )
+    processing = {
+        name: value for name, value in options.signal.as_dict().items() if value != parser.get_default(f"signal.{name}")
+    }
+    found = []
+    for each in files:
+        given = {}
+        if each.suffix.lower() != ".zarr":
+            given = {"radar": _radar(options), "iq": options.iq, "conjugate": options.conjugate}
+            given |= {"lanes": options.lanes} if each.suffix.lower() == ".bin" else {}
+        found.append(load_recording(each, **given).processed(**processing))
+    return found
 
 
 def scene_command(options: Namespace) -> None:

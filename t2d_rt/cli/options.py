@@ -29,7 +29,9 @@ EXAMPLES = {
   t2d-rt plan walk.bvh --scene living_room --radar ci4r""",
     "compare": """examples:
   t2d-rt compare walk.bvh                                    # writes walk_compare.png, prints the figures
-  t2d-rt compare walk.bvh --radar text2doppler-code --angle-deg 45 -o oblique.png""",
+  t2d-rt compare walk.bvh --radar text2doppler-code --angle-deg 45 -o oblique.png
+  t2d-rt compare without_fan.zarr with_fan.zarr              # any two recordings
+  t2d-rt compare walk.zarr frames.npy --radar r60.yaml --align --relative  # a measured one, clock and level unknown""",
     "scene": """examples:
   t2d-rt scene living_room                                   # writes living_room.png: plan, view, paths to a point ahead
   t2d-rt scene my_room.xml --walk walk.bvh --reflections 2   # with a walker's track, and the paths to it""",
@@ -92,13 +94,23 @@ def plan_parser() -> ArgumentParser:
 
 def compare_parser() -> ArgumentParser:
     """Options of `t2d-rt compare`."""
+    from t2d_rt.comparison import compare
+
     parser = command_parser(
         "compare",
-        "Simulates a motion file with both methods, ellipsoid and mesh, and draws both spectrograms and their difference.",
+        "Compares two recordings, or of one motion file the models ellipsoid and mesh: draws both spectrograms and their "
+        "difference, and prints figures.",
+        noun="FILE [RECORDING]",
+        file="A motion file, or two recordings: .zarr folders of results, .npy or .bin files of measured samples.",
+        several=True,
     )
     _add_run(
         parser, output="Picture to write (.png, .pdf or .svg); by default it has FILE's name and ends in _compare.png."
     )
+    told = parameter_help(compare)
+    for name in ("align", "relative"):
+        parser.add_argument(f"--{name}", type=bool, default=False, nargs="?", const=True, help=told[name])
+    add_capture_options(parser)
     _add_model(parser, skip={"method", "tolerance_db", "measure_error"})
     return parser
 

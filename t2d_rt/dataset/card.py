@@ -76,7 +76,7 @@ def _splitting(split: Split | None) -> str:
 def _radar(dataset: Dataset) -> str:
     recipe = dataset.recipe
     radars = {each.name: each.radar or recipe.radar for each in recipe.conditions}
-    head = "## Radar and scene\n\n| condition | scene | model | carrier (GHz) | bandwidth (GHz) | speeds (m/s) | range bin (cm) |\n"
+    head = "## Radar and scene\n\n| condition | scene | model | carrier [GHz] | bandwidth [GHz] | speeds [m/s] | range bin [cm] |\n"
     rows = []
     for each in recipe.conditions:
         radar = radars[each.name]
@@ -114,7 +114,7 @@ def _meaning(dataset: Dataset, product: Product) -> str:
             ", over `greatest` of the record" if kept.dtype == "float16" else ""
         )
     if product == "points":
-        return "(point, 6): time (s), range (m), azimuth (rad), elevation (rad), speed (m/s), SNR (dB)"
+        return "(point, 6): time [s], range [m], azimuth [rad], elevation [rad], speed [m/s], SNR [dB]"
     axes = "(speed, time)" if product == "spectrogram" else "(frame, speed, range)"
     static = ", without the mean over the record (MTI)" if kept.mti == "mean" else ""
     if kept.dtype == "uint8":

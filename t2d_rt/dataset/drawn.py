@@ -56,7 +56,7 @@ def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float
         axes_row[0].set_ylabel(name.replace("_", "\n"), fontsize=9)
     grid[0, 0].set_ylim(*speeds)  # the axes are shared
     bar = figure.colorbar(image, cax=scale_axes, extend="both")
-    bar.set_label("Power (dB re 1 W)", fontsize=9)
+    bar.set_label("Power [dB re 1 W]", fontsize=9)
     bar.ax.tick_params(labelsize=8)
     return figure
 
@@ -72,7 +72,7 @@ def _sheet(rows: int, columns: int) -> tuple[Figure, Any, Axes]:
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=room)
     for axes in grid.flat:
         axes.tick_params(labelsize=7, length=2)
-    figure.text(0.5 * (left + right), 0.08 / tall, "Time (s)", fontsize=9, ha="center")
+    figure.text(0.5 * (left + right), 0.08 / tall, "Time [s]", fontsize=9, ha="center")
     figure.text(0.08 / wide, 0.5, VELOCITY_LABEL, fontsize=9, va="center", rotation="vertical")
     return figure, grid, figure.add_axes((right + 0.15 / wide, bottom, 0.14 / wide, top - bottom))
 
@@ -125,9 +125,9 @@ def plot_summary(summary: Summary) -> Figure:
     extents.axvline(0, color="0.6", linewidth=0.8)
     labels = (
         "Samples",
-        "Length of the motion as made (s)",
-        "SNR (dB)",
-        "Least and greatest speed (m/s), approaching > 0",
+        "Length of the motion as made [s]",
+        "SNR [dB]",
+        "Least and greatest speed [m/s], approaching > 0",
     )
     for axes, label in zip((balance, lengths, snr, extents), labels, strict=True):
         axes.set_xlabel(label, fontsize=9)

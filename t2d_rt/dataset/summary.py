@@ -75,10 +75,10 @@ class Summary:
             "samples",
             "descriptions",
             "pass",
-            "made (s)",
-            "SNR (dB)",
-            "receding (m/s)",
-            "approaching (m/s)",
+            "made [s]",
+            "SNR [dB]",
+            "receding [m/s]",
+            "approaching [m/s]",
         )
         lines += _table([head, *(_row(each) for each in self.classes)])
         lines.append("three figures: of 5 %, 50 % and 95 % of the samples")

@@ -183,8 +183,8 @@ def _chart(name: str, model: BackgroundModel, held_out: Sequence[BackgroundRecor
                 extent=(0, step_s * image.shape[1], speeds[0], speeds[-1]),
             )  # fmt: skip
             ax.set_title(f"{held_out[index].name}" if title == "recorded" else title, fontsize=9)
-        row[0].set_ylabel("Speed (m/s)")
+        row[0].set_ylabel("Speed [m/s]")
     for ax in axes[-1]:
-        ax.set_xlabel("Time (s)")
-    figure.colorbar(drawn, ax=axes, label="Power rel. to noise floor (dB)")
+        ax.set_xlabel("Time [s]")
+    figure.colorbar(drawn, ax=axes, label="Power rel. to noise floor [dB]")
     return save_chart(figure, name)

@@ -178,13 +178,13 @@ def _chart(cases: Sequence[Case], speeds: np.ndarray, times: np.ndarray) -> str:
             )  # fmt: skip
             ax.set_title(title, fontsize=9)
             ax.set_ylim(-3, 4)
-        row[0].set_ylabel("Speed (m/s)")
+        row[0].set_ylabel("Speed [m/s]")
         row[3].plot(times, course, color="C0")
         row[3].plot(times, np.where(course <= HALF_DB, SHOWN_DB, 0.0), color="0.6", linestyle=":", label="mask")
-        row[3].set(ylim=(SHOWN_DB - 2, 8), ylabel="Attenuation (dB)", xlim=(times[0], times[-1]))
+        row[3].set(ylim=(SHOWN_DB - 2, 8), ylabel="Attenuation [dB]", xlim=(times[0], times[-1]))
         row[3].grid(color="0.9")
     axes[0, 3].legend(fontsize=8)
     for ax in axes[-1]:
-        ax.set_xlabel("Time (s)")
-    figure.colorbar(drawn, ax=axes[:, :3], label="Power (dB re 1 W), with a background")
+        ax.set_xlabel("Time [s]")
+    figure.colorbar(drawn, ax=axes[:, :3], label="Power [dB re 1 W], with a background")
     return save_chart(figure, "blockage.png")

@@ -92,14 +92,14 @@ def _chart(v: np.ndarray, level: np.ndarray, exact: np.ndarray, image: Any, peak
     figure, (left, right) = new_figure(figsize=(9, 3.6), ncols=2)
     left.plot(v, exact, "k", lw=1, label="knife edge (ITU-R P.526)")
     left.plot(v, np.where(level > -60, level, np.nan), "C1", label="fraction of rays")
-    left.set(xlabel="v: lit < 0 < shadow", ylabel="Field (dB)", ylim=(-30, 4), xlim=(-3, 3))
+    left.set(xlabel="v: lit < 0 < shadow", ylabel="Field [dB]", ylim=(-30, 4), xlim=(-3, 3))
     left.legend(loc="lower left")
     left.grid(alpha=0.3)
     drawn = right.pcolormesh(
         image.time_s, image.velocity_mps, image.values - peak, vmin=-60, vmax=0, rasterized=True, shading="nearest"
     )
     right.set(
-        xlabel="Time (s)", ylabel="Radial velocity (m/s), approaching > 0", title="walk behind a cupboard", ylim=(-5, 4)
+        xlabel="Time [s]", ylabel="Radial velocity [m/s], approaching > 0", title="walk behind a cupboard", ylim=(-5, 4)
     )
-    figure.colorbar(drawn, ax=right, label="Power relative to the peak while visible (dB)")
+    figure.colorbar(drawn, ax=right, label="Power relative to the peak while visible [dB]")
     return save_chart(figure, "edges.png")

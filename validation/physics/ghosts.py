@@ -229,7 +229,7 @@ def _labelled() -> tuple[list[dict[str, Any]], str]:
     drawn = ax.pcolormesh(
         image.range_m, image.velocity_mps, level, vmin=-SHOWN_DB, vmax=0, shading="nearest", rasterized=True
     )
-    figure.colorbar(drawn, ax=ax, label="Power rel. to the direct echo (dB)")
+    figure.colorbar(drawn, ax=ax, label="Power rel. to the direct echo [dB]")
     rows, lines = [], []
     for number, each in enumerate(ranked, start=1):
         range_m, speed = ghost(each.pair)
@@ -245,7 +245,7 @@ def _labelled() -> tuple[list[dict[str, Any]], str]:
             }
         )
         lines.append(f"{number}  {each.pair.name}")
-    ax.set(xlabel="Range (m)", ylabel="Radial velocity (m/s), approaching > 0", xlim=(2.5, 9), ylim=(-1.5, 3))
+    ax.set(xlabel="Range [m]", ylabel="Radial velocity [m/s], approaching > 0", xlim=(2.5, 9), ylim=(-1.5, 3))
     ax.set_title("A metal sphere in the empty room")
     aside.axis("off")
     aside.text(0, 1, "\n".join(lines), va="top", fontsize=8, linespacing=1.6)

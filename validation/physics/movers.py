@@ -110,7 +110,7 @@ def _gallery() -> str:
         )  # fmt: skip
         speeds = image.velocity_mps.values[(image.values > image.values.max() - DYNAMIC_RANGE_DB).any(axis=1)]
         reach = min(1.3 * float(np.abs(speeds).max()), radar.max_speed_mps)
-        ax.set(xlabel="Time (s)", title=name, ylim=(-reach, reach))
-    axes[0].set_ylabel("Radial velocity (m/s), approaching > 0")
-    figure.colorbar(drawn, ax=axes, label="Power rel. to each one's peak (dB)")
+        ax.set(xlabel="Time [s]", title=name, ylim=(-reach, reach))
+    axes[0].set_ylabel("Radial velocity [m/s], approaching > 0")
+    figure.colorbar(drawn, ax=axes, label="Power rel. to each one's peak [dB]")
     return save_chart(figure, "movers.png")

@@ -157,7 +157,7 @@ def _walk_chart() -> tuple[float, str]:
         drawn = ax.pcolormesh(
             image.time_s, image.velocity_mps, image.values - peak, vmin=-60, vmax=0, rasterized=True, shading="nearest"
         )
-        ax.set(xlabel="Time (s)", title=scene, ylim=(-2.5, 4.5))
-    axes[0].set_ylabel("Radial velocity (m/s), approaching > 0")
-    figure.colorbar(drawn, ax=axes, label="Power rel. to free space's peak (dB)")
+        ax.set(xlabel="Time [s]", title=scene, ylim=(-2.5, 4.5))
+    axes[0].set_ylabel("Radial velocity [m/s], approaching > 0")
+    figure.colorbar(drawn, ax=axes, label="Power rel. to free space's peak [dB]")
     return seconds, save_chart(figure, "rooms_walk.png")

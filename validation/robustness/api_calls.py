@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 import t2d_rt as t2d
-from t2d_rt import body, compare, motion, plots, signal
+from t2d_rt import body, comparison, motion, plots, signal
 from t2d_rt.errors import T2DError, T2DWarning
 from t2d_rt.scene import Opening, Piece, Slab
 from t2d_rt.types import EchoArrays, Ellipsoids, Material, MovingMesh
@@ -308,10 +308,11 @@ def _results(folder: Path) -> list[Call]:
         Call("example", t2d.example, {"name": "walk"}),
         Call("Recording.save", recorded.save, {"path": folder / "made.zarr", "overwrite": True}),
         Call("Recording.load", t2d.Recording.load, {"path": folder / "none.zarr"}),
-        Call("compare", compare.compare, {"first": recorded, "second": recorded}, lambda c: c.mean_difference_db),
-        Call("compare.figures", compare.figures, {"result": recorded}),
-        Call("compare.ridge", compare.ridge, {"power_db": np.zeros((3, 4)), "speeds_mps": np.arange(3.0)}),
-        Call("compare.envelope", compare.envelope, {"power_db": np.zeros((3, 4)), "speeds_mps": np.arange(3.0)}),
+        Call("compare", t2d.compare, {"first": recorded, "second": recorded, "align": True, "relative": True, "labels": ("a", "b")},
+             lambda c: c.mean_difference_db),
+        Call("compare.figures", comparison.figures, {"result": recorded}),
+        Call("compare.ridge", comparison.ridge, {"power_db": np.zeros((3, 4)), "speeds_mps": np.arange(3.0)}),
+        Call("compare.envelope", comparison.envelope, {"power_db": np.zeros((3, 4)), "speeds_mps": np.arange(3.0)}),
         Call("simulate", t2d.simulate, simulated, lambda r: r.cube),
         Call(
             "synthesize", t2d.synthesize,

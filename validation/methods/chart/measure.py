@@ -13,7 +13,7 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
-from t2d_rt.compare import envelope
+from t2d_rt.comparison import envelope
 from t2d_rt.model import sagitta_rad
 from t2d_rt.propagation import clutter, mirrors
 from t2d_rt.result import Recording

@@ -363,7 +363,7 @@ CALLS: dict[str, Callable[[], Good]] = {
     "Recording.plot_range_doppler": _method(_recording, "plot_range_doppler"),
     "Recording.export": _method(_recording, "export", path="x.npz"),
     "Recording.processed": lambda: (lambda **changes: _recording().processed(**changes), _signal("spectrogram")()[1]),
-    "compare": lambda: (_of("compare", "compare"), {"first": _recording(), "second": _recording()}),
+    "compare": lambda: (_of("comparison", "compare"), {"first": _recording(), "second": _recording()}),
     "spectrogram": _signal("spectrogram", adc=_cube, radar=quick_radar),
     "range_doppler": _signal("range_doppler", adc=_cube, radar=quick_radar),
     "range_time": _signal("range_time", adc=_cube, radar=quick_radar),

@@ -119,7 +119,7 @@ def ready(kinds: Collection[str]) -> None:
     select("cpu")  # chooses the LLVM library before Dr.Jit is imported; loads, but starts nothing
     for name in (
         "matplotlib.backends.backend_agg", "scipy.signal", "scipy.interpolate", "scipy.spatial", "trimesh", "xarray", "zarr",
-        "jsonargparse", "yaml", "mitsuba", "sionna.rt", "tqdm", "t2d_rt.cli", "t2d_rt.simulate", "t2d_rt.compare",
+        "jsonargparse", "yaml", "mitsuba", "sionna.rt", "tqdm", "t2d_rt.cli", "t2d_rt.simulate", "t2d_rt.comparison",
         "t2d_rt.plots", "t2d_rt.dataset", "t2d_rt.dataset.labelled",
     ):  # fmt: skip
         import_module(name)
