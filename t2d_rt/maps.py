@@ -92,7 +92,8 @@ def drawn(
     y, x = (image[axis].values for axis in image.dims)
     made = plotted(kind, y, x, image.values, ax, style, title, note)
     if paths is not None:
-        mark_ghosts(made.axes[0] if ax is None else ax, paths)
+        drawn_on: Any = made.axes if ax is None else [ax]
+        mark_ghosts(drawn_on[0], paths)
     return made
 
 
