@@ -1,5 +1,5 @@
 # Every target works in a fresh clone: it makes .venv when there is none and installs what Python and LLVM lack where it may.
-.PHONY: demo test check style doctest bench validate
+.PHONY: demo test check style doctest bench validate docs
 .DELETE_ON_ERROR:
 
 # Compiled modules are kept, whatever the environment says: the tests start many processes.
@@ -34,6 +34,14 @@ bench: $(STAMP)
 
 validate: $(STAMP)
 	$(PY) -m validation
+
+# The site, offline, in out/site; tutorials and gallery run once and again where they have changed.
+docs: .venv/.docs
+	$(PY) -m sphinx -q -W --keep-going -b html docs out/site
+
+.venv/.docs: $(STAMP)
+	$(PY) -m pip install --quiet --disable-pip-version-check -e ".[docs]"
+	@touch $@
 
 # The stamp is older than pyproject.toml when dependencies may have changed.
 $(STAMP): pyproject.toml
