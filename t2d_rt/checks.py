@@ -168,10 +168,10 @@ def array(
     if shape is not None:
         check_shape(name, found, shape, hint=hint)
     found = np.asarray(found, dtype=np.float64)
-    wrong = int(np.count_nonzero(~np.isfinite(found)))
-    if wrong:
-        raise InputError(f"{name} must be finite, got {wrong} NaN or infinite values{_then(hint)}")
     greatest = float(np.abs(found).max(initial=0))
+    if not np.isfinite(greatest):
+        wrong = int(np.count_nonzero(~np.isfinite(found)))
+        raise InputError(f"{name} must be finite, got {wrong} NaN or infinite values{_then(hint)}")
     if greatest > limit:
         raise InputError(
             f"{name} must not exceed {_limit(limit)}{f' {unit}' if unit else ''}, got {greatest:.4g}{_then(hint)}"

@@ -7,7 +7,7 @@ the offset of each joint in its parent's frame (nearly constant) and the root. S
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from t2d_rt.checks import array, number
 from t2d_rt.errors import InputError
+from t2d_rt.geometry.vectors import dot
 from t2d_rt.motion import quaternions
 from t2d_rt.types.motion import Motion, checked_motion, checked_rate
 
@@ -56,8 +57,7 @@ def track(motion: Motion) -> Track:
     from scipy.interpolate import make_interp_spline
 
     checked_motion(motion)
-    offsets, rotations = decompose(motion.joints, motion.rotations, motion.parents)
-    values = np.concatenate([quaternions.continuous(rotations), offsets], axis=-1).reshape(len(offsets), -1)
+    values = np.concatenate(parts(motion)[::-1], axis=-1).reshape(len(motion.joints), -1)
     # Sign-continuous quaternion components, splined and normalised: C2, as near as RotationSpline (within 2 % on a
     # 20 fps walk), and all joints at once. A quintic is no better: what errs at 20 fps is aliasing, not the order.
     # As B-splines: one number per frame and component, where pieces of cubics are four.
@@ -113,8 +113,12 @@ def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
         raise InputError(
             f"the cut-off must lie between 0 and half the frame rate, {0.5 * motion.rate_hz:g} Hz, got {cutoff_hz:g} Hz"
         )
-    offsets, rotations = decompose(motion.joints, motion.rotations, motion.parents)
-    low = low_pass(np.concatenate([quaternions.continuous(rotations), offsets], axis=-1), cutoff_hz, motion.rate_hz)
+    return smoothed(motion, parts(motion), cutoff_hz)
+
+
+def smoothed(motion: Motion, found: tuple[np.ndarray, np.ndarray], cutoff_hz: float) -> Motion:
+    """The motion low-passed as `smooth` does it, whose `parts` are found already."""
+    low = low_pass(np.concatenate(found[::-1], axis=-1), cutoff_hz, motion.rate_hz)
     joints, rotations = compose(low[..., 4:], quaternions.normalise(low[..., :4]), motion.parents)
     return motion.edited(f"smoothed at {cutoff_hz:g} Hz", joints=joints, rotations=rotations)
 
@@ -149,9 +153,11 @@ def _butterworth(values: np.ndarray, warped: float) -> np.ndarray:
     recursive = 1.0, 2 * (warped**2 - 1) / damped, (1 - math.sqrt(2.0) * warped + warped**2) / damped
     start = values[:1]
     x = (values - start).reshape(len(values), -1)
-    late = [np.pad(x, ((frames, 0), (0, 0)))[: len(x)] for frames in range(3)]
-    right = (late[0] + 2 * late[1] + late[2]) * (warped**2 / damped)
-    found = solve_banded((2, 0), np.outer(recursive, np.ones(len(x))), right)
+    right = np.array(x, order="F")
+    right[1:] += 2 * x[:-1]
+    right[2:] += x[:-2]
+    right *= warped**2 / damped
+    found = solve_banded((2, 0), np.outer(recursive, np.ones(len(x))), right, overwrite_b=True, check_finite=False)
     return found.reshape(values.shape) + start
 
 
@@ -168,6 +174,12 @@ def jitter_mps(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> float:
     return float(np.sqrt(np.median((rest**2).sum(axis=-1)) / CHI_SQUARE_3_MEDIAN))
 
 
+def parts(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """What a skeleton is made of: offsets (T, J, 3) and rotations (T, J, 4) in the parents' frames, without changes of sign."""
+    offsets, local = decompose(motion.joints, motion.rotations, motion.parents)
+    return offsets, quaternions.continuous(local)
+
+
 def decompose(joints: np.ndarray, rotations: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Offsets (T, J, 3) and rotations (T, J, 4) in the parents' frames; the root keeps its own."""
     above = list(parents[1:])
@@ -179,11 +191,23 @@ def decompose(joints: np.ndarray, rotations: np.ndarray, parents: tuple[int, ...
 
 
 def compose(offsets: np.ndarray, local: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse of `decompose`: forward kinematics, all joints of one depth at a time."""
+    """Inverse of `decompose`: forward kinematics."""
     # Components first: each is a whole array in memory, at a third of the time.
-    place, turned = (np.ascontiguousarray(np.moveaxis(each, 0, -1).swapaxes(0, 1)) for each in (offsets, local))
-    bones, own = place.copy(), turned.copy()
-    for here, above in _levels(parents):
+    bones, own = (np.ascontiguousarray(np.moveaxis(each, 0, -1).swapaxes(0, 1)) for each in (offsets, local))
+    place, turned = composed(bones, own, parents)
+    return np.ascontiguousarray(place.transpose(2, 1, 0)), np.ascontiguousarray(turned.transpose(2, 1, 0))
+
+
+def composed(
+    bones: np.ndarray, own: np.ndarray, parents: Sequence[int], *, normalised: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joints (3, J, T) and orientations (4, J, T) of offsets and rotations in the parents' frames, all of like shape and components
+    first; all joints of one depth at a time.
+
+    normalised: whether each orientation is scaled to unit length before others are turned by it.
+    """
+    place, turned = bones.copy(), own.copy()
+    for here, above in _levels(tuple(parents)):
         x, y, z, w = turned[:, above]
         bone, inner = bones[:, here], own[:, here]
         u = x, y, z
@@ -192,18 +216,20 @@ def compose(offsets: np.ndarray, local: np.ndarray, parents: tuple[int, ...]) ->
         for k in range(3):
             place[k, here] = place[k, above] + (bone[k] + w * twice[k] + aside[k])
         aside, scalar = _cross(u, inner[:3]), inner[3]
-        for k in range(3):
-            turned[k, here] = w * inner[k] + scalar * u[k] + aside[k]
-        turned[3, here] = w * scalar - (x * inner[0] + y * inner[1] + z * inner[2])
-    return tuple(np.ascontiguousarray(each.transpose(2, 1, 0)) for each in (place, turned))  # type: ignore[return-value]
+        found = [w * inner[k] + scalar * u[k] + aside[k] for k in range(3)]
+        found.append(w * scalar - dot(u, inner))
+        size = np.sqrt(dot(found, found) + found[3] * found[3]) if normalised else 1.0
+        for k in range(4):
+            turned[k, here] = found[k] / size if normalised else found[k]
+    return place, turned
 
 
 @lru_cache(maxsize=16)
 def _levels(parents: tuple[int, ...]) -> list[tuple[list[int], list[int]]]:
-    """Joints of each depth below the root, and their parents."""
-    depth = [0]
-    for parent in parents[1:]:
-        depth.append(depth[parent] + 1)
+    """Joints of each depth below the roots, and their parents."""
+    depth: list[int] = []
+    for parent in parents:
+        depth.append(depth[parent] + 1 if parent >= 0 else 0)
     found = []
     for level in range(1, max(depth) + 1):
         here = [joint for joint, each in enumerate(depth) if each == level]

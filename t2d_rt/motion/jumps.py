@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import inner, norms
+
 TRUNK = ("left_hip", "right_hip", "left_shoulder", "right_shoulder")
 
 TRUNK_LIMIT = 0.08, 25.0
@@ -72,6 +74,11 @@ def jumps(joints: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Jump
     for frames in SPREAD:
         if frames > max(LONGEST, LONGEST_S * rate_hz) or len(joints) < 4 * frames:
             break
+        if not any(
+            _may_deviate(points, frames, limit[0] + limit[1] * (frames / rate_hz) ** 2)
+            for points, limit in ((middle, TRUNK_LIMIT), (joints, JOINT_LIMIT))
+        ):
+            continue
         body, each = deviations(middle, frames), deviations(joints, frames)
         excess = _excess(each, JOINT_LIMIT, rate_hz / frames)
         whole, joint = _excess(body, TRUNK_LIMIT, rate_hz / frames)[:, 0] > 0, excess.argmax(axis=1)
@@ -102,8 +109,16 @@ def deviations(joints: np.ndarray, frames: int = 1) -> np.ndarray:
     step = joints[frames:] - joints[:-frames]
     before, here, after = step[: -2 * frames], step[frames:-frames], step[2 * frames :]
     along = after - before
-    part = ((here - before) * along).sum(axis=-1) / np.maximum((along**2).sum(axis=-1), 1e-18)
-    return np.asarray(np.linalg.norm(here - before - np.clip(part, 0.0, 1.0)[..., None] * along, axis=-1))
+    part = inner(here - before, along) / np.maximum(inner(along, along), 1e-18)
+    return norms(here - before - np.clip(part, 0.0, 1.0)[..., None] * along)
+
+
+def _may_deviate(joints: np.ndarray, frames: int, limit_m: float) -> bool:
+    """Whether any deviation may exceed a limit: none is larger than what the step differs from the one before, which is found in a
+    third of the time and is small in sound motions."""
+    step = joints[frames:] - joints[:-frames]
+    change = step[frames:-frames] - step[: -2 * frames]
+    return bool(inner(change, change).max() > (1.0 - 1e-9) * limit_m**2)
 
 
 def _excess(deviation: np.ndarray, limit: tuple[float, float], rate_hz: float) -> np.ndarray:
@@ -148,6 +163,9 @@ def _swaps(joints: np.ndarray, column: dict[str, int], rate_hz: float) -> list[J
         for joint in pair:
             both = joints[:, [column[f"left_{joint}"], column[f"right_{joint}"]]].reshape(len(joints), 1, 6)
             other = np.roll(both, 3, axis=-1)
+            if not _may_deviate(both, 1, SWAPPED_M):
+                exchanged[:] = False
+                break
             # The step to the other side's place, and from there on along it.
             same = deviations(both)[:, 0]
             before, here, after = both[1:-2] - both[:-3], other[2:-1] - both[1:-2], other[3:] - other[2:-1]

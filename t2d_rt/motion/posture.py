@@ -6,6 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import norms
+from t2d_rt.motion.quaternions import cross
+
 STATURE_PER_CHAIN = 1.142
 """Stature over (hip - knee - ankle) + (hips - shoulders) + (shoulders - head), of the adult template; CMU, iClone and bvh-toolbox
 skeletons keep to it within 3 %."""
@@ -38,11 +41,11 @@ def middle(points: Mapping[str, np.ndarray], joint: str) -> np.ndarray:
 
 
 def _length(lower: np.ndarray, upper: np.ndarray) -> float:
-    return float(np.median(np.linalg.norm(lower - upper, axis=-1)))
+    return float(np.median(norms(lower - upper)))
 
 
 def facing(points: dict[str, np.ndarray]) -> np.ndarray:
     """Horizontal unit vectors (T, 3) that the hips and shoulders face (z up)."""
     across = points["left_hip"] - points["right_hip"] + points["left_shoulder"] - points["right_shoulder"]
-    forward = np.cross(across, [0.0, 0.0, 1.0])
-    return forward / np.maximum(np.linalg.norm(forward, axis=-1, keepdims=True), 1e-9)
+    forward = cross(across, np.array([0.0, 0.0, 1.0]))
+    return forward / np.maximum(norms(forward), 1e-9)[..., None]

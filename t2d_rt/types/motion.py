@@ -10,6 +10,7 @@ import numpy as np
 
 from t2d_rt.checks import LARGEST_M, array, flag, instance, number, numeric, shown, text
 from t2d_rt.errors import InputError
+from t2d_rt.geometry.vectors import norms
 from t2d_rt.tables import html_table
 
 CANONICAL_JOINTS: tuple[str, ...] = (
@@ -74,7 +75,7 @@ class Motion:
             raise InputError(f"parents must name a parent for each of the {len(names)} joints, got {len(parents)}")
         if len(joints) < 2:
             raise InputError(f"a motion needs at least 2 frames, got {len(joints)}; a single pose has no Doppler")
-        if not (np.abs(rotations).max(axis=-1) > 1e-6).all():
+        if not (norms(rotations) > 1e-6).all():
             raise InputError(
                 "rotations must be unit quaternions x, y, z, w, got one of no length; 0, 0, 0, 1 is no rotation"
             )

@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import inner
 from t2d_rt.motion.check.gait import alternations
 from t2d_rt.motion.check.support import clearance
 from t2d_rt.motion.check.tracks import GRAVITY_MPS2, Tracks, spans
@@ -111,7 +112,7 @@ def walk_of(body: Tracks, rate_hz: float) -> Walk | None:
     have 0.78 of it.
     """
     hips, leg_m = body["hips"][:, :2], body.leg_m
-    apart = np.sum((body["left_ankle"] - body["right_ankle"]) * body.facing, axis=-1)
+    apart = inner(body["left_ankle"] - body["right_ankle"], body.facing)
     peaks = alternations(apart / body.stature_m, 0.15).tolist()
     steps = []
     for start, stop in pairwise(peaks):

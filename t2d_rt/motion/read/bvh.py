@@ -17,7 +17,7 @@ import numpy as np
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
 from t2d_rt.files import gunzip, read_bytes, size
-from t2d_rt.motion.quaternions import about_axis, multiply, normalise, rotate
+from t2d_rt.motion.interpolate import composed
 from t2d_rt.motion.read.samples import filled
 
 MAX_BYTES = 150_000_000
@@ -42,6 +42,9 @@ LARGEST_NUMBER = 1e9
 
 BLOCK_BYTES = 1_000_000
 """Of the MOTION's text whose words are lists at a time: as Python objects they take five times as much."""
+
+BLOCK_FRAMES = 1024
+"""Frames whose kinematics are found at a time: what is in work stays in the processor's cache."""
 
 CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "xyz")
 
@@ -91,22 +94,21 @@ def forward_kinematics(
     """
     offsets = raw.offsets if offsets is None else offsets
     frames, count = len(raw.values), len(raw.names)
-    wanted = set(range(count)) if only is None else _with_ancestors(only, raw.parents)
+    joints = sorted(range(count) if only is None else _with_ancestors(only, raw.parents))
+    parents = [joints.index(raw.parents[joint]) if raw.parents[joint] >= 0 else -1 for joint in joints]
+    channels, firsts = [raw.channels[joint] for joint in joints], np.cumsum([0, *map(len, raw.channels)])[joints]
+    shifts = [
+        _translation(kinds, raw.values[:, first : first + len(kinds)], offsets[joint])
+        for joint, kinds, first in zip(joints, channels, firsts, strict=True)
+    ]
     positions = np.empty((count, frames, 3))
     rotations = np.empty((count, frames, 4))
-    column = 0
-    for joint, (parent, channels) in enumerate(zip(raw.parents, raw.channels, strict=True)):
-        values = raw.values[:, column : column + len(channels)]
-        column += len(channels)
-        if joint not in wanted:
-            continue
-        shift = _translation(channels, values, offsets[joint])
-        rotation = _rotation(channels, values)
-        if parent < 0:
-            positions[joint], rotations[joint] = shift, rotation
-        else:
-            positions[joint] = positions[parent] + rotate(rotations[parent], shift)
-            rotations[joint] = normalise(multiply(rotations[parent], rotation))
+    for start in range(0, frames, BLOCK_FRAMES):
+        block = slice(start, start + BLOCK_FRAMES)
+        moved = np.stack([shift[block].T for shift in shifts], axis=1)
+        placed, turned = composed(moved, _rotations(channels, firsts, raw.values[block]), parents, normalised=True)
+        positions[joints, block] = placed.transpose(1, 2, 0)
+        rotations[joints, block] = turned.transpose(1, 2, 0)
     return positions.swapaxes(0, 1), rotations.swapaxes(0, 1)
 
 
@@ -119,19 +121,35 @@ def _with_ancestors(joints: Collection[int], parents: tuple[int, ...]) -> set[in
     return found
 
 
-def _rotation(channels: tuple[str, ...], values: np.ndarray) -> np.ndarray:
-    total = np.tile([0.0, 0.0, 0.0, 1.0], (len(values), 1))
-    for channel, column in zip(channels, values.T, strict=True):
-        if channel.endswith("rotation"):
-            total = multiply(total, about_axis(np.eye(3)["xyz".index(channel[0])], np.radians(column)))
-    return total
+def _rotations(channels: list[tuple[str, ...]], firsts: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Rotations (4, N, T) of joints against their parents, components first: about the axes of their channels, whose first columns
+    (N,) of the values (T, C) these are, in turn."""
+    found = np.zeros((4, len(channels), len(values)))
+    found[3] = 1.0
+    for kinds in set(channels):
+        same = np.array([joint for joint, each in enumerate(channels) if each == kinds])
+        turned = found[:, same]
+        for place in (place for place, kind in enumerate(kinds) if kind.endswith("rotation")):
+            half = 0.5 * np.radians(values[:, firsts[same] + place].T)
+            sine, cosine, k = np.sin(half), np.cos(half), "xyz".index(kinds[place][0])
+            i, j = (k + 1) % 3, (k + 2) % 3
+            # The product of quaternions, of which the second has components k and w alone.
+            turned[[i, j, k, 3]] = (
+                cosine * turned[i] + turned[j] * sine,
+                cosine * turned[j] - turned[i] * sine,
+                turned[3] * sine + cosine * turned[k],
+                turned[3] * cosine - turned[k] * sine,
+            )
+        found[:, same] = turned
+    return found
 
 
 def _translation(channels: tuple[str, ...], values: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """Shift from the parent (T, 3): the offset and, where a joint has them, its position channels."""
-    moved = np.tile(offset, (len(values), 1))
+    moved = np.broadcast_to(offset, (len(values), 3))
     placed = ["xyz".index(channel[0]) for channel in channels if channel.endswith("position")]
     if placed:
+        moved = moved.copy()
         given = values[:, [i for i, channel in enumerate(channels) if channel.endswith("position")]]
         # By the format positions add to the offset, but many writers give the whole offset again. Somebody who walks far comes
         # nearest to the truth in some frame: shifts start from nothing, whole offsets never fall to nothing.

@@ -9,6 +9,7 @@ import numpy as np
 
 from t2d_rt.errors import InputError, warn
 from t2d_rt.geometry import vectors
+from t2d_rt.geometry.vectors import norms
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.posture import STATURE_PER_CHAIN, facing, leg_m, middle, stature_m
 from t2d_rt.motion.read.complete import FOOT_AHEAD, FOOT_DOWN
@@ -175,7 +176,7 @@ def stance_axis(points: dict[str, np.ndarray], own: Up | None, *, margin: float 
         return found
     posture = ankles_to_head(points)
     along = abs(np.median(posture, axis=0)["xyz".index(found[-1])])
-    if not along > UPRIGHT * float(np.percentile(np.linalg.norm(posture, axis=-1), 90)):
+    if not along > UPRIGHT * float(np.percentile(norms(posture), 90)):
         return own
     better = floor_spread(points, own) - floor_spread(points, found)
     if better > margin * stature_m(points):
@@ -212,7 +213,7 @@ def _along(up: Up) -> np.ndarray:
 
 def _standing_fraction(postures: np.ndarray, up: Up) -> float:
     """Share of frames in which the body stands along an axis."""
-    lengths = np.maximum(np.linalg.norm(postures, axis=-1), 1e-300)
+    lengths = np.maximum(norms(postures), 1e-300)
     return float(np.mean(postures @ _along(up) / lengths > STANDS))
 
 
@@ -254,7 +255,7 @@ def tpose_frames(points: dict[str, np.ndarray]) -> int:
     """Frames before a jump of the pose within the first five steps: a calibration pose put in front of the motion."""
     pose = np.stack(list(points.values()), axis=1)
     pose = pose - pose[:, :1]
-    steps = np.linalg.norm(np.diff(pose, axis=0), axis=-1).mean(axis=1)
+    steps = norms(np.diff(pose, axis=0)).mean(axis=1)
     if len(steps) < 10:
         return 0
     # A jump moves the joints by several cm on average, many times more than any step of the motion itself.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from t2d_rt.motion.quaternions import conjugate, multiply
-from t2d_rt.types.motion import Motion
+from t2d_rt.geometry.vectors import inner
 
 LEAST_DEG = 90.0
 """Turns in one frame above which a joint flips: at 30 Hz 2700 degrees per second, faster than the elbow of a pitcher (2400; Fleisig
@@ -36,19 +36,18 @@ class Flip:
         return f"{self.joint} turns by {self.angle_deg:.0f} degrees for {lasts} at {self.time_s:.3f} s"
 
 
-def flips(motion: Motion) -> list[Flip]:
-    """Flips of joints against their parents, the largest first."""
+def flips(local: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Flip]:
+    """Flips of joints, the largest first, from their rotations (T, J, 4) against their parents."""
     found: list[Flip] = []
-    for joint, (name, parent) in enumerate(zip(motion.names, motion.parents, strict=True)):
-        own = motion.rotations[:, joint]
-        above = motion.rotations[:, parent] if parent >= 0 else None
-        step = _turn(own, above)
+    steps = _angle(local[:-1], local[1:])
+    for joint, name in enumerate(names):
+        step, own = steps[:, joint], local[:, joint]
         turned, after = np.flatnonzero(step > LEAST_DEG).tolist(), -1
         for start in turned:
             stops = [stop for stop in turned if start < stop <= start + LONGEST]
-            back = next((stop for stop in stops if _apart(own, above, start, stop + 1) < RETURN_DEG), None)
+            back = next((stop for stop in stops if _angle(own[start], own[stop + 1]) < RETURN_DEG), None)
             if start > after and back is not None:
-                found.append(Flip(name, (start + 1) / motion.rate_hz, back - start, float(step[start])))
+                found.append(Flip(name, (start + 1) / rate_hz, back - start, float(step[start])))
                 after = back
     return sorted(found, key=lambda flip: -flip.angle_deg)
 
@@ -59,16 +58,6 @@ def told_flips(found: list[Flip]) -> str:
     return f"single-frame flips: {', '.join(map(str, found[:SHOWN]))}{more}"
 
 
-def _turn(own: np.ndarray, above: np.ndarray | None) -> np.ndarray:
-    """Angles [deg] that a joint turns by against its parent from frame to frame, (T - 1,)."""
-    return _angle(own[:-1], own[1:], None if above is None else (above[:-1], above[1:]))
-
-
-def _apart(own: np.ndarray, above: np.ndarray | None, first: int, last: int) -> float:
-    return float(_angle(own[first], own[last], None if above is None else (above[first], above[last])))
-
-
-def _angle(one: np.ndarray, two: np.ndarray, above: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    if above is not None:
-        one, two = multiply(conjugate(above[0]), one), multiply(conjugate(above[1]), two)
-    return np.asarray(np.degrees(2.0 * np.arccos(np.minimum(np.abs(np.sum(one * two, axis=-1)), 1.0))))
+def _angle(one: np.ndarray, two: np.ndarray) -> np.ndarray:
+    """Angles [deg] between rotations (..., 4)."""
+    return np.asarray(np.degrees(2.0 * np.arccos(np.minimum(np.abs(inner(one, two)), 1.0))))

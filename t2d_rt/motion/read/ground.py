@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.errors import warn
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import norms, unit
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.posture import leg_m, middle
-from t2d_rt.motion.quaternions import between, multiply, rotate
+from t2d_rt.motion.quaternions import between, cross, multiply, rotate
 from t2d_rt.motion.read.tracks import Tracks
 
 WEIGHTS = (
@@ -108,8 +108,9 @@ def levelled(tracks: Tracks, up: object) -> tuple[Tracks, Ground | None]:
 
 def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
     """Vertical and floor by planted feet and balance; None where they agree with z, or where too little is seen."""
-    planted = planted_feet(points, rate_hz)
-    balance, stance = _balance(points, planted)
+    upright, leg = upright_trunk(points), leg_m(points)
+    planted = planted_feet(points, rate_hz, upright, leg)
+    balance, stance = _balance(points, planted, leg)
     if balance is None:
         return None
     sides = (points["left_ankle"], points["right_ankle"])
@@ -128,7 +129,7 @@ def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
         and slope >= LEAST_SLOPE_RAD
         and residual <= MOST_RESIDUAL * rise
     )
-    part = stance / max(int(upright_trunk(points).sum()), 1)
+    part = stance / max(int(upright.sum()), 1)
     walks = np.ptp(spots, axis=0).max() >= WALK_M and part >= WALK_STANCE and residual <= WALK_LEVEL_M
     steady = part >= LEAST_STANCE and residual <= LEVEL_M and stance >= LEAST_STANCE_S * rate_hz
     leans = steady and slope >= (WALK_LEAN_RAD if walks else LEAST_LEAN_RAD)
@@ -138,16 +139,15 @@ def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
     return Ground(vertical=vertical, tilted=bool(odds > 0), rise_m=rise, residual_m=residual)
 
 
-def planted_feet(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Whether the left and the right foot (T,) each carry a standing body, in any axes within 35 degrees of z up."""
-    width = SMOOTH_S * rate_hz
-    hips, upright = middle(points, "hip"), upright_trunk(points)
+def planted_feet(
+    points: dict[str, np.ndarray], rate_hz: float, upright: np.ndarray, length: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whether the left and right foot (T,) each carry a standing body, in any axes within 35 degrees of z up: one with an upright
+    trunk (T,), on legs of that length [m]."""
+    width, hips = SMOOTH_S * rate_hz, middle(points, "hip")
     ankles = [averaged(points[f"{side}_ankle"], width) for side in ("left", "right")]
     legs = [points[f"{side}_hip"] - points[f"{side}_ankle"] for side in ("left", "right")]
-    length = leg_m(points)
-    carries = [
-        upright & (np.linalg.norm(leg, axis=-1) > EXTENDED * length) & (unit(leg)[:, 2] > UPRIGHT_LEG) for leg in legs
-    ]
+    carries = [upright & (norms(leg) > EXTENDED * length) & (unit(leg)[:, 2] > UPRIGHT_LEG) for leg in legs]
     found = carries[0] | carries[1]
     if not found.any():
         return carries[0], carries[1]
@@ -177,10 +177,12 @@ def averaged(track: np.ndarray, frames: float) -> np.ndarray:
 
 
 def _speed(track: np.ndarray, rate_hz: float) -> np.ndarray:
-    return np.asarray(np.linalg.norm(np.gradient(track, 1.0 / rate_hz, axis=0), axis=-1))
+    return np.asarray(norms(np.gradient(track, 1.0 / rate_hz, axis=0)))
 
 
-def _balance(points: dict[str, np.ndarray], planted: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray | None, int]:
+def _balance(
+    points: dict[str, np.ndarray], planted: tuple[np.ndarray, np.ndarray], leg: float
+) -> tuple[np.ndarray | None, int]:
     """Mean direction (3,) from the feet that carry to the centre of mass, left and right stance counted the same, and over how many
     frames."""
     mass = HEAD_FRACTION * points["head"]
@@ -190,8 +192,8 @@ def _balance(points: dict[str, np.ndarray], planted: tuple[np.ndarray, np.ndarra
             mass = mass + part * (a + at * (b - a))
         mass = mass + 0.25 * TRUNK_FRACTION * (points[f"{side}_hip"] + points[f"{side}_shoulder"])
     up = mass - middle(points, "ankle")
-    ahead = unit(np.cross(points["left_hip"] - points["right_hip"], up))
-    left, right = (mass - points[f"{side}_ankle"] - UNDER * leg_m(points) * ahead for side in ("left", "right"))
+    ahead = unit(cross(points["left_hip"] - points["right_hip"], up))
+    left, right = (mass - points[f"{side}_ankle"] - UNDER * leg * ahead for side in ("left", "right"))
     both = planted[0] & planted[1]
     one = [vectors[flags & ~both] for vectors, flags in zip((left, right), planted, strict=True)]
     total, frames = (0.5 * (left + right))[both].sum(axis=0), int(both.sum())

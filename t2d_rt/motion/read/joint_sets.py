@@ -15,6 +15,7 @@ import numpy as np
 
 from t2d_rt.checks import shown
 from t2d_rt.errors import InputError
+from t2d_rt.geometry.vectors import norms
 from t2d_rt.motion.skeletons import PARENT_OF
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -166,7 +167,7 @@ def unlikeness(points: Mapping[str, np.ndarray]) -> float:
     """How much limbs of points (T, 3) vary in length, differ left and right, and miss the ratio of legs to arms; 0 is best."""
     lengths = np.array(
         [
-            [np.linalg.norm(points[f"{side}_{upper}"] - points[f"{side}_{lower}"], axis=-1) for upper, lower in LIMBS]
+            [norms(points[f"{side}_{upper}"] - points[f"{side}_{lower}"]) for upper, lower in LIMBS]
             for side in ("left", "right")
         ]
     )  # (2, 4, T)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2d_rt.errors import warn
+from t2d_rt.geometry.vectors import norms
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import low_pass, low_pass_gain
 from t2d_rt.motion.read.joint_sets import LIMBS
@@ -92,7 +93,7 @@ def _lengths(points: dict[str, np.ndarray]) -> np.ndarray:
     """Lengths of the limbs' bones, (8, T)."""
     return np.array(
         [
-            np.linalg.norm(points[f"{side}_{lower}"] - points[f"{side}_{upper}"], axis=-1)
+            norms(points[f"{side}_{lower}"] - points[f"{side}_{upper}"])
             for side in ("left", "right")
             for upper, lower in LIMBS
         ]

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from t2d_rt.errors import InputError
-from t2d_rt.geometry.vectors import unit
-from t2d_rt.motion.quaternions import between, conjugate, from_matrix, multiply, rotate
+from t2d_rt.geometry.vectors import inner, norms, unit
+from t2d_rt.motion.quaternions import between, conjugate, cross, from_matrix, multiply, rotate
 from t2d_rt.motion.skeletons import PARENT_OF
 
 SHORTEST_M = 1e-9
@@ -56,14 +56,14 @@ def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -
         ahead = points[foot] - points[ankle]
         thigh, shank = unit(points[knee] - points[hip]), unit(points[ankle] - points[knee])
         turned[hip], turned[knee] = _limb(
-            turned["pelvis"], LEG_REST * mirror, thigh, shank, np.cross(thigh, shank), rate_hz, _foot_hinge(thigh, shank, ahead)
+            turned["pelvis"], LEG_REST * mirror, thigh, shank, cross(thigh, shank), rate_hz, _foot_hinge(thigh, shank, ahead)
         )  # fmt: skip
         turned[ankle] = _carried(turned[knee], ahead, rate_hz)
         turned[foot] = _carried(turned[ankle], points[toe] - points[foot], rate_hz) if toe in points else turned[ankle]
         turned[collar] = _carried(turned["spine3"], points[shoulder] - points[collar], rate_hz)
         arm, forearm = unit(points[elbow] - points[shoulder]), unit(points[wrist] - points[elbow])
         turned[shoulder], turned[elbow] = _limb(
-            turned["spine3"], ARM_REST * mirror, arm, forearm, np.cross(forearm, arm), rate_hz
+            turned["spine3"], ARM_REST * mirror, arm, forearm, cross(forearm, arm), rate_hz
         )
         turned[wrist] = (
             _carried(turned[elbow], points[hand] - points[wrist], rate_hz) if hand in points else turned[elbow]
@@ -78,7 +78,7 @@ def _check_lengths(points: dict[str, np.ndarray]) -> None:
     bones = [(str(PARENT_OF[child]), child) for child in points if PARENT_OF[child] not in (None, "pelvis")]
     bones = [pair for pair in bones if "collar" not in pair[1]]  # the chest has its direction from the neck
     for upper, lower in [("left_hip", "right_hip"), ("left_shoulder", "right_shoulder"), *bones]:
-        if not (np.linalg.norm(points[lower] - points[upper], axis=-1) > SHORTEST_M).all():
+        if not (norms(points[lower] - points[upper]) > SHORTEST_M).all():
             raise InputError(f"joints {upper!r} and {lower!r} coincide; a bone needs a length to have a direction")
 
 
@@ -86,10 +86,10 @@ def _trunk(points: dict[str, np.ndarray], rate_hz: float) -> dict[str, np.ndarra
     hips, shoulders = (unit(points[f"left_{joint}"] - points[f"right_{joint}"]) for joint in ("hip", "shoulder"))
     middle = 0.5 * (points["left_hip"] + points["right_hip"])
     first, upward = _orthonormal(hips, points["spine1"] - middle)
-    turned = {"pelvis": from_matrix(np.stack([np.cross(first, upward), first, upward], axis=-1))}
+    turned = {"pelvis": from_matrix(np.stack([cross(first, upward), first, upward], axis=-1))}
     for step, (name, above) in enumerate((("spine1", "spine2"), ("spine2", "spine3"), ("spine3", "neck")), 1):
         upward, left = _orthonormal(points[above] - points[name], (3 - step) * hips + step * shoulders)
-        turned[name] = from_matrix(np.stack([np.cross(left, upward), left, upward], axis=-1))
+        turned[name] = from_matrix(np.stack([cross(left, upward), left, upward], axis=-1))
     turned["neck"] = _carried(turned["spine3"], points["head"] - points["neck"], rate_hz)
     top = points.get("head_top")
     turned["head"] = turned["neck"] if top is None else _carried(turned["neck"], top - points["head"], rate_hz)
@@ -109,10 +109,10 @@ def _limb(
     rest = unit(rest)
     swung = multiply(between(rotate(trunk, rest), upper), trunk)
     neutral = rotate(swung, rotate(between(np.array([0.0, 0.0, -1.0]), rest), np.array([0.0, 1.0, 0.0])))
-    angle, weight = _angle_about(upper, neutral, hinge), (hinge**2).sum(axis=-1)
+    angle, weight = _angle_about(upper, neutral, hinge), inner(hinge, hinge)
     if second is not None:
         angle, weight = _joined(
-            angle, weight, _angle_about(upper, neutral, second), FOOT_WEIGHT * (second**2).sum(axis=-1)
+            angle, weight, _angle_about(upper, neutral, second), FOOT_WEIGHT * inner(second, second)
         )
     above = multiply(_about(upper, _smooth_angle(angle, weight, rate_hz)), swung)
     return above, multiply(between(upper, lower), above)
@@ -120,7 +120,7 @@ def _limb(
 
 def _foot_hinge(thigh: np.ndarray, shank: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     """Axis to the left of a foot (T, 3), carried up from the shank to the thigh."""
-    return rotate(between(shank, thigh), np.cross(unit(ahead), shank))
+    return rotate(between(shank, thigh), cross(unit(ahead), shank))
 
 
 def _joined(
@@ -152,9 +152,8 @@ def _smooth_angle(angle: np.ndarray, weight: np.ndarray, rate_hz: float) -> np.n
 
 def _angle_about(axis: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Angle (T,) about unit axes by which `start` turns to `end` (T, 3), as seen along the axis."""
-    sine = (np.cross(start, end) * axis).sum(axis=-1)
-    along = (start * axis).sum(axis=-1) * (end * axis).sum(axis=-1)
-    return np.arctan2(sine, (start * end).sum(axis=-1) - along)
+    along = inner(start, axis) * inner(end, axis)
+    return np.arctan2(inner(cross(start, end), axis), inner(start, end) - along)
 
 
 def _carried(above: np.ndarray, bone: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -168,7 +167,7 @@ def _carried(above: np.ndarray, bone: np.ndarray, rate_hz: float) -> np.ndarray:
     usual = mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 1e-3 else local[0]
     swung = between(np.broadcast_to(usual, local.shape), local)
     step = multiply(swung[1:], conjugate(swung[:-1]))
-    twist = np.angle(np.exp(2j * np.arctan2((step[:, :3] * local[:-1]).sum(axis=-1), step[:, 3])))
+    twist = np.angle(np.exp(2j * np.arctan2(inner(step[:, :3], local[:-1]), step[:, 3])))
     return multiply(above, multiply(_about(local, _counter(twist, local @ usual, rate_hz)), swung))
 
 
@@ -195,4 +194,4 @@ def _about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors along `first` and towards `second`, square to each other, (T, 3)."""
     a = unit(first)
-    return a, unit(second - (second * a).sum(axis=-1, keepdims=True) * a)
+    return a, unit(second - inner(second, a)[..., None] * a)

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from t2d_rt.errors import InputError, warn
-from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, smooth
+from t2d_rt.geometry.vectors import inner, norms
+from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, JITTER_LIMIT_MPS, jitter_mps, parts, smooth, smoothed
 from t2d_rt.motion.posture import facing, leg_m, middle, stature_m
 from t2d_rt.motion.read.bvh import MAX_FRAMES
 from t2d_rt.motion.read.clock import on_clock
@@ -111,11 +112,12 @@ def placed(tracks: Tracks, tall_m: float, reading: Reading) -> Motion:
     motion = assemble(tracks.points, tracks.turned, tracks.rate_hz, level)
     form, told = tracks.form, tracks.told
     del tracks  # half of the memory that a long motion takes
-    if own and (flipped := flips(motion)):
+    local = parts(motion) if own else None
+    if local is not None and (flipped := flips(local[1], motion.names, motion.rate_hz)):
         told = (*told, told_flips(flipped))
         warn(f"{told[-1]}; mend them in the file, for a radar sees them as fast movement")
     if smoothing is None:
-        motion, smoothing = _smoothed(motion, reading.smooth_hz, rotations=own)
+        motion, smoothing = _smoothed(motion, reading.smooth_hz, local)
     if motion.rate_hz < LOW_RATE_HZ:
         warn(
             f"{motion.rate_hz:g} frames a second hold movements up to {0.5 * motion.rate_hz:g} Hz only, a walker's feet and hands "
@@ -125,23 +127,25 @@ def placed(tracks: Tracks, tall_m: float, reading: Reading) -> Motion:
     return replace(motion, report="; ".join([frames, *told, smoothing]))
 
 
-def _smoothed(motion: Motion, smooth_hz: float | str | None, *, rotations: bool) -> tuple[Motion, str]:
+def _smoothed(
+    motion: Motion, smooth_hz: float | str | None, local: tuple[np.ndarray, np.ndarray] | None
+) -> tuple[Motion, str]:
     """The motion low-passed as asked for, and a clause for its report.
 
-    rotations: whether they are the file's own, whose noise is to be measured.
+    local: the motion's `parts` where its rotations are the file's own, whose noise is to be measured.
     """
     if smooth_hz is None:
         return motion, "not smoothed"
     if smooth_hz != "auto":
         return smooth(motion, float(smooth_hz)), f"smoothed at {float(smooth_hz):g} Hz"
     jitter = jitter_mps(motion)
-    found = without_rotation_noise(motion, filtered=jitter > JITTER_LIMIT_MPS) if rotations else None
+    found = without_rotation_noise(motion, local, filtered=jitter > JITTER_LIMIT_MPS) if local else None
     if found is not None:
         return found
     if jitter <= JITTER_LIMIT_MPS:
         return motion, f"not smoothed (jitter {jitter:.3f} m/s above {JITTER_CUTOFF_HZ:g} Hz)"
     told = f"smoothed at {JITTER_CUTOFF_HZ:g} Hz (jitter {jitter:.2f} m/s above it)"
-    return smooth(motion, JITTER_CUTOFF_HZ), told
+    return smoothed(motion, local or parts(motion), JITTER_CUTOFF_HZ), told
 
 
 def _check_together(tracks: Tracks) -> None:
@@ -149,7 +153,7 @@ def _check_together(tracks: Tracks) -> None:
     at = tracks.points
     between = [at[f"left_{joint}"] - at[f"right_{joint}"] for joint in ("hip", "shoulder")]
     apart = [middle(at, "hip") - middle(at, "shoulder"), *between]
-    width = max(float(np.median(np.linalg.norm(each, axis=-1))) for each in apart)
+    width = max(float(np.median(norms(each))) for each in apart)
     legs = width / max(leg_m(at), 1e-12)
     if legs > WIDEST:
         raise InputError(
@@ -205,13 +209,11 @@ def _check_sides(points: dict[str, np.ndarray]) -> None:
     for side in ("left", "right"):
         hip, knee, ankle = (points[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle"))
         middle = 0.5 * (hip + ankle)
-        bend = ((knee - middle) * ahead).sum(axis=-1).mean() / max(
-            float(np.linalg.norm(knee - middle, axis=-1).mean()), 1e-9
-        )
+        bend = inner(knee - middle, ahead).mean() / max(float(norms(knee - middle).mean()), 1e-9)
         signs.append(bend)
         if f"{side}_foot" in points:
             foot = points[f"{side}_foot"] - ankle
-            signs.append((foot * ahead).sum(axis=-1).mean() / max(float(np.linalg.norm(foot, axis=-1).mean()), 1e-9))
+            signs.append(inner(foot, ahead).mean() / max(float(norms(foot).mean()), 1e-9))
     if np.mean(signs) < BACKWARD:
         raise InputError(
             "knees and feet point backward: left and right are swapped, or the axes are left-handed; swap the names or "

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import inner
+
 MOST_REPEATS = 8
 LEAST_REPEATS = 6
 REPEATED = 0.1
@@ -52,12 +54,14 @@ def _ratio(new: np.ndarray) -> float | None:
 
 
 def _spread(new: np.ndarray, ratio: float) -> float:
-    return float(np.ptp(new - ratio * np.arange(len(new))))
+    late = new - ratio * np.arange(len(new))
+    return float(late.max() - late.min())
 
 
 def rms_steps(joints: np.ndarray) -> np.ndarray:
     """RMS step (T - 1,) of the points (T, K, 3) that are known in both frames, NaN where none is."""
-    square = (np.diff(joints, axis=0) ** 2).sum(axis=-1)
+    steps = np.diff(joints, axis=0)
+    square = inner(steps, steps)
     known = np.isfinite(square)
     count = known.sum(axis=1)
     mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(count, 1)

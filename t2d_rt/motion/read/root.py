@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.errors import warn
-from t2d_rt.geometry.vectors import unit
+from t2d_rt.geometry.vectors import inner, norms, unit
 from t2d_rt.motion.posture import middle
 from t2d_rt.motion.quaternions import between, conjugate, rotate
 from t2d_rt.motion.read.ground import averaged, upright_trunk
@@ -116,13 +116,13 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
         backward = -np.gradient(feet, 1.0 / rate_hz, axis=0)[..., :2]
         # Where both feet are low, that one carries which goes backward along the heading.
         heading = averaged(backward[frames, height.argmin(axis=1)], SWAY_S * rate_hz)
-        along = np.where(height - lowest[:, None] < NEAR_M, (backward * heading[:, None]).sum(axis=-1), -np.inf)
+        along = np.where(height - lowest[:, None] < NEAR_M, inner(backward, heading[:, None]), -np.inf)
         ground = backward[frames, along.argmax(axis=1)]
         if np.ptp(points["pelvis"][:, 2]) > FIXED_M:
             stands = np.flatnonzero(lowest < np.percentile(lowest, 5) + FLIGHT_M)
             if len(stands) > LEAST_STANCE * len(frames):
                 ground = np.stack([np.interp(frames, stands, column[stands]) for column in ground.T], axis=-1)
-        steady = _path_m(ground, rate_hz) / max(float(np.linalg.norm(ground, axis=-1).sum()) / rate_hz, 1e-9)
+        steady = _path_m(ground, rate_hz) / max(float(norms(ground).sum()) / rate_hz, 1e-9)
         found.append((steady, ground, lowest))
     _, ground, lowest = max(found, key=lambda each: each[0])
     return averaged(ground, SMOOTH_S * rate_hz), lowest
@@ -130,4 +130,4 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
 
 def _path_m(velocity: np.ndarray, rate_hz: float) -> float:
     """Length of the path without sway."""
-    return float(np.linalg.norm(averaged(velocity, SWAY_S * rate_hz), axis=-1).sum() / rate_hz)
+    return float(norms(averaged(velocity, SWAY_S * rate_hz)).sum() / rate_hz)

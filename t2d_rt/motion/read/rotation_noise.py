@@ -13,8 +13,9 @@ from math import comb
 
 import numpy as np
 
+from t2d_rt.geometry.vectors import dot, inner
 from t2d_rt.motion import quaternions
-from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, compose, decompose, low_pass, low_pass_gain
+from t2d_rt.motion.interpolate import JITTER_CUTOFF_HZ, compose, low_pass, low_pass_gain
 from t2d_rt.motion.read.noise import best_cutoff, told_noise
 from t2d_rt.types.motion import Motion
 
@@ -48,18 +49,18 @@ MOST = 4.0
 """Noise power of a joint over that of the calmer ones."""
 
 
-def without_rotation_noise(motion: Motion, *, filtered: bool) -> tuple[Motion, str] | None:
+def without_rotation_noise(
+    motion: Motion, parts: tuple[np.ndarray, np.ndarray], *, filtered: bool
+) -> tuple[Motion, str] | None:
     """The motion without measured noise and a clause for its report; None where the noise is less than what the limit tells.
 
-    filtered: whether the usual low-pass at 12 Hz would follow.
+    parts: those of `t2d_rt.motion.interpolate.parts`. filtered: whether the usual low-pass at 12 Hz would follow.
     """
     if motion.rate_hz < LOWEST_RATE_HZ or motion.duration_s < SHORTEST_S:
         return None
-    offsets, local = decompose(motion.joints, motion.rotations, motion.parents)
-    local = quaternions.continuous(local)
-    # Twice a quaternion's step is the angle.
-    tracks = [motion.joints[:, 0], *np.moveaxis(2.0 * local, 1, 0)]
-    levels = np.array([_level(track, motion.rate_hz) for track in tracks])
+    offsets, local = parts
+    root, angles = motion.joints[:, :1], 2.0 * local  # twice a quaternion's step is the angle
+    levels = np.concatenate([_levels(each, motion.rate_hz) for each in (root, angles)])
     usual = _usual(levels[1:])
     reach = _reach(motion)
     omega = np.linspace(0.0, math.pi * motion.rate_hz, len(local))
@@ -70,12 +71,13 @@ def without_rotation_noise(motion: Motion, *, filtered: bool) -> tuple[Motion, s
     if left <= limit and levels[0] <= 3.0 * ROOT_M**2:
         return None
     levels = np.array([levels[0], *np.minimum(levels[1:], MOST * usual)])
+    tracks = [root[:, 0], *np.moveaxis(angles, 1, 0)]
     found = [
         best_cutoff(track, np.full(len(track), level), motion.rate_hz)
         for track, level in zip(tracks, levels, strict=True)
     ]
     smooth = [t if cut is None else low_pass(t, cut, motion.rate_hz) for t, (cut, _) in zip(tracks, found, strict=True)]
-    offsets[:, 0] = smooth[0]
+    offsets = np.concatenate([smooth[0][:, None], offsets[:, 1:]], axis=1)
     joints, rotations = compose(offsets, quaternions.normalise(np.stack(smooth[1:], axis=1)), motion.parents)
     used = tuple(sorted({cut for cut, _ in found if cut is not None}))
     noise = f"noise of {_degrees(usual):.1f} degrees and {1e3 * math.sqrt(levels[0] / 3):.1f} mm"
@@ -84,14 +86,14 @@ def without_rotation_noise(motion: Motion, *, filtered: bool) -> tuple[Motion, s
     return motion.edited("smoothed as its noise asks for", joints=joints, rotations=rotations), told
 
 
-def _level(track: np.ndarray, rate_hz: float) -> float:
-    """Variance of white noise in all columns of a track (T, N) together, at most, by its calmest frames."""
-    square = (np.diff(track, n=ORDER, axis=0) ** 2).sum(axis=-1) / comb(2 * ORDER, ORDER)
+def _levels(tracks: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Variances (J,) of white noise in all columns of each of the tracks (T, J, N) together, at most, by its calmest frames."""
+    differences = np.diff(tracks, n=ORDER, axis=0)
+    square = inner(differences, differences) / comb(2 * ORDER, ORDER)
     frames = min(max(FEWEST_FRAMES, round(WINDOW_S * rate_hz)), len(square))
-    total = np.concatenate([[0.0], np.cumsum(square)])
-    return (1.0 + BIAS / math.sqrt(frames)) ** 2 * float(
-        np.percentile((total[frames:] - total[:-frames]) / frames, CALM)
-    )
+    total = np.concatenate([np.zeros((1, square.shape[1])), np.cumsum(square, axis=0)])
+    calm = np.percentile((total[frames:] - total[:-frames]) / frames, CALM, axis=0)
+    return np.asarray((1.0 + BIAS / math.sqrt(frames)) ** 2 * calm)
 
 
 def _usual(levels: np.ndarray) -> float:
@@ -108,11 +110,13 @@ def _degrees(level: float) -> float:
 def _reach(motion: Motion) -> np.ndarray:
     """Mean squared distances [m^2] (J, J) of joints (rows) from those above them in the skeleton (columns), else 0."""
     found = np.zeros((len(motion.names), len(motion.names)))
-    for joint in range(len(motion.names)):
-        above = motion.parents[joint]
-        while above >= 0:
-            found[joint, above] = ((motion.joints[:, joint] - motion.joints[:, above]) ** 2).sum(axis=-1).mean()
-            above = motion.parents[above]
+    places = np.ascontiguousarray(motion.joints.transpose(2, 1, 0))
+    chains: list[list[int]] = []
+    for joint, parent in enumerate(motion.parents):
+        chains.append([parent, *chains[parent]] if parent >= 0 else [])
+        above = chains[joint]
+        away = places[:, joint, None] - places[:, above]
+        found[joint, above] = dot(away, away).mean(axis=-1)
     return found
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from t2d_rt.errors import InputError, warn
+from t2d_rt.geometry.vectors import norms
 from t2d_rt.motion import quaternions
 from t2d_rt.motion.contacts import runs
 from t2d_rt.motion.interpolate import compose, decompose
@@ -61,8 +62,9 @@ def seen(positions: np.ndarray) -> np.ndarray:
 
     A body that is centred on one of its points keeps that point at 0, 0, 0.
     """
-    found = np.where(np.isfinite(positions).all(axis=-1, keepdims=True), positions, np.nan)
-    same = (np.ptp(found, axis=-1) == 0.0) & np.isfinite(found[..., 0])
+    x, y, z = np.moveaxis(np.isfinite(positions), -1, 0)
+    found = np.where((x & y & z)[..., None], positions, np.nan)
+    same = (found[..., 0] == found[..., 1]) & (found[..., 1] == found[..., 2])
     if not same.any():
         return found
     true = np.where(same[..., None], np.nan, found)
@@ -73,13 +75,13 @@ def seen(positions: np.ndarray) -> np.ndarray:
             if found.shape[1] == 1:
                 continue
             # The centre of the body, or never seen.
-            reach = np.linalg.norm(found[:, point] - middle, axis=-1)
+            reach = norms(found[:, point] - middle)
             if found[:, point].any() or not np.nanmax(reach, initial=0.0) < extent:
                 found[:, point] = np.nan
             continue
         place = np.searchsorted(there, stands)
         nearest = [there[np.clip(place - 1, 0, len(there) - 1)], there[np.clip(place, 0, len(there) - 1)]]
-        away = np.min([np.linalg.norm(found[stands, point] - true[near, point], axis=-1) for near in nearest], axis=0)
+        away = np.min([norms(found[stands, point] - true[near, point]) for near in nearest], axis=0)
         steps = rms_steps(true[:, point : point + 1])
         fast = float(np.nanpercentile(steps, 90)) if np.isfinite(steps).any() else 0.0
         found[stands[away > OFF_BODY * extent + OWN_STEPS * fast], point] = np.nan
@@ -95,7 +97,7 @@ def _frame_of(points: np.ndarray) -> tuple[np.ndarray, float]:
     count = np.maximum(there.sum(axis=1), 1)
     middle = np.where(there, points, 0.0).sum(axis=1) / count
     middle[~there.any(axis=(1, 2))] = np.nan
-    away = np.linalg.norm(points - middle[:, None], axis=-1)
+    away = norms(points - middle[:, None])
     reach = np.where(np.isfinite(away), away, 0.0).max(axis=1)
     return middle, float(np.median(reach[reach > 0])) if (reach > 0).any() else 0.0
 
@@ -328,5 +330,5 @@ def _returns(samples: Tracks, first: Jump, last: Jump) -> bool:
         return False
     tracks = np.stack([samples.points[name] for name in first.joints], axis=1)
     led = 0.5 * (tracks[start] - tracks[start - 1] + tracks[stop + 1] - tracks[stop]) * (stop - start)
-    missed = np.linalg.norm(tracks[stop] - tracks[start] - led, axis=-1)
-    return bool((missed < RETURNS * np.linalg.norm(tracks[start + 1] - tracks[start], axis=-1)).mean() > 0.8)
+    missed = norms(tracks[stop] - tracks[start] - led)
+    return bool((missed < RETURNS * norms(tracks[start + 1] - tracks[start])).mean() > 0.8)
