@@ -7,40 +7,44 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PYTHON ?= python3
 PY := .venv/bin/python
+# `make demo` needs the package alone; tests, style and benchmarks need the extra [dev] as well, torch with it.
 STAMP := .venv/.installed
+DEV := .venv/.dev
 # Files go to one process each, in the order that tests/conftest.py gives them.
 SPREAD := --dist loadfile --no-loadscope-reorder
 
 demo: $(STAMP)
 	$(PY) examples/demo.py
 
-test: $(STAMP)
+test: $(DEV)
 	$(PY) -m pytest -q -n 2 $(SPREAD)
 
 # Formatter, linter, types, fast tests (the import layers are among them: tests/test_layers.py) and doctests.
 check: style doctest
 	$(PY) -m pytest -q -n 2 $(SPREAD) -m "not slow"
 
-style: $(STAMP)
+style: $(DEV)
 	.venv/bin/ruff format --check .
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 
-doctest: $(STAMP)
+doctest: $(DEV)
 	$(PY) -m pytest -q --doctest-modules t2d_rt
 
-bench: $(STAMP)
+bench: $(DEV)
 	$(PY) -m validation.bench
 
-validate: $(STAMP)
+validate: $(DEV)
 	$(PY) -m validation
 
 # The site, offline, in out/site; tutorials and gallery run once and again where they have changed.
 docs: .venv/.docs
 	$(PY) -m sphinx -q -W --keep-going -b html docs out/site
 
-.venv/.docs: $(STAMP)
-	$(PY) -m pip install --quiet --disable-pip-version-check -e ".[docs]"
+$(DEV): EXTRA = dev
+.venv/.docs: EXTRA = docs
+$(DEV) .venv/.docs: $(STAMP)
+	$(PY) -m pip install --quiet --disable-pip-version-check -e ".[$(EXTRA)]"
 	@touch $@
 
 # The stamp is older than pyproject.toml when dependencies may have changed.
@@ -49,7 +53,7 @@ $(STAMP): pyproject.toml
 		{ echo "t2d-rt needs Python 3.11 to 3.13, $(PYTHON) is $$($(PYTHON) --version 2>&1); call make PYTHON=python3.12" >&2; exit 2; }
 	@test -x $(PY) || $(PYTHON) -c 'import ensurepip' 2>/dev/null || $(MAKE) --no-print-directory install-venv
 	test -x $(PY) || $(PYTHON) -m venv .venv
-	$(PY) -m pip install --quiet --disable-pip-version-check -e ".[dev]"
+	$(PY) -m pip install --quiet --disable-pip-version-check -e .
 	@$(PY) -c 'from t2d_rt.backend import require_llvm; require_llvm()' 2>/dev/null || $(MAKE) --no-print-directory install-llvm
 	@touch $@
 

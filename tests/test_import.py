@@ -1,9 +1,14 @@
-"""`import t2d_rt` is quick and loads nothing heavy."""
+"""`import t2d_rt` is quick and loads nothing heavy; what the package says of itself."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
+
+import yaml
+
+from builders import ROOT
 
 MEASURE = """
 import sys, time
@@ -27,3 +32,13 @@ def test_import_is_light_and_quick() -> None:
     for _, modules in runs:
         assert modules - sys.stdlib_module_names == {"t2d_rt"}
     assert min(seconds for seconds, _ in runs) < 0.2  # best of three: the machine may be busy
+
+
+def test_the_package_is_cited_by_its_version() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert {citation[name] == project[name] for name in ("version", "license", "keywords")} == {True}
+
+
+def test_type_checkers_read_the_package() -> None:
+    assert (ROOT / "t2d_rt" / "py.typed").is_file()  # PEP 561
