@@ -61,6 +61,10 @@ class Experiment(Plain):
     """Material of everything but movers; by default each target's own."""
     phase_from: Literal["specular", "centre"] = "specular"
     """Point of an ellipsoid that its phase comes from."""
+    only_paths: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    """Names of the path pairs that have echoes; all by default."""
+    without_paths: tuple[str, ...] = ()
+    """Names of path pairs that have none."""
     seed: Annotated[Count, Field(ge=0)] = 0
     """Seed of the diffuse points, and of noise whose receiver has no seed of its own."""
     noise: Literal["none"] | Receiver = "none"
@@ -83,8 +87,12 @@ class Experiment(Plain):
 
     @property
     def hash(self) -> str:
-        """Hash of its content: the same for equal experiments, and without noise that of older versions, which had none."""
-        values = self.model_dump(mode="json", exclude={"noise"} if self.noise == "none" else None)
+        """Hash of its content: the same for equal experiments, and without noise and path names that of older versions, which had
+        none."""
+        later = {"noise": "none", "only_paths": None, "without_paths": ()}
+        values = self.model_dump(
+            mode="json", exclude={name for name, none in later.items() if getattr(self, name) == none}
+        )
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:32]
 
     @property

@@ -212,36 +212,34 @@ class Model:
         """Echoes of one target, tier by tier."""
         mesh, fast = self.modelled[number].mesh, run.sight.fast_rotating[number]
         if mesh is None:
-            views = [View()]
-            if run.pairs is not None:
-                geometry, samples_s = self.geometries[number], run.sight.samples_s
-                views = coarse_views(geometry, run.pairs.pairs, samples_s, self.blockage, fast_rotating=fast)
+            geometry, samples_s, pairs = self.geometries[number], run.sight.samples_s, run.pairs and run.pairs.pairs
+            views = coarse_views(geometry, pairs, samples_s, self.blockage, fast_rotating=fast) if pairs else [View()]
             ellipsoids = self.modelled[number].ellipsoids()
             assert ellipsoids is not None  # what has no mesh has these
             yield self._ellipsoid_echoes(number, ellipsoids, times_s, views)
             return
-        close, first, above_db = run.visibility.views(number), 0, 0.0
-        tiers = [(run.accuracy.tiers[0], None)] if run.pairs is None else run.pairs.by_tier(run.accuracy)
-        for tier, pairs in tiers:
-            count = 1 if pairs is None else len(pairs)
+        close = {view.paths: view for view in run.visibility.views(number)}
+        for tier, pairs in [(run.accuracy.tiers[0], None)] if run.pairs is None else run.pairs.by_tier(run.accuracy):
+            place = run.accuracy.tiers.index(tier)
             limbs = self.modelled[number].ellipsoids() if pairs and tier.scatterer == "ellipsoids" else None
             if pairs and limbs is not None:
                 yield self._minor(number, limbs, tier, pairs, times_s, run)
             else:
-                views = close[first : first + count]
                 if pairs and tier.visibility == "shared":
                     views = run.visibility.with_shared_occlusion(number, pairs, run.decimated_s)
                 elif pairs and tier.visibility != "occlusion":
                     views = coarse_views(mesh, pairs, run.decimated_s, self.blockage, fast_rotating=fast)
+                else:
+                    views = [close[pair] for pair in pairs or (None,)]
                 make = partial(
                     mesh_echoes, mesh, self.radar, material=self._material(number), seed=self._seed(number), backend=self.backend,
-                    detail=run.detail(mesh, run.accuracy.tiers.index(tier), self),
+                    detail=run.detail(mesh, place, self),
                 )  # fmt: skip
+                above_db = run.accuracy.tiers[place - 1].level_db if place else 0.0
                 frames_s = self._decimated(times_s, tier, run) if fast and tier.decimation > 1 else times_s
                 repeats = fast and run.accuracy.repeats and not run.at_instants
                 found = in_periods(mesh, self.radar, frames_s, views, make, level_db=above_db) if repeats else None
                 yield from [make(times_s=frames_s, views=views)] if found is None else found
-            first, above_db = first + count, tier.level_db
 
     def _bounced(self, times: Sequence[np.ndarray], run: _Run) -> list[EchoStream]:
         """Echoes of all targets over several bounces, on the direct path pair alone."""
@@ -249,8 +247,8 @@ class Model:
             return []
         direct = None
         if run.pairs is not None:
-            pair = direct_pair(run.pairs.pairs, self.bounces, warned=not run.at_instants)
-            if pair is None:
+            warned = not run.at_instants and not any(run.pairs.switched_off)
+            if (pair := direct_pair(run.pairs.pairs, self.bounces, warned=warned)) is None:
                 return []
             direct = pair, self.blockage
         # The same ones in a run and where its error is measured, which samples fans point by point.
@@ -338,7 +336,8 @@ class _Run:
         def of(accuracy: Accuracy) -> Detail:
             tier, sagitta = accuracy.tiers[number], sagitta_rad(mesh, accuracy)
             found = detail(sagitta, tier, model.span_s, at_instants=self.at_instants, max_facets=model.max_facets)
-            return replace(found, method=model.facet_method)
+            off = self.pairs.switched_off[number] if self.pairs else ()
+            return replace(found, method=model.facet_method, switched_off=off)
 
         if self.then is None or number >= len(self.then.accuracy.tiers):
             return of(self.accuracy)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from t2d_rt.backend import Backend, select
+from t2d_rt.checks import unknown_name
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.propagation.clutter import POINT_PIECES, POINT_RAYS, Shadows, rough_points, roughened, static_paths
 from t2d_rt.propagation.edges import SceneBlockage
@@ -56,7 +58,9 @@ class ChosenPairs:
     ends: list[int]
     """How many of the pairs belong to each tier or to one before it."""
     occluded: list[PathPair]
-    """Those of tiers whose occlusion by the targets is traced along all of their paths."""
+    """Those of tiers whose occlusion by the targets is traced along all of their paths, pairs that are not used among them."""
+    switched_off: list[tuple[PathPair, ...]]
+    """What each tier holds beside its pairs: those that are not used."""
 
     @classmethod
     def of(cls, ranked: Sequence[Ranked], accuracy: Accuracy) -> ChosenPairs:
@@ -71,15 +75,24 @@ class ChosenPairs:
             least = max(least, sum(each.mean_db >= tier.level_db for each in kept))
             ends.append(least)
         ends[-1] = len(kept)
-        pairs = [each.pair for each in kept]
         last = max(end for end, tier in zip(ends, accuracy.tiers, strict=True) if tier.visibility == "occlusion")
+        used = [each for each in kept if each.used]
+        if not used:
+            raise InputError(
+                "only_paths and without_paths leave path pairs alone that are too weak to be modelled; name others, or raise "
+                "accuracy.dynamic_range_db"
+            )
         return cls(
-            pairs=pairs,
-            levels_db=[each.mean_db for each in kept],
-            bent_db=[each.bent_db for each in kept],
-            left_out_db=[each.best_db for each, good in zip(ranked, keep, strict=True) if not good],
-            ends=ends,
-            occluded=pairs[:last],
+            pairs=[each.pair for each in used],
+            levels_db=[each.mean_db for each in used],
+            bent_db=[each.bent_db for each in used],
+            left_out_db=[each.best_db for each, good in zip(ranked, keep, strict=True) if each.used and not good],
+            ends=[sum(each.used for each in kept[:end]) for end in ends],
+            occluded=[each.pair for each in kept[:last]],
+            switched_off=[
+                tuple(each.pair for each in kept[first:end] if not each.used)
+                for first, end in zip([0, *ends], ends, strict=False)
+            ],
         )
 
     @property
@@ -105,6 +118,28 @@ class ChosenPairs:
             "left_out": len(self.left_out_db),
             "left_out_db": self.bound_db(),
         }
+
+
+def switched(ranked: Sequence[Ranked], only: Sequence[str] | None, without: Sequence[str]) -> list[Ranked]:
+    """Path pairs with those in use marked: of `only` these names, all of them by default, but not `without` those; * in a name stands
+    for any characters. In the place of no path pairs, in free space, there is one that is called direct."""
+    names = [each.pair.name for each in ranked] or ["direct"]
+
+    def named(option: str, given: Sequence[str]) -> set[str]:
+        found: set[str] = set()
+        for each in given:
+            matching = fnmatch.filter(names, each.replace("[", "[[]"))
+            if not matching:
+                raise InputError(f"{option}: {unknown_name('path pair', each, names)}")
+            found.update(matching)
+        return found
+
+    on = (set(names) if only is None else named("only_paths", only)) - named("without_paths", without)
+    if not on:
+        raise InputError(
+            f"only_paths and without_paths leave no path pair, and so no echo; keep one of {', '.join(names)}"
+        )
+    return [each._replace(used=each.pair.name in on) for each in ranked]
 
 
 def within_reach(scene: Scene, radar: Radar) -> Scene | None:

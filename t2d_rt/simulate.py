@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from t2d_rt.accuracy import Measurement, Wanted, check_memory, chosen
 from t2d_rt.again import again
 from t2d_rt.backend import Device, one_blas_thread
+from t2d_rt.errors import InputError
 from t2d_rt.experiment import Experiment
 from t2d_rt.memory import LIMIT_GB, after_call
 from t2d_rt.noisy import received
@@ -45,6 +47,8 @@ def simulate(
     body: str = "adult",
     material: str | Material | None = None,
     phase_from: PhaseFrom = "specular",
+    only_paths: Sequence[str] | None = None,
+    without_paths: Sequence[str] = (),
     measure_error: bool | None = None,
     device: Device = "auto",
     memory_gb: float = LIMIT_GB,
@@ -81,6 +85,10 @@ def simulate(
     body: the body template that motions are skinned with.
     material: material of everything but movers; by default a body is "skin" and a mesh keeps its own.
     phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
+    only_paths: names of the path pairs to the targets that have echoes, as `Recording.paths` lists them; all by default. In a name *
+        stands for any characters: ["direct", "*ceiling*"]. How finely a pair is modelled does not depend on which are on, so that
+        recordings of the parts add up to that of the whole; clutter and noise are in each of them.
+    without_paths: names of path pairs that have no echoes.
     measure_error: whether `Recording.error_db` is measured, at a few random chirps; by default where a tolerance is given.
     device: "cpu", "gpu" (a CUDA device), or "auto" for a CUDA device where there is one and the CPU elsewhere.
     memory_gb: most memory that the run may take [GB]; it works in blocks to stay below, and what needs more is refused beforehand.
@@ -89,7 +97,7 @@ def simulate(
     physics = {
         "reflections": reflections, "transmissions": transmissions, "bounces": bounces, "clutter": clutter,
         "collisions": collisions, "method": method, "seed": seed, "noise": noise, "body": body, "material": material,
-        "phase_from": phase_from,
+        "phase_from": phase_from, "only_paths": only_paths, "without_paths": without_paths,
     }  # fmt: skip
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, method)
     with one_blas_thread:  # no decorator, which would stand between a warning and the user's line
@@ -116,8 +124,13 @@ def run(
 
 def recorded(stage: Stage, wanted: Wanted, device: Device, progress: Progress | None) -> Recording:
     """The recording of an experiment that is set up."""
-    plan = chosen(stage.model, wanted)
-    model, accuracy = plan.model, plan.accuracy
+    ranked = stage.model.ranked
+    if wanted.measured and not all(each.used for each in ranked):
+        raise InputError(
+            "the error of a recording is that of all paths; give measure_error=False beside only_paths and without_paths"
+        )
+    plan = chosen(replace(stage.model, ranked=[each._replace(used=True) for each in ranked]), wanted)
+    model, accuracy = replace(plan.model, ranked=ranked), plan.accuracy
     static, counts = model.clutter(stage.experiment.clutter, accuracy)
     measurement = Measurement(plan) if wanted.measured else None
     streams = model.streams(accuracy, then=measurement.next if measurement else None)

@@ -26,7 +26,7 @@ from t2d_rt.propagation.edges import SceneBlockage
 from t2d_rt.propagation.materials import check_values
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.radar import check_speed
-from t2d_rt.room import find_path_pairs, within_reach
+from t2d_rt.room import find_path_pairs, switched, within_reach
 from t2d_rt.scattering.outside import check_outside
 from t2d_rt.scattering.paths import Ranked
 from t2d_rt.scattering.refinement import REFINING_BYTES
@@ -121,6 +121,7 @@ def set_up(
             transmissions=transmissions,
             backend=backend,
         )
+    ranked = switched(ranked, physics["only_paths"], physics["without_paths"])
     model = Model(
         radar, modelled, span_s, scene, ranked, blockage, method=method, material=material, body=body,
         phase_from=physics["phase_from"], seed=int(physics["seed"]), backend=backend, memory=memory,
@@ -269,5 +270,12 @@ def _check(targets: Any, physics: Mapping[str, Any]) -> None:
     choice("clutter", physics["clutter"], ("specular", "diffuse", "none"))
     choice("collisions", physics["collisions"], ("warn", "stop", "ignore"))
     text("body", physics["body"])
+    for name in ("only_paths", "without_paths"):
+        if not (names := physics[name]) and name == "only_paths" and names is not None:
+            raise InputError("only_paths must name a path pair, got none; leave it out to have all")
+        if names is not None and not (
+            isinstance(names, (list, tuple)) and all(isinstance(each, str) for each in names)
+        ):
+            raise InputError(f"{name} must be a list of names of path pairs, got {shown(names)}; ['direct'] is one")
     if physics["material"] is not None:
         checked_material(physics["material"])

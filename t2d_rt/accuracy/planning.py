@@ -56,7 +56,9 @@ def plan(
         targets, given["radar"], given["scene"], physics, device=given["device"], memory_gb=given["memory_gb"]
     )
     ready = time.perf_counter()
-    found = planned(stage.model, tolerance_db, wanted.given)
+    # Of all path pairs, whichever are used.
+    whole = replace(stage.model, ranked=[each._replace(used=True) for each in stage.model.ranked])
+    found = planned(whole, tolerance_db, wanted.given)
     took = time.perf_counter()
     budget = found.budget
     running = budget.seconds(found.accuracy, clutter=stage.experiment.clutter) * recent_yardstick_s(stage.model.backend)

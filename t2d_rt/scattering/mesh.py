@@ -34,7 +34,7 @@ from t2d_rt.scattering.points import DiffusePoints, Seen, VisibilityMesh
 from t2d_rt.scattering.posed import Posed
 from t2d_rt.scattering.refinement import MOST_FACETS, POINT_SAGITTA_RAD, Sagitta, carried, refined
 from t2d_rt.scattering.streams import in_parts, most_echoes
-from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, Radar
+from t2d_rt.types import EchoArrays, EchoStream, Material, MovingMesh, PathPair, Radar
 
 POINTS_PER_MESH = 4_000
 """At least about this many diffuse points; their number does not change the power."""
@@ -74,6 +74,8 @@ class Detail:
     also_rad: tuple[Sagitta, ...] = ()
     """Phase sagittas of facets that will be asked for next: made along with these, they cost half as much."""
     method: FacetMethod = CLOSED_FORM
+    switched_off: tuple[PathPair, ...] = ()
+    """Path pairs without echoes for which facets and patches are as fine as they would be if there were some."""
 
 
 def mesh_echoes(
@@ -89,7 +91,8 @@ def mesh_echoes(
 ) -> EchoStream:
     """Echoes of `surface` at surface frames `times_s`: one of each patch, in each of `views`."""
     pairs = [Pair.of(radar, view.paths) for view in views]
-    model = _Model.of(surface, radar, pairs, times_s, material, detail, seed, {view.subdivision for view in views})
+    whole = [*pairs, *(Pair.of(radar, each) for each in detail.switched_off)]
+    model = _Model.of(surface, radar, whole, times_s, material, detail, seed, {view.subdivision for view in views})
     selections = list(model.selections(surface, times_s, pairs, views))
     anchors = None
     if any(view.paths is not None for view in views):
