@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 PATHS_RATE_HZ = 25.0
 """Rate of the table where no times are given: visibility is sampled as often."""
+SCREEN_ROWS = 20
+"""Of the table on a screen, for each target."""
 STEP_S = 1e-4
 """Half the time over which speeds are taken."""
 UNITS = {
@@ -202,28 +204,33 @@ def _number(value: float) -> str:
     return "" if np.isnan(value) else f"{value:.10g}"
 
 
-def screen_text(table: xr.Dataset, time_s: float, most: int = 20) -> str:
-    """The strongest pairs at the instant nearest to a time [s], for each target, as lines for people."""
-    at = table.sel(time_s=time_s, method="nearest")
+def screen_text(table: xr.Dataset) -> str:
+    """The strongest pairs to each target at the table's first instant, as lines for people: levels in dBm, angles in degrees."""
+    at = table.isel(time_s=0)
     lines = []
     for target in at.target.values.tolist():
         here = at.sel(target=target)
         order = np.argsort(-here.level_dbm.values)
         order = order[np.isfinite(here.level_dbm.values[order])]
-        lines.append(f"{target} at {float(at.time_s):.3g} s: {len(order)} path pairs, levels of a reflector of 1 m^2")
-        lines.append(
-            f"{'level':>8} {'delay':>8} {'range':>7} {'speed':>7} {'out':>6} {'back':>6} {'blocked':>8}  path pair"
-        )
-        lines.append(f"{'dBm':>8} {'ns':>8} {'m':>7} {'m/s':>7} {'deg':>6} {'deg':>6} {'%':>8}")
-        for number in order[:most]:
+        lines += [
+            f"{target} at {float(at.time_s):.3g} s: {len(order)} path pair{'s' * (len(order) != 1)}; level of 1 m^2, "
+            "azimuth, left > 0, and elevation",
+            "   level    delay   range   speed  departure    arrival  blocked  path pair",
+            "     dBm       ns       m     m/s        deg        deg        %",
+        ]
+        for number in order[:SCREEN_ROWS]:
             row = {name: float(here[name].values[number]) for name in UNITS if name != "points_m"}
-            angles = [np.degrees(row[f"{end}_azimuth_rad"]) for end in ("departure", "arrival")]
-            lines.append(
-                f"{row['level_dbm']:8.1f} {1e9 * row['delay_s']:8.2f} {row['length_m'] / 2:7.2f} {row['speed_mps']:7.2f} "
-                f"{angles[0]:6.1f} {angles[1]:6.1f} {100 * row['blocked']:8.0f}  {here.pair.values[number]}"
+            angles = [
+                " ".join(f"{round(np.degrees(row[f'{end}_{each}_rad'])) + 0:d}" for each in ("azimuth", "elevation"))
+                for end in ("departure", "arrival")
+            ]
+            figures = (
+                f"{row['level_dbm']:8.1f} {1e9 * row['delay_s']:8.2f} {row['length_m'] / 2:7.2f} "
+                f"{round(row['speed_mps'], 2) + 0:7.2f} {angles[0]:>10} {angles[1]:>10} {100 * row['blocked']:8.0f}"
             )
-        if len(order) > most:
-            lines.append(f"and {len(order) - most} weaker ones")
+            lines.append(f"{figures}  {here.pair.values[number]}")
+        if len(order) > SCREEN_ROWS:
+            lines.append(f"and {len(order) - SCREEN_ROWS} weaker ones")
     return "\n".join(lines)
 
 

@@ -121,8 +121,8 @@ class ChosenPairs:
 
 
 def switched(ranked: Sequence[Ranked], only: Sequence[str] | None, without: Sequence[str]) -> list[Ranked]:
-    """Path pairs with those in use marked: of `only` these names, all of them by default, but not `without` those; * in a name stands
-    for any characters. In the place of no path pairs, in free space, there is one that is called direct."""
+    """Path pairs with those in use marked: of `only` these names, all of them by default, but not `without` those; * in a name
+    stands for any characters. In the place of no path pairs, in free space, there is one that is called direct."""
     names = [each.pair.name for each in ranked] or ["direct"]
 
     def named(option: str, given: Sequence[str]) -> set[str]:

@@ -271,11 +271,12 @@ def _check(targets: Any, physics: Mapping[str, Any]) -> None:
     choice("collisions", physics["collisions"], ("warn", "stop", "ignore"))
     text("body", physics["body"])
     for name in ("only_paths", "without_paths"):
-        if not (names := physics[name]) and name == "only_paths" and names is not None:
-            raise InputError("only_paths must name a path pair, got none; leave it out to have all")
-        if names is not None and not (
-            isinstance(names, (list, tuple)) and all(isinstance(each, str) for each in names)
-        ):
+        names, needed = physics[name], name == "only_paths"
+        if names is None and needed:
+            continue
+        if not isinstance(names, (list, tuple)) or not all(isinstance(each, str) for each in names):
             raise InputError(f"{name} must be a list of names of path pairs, got {shown(names)}; ['direct'] is one")
+        if needed and not names:
+            raise InputError("only_paths must name a path pair, got none; leave it out to have all")
     if physics["material"] is not None:
         checked_material(physics["material"])

@@ -8,10 +8,14 @@ from trimesh.creation import box
 
 import t2d_rt as t2d
 from builders import ball, icosphere, static_mesh, walk
+from t2d_rt.backend import select
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.errors import InputError
 from t2d_rt.motion.contacts import contacts
 from t2d_rt.motion.kinematics import poses_of
+from t2d_rt.path_table import path_table
+from t2d_rt.propagation.mitsuba import mitsuba
+from t2d_rt.resources import resource
 from t2d_rt.stage import set_up
 from t2d_rt.truth import truth_table
 
@@ -97,6 +101,74 @@ def test_paths_of_a_room_are_as_long_as_their_points_say(in_room: t2d.Recording)
             ):
                 found = paths[f"{end}_{word}_rad"].values[:, number][there[:, number]]
                 np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angle), atol=1e-7)
+
+
+@pytest.mark.slow
+def test_the_table_is_that_of_sionnas_solver() -> None:
+    """Delays, directions and levels of all pairs within 60 dB of the strongest, to points in the living room."""
+    mitsuba(select("cpu"))
+    import sionna.rt as rt
+
+    radar = t2d.Radar.preset("table2")
+    theirs = rt.load_scene(str(resource("scenes", "living_room") / "living_room.xml"), merge_shapes=False)
+    theirs.frequency = radar.mid_frequency_hz
+    theirs.tx_array = rt.PlanarArray(num_rows=1, num_cols=1, pattern="iso", polarization="V")
+    theirs.rx_array = rt.PlanarArray(num_rows=1, num_cols=1, pattern="iso", polarization="VH")
+    theirs.add(rt.Transmitter(name="tx", position=radar.tx_position_m.tolist()))
+    theirs.add(rt.Receiver(name="rx", position=[3.0, 0.0, 1.0]))
+    compared = 0
+    for point in np.random.default_rng(1).uniform((1.5, -1.0, 0.5), (3.5, 1.0, 1.8), (2, 3)):
+        theirs.get("rx").position = point.tolist()
+        solved = rt.PathSolver()(theirs, max_depth=2, refraction=False, seed=1)
+        there = np.array(solved.valid).ravel()
+        field = (np.array(solved.a[0]) + 1j * np.array(solved.a[1])).reshape(2, -1)[:, there]
+        tau, arriving, around, leaving, round_m = (
+            np.array(each).reshape(-1, len(there))[0][there].astype(float)
+            for each in (solved.tau, solved.theta_r, solved.phi_r, solved.theta_t, solved.phi_t)
+        )
+        # Where a path comes from at the point, and its field there, of unit antennas: across the ray.
+        down, aside = _spherical(arriving, around)
+        waves = (field[0] * down + field[1] * aside) * (4 * np.pi * tau * SPEED_OF_LIGHT / radar.wavelength_m)
+        from_there = np.cross(down, aside, axis=0)
+        sphere = t2d.Ellipsoids(
+            np.full((1, 3), 0.05), np.tile(point, (3, 1, 1)), np.linspace(0, 0.02, 3), material="pec"
+        )
+        physics = t2d.Experiment(targets=[{"kind": "fan", "position_m": (3, 0, 1)}], radar=radar).physics
+        paths = path_table(
+            set_up([sphere], radar, "living_room", physics, device="auto", memory_gb=2.0).model,
+            t2d.Accuracy(),
+            np.zeros(1),
+        ).isel(target=0, time_s=0)
+        limit = float(paths.level_dbm.max()) - 60
+        for pair in paths.pair[(paths.level_dbm.values > limit) & (paths.blocked.values < 1e-6)].values.tolist():
+            row = paths.sel(pair=pair)
+            ends = []
+            for end in ("departure", "arrival"):
+                angles = float(row[f"{end}_azimuth_rad"]), float(row[f"{end}_elevation_rad"])
+                apart = np.abs(np.exp(1j * round_m) - np.exp(1j * angles[0])) * np.sin(leaving) + np.abs(
+                    np.pi / 2 - leaving - angles[1]
+                )
+                ends.append(np.flatnonzero(apart < 1e-3))
+            both = [(i, j) for i in ends[0] for j in ends[1] if abs(tau[i] + tau[j] - float(row.delay_s)) < 2e-14]
+            assert both, pair
+            levels = []
+            for i, j in both:
+                # A facet whose normal bisects both rays turns the polarisation as a mirror does.
+                normal = from_there[:, i] + from_there[:, j]
+                normal /= np.linalg.norm(normal)
+                out, back = waves[:, i], waves[:, j]
+                kept = out @ back - 2 * (normal @ out) * (normal @ back)
+                power = radar.received_power_w(1.0, SPEED_OF_LIGHT * tau[i], SPEED_OF_LIGHT * tau[j])
+                levels.append(20 * np.log10(np.abs(kept) * int(row.copies)) + 10 * np.log10(power) + 30)
+            assert np.abs(np.array(levels) - float(row.level_dbm)).min() < 0.02, pair
+            compared += 1
+    assert compared > 60
+
+
+def _spherical(theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors of theta and phi (3, N)."""
+    down = np.array([np.cos(theta) * np.cos(phi), np.cos(theta) * np.sin(phi), -np.sin(theta)])
+    return down, np.array([-np.sin(phi), np.cos(phi), 0 * phi])
 
 
 def test_speeds_are_those_at_which_paths_get_shorter(in_room: t2d.Recording) -> None:

@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
 COMMANDS = (
-    "simulate", "plan", "compare", "scene", "describe", "motion", "check-motion", "library", "dataset", "background", "train",
-    "evaluate", "predict", "benchmark", "transfer", "gap", "info", "export", "list",
+    "simulate", "plan", "compare", "scene", "paths", "describe", "motion", "check-motion", "library", "dataset", "background",
+    "train", "evaluate", "predict", "benchmark", "transfer", "gap", "info", "export", "list",
 )  # fmt: skip
 
 OWN_MODULES = (
-    "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark",
+    "paths", "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark",
     "transfer", "gap",
 )  # fmt: skip
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
-CONFIGURABLE = "simulate", "plan", "compare", "scene"
+CONFIGURABLE = "simulate", "plan", "compare", "scene", "paths"
 """Those that take --config and --radar."""
 
 SEVERAL_FILES = (
@@ -148,6 +148,7 @@ def _overview() -> str:
         "  t2d-rt plan FILE       Tells what an error tolerance would model and leave out, and the time and memory it would take.\n"
         "  t2d-rt compare A B     Compares two recordings, or the ellipsoid model of a motion file with the mesh model.\n"
         "  t2d-rt scene NAME      Draws a room from above and in three dimensions, with the paths from the radar to a walker.\n"
+        "  t2d-rt paths FILE      Tells over which paths a target is seen: delay, range, speed, level and directions of each.\n"
         "  t2d-rt motion SENTENCE Makes a motion file of what a sentence says that a person does.\n"
         "  t2d-rt describe        Writes descriptions of activities, or reads a sentence's slots.\n"
         "  t2d-rt check-motion F  Judges motion files by limits of recorded motion, and tells why.\n"

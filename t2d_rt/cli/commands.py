@@ -9,8 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from t2d_rt.checks import shown, unknown_name
+from t2d_rt.checks import unknown_name
 from t2d_rt.cli.experiments import is_experiment, planned, recorded
+from t2d_rt.cli.given import accuracy_of, model_of, motion_of, radar_of, substitutes_of, targets_of
 from t2d_rt.cli.options import compare_parser, plan_parser, simulate_parser
 from t2d_rt.cli.output import check_picture, radar_info, recording_info, say, write_picture
 from t2d_rt.errors import InputError, T2DError, T2DWarning
@@ -24,13 +25,9 @@ if TYPE_CHECKING:
     from t2d_rt.result import Recording
     from t2d_rt.scene import Mover
     from t2d_rt.simulate import Method
-    from t2d_rt.types import Motion, Radar, Scene
+    from t2d_rt.types import Motion, Radar
 
-MODEL = (
-    "method", "scene", "tolerance_db", "reflections", "transmissions", "bounces", "clutter", "collisions", "seed", "noise", "body",
-    "material", "phase_from", "measure_error", "device", "memory_gb",
-)  # fmt: skip
-"""Options that go to the pipeline by their names."""
+
 RECORDINGS = ".zarr", ".npy", ".bin"
 """Endings of recordings, as `compare` tells them from motion files."""
 COMPARED = "file", "output", "overwrite", "config", "align", "relative", "signal"
@@ -56,10 +53,10 @@ def simulate_command(options: Namespace) -> None:
     check_picture(picture, overwrite=options.overwrite)
     _check_background(options)
     if is_experiment(source):
-        result = recorded(source, options, simulate_parser(), _accuracy(options))
+        result = recorded(source, options, simulate_parser(), accuracy_of(options))
     else:
-        radar = _radar(options)
-        result = _recorded(_motion(options, source, radar), options, radar, options.method, added)
+        radar = radar_of(options)
+        result = _recorded(motion_of(options, source, radar), options, radar, options.method, added)
     if options.background is not None:
         result = result.with_background(
             options.background, seed=options.background_seed or 0, level_db=options.background_level_db
@@ -86,7 +83,7 @@ def _check_background(options: Namespace) -> None:
         return
     background_settings(options.background, seed=options.background_seed or 0, level_db=options.background_level_db)
     if not is_experiment(Path(options.file)):
-        check_axes(options.background, _radar(options), options.signal.as_dict())
+        check_axes(options.background, radar_of(options), options.signal.as_dict())
 
 
 def _drawn(result: Recording, title: str) -> Figure | None:
@@ -111,14 +108,13 @@ def plan_command(options: Namespace) -> None:
 
     source = Path(options.file)
     if is_experiment(source):
-        say(planned(source, options, plan_parser(), _accuracy(options)))
+        say(planned(source, options, plan_parser(), accuracy_of(options)))
         return
-    radar = _radar(options)
-    motion = _motion(options, source, radar)
-    left = {"measure_error"} if options.tolerance_db is not None else {"measure_error", "tolerance_db"}
-    given = {name: options[name] for name in MODEL if name not in left}
-    given["scene"] = _scene(options, radar)
-    say(plan(motion, radar=radar, accuracy=_accuracy(options), **given))
+    radar = radar_of(options)
+    motion = motion_of(options, source, radar)
+    left = ("measure_error",) if options.tolerance_db is not None else ("measure_error", "tolerance_db")
+    given = model_of(options, radar, left)
+    say(plan(motion, radar=radar, accuracy=accuracy_of(options), **given))
 
 
 def compare_command(options: Namespace) -> None:
@@ -138,8 +134,8 @@ def compare_command(options: Namespace) -> None:
         names = [each.stem for each in files]
         labels = names if names[0] != names[1] else [str(each) for each in files]
     else:
-        radar = _radar(options)
-        motion = _motion(options, files[0], radar)
+        radar = radar_of(options)
+        motion = motion_of(options, files[0], radar)
         recordings = [_recorded(motion, options, radar, method) for method in ("ellipsoid", "mesh")]
         labels = ["ellipsoid", "mesh"]
     found = compare(*recordings, align=options.align, relative=options.relative, labels=labels)
@@ -168,7 +164,7 @@ def _read_both(files: Sequence[Path], options: Namespace) -> list[Recording]:
     for each in files:
         given = {}
         if each.suffix.lower() != ".zarr":
-            given = {"radar": _radar(options), "iq": options.iq, "conjugate": options.conjugate}
+            given = {"radar": radar_of(options), "iq": options.iq, "conjugate": options.conjugate}
             given |= {"lanes": options.lanes} if each.suffix.lower() == ".bin" else {}
         found.append(load_recording(each, **given).processed(**processing))
     return found
@@ -183,8 +179,8 @@ def scene_command(options: Namespace) -> None:
 
     if not 0 <= options.reflections <= 4:
         raise InputError(f"option reflections must lie in 0..4, got {options.reflections}")
-    radar = _radar(options)
-    scene = load_scene(options.file, materials=_substitutes(options), frequency_hz=radar.mid_frequency_hz)
+    radar = radar_of(options)
+    scene = load_scene(options.file, materials=substitutes_of(options), frequency_hz=radar.mid_frequency_hz)
     near = within_reach(scene, radar)
     cut = "" if near is None or near is scene else f" of {len(scene.surfaces)}, within {radar.max_range_m:.3g} m"
     scene = near or scene
@@ -260,78 +256,25 @@ def list_command(options: Namespace) -> None:
         say("\n".join(lines(kind)))
 
 
-def _radar(options: Namespace) -> Radar:
-    from t2d_rt.types import Radar
-
-    return Radar(**options.radar.as_dict())
-
-
-def _accuracy(options: Namespace) -> dict[str, Any]:
-    """The fields that were given."""
-    return options.accuracy.as_dict() if "accuracy" in options else {}
-
-
-def _motion(options: Namespace, source: Path, radar: Radar) -> Motion:
-    from t2d_rt.cli.add import cut
-    from t2d_rt.motion import load_motion, place
-    from t2d_rt.named import motion_path
-
-    motion = load_motion(motion_path(source), **options.motion.as_dict())
-    say(motion.report)
-    motion = cut(motion, options.start_s, options.stop_s)
-    return place(
-        motion,
-        distance_m=options.distance_m,
-        angle_deg=options.angle_deg,
-        radar_position_m=radar.position_m,
-        boresight=radar.boresight,
-    )
-
-
 def _recorded(
     motion: Motion, options: Namespace, radar: Radar, method: Method, added: Sequence[Mover | Person] = ()
 ) -> Recording:
-    from t2d_rt.cli.add import Person
     from t2d_rt.simulate import simulate
     from t2d_rt.types import Motion
 
-    given = {name: options[name] for name in MODEL if name in options and name != "method"}
-    given["scene"] = _scene(options, radar)
+    given = model_of(options, radar, ("method",))
     processing = options.signal.as_dict()
-    targets = [motion, *(each.motion(radar) if isinstance(each, Person) else each for each in added)]
+    targets = targets_of(motion, added, radar)
     _check_processing(processing, radar, min(each.duration_s for each in targets if isinstance(each, Motion)))
     with ProgressBar(method) as progress:
-        result = simulate(targets, radar=radar, method=method, progress=progress, accuracy=_accuracy(options), **given)
+        result = simulate(
+            targets, radar=radar, method=method, progress=progress, accuracy=accuracy_of(options), **given
+        )
     source = {name: options[name] for name in ("file", "distance_m", "angle_deg", "start_s", "stop_s")}
     result.settings["motion"] = {**source, "file": Path(options.file).name, **options.motion.as_dict()}
     if added:
         result.settings["added"] = [_described(each) for each in added]
     return result.processed(**processing)
-
-
-def _scene(options: Namespace, radar: Radar) -> Scene | str:
-    """The scene with its materials' substitutes; its name where there are none."""
-    from t2d_rt.propagation.scenes import load_scene
-
-    substitutes = _substitutes(options)
-    if not substitutes:
-        return str(options.scene)
-    if options.scene == "free_space":
-        raise InputError("--scene-material is of a scene and there is none; give --scene, or leave it out")
-    return load_scene(options.scene, materials=substitutes, frequency_hz=radar.mid_frequency_hz)
-
-
-def _substitutes(options: Namespace) -> dict[str, str]:
-    found = {}
-    given = ",".join(options.scene_material or ())
-    for each in given.split(",") if given else ():
-        name, _, other = (part.strip() for part in each.partition("="))
-        if not name or not other:
-            raise InputError(
-                f"option scene-material must name a material and its substitute, as brick=concrete, got {shown(each)}"
-            )
-        found[name] = other
-    return found
 
 
 def _described(added: Mover | Person) -> dict[str, Any]:

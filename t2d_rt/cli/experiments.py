@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,7 @@ def recorded(source: Path, options: Namespace, parser: ArgumentParser, accuracy:
     from t2d_rt.result import Recording
     from t2d_rt.simulate import run
 
-    _check_beside(source, options, parser)
+    check_beside(source, options, parser)
     given: dict[str, Any] = {name: options[name] for name in RUN}
     processing = options.signal.as_dict()
     if source.suffix == ".zarr":
@@ -58,7 +59,7 @@ def planned(source: Path, options: Namespace, parser: ArgumentParser, accuracy: 
         raise InputError(
             f"{source} is a result, which is simulated already; give plan a motion file or an experiment (.yaml)"
         )
-    _check_beside(source, options, parser)
+    check_beside(source, options, parser)
     experiment, stored = read_experiment(source)
     tolerance_db = stored.get("tolerance_db") if options.tolerance_db is None else options.tolerance_db
     given = {} if tolerance_db is None else {"tolerance_db": tolerance_db}
@@ -66,10 +67,10 @@ def planned(source: Path, options: Namespace, parser: ArgumentParser, accuracy: 
     return plan(experiment, accuracy=accuracy, device=options.device, memory_gb=options.memory_gb, **given)
 
 
-def _check_beside(source: Path, options: Namespace, parser: ArgumentParser) -> None:
-    """Refuses options that are the experiment's own."""
+def check_beside(source: Path, options: Namespace, parser: ArgumentParser, also: Sequence[str] = ()) -> None:
+    """Refuses options that are the experiment's own; a command has some `also` beside it."""
     for name, value in options.items():
-        if name.partition(".")[0] not in BESIDE and value != parser.get_default(name):
+        if name.partition(".")[0] not in (*BESIDE, *also) and value != parser.get_default(name):
             raise InputError(f"option {name} is part of the experiment {source.name}; change it there")
 
 

@@ -62,6 +62,14 @@ def simulate_parser() -> ArgumentParser:
     _add_run(
         parser, output="Folder of the result (.zarr); its picture is written beside it. By default it has FILE's name."
     )
+    add_additions(parser)
+    _add_background(parser)
+    add_model(parser)
+    return parser
+
+
+def add_additions(parser: ArgumentParser) -> None:
+    """Further targets."""
     parser.add_argument(
         "--add",
         type=list[str | dict[str, Any]],
@@ -69,9 +77,6 @@ def simulate_parser() -> ArgumentParser:
         help="A further target, such as fan:X,Y,Z,rpm=900, pet:X,Y,Z,animal=cat or person:FILE,distance_m=3; there are also "
         "ceiling_fan, curtain and door (t2d-rt list movers). The option is given once for each; in a config file it is a list.",
     )
-    _add_background(parser)
-    _add_model(parser)
-    return parser
 
 
 def plan_parser() -> ArgumentParser:
@@ -81,14 +86,14 @@ def plan_parser() -> ArgumentParser:
         "Tells what simulate would model and leave out to keep to a tolerance, for a motion file or an experiment (.yaml), and the "
         "time and memory that it would take.",
     )
-    _add_piece(parser)
+    add_piece(parser)
     parser.add_argument(
         "--tolerance_db",
         type=float | None,
         help="Greatest error of the targets' field [dB], its energy relative to the field's own, against a converged model; by "
         "default an experiment's own, and -20 elsewhere.",
     )
-    _add_model(parser, skip={"tolerance_db", "measure_error"}, signal=False)
+    add_model(parser, skip={"tolerance_db", "measure_error"}, signal=False)
     return parser
 
 
@@ -111,7 +116,7 @@ def compare_parser() -> ArgumentParser:
     for name in ("align", "relative"):
         parser.add_argument(f"--{name}", type=bool, default=False, nargs="?", const=True, help=told[name])
     add_capture_options(parser)
-    _add_model(parser, skip={"method", "tolerance_db", "measure_error"})
+    add_model(parser, skip={"method", "tolerance_db", "measure_error"})
     return parser
 
 
@@ -125,7 +130,7 @@ def scene_parser() -> ArgumentParser:
     parser.add_argument(
         "-o", "--output", type=str | None, help="Picture to write (.png, .pdf or .svg); SCENE.png by default."
     )
-    _add_overwrite(parser)
+    add_overwrite(parser)
     parser.add_argument(
         "--walk",
         type=str | None,
@@ -164,7 +169,7 @@ def export_parser() -> ArgumentParser:
         type=str | None,
         help="File to write; its ending says its format: .mat, .h5, .nc or .npz. By default it has FILE's name and ends in .mat.",
     )
-    _add_overwrite(parser)
+    add_overwrite(parser)
     return parser
 
 
@@ -252,18 +257,20 @@ def _add_background(parser: ArgumentParser) -> None:
     group.add_argument("--background_level_db", type=float | None, help=told)
 
 
-def _add_overwrite(parser: ArgumentParser) -> None:
+def add_overwrite(parser: ArgumentParser) -> None:
+    """Whether what is there is replaced."""
     told = "Whether a file or folder of that name is replaced; without it an existing one is an error."
     parser.add_argument("--overwrite", type=bool, default=False, nargs="?", const=True, help=told)
 
 
 def _add_run(parser: ArgumentParser, *, output: str) -> None:
     parser.add_argument("-o", "--output", type=str | None, help=output)
-    _add_overwrite(parser)
-    _add_piece(parser)
+    add_overwrite(parser)
+    add_piece(parser)
 
 
-def _add_piece(parser: ArgumentParser) -> None:
+def add_piece(parser: ArgumentParser) -> None:
+    """Which piece of a motion is used, and where it starts."""
     parser.add_argument(
         "--distance_m",
         type=float | None,
@@ -289,7 +296,8 @@ def add_reading(parser: ArgumentParser) -> None:
     add_parameters(group, load_motion, "motion.")
 
 
-def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bool = True) -> None:
+def add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bool = True) -> None:
+    """Options of scene, model, accuracy, radar, reading and, unless there is no `signal`, of the spectrogram."""
     from t2d_rt.propagation.scenes import scene_names
     from t2d_rt.signal import spectrogram
     from t2d_rt.simulate import simulate
@@ -305,7 +313,11 @@ def _add_model(parser: ArgumentParser, skip: Collection[str] = (), *, signal: bo
         help=f"Scene: free_space, {', '.join(scene_names())}, or a Mitsuba/Sionna XML file.",
     )
     _add_scene_material(model)
-    add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", "noise", *skip})
+    named = ("only_paths", "without_paths")
+    add_parameters(model, simulate, skip={"radar", "material", "scene", "progress", "accuracy", "noise", *named, *skip})
+    for name in named:
+        told = parameter_help(simulate)[name]
+        model.add_argument(f"--{name}", action="append", type=str, help=f"{told} The option is given once for each.")
     if "noise" not in skip:  # a receiver is several fields, which it checks itself
         model.add_argument("--noise", type=str | dict[str, Any], default="none", help=parameter_help(simulate)["noise"])
     _add_accuracy(parser)
