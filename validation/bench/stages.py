@@ -33,6 +33,7 @@ LEAST_FRAMES = 4
 """A piece has at least so many surface frames."""
 PHYSICS = (
     "reflections", "transmissions", "bounces", "clutter", "collisions", "method", "seed", "body", "material", "phase_from", "noise",
+    "only_paths", "without_paths",
 )  # fmt: skip
 
 
