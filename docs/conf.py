@@ -8,6 +8,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import latex2mathml.converter
+from docutils import nodes
 from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
@@ -18,6 +20,8 @@ GENERATED = ROOT / "docs/generated"
 REPORTS = re.compile(r"(?:\.\./)+validation/(report|bench)/")
 ELSEWHERE = re.compile(r"\[([^\]]*)\]\((?:\.\./(?!\.)[^)]*|examples/[^)]*|[A-Z]+(?:\.md)?)\)")
 """Links to files that have no page; group 1 is what they say."""
+FUNCTION = re.compile(r"(\\(?:sin|cos|tan|log)(?:\^\w)?) ?(?=[\w\\])(?!\\left)")
+"""That its argument follows without brackets: a thin space comes between."""
 PARAMETER = re.compile(r"(\w+): +(.*)")
 
 _drawn: list[Figure] = []
@@ -37,10 +41,12 @@ def _last_figure(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str,
 project, author, version = "t2d-rt", "the t2d-rt authors", t2d.__version__
 release = version
 copyright = "2026, the t2d-rt authors"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx_gallery.gen_gallery"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery"]
 root_doc = "index"
 suppress_warnings = ["config.cache"]  # a function is in the configuration
 
+html_math_renderer = "mathml"
+html_static_path, html_css_files = ["static"], ["math.css"]
 html_theme = "pydata_sphinx_theme"
 html_title = "t2d-rt"
 html_show_sourcelink = False
@@ -81,8 +87,22 @@ def setup(app: Any) -> None:
     """Lets Sphinx write the pages that do not lie in docs/ before it reads any."""
     _copy_reports()
     _write_api()
+    app.add_html_math_renderer("mathml", (_mathml, None), (_mathml, None))
     app.connect("source-read", _read_source)
     app.connect("autodoc-process-docstring", _parameters)
+
+
+def _mathml(writer: Any, node: nodes.math | nodes.math_block) -> None:
+    """Formulas in MathML, which browsers draw without scripts or network."""
+    display = "block" if isinstance(node, nodes.math_block) else "inline"
+    formula = FUNCTION.sub(r"\1\\,", node.astext().replace("{aligned}", "{align*}"))
+    found = latex2mathml.converter.convert(formula, display=display)
+    if "\\" in found:
+        raise ValueError(f"a formula has a command that MathML lacks: {node.astext()}")
+    # Bars around a magnitude are as high as the line, and stand close to it.
+    found = found.replace("<mo>&#x0007C;</mo>", '<mo stretchy="false" lspace="0" rspace="0">|</mo>')
+    writer.body.append(f'<div class="formula">{found}</div>' if display == "block" else found)
+    raise nodes.SkipNode
 
 
 def _copy_reports() -> None:

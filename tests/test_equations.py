@@ -1,4 +1,4 @@
-"""The equations of docs/physics.md: numbered in order, and cited by numbers that exist."""
+"""The equations of docs/physics.md: numbered in order, typeset, and cited by numbers that exist."""
 
 from __future__ import annotations
 
@@ -23,6 +23,29 @@ def numbered() -> list[int]:
 def test_equations_are_numbered_in_order() -> None:
     assert numbered() == list(range(1, len(numbered()) + 1))
     assert len(numbered()) >= 29
+
+
+FORMULA = re.compile(r"^\$\$\n(.+?)\n\$\$$|(?<!\$)\$(?!\$)([^$]+)\$(?!\$)", re.MULTILINE | re.DOTALL)
+SPELLED = re.compile(
+    r"\b(lambda|sigma|theta|tau|Gamma|phi|psi|eps|alpha|sqrt|sum_\w|pi|exp)\b|\^[\d{-]|^    \S", re.MULTILINE
+)
+
+
+def test_each_equation_is_typeset() -> None:
+    sections = re.split(r"^\*\*\((?=\d)", PAGE, flags=re.MULTILINE)[1:]
+    without = [each.partition(")")[0] for each in sections if not FORMULA.search(each)]
+    assert not without
+
+
+def test_no_formula_is_spelled_out() -> None:
+    """Outside of formulas no Greek letter has its name, no power a caret; inside all brackets are closed."""
+    assert "$" not in (rest := FORMULA.sub(" ", PAGE))
+    assert not [match[0] for match in SPELLED.finditer(rest)]
+    formulas = [match[1] or match[2] for match in FORMULA.finditer(PAGE)]
+    assert len(formulas) > 150
+    for opening, closing in (("{", "}"), (r"\left", r"\right"), (r"\begin{aligned}", r"\end{aligned}")):
+        uneven = [each for each in formulas if each.count(opening) != each.count(closing)]
+        assert not uneven
 
 
 def test_cited_equations_exist() -> None:
