@@ -48,6 +48,7 @@ if TYPE_CHECKING:
         Scene,
         Surface,
     )
+    from t2d_rt.view import Viewer
 
 # Everything loads when first used: `import t2d_rt` must not wait for a ray tracer.
 _HOMES = {
@@ -71,6 +72,7 @@ _HOMES = {
     "t2d_rt.noisy": ("add_noise",),
     "t2d_rt.simulate": ("run", "simulate"),
     "t2d_rt.propagation.scenes": ("load_scene",),
+    "t2d_rt.view": ("Viewer",),
     "t2d_rt.types": (
         *(
             "Accuracy",
@@ -116,6 +118,7 @@ __all__ = [
     "T2DError",
     "T2DWarning",
     "TableFan",
+    "Viewer",
     "add_background",
     "add_noise",
     "bodies",

@@ -13,7 +13,7 @@ from t2d_rt.checks import positive
 from t2d_rt.constants import SPEED_OF_LIGHT
 from t2d_rt.cubes import Cube
 from t2d_rt.plots import plotted
-from t2d_rt.signal import coherent_interval, range_doppler, range_time
+from t2d_rt.signal import coherent_interval, range_doppler, range_doppler_over, range_time
 from t2d_rt.signal.doppler import checked_windows
 from t2d_rt.signal.maps import RangeDoppler, RangeTime
 from t2d_rt.types import Radar
@@ -55,6 +55,19 @@ class Maps:
             chirps = max(2, round(positive("interval_s", interval_s, 1e6, unit="s") / interval))
         part, radar, middle_s = coherent_interval(self.cube, self.radar, time_s=time_s, chirps=chirps, **self._mti())
         return range_doppler(part, radar, range_window=self._range_window()), middle_s, chirps * interval
+
+    def range_doppler_over(self, times_s: np.ndarray) -> tuple[np.ndarray, RangeDoppler]:
+        """Range-Doppler maps of the spectrogram's windows that are nearest to these times, and the middles of these [s]."""
+        n_window, overlap = self._columns()
+        return range_doppler_over(
+            self.cube,
+            self.radar,
+            times_s,
+            range_window=self._range_window(),
+            n_window=n_window,
+            overlap=overlap,
+            **self._mti(),
+        )
 
     def _range_window(self) -> str:
         return str(self.processing.get("range_window", "hann"))

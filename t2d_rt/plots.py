@@ -244,12 +244,12 @@ def plot_scene(
     plan, view = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
     top = scene.bounds_m[1][2]
     for surface in scene.surfaces:
-        outline = _outline(surface)
-        if not len(outline) or (surface.vertices[:, 2] > top - 1e-3).all():
+        edges = outline(surface)
+        if not len(edges) or (surface.vertices[:, 2] > top - 1e-3).all():
             continue
         hue = "black" if surface.name.startswith(("wall", "floor")) else "0.6"
-        plan.add_collection(LineCollection(outline[:, :, :2].tolist(), colors=hue, linewidths=1.2))
-        view.add_collection3d(Line3DCollection(outline.tolist(), colors=hue, linewidths=0.7))
+        plan.add_collection(LineCollection(edges[:, :, :2].tolist(), colors=hue, linewidths=1.2))
+        view.add_collection3d(Line3DCollection(edges.tolist(), colors=hue, linewidths=0.7))
     for number, (name, points) in enumerate(_checked_paths(paths_m)):
         colour = f"C{number % 10}"
         plan.plot(points[:, 0], points[:, 1], color=colour, linewidth=0.9, label=name)
@@ -284,7 +284,7 @@ def _checked_paths(paths_m: Any) -> list[tuple[str, np.ndarray]]:
     ]
 
 
-def _outline(surface: Surface) -> np.ndarray:
+def outline(surface: Surface) -> np.ndarray:
     """Edges (E, 2, 3) on a surface's boundary and at its creases."""
     triangles = surface.vertices[surface.faces]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])

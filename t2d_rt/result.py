@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
     from t2d_rt.canvas import StyleOptions
     from t2d_rt.maps import Maps
+    from t2d_rt.view import Viewer
 
 
 class Recording:
@@ -215,25 +216,25 @@ class Recording:
         model = set_up_again(self.experiment, self.inputs).model
         return truth_table(model, self.accuracy or Accuracy(), checked_times(model, times_s))
 
+    def view(self, *others: Recording) -> Viewer:
+        """A page of body, room, paths and maps on one timeline, for a notebook or to `save`; of two recordings side by side."""
+        import t2d_rt
+
+        return t2d_rt.Viewer([self, *others])
+
     def again(self, **options: Any) -> Recording:
-        """The same recording simulated anew from its experiment, accuracy and inputs: the same samples, bit for bit, on the same
-        machine; `options` are `device`, `memory_gb` and `progress` of `simulate`."""
+        """The same samples simulated anew, bit for bit on one machine; options are `simulate`'s device, memory_gb, progress."""
         import t2d_rt
 
         return t2d_rt.run(self, **options)
 
     def processed(self, **changes: Any) -> Recording:
         """The same recording with other options of `signal.spectrogram`."""
+        processing = {**self.processing, **{name: plain(value) for name, value in changes.items()}}
         changed = Recording(
-            self.cube,
-            self.radar,
-            experiment=self.experiment,
-            accuracy=self.accuracy,
-            inputs=self.inputs,
-            settings=self.settings,
-            versions=self.versions,
-            processing={**self.processing, **{name: plain(value) for name, value in changes.items()}},
-        )
+            self.cube, self.radar, experiment=self.experiment, accuracy=self.accuracy, inputs=self.inputs, settings=self.settings,
+            versions=self.versions, processing=processing,
+        )  # fmt: skip
         check_processing(self.radar, len(self.cube), changed.processing)
         return changed
 

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
 COMMANDS = (
-    "simulate", "plan", "compare", "scene", "paths", "describe", "motion", "check-motion", "library", "dataset", "background",
+    "simulate", "plan", "compare", "scene", "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background",
     "train", "evaluate", "predict", "benchmark", "transfer", "gap", "info", "export", "list",
 )  # fmt: skip
 
 OWN_MODULES = (
-    "paths", "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark",
-    "transfer", "gap",
+    "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict",
+    "benchmark", "transfer", "gap",
 )  # fmt: skip
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
@@ -39,7 +39,7 @@ CONFIGURABLE = "simulate", "plan", "compare", "scene", "paths"
 """Those that take --config and --radar."""
 
 SEVERAL_FILES = (
-    "compare", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap",
+    "view", "compare", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap",
 )  # fmt: skip
 """Those that take more than one file."""
 
@@ -149,6 +149,7 @@ def _overview() -> str:
         "  t2d-rt compare A B     Compares two recordings, or the ellipsoid model of a motion file with the mesh model.\n"
         "  t2d-rt scene NAME      Draws a room from above and in three dimensions, with the paths from the radar to a walker.\n"
         "  t2d-rt paths FILE      Tells over which paths a target is seen: delay, range, speed, level and directions of each.\n"
+        "  t2d-rt view RECORDING  Writes one HTML file that shows body, room, paths and maps of a recording, or of two.\n"
         "  t2d-rt motion SENTENCE Makes a motion file of what a sentence says that a person does.\n"
         "  t2d-rt describe        Writes descriptions of activities, or reads a sentence's slots.\n"
         "  t2d-rt check-motion F  Judges motion files by limits of recorded motion, and tells why.\n"

@@ -13,7 +13,7 @@ from t2d_rt.signal.multiplex import separate_ddm
 from t2d_rt.signal.npy import load_cube
 from t2d_rt.signal.points import point_cloud
 from t2d_rt.signal.range import gate, range_fft, range_profile, taper
-from t2d_rt.signal.range_time import coherent_interval, range_time
+from t2d_rt.signal.range_time import coherent_interval, range_doppler_over, range_time
 
 __all__ = [
     "ArraySpectrum",
@@ -33,6 +33,7 @@ __all__ = [
     "point_cloud",
     "range_angle",
     "range_doppler",
+    "range_doppler_over",
     "range_fft",
     "range_profile",
     "range_time",

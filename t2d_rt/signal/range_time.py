@@ -9,11 +9,11 @@ import numpy as np
 
 from t2d_rt.checks import integer, number
 from t2d_rt.errors import InputError
-from t2d_rt.signal.doppler import Mti, checked_windows, filtered, window_starts
-from t2d_rt.signal.maps import RangeTime
+from t2d_rt.signal.doppler import Mti, ascending, checked_windows, filtered, window_starts
+from t2d_rt.signal.maps import RangeDoppler, RangeTime
 from t2d_rt.signal.mti import PAPER_KERNEL
 from t2d_rt.signal.multiplex import separated
-from t2d_rt.signal.range import check_finite, check_recording, range_fft
+from t2d_rt.signal.range import check_finite, check_recording, range_fft, taper
 from t2d_rt.types.radar import Radar
 
 
@@ -99,3 +99,48 @@ def coherent_interval(
     offset = start if len(part) == rows else 0
     middle_s = float(starts_s[start]) + chirps / 2 * radar.loop_interval_s
     return part[offset : offset + chirps], radar, middle_s
+
+
+def range_doppler_over(
+    adc: Any,
+    radar: Radar,
+    times_s: np.ndarray,
+    *,
+    range_window: str = "hann",
+    mti: str | None = None,
+    cutoff_mps: float = 0.1,
+    kernel: Sequence[float] = PAPER_KERNEL,
+    n_window: int | None = None,
+    overlap: int | None = None,
+) -> tuple[np.ndarray, RangeDoppler]:
+    """Range-Doppler maps over time: the middles of their intervals [s] (K,), and their powers [W] (K, velocity, range).
+
+    Intervals are the columns of `spectrogram` with the same `n_window` and `overlap` that are nearest to `times_s`, each once; MTI
+    as there. Each map is what `range_doppler` makes of the chirps of its interval.
+    """
+    from scipy import fft
+
+    check_recording(adc, radar)
+    clutter_filter = Mti.of(mti, cutoff_mps, kernel)
+    adc, radar = separated(adc, radar)
+    n_window, overlap, _ = checked_windows(radar, adc.shape[0], n_window, overlap, None)
+    starts = window_starts(adc.shape[0], radar.loops_per_frame or adc.shape[0], n_window, n_window - overlap)
+    middles_s = radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 * radar.loop_interval_s
+    nearest = np.unique(np.abs(middles_s - np.atleast_1d(times_s)[:, None]).argmin(axis=1))
+    slow = taper("hann", n_window, periodic=True)[:, None]
+    maps = []
+
+    def cells_of(part: Any) -> np.ndarray:
+        return range_fft(part, window=range_window)
+
+    for first, windows, cells in filtered(adc, radar, starts[nearest], n_window, cells_of, clutter_filter):
+        cells = cells.reshape(len(cells), -1, cells.shape[-1])
+        for start in windows - first:
+            spectra = fft.fft(
+                cells[start : start + n_window] * slow[..., None].astype(cells.real.dtype), axis=0, workers=-1
+            )
+            maps.append(ascending((spectra.real**2 + spectra.imag**2).mean(axis=1)))
+    power = np.stack(maps)
+    check_finite(power)
+    found = RangeDoppler(power=power, velocity_mps=radar.speed_axis_mps(n_window), range_m=radar.range_axis_m())
+    return middles_s[nearest], found

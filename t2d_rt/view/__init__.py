@@ -1,0 +1,139 @@
+"""One page that shows recordings: body, room, paths and maps on one timeline, in a single HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import zlib
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.checks import file_path, flag, instance
+from t2d_rt.errors import InputError, printable
+from t2d_rt.result_text import made_with
+from t2d_rt.store import check_place, check_taken, replacing
+
+if TYPE_CHECKING:
+    from t2d_rt.result import Recording
+
+PAGE = Path(__file__).resolve().parent
+SCRIPTS = "room.js", "maps.js", "page.js"
+KINDS = {"uint8": "u1", "uint16": "u2", "uint32": "u4", "float32": "f4"}
+NOTEBOOK_PX = 760
+MOST_RECORDINGS = 2
+
+
+class Viewer:
+    """A page of one recording, or of two side by side, which a notebook shows and `save` writes as a file of its own."""
+
+    def __init__(self, recordings: Sequence[Recording] | Recording, titles: Sequence[str] | None = None) -> None:
+        """recordings: a `Recording`, or two; their targets, room and paths are worked out from their experiments.
+        titles: a text for each; by default what it was made with.
+        """
+        from t2d_rt.result import Recording
+
+        some = [recordings] if isinstance(recordings, Recording) else list(recordings)
+        for each in some:
+            instance("recordings", each, Recording, "recordings")
+        if not 1 <= len(some) <= MOST_RECORDINGS:
+            raise InputError(f"a page shows one recording or two side by side, got {len(some)}; make several pages")
+        names = [told(each) for each in some] if titles is None else list(titles)
+        if len(names) != len(some) or not all(isinstance(each, str) for each in names):
+            raise InputError(f"titles must be a text for each of {len(some)} recordings, got {titles!r:.80}")
+        self.html = page(some, [printable(each) for each in names])
+        """The page."""
+
+    def __repr__(self) -> str:
+        return f"Viewer({len(self.html) / 1e6:.1f} MB)"
+
+    def _repr_html_(self) -> str:
+        style = f"width: 100%; height: {NOTEBOOK_PX}px; border: 0"
+        return f'<iframe style="{style}" srcdoc="{html.escape(self.html)}" allowfullscreen></iframe>'
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write the page to a file that ends in .html; a failure changes nothing."""
+        target = check_page(path, overwrite=overwrite)
+        with replacing(target, partial(check_taken, target, overwrite=overwrite)) as new:
+            new.write_text(self.html, encoding="utf-8")
+
+
+def check_page(path: str | Path, *, overwrite: bool) -> Path:
+    """Refuses a name for a page that is no page's, is taken, or cannot be written; gives the whole path."""
+    target = file_path("path", path).resolve()
+    if target.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"a page ends in .html, got '{path}'; choose another name")
+    if target.is_dir():
+        raise InputError(f"{path} is a folder; choose another name for the page")
+    check_place(target, overwrite=flag("overwrite", overwrite))
+    return target
+
+
+def told(recording: Recording) -> str:
+    """What a recording was made with, in a few words."""
+    made = made_with(recording.settings, measured=recording.experiment is None)
+    return f"{made}, {recording.radar.carrier_hz / 1e9:.4g} GHz"
+
+
+def page(recordings: Sequence[Recording], titles: Sequence[str]) -> str:
+    """The HTML text: the template with all numbers of the recordings in it, compressed."""
+    from matplotlib import colormaps
+
+    from t2d_rt.view.gather import FRAMES_HZ, gathered, on_one_scale
+
+    found = [{"title": title, **gathered(each)} for each, title in zip(recordings, titles, strict=True)]
+    on_one_scale(found)
+    colours = np.round(255 * colormaps["viridis"](np.arange(256))[:, :3]).astype(np.uint8)
+    duration_s = max(
+        float(each.radar.chirp_starts_s(len(each.cube))[-1]) + each.radar.loop_interval_s for each in recordings
+    )
+    arrays = _Arrays()
+    meta = arrays.placed({
+        "title": titles[0] if len(titles) == 1 else "Two recordings on one timeline", "duration_s": duration_s,
+        "frames_hz": FRAMES_HZ, "colours": colours, "recordings": found,
+    })  # fmt: skip
+    parts = {
+        "TITLE": html.escape(" and ".join(titles)),
+        "STYLE": _text("page.css"),
+        "META": json.dumps(meta, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+        "DATA": base64.b64encode(zlib.compress(b"".join(arrays.pieces), 6)).decode("ascii"),
+        "SCRIPT": "\n".join(map(_text, SCRIPTS)),
+    }
+    text = _text("page.html")
+    for name, part in parts.items():
+        before, _, after = text.partition(f"/*{name}*/")
+        text = before + part + after
+    return text
+
+
+def _text(name: str) -> str:
+    return (PAGE / name).read_text(encoding="utf-8")
+
+
+class _Arrays:
+    """Arrays one after another in one block of bytes, each in place of a header that says where."""
+
+    def __init__(self) -> None:
+        self.pieces: list[bytes] = []
+        self.end = 0
+
+    def placed(self, value: Any) -> Any:
+        """Plain values, in which arrays of `KINDS` are stored here and others have become lists."""
+        if isinstance(value, dict):
+            return {name: self.placed(each) for name, each in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [self.placed(each) for each in value]
+        if not isinstance(value, np.ndarray) or value.dtype.name not in KINDS:
+            return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+        header: dict[str, Any] = {"at": self.end, "kind": KINDS[value.dtype.name], "count": value.size}
+        if value.dtype == np.uint16:  # of frames, which change by little: kept as differences
+            header["deltas"] = value[0].size
+            value = np.concatenate([value[:1], value[1:] - value[:-1]])
+        data = value.astype(value.dtype.newbyteorder("<")).tobytes()
+        self.pieces += [data, bytes(-len(data) % 4)]  # so that all begin at multiples of 4
+        self.end += len(data) + -len(data) % 4
+        return header

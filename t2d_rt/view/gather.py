@@ -1,0 +1,309 @@
+"""What a page shows of a recording, as plain values and arrays: bodies and room in time, paths, truth, maps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from t2d_rt.body.fit import fit
+from t2d_rt.body.segments import SEGMENTS, segment_of_faces
+from t2d_rt.body.template import template
+from t2d_rt.canvas import occupied, thinned
+from t2d_rt.constants import SPEED_OF_LIGHT
+from t2d_rt.decibels import decibel
+from t2d_rt.model import Model
+from t2d_rt.path_table import STEP_S, path_table, record_times, target_names
+from t2d_rt.plots import outline
+from t2d_rt.stage import set_up_again
+from t2d_rt.truth import Person, persons, truth_table
+from t2d_rt.types import Accuracy, Ellipsoids, Radar, Scene, Surface
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from t2d_rt.result import Recording
+
+FRAMES_HZ, MAPS_HZ = 25.0, 12.5
+"""Rates of bodies, their speeds and paths, and of range-Doppler maps."""
+LEVELS_DB = 80.0
+"""Below the peak, as far as a map's levels are kept."""
+SILENCE_DB = -300.0
+"""What silence reads (`decibel`)."""
+PITCH_M = 2e-4
+"""Places of vertices are kept to that, or to 1/65535 of the space that a target takes."""
+MOST_ELLIPSOIDS = 60
+"""Ellipsoids of the user that are told apart by their speeds."""
+WEAKEST_DB, MOST_PATHS = 50.0, 60
+"""Paths that are kept: those that come as near to the strongest one at any time, and so many at most."""
+SHELL_M = 0.05
+"""What lies as near to a side of the box around a scene as that is a wall, a floor or a ceiling."""
+
+
+def gathered(recording: Recording) -> dict[str, Any]:
+    """All of one recording; where there is nothing to show in three dimensions, `why_no_room` says why in a sentence."""
+    found: dict[str, Any] = {
+        "radar": _radar(recording.radar), "maps": maps(recording), "frames_hz": FRAMES_HZ,
+        "why_no_room": _why_no_room(recording), "standing": None,
+        **{name: [] for name in ("targets", "parts", "surfaces", "walls", "paths")},
+    }  # fmt: skip
+    if found["why_no_room"] is None:
+        found |= room(set_up_again(recording.experiment, recording.inputs).model, recording.accuracy or Accuracy())
+    return found
+
+
+def _why_no_room(recording: Recording) -> str | None:
+    if recording.experiment is None:
+        return "This recording was measured: who moved before the radar, and where, is not known, so that its maps stand alone."
+    if recording.experiment.lost is not None:
+        return (
+            f"{recording.experiment.lost} was computed by a function, which is not stored with the recording, so that its maps "
+            "stand alone."
+        )
+    return None
+
+
+def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
+    """Targets, their parts with speeds and ranges, the scene and the paths through it, over a model's record."""
+    span_s = model.span_s
+    frames_s = record_times(span_s, FRAMES_HZ)
+    truth, people = truth_table(model, accuracy, frames_s), persons(model)
+    names = target_names(model.modelled)
+    targets: list[dict[str, Any]] = []
+    parts: list[dict[str, Any]] = []
+    for number, name in enumerate(names):
+        person = next((row for row, each in enumerate(people) if each.number == number), None)
+        own = (
+            _loose(model, number, truth, frames_s)
+            if person is None
+            else _segments(truth.isel(person=person), person == 0)
+        )
+        several = len(people) > 1 and person is not None
+        own = [
+            {**each, "name": f"{name}: {each['name']}" if several else each["name"], "target": number} for each in own
+        ]
+        targets.append({
+            "name": name, "first": len(parts), "parts": len(own),
+            **_moving(model, number, None if person is None else people[person], len(own), frames_s),
+        })  # fmt: skip
+        parts += own
+    contact = truth.contact.values.any(axis=-1)  # heel or ball
+    feet = (
+        {side: contact[0, :, k].astype(np.uint8) for k, side in enumerate(truth.foot.values.tolist())}
+        if people
+        else None
+    )
+    surfaces, bounds = _surfaces(model.scene), _bounds(model, targets)
+    return {
+        "targets": targets, "parts": parts, "standing": feet, "focus": people[0].number if people else 0,
+        "surfaces": surfaces, "bounds": bounds, "floor_m": float(bounds["low"][2]),
+        "walls": [each["name"] for each in surfaces if each["shell"] and not abs(each["inward"][2]) > 0.5],
+        "paths": _paths(path_table(model, accuracy, frames_s)),
+    }  # fmt: skip
+
+
+# --- what moves -----------------------------------------------------------------------------------------------------
+
+
+def _moving(model: Model, number: int, person: Person | None, parts: int, frames_s: np.ndarray) -> dict[str, Any]:
+    """A target's triangles, the place of their vertices at each frame, and the part that each vertex belongs to."""
+    geometry = model.geometries[number]
+    solid = geometry.solid()
+    places = solid.vertices_at(np.clip(model.span_s[0] + frames_s, *model.span_s))
+    low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
+    pitch = np.maximum((high - low) / 65535, PITCH_M)
+    owner = np.zeros(solid.vertices, np.uint8)
+    if isinstance(geometry, Ellipsoids):
+        if parts == len(geometry.names):
+            owner = np.repeat(np.arange(parts, dtype=np.uint8), solid.vertices // parts)
+    elif person is not None:
+        faces_owner = segment_of_faces(fit(template(person.body), person.motion))
+        owner[solid.faces] = faces_owner[:, None]
+    middles = places.mean(axis=1)
+    return {
+        "vertices": np.round((places - low) / pitch).astype(np.uint16), "low": low, "pitch": pitch, "frames": len(frames_s),
+        "faces": solid.faces.astype(np.uint32), "owner": owner, "middles": middles.astype(np.float32),
+        "radii": np.linalg.norm(places - middles[:, None], axis=-1).max(axis=1).astype(np.float32),
+    }  # fmt: skip
+
+
+def _segments(truth: xr.Dataset, first: bool) -> list[dict[str, Any]]:
+    """The segments of a person; the feet of the first one are those whose speeds are drawn."""
+    found = []
+    for number, name in enumerate(SEGMENTS):
+        side, _, part = name.rpartition("_")
+        side = name.partition("_")[0] if name.startswith(("left", "right")) else "middle"
+        found.append({
+            "name": name.replace("_", " "), "side": side, "foot": side if part == "foot" and first else "",
+            "speed": truth.segment_speed_mps.values[:, number].astype(np.float32),
+            "range": truth.segment_range_m.values[:, number].astype(np.float32),
+            "visible": truth.segment_visible.values[:, number].astype(np.float32), "spread": None, "depth": None,
+        })  # fmt: skip
+    return found
+
+
+def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -> list[dict[str, Any]]:
+    """What is no person: each of a few ellipsoids of its own, all else as one part, whose points depart from its speed by up to a
+    `spread` and from its range by up to a `depth`."""
+    geometry, name = model.geometries[number], str(truth.target.values[number])
+    end_s = model.span_s[1] - model.span_s[0]
+    around_s = [np.clip(frames_s + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
+    before, after = (_ranges(model.radar, geometry.points_at(model.span_s[0] + each)) for each in around_s)
+    range_m, speed_mps = (before + after) / 2, (before - after) / np.diff(around_s, axis=0)[0][:, None]
+    if isinstance(geometry, Ellipsoids) and 1 < len(geometry.names) <= MOST_ELLIPSOIDS:
+        own = [(each, speed_mps[:, k], range_m[:, k], None, None) for k, each in enumerate(geometry.names)]
+    else:
+        whole, place = truth.speed_mps.values[number], truth.range_m.values[number]
+        apart = [
+            np.abs(each - of[:, None]).max(axis=1).astype(np.float32)
+            for each, of in ((speed_mps, whole), (range_m, place))
+        ]
+        own = [(name, whole, place, *apart)]
+    return [
+        {
+            "name": each, "side": "", "foot": "", "speed": speed.astype(np.float32), "range": distance.astype(np.float32),
+            "visible": None, "spread": spread, "depth": depth,
+        }
+        for each, speed, distance, spread, depth in own
+    ]  # fmt: skip
+
+
+def _ranges(radar: Radar, points: np.ndarray) -> np.ndarray:
+    """Mean distance of points (K, N, 3) from transmitters and receivers [m], (K, N)."""
+    places = radar.tx_position_m, radar.rx_position_m
+    return np.asarray(np.mean([np.linalg.norm(points - place, axis=-1) for place in places], axis=0))
+
+
+# --- what stands, and the paths between ------------------------------------------------------------------------------
+
+
+def _surfaces(scene: Scene | None) -> list[dict[str, Any]]:
+    return [] if scene is None else [_surface(each, *scene.bounds_m) for each in scene.surfaces]
+
+
+def _surface(surface: Surface, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
+    """Triangles and edges of a surface; of one that closes the scene off, the side on which the scene is."""
+    inward, offset = [0.0, 0.0, 0.0], 0.0
+    for axis in range(3):
+        for side, place in ((1.0, low[axis]), (-1.0, high[axis])):
+            if np.abs(surface.vertices[:, axis] - place).max() < SHELL_M:
+                inward, offset = [side if k == axis else 0.0 for k in range(3)], side * float(place)
+    return {
+        "name": surface.name, "triangles": surface.vertices[surface.faces].astype(np.float32),
+        "edges": outline(surface).astype(np.float32),
+        "shell": any(inward), "inward": inward, "offset": offset, "floor": inward[2] > 0,
+    }  # fmt: skip
+
+
+def _bounds(model: Model, targets: list[dict[str, Any]]) -> dict[str, Any]:
+    """Corners of what is looked at: targets and radar with a metre around them, in a room of up to 15 m all of it."""
+    radar = np.asarray(model.radar.position_m)
+    low = np.min([radar, *(each["low"] for each in targets)], axis=0)
+    high = np.max(
+        [radar, *(each["low"] + each["pitch"] * each["vertices"].max(axis=(0, 1)) for each in targets)], axis=0
+    )
+    ground = min(low[2], 0.0)
+    low, high = low - [1, 1, 0], high + [1, 1, 0.5]
+    if model.scene is not None and np.ptp(model.scene.bounds_m, axis=0).max() <= 15:
+        low, high = model.scene.bounds_m
+    else:
+        low[2] = ground
+    return {"low": low, "high": high, "middle": (low + high) / 2}
+
+
+def _paths(table: xr.Dataset) -> list[dict[str, Any]]:
+    """The paths of a table that matter, strongest first."""
+    levels = table.level_dbm.values
+    best = levels.max(axis=2)
+    found: list[dict[str, Any]] = []
+    for target, pair in zip(*np.unravel_index(np.argsort(-best, axis=None), best.shape), strict=True):
+        if not best[target, pair] > best[target].max() - WEAKEST_DB or len(found) >= MOST_PATHS * len(levels):
+            continue
+        meets = [name for name in table.meets.values[pair].tolist() if name]
+        found.append({
+            "name": str(table.pair.values[pair]), "target": int(target), "order": int(table.reflections.values[pair]),
+            "meets": meets, "level": np.where(np.isfinite(levels[target, pair]), levels[target, pair], np.nan).astype(np.float32),
+            "range": (0.5 * SPEED_OF_LIGHT * table.delay_s.values[target, pair]).astype(np.float32),
+            "speed": table.speed_mps.values[target, pair].astype(np.float32),
+            "blocked": table.blocked.values[target, pair].astype(np.float32),
+            "points": table.points_m.values[target, pair, :, : len(meets)].astype(np.float32),
+        })  # fmt: skip
+    return found
+
+
+def _radar(radar: Radar) -> dict[str, Any]:
+    return {
+        "position": np.asarray(radar.position_m), "axes": np.asarray(radar.axes), "beam_deg": _beam(radar), "told": str(radar),
+        "max_speed": radar.separated.max_speed_mps, "range_bin": radar.range_resolution_m,
+    }  # fmt: skip
+
+
+def _beam(radar: Radar) -> list[float] | None:
+    """Widths between half powers of the way out and back, across and up [deg]; None where it is as strong all around."""
+    angles = np.radians(np.arange(0.0, 90.0, 0.25))
+    widths = []
+    for across in (1, 2):
+        gains = []
+        for side in (-1, 1):
+            directions = np.zeros((len(angles), 3))
+            directions[:, 0], directions[:, across] = np.cos(angles), side * np.sin(angles)
+            gains.append(np.sqrt(radar.tx_pattern.gain(directions) * radar.rx_pattern.gain(directions)))
+        below = np.mean(gains, axis=0) < 0.5 * np.mean(gains, axis=0)[0]
+        if not below.any():
+            return None
+        widths.append(float(2 * np.degrees(angles[below.argmax()])))
+    return widths
+
+
+# --- maps -----------------------------------------------------------------------------------------------------------
+
+
+def maps(recording: Recording) -> dict[str, Any]:
+    """Spectrogram, range over time, and range-Doppler maps at `MAPS_HZ`, in 8 bits, as far as they hold anything."""
+    spectrogram, range_time = recording.spectrogram, recording.range_time
+    end_s = float(spectrogram.time_s[-1])
+    times_s = np.arange(float(spectrogram.time_s[0]), end_s + 1e-9, 1 / MAPS_HZ)
+    middles_s, doppler = recording._maps.range_doppler_over(times_s)
+    found = {}
+    for name, image in (("spectrogram", spectrogram), ("range_time", range_time)):
+        time_s, power_db = thinned(image.time_s.values, image.values)
+        axis = image[image.dims[0]].values
+        found[name] = _map(power_db[None], ("speed" if name == "spectrogram" else "range", axis), ("time", time_s))
+    found["range_doppler"] = {
+        **_map(decibel(doppler.power), ("speed", doppler.velocity_mps), ("range", doppler.range_m)),
+        "times": middles_s.astype(np.float32),
+    }
+    return found
+
+
+def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np.ndarray]) -> dict[str, Any]:
+    """Levels (frame, up, across) as 0..255 from `LEVELS_DB` below the peak, of the part that rises above 60 dB below it."""
+    peak = max(float(power_db.max()), SILENCE_DB + LEVELS_DB)
+    axes: dict[str, Any] = {}
+    kept = []
+    for name, (of, axis), others in (("y", up, (0, 2)), ("x", across, (0, 1))):
+        low, high = (
+            (axis[0], axis[-1])
+            if of == "time"
+            else occupied(axis, power_db.max(axis=others), peak - 45, zero=of != "range" or name == "y")
+        )
+        inside = np.flatnonzero((axis >= low) & (axis <= high))
+        kept.append(slice(inside[0], inside[-1] + 1))
+        axes[name] = {
+            "of": of, "first": float(axis[inside[0]]), "last": float(axis[inside[-1]]), "count": len(inside),
+            "half": float(axis[1] - axis[0]) / 2 if len(axis) > 1 else 0.05,
+        }  # fmt: skip
+    part = power_db[:, kept[0], kept[1]]
+    levels = np.clip((np.maximum(part, peak - LEVELS_DB) - peak + LEVELS_DB) * (255 / LEVELS_DB), 0, 255)
+    return {"values": np.round(levels).astype(np.uint8), "low_db": peak - LEVELS_DB, "high_db": peak, **axes}
+
+
+def on_one_scale(recordings: list[dict[str, Any]]) -> None:
+    """Brings the maps of several recordings to the levels of the strongest of each kind, so that colours compare."""
+    for kind in {name for each in recordings for name in each["maps"]}:
+        some: list[dict[str, Any]] = [each["maps"][kind] for each in recordings if kind in each["maps"]]
+        peak = max(each["high_db"] for each in some)
+        for each in some:
+            fall = round((peak - each["high_db"]) * 255 / LEVELS_DB)
+            each["values"][:] = np.maximum(each["values"].astype(int) - fall, 0)
+            each["low_db"], each["high_db"] = peak - LEVELS_DB, peak

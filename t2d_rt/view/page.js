@@ -1,0 +1,356 @@
+// One time cursor over all: what the page holds, what a click finds, how time goes on.
+
+const $ = name => document.getElementById(name), LIGHT = .299792458;  // m/ns
+const MOST_ROWS = 7, MOST_SHOWN = 14, WEAKEST_DB = -45, STEPS = [0.05, 0.1, 0.25, 0.5, 1, 2];
+const state = { time: 0, playing: false, camera: null, panels: [], grain: 1, fps: 0 };
+
+async function unpacked() {  // numbers of the page: each { at, kind, count, deltas } in the header stands for an array
+  const meta = JSON.parse($("meta").textContent), text = atob($("data").textContent.trim()), packed = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) packed[i] = text.charCodeAt(i);
+  const all = await new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer();
+  const kinds = { u1: Uint8Array, u2: Uint16Array, u4: Uint32Array, f4: Float32Array };
+  const read = value => {
+    if (Array.isArray(value)) return value.map(read);
+    if (value === null || typeof value != "object") return value;
+    if (!("at" in value)) return Object.fromEntries(Object.entries(value).map(([name, each]) => [name, read(each)]));
+    const found = new kinds[value.kind](all, value.at, value.count);
+    for (let i = value.deltas || Infinity; i < found.length; i++) found[i] += found[i - value.deltas];  // of the frame before, modulo 2^16
+    return found;
+  };
+  return read(meta);
+}
+
+function interpolated(values, position) {
+  const k = Math.max(0, Math.min(values.length - 1, Math.floor(position))), n = Math.min(values.length - 1, k + 1);
+  return values[k] + (values[n] - values[k]) * Math.max(0, Math.min(1, position - k));
+}
+
+const spoken = speed => `${Math.abs(speed).toFixed(1)} m/s ${speed >= 0 ? "towards the radar" : "away from it"}`;
+const listed = words => words.length < 2 ? words.join("") : words.slice(0, -1).join(", ") + " and " + words.at(-1);
+const safe = text => text.replace(/[&<>]/g, c => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;" })[c]);
+const decibels = level => `${fixed(level, 1)} dB`;
+
+
+function course(path) {  // of a path by reflections, in words
+  const place = path.meets.indexOf("target"), over = names => "over " + listed(names.map(name => `<b>${safe(name)}</b>`)), out = path.meets.slice(1, place), back = path.meets.slice(place + 1, -1).reverse();
+  if (out.join() == back.join()) return `${over(out)} out and back`;
+  return !out.length || !back.length ? `${over(out.concat(back))} on one way, straight on the other` : `out ${over(out)}, back ${over(back)}`;
+}
+
+class Panel {
+  constructor(recording, colours) {
+    this.recording = recording; this.parts = new Set(); this.paths = new Set(); this.cell = null; this.written = 0;
+    this.box = $("panels").appendChild(document.createElement("section")); this.box.className = "panel";
+    this.box.appendChild(document.createElement("h2")).textContent = recording.title;
+    const place = name => { const made = this.box.appendChild(document.createElement("div")); made.className = name; return made; };
+    const room = place("room");
+    if (recording.why_no_room) { this.box.classList.add("bare"); const why = room.appendChild(document.createElement("div")); why.className = "why"; why.textContent = recording.why_no_room; }
+    else {
+      this.room = new Room(room, recording); this.steer(room);
+      this.said = room.appendChild(document.createElement("div")); this.said.className = "said";
+      const box = room.appendChild(document.createElement("div")); box.className = "list"; box.hidden = !recording.paths.length;
+      this.focus = recording.focus;
+      if (recording.targets.length > 1) {
+        const choice = box.appendChild(document.createElement("select"));
+        recording.targets.forEach((each, i) => choice.add(new Option(`paths to ${each.name}`, i, false, i == this.focus)));
+        choice.onchange = () => { this.focus = Number(choice.value); this.paths.clear(); draw(); };
+        box.onpointerdown = event => event.stopPropagation();
+      }
+      this.list = box.appendChild(document.createElement("table"));
+      this.list.onclick = event => { const row = event.target.closest("[data-path]"); if (row) this.choose(Number(row.dataset.path)); };
+    }
+    this.charts = Object.entries(recording.maps).map(([kind, map]) => {
+      const box = place("map " + kind), chart = new Chart(box, kind, map, colours);
+      box.onclick = event => { const at = chart.at(event); if (at) clicked(kind, at.x, at.y); };
+      box.onmousemove = event => { const at = chart.at(event); box.title = at ? this.tip(chart, at) : ""; };
+      return chart;
+    });
+  }
+
+  steer(room) {
+    room.onpointerdown = event => room.setPointerCapture(event.pointerId);
+    room.onpointermove = event => {
+      if (!event.buttons) return;
+      const c = state.camera;
+      if (event.buttons > 1 || event.shiftKey) {
+        const pace = c.distance * .0016, [s, k] = [Math.sin(c.yaw), Math.cos(c.yaw)];
+        c.centre = [c.centre[0] + pace * s * event.movementX, c.centre[1] - pace * k * event.movementX, c.centre[2] + pace * event.movementY];
+      } else { c.yaw -= event.movementX * .008; c.pitch = Math.max(-1.55, Math.min(1.55, c.pitch + event.movementY * .008)); }
+      draw();
+    };
+    room.oncontextmenu = event => event.preventDefault();
+    room.addEventListener("wheel", event => { event.preventDefault(); state.camera.distance = Math.max(.5, Math.min(500, state.camera.distance * Math.exp(event.deltaY * .001))); draw(); }, { passive: false });
+  }
+
+  tip(chart, { x, y }) {
+    const level = chart.level(x, y, chart.kind == "range_doppler" ? this.moment(chart) : 0), unit = { time: "s", speed: "m/s", range: "m" };
+    return `${fixed(x, 2)} ${unit[chart.map.x.of]}, ${fixed(y, 2)} ${unit[chart.map.y.of]}, ${level === null ? "below the colours" : decibels(level) + " re 1 W"}`;
+  }
+
+  moment(chart) {  // number of the range-Doppler map that is nearest in time
+    const times = chart.map.times;
+    let best = 0;
+    for (let k = 1; k < times.length; k++) if (Math.abs(times[k] - state.time) < Math.abs(times[best] - state.time)) best = k;
+    return best;
+  }
+
+  folded(speed) { const most = this.recording.radar.max_speed; return speed - 2 * most * Math.floor((speed + most) / (2 * most)); }
+
+  partsAt(time) {
+    const at = time * this.recording.frames_hz;
+    return this.recording.parts.map((part, number) => ({ ...part, number, speed: interpolated(part.speed, at), range: interpolated(part.range, at), spread: part.spread ? interpolated(part.spread, at) : 0, depth: part.depth ? interpolated(part.depth, at) : .1 }));
+  }
+
+  pathsAt(time, target = this.focus) {  // those to a target that exist then, strongest first, levels relative to the direct one
+    const { paths, frames_hz: rate } = this.recording, k = Math.round(time * rate), found = [];
+    paths.forEach((path, number) => {
+      const frame = Math.max(0, Math.min(path.level.length - 1, k));
+      if (path.target != target || !(path.level[frame] > -1e9)) return;
+      const n = path.meets.length, points = path.meets.map((_, i) => Array.from(path.points.subarray(3 * (n * frame + i), 3 * (n * frame + i + 1))));
+      found.push({ ...path, number, level: path.level[frame], range: path.range[frame], speed: path.speed[frame], points });
+    });
+    const direct = found.find(path => path.order == 0), strongest = Math.max(...found.map(path => path.level));
+    const from = direct && direct.level > strongest - 30 ? direct.level : strongest;
+    for (const path of found) path.level -= from;
+    return found.sort((a, b) => b.level - a.level).filter(path => path.level > WEAKEST_DB);
+  }
+
+  choose(number) {
+    const only = this.paths.size == 1 && this.paths.has(number);
+    this.paths = new Set(only ? [] : [number]); this.parts.clear(); this.cell = null;
+    const path = this.recording.paths[number];
+    $("told").innerHTML = only ? "" : `Path <b>${safe(path.name)}</b>: ${path.order ? `${path.order} reflection${path.order > 1 ? "s" : ""} on the way out and back together` : "straight out and back"}. Its range over time is drawn in the range map, its place then as a ring in the range-Doppler map.`;
+    draw();
+  }
+
+  peaks(time, speed) {  // ranges [m] of the echoes at that speed then, the strongest first, within 15 dB
+    const chart = this.charts.find(each => each.kind == "range_doppler");
+    if (!chart) return [];
+    const frame = this.moment(chart), [, row] = chart.cell(0, speed), { x, y, values, low_db: low, high_db: high } = chart.map, found = [];
+    const cell = i => values[(frame * y.count + row) * x.count + i] || 0;
+    for (let i = 0; i < x.count; i++) if (cell(i) && cell(i) >= (cell(i - 1) || 0) && cell(i) > (cell(i + 1) || 0)) found.push({ range: x.first + i * (x.last - x.first) / Math.max(1, x.count - 1), level: low + cell(i) / 255 * (high - low) });
+    found.sort((a, b) => b.level - a.level);
+    return found.filter(each => each.level > found[0].level - 15 && each.level > low + 5).slice(0, 3);
+  }
+
+  explain(speed, range) {  // lights what moves at that speed, or stands at that range, and says so; either may be null
+    const { radar, parts, maps, targets } = this.recording, time = state.time, all = this.partsAt(time), paths = targets.flatMap((_, target) => this.pathsAt(time, target));
+    const cell = speed === null ? 0 : Math.max(...["spectrogram", "range_doppler"].filter(kind => maps[kind]).map(kind => (maps[kind].y.last - maps[kind].y.first) / Math.max(1, maps[kind].y.count - 1)));
+    const off = part => speed === null ? 0 : Math.max(0, Math.abs(this.folded(part.speed - speed)) - part.spread), slack = Math.max(.25, 1.5 * cell), room = Math.max(.12, 1.5 * radar.range_bin);
+    let lit = all.filter(part => off(part) <= slack).sort((a, b) => off(a) - off(b));
+    const centres = targets.map((_, target) => paths.find(path => path.target == target && path.order == 0));
+    const called = path => `<b>${safe(path.name)}</b>${targets.length > 1 ? ` to ${safe(targets[path.target].name)}` : ""}`;
+    const echoes = range === null ? this.peaks(time, speed) : [{ range, level: null }], told = [];
+    this.paths = new Set();
+    const reached = new Set();
+    for (const echo of echoes) {
+      const fits = [];
+      for (const path of paths) for (const part of lit.length ? lit : all) {
+        if (path.target != part.target) continue;
+        const straight = centres[part.target], away = Math.abs(path.range + (straight ? part.range - straight.range : 0) - echo.range), most = room + part.depth;
+        if (away <= most) fits.push({ path, part, cost: away / most - path.level / 6 });
+      }
+      fits.sort((a, b) => a.cost - b.cost);
+      const where = `${echo.range.toFixed(2)} m (${(2 * echo.range / LIGHT).toFixed(1)} ns)`;
+      const names = [...new Set(fits.map(each => each.path).filter(Boolean))].slice(0, 2);
+      names.slice(0, 1).forEach(path => this.paths.add(path.number));
+      fits.filter(each => each.path === fits[0].path).forEach(each => reached.add(each.part.number));
+      told.push(names.length ? `${where}: path ${called(names[0])}${names[1] ? ` (or ${called(names[1])})` : ""}` : paths.length ? `${where}: no path of the model fits` : where);
+    }
+    if (range !== null) lit = lit.filter(part => reached.has(part.number));
+    this.parts = new Set(lit.map(part => part.number));
+    const name = part => `<b>${safe(part.name)}</b> (${part.spread > .3 ? `${fixed(part.speed - part.spread, 1)} to ${fixed(part.speed + part.spread, 1)}` : fixed(part.speed, 1)} m/s${Math.abs(part.speed) > radar.max_speed ? ", folded" : ""}, ${part.range.toFixed(2)} m)`;
+    const nearest = all.slice().sort((a, b) => off(a) - off(b))[0];
+    const who = !parts.length ? "" : lit.length ? `${range === null ? "At that speed moves: " : "There: "}${lit.slice(0, 4).map(name).join(", ")}${lit.length > 4 ? ` and ${lit.length - 4} more` : ""}. `
+      : speed !== null && nearest ? `Nothing moves at that speed then; nearest is ${name(nearest)}. ` : "Nothing stands at that range. ";
+    const whence = range === null ? told.length ? `Echoes at that speed come from ${told.join("; from ")}.` : "No echo at that speed rises out of the map's floor then." : `Delay: ${told.join()}.`;
+    return who + whence;
+  }
+
+  story(paths) {
+    const { standing, parts, frames_hz: rate, walls } = this.recording, time = state.time, said = [];
+    if (standing) {
+      const feet = ["left", "right"].map(side => ({ side, down: standing[side][Math.min(standing[side].length - 1, Math.round(time * rate))] > 0, part: parts.find(each => each.foot == side) }));
+      const swing = ({ side, part }) => `the <b style="color:${side == "left" ? "#ff8c42" : "#56b4e9"}">${side} foot</b> swings (${spoken(interpolated(part.speed, time * rate))})`;
+      const text = feet.every(each => each.down) ? "both feet stand" : feet.every(each => !each.down) ? feet.map(swing).join(", ") : feet.map(each => each.down ? `the ${each.side} foot stands` : swing(each)).sort((a, b) => b.includes("swings") - a.includes("swings")).join(", ");
+      said.push(text[0].toUpperCase() + text.slice(1) + ".");
+    }
+    const ghosts = paths.filter(path => path.order > 0), direct = paths.find(path => path.order == 0);
+    if (ghosts.length) {
+      const tell = path => `${course(path)}${direct ? ` (${decibels(path.level)} against the direct path, ${(path.range - direct.range).toFixed(2)} m farther)` : ""}`;
+      const wall = ghosts.find(path => path.meets.some(name => walls.includes(name)));
+      said.push(`Strongest ghost: ${tell(ghosts[0])}.` + (wall && wall !== ghosts[0] ? ` Strongest by a wall: ${tell(wall)}.` : ""));
+    }
+    return said.join("<br>");
+  }
+
+  rows(paths) {
+    const head = "<tr><th>path: out, back<th>level<th>range<th>delay</tr>";
+    return head + paths.slice(0, MOST_ROWS).map(path => `<tr data-path="${path.number}" class="${this.paths.has(path.number) ? "lit" : ""}"><td><i class="order${Math.min(3, path.order)}" style="height:${Math.max(1, 4.5 + path.level / 8).toFixed(1)}px"></i>${safe(path.name)}<td>${decibels(path.level)}<td>${path.range.toFixed(2)} m<td>${(2 * path.range / LIGHT).toFixed(1)} ns</tr>`).join("");
+  }
+
+  marks(chart, time, paths) {
+    const { recording, cell } = this, truth = $("truth").checked, feet = recording.parts.filter(part => part.foot), { frames_hz: rate } = recording;
+    const colour = order => `rgb(${ORDERS[Math.min(3, order)].map(x => 255 * x)})`, side = part => part.foot == "left" ? "#ff8c42" : "#56b4e9";
+    return (pen, { kind }, em) => {
+      const curve = (values, hz, shade, fold) => {
+        pen.strokeStyle = shade; pen.beginPath();
+        let before = null;
+        for (let k = 0; k < values.length; k++) {
+          const value = fold ? this.folded(values[k]) : values[k], jump = before === null || !(Math.abs(value - before) < (fold ? recording.radar.max_speed : 1e9));
+          if (value === value) jump ? pen.moveTo(chart.px(k / hz), chart.py(value)) : pen.lineTo(chart.px(k / hz), chart.py(value));
+          before = value === value ? value : null;
+        }
+        pen.stroke();
+      };
+      const ring = (x, y, shade, text, thick = 1.5) => {
+        pen.lineWidth = thick; pen.strokeStyle = shade; pen.beginPath(); pen.arc(x, y, .5 * em, 0, 7); pen.stroke();
+        if (!text) return;
+        pen.lineWidth = 3; pen.strokeStyle = "#000a"; pen.textBaseline = "middle"; pen.textAlign = x > chart.canvas.width * .62 ? "right" : "left";
+        const to = x + (pen.textAlign == "left" ? .8 : -.8) * em;
+        pen.strokeText(text, to, y); pen.fillStyle = shade; pen.fillText(text, to, y);
+      };
+      pen.font = `${.95 * em}px system-ui, "DejaVu Sans", sans-serif`;
+      if (kind == "spectrogram" && truth) { pen.lineWidth = .13 * em; pen.globalAlpha = .85; for (const part of feet) curve(part.speed, rate, side(part), true); pen.globalAlpha = 1; }
+      if (kind == "range_time") {
+        pen.lineWidth = .16 * em; pen.setLineDash([.4 * em, .5 * em]);
+        for (const number of this.paths) curve(recording.paths[number].range, rate, colour(recording.paths[number].order), false);
+        pen.setLineDash([]);
+      }
+      if (kind == "range_doppler") {
+        if (truth) for (const part of this.partsAt(time).filter(each => each.foot)) ring(chart.px(part.range), chart.py(this.folded(part.speed)), side(part), part.name);
+        const shown = this.paths.size ? paths.filter(path => this.paths.has(path.number)) : paths.filter((path, i) => i < 4);
+        const { left, top, width, height } = chart.place, rows = [], below = shown.length && this.folded(shown[0].speed) >= 0;  // where no echoes are
+        for (const path of shown.slice().sort((a, b) => a.range - b.range)) {
+          const x = chart.px(path.range), y = chart.py(this.folded(path.speed)), half = pen.measureText(path.name).width / 2 + .3 * em, middle = Math.max(left + half, Math.min(left + width - half, x));
+          let row = rows.findIndex(end => end < middle - half);
+          if (row < 0) row = rows.length;
+          rows[row] = middle + half;
+          const side = below ? -1 : 1, at = (below ? top + height : top) + side * (.8 + 1.15 * row) * em;
+          pen.lineWidth = 1; pen.strokeStyle = colour(path.order); pen.setLineDash([3, 4]); pen.beginPath(); pen.moveTo(x, y - side * .5 * em); pen.lineTo(x, at + side * .6 * em); pen.stroke(); pen.setLineDash([]);
+          pen.textAlign = "center"; pen.textBaseline = "middle"; pen.lineWidth = 3; pen.strokeStyle = "#000c"; pen.strokeText(path.name, middle, at); pen.fillStyle = colour(path.order); pen.fillText(path.name, middle, at);
+          ring(x, y, colour(path.order), "");
+        }
+      }
+      if (cell && kind in cell) ring(chart.px(cell[kind][0]), chart.py(cell[kind][1]), "#b8ff33", "", 3);
+    };
+  }
+
+  draw() {
+    const paths = this.pathsAt(state.time);
+    if (this.room) {
+      const write = !state.playing || performance.now() - this.written > 150;  // no one reads faster
+      this.room.draw(state.time, state.camera, state.grain, this, paths.filter((path, i) => i < MOST_SHOWN || this.paths.has(path.number)), write);
+      if (write) {
+        this.said.innerHTML = this.story(paths); this.list.innerHTML = this.rows(paths); this.written = performance.now();
+      }
+    }
+    for (const chart of this.charts) {
+      const moment = chart.kind == "range_doppler" ? this.moment(chart) : 0, time = chart.kind == "range_doppler" ? chart.map.times[moment] : state.time;
+      const known = JSON.stringify([$("truth").checked, [...this.paths], this.cell, this.focus]), span = Number($("span").value) + (chart.kind == "range_doppler" ? 10 : 0);  // its echoes are spread over more cells
+      chart.draw(moment, span, known, this.marks(chart, time, chart.kind == "range_doppler" ? this.pathsAt(time) : []));
+      chart.point(state.time);
+    }
+  }
+}
+
+function clicked(kind, x, y) {  // a cell of a map, of all recordings alike
+  const time = kind == "range_doppler" ? state.time : x, speed = kind == "range_time" ? null : y, range = kind == "spectrogram" ? null : kind == "range_time" ? y : x;
+  play(false); seek(time);
+  const where = [`${state.time.toFixed(2)} s`, speed === null ? null : `${fixed(speed, 2)} m/s`, range === null ? null : `${range.toFixed(2)} m`].filter(Boolean).join(", ");
+  $("told").innerHTML = `Clicked: ${where}. ` + state.panels.map(panel => {
+    panel.cell = { spectrogram: speed === null ? [NaN, NaN] : [state.time, speed], range_time: range === null ? [NaN, NaN] : [state.time, range], range_doppler: speed === null || range === null ? [NaN, NaN] : [range, speed] };
+    const text = panel.explain(speed, range);
+    return state.panels.length > 1 ? `<i>${safe(panel.recording.title)}:</i> ${text}` : text;
+  }).join("<br>");
+  draw();
+}
+
+function forget() { for (const panel of state.panels) { panel.parts.clear(); panel.paths.clear(); panel.cell = null; } $("told").innerHTML = HINT; draw(); }
+
+function look(from) {
+  const { recording } = state.panels.find(each => each.room) || {};
+  if (!recording) return;
+  const { low, high, middle } = recording.bounds, { position: p, axes: [forward] } = recording.radar, heading = Math.atan2(forward[1], forward[0]);
+  const canvas = state.panels.find(each => each.room).room.canvas, wide = Math.max(.2, canvas.clientWidth / Math.max(1, canvas.clientHeight));
+  const fitted = (yaw, pitch) => {  // as near as all corners allow
+    const z = [Math.cos(pitch) * Math.cos(yaw), Math.cos(pitch) * Math.sin(yaw), Math.sin(pitch)], x = [-Math.sin(yaw), Math.cos(yaw), 0], y = cross(z, x);
+    let distance = 1;
+    for (let k = 0; k < 8; k++) {
+      const corner = sub([k & 1, k & 2, k & 4].map((one, i) => one ? high[i] : low[i]), middle);
+      distance = Math.max(distance, dot(corner, z) + Math.max(Math.abs(dot(corner, x)) / wide / .95, Math.abs(dot(corner, y)) / .86) / TANGENT);
+    }
+    return { yaw, pitch, distance, centre: middle };
+  };
+  const bodies = state.panels.find(each => each.room).room.centres(state.time)[0] || { middle, radius: 1 };
+  state.camera = {
+    room: wide > 1.6 ? fitted(heading + 1.9, .3) : fitted(heading + 2.3, .5),
+    radar: { yaw: heading + Math.PI, pitch: -Math.asin(forward[2]), distance: 1.5, centre: p.map((c, i) => c + 1.1 * forward[i]) },
+    above: fitted(heading + Math.PI, 1.55),
+    near: { yaw: heading + .9, pitch: .25, distance: 4.2 * bodies.radius, centre: bodies.middle },
+  }[from];
+  $("look").value = from;
+}
+
+function seek(time) { state.time = Math.max(0, Math.min(state.duration, time)); $("time").value = state.time; draw(); }
+
+function draw() {
+  $("clock").value = `${state.time.toFixed(2)} of ${state.duration.toFixed(2)} s`;
+  for (const panel of state.panels) panel.draw();
+}
+
+function play(on) {
+  if (on == state.playing) return;
+  state.playing = on; $("play").textContent = on ? "Pause" : "Play";
+  if (!on) { state.grain = 1; draw(); return; }
+  let before = performance.now(), since = before, count = 0;
+  const next = now => {
+    if (!state.playing) return;
+    const time = state.time + (now - before) / 1000 * Number($("speed").value);
+    before = now; count += 1;
+    seek(time > state.duration ? 0 : time);
+    if (count == 10) {  // a slow machine moves coarser pictures, and shows fine ones where it stands
+      state.fps = 1000 * count / (now - since); since = now; count = 0;
+      if (state.fps < 18) state.grain = Math.min(3, state.grain + .5); else if (state.fps > 45) state.grain = Math.max(1, state.grain - .5);
+    }
+    requestAnimationFrame(next);
+  };
+  requestAnimationFrame(next);
+}
+
+const HINT = "Click a cell of a map: the parts of the body that move at that speed then light up, and the paths whose delay fits are named here.";
+
+function keys(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName == "SELECT") return;
+  const pace = (event.shiftKey ? 10 : 1) / state.frames_hz, speeds = $("speed"), action = {
+    " ": () => play(!state.playing), ArrowLeft: () => { play(false); seek(state.time - pace); }, ArrowRight: () => { play(false); seek(state.time + pace); },
+    ArrowUp: () => speeds.selectedIndex = Math.min(speeds.length - 1, speeds.selectedIndex + 1), ArrowDown: () => speeds.selectedIndex = Math.max(0, speeds.selectedIndex - 1),
+    Home: () => seek(0), End: () => seek(state.duration), Escape: forget,
+  }[event.key];
+  if (action) { action(); event.preventDefault(); }
+}
+
+async function start() {
+  const meta = await unpacked(), asked = new URLSearchParams(location.hash.slice(1));
+  $("panels").className = meta.recordings.length > 1 ? "two" : "one";
+  $("title").textContent = meta.title;
+  Object.assign(state, { duration: meta.duration_s, frames_hz: meta.frames_hz });
+  state.panels = meta.recordings.map(each => new Panel(each, meta.colours));
+  $("sides").hidden = !meta.recordings.some(each => each.standing); $("truth").parentNode.hidden = $("sides").hidden;
+  $("lit").hidden = $("look").parentNode.hidden = meta.recordings.every(each => each.why_no_room); $("orders").hidden = $("lit").hidden || meta.recordings.every(each => each.paths.length < 2);
+  $("time").max = state.duration;
+  state.time = Math.max(0, Math.min(state.duration, Number(asked.get("t") ?? .4 * state.duration) || 0));
+  look(asked.get("look") || "room"); if (!state.camera) look("room");
+  $("told").textContent = HINT;
+  $("play").onclick = () => play(!state.playing);
+  $("time").oninput = event => { play(false); seek(Number(event.target.value)); };
+  $("span").onchange = $("truth").onchange = draw;
+  $("look").onchange = event => { look(event.target.value); draw(); };
+  addEventListener("keydown", keys); addEventListener("resize", draw);
+  $("time").value = state.time;
+  if (asked.has("speed")) clicked("spectrogram", state.time, Number(asked.get("speed"))); else draw();
+  if (asked.has("play")) play(true);
+  document.body.dataset.ready = performance.now().toFixed(0);
+}
+
+start().catch(error => { $("told").textContent = `This page cannot be shown: ${error.message}.`; throw error; });
