@@ -58,12 +58,15 @@ $(STAMP): pyproject.toml
 	@touch $@
 
 # What pip does not bring: LLVM, and on Debian and Ubuntu the part of Python that makes virtual environments.
-.PHONY: install-llvm install-venv
+# The tests of the viewer look at its page in Chromium; without one they are skipped.
+.PHONY: install-llvm install-venv install-chromium
 install-llvm: PACKAGE = libllvm19
 install-llvm: NEEDED = LLVM 17 or newer: run 'sudo apt-get install libllvm19' (or set DRJIT_LIBLLVM_PATH), then make again
 install-venv: PACKAGE = $$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')
 install-venv: NEEDED = Python's venv: run 'sudo apt-get install python3-venv', then make again
-install-llvm install-venv:
+install-chromium: PACKAGE = chromium
+install-chromium: NEEDED = Chromium for the tests of the viewer, which are skipped without: run 'sudo apt-get install chromium'
+install-llvm install-venv install-chromium:
 	@if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 		apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(PACKAGE); \
 	else \

@@ -57,15 +57,14 @@ class Maps:
         return range_doppler(part, radar, range_window=self._range_window()), middle_s, chirps * interval
 
     def range_doppler_over(self, times_s: np.ndarray) -> tuple[np.ndarray, RangeDoppler]:
-        """Range-Doppler maps of the spectrogram's windows that are nearest to these times, and the middles of these [s]."""
-        n_window, overlap = self._columns()
+        """Range-Doppler maps of intervals as long as the spectrogram's windows about these times, and the middles of these [s]."""
+        n_window, _ = self._columns()
         return range_doppler_over(
             self.cube,
             self.radar,
             times_s,
             range_window=self._range_window(),
             n_window=n_window,
-            overlap=overlap,
             **self._mti(),
         )
 

@@ -37,7 +37,8 @@ class Browser:
             ["/bin/bash", "-c", shell, "browser", *command], pass_fds=(hears, says), stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        os.close(hears), os.close(says)
+        for each in (hears, says):
+            os.close(each)
         self._number, self._rest, self._session = 0, b"", ""
         self.told: list[dict[str, Any]] = []
         """Messages and errors of the page's console so far."""
@@ -57,7 +58,8 @@ class Browser:
     ) -> None:
         self._process.kill()
         self._process.wait(LONGEST_S)
-        os.close(self._asks), os.close(self._gets)
+        for each in (self._asks, self._gets):
+            os.close(each)
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """The result of a call of the protocol; what the page says meanwhile is kept."""

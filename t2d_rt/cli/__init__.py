@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
 COMMANDS = (
-    "simulate", "plan", "compare", "scene", "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background",
-    "train", "evaluate", "predict", "benchmark", "transfer", "gap", "info", "export", "list",
+    "simulate", "plan", "compare", "scene", "paths", "view", "describe", "motion", "check-motion", "library", "dataset",
+    "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap", "info", "export", "list",
 )  # fmt: skip
 
 OWN_MODULES = (
@@ -39,7 +39,8 @@ CONFIGURABLE = "simulate", "plan", "compare", "scene", "paths"
 """Those that take --config and --radar."""
 
 SEVERAL_FILES = (
-    "view", "compare", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap",
+    "compare", "view", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer",
+    "gap",
 )  # fmt: skip
 """Those that take more than one file."""
 

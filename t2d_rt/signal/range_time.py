@@ -111,34 +111,35 @@ def range_doppler_over(
     cutoff_mps: float = 0.1,
     kernel: Sequence[float] = PAPER_KERNEL,
     n_window: int | None = None,
-    overlap: int | None = None,
 ) -> tuple[np.ndarray, RangeDoppler]:
     """Range-Doppler maps over time: the middles of their intervals [s] (K,), and their powers [W] (K, velocity, range).
 
-    Intervals are the columns of `spectrogram` with the same `n_window` and `overlap` that are nearest to `times_s`, each once; MTI
-    as there. Each map is what `range_doppler` makes of the chirps of its interval.
+    Each is the map that `range_doppler` makes of the `coherent_interval` of `n_window` chirps about one of `times_s`; those
+    of times that are moved to the same interval, at the ends of the record or of a burst, are made once. MTI as in `spectrogram`.
     """
     from scipy import fft
 
     check_recording(adc, radar)
     clutter_filter = Mti.of(mti, cutoff_mps, kernel)
     adc, radar = separated(adc, radar)
-    n_window, overlap, _ = checked_windows(radar, adc.shape[0], n_window, overlap, None)
-    starts = window_starts(adc.shape[0], radar.loops_per_frame or adc.shape[0], n_window, n_window - overlap)
-    middles_s = radar.chirp_starts_s(adc.shape[0])[starts] + n_window / 2 * radar.loop_interval_s
-    nearest = np.unique(np.abs(middles_s - np.atleast_1d(times_s)[:, None]).argmin(axis=1))
-    slow = taper("hann", n_window, periodic=True)[:, None]
+    n_window, _, _ = checked_windows(radar, adc.shape[0], n_window, None, None)
+    possible = window_starts(adc.shape[0], radar.loops_per_frame or adc.shape[0], n_window, 1)
+    middles_s = radar.chirp_starts_s(adc.shape[0])[possible] + n_window / 2 * radar.loop_interval_s
+    after = np.searchsorted(middles_s, times_s).clip(1, max(1, len(middles_s) - 1))
+    nearer = np.abs(middles_s[after - 1] - times_s) <= np.abs(
+        middles_s[np.minimum(after, len(middles_s) - 1)] - times_s
+    )
+    nearest = np.unique(np.where(nearer, after - 1, after))
+    slow = taper("hann", n_window, periodic=True)[:, None, None]
     maps = []
 
     def cells_of(part: Any) -> np.ndarray:
         return range_fft(part, window=range_window)
 
-    for first, windows, cells in filtered(adc, radar, starts[nearest], n_window, cells_of, clutter_filter):
+    for first, windows, cells in filtered(adc, radar, possible[nearest], n_window, cells_of, clutter_filter):
         cells = cells.reshape(len(cells), -1, cells.shape[-1])
         for start in windows - first:
-            spectra = fft.fft(
-                cells[start : start + n_window] * slow[..., None].astype(cells.real.dtype), axis=0, workers=-1
-            )
+            spectra = fft.fft(cells[start : start + n_window] * slow.astype(cells.real.dtype), axis=0, workers=-1)
             maps.append(ascending((spectra.real**2 + spectra.imag**2).mean(axis=1)))
     power = np.stack(maps)
     check_finite(power)

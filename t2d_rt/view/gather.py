@@ -147,9 +147,9 @@ def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -
     `spread` and from its range by up to a `depth`."""
     geometry, name = model.geometries[number], str(truth.target.values[number])
     end_s = model.span_s[1] - model.span_s[0]
-    around_s = [np.clip(frames_s + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
-    before, after = (_ranges(model.radar, geometry.points_at(model.span_s[0] + each)) for each in around_s)
-    range_m, speed_mps = (before + after) / 2, (before - after) / np.diff(around_s, axis=0)[0][:, None]
+    sides_s = [np.clip(frames_s + step, 0.0, end_s) for step in (-STEP_S, STEP_S)]
+    before, after = (_ranges(model.radar, geometry.points_at(model.span_s[0] + each)) for each in sides_s)
+    range_m, speed_mps = (before + after) / 2, (before - after) / np.diff(sides_s, axis=0)[0][:, None]
     if isinstance(geometry, Ellipsoids) and 1 < len(geometry.names) <= MOST_ELLIPSOIDS:
         own = [(each, speed_mps[:, k], range_m[:, k], None, None) for k, each in enumerate(geometry.names)]
     else:

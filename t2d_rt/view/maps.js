@@ -1,6 +1,6 @@
 // Maps with their axes and colour bars: spectrogram, range over time, range-Doppler map of the moment.
 
-const LABELS = { time: "Time (s)", speed: "Radial speed (m/s), towards the radar > 0", range: "Range (m)" };
+const LABELS = { time: "Time [s]", speed: "Radial velocity [m/s], approaching > 0", range: "Range [m]" };
 const HEADS = { spectrogram: "Spectrogram", range_time: "Range over time", range_doppler: "Range and speed at the cursor" };
 
 function ticks(low, high, most) {
