@@ -130,6 +130,34 @@ def rest_pose(*, seed: int | None = None, ends: bool = True, frames: int = 5) ->
     return Motion(joints=joints, rotations=quaternions, rate_hz=30.0, names=names, parents=parents)
 
 
+JOINT_CENTRES = {
+    "hip": "Hip", "knee": "Knee", "ankle": "Ankle", "shoulder": "Shoulder", "elbow": "Elbow", "wrist": "Wrist", "foot": "BigToe",
+}  # fmt: skip
+"""Names that pose estimators give, behind L or R, to the joints of a side."""
+
+
+def joint_centres(motion: Motion) -> dict[str, np.ndarray]:
+    """Tracks (T, 3) [m] by the names of pose estimators."""
+    found = {"Neck": motion.joints[:, motion.index("neck")], "Head": motion.joints[:, motion.index("head_top")]}
+    for side in ("left", "right"):
+        for joint, part in JOINT_CENTRES.items():
+            found[f"{side[0].upper()}{part}"] = motion.joints[:, motion.index(f"{side}_{joint}")]
+    return found
+
+
+def write_c3d(path: Path, tracks: dict[str, np.ndarray], rate_hz: float) -> Path:
+    """Tracks (T, 3) [m] as points in millimetres."""
+    ezc3d = pytest.importorskip("ezc3d")
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [rate_hz]
+    file["parameters"]["POINT"]["LABELS"]["value"] = tuple(tracks)
+    file["parameters"]["POINT"]["UNITS"]["value"] = ("mm",)
+    points = 1e3 * np.stack(list(tracks.values()), axis=1).transpose(2, 1, 0)
+    file["data"]["points"] = np.concatenate([points, np.ones_like(points[:1])])
+    file.write(str(path))
+    return path
+
+
 # --- samples of a data set ---
 
 

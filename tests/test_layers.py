@@ -34,25 +34,26 @@ def test_contracts_hold() -> None:
     assert run.returncode == 0, run.stdout + run.stderr
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("module", "imported"),
-    [
-        ("scattering", "t2d_rt.radar"),  # sideways
-        ("types", "t2d_rt.scattering"),  # upward
-        ("geometry", "t2d_rt.plots"),
-        ("signal", "mitsuba"),
-        ("scattering", "sionna.rt"),
-        ("body", "drjit"),
-    ],
+INTRUDERS = (
+    ("scattering", "t2d_rt.radar"),  # sideways
+    ("types", "t2d_rt.scattering"),  # upward
+    ("geometry", "t2d_rt.plots"),
+    ("signal", "mitsuba"),
+    ("noise", "sionna.rt"),
+    ("body", "drjit"),
 )
-def test_a_hidden_import_is_noticed(copy: Path, module: str, imported: str) -> None:
-    (copy / "t2d_rt" / module / "intruder.py").write_text(
-        f"def later():\n    import {imported}\n    return {imported}\n"
-    )
+"""Parts of the package, and what none of their modules may import."""
+
+
+@pytest.mark.slow
+def test_hidden_imports_are_noticed(copy: Path) -> None:
+    for module, imported in INTRUDERS:
+        text = f"def later():\n    import {imported}\n    return {imported}\n"
+        (copy / "t2d_rt" / module / "intruder.py").write_text(text)
     run = _lint(copy)
     assert run.returncode != 0
-    assert f"t2d_rt.{module}.intruder -> {imported.removesuffix('.rt')}" in run.stdout
+    for module, imported in INTRUDERS:
+        assert f"t2d_rt.{module}.intruder -> {imported.removesuffix('.rt')}" in run.stdout, module
 
 
 def test_a_new_module_needs_a_floor(copy: Path) -> None:

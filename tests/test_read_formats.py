@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
-from builders import MOTIONS, WALK
+from builders import JOINT_CENTRES, MOTIONS, WALK, joint_centres, write_c3d
 from t2d_rt.errors import InputError, T2DWarning, install
 from t2d_rt.motion import flavours, load_motion
 from t2d_rt.motion.interpolate import decompose
@@ -372,46 +372,13 @@ def test_an_amc_finds_the_only_asf(tmp_path: Path) -> None:
 
 # --- C3D and TRC ----------------------------------------------------------------------------------------------------
 
-NAMES = {
-    "hip": "Hip",
-    "knee": "Knee",
-    "ankle": "Ankle",
-    "shoulder": "Shoulder",
-    "elbow": "Elbow",
-    "wrist": "Wrist",
-    "foot": "BigToe",
-}
-
-
-def named_tracks(motion: Motion) -> dict[str, np.ndarray]:
-    """Joints by the names of pose estimators."""
-    found = {"Neck": motion.joints[:, motion.index("neck")], "Head": motion.joints[:, motion.index("head_top")]}
-    for side in ("left", "right"):
-        for joint, part in NAMES.items():
-            found[f"{side[0].upper()}{part}"] = motion.joints[:, motion.index(f"{side}_{joint}")]
-    return found
-
-
-def write_c3d(path: Path, tracks: dict[str, np.ndarray], rate_hz: float) -> Path:
-    ezc3d = pytest.importorskip("ezc3d")
-    file = ezc3d.c3d()
-    file["parameters"]["POINT"]["RATE"]["value"] = [rate_hz]
-    file["parameters"]["POINT"]["LABELS"]["value"] = tuple(tracks)
-    file["parameters"]["POINT"]["UNITS"]["value"] = ("mm",)
-    points = np.ones((4, len(tracks), len(next(iter(tracks.values())))))
-    points[:3] = 1e3 * np.stack(list(tracks.values()), axis=1).transpose(2, 1, 0)
-    file["data"]["points"] = points
-    file.write(str(path))
-    return path
-
-
-LIMBS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in NAMES)
+LIMBS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in JOINT_CENTRES)
 
 
 @pytest.mark.parametrize("form", ["trc", "c3d"])
 def test_joint_centres_by_name(tmp_path: Path, form: str) -> None:
     expected = walk_20hz()
-    tracks = named_tracks(expected)
+    tracks = joint_centres(expected)
     path = tmp_path / f"a.{form}"
     if form == "trc":
         path.write_text(independent.trc({name: 1e3 * y_up(track) for name, track in tracks.items()}, 20.0))
@@ -503,7 +470,7 @@ def test_unknown_markers_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_marker_never_seen_is_refused(tmp_path: Path) -> None:
-    tracks = {name: track.copy() for name, track in named_tracks(walk_20hz()).items()}
+    tracks = {name: track.copy() for name, track in joint_centres(walk_20hz()).items()}
     tracks["LKnee"][:] = np.nan
     (tmp_path / "a.trc").write_text(independent.trc(tracks, 20.0, "m"))
     with pytest.raises(InputError, match=r"LKnee.* never seen"):
@@ -511,7 +478,7 @@ def test_a_marker_never_seen_is_refused(tmp_path: Path) -> None:
 
 
 def test_frames_without_all_markers_are_cut_at_the_ends(tmp_path: Path) -> None:
-    tracks = {name: track.copy() for name, track in named_tracks(walk_20hz()).items()}
+    tracks = {name: track.copy() for name, track in joint_centres(walk_20hz()).items()}
     tracks["LKnee"][:7], tracks["Head"][-4:] = np.nan, np.nan
     (tmp_path / "a.trc").write_text(independent.trc(tracks, 20.0, "m"))
     motion = load_motion(tmp_path / "a.trc")
@@ -745,7 +712,7 @@ def good_files(folder: Path) -> list[Path]:
     (folder / "a.asf").write_text(asf)
     (folder / "a.amc").write_text(amc.split("\n13\n")[0] + "\n")
     deepmimic_file(folder / "a.json", frames=8)
-    tracks = {name: track[:15] for name, track in named_tracks(walk_20hz()).items()}
+    tracks = {name: track[:15] for name, track in joint_centres(walk_20hz()).items()}
     (folder / "a.trc").write_text(independent.trc(tracks, 20.0, "m"))
     np.save(folder / "a.npy", y_up(walk_20hz().joints[:15, :22]))
     poses, moved = amass_poses(frames=15)

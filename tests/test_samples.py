@@ -15,7 +15,7 @@ from command_line import Command
 from t2d_rt.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion
 from t2d_rt.motion.check import check_motion
-from t2d_rt.motion.jumps import deviations, jumps
+from t2d_rt.motion.jumps import JOINT_LIMIT, deviations, jumps
 from t2d_rt.motion.read import samples
 from t2d_rt.motion.read.samples import seen
 from t2d_rt.motion.read.tracks import Tracks
@@ -64,6 +64,16 @@ def test_a_jump_is_found_once_at_any_rate(rate_hz: float, over: int) -> None:
     assert abs(found[0].time_s * rate_hz - 40) <= max(3, over)
     assert found[0].by_m == pytest.approx(1.5, rel=0.25)
     assert not jumps(body(80, rate_hz), NAMES, rate_hz)
+
+
+@pytest.mark.parametrize("rate_hz", [10, 30, 120])
+def test_a_jump_of_one_joint_is_found_from_its_limit_on(rate_hz: float) -> None:
+    limit_m = JOINT_LIMIT[0] + JOINT_LIMIT[1] / rate_hz**2
+    for factor in (0.95, 1.05):
+        joints = body(80, rate_hz)
+        joints[:, 4] = joints[:, 3] - [0.0, 0.2, 0.0]
+        joints[40:, 4, 1] += factor * limit_m
+        assert [each.joints for each in jumps(joints, NAMES, rate_hz)] == [(NAMES[4],)] * (factor > 1)
 
 
 def test_noise_is_no_jump() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import t2d_rt as t2d
-from builders import MOTIONS, WALK
+from builders import JOINT_CENTRES, MOTIONS, WALK, joint_centres, write_c3d
 from t2d_rt.cli.add import Person, additions
 from t2d_rt.cli.options import simulate_parser
 from t2d_rt.errors import InputError, T2DWarning
@@ -26,30 +26,10 @@ from validation.motions import independent
 RATE_HZ = 30.0
 AWAY_M = np.array([2.0, 1.0, 0.0])
 
-NAMES = {
-    "hip": "Hip",
-    "knee": "Knee",
-    "ankle": "Ankle",
-    "shoulder": "Shoulder",
-    "elbow": "Elbow",
-    "wrist": "Wrist",
-    "foot": "BigToe",
-}
-
 
 @pytest.fixture(scope="module")
 def walk() -> Motion:
     return t2d.trim(t2d.resample(load_motion(WALK), RATE_HZ), 0.5, 2.0)
-
-
-def joint_centres(motion: Motion) -> dict[str, np.ndarray]:
-    """Those of pose estimators, the head last."""
-    found = {
-        f"{s[0].upper()}{part}": motion.joints[:, motion.index(f"{s}_{j}")]
-        for s in ("left", "right")
-        for j, part in NAMES.items()
-    }
-    return found | {name: motion.joints[:, motion.index(name.lower())] for name in ("Neck", "Head")}
 
 
 def two(walk: Motion, first: str = "A:{}", second: str = "B:{}") -> dict[str, np.ndarray]:
@@ -70,14 +50,7 @@ def write(path: Path, tracks: dict[str, np.ndarray]) -> Path:
         y_up = {name: track @ independent.Y_UP.T for name, track in tracks.items()}
         path.write_text(independent.trc(y_up, RATE_HZ, "m"), encoding="utf-8")
     else:
-        ezc3d = pytest.importorskip("ezc3d")
-        file = ezc3d.c3d()
-        file["parameters"]["POINT"]["RATE"]["value"] = [RATE_HZ]
-        file["parameters"]["POINT"]["LABELS"]["value"] = tuple(tracks)
-        file["parameters"]["POINT"]["UNITS"]["value"] = ("mm",)
-        points = 1e3 * np.stack(list(tracks.values()), axis=1).transpose(2, 1, 0)
-        file["data"]["points"] = np.concatenate([points, np.ones_like(points[:1])])
-        file.write(str(path))
+        write_c3d(path, tracks, RATE_HZ)
     return path
 
 
@@ -167,7 +140,7 @@ def test_prefixes_of_one_persons_parts_are_told(tmp_path: Path, walk: Motion) ->
         for name, track in joint_centres(walk).items()
     }
     motion = load_motion(write(tmp_path / "a.trc", tracks), smooth_hz=None)
-    assert "labels with ['Leg', 'Trunk'] before the colon taken as one person's" in motion.report
+    assert "labels with ['Trunk', 'Leg'] before the colon taken as one person's" in motion.report
 
 
 def test_parts_of_two_persons_are_no_person(tmp_path: Path, walk: Motion) -> None:
@@ -189,13 +162,13 @@ def test_the_command_line_takes_a_subject(tmp_path: Path, walk: Motion) -> None:
 
 def test_sides_and_numbers_of_a_skeleton_name_no_subject() -> None:
     for names in (
-        ["pelvis", "spine1", "spine2", *(f"{s}_{j}" for s in ("left", "right") for j in NAMES)],
-        [f"{j.upper()}_{s}" for s in ("LEFT", "RIGHT") for j in NAMES],
+        ["pelvis", "spine1", "spine2", *(f"{s}_{j}" for s in ("left", "right") for j in JOINT_CENTRES)],
+        [f"{j.upper()}_{s}" for s in ("LEFT", "RIGHT") for j in JOINT_CENTRES],
         list(MODELLED),
     ):
         assert subjects(names, absent_joints) == {}
     assert numbered(["a", "b", "a", "a"]) == ["a", "b", "a#2", "a#3"]
-    body = [f"{s}_{j}" for s in ("left", "right") for j in NAMES]
+    body = [f"{s}_{j}" for s in ("left", "right") for j in JOINT_CENTRES]
     three = [f"{who}.{name}" for name in body for who in ("C", "A", "B")]
     found = subjects(three, absent_joints)
     assert list(found) == ["C", "A", "B"]

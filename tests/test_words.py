@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -104,6 +105,7 @@ def faults(place: str, source: str) -> Iterator[tuple[str, str]]:
                 yield name, f"{place}:{line}: {name}: say {INSTEAD[word]}, not {word}"
 
 
+@cache
 def of_package() -> list[tuple[str, str]]:
     """Those of t2d_rt."""
     files = sorted(PACKAGE.rglob("*.py"))
