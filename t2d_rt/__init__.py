@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from t2d_rt.result import Recording
     from t2d_rt.scene import CeilingFan, Curtain, Door, Pet, Room, TableFan, mover, save_scene
     from t2d_rt.simulate import run, simulate
+    from t2d_rt.sweeps import sweep
     from t2d_rt.targets import segments, skin
     from t2d_rt.types import (
         Accuracy,
@@ -71,6 +72,7 @@ _HOMES = {
     "t2d_rt.targets": ("segments", "skin"),
     "t2d_rt.noisy": ("add_noise",),
     "t2d_rt.simulate": ("run", "simulate"),
+    "t2d_rt.sweeps": ("sweep",),
     "t2d_rt.propagation.scenes": ("load_scene",),
     "t2d_rt.view": ("Viewer",),
     "t2d_rt.types": (
@@ -150,6 +152,7 @@ __all__ = [
     "simulate",
     "skin",
     "smooth",
+    "sweep",
     "synthesize",
     "trim",
     "vary_gait",

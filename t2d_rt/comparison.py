@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from t2d_rt.checks import array, flag, instance, shown
+from t2d_rt.cubes import row_blocks
 from t2d_rt.decibels import decibel
 from t2d_rt.errors import InputError
 from t2d_rt.result import Recording
@@ -219,6 +220,22 @@ def figures(result: Recording) -> Figures:
         torso_speed_mps=float(np.median(ridge(image.values, speeds))),
         limb_speed_mps=float(np.percentile(np.maximum(np.abs(upper), np.abs(lower)), 95)),
     )
+
+
+def field_difference_db(first: Recording, second: Recording) -> float:
+    """Energy of the samples' difference over that of the first one's, both without their means over the chirps [dB]; NaN where the
+    cubes have other sizes, -inf where they are the same."""
+    _check("first", first)
+    _check("second", second)
+    if second.cube.shape != first.cube.shape:
+        return math.nan
+    chirps, energies, means = len(first.cube), np.zeros(2), [0.0, 0.0]
+    for rows, block in row_blocks(first.cube):
+        for place, part in enumerate((np.asarray(second.cube[rows]) - block, np.asarray(block))):
+            energies[place] += np.sum(part.real**2 + part.imag**2, dtype=np.float64)
+            means[place] = means[place] + part.sum(axis=0, dtype=np.complex128) / chirps
+    moving = [energy - chirps * np.sum(np.abs(mean) ** 2) for energy, mean in zip(energies, means, strict=True)]
+    return 10 * math.log10(moving[0] / moving[1]) if moving[0] > 0 and moving[1] > 0 else -math.inf
 
 
 def mean_rcs_m2(result: Recording) -> float:

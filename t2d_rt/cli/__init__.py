@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from jsonargparse import ArgumentParser, Namespace
 
 COMMANDS = (
-    "simulate", "plan", "compare", "scene", "paths", "view", "describe", "motion", "check-motion", "library", "dataset",
-    "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap", "info", "export", "list",
+    "simulate", "plan", "compare", "sweep", "scene", "paths", "view", "describe", "motion", "check-motion", "library",
+    "dataset", "background", "train", "evaluate", "predict", "benchmark", "transfer", "gap", "info", "export", "list",
 )  # fmt: skip
 
 OWN_MODULES = (
-    "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate", "predict",
-    "benchmark", "transfer", "gap",
+    "sweep", "paths", "view", "describe", "motion", "check-motion", "library", "dataset", "background", "train", "evaluate",
+    "predict", "benchmark", "transfer", "gap",
 )  # fmt: skip
 """Commands with a module of their own: its `parser` makes the options, its `run` does what they say."""
 
-CONFIGURABLE = "simulate", "plan", "compare", "scene", "paths"
+CONFIGURABLE = "simulate", "plan", "compare", "sweep", "scene", "paths"
 """Those that take --config and --radar."""
 
 SEVERAL_FILES = (
@@ -104,9 +104,12 @@ def _run(arguments: list[str]) -> int:
     parser, action = _command(arguments[0])
     try:
         name = arguments[0]
-        words = resolved(arguments[1:], configurable=name in CONFIGURABLE, several=name in SEVERAL_FILES)
+        varied: dict[str, list[str]] | None = {} if name == "sweep" else None
+        words = resolved(arguments[1:], configurable=name in CONFIGURABLE, several=name in SEVERAL_FILES, varied=varied)
         given = parser.parse_args(words)
         check_nulls(parser, given)
+        if varied is not None:
+            given["varied"] = varied
     except ArgumentError as error:
         raise InputError(one_sentence(str(error), arguments[0], _options_of(parser))) from None
     except OverflowError:  # of an integer that no float holds
@@ -148,6 +151,7 @@ def _overview() -> str:
         "  t2d-rt simulate FILE   Simulates a motion file or an experiment (.yaml), or a result (.zarr) again.\n"
         "  t2d-rt plan FILE       Tells what an error tolerance would model and leave out, and the time and memory it would take.\n"
         "  t2d-rt compare A B     Compares two recordings, or the ellipsoid model of a motion file with the mesh model.\n"
+        "  t2d-rt sweep FILE      Simulates with some options varied: panels on one scale, and a table of differences.\n"
         "  t2d-rt scene NAME      Draws a room from above and in three dimensions, with the paths from the radar to a walker.\n"
         "  t2d-rt paths FILE      Tells over which paths a target is seen: delay, range, speed, level and directions of each.\n"
         "  t2d-rt view RECORDING  Writes one HTML file that shows body, room, paths and maps of a recording, or of two.\n"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import re
 from collections import deque
 from collections.abc import Collection, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +33,14 @@ FLAGS = (
 )
 """Options that need no value."""
 
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+RANGE = re.compile(rf"\s*({NUMBER}):({NUMBER}):({NUMBER})\s*")
+"""First, last and step of a range."""
+ENTRY = re.compile(r"\s*[a-z_]+:")
+"""How an entry of --add begins."""
+MOST_VALUES = 1000
+"""Values of one range."""
+
 PLAIN_TYPES = {
     "<class 'float'>": "a number",
     "<class 'int'>": "a whole number",
@@ -45,12 +55,15 @@ PLAIN_TYPES = {
 """Types as the parser names them, in words of its users."""
 
 
-def resolved(arguments: Sequence[str], *, configurable: bool = True, several: bool = False) -> list[str]:
+def resolved(
+    arguments: Sequence[str], *, configurable: bool = True, several: bool = False, varied: dict[str, list[str]] | None = None
+) -> list[str]:  # fmt: skip
     """Arguments as the parser wants them: --name_with_underscores=value, a bare word as --file, config files and radars first.
 
     A value may begin with a dash (--motion.up -z). Config files and --radar become texts for --config, in this order, so
     that a radar's fields can be overridden and a preset's name will do, in a config file too; only where the command is
     `configurable`. Where a command takes `several` files, they become one list.
+    Of values that hold a range or alternatives the first is taken, and all are put into `varied`, where it is given.
     """
     files: list[str] = []
     configs: list[str] = []
@@ -67,7 +80,7 @@ def resolved(arguments: Sequence[str], *, configurable: bool = True, several: bo
         if option is None:
             if re.match("-.", word) and word != "-h":
                 raise InputError(f"unknown option {word[:60]}; t2d-rt COMMAND --help lists all")
-            (rest if word == "-h" else files).append(word)
+            (rest if word == "-h" else files).append(word if word == "-h" else _one("--file", word, varied))
             continue
         name = SHORT.get(option[1]) or "--" + option[1][2:].replace("-", "_")
         value = option[2]
@@ -79,7 +92,9 @@ def resolved(arguments: Sequence[str], *, configurable: bool = True, several: bo
             if name not in FLAGS:
                 raise InputError(f"option {name} needs a value; t2d-rt COMMAND --help lists all")
             rest.append(name)
-        elif name == "--config":
+            continue
+        value = _one(f"--add {len(added)}" if name == "--add" else name, value, varied)
+        if name == "--config":
             configs.append(f"--config={_config_text(value)}")
         elif name == "--radar":
             radars.append(f"--config={_yaml({'radar': _radar_fields(value)})}")
@@ -97,6 +112,63 @@ def resolved(arguments: Sequence[str], *, configurable: bool = True, several: bo
         raise InputError(f"expected one file, got {len(files)} ({', '.join(files[:9])}); run once for each")
     rest += [f"--add={_yaml(added)}"] if added else []
     return [*configs, *radars, *(f"--file={name}" for name in files), *rest]
+
+
+def _one(name: str, value: str, varied: dict[str, list[str]] | None) -> str:
+    """The value that stands for an option whose values may be several, which are noted in `varied`."""
+    if varied is None or name in ("--vary", "--config", "--output"):
+        return value
+    found = entries(value) if name.startswith("--add ") else alternatives(value)
+    if len(found) > 1:
+        varied[name] = found
+    return next((each for each in found if each != "none"), found[0])
+
+
+def alternatives(text: str) -> list[str]:
+    """What a text stands for: the numbers of a range first:last:step, or the texts between | signs.
+
+    >>> alternatives("0:900:300"), alternatives("mesh|ellipsoid"), alternatives("0.1:0.3:0.1|1")
+    (['0', '300', '600', '900'], ['mesh', 'ellipsoid'], ['0.1', '0.2', '0.3', '1'])
+    """
+    return [each for part in text.split("|") for each in _values(part)]
+
+
+def _values(part: str) -> list[str]:
+    found = RANGE.fullmatch(part)
+    if found is None:
+        return [part.strip() if "|" in part else part]
+    first, last, step = (Decimal(each) for each in found.groups())
+    if not step or (last - first) / step < 0:
+        raise InputError(f"the range {part.strip()} never arrives; write first:last:step, as 0:900:300")
+    count = int((last - first) / step) + 1
+    if count > MOST_VALUES:
+        raise InputError(
+            f"the range {part.strip()} has {count} values, at most {MOST_VALUES} are taken; choose a larger step"
+        )
+    return [f"{(first + number * step).normalize():f}" for number in range(count)]
+
+
+def entries(text: str) -> list[str]:
+    """The entries that a text of --add stands for: "none", and movers or persons with every combination of their values.
+
+    >>> entries("fan:3,-1,1,rpm=0:600:300|pet:3,-1,0")
+    ['fan:3,-1,1,rpm=0', 'fan:3,-1,1,rpm=300', 'fan:3,-1,1,rpm=600', 'pet:3,-1,0']
+    """
+    whole: list[str] = []
+    for part in text.split("|"):
+        if whole and not ENTRY.match(part):
+            whole[-1] += f"|{part}"  # one more value of the entry's last field
+        else:
+            whole.append(part)
+    found = []
+    for entry in whole:
+        kind, colon, rest = entry.partition(":")
+        choices = []
+        for word in rest.split(","):
+            key, equals, value = word.rpartition("=")
+            choices.append([f"{key}{equals}{each}" for each in alternatives(value)])
+        found += [f"{kind}{colon}{','.join(words)}" for words in itertools.product(*choices)]
+    return found
 
 
 def check_nulls(parser: ArgumentParser, options: Namespace) -> None:

@@ -1,0 +1,291 @@
+"""Sweeps: what varies, each recording as its single run makes it, going on after a stop, refusals, table, panels, the command."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import t2d_rt as t2d
+import t2d_rt.cli.sweep
+import t2d_rt.versions
+from builders import WALK
+from command_line import Command
+from t2d_rt import sweeps
+from t2d_rt.cli.arguments import alternatives, entries
+from t2d_rt.comparison import field_difference_db
+from t2d_rt.errors import InputError
+
+RADAR = t2d.Radar.preset("ci4r", carrier_hz=24e9, prf_hz=2000, samples=32)
+FAN = {"kind": "fan", "position_m": (3, -1, 1), "rpm": 120}
+WALKER = {"kind": "file", "file": str(WALK), "start_s": 1, "stop_s": 1.3}
+FIELDS: dict[str, Any] = {"targets": [WALKER, FAN], "radar": RADAR, "method": "ellipsoid"}
+VARY = {"targets.1.rpm": [120, 600], "seed": [0, 1]}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> sweeps.Sweep:
+    return t2d.sweep(
+        FIELDS, VARY, tmp_path_factory.mktemp("sweep") / "fans", processing={"mti": "mean", "n_window": 64}
+    )
+
+
+@pytest.fixture
+def folder(made: sweeps.Sweep, tmp_path: Path) -> Path:
+    """A copy of the folder of that sweep."""
+    return Path(shutil.copytree(made.folder, tmp_path / "fans"))
+
+
+def again(folder: Path, vary: Any = VARY, fields: Any = FIELDS, **options: Any) -> sweeps.Sweep:
+    return t2d.sweep(fields, vary, folder, **{"processing": {"mti": "mean", "n_window": 64}, **options})
+
+
+def test_every_recording_is_that_of_its_single_run(made: sweeps.Sweep) -> None:
+    assert [point.label for point in made.points] == [
+        "rpm 120, seed 0", "rpm 120, seed 1", "rpm 600, seed 0", "rpm 600, seed 1",
+    ]  # fmt: skip
+    for number, (rpm, seed) in enumerate([(120, 0), (120, 1), (600, 0), (600, 1)]):
+        single = t2d.run(t2d.Experiment(**{**FIELDS, "targets": [WALKER, {**FAN, "rpm": rpm}], "seed": seed}))
+        recording = made.recording(number)
+        np.testing.assert_array_equal(recording.cube, single.cube)
+        image = single.processed(mti="mean", n_window=64).spectrogram
+        np.testing.assert_array_equal(recording.spectrogram, image)
+        np.testing.assert_array_equal(made.spectrograms[number], image)
+
+
+def test_the_table_tells_differences_from_the_first(made: sweeps.Sweep) -> None:
+    rows = list(csv.DictReader((made.folder / "table.csv").read_text().splitlines()))
+    assert [row["targets.1.rpm"] for row in rows] == ["rpm 120", "rpm 120", "rpm 600", "rpm 600"]
+    assert rows[0]["recording"] == "0_rpm_120_seed_0.zarr"
+    first, other = made.recording(0), made.recording(2)
+    apart, moving = (cube - cube.mean(axis=0) for cube in (other.cube - first.cube, first.cube))
+    expected = 10 * math.log10(np.sum(np.abs(apart) ** 2) / np.sum(np.abs(moving) ** 2))
+    assert float(rows[2]["field_difference_db"]) == pytest.approx(expected, abs=1e-3)
+    assert (rows[0]["field_difference_db"], rows[0]["level_difference_db"]) == ("-inf", "0")
+    assert float(rows[2]["mean_difference_db"]) == pytest.approx(t2d.compare(first, other).mean_difference_db, rel=1e-5)
+    level = 10 * math.log10(np.mean(10 ** (other.spectrogram.values / 10)))
+    assert float(rows[2]["level_db"]) == pytest.approx(level, abs=1e-3)
+    lines = str(made).splitlines()
+    assert len(lines) == 6
+    assert len({len(line) for line in lines[1:]}) == 1
+    assert lines[4].split()[:4] == ["rpm", "600,", "seed", "0"]
+
+
+def test_the_difference_of_fields_leaves_out_what_is_static() -> None:
+    rng = np.random.default_rng(4)
+    parts = rng.normal(size=(2, 500, 1, RADAR.samples)) + 1j * rng.normal(size=(2, 500, 1, RADAR.samples))
+    first = t2d.Recording((100 + parts[0]).astype(np.complex64), RADAR)
+    second = t2d.Recording((200 + parts[0] + 0.1 * parts[1]).astype(np.complex64), RADAR)
+    assert field_difference_db(first, second) == pytest.approx(-20, abs=0.3)
+    assert field_difference_db(first, first) == -math.inf
+    assert math.isnan(field_difference_db(first, t2d.Recording(first.cube[:400], RADAR)))
+
+
+def test_panels_have_one_scale_and_one_colour_bar(made: sweeps.Sweep) -> None:
+    figure = made.plot("fans", dynamic_range_db=40)
+    *panels, bar = figure.axes
+    assert [axes.get_title() for axes in panels] == [point.label for point in made.points]
+    top = max(float(image.max()) for image in made.spectrograms)
+    assert {axes.collections[0].get_clim() for axes in panels} == {(top - 40, top)}
+    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in panels}) == 1
+    assert (figure.get_supxlabel(), bar.get_ylabel()) == ("Time [s]", "Power [dB re 1 W]")
+    assert figure.get_size_inches()[0] == 7
+    grid = panels[0].get_subplotspec().get_gridspec()
+    assert (grid.nrows, grid.ncols) == (2, 2)  # a row for each speed of the fan
+
+
+def test_a_sweep_that_was_stopped_goes_on(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = folder / "0_rpm_120_seed_0.zarr" / "zarr.json"
+    before, lost = kept.stat().st_mtime_ns, folder / "3_rpm_600_seed_1.zarr"
+    shutil.rmtree(lost)
+    (folder / "table.csv").unlink()
+
+    def stop(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(sweeps, "_simulated", stop)
+        with pytest.raises(KeyboardInterrupt) as stopped:
+            again(folder)
+    assert stopped.value.__notes__ == [f"{folder} holds 3 of 4 recordings, and the same command goes on from there"]
+    seen: list[float] = []
+    found = again(folder, progress=seen.append)
+    assert kept.stat().st_mtime_ns == before
+    assert seen[-1] == 1
+    assert min(seen) >= 0.75  # of all four
+    assert len(found.measures) == 4
+    assert (folder / "table.csv").read_text() == found.table()
+
+
+def test_folders_of_others_are_refused(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(
+        InputError, match=r"0_rpm_120_seed_0.zarr was made of another experiment, file or setting; choose"
+    ):
+        again(folder, fields={**FIELDS, "targets": [{**WALKER, "distance_m": 3}, FAN]})
+    with pytest.raises(InputError, match="was made of another experiment, file or setting"):
+        again(folder, processing={"mti": "mean"})
+    with pytest.raises(InputError, match="was made of another experiment, file or setting"):
+        again(folder, accuracy={"surface_rate_hz": 90})
+    with pytest.raises(InputError, match=r"holds 1_rpm_120_seed_1.zarr, which is not of this sweep"):
+        again(folder, {"targets.1.rpm": [120, 600], "seed": [0, 2]})
+    edited = tmp_path / "edited.bvh"
+    edited.write_text(WALK.read_text().replace("\t0.", "\t1.", 1))
+    with pytest.raises(InputError, match="was made of another experiment, file or setting"):
+        again(folder, fields={**FIELDS, "targets": [{**WALKER, "file": str(edited)}, FAN]})
+    with monkeypatch.context() as patch:
+        patch.setattr(sweeps, "versions", lambda: {**t2d.versions.versions(), "t2d-rt": "9.9"})
+        with pytest.raises(InputError, match=r"was made by other versions \(t2d-rt .*\); choose another folder"):
+            again(folder)
+    (folder / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"holds notes.txt, which is not of this sweep; choose another folder"):
+        again(folder)
+    with pytest.raises(InputError, match="is a file and a sweep is a folder"):
+        again(edited)
+    with pytest.raises(InputError, match=r"folder .* does not exist; create it first"):
+        again(tmp_path / "no" / "fans")
+
+
+def test_whole_targets_vary_and_may_be_left_out(tmp_path: Path) -> None:
+    others = [None, t2d.TableFan(position_m=(3, -1, 1), rpm=60), "fan:3,-1,1,rpm=90", "pet:3,-1,0"]
+    found = t2d.sweep(FIELDS, {"targets.1": others}, tmp_path / "beside")
+    assert [point.label for point in found.points] == ["without", "fan rpm 60", "fan rpm 90", "dog"]
+    assert [len(point.experiment.targets) for point in found.points] == [1, 2, 2, 2]
+    alone = t2d.run(t2d.Experiment(**{**FIELDS, "targets": [WALKER]}))
+    np.testing.assert_array_equal(found.recording(0).cube, alone.cube)
+
+
+def test_a_recordings_experiment_varies_and_other_axes_have_no_differences(made: sweeps.Sweep, tmp_path: Path) -> None:
+    found = t2d.sweep(
+        made.recording(0), {"radar.prf_hz": [2000, 3000], "accuracy.surface_rate_hz": [100]}, tmp_path / "rates",
+    )  # fmt: skip
+    assert [point.label for point in found.points] == [
+        "prf_hz 2000, surface_rate_hz 100",
+        "prf_hz 3000, surface_rate_hz 100",
+    ]
+    assert found.recording(1).radar.prf_hz == 3000
+    assert found.recording(1).accuracy is not None
+    assert found.recording(1).accuracy.surface_rate_hz == 100  # type: ignore[union-attr]
+    assert math.isnan(found.measures[1]["field_difference_db"])
+    assert found.table().splitlines()[2].endswith(",,,")
+    assert json.loads(json.dumps(found.measures[0]["level_db"])) < -50
+    found.plot().draw_without_rendering()
+
+
+@pytest.mark.parametrize(
+    ("vary", "sentence"),
+    [
+        ({}, "vary must be values by the names of fields"),
+        ({"seed": 3}, "the values of seed must be a list of at least one, got 3"),
+        ({"seed": []}, "the values of seed must be a list of at least one"),
+        ({"seed": [1, 1]}, "the values of seed must differ, got seed 1, seed 1; give each once"),
+        ({"sed": [1]}, "there is no field sed to vary; choose from targets, radar, scene"),
+        ({"targets.7.rpm": [1]}, "there is no number 7 to vary among 2; they are counted from 0"),
+        ({"targets.1.rpn": [1, 2]}, "rpn"),
+        ({"radar.prf.hz": [1, 2]}, "there is no field prf to vary; choose from carrier_hz"),
+        ({"scene.file.x": ["a"]}, "there is no field scene.file.x to vary, as scene is 'free_space'"),
+        ({"seed": range(50), "targets.1.rpm": range(50)}, "a sweep takes at most 1000 recordings, got 2500"),
+        ({"accuracy.sagitta": [1, 2]}, "unknown accuracy key 'sagitta'"),
+        ({"method": ["mash"]}, "method"),
+    ],
+)
+def test_what_cannot_vary(vary: Any, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=sentence):
+        t2d.sweep(FIELDS, vary, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_measured_recordings_are_refused(tmp_path: Path) -> None:
+    measured = t2d.Recording(np.ones((64, 1, RADAR.samples), np.complex64), RADAR)
+    with pytest.raises(InputError, match="the recording was measured and has no experiment"):
+        t2d.sweep(measured, {"seed": [0]}, tmp_path / "none")
+
+
+# --- the command ----------------------------------------------------------------------------------------------------
+
+
+def test_ranges_and_alternatives() -> None:
+    assert alternatives("0.1:0.5:0.2") == ["0.1", "0.3", "0.5"]
+    assert alternatives("3:0:-1.5") == ["3", "1.5", "0"]
+    assert alternatives("a:b:c|1:2:1") == ["a:b:c", "1", "2"]
+    assert entries("none|fan:2:4:2,-1,1,rpm=60|90|pet:3,0,0,animal=cat|dog") == [
+        "none",
+        "fan:2,-1,1,rpm=60", "fan:2,-1,1,rpm=90", "fan:4,-1,1,rpm=60", "fan:4,-1,1,rpm=90",
+        "pet:3,0,0,animal=cat", "pet:3,0,0,animal=dog",
+    ]  # fmt: skip
+    for text, sentence in (("0:9:0", "never arrives"), ("0:9:-1", "never arrives"), ("0:9:1e-6", "at most 1000")):
+        with pytest.raises(InputError, match=sentence):
+            alternatives(text)
+
+
+QUICK = (
+    "--method", "ellipsoid", "--radar", "ci4r", "--radar.prf-hz", "2000", "--radar.samples", "32", "--start-s", "1",
+    "--stop-s", "1.2",
+)  # fmt: skip
+
+
+def test_the_command_makes_what_simulate_makes(run: Command) -> None:
+    added = "none|fan:3,-1,1,rpm=120|pet:3,-1,0"
+    code, out, err = run("sweep", "walk.bvh", *QUICK, "--add", added, "--signal.n-window", "64", "-o", "beside")
+    assert code == 0, err
+    assert out.splitlines()[-1] == "wrote table.csv, panels.png and panels.pdf beside 3 recordings in beside"
+    assert [line.split()[0] for line in out.splitlines()[2:5]] == ["without", "fan", "dog"]
+    names = sorted(path.name for path in Path("beside").iterdir())
+    assert names == ["0_without.zarr", "1_fan.zarr", "2_dog.zarr", "panels.pdf", "panels.png", "table.csv"]
+    assert (
+        run(
+            "simulate", "walk.bvh", *QUICK, "--add", "fan:3,-1,1,rpm=120", "--signal.n-window", "64", "-o", "one.zarr"
+        ).code
+        == 0
+    )
+    one, other = t2d.Recording.load("one.zarr"), t2d.Recording.load("beside/1_fan.zarr")
+    np.testing.assert_array_equal(one.cube, other.cube)
+    np.testing.assert_array_equal(one.spectrogram, other.spectrogram)
+    assert one.experiment == other.experiment
+
+
+def test_an_experiment_in_yaml_and_a_recording_vary_by_field(run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        t2d_rt.cli.sweep, "write_picture", lambda *_, **__: None
+    )  # seconds, and drawn by the test before
+    Path("room.yaml").write_text(
+        "targets: [{kind: file, file: walk.bvh, start_s: 1, stop_s: 1.2}]\nradar: ci4r\nmethod: ellipsoid\n"
+        "accuracy: {surface_rate_hz: 100}\n"
+    )
+    assert run("sweep", "room.yaml", "--vary", "seed=0:2:2", "-o", "seeds").code == 0
+    found = t2d.Recording.load("seeds/1_seed_2.zarr")
+    assert found.settings["seed"] == 2
+    assert found.accuracy is not None
+    assert found.accuracy.surface_rate_hz == 100
+    assert run("sweep", "seeds/0_seed_0.zarr", "--vary", "phase_from=centre|specular", "-o", "phases").code == 0
+    np.testing.assert_array_equal(
+        t2d.Recording.load("phases/1_specular.zarr").cube, t2d.Recording.load("seeds/0_seed_0.zarr").cube
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("sweep", "walk.bvh"), "nothing is varied; give a range or alternatives, as --seed 0:9:1"),
+        (("sweep", "walk.bvh", "--signal.mti", "mean|none"), "option signal.mti cannot be varied"),
+        (
+            ("sweep", "walk.bvh", "--vary", "seed"),
+            "option vary takes a field and its values, as seed=0:9:1, got 'seed'",
+        ),
+        (("sweep", "walk.bvh", "--seed", "1:0:1"), "the range 1:0:1 never arrives"),
+        (("sweep", "walk.bvh", "--seed", "0:1:1", "--motion.up", "-z"), "option motion.up tells how a file is read"),
+        (
+            ("sweep", "walk.bvh", "--radar", "ci4r|table2", "--radar.prf-hz", "2e3"),
+            "a sweep takes several radars or changes fields of one",
+        ),
+        (("sweep", "walk.bvh", "--add", "fan:3,-1,1,rpm=x|3"), "rpm"),
+    ],
+)
+def test_refusals_of_the_command(refused: Callable[..., str], options: tuple[str, ...], sentence: str) -> None:
+    assert sentence in refused(*options)
