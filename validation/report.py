@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parent / "report"
 RESULTS = "results.json"
+LIMITS = "Limits are aims that were set beforehand: FAIL marks one that is not reached, by as much as the figures beside it tell."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,9 +109,9 @@ def write_report(
     title: str = "Validation",
     command: str = "make validate",
 ) -> None:
-    """A report from the results.json beside it, sections in the given order."""
+    """A report from the results.json beside it, sections in the given order. `command` writes it."""
     results = json.loads((path.parent / RESULTS).read_text(encoding="utf-8"))
-    parts = [f"# {title}", "", f"Written by `{command}`; figures in results.json.", ""]
+    parts = [f"# {title}", "", f"Written by `{command}`; figures in results.json. {LIMITS}", ""]
     for name in order:
         if name in results:
             parts += _section(results[name])

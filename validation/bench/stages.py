@@ -127,15 +127,17 @@ def _making_s(model: Model, accuracy: Accuracy) -> float:
 
 
 def _work(model: Model, streams: list[EchoStream], accuracy: Accuracy) -> Counter[str]:
-    """Facets of the one target, and how often they are summed: a closed surface has twice as many as vertices."""
+    """Facets of the one target, and how often they are summed: a closed surface has twice as many flat facets as vertices, and half
+    as many curved ones as nodes."""
     pairs = model.pairs(accuracy)
     counts = [1] if pairs is None else [len(some) for _, some in pairs.by_tier(accuracy)]
-    terms = sum(
-        2 * each.vertices * len(each.times_s) * count for each, count in zip(streams, counts, strict=len(streams) > 1)
-    )
     (geometry,) = model.geometries
+    facets_of_vertex = 0.5 if isinstance(geometry, MovingMesh) and geometry.curved else 2
+    nodes = sum(
+        each.vertices * len(each.times_s) * count for each, count in zip(streams, counts, strict=len(streams) > 1)
+    )
     facets = len(model.facets(geometry, accuracy).faces) if isinstance(geometry, MovingMesh) else 0
-    return Counter(facet_terms=terms, facets=facets)
+    return Counter(facet_terms=round(facets_of_vertex * nodes), facets=facets)
 
 
 def held(clock: Stopwatch, source: EchoStream) -> Iterator[Echoes]:
