@@ -32,6 +32,18 @@ UNITS = {"m": "m", "mps": "m/s", "rad": "rad", "s": "s"}
 """Units by the end of a name."""
 
 
+XYZ = "forward", "left", "up"
+PARTS = "heel", "ball"
+OF_SEGMENTS = "range_m", "speed_mps", "azimuth_rad", "elevation_rad", "visible"
+TRUTH_COLUMNS: tuple[str, ...] = (
+    "time_s",
+    *(f"{joint}_{axis}_m" for joint in CANONICAL_JOINTS for axis in XYZ),
+    *(f"{segment}_{name}" for name in OF_SEGMENTS for segment in SEGMENTS),
+    *(f"{side}_{part}_stands" for side in SIDES for part in PARTS),
+)
+"""Columns of a person's truth as one table: time, the 22 joints, five figures of each segment, contacts (0 or 1)."""
+
+
 class Person(NamedTuple):
     """A target that a skeleton moves."""
 
@@ -69,12 +81,24 @@ def truth_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = N
         },
         coords={
             "time_s": times_s, "target": names, "person": [names[each.number] for each in people], "joint": joints,
-            "xyz": ["forward", "left", "up"], "segment": list(SEGMENTS), "foot": list(SIDES), "part": ["heel", "ball"],
+            "xyz": list(XYZ), "segment": list(SEGMENTS), "foot": list(SIDES), "part": list(PARTS),
         },
     )  # fmt: skip
     for name, values in data.variables.items():
         values.attrs["units"] = UNITS.get(str(name).rpartition("_")[2], "")
     return data
+
+
+def person_rows(truth: xr.Dataset, person: int = 0) -> np.ndarray:
+    """The truth of one person as a table with the columns of `TRUTH_COLUMNS`, float32 (time, column)."""
+    own = truth.isel(person=person)
+    columns = [
+        truth.time_s.values[:, None],
+        own.joints_m.sel(joint=list(CANONICAL_JOINTS)).values.reshape(len(truth.time_s), -1),
+        *(own[f"segment_{name}"].values for name in OF_SEGMENTS),
+        own.contact.values.reshape(len(truth.time_s), -1),
+    ]
+    return np.concatenate(columns, axis=1).astype(np.float32)
 
 
 class Nearby(NamedTuple):

@@ -13,14 +13,15 @@ from t2d_rt.dataset.sample import sample
 from t2d_rt.dataset.splits import Split, check_split, folds, read_split, source_clips, split
 from t2d_rt.dataset.stored import Dataset
 from t2d_rt.dataset.summary import Summary, summarise
+from t2d_rt.truth import TRUTH_COLUMNS
 
 if TYPE_CHECKING:
     from t2d_rt.dataset.torch_data import TorchDataset
 
 __all__ = [
-    "Condition", "Dataset", "Outcome", "Recipe", "Shard", "Split", "Summary", "TorchDataset", "check_dataset", "check_split",
-    "dataset_sheet", "export_dataset", "folds", "make_dataset", "plot_summary", "read_shards", "read_split", "recipe_names",
-    "sample", "source_clips", "split", "summarise",
+    "TRUTH_COLUMNS", "Condition", "Dataset", "Outcome", "Recipe", "Shard", "Split", "Summary", "TorchDataset",
+    "check_dataset", "check_split", "dataset_sheet", "export_dataset", "folds", "make_dataset", "plot_summary",
+    "read_shards", "read_split", "recipe_names", "sample", "source_clips", "split", "summarise",
 ]  # fmt: skip
 
 

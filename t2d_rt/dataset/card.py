@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 
 from t2d_rt.dataset.read import UNITS
+from t2d_rt.truth import TRUTH_COLUMNS
 from t2d_rt.versions import versions
 
 if TYPE_CHECKING:
@@ -115,6 +116,12 @@ def _meaning(dataset: Dataset, product: Product) -> str:
         )
     if product == "points":
         return "(point, 6): time [s], range [m], azimuth [rad], elevation [rad], speed [m/s], SNR [dB]"
+    if product == "truth":
+        return (
+            f"(time, {len(TRUTH_COLUMNS)}) of the labelled person at {kept.rate_hz:g} Hz: time [s], 22 joints forward, left and up "
+            "from the radar [m], then range [m], speed [m/s], azimuth [rad], elevation [rad] and visible fraction of 17 segments, "
+            "and whether heel and ball of the left and the right foot stand"
+        )
     axes = "(speed, time)" if product == "spectrogram" else "(frame, speed, range)"
     static = ", without the mean over the record (MTI)" if kept.mti == "mean" else ""
     if kept.dtype == "uint8":

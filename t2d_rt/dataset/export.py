@@ -20,6 +20,7 @@ from t2d_rt.dataset.splits import Split, check_split
 from t2d_rt.dataset.stored import Dataset, Product
 from t2d_rt.errors import InputError
 from t2d_rt.store import check_place, check_taken, replacing
+from t2d_rt.truth import TRUTH_COLUMNS
 
 if TYPE_CHECKING:
     from t2d_rt.dataset.products import SpectrogramProduct
@@ -168,6 +169,8 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
         "label": dataset.labels[positions], "classes": np.array(dataset.classes), "index": dataset.indices[positions],
         "sentence": np.array([each["sentence"] for each in records]),
     }  # fmt: skip
+    if "truth" in products:
+        small["truth_columns"] = np.array(TRUTH_COLUMNS)
     for product in products:
         for name in ("velocity_mps", "time_s", "range_m"):
             edges = [each["products"][product].get(name) for each in records]

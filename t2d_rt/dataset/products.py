@@ -1,4 +1,4 @@
-"""What of a recording is kept in a shard: spectrogram, range-Doppler maps, point cloud, ADC samples."""
+"""What of a recording is kept in a shard: spectrogram, range-Doppler maps, point cloud, ADC samples, truth."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from t2d_rt.errors import InputError
+from t2d_rt.path_table import record_times
 from t2d_rt.result import Recording
 from t2d_rt.signal.points import point_cloud
+from t2d_rt.truth import person_rows
 from t2d_rt.types.fields import Count, Fields, Number
 
 FLOOR_DB = -200.0
@@ -156,6 +158,18 @@ class AdcProduct(_Product):
         return (parts / np.float32(greatest)).astype(np.float16), {"greatest": greatest}
 
 
+class TruthProduct(_Product):
+    """What the labelled person does: joints, segments, contacts of the feet."""
+
+    rate_hz: Annotated[Number, Field(gt=0, le=1000)] = 25.0
+    """Instants a second, from 0 on [Hz]."""
+
+    def made(self, recording: Recording) -> tuple[np.ndarray, dict[str, Any]]:
+        """The array (time, column), its columns those of `TRUTH_COLUMNS`, float32, and what goes into the record."""
+        times_s = record_times((0.0, record_length_s(recording) - recording.radar.loop_interval_s), self.rate_hz)
+        return person_rows(recording.truth_at(times_s)), {"rate_hz": self.rate_hz}
+
+
 class Products(_Product):
     """What of each recording is kept; a product that is not given is left out."""
 
@@ -167,11 +181,15 @@ class Products(_Product):
     """Point cloud."""
     adc: AdcProduct | None = None
     """ADC samples."""
+    truth: TruthProduct | None = None
+    """Joints, segments and contacts of the labelled person over time."""
 
     @model_validator(mode="after")
     def _some(self) -> Self:
         if not self.kept:
-            raise InputError("recipe key products keeps nothing; give one of spectrogram, range_doppler, points, adc")
+            raise InputError(
+                "recipe key products keeps nothing; give one of spectrogram, range_doppler, points, adc, truth"
+            )
         return self
 
     @property

@@ -186,8 +186,11 @@ class Recipe(Fields):
 
     @functools.cached_property
     def hash(self) -> str:
-        """Hash of everything that samples follow from: of equal recipes the same."""
+        """Hash of everything that samples follow from: of equal recipes the same, and without truth that of older versions, which
+        had none."""
         plain = self.model_dump(mode="json", exclude={"name", "about"})
+        if self.products.truth is None:
+            del plain["products"]["truth"]
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:32]
 
     def seeds(self, number: int, purpose: str) -> np.random.SeedSequence:

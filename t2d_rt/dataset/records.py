@@ -19,6 +19,7 @@ from t2d_rt.dataset.products import POINT_COLUMNS
 from t2d_rt.dataset.recipe import Recipe
 from t2d_rt.errors import InputError
 from t2d_rt.files import npy_header, regular_file
+from t2d_rt.truth import TRUTH_COLUMNS
 
 Sizes = tuple[int | None, ...]
 """Of an array; None is any length."""
@@ -109,6 +110,8 @@ def array_of(recipe: Recipe, record: Mapping[str, Any], name: str) -> tuple[np.d
     kept = recipe.products.kept[name]
     if name == "points":
         return np.dtype(np.float32), (None, len(POINT_COLUMNS))
+    if name == "truth":
+        return np.dtype(np.float32), (None, len(TRUTH_COLUMNS))
     if name == "adc":
         condition = next(each for each in recipe.conditions if each.name == record["condition"])
         radar = condition.radar or recipe.radar

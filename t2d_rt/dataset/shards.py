@@ -27,7 +27,7 @@ BLOCK = 2**20
 """Bytes that are read at once of a file that is only compared."""
 TIME = 1980, 1, 1, 0, 0, 0
 """Of files in an archive: the same bytes whenever it is written."""
-RAGGED = frozenset({"points", "adc"})
+RAGGED = frozenset({"points", "adc", "truth"})
 """Products whose arrays differ in size from sample to sample: each has an array of its own."""
 
 

@@ -20,16 +20,17 @@ from t2d_rt.errors import InputError
 if TYPE_CHECKING:
     import xarray as xr
 
-Product = Literal["spectrogram", "range_doppler", "points", "adc"]
+Product = Literal["spectrogram", "range_doppler", "points", "adc", "truth"]
 
 DIMENSIONS: dict[str, tuple[str, ...]] = {
     "spectrogram": ("velocity_mps", "time_s"),
     "range_doppler": ("frame", "velocity_mps", "range_m"),
     "points": ("point", "column"),
     "adc": ("chirp", "antenna", "sample"),
+    "truth": ("time", "column"),
 }
 """Axes of each product's values."""
-TIME_AXIS = {"spectrogram": 1, "range_doppler": 0, "points": 0, "adc": 0}
+TIME_AXIS = {"spectrogram": 1, "range_doppler": 0, "points": 0, "adc": 0, "truth": 0}
 """Which of them goes with time."""
 
 CACHED_MB = 256.0
@@ -157,7 +158,7 @@ class Dataset:
         return self._reader.array(position, self.checked(product))
 
     def values(self, position: int, product: Product) -> np.ndarray:
-        """A sample's values: levels [dB, 0 at the greatest cell] of a map, float32, samples of the ADC, or points."""
+        """A sample's values: levels [dB, 0 at the greatest cell] of a map, float32, samples of the ADC, points or truth."""
         return decoded(self.array(position, product), product, self.recipe.products, self.records[position])
 
     def to_xarray(self, product: Product) -> xr.Dataset:
@@ -174,14 +175,14 @@ class Dataset:
 
 
 def decoded(array: np.ndarray, product: str, products: Products, record: dict[str, Any]) -> np.ndarray:
-    """What an array stands for: levels [dB] of a map, float32, complex samples of the ADC [sqrt(W)], points as they are."""
+    """What an array stands for: levels [dB] of a map, float32, complex samples of the ADC [sqrt(W)]; the others as they are."""
     kept = products.kept[product]
     if product == "adc":
         if kept.dtype == "complex64":
             return array
         parts = array.astype(np.float32) * np.float32(record["products"]["adc"]["greatest"])
         return np.ascontiguousarray(parts).view(np.complex64)[..., 0]
-    if product == "points":
+    if product in ("points", "truth"):
         return array
     if kept.dtype == "uint8":
         return np.asarray((array.astype(np.float32) / np.float32(255) - 1) * np.float32(kept.dynamic_range_db))

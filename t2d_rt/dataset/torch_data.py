@@ -38,11 +38,11 @@ class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
         """Samples of a folder that `make_dataset` wrote, or `export_dataset` as parquet.
 
         product: "spectrogram" (speed, time) or "range_doppler" (frame, speed, range), levels [dB, 0 at the greatest cell]; "adc"
-            (chirp, antenna, sample), complex [sqrt(W)]; or "points" (point, 6).
+            (chirp, antenna, sample), complex [sqrt(W)]; "points" (point, 6); or "truth" (time, column of `TRUTH_COLUMNS`).
         indices: of samples in their recipe, as a side of a split gives them; all by default.
         dynamic_range_db: scales levels to 0..1: 1 at the greatest cell, 0 so far below it [dB] and farther.
         length: cells or frames along time, or points, to which each sample is cut or padded: maps at the least level, samples of
-            the ADC and points with zeros. Maps and samples keep their beginning; of points the ones of greatest SNR are kept.
+            the ADC, truth and points with zeros. Of points the ones of greatest SNR are kept, of all others the beginning.
         transform: called with each tensor, gives another one.
         """
         self.dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
